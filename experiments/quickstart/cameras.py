@@ -1,0 +1,126 @@
+"""The cameras: where they stand, and what Blender must be told for each optical effect."""
+
+import math
+
+import bpy
+import numpy as np
+
+SENSOR_MM = 36.0
+FOV = math.radians(65)  # pinhole, horizontal
+LENS_MM = SENSOR_MM / (2 * math.tan(FOV / 2))
+LOOK_AT = (0.0, 0.0, 1.0)
+
+LENS = {
+    "model": "blender_fisheye_polynomial",
+    "k": [0.0, -0.0745, -1.5e-4, -2.5e-5, 2.0e-7],
+    "sensor_width_mm": SENSOR_MM,
+    "sensor_height_mm": SENSOR_MM,
+    "fov": 2.9,
+}
+APERTURE = {
+    "radius": 0.09,
+    "focus_distance": 2.3,
+    "focus": "plane",
+    "blades": 0,
+    "rotation": 0.0,
+    "ratio": 1.0,
+}
+READOUT = 4.0  # frames from the first row to the last
+
+
+def rig(count, seed):
+    """(name, split, world_from_camera): two rings along the walls, the held-out cameras between them."""
+    held = max(1, round(count * 3 / 16))
+    upper = (count - held + 1) // 2
+    lower = count - held - upper
+    rng = np.random.default_rng(seed)
+    places = [wall(k / upper + 0.02, 2.45) for k in range(upper)]
+    places += [wall((k + 0.5) / lower, 0.85) for k in range(lower)]
+    places += [wall((k + 0.4) / held, 1.25 + 0.35 * k, 0.8) for k in range(held)]
+    splits = ["train"] * (upper + lower) + ["test"] * held
+    views = []
+    for k, (place, split) in enumerate(zip(places, splits, strict=True)):
+        aim = np.array(LOOK_AT) + rng.uniform(-0.15, 0.15, 3)
+        views.append((f"cam{k:02d}", split, look_at(np.array(place), aim)))
+    return views
+
+
+def wall(turn, height, reach=1.0):
+    """A place at `turn` of a full circle on a rounded square just inside the walls."""
+    x, y = math.cos(2 * math.pi * turn), math.sin(2 * math.pi * turn)
+    radius = 2.7 * reach / (x**6 + y**6) ** (1 / 6)
+    return radius * x, radius * y, height
+
+
+def look_at(place, aim):
+    back = (place - aim) / np.linalg.norm(place - aim)
+    right = np.cross((0, 0, 1), back)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3] = np.stack([right, np.cross(back, right), back, place], axis=1)
+    return pose
+
+
+def intrinsics(size):
+    focal = LENS_MM / SENSOR_MM * size
+    return {"w": size, "h": size, "fl_x": focal, "fl_y": focal, "cx": size / 2, "cy": size / 2}
+
+
+def shutter(size, frames):
+    """Row times of Blender's rolling shutter, in units of the whole clip.
+
+    Row i, from the top, sees frame F + READOUT ((i + 1) / size - 1/2): position CENTER, duration 0.
+    """
+    clip = frames - 1
+    return {
+        "row_offset": READOUT * (1 / size - 0.5) / clip,
+        "row_step": READOUT / size / clip,
+        "exposure": 0.0,
+        "direction": "top_to_bottom",
+    }
+
+
+def effects(size, frames, count=8):
+    """Name -> (blocks of its file, frames rendered). Every row time lies inside the clip."""
+    every = list(range(0, frames, 2))
+    margin = math.ceil(READOUT / 2)
+    inside = np.unique(np.linspace(margin, frames - 1 - margin, count).round().astype(int)).tolist()
+    return {
+        "fisheye": ({"lens": LENS}, every),
+        "depth_of_field": ({"aperture": APERTURE}, every),
+        "rolling_shutter": ({"shutter": shutter(size, frames)}, inside),
+    }
+
+
+def new_camera():
+    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
+    bpy.context.collection.objects.link(camera)
+    bpy.context.scene.camera = camera
+    data = camera.data
+    data.sensor_fit, data.sensor_width, data.lens = "HORIZONTAL", SENSOR_MM, LENS_MM
+    data.clip_start = 0.01
+    return camera
+
+
+def configure(scene, camera, effect, moving):
+    """Set the camera to one effect; None is the pinhole."""
+    data = camera.data
+    data.type = "PANO" if effect == "fisheye" else "PERSP"
+    if effect == "fisheye":
+        lens = data.cycles if hasattr(data.cycles, "panorama_type") else data
+        lens.panorama_type = "FISHEYE_LENS_POLYNOMIAL"
+        lens.fisheye_fov = LENS["fov"]
+        for k, value in enumerate(LENS["k"]):
+            setattr(lens, f"fisheye_polynomial_k{k}", value)
+    data.dof.use_dof = effect == "depth_of_field"
+    data.dof.focus_distance = APERTURE["focus_distance"]
+    data.dof.aperture_fstop = LENS_MM * 1e-3 / (2 * APERTURE["radius"])
+    data.dof.aperture_blades = APERTURE["blades"]
+    scene.cycles.denoising_prefilter = "ACCURATE" if effect == "depth_of_field" else "NONE"
+    scene.render.use_motion_blur = effect == "rolling_shutter"
+    scene.render.motion_blur_shutter = READOUT
+    scene.render.motion_blur_position = "CENTER"
+    scene.cycles.rolling_shutter_type = "TOP"
+    scene.cycles.rolling_shutter_duration = 0.0
+    for thing in moving:
+        thing.cycles.motion_steps = 7

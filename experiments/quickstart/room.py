@@ -1,0 +1,267 @@
+"""The scene: a furnished room with painted surfaces, area lights, and five bodies about to be thrown."""
+
+import math
+from typing import NamedTuple
+
+import bpy
+from mathutils import Vector
+
+HALF = 3.0  # half the width of the square room
+HEIGHT = 3.0
+
+WOOD = ["#8a5f3c", "#a87848", "#6f4a30", "#b98d5c"]
+CLAY = ["#b5533c", "#d98e5f", "#e8c9a0", "#7d3b30", "#c9714b"]
+SEA = ["#1f6f78", "#57a6a1", "#bfd8c8", "#2d4a63", "#8cc0b0"]
+SAND = ["#e3d3b0", "#c9a86a", "#d9bd8c", "#b58e54"]
+PLUM = ["#6b4c7a", "#a684b0", "#d8c3d6", "#4b3a63", "#c58fa5"]
+MOSS = ["#56713f", "#8da35f", "#cdd3a2", "#3f5636"]
+TOYS = ["#d33f3a", "#f0c541", "#2f6db5", "#e9e2cf", "#3c9a5f", "#e8833a"]
+
+
+class Body(NamedTuple):
+    """A moving object and how it is thrown: metres, metres per second, radians per second."""
+
+    name: str
+    shape: str
+    size: float  # radius of a ball, side of a cube
+    position: tuple
+    velocity: tuple
+    spin: tuple
+
+
+BODIES = [
+    Body("beach_ball", "ball", 0.48, (-1.45, -0.70, 1.30), (2.9, 0.5, 1.6), (2.0, 6.0, 1.0)),
+    Body("patch_ball", "ball", 0.38, (1.50, 0.55, 1.70), (-2.9, -1.3, -0.6), (-5.0, -5.0, 2.0)),
+    Body("ring_ball", "ball", 0.33, (0.35, 1.50, 0.95), (0.4, -3.4, 2.2), (7.0, 1.0, 0.0)),
+    Body("big_cube", "cube", 0.66, (0.10, -1.45, 1.75), (-0.7, 2.5, 0.6), (-4.0, 2.5, 3.0)),
+    Body("small_cube", "cube", 0.50, (-0.85, 1.10, 2.05), (1.3, -0.5, -1.4), (3.0, 5.0, -4.0)),
+]
+
+
+def build():
+    """Fill an empty file with the room; return its fixed and its moving objects."""
+    bpy.ops.wm.read_factory_settings(use_empty=True)
+    bpy.context.scene.world = None
+    fixed = shell() + furniture()
+    lights()
+    return fixed, [moving(body) for body in BODIES]
+
+
+def shell():
+    """Floor, ceiling and four walls: planes whose normals point into the room."""
+    wide, high, up = 2 * HALF, HEIGHT, HEIGHT / 2
+    right = math.pi / 2
+    return [
+        plane("floor", (wide, wide), (0, 0, 0), (0, 0, 0), planks),
+        plane("ceiling", (wide, wide), (0, 0, HEIGHT), (math.pi, 0, 0), plaster),
+        plane("north", (wide, high), (0, HALF, up), (right, 0, 0), mosaic_of(SEA, 0.55, 0.6)),
+        plane("south", (wide, high), (0, -HALF, up), (right, 0, math.pi), stripes_of(CLAY, 0.34)),
+        plane("east", (wide, high), (HALF, 0, up), (right, 0, -right), masonry),
+        plane("west", (wide, high), (-HALF, 0, up), (right, 0, right), mosaic_of(PLUM, 0.75, 1.0)),
+    ]
+
+
+def furniture():
+    """Boxes that stay: none hides the middle of the room from a camera."""
+    solids = [
+        ("rug", (3.6, 3.0, 0.03), (0, 0, 0.016), 0.25, stripes_of(MOSS + SAND, 0.22, (1, 0.6, 0))),
+        ("chest", (1.5, 0.5, 0.55), (1.2, 2.72, 0.276), 0, mosaic_of(CLAY, 0.30, 0.0)),
+        ("bench", (0.5, 1.7, 0.45), (-2.72, 0.9, 0.226), 0, stripes_of(WOOD, 0.16, (0, 1, 0))),
+        ("cabinet", (0.8, 0.5, 0.60), (-1.3, -2.72, 0.301), 0, mosaic_of(SEA, 0.26, 0.0)),
+        ("crate", (0.6, 0.6, 0.60), (2.3, -1.9, 0.301), 0.5, mosaic_of(SAND + WOOD, 0.24, 0.0)),
+        ("carton", (0.45, 0.45, 0.40), (-2.1, -1.7, 0.201), -0.4, stripes_of(MOSS, 0.13)),
+        ("picture_north", (1.4, 0.06, 0.9), (-1.3, 2.96, 1.75), 0, mosaic_of(TOYS, 0.30, 1.0)),
+        ("picture_south", (1.1, 0.06, 1.1), (1.1, -2.96, 1.75), 0, mosaic_of(PLUM, 0.32, 0.0)),
+        ("picture_east", (0.06, 1.3, 0.9), (2.96, 0.7, 1.80), 0, stripes_of(SEA, 0.2, (0, 1, 1))),
+        ("picture_west", (0.06, 1.0, 1.2), (-2.96, -1.0, 1.65), 0, mosaic_of(SAND + CLAY, 0.28, 1.0)),
+    ]
+    beams = [
+        (f"beam_{k}", (0.24, 2 * HALF, 0.2), (1.8 * k, 0, 2.899), 0, stripes_of(WOOD, 0.4, (0, 1, 0)))
+        for k in (-1, 0, 1)
+    ]
+    return [
+        add(name, *box(size), position, (0, 0, yaw), pattern)
+        for name, size, position, yaw, pattern in solids + beams
+    ]
+
+
+def lights():
+    """Two large lamps under the ceiling and a weak one that lights it; cameras do not see them."""
+    lamp("warm", 115, (-1.3, -0.9, 2.75), (0, 0, 0), (1.0, 0.90, 0.78))
+    lamp("cool", 95, (1.3, 1.2, 2.75), (0, 0, 0), (0.84, 0.92, 1.0))
+    lamp("bounce", 45, (0, 0, 2.2), (math.pi, 0, 0), (1.0, 0.96, 0.90))
+
+
+def lamp(name, power, position, rotation, colour, side=1.6):
+    data = bpy.data.lights.new(name, "AREA")
+    data.energy, data.color, data.shape, data.size = power, colour, "SQUARE", side
+    lit = bpy.data.objects.new(name, data)
+    lit.location, lit.rotation_euler, lit.visible_camera = position, rotation, False
+    bpy.context.collection.objects.link(lit)
+
+
+def moving(body):
+    patterns = {
+        "beach_ball": wedges,
+        "patch_ball": mosaic_of(["#3c9a5f", "#f0c541", "#5b3f8c", "#e9e2cf"], 0.34, 1.0),
+        "ring_ball": stripes_of(["#e8833a", "#23405e", "#e9dcc0"], 0.15, (0, 0, 1)),
+        "big_cube": mosaic_of(TOYS, 0.33, 0.0),
+        "small_cube": mosaic_of(["#c2386b", "#58b7c9", "#f2d9a0", "#2a2f4f"], 0.25, 0.0),
+    }
+    mesh = ball(body.size) if body.shape == "ball" else box((body.size,) * 3)
+    made = add(body.name, *mesh, body.position, (0, 0, 0), patterns[body.name])
+    made.data.polygons.foreach_set("use_smooth", [body.shape == "ball"] * len(made.data.polygons))
+    return made
+
+
+# Meshes, in metres, around their own origin.
+
+
+def add(name, vertices, faces, position, rotation, pattern):
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(vertices, [], faces)
+    mesh.materials.append(material(name, pattern))
+    made = bpy.data.objects.new(name, mesh)
+    made.location, made.rotation_euler = position, rotation
+    bpy.context.collection.objects.link(made)
+    return made
+
+
+def plane(name, size, position, rotation, pattern):
+    x, y = size[0] / 2, size[1] / 2
+    corners = [(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)]
+    return add(name, corners, [(0, 1, 2, 3)], position, rotation, pattern)
+
+
+def box(size):
+    x, y, z = (side / 2 for side in size)
+    corners = [(i * x, j * y, k * z) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]
+    faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corners, faces
+
+
+def ball(radius, rings=24, sectors=48):
+    corners = [(0, 0, radius), (0, 0, -radius)]
+    for ring in range(1, rings):
+        height, width = math.cos(math.pi * ring / rings), math.sin(math.pi * ring / rings)
+        for sector in range(sectors):
+            turn = 2 * math.pi * sector / sectors
+            corners.append(tuple(radius * Vector((width * math.cos(turn), width * math.sin(turn), height))))
+    first, last = 2, 2 + (rings - 2) * sectors
+    faces = []
+    for s in range(sectors):
+        n = (s + 1) % sectors
+        faces += [(0, first + s, first + n), (1, last + n, last + s)]
+        for start in range(first, last, sectors):
+            faces.append((start + s, start + sectors + s, start + sectors + n, start + n))
+    return corners, faces
+
+
+# Patterns: each takes a node tree and object coordinates in metres, and returns a colour socket.
+
+
+def material(name, pattern):
+    """Matte paint: the pattern under a soft mottling."""
+    made = bpy.data.materials.new(name)
+    made.use_nodes = True
+    tree = made.node_tree
+    tree.nodes.clear()
+    where = node(tree, "ShaderNodeTexCoord", {}).outputs["Object"]
+    mottle = node(tree, "ShaderNodeTexNoise", {"Vector": where, "Scale": 3.5, "Detail": 1.0})
+    shade = node(
+        tree,
+        "ShaderNodeMapRange",
+        {"Value": mottle.outputs["Fac"], "From Min": 0.3, "From Max": 0.7, "To Min": 0.78, "To Max": 1.08},
+    )
+    paint = node(
+        tree,
+        "ShaderNodeVectorMath",
+        {0: pattern(tree, where), "Scale": shade.outputs["Result"]},
+        operation="SCALE",
+    )
+    matte = node(tree, "ShaderNodeBsdfDiffuse", {"Color": paint.outputs["Vector"]})
+    node(tree, "ShaderNodeOutputMaterial", {"Surface": matte.outputs["BSDF"]})
+    return made
+
+
+def mosaic_of(palette, size, randomness):
+    """Cells of one colour each: a square lattice at randomness 0, crazy paving at 1."""
+
+    def pattern(tree, where):
+        cell = node(
+            tree,
+            "ShaderNodeTexVoronoi",
+            {"Vector": where, "Scale": 1 / size, "Randomness": randomness},
+        )
+        pick = node(tree, "ShaderNodeSeparateColor", {"Color": cell.outputs["Color"]})
+        return ramp(tree, pick.outputs["Red"], palette)
+
+    return pattern
+
+
+def stripes_of(palette, width, axis=(1, 0, 0)):
+    def pattern(tree, where):
+        period = Vector(axis).normalized() / (width * len(palette))
+        along = node(tree, "ShaderNodeVectorMath", {0: where, 1: period}, operation="DOT_PRODUCT")
+        phase = node(tree, "ShaderNodeMath", {0: along.outputs["Value"], 1: 0.37}, operation="ADD")
+        turn = node(tree, "ShaderNodeMath", {0: phase.outputs["Value"]}, operation="FRACT")
+        return ramp(tree, turn.outputs["Value"], palette)
+
+    return pattern
+
+
+def wedges(tree, where):
+    turn = node(tree, "ShaderNodeTexGradient", {"Vector": where}, gradient_type="RADIAL")
+    return ramp(tree, turn.outputs["Fac"], TOYS)
+
+
+def planks(tree, where):
+    return brickwork(tree, where, WOOD[0], WOOD[3], WOOD[2], length=1.3, width=0.28, joint=0.012)
+
+
+def masonry(tree, where):
+    return brickwork(tree, where, SAND[3], CLAY[1], SAND[0], length=0.75, width=0.30, joint=0.04)
+
+
+def brickwork(tree, where, light, dark, joint_colour, length, width, joint):
+    colours = {"Color1": linear(light), "Color2": linear(dark), "Mortar": linear(joint_colour)}
+    sizes = {"Scale": 1.0, "Brick Width": length, "Row Height": width, "Mortar Size": joint}
+    return node(tree, "ShaderNodeTexBrick", {"Vector": where, **colours, **sizes}).outputs["Color"]
+
+
+def plaster(tree, where):
+    soft = node(tree, "ShaderNodeTexNoise", {"Vector": where, "Scale": 1.6, "Detail": 1.0})
+    return ramp(tree, soft.outputs["Fac"], ["#b9a98c", "#cbbd9f", "#d8ccb2", "#c4b08a"], 0.3, 0.7)
+
+
+def ramp(tree, value, palette, low=0.0, high=1.0):
+    """The palette in equal steps of `value` from `low` to `high`."""
+    made = tree.nodes.new("ShaderNodeValToRGB")
+    tree.links.new(value, made.inputs["Fac"])
+    made.color_ramp.interpolation = "CONSTANT"
+    stops = made.color_ramp.elements
+    while len(stops) < len(palette):
+        stops.new(0.5)
+    for k, colour in enumerate(palette):
+        stops[k].position = low + (high - low) * k / len(palette)
+        stops[k].color = linear(colour)
+    return made.outputs["Color"]
+
+
+def node(tree, kind, inputs, **properties):
+    """A shader node with its properties set and its inputs linked or given."""
+    made = tree.nodes.new(kind)
+    for key, value in properties.items():
+        setattr(made, key, value)
+    for key, value in inputs.items():
+        if isinstance(value, bpy.types.NodeSocket):
+            tree.links.new(value, made.inputs[key])
+        else:
+            made.inputs[key].default_value = value
+    return made
+
+
+def linear(code):
+    """Linear RGBA of an sRGB hex code."""
+    srgb = [int(code[k : k + 2], 16) / 255 for k in (1, 3, 5)]
+    return [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in srgb] + [1.0]

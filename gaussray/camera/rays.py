@@ -1,0 +1,16 @@
+"""What a camera sends into the scene."""
+
+import equinox as eqx
+from jaxtyping import Array, Float
+
+
+class Rays(eqx.Module):
+    """Half-lines in world space, each with the time at which it sees the scene.
+
+    A ray of unit `direction` and any `origin`; `time` is in the capture's unit. A ray that a lens
+    cannot form (outside its field of view) has direction zero and meets nothing.
+    """
+
+    origin: Float[Array, "*rays 3"]
+    direction: Float[Array, "*rays 3"]
+    time: Float[Array, "*rays"]

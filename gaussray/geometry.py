@@ -1,0 +1,114 @@
+"""Vectors, quaternions and rigid motions, and the axis conventions, once.
+
+World axes are the capture's own. Camera axes are +x right, +y down, +z forward (OpenCV); files in
+Blender/OpenGL axes (+x right, +y up, looking down -z) are turned at the door by `BLENDER_AXES`.
+Quaternions are (w, x, y, z) and may have any non-zero length. A name says what it maps to what:
+`world_from_camera` takes camera coordinates to world coordinates.
+"""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+# The diagonal that turns OpenGL camera axes into ours and back (its own inverse).
+BLENDER_AXES = (1.0, -1.0, -1.0)
+
+
+def safe_norm(vector: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
+    """Length of a vector; at zero both the value and the gradient are 0 instead of NaN."""
+    square = jnp.sum(vector * vector, axis=-1)
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)
+
+
+def normalize(vector: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
+    """Vector of unit length; scaled by its largest component first, so that neither tiny nor huge
+    vectors under- or overflow. Zero stays zero."""
+    largest = jnp.max(jnp.abs(vector), axis=-1, keepdims=True)
+    scaled = vector / jnp.where(largest > 0, largest, 1)
+    square = jnp.sum(scaled * scaled, axis=-1, keepdims=True)
+    return scaled / jnp.sqrt(jnp.where(square > 0, square, 1))
+
+
+def normalize_quaternion(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
+    """Unit quaternion of the same rotation; the zero quaternion becomes the identity."""
+    unit = normalize(quat)
+    identity = jnp.zeros_like(quat).at[..., 0].set(1)
+    return jnp.where(jnp.any(unit != 0, axis=-1, keepdims=True), unit, identity)
+
+
+def rotation_matrix(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
+    """Rotation matrix of a quaternion (w, x, y, z) of any non-zero length."""
+    w, x, y, z = jnp.moveaxis(normalize_quaternion(quat), -1, 0)
+    rows = (
+        (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)),
+        (2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)),
+        (2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)),
+    )
+    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def quaternion(rotation: Float[Array, "3 3"]) -> Float[Array, "4"]:
+    """Unit quaternion (w >= 0) of a rotation matrix, by the largest of the four squares (Shepperd).
+
+    Every branch divides by at least 1/2 at its own maximum, so no rotation is ill-conditioned.
+    """
+    m = rotation
+    trace = m[0, 0] + m[1, 1] + m[2, 2]
+    candidates = jnp.stack(
+        [
+            jnp.stack([1 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]]),
+            jnp.stack(
+                [m[2, 1] - m[1, 2], 1 + 2 * m[0, 0] - trace, m[0, 1] + m[1, 0], m[0, 2] + m[2, 0]]
+            ),
+            jnp.stack(
+                [m[0, 2] - m[2, 0], m[0, 1] + m[1, 0], 1 + 2 * m[1, 1] - trace, m[1, 2] + m[2, 1]]
+            ),
+            jnp.stack(
+                [m[1, 0] - m[0, 1], m[0, 2] + m[2, 0], m[1, 2] + m[2, 1], 1 + 2 * m[2, 2] - trace]
+            ),
+        ]
+    )
+    best = candidates[jnp.argmax(jnp.diagonal(candidates))]
+    unit = normalize(best)
+    return jnp.where(unit[0] < 0, -unit, unit)
+
+
+def slerp(
+    start: Float[Array, "4"], end: Float[Array, "4"], fraction: Float[Array, ""]
+) -> Float[Array, "4"]:
+    """Shortest constant-speed rotation from `start` to `end`.
+
+    Below 0.03 rad between the quaternions the sine ratio is replaced by its limit (linear), whose
+    error there is under 1e-5 rad.
+    """
+    a, b = normalize_quaternion(start), normalize_quaternion(end)
+    cosine = jnp.dot(a, b)
+    b = jnp.where(cosine < 0, -b, b)
+    cosine = jnp.abs(cosine)
+    near = cosine > 0.9995
+    angle = jnp.arccos(jnp.where(near, 0.5, cosine))
+    sine = jnp.sin(angle)
+    weight_a = jnp.where(near, 1 - fraction, jnp.sin((1 - fraction) * angle) / sine)
+    weight_b = jnp.where(near, fraction, jnp.sin(fraction * angle) / sine)
+    return normalize(weight_a * a + weight_b * b)
+
+
+class RigidTransform(eqx.Module):
+    """Rotation then translation: x -> R(quat) x + translation."""
+
+    quat: Float[Array, "*batch 4"]
+    translation: Float[Array, "*batch 3"]
+
+    def rotate(self, vector: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Direction in the target frame."""
+        return rotation_matrix(self.quat) @ vector
+
+    def apply(self, point: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Point in the target frame."""
+        return self.rotate(point) + self.translation
+
+    def inverse_apply(self, point: Float[Array, "3"]) -> Float[Array, "3"]:
+        """Point of the target frame in the source frame."""
+        return rotation_matrix(self.quat).T @ (point - self.translation)

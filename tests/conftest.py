@@ -1,0 +1,25 @@
+"""Double precision for every test, shapes checked at run time, ranks never promoted in silence."""
+
+import importlib.util
+
+import jax
+import pytest
+
+
+if importlib.util.find_spec("beartype"):
+    from jaxtyping import install_import_hook
+
+    install_import_hook("gaussray", "beartype.beartype")
+
+jax.config.update("jax_enable_x64", True)
+jax.config.update("jax_numpy_rank_promotion", "raise")
+
+
+def pytest_collection_modifyitems(items):
+    """Tests marked `gpu` are skipped where JAX sees no CUDA device."""
+    if jax.default_backend() == "gpu":
+        return
+    skip = pytest.mark.skip(reason="no CUDA device")
+    for item in items:
+        if "gpu" in item.keywords:
+            item.add_marker(skip)
