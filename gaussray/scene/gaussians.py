@@ -1,0 +1,100 @@
+"""The matter of a scene: anisotropic Gaussians with view-dependent colour."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from gaussray.geometry import rotation_matrix
+
+
+class Gaussians(eqx.Module):
+    """Gaussians in physical values, a structure of arrays.
+
+    `mean` and `scale` (standard deviations along the Gaussian's own axes, > 0) are in scene units,
+    `quat` takes those axes to the world and has any non-zero length, `opacity` is the peak alpha in
+    [0, 1], `harmonics` holds (L+1)^2 spherical-harmonics coefficients of linear-light colour.
+    """
+
+    mean: Float[Array, "*keys gaussians 3"]
+    quat: Float[Array, "*keys gaussians 4"]
+    scale: Float[Array, "*keys gaussians 3"]
+    opacity: Float[Array, " gaussians"]
+    harmonics: Float[Array, "gaussians coefficients 3"]
+
+    @property
+    def count(self) -> int:
+        """How many Gaussians the arrays hold."""
+        return self.opacity.shape[0]
+
+
+class Unconstrained(eqx.Module):
+    """The same Gaussians as an optimiser may move them freely: log scale, logit opacity."""
+
+    mean: Float[Array, "gaussians 3"]
+    quat: Float[Array, "gaussians 4"]
+    log_scale: Float[Array, "gaussians 3"]
+    logit_opacity: Float[Array, " gaussians"]
+    harmonics: Float[Array, "gaussians coefficients 3"]
+
+
+def constrain(free: Unconstrained) -> Gaussians:
+    """Physical values: scale = exp(log_scale), opacity = sigmoid(logit_opacity)."""
+    return Gaussians(
+        mean=free.mean,
+        quat=free.quat,
+        scale=jnp.exp(free.log_scale),
+        opacity=jax.nn.sigmoid(free.logit_opacity),
+        harmonics=free.harmonics,
+    )
+
+
+def unconstrain(gaussians: Gaussians) -> Unconstrained:
+    """Inverse of `constrain`; opacity is kept a rounding step away from 0 and 1."""
+    tiny = jnp.finfo(gaussians.opacity.dtype).eps
+    opacity = jnp.clip(gaussians.opacity, tiny, 1 - tiny)
+    return Unconstrained(
+        mean=gaussians.mean,
+        quat=gaussians.quat,
+        log_scale=jnp.log(gaussians.scale),
+        logit_opacity=jnp.log(opacity) - jnp.log1p(-opacity),
+        harmonics=gaussians.harmonics,
+    )
+
+
+def concatenate(first: Gaussians, second: Gaussians) -> Gaussians:
+    """Both sets as one, in order; a set without key states is repeated at each key of the other."""
+    keys = jnp.broadcast_shapes(first.mean.shape[:-2], second.mean.shape[:-2])
+
+    def join(a: Array, b: Array, trailing: int) -> Array:
+        a = jnp.broadcast_to(a, keys + a.shape[a.ndim - trailing :])
+        b = jnp.broadcast_to(b, keys + b.shape[b.ndim - trailing :])
+        return jnp.concatenate([a, b], axis=len(keys))
+
+    degree = max(first.harmonics.shape[1], second.harmonics.shape[1])
+    return Gaussians(
+        mean=join(first.mean, second.mean, 2),
+        quat=join(first.quat, second.quat, 2),
+        scale=join(first.scale, second.scale, 2),
+        opacity=jnp.concatenate([first.opacity, second.opacity]),
+        harmonics=jnp.concatenate([_pad(first.harmonics, degree), _pad(second.harmonics, degree)]),
+    )
+
+
+def _pad(harmonics: Array, coefficients: int) -> Array:
+    missing = coefficients - harmonics.shape[1]
+    return jnp.pad(harmonics, ((0, 0), (0, missing), (0, 0)))
+
+
+def whitening(
+    quat: Float[Array, "*batch 4"], scale: Float[Array, "*batch 3"]
+) -> Float[Array, "*batch 3 3"]:
+    """A = S^-1 R^T: takes a world vector to the frame in which the Gaussian is the unit sphere."""
+    return jnp.swapaxes(rotation_matrix(quat), -1, -2) / scale[..., :, None]
+
+
+def axes(
+    quat: Float[Array, "*batch 4"], scale: Float[Array, "*batch 3"]
+) -> Float[Array, "*batch 3 3"]:
+    """F = R S: the principal axes as columns, one standard deviation long; F F^T = covariance."""
+    return rotation_matrix(quat) * scale[..., None, :]

@@ -1,0 +1,126 @@
+"""Coherent groups of rays and what surely contains them."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from gaussray.camera.rays import Rays
+from gaussray.geometry import normalize
+from gaussray.tracer.motion import active_keys
+
+
+# Bundles of one level share a bundle of the next coarser level, FAN neighbours at a time.
+FAN = 16
+# Below this cosine to the axis a bundle is too wide for planes: it is then tested as everywhere.
+_WIDEST = 0.05
+
+
+class Bundles(eqx.Module):
+    """Half-spaces n.x >= offset that hold every ray of a bundle, and the keys its times touch.
+
+    Four sides and a near plane. They are taken from the rays themselves, so lens radius, a moving
+    camera and any lens are bounded without being known. A bundle without rays holds nothing.
+    """
+
+    normal: Float[Array, "bundles 5 3"]
+    offset: Float[Array, "bundles 5"]
+    active: Bool[Array, "bundles keys"]
+
+
+def bound(rays: Rays, key_time: Float[Array, " keys"]) -> Bundles:
+    """Bounds of bundles of rays (shape bundles x rays of one bundle)."""
+    return jax.vmap(_bound_one, in_axes=(0, None))(jax.lax.stop_gradient(rays), key_time)
+
+
+def _bound_one(rays: Rays, key_time: Array) -> Bundles:
+    d, o = rays.direction, rays.origin
+    real = jnp.any(d != 0, axis=-1)
+    some = jnp.any(real)
+    axis = normalize(jnp.sum(d, axis=0))
+    # The side from the first to the middle ray of the bundle's first run follows the pixel rows.
+    along = d[_row_end(d.shape[0])] - d[0]
+    along = along - jnp.sum(along * axis) * axis
+    x_axis, y_axis = jnp.eye(3, dtype=d.dtype)[:2]
+    helper = jnp.where(jnp.abs(axis[0]) < 0.6, x_axis, y_axis)
+    helper = helper - jnp.sum(helper * axis) * axis
+    u = normalize(jnp.where(jnp.sum(along * along) > 1e-12, along, helper))
+    v = jnp.cross(axis, u)
+    # Unit rays differ from their float values by rounding: a slack keeps the bound conservative.
+    slack = 16 * jnp.finfo(d.dtype).eps
+    depth = d @ axis
+    narrow = jnp.all((depth > _WIDEST) | ~real)
+    depth = jnp.where(depth > _WIDEST, depth, 1)
+    normals = [axis]
+    for side in (u, v):
+        slope = (d @ side) / depth
+        low = jnp.min(jnp.where(real, slope, jnp.inf)) - slack
+        high = jnp.max(jnp.where(real, slope, -jnp.inf)) + slack
+        normals += [side - low * axis, high * axis - side]
+    normal = normalize(jnp.stack(normals))
+    normal = jnp.where(narrow & some, normal, 0)
+    reach = jnp.where(real, normal @ o.T, jnp.inf)
+    magnitude = jnp.max(jnp.where(real[:, None], jnp.abs(o), 0))
+    offset = jnp.min(reach, axis=1) - slack * magnitude
+    earliest = jnp.min(jnp.where(real, rays.time, jnp.inf))
+    latest = jnp.max(jnp.where(real, rays.time, -jnp.inf))
+    return Bundles(normal, jnp.where(some, offset, jnp.inf), active_keys(key_time, earliest, latest))
+
+
+def _row_end(count: int) -> int:
+    """Last ray of the first row of a square bundle."""
+    return max(int(np.sqrt(count)) - 1, 0) if count > 1 else 0
+
+
+def tiles(width: int, height: int, side: int, levels: int) -> Int[np.ndarray, " slots"]:
+    """Pixel index (row-major) of every slot when a picture is cut in tiles of `side` x `side`.
+
+    Tiles follow the Morton curve, so that FAN consecutive tiles are a 4 x 4 block, and so on for
+    `levels` coarser levels. Slots beyond the picture hold -1.
+    """
+    span = 4**levels
+    columns = -(-width // side)
+    rows = -(-height // side)
+    across, down = -(-columns // span) * span, -(-rows // span) * span
+    y, x = np.mgrid[:down, :across]
+    block = (y // span) * (across // span) + x // span
+    inner = _interleave(x % span, y % span)
+    order = np.lexsort((inner.ravel(), block.ravel()))
+    tile_x, tile_y = x.ravel()[order], y.ravel()[order]
+    dy, dx = np.mgrid[:side, :side]
+    px = tile_x[:, None] * side + dx.ravel()
+    py = tile_y[:, None] * side + dy.ravel()
+    inside = (px < width) & (py < height)
+    return np.where(inside, py * width + px, -1).ravel().astype(np.int32)
+
+
+def _interleave(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    code = np.zeros_like(x)
+    for bit in range(16):
+        code |= ((x >> bit) & 1) << (2 * bit) | ((y >> bit) & 1) << (2 * bit + 1)
+    return code
+
+
+def coherent_order(rays: Rays) -> Int[Array, " rays"]:
+    """Permutation that brings rays of similar direction and origin together.
+
+    Sorted by the cell of the direction (an 8^3 grid), then of the origin, then finely by
+    direction: enough for bundles of rays that came in any order.
+    """
+    d = jnp.clip((rays.direction + 1) * 0.5, 0, 1)
+    low = jnp.min(rays.origin, axis=0)
+    span = jnp.max(rays.origin, axis=0) - low
+    o = jnp.where(span > 0, (rays.origin - low) / jnp.where(span > 0, span, 1), 0)
+    coarse = morton((d * 7.999).astype(jnp.int32))
+    place = morton((o * 7.999).astype(jnp.int32))
+    fine = morton((d * 1023).astype(jnp.int32))
+    return jnp.lexsort((fine, place, coarse)).astype(jnp.int32)
+
+
+def morton(cell: Int[Array, "*batch 3"]) -> Int[Array, "*batch"]:
+    """Morton code of three 10-bit coordinates."""
+    x = cell
+    for shift, mask in ((16, 0x030000FF), (8, 0x0300F00F), (4, 0x030C30C3), (2, 0x09249249)):
+        x = (x | (x << shift)) & mask
+    return x[..., 0] | (x[..., 1] << 1) | (x[..., 2] << 2)

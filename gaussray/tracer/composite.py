@@ -1,0 +1,42 @@
+"""Hits along a ray become what the ray sees."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+class Pixels(eqx.Module):
+    """What rays see: linear-light `color`, `transmittance` left behind the last hit, and `depth` =
+    sum of weight x t (divide by 1 - transmittance for the mean distance)."""
+
+    color: Float[Array, "*rays 3"]
+    transmittance: Float[Array, "*rays"]
+    depth: Float[Array, "*rays"]
+
+
+def composite(
+    alpha: Float[Array, "k *rays"],
+    t: Float[Array, "k *rays"],
+    payload: Float[Array, "channels k *rays"],
+) -> tuple[Float[Array, "channels *rays"], Float[Array, "*rays"]]:
+    """Front to back: sum_i weight_i payload_i and the transmittance, for hits in any order.
+
+    weight_i = alpha_i prod_{j before i} (1 - alpha_j), where `before` compares the exact distances
+    (ties by slot): the k^2 comparisons cost less than sorting the payload. The product is the
+    exponential of a sum of logarithms, taken in a scan, because XLA would otherwise evaluate
+    response and logarithm anew for each comparison. An empty slot has alpha = 0 and no effect.
+    Elementwise over the trailing axes.
+    """
+    k = alpha.shape[0]
+    slot = jnp.arange(k).reshape(k, *(1,) * (alpha.ndim - 1))
+    clear = jnp.log1p(-alpha)
+
+    def add(front: Array, hit: tuple[Array, Array, Array]) -> tuple[Array, None]:
+        t_j, clear_j, j = hit
+        before = (t_j[None] < t) | ((t_j[None] == t) & (j < slot))
+        return front + jnp.where(before, clear_j[None], 0), None
+
+    front, _ = jax.lax.scan(add, jnp.zeros_like(alpha), (t, clear, jnp.arange(k)))
+    weight = alpha * jnp.exp(front)
+    return jnp.sum(weight[None] * payload, axis=1), jnp.exp(jnp.sum(clear, axis=0))

@@ -1,0 +1,85 @@
+"""A uniform grid over the Gaussians, cut into cells of equal occupancy."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from gaussray.scene.gaussians import axes
+from gaussray.tracer.bundle import morton
+from gaussray.tracer.motion import Motion
+from gaussray.tracer.response import reach
+
+
+# Gaussians in one cell.
+OCCUPANCY = 8
+
+
+class Grid(eqx.Module):
+    """Gaussians in the order of a uniform grid, and boxes around each run of OCCUPANCY of them.
+
+    The order is that of the cells of a 512^3 grid along the Morton curve, large Gaussians apart
+    from small ones (size classes a factor 16 apart), so that one huge Gaussian does not inflate the
+    box of a crowd of tiny ones. Equal runs instead of equal cubes: a cell holds the same number
+    however they crowd, so everything in one cube costs no more than an even spread, and nothing
+    needs a capacity. `index` is padded with -1; `dropped` counts Gaussians that are not finite.
+    """
+
+    index: Int[Array, "cells occupancy"]
+    center: Float[Array, "keys cells occupancy 3"]
+    axes: Float[Array, "keys cells occupancy 3 3"]
+    lower: Float[Array, "cells 3"]
+    upper: Float[Array, "cells 3"]
+    dropped: Int[Array, ""]
+
+
+def build(motion: Motion, *, alpha_min: float) -> Grid:
+    """Sort the Gaussians into cells and bound each cell over all key states.
+
+    The ellipsoids reach to where alpha = `alpha_min` (`response.reach`); Gaussians that never rise
+    above it are left out.
+    """
+    g = jax.lax.stop_gradient(motion.gaussians)
+    radius = reach(g.opacity, alpha_min)
+    support = axes(g.quat, g.scale) * radius[None, :, None, None]
+    # Slack for rounding in the axes themselves, relative to the Gaussian and to its place.
+    eps = jnp.finfo(g.mean.dtype).eps
+    half = jnp.sqrt(jnp.sum(support * support, axis=-1)) * (1 + 8 * eps) + 4 * eps * jnp.abs(g.mean)
+    lower = jnp.min(g.mean - half, axis=0)
+    upper = jnp.max(g.mean + half, axis=0)
+    finite = jnp.all(jnp.isfinite(lower) & jnp.isfinite(upper), axis=-1) & jnp.isfinite(g.opacity)
+    kept = finite & (radius > 0)
+    order = jnp.argsort(_place(lower, upper, kept))
+    cells = max(-(-g.count // OCCUPANCY), 1)
+    padding = cells * OCCUPANCY - g.count
+    index = jnp.where(kept[order], order.astype(jnp.int32), -1)
+    index = jnp.pad(index, (0, padding), constant_values=-1).reshape(cells, OCCUPANCY)
+    there = (index >= 0)[..., None]
+    take = jnp.maximum(index, 0)
+    empty = g.count == 0
+    pick = (lambda x: jnp.zeros((*take.shape, *x.shape[1:]), x.dtype)) if empty else (
+        lambda x: x[take]
+    )
+    return Grid(
+        index=index,
+        center=jax.vmap(pick)(g.mean),
+        axes=jax.vmap(pick)(support),
+        lower=jnp.min(jnp.where(there, pick(lower), jnp.inf), axis=1),
+        upper=jnp.max(jnp.where(there, pick(upper), -jnp.inf), axis=1),
+        dropped=jnp.sum(~finite),
+    )
+
+
+def _place(lower: Array, upper: Array, kept: Array) -> Int[Array, " gaussians"]:
+    """Sort key: size class, then the grid cell of the centre on the Morton curve."""
+    center = 0.5 * (lower + upper)
+    low = jnp.min(jnp.where(kept[:, None], center, jnp.inf), axis=0, initial=jnp.inf)
+    high = jnp.max(jnp.where(kept[:, None], center, -jnp.inf), axis=0, initial=-jnp.inf)
+    span = jnp.maximum(jnp.max(high - low), jnp.finfo(center.dtype).tiny)
+    cell = jnp.clip((center - low) / span * 511, 0, 511)
+    cell = jnp.where(kept[:, None], cell, 0).astype(jnp.int32)
+    # Classes a factor 16 apart around the typical size: within a class the order is spatial.
+    octave = jnp.log2(jnp.where(kept, jnp.max(upper - lower, axis=-1), 1))
+    typical = jnp.sum(jnp.where(kept, octave, 0)) / jnp.maximum(jnp.sum(kept), 1)
+    size = jnp.clip(jnp.round((octave - typical) / 4) + 3, 0, 7).astype(jnp.int32)
+    return jnp.where(kept, (size << 27) | morton(cell), jnp.iinfo(jnp.int32).max)

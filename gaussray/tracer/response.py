@@ -1,0 +1,50 @@
+"""One ray meets one Gaussian."""
+
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+
+def response(
+    whiten: list[Float[Array, "*hits"]],
+    mean: list[Float[Array, "*hits"]],
+    origin: Float[Array, "3 *rays"],
+    direction: Float[Array, "3 *rays"],
+) -> tuple[Float[Array, "*both"], Float[Array, "*both"]]:
+    """Distance t of the Gaussian's peak along the ray, and its squared distance q there.
+
+    With A = S^-1 R^T (`whiten`, nine entries row by row): o = A (origin - mean), d = A direction,
+    t = -(o.d)/(d.d), q = |o x d|^2/(d.d); the kernel is exp(-q/2) (3DGRT, degree 2). The cross
+    product does not cancel far away as |o|^2 - (o.d)^2/(d.d) does, and the origin is first moved
+    along the ray to where it passes the mean, so that o is small whenever the hit matters.
+    Components come first and everything is elementwise over the trailing axes: plain SIMD. A zero
+    direction gives t = 0, which is no hit.
+    """
+    x, y, z = (origin[i] - mean[i] for i in range(3))
+    dx, dy, dz = direction[0], direction[1], direction[2]
+    shift = -(x * dx + y * dy + z * dz)
+    px, py, pz = x + shift * dx, y + shift * dy, z + shift * dz
+    a = whiten
+    ox, oy, oz = (a[i] * px + a[i + 1] * py + a[i + 2] * pz for i in (0, 3, 6))
+    vx, vy, vz = (a[i] * dx + a[i + 1] * dy + a[i + 2] * dz for i in (0, 3, 6))
+    square = vx * vx + vy * vy + vz * vz
+    inverse = 1 / jnp.where(square > 0, square, 1)
+    cx, cy, cz = oy * vz - oz * vy, oz * vx - ox * vz, ox * vy - oy * vx
+    t = shift - (ox * vx + oy * vy + oz * vz) * inverse
+    q = (cx * cx + cy * cy + cz * cz) * inverse
+    return t, q
+
+
+def reach(opacity: Float[Array, "*batch"], alpha_min: float) -> Float[Array, "*batch"]:
+    """Radius, in standard deviations, at which alpha falls to `alpha_min`; 0 where it never rises
+    above it: sqrt(2 ln(opacity / alpha_min))."""
+    visible = opacity > alpha_min
+    ratio = jnp.where(visible, opacity / alpha_min, 1)
+    squared = 2 * jnp.log(ratio)
+    return jnp.where(visible, jnp.sqrt(jnp.where(visible, squared, 1)), 0)
+
+
+def opacity_on_ray(
+    opacity: Float[Array, "*hits"], q: Float[Array, "*hits"], *, alpha_max: float
+) -> Float[Array, "*hits"]:
+    """alpha = min(alpha_max, opacity exp(-q/2))."""
+    return jnp.minimum(opacity * jnp.exp(-0.5 * q), alpha_max)

@@ -1,0 +1,202 @@
+"""Which Gaussians a bundle of rays can meet, and which of them come next along each ray.
+
+Integers only: nothing here is differentiated.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from gaussray.tracer.bundle import FAN, Bundles
+from gaussray.tracer.grid import OCCUPANCY, Grid
+
+
+class Capacity(eqx.Module):
+    """Static sizes of the lists of one trace, from the coarsest level to the finest.
+
+    `cells[i]` bounds the (bundle, cell) pairs of level i, `pairs` the (bundle, Gaussian) pairs and
+    `slots` the longest list of one bundle. Measured with head-room by `trace.measure`.
+    """
+
+    cells: tuple[int, ...] = eqx.field(static=True)
+    pairs: int = eqx.field(static=True)
+    slots: int = eqx.field(static=True)
+
+
+class Candidates(eqx.Module):
+    """For every bundle the Gaussians it may meet: `index[start : start + count]`.
+
+    `needed` holds the sizes that this scene wants, in the order of `Capacity` (cells of each level,
+    pairs, slots); a size below another that overflowed is a lower bound. `dropped` counts the
+    entries that did not fit.
+    """
+
+    index: Int[Array, " pairs"]
+    start: Int[Array, " bundles"]
+    count: Int[Array, " bundles"]
+    needed: Int[Array, " sizes"]
+    dropped: Int[Array, ""]
+
+
+def candidates(grid: Grid, levels: list[Bundles], *, capacity: Capacity) -> Candidates:
+    """Bundles against grid, coarse to fine: every level tests only what its parent kept.
+
+    `levels` runs from the coarsest bundles to the finest, FAN children to each parent.
+    """
+    coarse = levels[0]
+    bundles, cells = coarse.offset.shape[0], grid.lower.shape[0]
+    touched = jax.vmap(lambda b: _touches_box(b, grid.lower, grid.upper))(coarse)
+    touched = touched & (grid.lower[:, 0] <= grid.upper[:, 0])[None, :]
+    bundle = jnp.repeat(jnp.arange(bundles, dtype=jnp.int32), cells)
+    cell = jnp.tile(jnp.arange(cells, dtype=jnp.int32), bundles)
+    pair, wanted = _keep(touched.reshape(-1), capacity.cells[0], bundle, cell)
+    needed = [wanted]
+    for bounds, size in zip(levels[1:], capacity.cells[1:], strict=True):
+        pair, wanted = _refine(grid, bounds, pair, size)
+        needed.append(wanted)
+    return _gather(grid, levels[-1], pair, needed, capacity)
+
+
+def _keep(mask: Array, size: int, *values: Array) -> tuple[list[Array], Array]:
+    """The entries under the mask, in order, in `size` places; places left over hold -1."""
+    rank = jnp.cumsum(mask, dtype=jnp.int32)
+    place = jnp.where(mask, rank - 1, size)
+    kept = [
+        jnp.full(size, -1, jnp.int32).at[place].set(v, mode="drop")
+        for v in values
+    ]
+    return kept, rank[-1]
+
+
+def _refine(
+    grid: Grid, bounds: Bundles, pair: list[Array], size: int
+) -> tuple[list[Array], Array]:
+    """(parent, cell) pairs -> (child, cell) pairs, ordered by child without sorting.
+
+    A child's place is the start of its run, known from counts, plus its rank among the pairs of its
+    parent, known from a running sum.
+    """
+    parent, cell = pair
+    real = parent >= 0
+    child = jnp.maximum(parent, 0)[:, None] * FAN + jnp.arange(FAN, dtype=jnp.int32)
+    lower = grid.lower[jnp.maximum(cell, 0)]
+    upper = grid.upper[jnp.maximum(cell, 0)]
+    bundle = jax.tree.map(lambda x: x[child], bounds)
+    mask = jax.vmap(jax.vmap(_touches_box, in_axes=(0, None, None)))(bundle, lower, upper)
+    mask = mask & real[:, None]
+    running = jnp.concatenate([jnp.zeros((1, FAN), jnp.int32), jnp.cumsum(mask, 0, jnp.int32)])
+    parents = bounds.offset.shape[0] // FAN
+    total = jnp.sum(real, dtype=jnp.int32)
+    edge = jnp.searchsorted(jnp.where(real, parent, parents), jnp.arange(parents + 1))
+    edge = jnp.minimum(edge.astype(jnp.int32), total)
+    at_edge = running[edge]
+    count = (at_edge[1:] - at_edge[:-1]).reshape(-1)
+    start = jnp.cumsum(count, dtype=jnp.int32) - count
+    rank = running[:-1] - at_edge[jnp.maximum(parent, 0)]
+    place = jnp.where(mask, start[child] + rank, size).reshape(-1)
+    kept = [
+        jnp.full(size, -1, jnp.int32).at[place].set(v.reshape(-1), mode="drop")
+        for v in (child, jnp.broadcast_to(cell[:, None], child.shape))
+    ]
+    return kept, jnp.sum(count)
+
+
+def _gather(
+    grid: Grid, bounds: Bundles, pair: list[Array], needed: list[Array], capacity: Capacity
+) -> Candidates:
+    """(bundle, cell) pairs -> the list of Gaussians of every bundle."""
+    bundle, cell = pair
+    place = jnp.maximum(cell, 0)
+    side = jax.tree.map(lambda x: x[jnp.maximum(bundle, 0)], bounds)
+    test = jax.vmap(_touches_ellipsoid, in_axes=(None, 0, 0))
+    mask = jax.vmap(test)(
+        side, jnp.moveaxis(grid.center, 0, 2)[place], jnp.moveaxis(grid.axes, 0, 2)[place]
+    )
+    index = grid.index[place]
+    mask = mask & (bundle >= 0)[:, None] & (index >= 0)
+    (index,), pairs = _keep(mask.reshape(-1), capacity.pairs, index.reshape(-1))
+    bundles = bounds.offset.shape[0]
+    total = jnp.pad(jnp.cumsum(jnp.sum(mask, 1, dtype=jnp.int32), dtype=jnp.int32), (1, 0))
+    edge = jnp.searchsorted(
+        jnp.where(bundle >= 0, bundle, bundles), jnp.arange(bundles + 1)
+    )
+    edge = total[edge]
+    start, count = edge[:-1], edge[1:] - edge[:-1]
+    longest = jnp.max(count)
+    fits = jnp.minimum(jnp.clip(capacity.pairs - start, 0, count), capacity.slots)
+    sizes = jnp.stack([*needed, pairs, longest])
+    held = jnp.asarray([*capacity.cells, capacity.pairs], jnp.int32)
+    lost = jnp.sum(jnp.maximum(sizes[:-1] - held, 0))
+    lost = lost + jnp.sum(jnp.minimum(jnp.clip(capacity.pairs - start, 0, count), count) - fits)
+    return Candidates(index, start, fits, sizes, lost)
+
+
+def _touches_box(bundle: Bundles, lower: Array, upper: Array) -> Bool[Array, "*batch"]:
+    """False where the box lies outside one of the bundle's half-spaces."""
+    inside = None
+    for i in range(5):
+        n = bundle.normal[..., i, :]
+        farthest = sum(
+            jnp.maximum(n[..., a] * lower[..., a], n[..., a] * upper[..., a]) for a in range(3)
+        )
+        side = farthest >= bundle.offset[..., i]
+        inside = side if inside is None else inside & side
+    return inside
+
+
+def _touches_ellipsoid(
+    bundle: Bundles, center: Float[Array, "keys 3"], axes: Float[Array, "keys 3 3"]
+) -> Bool[Array, ""]:
+    """False where the ellipsoid lies outside one half-space at every key in the bundle's window.
+
+    Its support along n is n.c + |F^T n|. The maximum over the keys bounds every time between them
+    (see `motion.Motion`).
+    """
+    inside = None
+    for i in range(5):
+        n = bundle.normal[i]
+        along = sum(n[a] * center[:, a] for a in range(3))
+        squared = 0
+        for b in range(3):
+            part = sum(n[a] * axes[:, a, b] for a in range(3))
+            squared = squared + part * part
+        support = jnp.where(bundle.active, along + jnp.sqrt(squared), -jnp.inf)
+        side = jnp.max(support) >= bundle.offset[i]
+        inside = side if inside is None else inside & side
+    return inside
+
+
+def nearest(
+    keys: Int[Array, "chunks chunk *rays"],
+    chunks: Int[Array, ""],
+    after: Int[Array, "*rays"],
+    *,
+    k: int,
+) -> Int[Array, "k *rays"]:
+    """The k smallest keys beyond `after` on every ray, smallest first; none left = the largest int.
+
+    The first `chunks` chunks of the keys are inserted one by one:
+    kb[i] <- min(max(x, kb[i-1]), kb[i]), two integer operations a slot.
+    """
+    none = jnp.iinfo(after.dtype).max
+    lowest = jnp.full((1, *after.shape), jnp.iinfo(after.dtype).min, after.dtype)
+
+    def insert(kept: Array, key: Array) -> tuple[Array, None]:
+        beyond = jnp.where(key > after, key, none)[None]
+        shifted = jnp.concatenate([lowest, kept[:-1]])
+        return jnp.minimum(jnp.maximum(beyond, shifted), kept), None
+
+    def chunk(i: Array, kept: Array) -> Array:
+        return jax.lax.scan(insert, kept, jax.lax.dynamic_index_in_dim(keys, i, keepdims=False))[0]
+
+    return jax.lax.fori_loop(0, chunks, chunk, jnp.full((k, *after.shape), none, after.dtype))
+
+
+def pack(t: Float[Array, "*rays"], slot: Int[Array, "*rays"], bits: int) -> Int[Array, "*rays"]:
+    """One integer that sorts by distance: the float bits of t > 0 with the low `bits` replaced by
+    the slot. Distances that agree to 2^(bits - 23) (float32) are ordered by slot; shading restores
+    their exact order within a round."""
+    kind = jnp.int64 if t.dtype == jnp.float64 else jnp.int32
+    whole = jax.lax.bitcast_convert_type(t, kind)
+    return (whole & ~((1 << bits) - 1)) | slot.astype(kind)
