@@ -5,6 +5,7 @@ import math
 import bpy
 import numpy as np
 
+
 SENSOR_MM = 36.0
 FOV = math.radians(65)  # pinhole, horizontal
 LENS_MM = SENSOR_MM / (2 * math.tan(FOV / 2))
@@ -29,14 +30,17 @@ READOUT = 4.0  # frames from the first row to the last
 
 
 def rig(count, seed):
-    """(name, split, world_from_camera): two rings along the walls, the held-out cameras between them."""
+    """(name, split, world_from_camera) of every camera.
+
+    Two rings along the walls to learn from; the held-out cameras stand inside their convex hull.
+    """
     held = max(1, round(count * 3 / 16))
     upper = (count - held + 1) // 2
     lower = count - held - upper
     rng = np.random.default_rng(seed)
     places = [wall(k / upper + 0.02, 2.45) for k in range(upper)]
     places += [wall((k + 0.5) / lower, 0.85) for k in range(lower)]
-    places += [wall((k + 0.4) / held, 1.25 + 0.35 * k, 0.8) for k in range(held)]
+    places += [wall((k + 0.4) / held, 1.95 - 0.35 * k, 0.86) for k in range(held)]
     splits = ["train"] * (upper + lower) + ["test"] * held
     views = []
     for k, (place, split) in enumerate(zip(places, splits, strict=True)):
@@ -48,7 +52,7 @@ def rig(count, seed):
 def wall(turn, height, reach=1.0):
     """A place at `turn` of a full circle on a rounded square just inside the walls."""
     x, y = math.cos(2 * math.pi * turn), math.sin(2 * math.pi * turn)
-    radius = 2.7 * reach / (x**6 + y**6) ** (1 / 6)
+    radius = 2.85 * reach / (x**6 + y**6) ** (1 / 6)
     return radius * x, radius * y, height
 
 
@@ -107,11 +111,9 @@ def configure(scene, camera, effect, moving):
     data = camera.data
     data.type = "PANO" if effect == "fisheye" else "PERSP"
     if effect == "fisheye":
-        lens = data.cycles if hasattr(data.cycles, "panorama_type") else data
-        lens.panorama_type = "FISHEYE_LENS_POLYNOMIAL"
-        lens.fisheye_fov = LENS["fov"]
+        data.panorama_type, data.fisheye_fov = "FISHEYE_LENS_POLYNOMIAL", LENS["fov"]
         for k, value in enumerate(LENS["k"]):
-            setattr(lens, f"fisheye_polynomial_k{k}", value)
+            setattr(data, f"fisheye_polynomial_k{k}", value)
     data.dof.use_dof = effect == "depth_of_field"
     data.dof.focus_distance = APERTURE["focus_distance"]
     data.dof.aperture_fstop = LENS_MM * 1e-3 / (2 * APERTURE["radius"])

@@ -1,7 +1,8 @@
-"""Throw the bodies: Bullet at 500 Hz, then one key per step, so that any instant can be rendered again."""
+"""Throw the bodies: Bullet at 500 Hz, then a key per step, so that any instant can be rendered."""
 
 import bpy
 from mathutils import Euler, Quaternion, Vector
+
 
 RATE = 500  # Bullet steps a second; finer steps lose the bounce
 FPS = 20

@@ -1,21 +1,30 @@
-"""The scene: a furnished room with painted surfaces, area lights, and five bodies about to be thrown."""
+"""The scene: a furnished room with painted surfaces, area lights, five bodies to be thrown."""
 
 import math
 from typing import NamedTuple
 
 import bpy
 from mathutils import Vector
+from patterns import (
+    CLAY,
+    MOSS,
+    PLUM,
+    SAND,
+    SEA,
+    TOYS,
+    WOOD,
+    masonry,
+    material,
+    mosaic_of,
+    planks,
+    plaster,
+    stripes_of,
+    wedges,
+)
+
 
 HALF = 3.0  # half the width of the square room
 HEIGHT = 3.0
-
-WOOD = ["#8a5f3c", "#a87848", "#6f4a30", "#b98d5c"]
-CLAY = ["#b5533c", "#d98e5f", "#e8c9a0", "#7d3b30", "#c9714b"]
-SEA = ["#1f6f78", "#57a6a1", "#bfd8c8", "#2d4a63", "#8cc0b0"]
-SAND = ["#e3d3b0", "#c9a86a", "#d9bd8c", "#b58e54"]
-PLUM = ["#6b4c7a", "#a684b0", "#d8c3d6", "#4b3a63", "#c58fa5"]
-MOSS = ["#56713f", "#8da35f", "#cdd3a2", "#3f5636"]
-TOYS = ["#d33f3a", "#f0c541", "#2f6db5", "#e9e2cf", "#3c9a5f", "#e8833a"]
 
 
 class Body(NamedTuple):
@@ -30,11 +39,11 @@ class Body(NamedTuple):
 
 
 BODIES = [
-    Body("beach_ball", "ball", 0.48, (-1.45, -0.70, 1.30), (2.9, 0.5, 1.6), (2.0, 6.0, 1.0)),
-    Body("patch_ball", "ball", 0.38, (1.50, 0.55, 1.70), (-2.9, -1.3, -0.6), (-5.0, -5.0, 2.0)),
-    Body("ring_ball", "ball", 0.33, (0.35, 1.50, 0.95), (0.4, -3.4, 2.2), (7.0, 1.0, 0.0)),
-    Body("big_cube", "cube", 0.66, (0.10, -1.45, 1.75), (-0.7, 2.5, 0.6), (-4.0, 2.5, 3.0)),
-    Body("small_cube", "cube", 0.50, (-0.85, 1.10, 2.05), (1.3, -0.5, -1.4), (3.0, 5.0, -4.0)),
+    Body("beach_ball", "ball", 0.37, (-1.45, -0.70, 1.30), (2.9, 0.5, 1.6), (2.0, 6.0, 1.0)),
+    Body("patch_ball", "ball", 0.33, (1.55, 0.25, 1.80), (-2.4, 0.6, 0.2), (-5.0, -5.0, 2.0)),
+    Body("ring_ball", "ball", 0.28, (0.80, 1.35, 0.70), (-0.7, -1.6, 3.6), (7.0, 1.0, 0.0)),
+    Body("big_cube", "cube", 0.54, (0.10, -1.45, 1.75), (-0.7, 2.5, 0.6), (-4.0, 2.5, 3.0)),
+    Body("small_cube", "cube", 0.42, (-0.95, 1.20, 2.05), (1.7, -2.0, -1.4), (3.0, 5.0, -4.0)),
 ]
 
 
@@ -64,7 +73,7 @@ def shell():
 def furniture():
     """Boxes that stay: none hides the middle of the room from a camera."""
     solids = [
-        ("rug", (3.6, 3.0, 0.03), (0, 0, 0.016), 0.25, stripes_of(MOSS + SAND, 0.22, (1, 0.6, 0))),
+        ("rug", (3.6, 3.0, 0.03), (0, 0, 0.016), 0.25, stripes_of(MOSS + SAND, 0.30, (1, 0.6, 0))),
         ("chest", (1.5, 0.5, 0.55), (1.2, 2.72, 0.276), 0, mosaic_of(CLAY, 0.30, 0.0)),
         ("bench", (0.5, 1.7, 0.45), (-2.72, 0.9, 0.226), 0, stripes_of(WOOD, 0.16, (0, 1, 0))),
         ("cabinet", (0.8, 0.5, 0.60), (-1.3, -2.72, 0.301), 0, mosaic_of(SEA, 0.26, 0.0)),
@@ -73,11 +82,11 @@ def furniture():
         ("picture_north", (1.4, 0.06, 0.9), (-1.3, 2.96, 1.75), 0, mosaic_of(TOYS, 0.30, 1.0)),
         ("picture_south", (1.1, 0.06, 1.1), (1.1, -2.96, 1.75), 0, mosaic_of(PLUM, 0.32, 0.0)),
         ("picture_east", (0.06, 1.3, 0.9), (2.96, 0.7, 1.80), 0, stripes_of(SEA, 0.2, (0, 1, 1))),
-        ("picture_west", (0.06, 1.0, 1.2), (-2.96, -1.0, 1.65), 0, mosaic_of(SAND + CLAY, 0.28, 1.0)),
+        ("picture_west", (0.06, 1.0, 1.2), (-2.96, -1, 1.65), 0, mosaic_of(SAND + CLAY, 0.28, 1)),
     ]
+    timber = stripes_of(WOOD, 0.40, (0, 1, 0))
     beams = [
-        (f"beam_{k}", (0.24, 2 * HALF, 0.2), (1.8 * k, 0, 2.899), 0, stripes_of(WOOD, 0.4, (0, 1, 0)))
-        for k in (-1, 0, 1)
+        (f"beam_{k}", (0.24, 2 * HALF, 0.2), (1.8 * k, 0, 2.899), 0, timber) for k in (-1, 0, 1)
     ]
     return [
         add(name, *box(size), position, (0, 0, yaw), pattern)
@@ -87,9 +96,9 @@ def furniture():
 
 def lights():
     """Two large lamps under the ceiling and a weak one that lights it; cameras do not see them."""
-    lamp("warm", 115, (-1.3, -0.9, 2.75), (0, 0, 0), (1.0, 0.90, 0.78))
-    lamp("cool", 95, (1.3, 1.2, 2.75), (0, 0, 0), (0.84, 0.92, 1.0))
-    lamp("bounce", 45, (0, 0, 2.2), (math.pi, 0, 0), (1.0, 0.96, 0.90))
+    lamp("warm", 76, (-1.3, -0.9, 2.75), (0, 0, 0), (1.0, 0.93, 0.85))
+    lamp("cool", 72, (1.3, 1.2, 2.75), (0, 0, 0), (0.84, 0.92, 1.0))
+    lamp("bounce", 24, (0, 0, 2.2), (math.pi, 0, 0), (1.0, 0.96, 0.90))
 
 
 def lamp(name, power, position, rotation, colour, side=1.6):
@@ -146,7 +155,8 @@ def ball(radius, rings=24, sectors=48):
         height, width = math.cos(math.pi * ring / rings), math.sin(math.pi * ring / rings)
         for sector in range(sectors):
             turn = 2 * math.pi * sector / sectors
-            corners.append(tuple(radius * Vector((width * math.cos(turn), width * math.sin(turn), height))))
+            spot = Vector((width * math.cos(turn), width * math.sin(turn), height))
+            corners.append(tuple(radius * spot))
     first, last = 2, 2 + (rings - 2) * sectors
     faces = []
     for s in range(sectors):
@@ -155,113 +165,3 @@ def ball(radius, rings=24, sectors=48):
         for start in range(first, last, sectors):
             faces.append((start + s, start + sectors + s, start + sectors + n, start + n))
     return corners, faces
-
-
-# Patterns: each takes a node tree and object coordinates in metres, and returns a colour socket.
-
-
-def material(name, pattern):
-    """Matte paint: the pattern under a soft mottling."""
-    made = bpy.data.materials.new(name)
-    made.use_nodes = True
-    tree = made.node_tree
-    tree.nodes.clear()
-    where = node(tree, "ShaderNodeTexCoord", {}).outputs["Object"]
-    mottle = node(tree, "ShaderNodeTexNoise", {"Vector": where, "Scale": 3.5, "Detail": 1.0})
-    shade = node(
-        tree,
-        "ShaderNodeMapRange",
-        {"Value": mottle.outputs["Fac"], "From Min": 0.3, "From Max": 0.7, "To Min": 0.78, "To Max": 1.08},
-    )
-    paint = node(
-        tree,
-        "ShaderNodeVectorMath",
-        {0: pattern(tree, where), "Scale": shade.outputs["Result"]},
-        operation="SCALE",
-    )
-    matte = node(tree, "ShaderNodeBsdfDiffuse", {"Color": paint.outputs["Vector"]})
-    node(tree, "ShaderNodeOutputMaterial", {"Surface": matte.outputs["BSDF"]})
-    return made
-
-
-def mosaic_of(palette, size, randomness):
-    """Cells of one colour each: a square lattice at randomness 0, crazy paving at 1."""
-
-    def pattern(tree, where):
-        cell = node(
-            tree,
-            "ShaderNodeTexVoronoi",
-            {"Vector": where, "Scale": 1 / size, "Randomness": randomness},
-        )
-        pick = node(tree, "ShaderNodeSeparateColor", {"Color": cell.outputs["Color"]})
-        return ramp(tree, pick.outputs["Red"], palette)
-
-    return pattern
-
-
-def stripes_of(palette, width, axis=(1, 0, 0)):
-    def pattern(tree, where):
-        period = Vector(axis).normalized() / (width * len(palette))
-        along = node(tree, "ShaderNodeVectorMath", {0: where, 1: period}, operation="DOT_PRODUCT")
-        phase = node(tree, "ShaderNodeMath", {0: along.outputs["Value"], 1: 0.37}, operation="ADD")
-        turn = node(tree, "ShaderNodeMath", {0: phase.outputs["Value"]}, operation="FRACT")
-        return ramp(tree, turn.outputs["Value"], palette)
-
-    return pattern
-
-
-def wedges(tree, where):
-    turn = node(tree, "ShaderNodeTexGradient", {"Vector": where}, gradient_type="RADIAL")
-    return ramp(tree, turn.outputs["Fac"], TOYS)
-
-
-def planks(tree, where):
-    return brickwork(tree, where, WOOD[0], WOOD[3], WOOD[2], length=1.3, width=0.28, joint=0.012)
-
-
-def masonry(tree, where):
-    return brickwork(tree, where, SAND[3], CLAY[1], SAND[0], length=0.75, width=0.30, joint=0.04)
-
-
-def brickwork(tree, where, light, dark, joint_colour, length, width, joint):
-    colours = {"Color1": linear(light), "Color2": linear(dark), "Mortar": linear(joint_colour)}
-    sizes = {"Scale": 1.0, "Brick Width": length, "Row Height": width, "Mortar Size": joint}
-    return node(tree, "ShaderNodeTexBrick", {"Vector": where, **colours, **sizes}).outputs["Color"]
-
-
-def plaster(tree, where):
-    soft = node(tree, "ShaderNodeTexNoise", {"Vector": where, "Scale": 1.6, "Detail": 1.0})
-    return ramp(tree, soft.outputs["Fac"], ["#b9a98c", "#cbbd9f", "#d8ccb2", "#c4b08a"], 0.3, 0.7)
-
-
-def ramp(tree, value, palette, low=0.0, high=1.0):
-    """The palette in equal steps of `value` from `low` to `high`."""
-    made = tree.nodes.new("ShaderNodeValToRGB")
-    tree.links.new(value, made.inputs["Fac"])
-    made.color_ramp.interpolation = "CONSTANT"
-    stops = made.color_ramp.elements
-    while len(stops) < len(palette):
-        stops.new(0.5)
-    for k, colour in enumerate(palette):
-        stops[k].position = low + (high - low) * k / len(palette)
-        stops[k].color = linear(colour)
-    return made.outputs["Color"]
-
-
-def node(tree, kind, inputs, **properties):
-    """A shader node with its properties set and its inputs linked or given."""
-    made = tree.nodes.new(kind)
-    for key, value in properties.items():
-        setattr(made, key, value)
-    for key, value in inputs.items():
-        if isinstance(value, bpy.types.NodeSocket):
-            tree.links.new(value, made.inputs[key])
-        else:
-            made.inputs[key].default_value = value
-    return made
-
-
-def linear(code):
-    """Linear RGBA of an sRGB hex code."""
-    srgb = [int(code[k : k + 2], 16) / 255 for k in (1, 3, 5)]
-    return [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in srgb] + [1.0]

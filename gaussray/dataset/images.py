@@ -1,0 +1,140 @@
+"""Pictures to disk, and pictures of pictures: comparisons and contact sheets."""
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+from jaxtyping import Array, Bool, UInt8
+
+from gaussray.color import srgb_encode
+from gaussray.atomic import whole
+
+
+def codes(image: np.ndarray | Array) -> np.ndarray:
+    """8-bit sRGB codes of linear light, clipped to 0..1, rounded to nearest; codes stay."""
+    image = np.asarray(image)
+    if image.dtype == np.uint8:
+        return image
+    bad = image.size - int(np.isfinite(image).sum())
+    if bad:
+        raise ValueError(
+            f"a picture stored in 8 bits must be finite, got {bad} values that are not."
+        )
+    encoded = srgb_encode(np.clip(image.astype(np.float64), 0, 1))
+    return np.floor(255 * encoded + 0.5).astype(np.uint8)
+
+
+def write_image(path: Path | str, image: np.ndarray | Array, *, depth: str = "half") -> None:
+    """A picture [h, w, 3] or [h, w] of linear light (any channel count in EXR), or of uint8 codes.
+
+    `.png` is 8-bit sRGB (see `codes`), `.exr` linear light of `depth` half or float. The file
+    appears whole or not at all.
+    """
+    path, image = Path(path), np.asarray(image)
+    if path.suffix == ".png":
+        _write(path, codes(image), "uint8")
+    elif path.suffix == ".exr":
+        if image.dtype == np.uint8:
+            raise ValueError(f"{path}: an EXR picture must be linear light, got uint8 codes.")
+        if depth not in ("half", "float"):
+            raise ValueError(f"depth must be one of half, float, got {depth!r}.")
+        finite = image[np.isfinite(image)]
+        if depth == "half" and finite.size and np.abs(finite).max() > 65504:
+            raise ValueError(
+                f"{path}: a half-float picture must stay within 65504, "
+                f"got {np.abs(finite).max()}. Use depth='float'."
+            )
+        _write(path, image.astype(np.float32), depth)
+    else:
+        raise ValueError(f"{path}: a picture's suffix must be .png or .exr, got {path.suffix!r}.")
+
+
+def write_mask(path: Path | str, mask: Bool[np.ndarray, "h w"] | Bool[Array, "h w"]) -> None:
+    """A mask as a gray PNG: white counts, black is ignored."""
+    write_image(path, np.where(np.asarray(mask), np.uint8(255), np.uint8(0)))
+
+
+def side_by_side(
+    truth: np.ndarray | Array, ours: np.ndarray | Array, *, gain: float | int = 4
+) -> UInt8[np.ndarray, "h w3 3"]:
+    """Codes of truth | ours | their absolute difference times `gain`, taken between sRGB values."""
+    truth, ours = codes(truth), codes(ours)
+    if truth.shape != ours.shape:
+        raise ValueError(f"the pictures must have one size, got {truth.shape} and {ours.shape}.")
+    difference = np.abs(truth.astype(np.float64) - ours.astype(np.float64)) * gain
+    return np.concatenate([truth, ours, np.clip(difference, 0, 255).astype(np.uint8)], axis=1)
+
+
+def enlarge(image: np.ndarray, least: int) -> np.ndarray:
+    """Every pixel repeated by the smallest whole factor that makes both sides at least `least`."""
+    factor = max(1, math.ceil(least / min(image.shape[:2])))
+    return image.repeat(factor, axis=0).repeat(factor, axis=1)
+
+
+def contact_sheet(
+    rows: Sequence[tuple[str, Sequence[np.ndarray | Array]]],
+    *,
+    titles: Sequence[str] = (),
+    least: int = 0,
+    font: int = 14,
+) -> UInt8[np.ndarray, "h w 3"]:
+    """Codes of labelled rows of pictures on white, with optional titles above the columns.
+
+    Pictures (linear light or codes) are first enlarged to sides of at least `least`; smaller ones
+    stand at the top left of their cell.
+    """
+    if not rows:
+        raise ValueError("a contact sheet must have at least one row, got none.")
+    grid = [[enlarge(codes(image), least) for image in images] for _, images in rows]
+    columns = max(len(images) for images in grid)
+    gap = 6
+    titled = [*titles, *[""] * columns][:columns]
+    widths = [
+        max([_extent(title, font)] + [images[k].shape[1] for images in grid if k < len(images)])
+        for k, title in enumerate(titled)
+    ]
+    heights = [max([font + gap] + [image.shape[0] for image in images]) for images in grid]
+    margin = max(_extent(label, font) for label, _ in rows) + 2 * gap
+    top = (font + 2 * gap) if titles else gap
+    height = top + sum(heights) + gap * len(rows)
+    sheet = np.full((height, margin + sum(widths) + gap * columns, 3), 255, np.uint8)
+    lefts = [margin + sum(widths[:k]) + gap * k for k in range(columns)]
+    texts = [(left, gap, title) for left, title in zip(lefts, titled, strict=True)]
+    for (label, _), images, height in zip(rows, grid, heights, strict=True):
+        texts.append((gap, top, label))
+        for left, image in zip(lefts, images, strict=False):
+            sheet[top : top + image.shape[0], left : left + image.shape[1]] = image
+        top += height + gap
+    return _with_texts(sheet, texts, font)
+
+
+def _extent(text, font):
+    """Width of a text in pixels."""
+    return max(0, oiio.ImageBufAlgo.text_size(text, font).xend) if text else 0
+
+
+def _with_texts(sheet, texts, font):
+    """The sheet with black texts at (left, top), in the font that OpenImageIO brings along."""
+    buffer = oiio.ImageBuf(np.ascontiguousarray(sheet))
+    for left, top, text in texts:
+        if text and not oiio.ImageBufAlgo.render_text(
+            buffer, left, top + font, text, font, "", (0.0, 0.0, 0.0)
+        ):
+            raise OSError(f"the label {text!r} cannot be drawn: {buffer.geterror()}")
+    return np.ascontiguousarray(buffer.get_pixels(oiio.UINT8))
+
+
+def _write(path, image, kind):
+    image = np.ascontiguousarray(image if image.ndim == 3 else image[..., None])
+    spec = oiio.ImageSpec(image.shape[1], image.shape[0], image.shape[2], kind)
+    spec["oiio:ColorSpace"] = "srgb_rec709_scene" if kind == "uint8" else "lin_rec709_scene"
+    with whole(path) as partial:
+        file = oiio.ImageOutput.create(str(partial))
+        if file is None:
+            raise OSError(f"{path}: the picture cannot be written: {oiio.geterror()}")
+        good = file.open(str(partial), spec) and file.write_image(image)
+        good = file.close() and good
+        if not good:
+            raise OSError(f"{path}: the picture cannot be written: {file.geterror()}")

@@ -1,0 +1,182 @@
+"""A paired capture's JSON: every picture with its exact camera."""
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.film import Film
+from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
+from gaussray.camera.trajectory import pose_at
+from gaussray.atomic import whole
+from gaussray.geometry import BLENDER_AXES, RigidTransform, rotation_matrix
+
+
+_OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split")
+_DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FrameRecord:
+    """One written picture, `file_path` from the manifest's folder, and the camera that took it.
+
+    `samples` is per pixel. The time written is the camera's.
+    """
+
+    file_path: str
+    camera: Camera
+    camera_name: str
+    split: str
+    effect: str = "pinhole"
+    samples: int | None = None
+    mask_path: str | None = None
+    depth_file_path: str | None = None
+
+
+def write_manifest(
+    path: Path | str, views: Sequence[FrameRecord], *, extra: Mapping[str, Any] | None = None
+) -> None:
+    """The JSON from which `capture.read_views` reads the same cameras back.
+
+    What all frames share stands at the top level, each frame on one line. Numbers are the shortest
+    that give back the same bits. `extra` adds top-level keys (`ply_file_path`, `time_unit`, or
+    `info`, in which readers accept anything). The file appears whole or not at all.
+    """
+    path = Path(path)
+    if not views:
+        raise ValueError(f"{path}: a manifest must list at least one frame, got none.")
+    frames = [_frame(view) for view in views]
+    first = frames[0]
+    shared = {
+        key: value
+        for key, value in first.items()
+        if key not in _OWN and all(key in frame and frame[key] == value for frame in frames)
+    }
+    clash = [key for key in extra or {} if key == "frames" or any(key in f for f in frames)]
+    if clash:
+        raise ValueError(f"{path}: extra must not hold the keys of frames, got {clash}.")
+    top = {**shared, **(extra or {})}
+    try:
+        lines = [f" {json.dumps(k)}: {json.dumps(v, allow_nan=False)}," for k, v in top.items()]
+        listed = [
+            json.dumps({k: v for k, v in frame.items() if k not in shared}, allow_nan=False)
+            for frame in frames
+        ]
+    except ValueError as error:
+        raise ValueError(f"{path}: every number written must be finite, got {error}.") from error
+    text = "\n".join(["{", *lines, ' "frames": [', "  " + ",\n  ".join(listed), " ]", "}", ""])
+    with whole(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def _frame(view):
+    if view.split not in ("train", "test"):
+        raise ValueError(f"split must be one of train, test, got {view.split!r}.")
+    camera, film = view.camera, view.camera.film
+    pose = pose_at(camera.trajectory, camera.time)
+    frame = {
+        **{"file_path": view.file_path, "camera": view.camera_name, "split": view.split},
+        **{"time": _plain(camera.time), "transform_matrix": _matrix(pose)},
+        **{"w": film.width, "h": film.height},
+        **_lens(camera.lens),
+    }
+    blocks = {
+        "film": _film(film),
+        "aperture": _aperture(camera.aperture),
+        "shutter": _shutter(camera.shutter),
+        "trajectory": _trajectory(camera.trajectory),
+    }
+    frame |= {key: block for key, block in blocks.items() if block is not None}
+    if view.effect != "pinhole" or len(frame.keys() & {"lens", *blocks}):
+        frame["effect"] = view.effect
+    for key in ("samples", "mask_path", "depth_file_path"):
+        if getattr(view, key) is not None:
+            frame[key] = getattr(view, key)
+    return frame
+
+
+def _lens(lens):
+    match lens:
+        case Pinhole():
+            k = dict(zip(_DISTORTION, _plain(lens.distortion), strict=True))
+            used = {key: value for key, value in k.items() if value != 0}
+            return {"camera_model": "OPENCV" if used else "PINHOLE", **_intrinsics(lens), **used}
+        case KannalaBrandt():
+            k = dict(zip(("k1", "k2", "k3", "k4"), _plain(lens.coefficients), strict=True))
+            fov = {"model": "kannala_brandt", "fov": _plain(2 * lens.max_angle)}
+            return {"camera_model": "OPENCV_FISHEYE", **_intrinsics(lens), **k, "lens": fov}
+        case FisheyePolynomial():
+            sensor = _plain(lens.sensor)
+            block = {
+                "model": "blender_fisheye_polynomial",
+                "k": _plain(lens.coefficients),
+                "sensor_width_mm": sensor[0],
+                "sensor_height_mm": sensor[1],
+                "fov": _plain(lens.fov),
+            }
+            shift = _plain(lens.shift)
+            return {"lens": {**block, "shift": shift} if any(shift) else block}
+        case _:
+            raise TypeError(f"the manifest has no words for a lens of type {type(lens).__name__}.")
+
+
+def _intrinsics(lens):
+    (fl_x, fl_y), (cx, cy) = _plain(lens.focal), _plain(lens.center)
+    return {"fl_x": fl_x, "fl_y": fl_y, "cx": cx, "cy": cy}
+
+
+def _film(film):
+    default = Film(film.width, film.height)
+    if film == default:
+        return None
+    return {"filter": film.filter, "filter_width": film.filter_width}
+
+
+def _aperture(aperture):
+    if float(aperture.radius) == 0:
+        return None
+    distance = _plain(aperture.focus_distance)
+    return {
+        "radius": _plain(aperture.radius),
+        "focus_distance": "infinity" if math.isinf(distance) else distance,
+        "focus": aperture.focus,
+        "blades": aperture.blades,
+        "rotation": _plain(aperture.rotation),
+        "ratio": _plain(aperture.ratio),
+    }
+
+
+def _shutter(shutter):
+    values = {key: _plain(getattr(shutter, key)) for key in ("row_offset", "row_step", "exposure")}
+    return {**values, "direction": shutter.direction} if any(values.values()) else None
+
+
+def _trajectory(trajectory):
+    if trajectory.time.shape[0] == 1:
+        return None
+    poses = zip(trajectory.quat, trajectory.translation, strict=True)
+    matrices = [_matrix(RigidTransform(quat, translation)) for quat, translation in poses]
+    times = _plain(trajectory.time)
+    return [
+        {"time": time, "transform_matrix": matrix}
+        for time, matrix in zip(times, matrices, strict=True)
+    ]
+
+
+def _matrix(pose):
+    """Camera-to-world 4x4 in OpenGL axes."""
+    rotation = np.asarray(rotation_matrix(pose.quat))
+    rotation = rotation * np.asarray(BLENDER_AXES, rotation.dtype)[None]
+    linear, place = _plain(rotation), _plain(pose.translation)
+    return [[*row, x] for row, x in zip(linear, place, strict=True)] + [[0.0, 0.0, 0.0, 1.0]]
+
+
+def _plain(value: Any) -> Any:
+    """Python numbers, each the shortest that gives back the same bits in the value's dtype."""
+    array = np.asarray(value)
+    return [_plain(v) for v in array] if array.ndim else float(str(array[()])) + 0.0

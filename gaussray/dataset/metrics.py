@@ -1,0 +1,89 @@
+"""How close a picture is to the truth, in double precision, between sRGB values in 0..1."""
+
+from typing import Any
+
+import numpy as np
+from jaxtyping import Array, Bool
+from skimage.metrics import structural_similarity
+
+
+Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
+_WINDOW = 11  # of the SSIM paper: Gaussian, sigma 1.5, cut at 3.5 sigma
+
+
+def psnr(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None = None) -> float:
+    """Peak signal-to-noise ratio in dB, -10 log10 of the mean squared difference.
+
+    sRGB-encoded pictures: uint8 codes or floats in 0..1. Equal pictures have infinity; a mask with
+    no pixel has NaN.
+    """
+    truth, image, mask = _pair(truth, image, mask)
+    square = (truth - image) ** 2
+    if mask is not None:
+        square = square[mask]
+    if square.size == 0:
+        return float("nan")
+    mean = float(square.mean())
+    return float("inf") if mean == 0 else float(-10 * np.log10(mean))
+
+
+def ssim(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None = None) -> float:
+    """Structural similarity (Wang et al. 2004: Gaussian window, sigma 1.5, population covariance),
+    mean over channels and pixels, of sRGB-encoded pictures.
+
+    Whole pictures leave out the 5-pixel border, where the window is cut; with a mask it is the mean
+    of the map inside it, border included, and NaN if the mask has no pixel.
+    """
+    truth, image, mask = _pair(truth, image, mask)
+    if min(truth.shape[:2]) < _WINDOW:
+        raise ValueError(
+            f"pictures compared by SSIM must have sides of at least {_WINDOW} pixels, "
+            f"got {truth.shape[1]} x {truth.shape[0]}."
+        )
+    result: Any = structural_similarity(
+        truth,
+        image,
+        gaussian_weights=True,
+        sigma=1.5,
+        use_sample_covariance=False,
+        data_range=1.0,
+        channel_axis=-1,
+        full=True,
+    )
+    mean, local = result
+    if mask is None:
+        return float(mean)
+    return float(local[mask].mean()) if mask.any() else float("nan")
+
+
+def moving_mask(
+    frames: np.ndarray | Array, *, threshold: float = 0.1
+) -> Bool[np.ndarray, "frames h w"]:
+    """Pixels that move, in the encoded frames [t, h, w, 3] of one camera: those more than
+    `threshold` from that camera's temporal median in some channel."""
+    values = _unit(frames, np.float32)
+    median = np.median(values, axis=0)
+    return np.stack([(np.abs(frame - median) > threshold).any(axis=-1) for frame in values])
+
+
+def _unit(image, kind):
+    image = np.asarray(image)
+    if image.dtype == np.uint8:
+        return image.astype(kind) / kind(255)
+    if not np.issubdtype(image.dtype, np.floating):
+        raise ValueError(f"encoded pictures must be uint8 or floats, got {image.dtype}.")
+    return image.astype(kind)
+
+
+def _pair(truth, image, mask):
+    truth, image = _unit(truth, np.float64), _unit(image, np.float64)
+    if truth.shape != image.shape or truth.ndim != 3:
+        raise ValueError(
+            f"the pictures must both be [h, w, 3] of one size, got {truth.shape} and {image.shape}."
+        )
+    mask = None if mask is None else np.asarray(mask)
+    if mask is not None and mask.shape != truth.shape[:2]:
+        raise ValueError(
+            f"the mask must have the pictures' size {truth.shape[:2]}, got {mask.shape}."
+        )
+    return truth, image, mask

@@ -1,0 +1,75 @@
+"""Frames to an MP4 video."""
+
+from collections.abc import Iterable
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import av.error
+import numpy as np
+from av.video.reformatter import ColorRange, Colorspace
+from jaxtyping import Array
+
+from gaussray.atomic import whole
+from gaussray.dataset.images import codes, enlarge
+
+
+def write_video(
+    path: Path | str, frames: Iterable[np.ndarray | Array], fps: float | int, *, least: int = 256
+) -> None:
+    """An MP4 of pictures [h, w, 3], linear light or uint8 sRGB codes, `fps` a second.
+
+    H.264, or MPEG-4 where libx264 is absent, yuv420p. Pictures are enlarged by a whole factor until
+    both sides have `least` pixels (0 leaves them), and odd sides repeat their last row or column.
+    The file appears whole or not at all.
+    """
+    path = Path(path)
+    if not 0 < fps < float("inf"):
+        raise ValueError(f"fps must be positive and finite, got {fps}.")
+    if path.suffix != ".mp4":
+        raise ValueError(f"{path}: a video's suffix must be .mp4, got {path.suffix!r}.")
+    with whole(path) as partial:
+        try:
+            with av.open(str(partial), "w", options={"movflags": "faststart"}) as container:
+                _encode(path, container, frames, fps, least)
+        except (av.error.FFmpegError, OSError) as error:
+            raise OSError(f"{path}: the video cannot be written: {error}") from error
+
+
+def _encode(path, container, frames, fps, least):
+    stream, size = None, None
+    for image in frames:
+        pixels = _even(enlarge(codes(image), least))
+        if stream is None:
+            size = pixels.shape
+            stream = _stream(container, size, fps)
+        if pixels.shape != size:
+            raise ValueError(f"{path}: all frames must have one size, got {size}, {pixels.shape}.")
+        frame = av.VideoFrame.from_ndarray(pixels, format="rgb24")
+        frame = frame.reformat(
+            format="yuv420p",
+            dst_colorspace=Colorspace.ITU709,
+            dst_color_range=ColorRange.MPEG,
+        )
+        container.mux(stream.encode(frame))
+    if stream is None:
+        raise ValueError(f"{path}: a video must have at least one frame, got none.")
+    container.mux(stream.encode())
+
+
+def _stream(container, size, fps):
+    h264 = "libx264" in av.codecs_available
+    options = {"crf": "16", "preset": "medium"} if h264 else {"qscale": "2"}
+    rate = Fraction(fps).limit_denominator(1001)
+    stream = container.add_stream("libx264" if h264 else "mpeg4", rate=rate, options=options)
+    stream.height, stream.width = size[:2]
+    stream.pix_fmt = "yuv420p"
+    context = stream.codec_context
+    context.color_range, context.colorspace = 1, 1  # limited range, BT.709
+    context.color_primaries, context.color_trc = 1, 13  # BT.709, the sRGB curve
+    return stream
+
+
+def _even(image):
+    height, width = image.shape[:2]
+    return np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")

@@ -1,0 +1,203 @@
+"""Pictures from disk: exact values, and every way in which a file can be wrong."""
+
+import dataclasses
+import pathlib
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.frames import (
+    check_images,
+    load_encoded,
+    read_codes,
+    read_encoded,
+    read_image,
+    read_mask,
+)
+from gaussray.color import srgb_decode, srgb_encode
+
+
+@dataclasses.dataclass
+class Picture:
+    image: pathlib.Path
+    width: int
+    height: int
+    color_space: str = "srgb"
+
+
+def write(path, pixels):
+    kind = "float" if pixels.dtype == np.float32 else str(pixels.dtype)
+    spec = oiio.ImageSpec(pixels.shape[1], pixels.shape[0], pixels.shape[2], kind)
+    spec["oiio:UnassociatedAlpha"] = 1
+    spec["jpeg:subsampling"] = "4:4:4"
+    file = oiio.ImageOutput.create(str(path))
+    assert file.open(str(path), spec) and file.write_image(pixels) and file.close()
+    return path
+
+
+def random_codes(kind=np.uint8, channels=3):
+    return np.random.default_rng(0).integers(0, np.iinfo(kind).max + 1, (24, 32, channels), kind)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_a_png_is_the_exact_inverse_of_the_srgb_curve(tmp_path, kind):
+    codes = random_codes(kind)
+    path = write(tmp_path / "a.png", codes)
+    linear = read_image(path, 32, 24)
+    assert linear.dtype == np.float32
+    expected = srgb_decode(codes / np.iinfo(kind).max)
+    np.testing.assert_allclose(linear, expected, rtol=1e-7)
+    np.testing.assert_allclose(
+        read_image(path, 32, 24, "linear"), codes / np.iinfo(kind).max, rtol=1e-7
+    )
+
+
+def test_stored_codes_come_back_as_they_are(tmp_path):
+    codes = random_codes()
+    view = Picture(write(tmp_path / "a.png", codes), 32, 24)
+    np.testing.assert_array_equal(read_codes(view), codes)
+    assert read_codes(view).dtype == np.uint8
+
+
+def test_sixteen_bits_have_no_eight_bit_codes(tmp_path):
+    view = Picture(write(tmp_path / "a.png", random_codes(np.uint16)), 32, 24)
+    with pytest.raises(CaptureError, match="a.png: the file must be 8-bit sRGB"):
+        read_codes(view)
+
+
+def test_a_jpeg_is_read_as_srgb(tmp_path):
+    codes = np.full((24, 32, 3), (200, 100, 50), np.uint8)
+    stored = read_codes(Picture(write(tmp_path / "a.jpg", codes), 32, 24))
+    assert np.abs(stored.astype(int) - codes).max() <= 2
+
+
+def test_an_exr_is_linear_light_of_any_size(tmp_path):
+    linear = np.random.default_rng(0).normal(1, 3, (24, 32, 3)).astype(np.float32)
+    path = write(tmp_path / "a.exr", linear)
+    np.testing.assert_array_equal(read_image(path, 32, 24), linear)
+    encoded = read_encoded(Picture(path, 32, 24))
+    np.testing.assert_allclose(encoded, srgb_encode(linear.astype(np.float64)), rtol=1e-6)
+
+
+def test_codes_said_to_be_linear_are_encoded(tmp_path):
+    codes = random_codes()
+    view = Picture(write(tmp_path / "a.png", codes), 32, 24, "linear")
+    np.testing.assert_allclose(read_encoded(view), srgb_encode(codes / 255), atol=1e-6)
+
+
+def test_gray_becomes_three_equal_channels(tmp_path):
+    codes = random_codes(channels=1)
+    stored = read_codes(Picture(write(tmp_path / "a.png", codes), 32, 24))
+    np.testing.assert_array_equal(stored, codes.repeat(3, axis=-1))
+
+
+def test_alpha_is_dropped_with_a_warning_and_the_stored_colours_stay(tmp_path):
+    codes = random_codes(channels=4)
+    path = write(tmp_path / "a.png", codes)
+    with pytest.warns(CaptureWarning, match="a.png: the alpha channel is ignored"):
+        stored = read_codes(Picture(path, 32, 24))
+    np.testing.assert_array_equal(stored, codes[..., :3])
+
+
+def test_opaque_alpha_is_dropped_without_a_word(tmp_path):
+    codes = random_codes(channels=4)
+    codes[..., 3] = 255
+    view = Picture(write(tmp_path / "a.png", codes), 32, 24)
+    np.testing.assert_array_equal(read_codes(view), codes[..., :3])
+
+
+def test_exr_channels_are_found_by_name(tmp_path):
+    pixels = np.random.default_rng(0).random((24, 32, 4)).astype(np.float32)
+    spec = oiio.ImageSpec(32, 24, 4, "float")
+    spec.channelnames = ("Z", "B", "G", "R")
+    file = oiio.ImageOutput.create(str(tmp_path / "a.exr"))
+    assert file.open(str(tmp_path / "a.exr"), spec) and file.write_image(pixels) and file.close()
+    np.testing.assert_array_equal(read_image(tmp_path / "a.exr", 32, 24), pixels[..., [3, 2, 1]])
+
+
+def test_a_missing_picture_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match="nowhere.png: the picture does not exist"):
+        read_image(tmp_path / "nowhere.png", 32, 24)
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg", "exr"])
+@pytest.mark.parametrize("keep", [0.05, 0.5, 0.95, -3])
+def test_a_truncated_picture_fails_instead_of_inventing_pixels(tmp_path, suffix, keep):
+    pixels = random_codes() if suffix != "exr" else np.ones((24, 32, 3), np.float32)
+    path = write(tmp_path / f"cut.{suffix}", pixels)
+    data = path.read_bytes()
+    path.write_bytes(data[: keep if keep < 0 else int(keep * len(data))])
+    with pytest.raises(OSError, match=f"cut.{suffix}: the picture (is truncated|cannot be opened)"):
+        read_image(path, 32, 24)
+
+
+def test_a_file_that_is_no_picture_is_named(tmp_path):
+    (tmp_path / "text.png").write_text("hello")
+    with pytest.raises(OSError, match="text.png: the picture cannot be opened"):
+        read_image(tmp_path / "text.png", 32, 24)
+
+
+def test_a_size_that_disagrees_names_both_sizes(tmp_path):
+    path = write(tmp_path / "a.png", random_codes())
+    with pytest.raises(CaptureError, match=r"a.png.*w x h = 24 x 32.*got 32 x 24"):
+        read_image(path, 24, 32)
+
+
+def test_an_unknown_colour_space_lists_the_known_ones(tmp_path):
+    path = write(tmp_path / "a.png", random_codes())
+    with pytest.raises(CaptureError, match="color_space must be one of srgb, linear, got 'aces'"):
+        read_image(path, 32, 24, "aces")
+
+
+def test_a_mask_is_true_where_it_is_white(tmp_path):
+    codes = np.zeros((24, 32, 1), np.uint8)
+    codes[:5] = 255
+    codes[5:7] = 100
+    mask = read_mask(write(tmp_path / "m.png", codes), 32, 24)
+    assert mask.dtype == bool and mask[:5].all() and not mask[5:].any()
+
+
+def test_eight_bit_files_stay_bytes_and_progress_is_told(tmp_path):
+    stack = np.stack([random_codes() // (k + 1) for k in range(5)])
+    views = [Picture(write(tmp_path / f"{k}.png", p), 32, 24) for k, p in enumerate(stack)]
+    told = []
+    loaded = load_encoded(views, progress=lambda done, total: told.append((done, total)))
+    assert loaded.dtype == np.uint8
+    np.testing.assert_array_equal(loaded, stack)
+    assert told == [(k + 1, 5) for k in range(5)]
+
+
+def test_one_float_file_makes_all_of_them_float(tmp_path):
+    codes = random_codes()
+    linear = np.full((24, 32, 3), 0.5, np.float32)
+    views = [
+        Picture(write(tmp_path / "0.png", codes), 32, 24),
+        Picture(write(tmp_path / "1.exr", linear), 32, 24),
+        Picture(write(tmp_path / "2.png", codes), 32, 24),
+    ]
+    loaded = load_encoded(views)
+    assert loaded.dtype == np.float32
+    np.testing.assert_allclose(loaded[[0, 2]], np.stack([codes, codes]) / 255, rtol=1e-6)
+    np.testing.assert_allclose(loaded[1], srgb_encode(linear), rtol=1e-6)
+
+
+def test_views_of_two_sizes_are_not_stacked(tmp_path):
+    views = [Picture(tmp_path / "0.png", 32, 24), Picture(tmp_path / "1.png", 16, 24)]
+    with pytest.raises(CaptureError, match="1.png: all views.*16 x 24 after 32 x 24"):
+        load_encoded(views)
+
+
+def test_a_missing_picture_among_many_stops_the_loading(tmp_path):
+    path = write(tmp_path / "0.png", random_codes())
+    with pytest.raises(FileNotFoundError, match="1.png"):
+        load_encoded([Picture(path, 32, 24), Picture(tmp_path / "1.png", 32, 24)])
+
+
+def test_checking_names_every_wrong_picture_at_once(tmp_path):
+    path = write(tmp_path / "0.png", random_codes())
+    good = Picture(path, 32, 24)
+    check_images([good, good])
+    with pytest.raises(CaptureError, match="(?s)2 of 3 pictures.*1.png.*got 32 x 24"):
+        check_images([good, Picture(tmp_path / "1.png", 32, 24), Picture(path, 8, 8)])
