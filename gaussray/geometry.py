@@ -7,6 +7,7 @@ Quaternions are (w, x, y, z) and may have any non-zero length. A name says what 
 """
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -25,7 +26,8 @@ def safe_norm(vector: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
 def normalize(vector: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
     """Vector of unit length; scaled by its largest component first, so that neither tiny nor huge
     vectors under- or overflow. Zero stays zero."""
-    largest = jnp.max(jnp.abs(vector), axis=-1, keepdims=True)
+    # The result does not depend on the scaling, so its gradient (which could overflow) is left out.
+    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(vector), axis=-1, keepdims=True))
     scaled = vector / jnp.where(largest > 0, largest, 1)
     square = jnp.sum(scaled * scaled, axis=-1, keepdims=True)
     return scaled / jnp.sqrt(jnp.where(square > 0, square, 1))

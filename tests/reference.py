@@ -1,16 +1,25 @@
-"""Brute force in float64 numpy: every Gaussian on every ray, fully sorted. Independent of the tracer.
+"""Brute force in float64: every Gaussian on every ray, fully sorted. Independent of the tracer.
 
-Positions and the kernel are evaluated in the Gaussian's own frame by the textbook formula; colours by
-the harmonics written out once more from their definition by Legendre polynomials is left to their own
-test, here degree 0 and 1 suffice.
+In numpy: the textbook formulas of the kernel, and the real harmonics from Legendre polynomials.
+Moving Gaussians have mean and axes F = R S interpolated between their key states, and F inverted
+for every ray. `dense` is the same once more in jnp for the sake of its gradients.
 """
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from numpy.polynomial import legendre
+
+from gaussray.scene.harmonics import radiance
+
+
+ALPHA_MIN, ALPHA_MAX = 1 / 255, 0.99
 
 
 def rotation(quat):
-    """Rotation matrices of (w, x, y, z) quaternions by the sandwich product."""
+    """Rotation matrices of quaternions by the sandwich product; zero is the identity."""
     q = np.asarray(quat, np.float64)
+    q = np.where(np.any(q != 0, axis=-1, keepdims=True), q, np.eye(4)[0])
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     w, v = q[..., :1], q[..., 1:]
     columns = []
@@ -20,48 +29,115 @@ def rotation(quat):
     return np.stack(columns, axis=-1)
 
 
-def hits(mean, quat, scale, opacity, origin, direction, alpha_min=1 / 255, alpha_max=0.99):
-    """t and alpha of every (ray, Gaussian) pair; alpha = 0 where there is no hit."""
-    mean, scale, opacity = (np.asarray(x, np.float64) for x in (mean, scale, opacity))
-    origin, direction = np.asarray(origin, np.float64), np.asarray(direction, np.float64)
-    frame = np.swapaxes(rotation(quat), -1, -2) / scale[:, :, None]
+def harmonic(degree, order, direction):
+    """Real spherical harmonic of unit directions, with the Condon-Shortley sign (-1)^order."""
+    x, y, z = np.moveaxis(np.asarray(direction, np.float64), -1, 0)
+    m = abs(order)
+    polynomial = legendre.Legendre.basis(degree).deriv(m) if m else legendre.Legendre.basis(degree)
+    ratio = np.prod(np.arange(degree - m + 1, degree + m + 1, dtype=float))
+    value = np.sqrt((2 * degree + 1) / (4 * np.pi * ratio)) * polynomial(z)
+    # (x + iy)^m = sin(theta)^m e^(i m phi): no angle, so the poles are ordinary.
+    power = (x + 1j * y) ** m
+    return value * (-1) ** m * (np.sqrt(2) if m else 1) * (power.imag if order < 0 else power.real)
+
+
+def light(harmonics, direction):
+    """Linear colour max(0, 1/2 + sum c_i Y_i) of every Gaussian along every ray (rays x n x 3)."""
+    count = harmonics.shape[1]
+    pairs = [(degree, m) for degree in range(4) for m in range(-degree, degree + 1)][:count]
+    values = np.stack([harmonic(*pair, direction) for pair in pairs], axis=-1)
+    return np.maximum(0.5 + np.einsum("rc,ncd->rnd", values, harmonics), 0)
+
+
+def key_shares(key_time, time):
+    """Share of every key state at every time (times x keys)."""
+    return np.stack([np.interp(time, key_time, row) for row in np.eye(len(key_time))], axis=-1)
+
+
+def frames(motion, time):
+    """Whitening matrix and mean of every Gaussian for every ray; one row suffices if all rest."""
+    g = motion.gaussians
+    mean, scale = (np.asarray(x, np.float64) for x in (g.mean, g.scale))
+    turn = rotation(g.quat)
+    if len(mean) == 1:
+        return np.swapaxes(turn, -1, -2) / scale[..., :, None], mean
+    shares = key_shares(np.asarray(motion.time, np.float64), np.asarray(time, np.float64))
+    axes = np.einsum("rk,knij->rnij", shares, turn * scale[..., None, :])
+    return np.linalg.inv(axes), np.einsum("rk,kni->rni", shares, mean)
+
+
+def meet(frame, mean, opacity, origin, direction, alpha_min=ALPHA_MIN, alpha_max=ALPHA_MAX):
+    """t and alpha of every (ray, Gaussian) pair; t = inf and alpha = 0 where there is no hit."""
+    across = "rnij,rnj->rni"
     with np.errstate(all="ignore"):
-        o = np.einsum("nij,rnj->rni", frame, origin[:, None] - mean[None])
-        d = np.einsum("nij,rj->rni", frame, direction)
+        o = np.einsum(across, frame, origin[:, None] - mean)
+        d = np.einsum(across, frame, direction[:, None])
         square = np.sum(d * d, axis=-1)
         t = -np.sum(o * d, axis=-1) / square
-        q = np.sum(np.cross(o, d) ** 2, axis=-1) / square
-        raw = opacity * np.exp(-0.5 * q)
-    met = (t > 0) & (raw > alpha_min) & np.isfinite(q)
+        raw = opacity * np.exp(-0.5 * np.sum(np.cross(o, d) ** 2, axis=-1) / square)
+        met = (t > 0) & (raw > alpha_min)
     return np.where(met, t, np.inf), np.where(met, np.minimum(raw, alpha_max), 0.0)
 
 
-def trace(gaussians, origin, direction, **options):
-    """Colour, transmittance and depth of every ray."""
-    mean, quat, scale, opacity, harmonics = (
-        np.asarray(x, np.float64)
-        for x in (
-            gaussians.mean,
-            gaussians.quat,
-            gaussians.scale,
-            gaussians.opacity,
-            gaussians.harmonics,
-        )
-    )
-    direction = np.asarray(direction, np.float64)
-    t, alpha = hits(mean, quat, scale, opacity, origin, direction, **options)
+def hits(motion, rays, **options):
+    """t and alpha of every (ray, Gaussian) pair of a moving scene."""
+    frame, mean = frames(motion, rays.time)
+    opacity = np.asarray(motion.gaussians.opacity, np.float64)
+    origin, direction = (np.asarray(x, np.float64) for x in (rays.origin, rays.direction))
+    return meet(frame, mean, opacity, origin, direction, **options)
+
+
+def trace(motion, rays, **options):
+    """Colour, transmittance and depth (sum of weight x t) of every ray."""
+    t, alpha = hits(motion, rays, **options)
     order = np.argsort(t, axis=1, kind="stable")
+    color = light(np.asarray(motion.gaussians.harmonics, np.float64), rays.direction)
+    color = np.take_along_axis(color, order[..., None], 1)
     t, alpha = np.take_along_axis(t, order, 1), np.take_along_axis(alpha, order, 1)
-    light = 0.28209479177387814 * harmonics[None, :, 0] + 0.5
-    if harmonics.shape[1] > 1:
-        x, y, z = (direction[:, i, None, None] for i in range(3))
-        c = 0.4886025119029199
-        light = light + c * (-y * harmonics[:, 1] + z * harmonics[:, 2] - x * harmonics[:, 3])
-    light = np.broadcast_to(np.maximum(light, 0), (*t.shape, 3))
-    light = np.take_along_axis(light, order[..., None], 1)
-    clear = np.cumprod(1 - alpha, axis=1)
-    front = np.concatenate([np.ones_like(clear[:, :1]), clear[:, :-1]], axis=1)
-    weight = alpha * front
+    clear = np.cumprod(np.concatenate([np.ones((len(t), 1)), 1 - alpha], axis=1), axis=1)
+    weight = alpha * clear[:, :-1]
     depth = np.sum(weight * np.where(alpha > 0, t, 0), axis=1)
-    end = clear[:, -1] if t.shape[1] else np.ones(len(direction))
-    return np.sum(weight[..., None] * light, axis=1), end, depth
+    return np.sum(weight[..., None] * color, axis=1), clear[:, -1], depth
+
+
+def dense(motion, rays, alpha_min=ALPHA_MIN, alpha_max=ALPHA_MAX):
+    """`trace` in plain jnp, differentiable by JAX alone: (colour, transmittance, depth)."""
+    g = motion.gaussians
+    q = jnp.where(jnp.any(g.quat != 0, axis=-1, keepdims=True), g.quat, jnp.eye(4)[None, :1])
+    q = q / jnp.sqrt(jnp.sum(q * q, axis=-1, keepdims=True))
+    w, v = q[..., :1], q[..., 1:]
+    turn = []
+    for axis in jnp.eye(3):
+        cross = jnp.cross(v, jnp.broadcast_to(axis, v.shape))
+        turn.append(jnp.broadcast_to(axis, v.shape) + 2 * w * cross + 2 * jnp.cross(v, cross))
+    turn = jnp.stack(turn, axis=-1)
+
+    def one(ray):
+        if len(motion.time) == 1:
+            mean, frame = g.mean[0], jnp.swapaxes(turn[0], -1, -2) / g.scale[0][:, :, None]
+        else:
+            shares = jnp.stack(
+                [jnp.interp(ray.time, motion.time, row) for row in jnp.eye(len(motion.time))]
+            )
+            mean = jnp.einsum("k,kni->ni", shares, g.mean)
+            axes = jnp.einsum("k,knij->nij", shares, turn * g.scale[..., None, :])
+            # The inverse by cross products compiles in a fraction of the time of LAPACK's.
+            a, b, c = jnp.moveaxis(axes, -1, 0)
+            rows = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)], axis=1)
+            frame = rows / jnp.sum(a * rows[:, 0], axis=-1)[:, None, None]
+        o = jnp.einsum("nij,nj->ni", frame, ray.origin[None] - mean)
+        real = jnp.any(ray.direction != 0)
+        direction = jnp.where(real, ray.direction, jnp.ones(3))
+        d = jnp.einsum("nij,j->ni", frame, direction)
+        square = jnp.sum(d * d, axis=-1)
+        t = -jnp.sum(o * d, axis=-1) / square
+        raw = g.opacity * jnp.exp(-0.5 * jnp.sum(jnp.cross(o, d) ** 2, axis=-1) / square)
+        met = (t > 0) & (raw > alpha_min) & real
+        order = jnp.argsort(jax.lax.stop_gradient(jnp.where(met, t, jnp.inf)))
+        alpha = jnp.where(met, jnp.minimum(raw, alpha_max), 0)[order]
+        clear = jnp.cumprod(jnp.concatenate([jnp.ones(1), 1 - alpha]))
+        weight = alpha * clear[:-1]
+        color = radiance(jnp.moveaxis(g.harmonics, 0, -1), direction[:, None]).T[order]
+        return weight @ color, clear[-1], weight @ t[order]
+
+    return jax.lax.map(one, rays, batch_size=16)

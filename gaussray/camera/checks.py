@@ -17,9 +17,9 @@ def require(
     """
     if isinstance(value, Tracer):
         return
-    known = np.asarray(value)
-    if not np.all(holds(known)):
-        raise ValueError(f"{key} must be {rule}, got {known.tolist()}. {remedy}".rstrip())
+    array = np.asarray(value)
+    if not np.all(holds(array)):
+        raise ValueError(f"{key} must be {rule}, got {array.tolist()}. {remedy}".rstrip())
 
 
 def known(*values: Any) -> bool:

@@ -17,7 +17,7 @@ _C3 = (
 )
 
 
-def basis(direction: Float[Array, "3 *rays"], coefficients: int) -> list[Float[Array, "*rays"]]:
+def basis(direction: Float[Array, " 3 *rays"], coefficients: int) -> list[Float[Array, "*rays"]]:
     """The first 1, 4, 9 or 16 real harmonics Y(direction), in the order and sign of 3DGS.
 
     Components come first, so everything is elementwise over the trailing axes.
@@ -50,8 +50,8 @@ def basis(direction: Float[Array, "3 *rays"], coefficients: int) -> list[Float[A
 
 
 def radiance(
-    harmonics: Float[Array, "coefficients 3 *hits"], direction: Float[Array, "3 *rays"]
-) -> Float[Array, "3 *hits"]:
+    harmonics: Float[Array, "coefficients 3 *hits"], direction: Float[Array, " 3 *rays"]
+) -> Float[Array, " 3 *hits"]:
     """Linear-light colour seen along a unit direction: max(0, 1/2 + sum_i c_i Y_i(direction)).
 
     As in 3DGRT the direction is the ray's own, not the one from the camera to the Gaussian's mean.

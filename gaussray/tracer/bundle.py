@@ -21,12 +21,13 @@ class Bundles(eqx.Module):
     """Half-spaces n.x >= offset that hold every ray of a bundle, and the keys its times touch.
 
     Four sides and a near plane. They are taken from the rays themselves, so lens radius, a moving
-    camera and any lens are bounded without being known. A bundle without rays holds nothing.
+    camera and any lens are bounded without being known. A bundle without rays holds nothing; rays
+    that are not finite are none.
     """
 
-    normal: Float[Array, "bundles 5 3"]
-    offset: Float[Array, "bundles 5"]
-    active: Bool[Array, "bundles keys"]
+    normal: Float[Array, "*bundles 5 3"]
+    offset: Float[Array, "*bundles 5"]
+    active: Bool[Array, "*bundles keys"]
 
 
 def bound(rays: Rays, key_time: Float[Array, " keys"]) -> Bundles:
@@ -36,7 +37,9 @@ def bound(rays: Rays, key_time: Float[Array, " keys"]) -> Bundles:
 
 def _bound_one(rays: Rays, key_time: Array) -> Bundles:
     d, o = rays.direction, rays.origin
-    real = jnp.any(d != 0, axis=-1)
+    real = jnp.any(d != 0, axis=-1) & jnp.isfinite(rays.time)
+    real = real & jnp.all(jnp.isfinite(d) & jnp.isfinite(o), axis=-1)
+    d, o = (jnp.where(real[:, None], x, 0) for x in (d, o))
     some = jnp.any(real)
     axis = normalize(jnp.sum(d, axis=0))
     # The side from the first to the middle ray of the bundle's first run follows the pixel rows.
@@ -65,7 +68,9 @@ def _bound_one(rays: Rays, key_time: Array) -> Bundles:
     offset = jnp.min(reach, axis=1) - slack * magnitude
     earliest = jnp.min(jnp.where(real, rays.time, jnp.inf))
     latest = jnp.max(jnp.where(real, rays.time, -jnp.inf))
-    return Bundles(normal, jnp.where(some, offset, jnp.inf), active_keys(key_time, earliest, latest))
+    return Bundles(
+        normal, jnp.where(some, offset, jnp.inf), active_keys(key_time, earliest, latest)
+    )
 
 
 def _row_end(count: int) -> int:
@@ -109,8 +114,8 @@ def coherent_order(rays: Rays) -> Int[Array, " rays"]:
     direction: enough for bundles of rays that came in any order.
     """
     d = jnp.clip((rays.direction + 1) * 0.5, 0, 1)
-    low = jnp.min(rays.origin, axis=0)
-    span = jnp.max(rays.origin, axis=0) - low
+    low = jnp.min(rays.origin, axis=0, keepdims=True)
+    span = jnp.max(rays.origin, axis=0, keepdims=True) - low
     o = jnp.where(span > 0, (rays.origin - low) / jnp.where(span > 0, span, 1), 0)
     coarse = morton((d * 7.999).astype(jnp.int32))
     place = morton((o * 7.999).astype(jnp.int32))

@@ -16,10 +16,10 @@ class Pixels(eqx.Module):
 
 
 def composite(
-    alpha: Float[Array, "k *rays"],
-    t: Float[Array, "k *rays"],
+    alpha: Float[Array, " k *rays"],
+    t: Float[Array, " k *rays"],
     payload: Float[Array, "channels k *rays"],
-) -> tuple[Float[Array, "channels *rays"], Float[Array, "*rays"]]:
+) -> tuple[Float[Array, " channels *rays"], Float[Array, "*rays"]]:
     """Front to back: sum_i weight_i payload_i and the transmittance, for hits in any order.
 
     weight_i = alpha_i prod_{j before i} (1 - alpha_j), where `before` compares the exact distances

@@ -7,7 +7,7 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.scene.gaussians import axes
 from gaussray.tracer.bundle import morton
-from gaussray.tracer.motion import Motion
+from gaussray.tracer.motion import Motion, usable
 from gaussray.tracer.response import reach
 
 
@@ -22,7 +22,7 @@ class Grid(eqx.Module):
     from small ones (size classes a factor 16 apart), so that one huge Gaussian does not inflate the
     box of a crowd of tiny ones. Equal runs instead of equal cubes: a cell holds the same number
     however they crowd, so everything in one cube costs no more than an even spread, and nothing
-    needs a capacity. `index` is padded with -1; `dropped` counts Gaussians that are not finite.
+    needs a capacity. `index` is padded with -1; `dropped` counts Gaussians that are not `usable`.
     """
 
     index: Int[Array, "cells occupancy"]
@@ -47,8 +47,8 @@ def build(motion: Motion, *, alpha_min: float) -> Grid:
     half = jnp.sqrt(jnp.sum(support * support, axis=-1)) * (1 + 8 * eps) + 4 * eps * jnp.abs(g.mean)
     lower = jnp.min(g.mean - half, axis=0)
     upper = jnp.max(g.mean + half, axis=0)
-    finite = jnp.all(jnp.isfinite(lower) & jnp.isfinite(upper), axis=-1) & jnp.isfinite(g.opacity)
-    kept = finite & (radius > 0)
+    fine = usable(g)
+    kept = fine & (radius > 0)
     order = jnp.argsort(_place(lower, upper, kept))
     cells = max(-(-g.count // OCCUPANCY), 1)
     padding = cells * OCCUPANCY - g.count
@@ -57,8 +57,10 @@ def build(motion: Motion, *, alpha_min: float) -> Grid:
     there = (index >= 0)[..., None]
     take = jnp.maximum(index, 0)
     empty = g.count == 0
-    pick = (lambda x: jnp.zeros((*take.shape, *x.shape[1:]), x.dtype)) if empty else (
-        lambda x: x[take]
+    pick = (
+        (lambda x: jnp.zeros((*take.shape, *x.shape[1:]), x.dtype))
+        if empty
+        else (lambda x: x[take])
     )
     return Grid(
         index=index,
@@ -66,7 +68,7 @@ def build(motion: Motion, *, alpha_min: float) -> Grid:
         axes=jax.vmap(pick)(support),
         lower=jnp.min(jnp.where(there, pick(lower), jnp.inf), axis=1),
         upper=jnp.max(jnp.where(there, pick(upper), -jnp.inf), axis=1),
-        dropped=jnp.sum(~finite),
+        dropped=jnp.sum(~fine, dtype=jnp.int32),
     )
 
 
@@ -76,7 +78,7 @@ def _place(lower: Array, upper: Array, kept: Array) -> Int[Array, " gaussians"]:
     low = jnp.min(jnp.where(kept[:, None], center, jnp.inf), axis=0, initial=jnp.inf)
     high = jnp.max(jnp.where(kept[:, None], center, -jnp.inf), axis=0, initial=-jnp.inf)
     span = jnp.maximum(jnp.max(high - low), jnp.finfo(center.dtype).tiny)
-    cell = jnp.clip((center - low) / span * 511, 0, 511)
+    cell = jnp.clip((center - low[None]) / span * 511, 0, 511)
     cell = jnp.where(kept[:, None], cell, 0).astype(jnp.int32)
     # Classes a factor 16 apart around the typical size: within a class the order is spatial.
     octave = jnp.log2(jnp.where(kept, jnp.max(upper - lower, axis=-1), 1))

@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from gaussray.scene.gaussians import Gaussians, axes, whitening
 
@@ -63,25 +63,51 @@ def active_keys(
     return (before <= latest) & (after >= earliest)
 
 
-def table(motion: Motion) -> Float[Array, "gaussians columns"]:
+def usable(gaussians: Gaussians) -> Bool[Array, " gaussians"]:
+    """Which Gaussians can be traced: all values finite at all keys, and scales whose inverse is."""
+    g = gaussians
+    per_key = jnp.concatenate([g.mean, g.quat, g.scale, 1 / g.scale], axis=-1)
+    fine = jnp.all(jnp.isfinite(per_key), axis=(0, -1)) & jnp.all(g.scale > 0, axis=(0, -1))
+    return fine & jnp.isfinite(g.opacity) & jnp.all(jnp.isfinite(g.harmonics), axis=(1, 2))
+
+
+def table(motion: Motion) -> Float[Array, "rows columns"]:
     """All that shading needs of a Gaussian in one row: frame and mean at each key, opacity, colour.
 
     A single key stores A = S^-1 R^T (nothing to invert later); several keys store F = R S, whose
-    interpolation is inverted per ray. Columns: keys x (9 + 3), opacity, harmonics.
+    interpolation is inverted per ray. Columns: keys x (9 + 3), opacity, harmonics. A last row, of
+    an ordinary Gaussian, is for slots without a hit; Gaussians that are not `usable` become such
+    too, so that neither their values nor their gradients spread.
     """
-    g = motion.gaussians
+    g = _ordinary(motion.gaussians)
     frame = whitening if motion.keys == 1 else axes
     matrix = frame(g.quat, g.scale)
     state = jnp.concatenate([matrix.reshape(*matrix.shape[:2], 9), g.mean], axis=-1)
     state = jnp.moveaxis(state, 0, 1).reshape(g.count, motion.keys * 12)
-    return jnp.concatenate(
-        [state, g.opacity[:, None], g.harmonics.reshape(g.count, -1)], axis=1
+    return jnp.concatenate([state, g.opacity[:, None], g.harmonics.reshape(g.count, -1)], axis=1)
+
+
+def _ordinary(g: Gaussians) -> Gaussians:
+    """One more Gaussian, whose values are all 1, which also replaces those that are not usable."""
+    fine = jnp.pad(usable(g), (0, 1))
+
+    def replace(x: Array, axis: int) -> Array:
+        padding = [(0, 1) if i == axis else (0, 0) for i in range(x.ndim)]
+        shape = [-1 if i == axis else 1 for i in range(x.ndim)]
+        return jnp.where(fine.reshape(shape), jnp.pad(x, padding), 1)
+
+    return Gaussians(
+        mean=replace(g.mean, 1),
+        quat=replace(g.quat, 1),
+        scale=replace(g.scale, 1),
+        opacity=replace(g.opacity, 0),
+        harmonics=replace(g.harmonics, 0),
     )
 
 
 def state_at(
-    row: list[Float[Array, "*hits"]], weights: Float[Array, "keys *rays"]
-) -> tuple[list[Float[Array, "*hits"]], list[Float[Array, "*hits"]]]:
+    row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
+) -> tuple[list[Float[Array, "*both"]], list[Float[Array, "*both"]]]:
     """Gaussians (a row of `table`, column by column) at the times of their rays: the nine entries
     of A, row by row, and the mean."""
     keys = weights.shape[0]

@@ -6,7 +6,7 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.scene.harmonics import radiance
@@ -179,11 +179,11 @@ def _march(table, origin, direction, weights, lists, options, keys, bits):
     """All bundles, in groups of similar list length: channels (red, green, blue, depth), T, hits.
 
     Backward (custom because the number of rounds is only known at run time, and to keep nothing
-    but the result): the rounds are walked again front to back. With round r contributing
+    but the result and the hits of the first round, mostly the only one): the rounds are walked again front to back. With round r contributing
     T_r L_r to the sum and T_{r+1} = T_r tau_r, dL_r = T_r g and
     dtau_r = (g . (total - sum up to r) + g_T T_end) / tau_r; shading is then differentiated by JAX.
     """
-    return _forward(table, origin, direction, weights, lists, options, keys, bits)
+    return _forward(table, origin, direction, weights, lists, options, keys, bits)[0]
 
 
 def _forward(table, origin, direction, weights, lists, options, keys, bits):
@@ -194,29 +194,42 @@ def _forward(table, origin, direction, weights, lists, options, keys, bits):
         listed = _list_keys(geometry, one, lists[0], options, keys, bits)
 
         def body(state):
-            channels, transmittance, after, hits, _ = state
-            index, there, last, full = _round(listed, one, lists[0], after, options, bits)
+            (channels, transmittance, after, hits, _), first = state
+            found = _round(listed, one, lists[0], after, options, bits)
+            index, there, last, full = found
             rows = _components(table, index)
             local, tau = _shade(rows, one["o"], one["d"], one["w"], there, options)
-            channels = channels + transmittance * local
+            channels = channels + transmittance[None] * local
             transmittance = transmittance * tau
             going = full & (transmittance > options.transmittance_min)
             after = jnp.where(going, last, _END[last.dtype])
-            return channels, transmittance, after, hits + jnp.sum(there, axis=0), jnp.any(going)
+            beginning = jnp.all(hits == 0)
+            first = jax.tree.map(lambda new, old: jnp.where(beginning, new, old), found, first)
+            hits = hits + jnp.sum(there, axis=0, dtype=jnp.int32)
+            return (channels, transmittance, after, hits, jnp.any(going)), first
 
-        final = jax.lax.while_loop(lambda s: s[4], body, _start(one, table.dtype))
-        return final[0], final[1], final[3]
+        start = _start(one, table.dtype)
+        shape = (options.k, *start[1].shape)
+        nothing = (
+            jnp.full(shape, -1, jnp.int32),
+            jnp.zeros(shape, bool),
+            start[2],
+            jnp.zeros(start[1].shape, bool),
+        )
+        final, first = jax.lax.while_loop(lambda s: s[0][4], body, (start, nothing))
+        return (final[0], final[1], final[3]), first
 
-    return restore(jax.lax.map(group, groups))
+    results, first = jax.lax.map(group, groups)
+    return restore(results), first
 
 
 def _march_forward(table, origin, direction, weights, lists, options, keys, bits):
-    out = _forward(table, origin, direction, weights, lists, options, keys, bits)
-    return out, (table, origin, direction, weights, lists, out[0], out[1])
+    out, first = _forward(table, origin, direction, weights, lists, options, keys, bits)
+    return out, (table, origin, direction, weights, lists, out[0], out[1], first)
 
 
 def _march_backward(options, keys, bits, saved, cotangent):
-    table, origin, direction, weights, lists, total, end = saved
+    table, origin, direction, weights, lists, total, end, first = saved
     g_channels, g_end, _ = cotangent
     groups, restore = _groups(origin, direction, weights, lists, options)
     geometry = _geometry(table, keys, options)
@@ -225,39 +238,48 @@ def _march_backward(options, keys, bits, saved, cotangent):
     )
 
     def group(d_table, one):
-        one, more = one
-        listed = _list_keys(geometry, one, lists[0], options, keys, bits)
+        one, more, first = one
 
-        def body(state):
-            channels, transmittance, after, hits, d_table, d_rays, _ = state
-            index, there, last, full = _round(listed, one, lists[0], after, options, bits)
+        def shade_back(state, found):
+            channels, transmittance, _, d_table, d_rays, _ = state
+            index, there, last, full = found
             rows = _components(table, index)
             (local, tau), pull = jax.vjp(
                 lambda rows, o, d, w: _shade(rows, o, d, w, there, options),
                 rows, one["o"], one["d"], one["w"],
             )
-            channels = channels + transmittance * local
+            channels = channels + transmittance[None] * local
             rest = jnp.sum(more["g"] * (more["total"] - channels), axis=0)
             rest = rest + more["g_end"] * more["end"]
             live = tau > jnp.finfo(tau.dtype).tiny
             d_tau = jnp.where(live, rest / jnp.where(live, tau, 1), 0)
-            d_rows, d_o, d_d, d_w = pull((transmittance * more["g"], d_tau))
+            d_rows, d_o, d_d, d_w = pull((transmittance[None] * more["g"], d_tau))
             d_rows = jnp.stack(d_rows, axis=-1)
-            # Rays that are done and empty slots carry zeros; they land on row 0 harmlessly.
+            # Rays that are done and empty slots carry zeros, to the row of nothing.
             d_table = d_table.at[index.reshape(-1)].add(d_rows.reshape(-1, d_rows.shape[-1]))
             d_rays = jax.tree.map(jnp.add, d_rays, (d_o, d_d, d_w))
             transmittance = transmittance * tau
             going = full & (transmittance > options.transmittance_min)
             after = jnp.where(going, last, _END[last.dtype])
-            return channels, transmittance, after, hits, d_table, d_rays, jnp.any(going)
+            return channels, transmittance, after, d_table, d_rays, jnp.any(going)
 
-        start = _start(one, table.dtype)
+        def further_rounds(state):
+            listed = _list_keys(geometry, one, lists[0], options, keys, bits)
+
+            def body(state):
+                found = _round(listed, one, lists[0], state[2], options, bits)
+                return shade_back(state, found)
+
+            return jax.lax.while_loop(lambda s: s[5], body, state)
+
+        channels, transmittance, after, _, going = _start(one, table.dtype)
         zeros = jax.tree.map(jnp.zeros_like, (one["o"], one["d"], one["w"]))
-        state = (*start[:4], d_table, zeros, start[4])
-        final = jax.lax.while_loop(lambda s: s[6], body, state)
-        return final[4], final[5]
+        state = (channels, transmittance, after, d_table, zeros, going)
+        state = shade_back(state, first)
+        final = jax.lax.cond(state[5], further_rounds, lambda state: state, state)
+        return final[3], final[4]
 
-    d_table, d_rays = jax.lax.scan(group, jnp.zeros_like(table), (groups, extra))
+    d_table, d_rays = jax.lax.scan(group, jnp.zeros_like(table), (groups, extra, first))
     return (d_table, *restore(d_rays), None)
 
 
@@ -339,7 +361,8 @@ def _list_keys(geometry, one, index, options, keys, bits):
     kind = jnp.int64 if o.dtype == jnp.float64 else jnp.int32
     shape = (-(-(1 << bits) // options.chunk), options.chunk, *o.shape[2:])
 
-    def fill(i, kept):
+    def fill(i, state):
+        kept, low, high = state
         slot = i * options.chunk + lanes
         place = one["start"][None, :] + slot[:, None]
         rows = geometry[jnp.maximum(index.at[place].get(mode="clip"), 0)]
@@ -347,11 +370,23 @@ def _list_keys(geometry, one, index, options, keys, bits):
         listed = slot[:, None] < one["count"][None, :]
         t, q = response(*state_at(row, w), o, d)
         met = listed[..., None] & (q < row[-1]) & (t > 0)
-        key = pack(t, jnp.broadcast_to(slot[:, None, None], t.shape), bits)
-        return kept.at[i].set(jnp.where(met, key, _END[key.dtype]))
+        order = jax.lax.bitcast_convert_type(t, kind)
+        order = jnp.where(met, order, end)
+        low = jnp.minimum(low, jnp.min(order, axis=0))
+        high = jnp.maximum(high, jnp.max(jnp.where(met, order, 0), axis=0))
+        return kept.at[i].set(order), low, high
+
+    def finish(i, kept):
+        slot = (i * options.chunk + lanes)[:, None, None]
+        order = kept[i]
+        key = pack(order, slot, low[None], high[None], bits)
+        return kept.at[i].set(jnp.where(order == end, end, key))
 
     chunks = -(-jnp.max(one["count"]) // options.chunk)
-    return jax.lax.fori_loop(0, chunks, fill, jnp.empty(shape, kind)), chunks
+    end = _END[jnp.dtype(kind)]
+    empty = (jnp.empty(shape, kind), jnp.full(shape[2:], end, kind), jnp.zeros(shape[2:], kind))
+    kept, low, high = jax.lax.fori_loop(0, chunks, fill, empty)
+    return jax.lax.fori_loop(0, chunks, finish, kept), chunks
 
 
 def _round(listed, one, index, after, options, bits):
@@ -361,7 +396,8 @@ def _round(listed, one, index, after, options, bits):
     there = kept != _END[kept.dtype]
     slot = jnp.where(there, kept & ((1 << bits) - 1), 0).astype(jnp.int32)
     place = one["start"][None, :, None] + slot
-    hits = jnp.where(there, index.at[place].get(mode="clip"), 0)
+    # The last row of the table is harmless: nothing that an empty slot shades can overflow.
+    hits = jnp.where(there, index.at[place].get(mode="clip"), -1)
     return hits, there, kept[-1], there[-1]
 
 

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.tracer.bundle import FAN, Bundles
-from gaussray.tracer.grid import OCCUPANCY, Grid
+from gaussray.tracer.grid import Grid
 
 
 class Capacity(eqx.Module):
@@ -62,16 +62,11 @@ def _keep(mask: Array, size: int, *values: Array) -> tuple[list[Array], Array]:
     """The entries under the mask, in order, in `size` places; places left over hold -1."""
     rank = jnp.cumsum(mask, dtype=jnp.int32)
     place = jnp.where(mask, rank - 1, size)
-    kept = [
-        jnp.full(size, -1, jnp.int32).at[place].set(v, mode="drop")
-        for v in values
-    ]
+    kept = [jnp.full(size, -1, jnp.int32).at[place].set(v, mode="drop") for v in values]
     return kept, rank[-1]
 
 
-def _refine(
-    grid: Grid, bounds: Bundles, pair: list[Array], size: int
-) -> tuple[list[Array], Array]:
+def _refine(grid: Grid, bounds: Bundles, pair: list[Array], size: int) -> tuple[list[Array], Array]:
     """(parent, cell) pairs -> (child, cell) pairs, ordered by child without sorting.
 
     A child's place is the start of its run, known from counts, plus its rank among the pairs of its
@@ -79,7 +74,7 @@ def _refine(
     """
     parent, cell = pair
     real = parent >= 0
-    child = jnp.maximum(parent, 0)[:, None] * FAN + jnp.arange(FAN, dtype=jnp.int32)
+    child = jnp.maximum(parent, 0)[:, None] * FAN + jnp.arange(FAN, dtype=jnp.int32)[None]
     lower = grid.lower[jnp.maximum(cell, 0)]
     upper = grid.upper[jnp.maximum(cell, 0)]
     bundle = jax.tree.map(lambda x: x[child], bounds)
@@ -99,7 +94,7 @@ def _refine(
         jnp.full(size, -1, jnp.int32).at[place].set(v.reshape(-1), mode="drop")
         for v in (child, jnp.broadcast_to(cell[:, None], child.shape))
     ]
-    return kept, jnp.sum(count)
+    return kept, jnp.sum(count, dtype=jnp.int32)
 
 
 def _gather(
@@ -118,30 +113,28 @@ def _gather(
     (index,), pairs = _keep(mask.reshape(-1), capacity.pairs, index.reshape(-1))
     bundles = bounds.offset.shape[0]
     total = jnp.pad(jnp.cumsum(jnp.sum(mask, 1, dtype=jnp.int32), dtype=jnp.int32), (1, 0))
-    edge = jnp.searchsorted(
-        jnp.where(bundle >= 0, bundle, bundles), jnp.arange(bundles + 1)
-    )
+    edge = jnp.searchsorted(jnp.where(bundle >= 0, bundle, bundles), jnp.arange(bundles + 1))
     edge = total[edge]
     start, count = edge[:-1], edge[1:] - edge[:-1]
     longest = jnp.max(count)
-    fits = jnp.minimum(jnp.clip(capacity.pairs - start, 0, count), capacity.slots)
     sizes = jnp.stack([*needed, pairs, longest])
     held = jnp.asarray([*capacity.cells, capacity.pairs], jnp.int32)
-    lost = jnp.sum(jnp.maximum(sizes[:-1] - held, 0))
-    lost = lost + jnp.sum(jnp.minimum(jnp.clip(capacity.pairs - start, 0, count), count) - fits)
-    return Candidates(index, start, fits, sizes, lost)
+    there = jnp.clip(capacity.pairs - start, 0, count)
+    fits = jnp.minimum(there, capacity.slots)
+    lost = jnp.sum(jnp.maximum(sizes[:-1] - held, 0)) + jnp.sum(there - fits)
+    return Candidates(index, start, fits, sizes, lost.astype(jnp.int32))
 
 
 def _touches_box(bundle: Bundles, lower: Array, upper: Array) -> Bool[Array, "*batch"]:
     """False where the box lies outside one of the bundle's half-spaces."""
-    inside = None
+    inside = jnp.array(True)
     for i in range(5):
         n = bundle.normal[..., i, :]
         farthest = sum(
             jnp.maximum(n[..., a] * lower[..., a], n[..., a] * upper[..., a]) for a in range(3)
         )
         side = farthest >= bundle.offset[..., i]
-        inside = side if inside is None else inside & side
+        inside = inside & side
     return inside
 
 
@@ -153,7 +146,7 @@ def _touches_ellipsoid(
     Its support along n is n.c + |F^T n|. The maximum over the keys bounds every time between them
     (see `motion.Motion`).
     """
-    inside = None
+    inside = jnp.array(True)
     for i in range(5):
         n = bundle.normal[i]
         along = sum(n[a] * center[:, a] for a in range(3))
@@ -163,7 +156,7 @@ def _touches_ellipsoid(
             squared = squared + part * part
         support = jnp.where(bundle.active, along + jnp.sqrt(squared), -jnp.inf)
         side = jnp.max(support) >= bundle.offset[i]
-        inside = side if inside is None else inside & side
+        inside = inside & side
     return inside
 
 
@@ -173,7 +166,7 @@ def nearest(
     after: Int[Array, "*rays"],
     *,
     k: int,
-) -> Int[Array, "k *rays"]:
+) -> Int[Array, " k *rays"]:
     """The k smallest keys beyond `after` on every ray, smallest first; none left = the largest int.
 
     The first `chunks` chunks of the keys are inserted one by one:
@@ -193,10 +186,23 @@ def nearest(
     return jax.lax.fori_loop(0, chunks, chunk, jnp.full((k, *after.shape), none, after.dtype))
 
 
-def pack(t: Float[Array, "*rays"], slot: Int[Array, "*rays"], bits: int) -> Int[Array, "*rays"]:
-    """One integer that sorts by distance: the float bits of t > 0 with the low `bits` replaced by
-    the slot. Distances that agree to 2^(bits - 23) (float32) are ordered by slot; shading restores
-    their exact order within a round."""
-    kind = jnp.int64 if t.dtype == jnp.float64 else jnp.int32
-    whole = jax.lax.bitcast_convert_type(t, kind)
-    return (whole & ~((1 << bits) - 1)) | slot.astype(kind)
+def pack(
+    order: Int[Array, "*hits"],
+    slot: Int[Array, "*slots"],
+    low: Int[Array, "*rays"],
+    high: Int[Array, "*rays"],
+    bits: int,
+) -> Int[Array, "*hits"]:
+    """One integer that sorts by distance and remembers the slot in its low `bits`.
+
+    `order` holds the float bits of t > 0, which sort as t does, between `low` and `high` on this
+    ray. Their difference is stretched over all the bits there are before the low ones are given to
+    the slot, so distances are told apart to about (high - low) 2^(bits - 29) in float32, however
+    far away they lie. Closer ones are ordered by slot; shading restores their exact order within a
+    round.
+    """
+    # Two bits stay free: the sign, and one that keeps every key below the largest integer.
+    shift = jnp.maximum(jax.lax.clz(jnp.maximum(high - low, 0)) - 2, 0)
+    # The bounds may be compiled apart from the distances, and differ by their rounding.
+    above = jnp.clip(order, low, high) - low
+    return ((above << shift) & ~((1 << bits) - 1)) | slot.astype(order.dtype)

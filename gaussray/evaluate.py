@@ -1,0 +1,224 @@
+"""Our pictures against the truth, effect by effect, through the recorded cameras."""
+
+import importlib.metadata
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Bool
+
+from gaussray.atomic import whole
+from gaussray.camera.camera import Camera
+from gaussray.camera.film import pixel_grid
+from gaussray.capture.calibration import Capture, View
+from gaussray.capture.frames import read_encoded
+from gaussray.dataset.images import codes, contact_sheet, side_by_side, write_image
+from gaussray.dataset.metrics import moving_mask, psnr, ssim
+from gaussray.progress import Progress
+from gaussray.render import Renderer, RenderOptions
+from gaussray.scene.scene import Scene
+from gaussray.tracer.trace import TraceOptions
+
+
+class EvaluateOptions(eqx.Module):
+    """Which pictures are scored and how finely they are sampled.
+
+    `split` is train, test or all. At most `frames` pictures per effect, evenly spread (0 = all).
+    Rays per pixel by effect: `pinhole`, `rolling_shutter`, `fisheye`, `depth_of_field`; other
+    effects take `other`. `images` writes truth, ours and the difference side by side.
+    """
+
+    split: str = eqx.field(static=True, default="test")
+    frames: int = eqx.field(static=True, default=0)
+    pinhole: int = eqx.field(static=True, default=1)
+    rolling_shutter: int = eqx.field(static=True, default=1)
+    fisheye: int = eqx.field(static=True, default=4)
+    depth_of_field: int = eqx.field(static=True, default=16)
+    other: int = eqx.field(static=True, default=16)
+    images: bool = eqx.field(static=True, default=True)
+
+    def __check_init__(self):
+        if self.split not in ("train", "test", "all"):
+            raise ValueError(f"evaluate.split must be train, test or all, got {self.split!r}.")
+        for name in ("pinhole", "rolling_shutter", "fisheye", "depth_of_field", "other"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"evaluate.{name} must be at least 1, got {getattr(self, name)}.")
+        if self.frames < 0:
+            raise ValueError(f"evaluate.frames must be at least 0, got {self.frames}.")
+
+    def samples(self, effect: str) -> int:
+        """Rays per pixel of an effect."""
+        known = ("pinhole", "rolling_shutter", "fisheye", "depth_of_field")
+        return getattr(self, effect if effect in known else "other")
+
+
+def evaluate(
+    scene: Scene,
+    truth: Capture,
+    out: Path | str,
+    *,
+    options: EvaluateOptions,
+    render: RenderOptions,
+    trace: TraceOptions,
+    quiet: bool = False,
+) -> dict[str, Any]:
+    """Render every listed frame with its recorded camera and score it.
+
+    Returns what is also written to `out`/report.json: PSNR and SSIM per effect (means over
+    pictures), the same inside the lens's field of view, PSNR over moving pixels, frames per second
+    without compilation. Pictures side by side go to `out`/<effect>/.
+    """
+    out = Path(out)
+    groups = {"pinhole": truth.views, **truth.effects}
+    chosen = {name: _chosen(views, options) for name, views in groups.items()}
+    chosen = {name: views for name, views in chosen.items() if views}
+    if not chosen:
+        raise ValueError(
+            f"truth={truth.folder} lists no frame of split {options.split!r}. "
+            "Choose evaluate.split=all or another folder."
+        )
+    progress = Progress("evaluate", sum(map(len, chosen.values())), quiet=quiet)
+    report: dict[str, Any] = {"frames": 0, "effects": {}}
+    sheet, done = [], 0
+    for effect, views in chosen.items():
+        samples = options.samples(effect)
+        renderer = Renderer(scene, options=_with_samples(render, samples), trace=trace)
+        moving = _moving(groups[effect])
+        rows = []
+        for view in views:
+            frame = renderer(view.camera)
+            ours, real = codes(frame.color), _codes(view)
+            rows.append(_score(real, ours, _visible(view.camera), moving.get(view.image)))
+            rows[-1]["seconds"] = None if frame.compiled else frame.seconds
+            if options.images:
+                name = f"{view.camera_name}_{view.time:.4f}.png"
+                write_image(out / effect / name, side_by_side(real, ours))
+            if len(rows) == (len(views) + 1) // 2:
+                sheet.append((effect, [real, ours, side_by_side(real, ours)[:, -real.shape[1] :]]))
+            done += 1
+            progress.report(done, f"{effect} {np.mean([r['psnr'] for r in rows]):.2f} dB")
+        report["effects"][effect] = _summary(rows, samples)
+        report["frames"] += len(views)
+    report["scene"] = scene_facts(scene)
+    report["versions"] = versions()
+    write_image(out / "contact_sheet.png", contact_sheet(sheet, least=256))
+    write_report(out / "report.json", report)
+    return report
+
+
+def _chosen(views: Sequence[View], options: EvaluateOptions) -> list[View]:
+    picked = [v for v in views if options.split in ("all", v.split)]
+    if options.frames and len(picked) > options.frames:
+        place = np.linspace(0, len(picked) - 1, options.frames).round().astype(int)
+        picked = [picked[i] for i in place]
+    return picked
+
+
+def _with_samples(render: RenderOptions, samples: int) -> RenderOptions:
+    return RenderOptions(samples=samples, keys=render.keys, chunk_rows=render.chunk_rows)
+
+
+def _codes(view: View) -> np.ndarray:
+    picture = read_encoded(view)
+    if picture.dtype == np.uint8:
+        return picture
+    return np.clip(np.round(picture * 255), 0, 255).astype(np.uint8)
+
+
+def _visible(camera: Camera) -> Bool[np.ndarray, "h w"] | None:
+    """Where the lens sees anything, less a pixel at the rim; None if that is everywhere."""
+    grid = pixel_grid(camera.film)
+    flat = grid.reshape(-1, 2).astype(camera.time.dtype) + 0.5
+    seen = np.asarray(jax.vmap(camera.lens.sees)(flat)).reshape(grid.shape[:2])
+    if seen.all():
+        return None
+    padded = np.pad(seen, 1, constant_values=True)
+    inner = seen.copy()
+    for dy in range(3):
+        for dx in range(3):
+            inner &= padded[dy : dy + seen.shape[0], dx : dx + seen.shape[1]]
+    return inner
+
+
+def _moving(views: Sequence[View]) -> dict[Path, Bool[np.ndarray, "h w"]]:
+    """Mask of what moves in each picture, from all pictures of the same camera."""
+    masks = {}
+    for name in dict.fromkeys(view.camera_name for view in views):
+        own = [view for view in views if view.camera_name == name]
+        if len(own) > 1:
+            frames = np.stack([_codes(view) for view in own])
+            masks |= dict(zip([v.image for v in own], moving_mask(frames), strict=True))
+    return masks
+
+
+def _score(real: np.ndarray, ours: np.ndarray, visible, moving) -> dict[str, Any]:
+    score: dict[str, Any] = {"psnr": psnr(real, ours), "ssim": ssim(real, ours)}
+    if visible is not None:
+        score |= {
+            "psnr_masked": psnr(real, ours, visible),
+            "ssim_masked": ssim(real, ours, visible),
+        }
+    if moving is not None and moving.any():
+        error = (real.astype(np.float64) - ours)[moving] / 255
+        score["moving"] = (float(np.sum(error**2)), error.size)
+    return score
+
+
+def _summary(rows: list[dict[str, Any]], samples: int) -> dict[str, Any]:
+    """Means over the pictures; PSNR of moving pixels from their mean squared error."""
+    summary: dict[str, Any] = {}
+    for name in ("psnr", "ssim", "psnr_masked", "ssim_masked"):
+        values = [row[name] for row in rows if name in row]
+        if values:
+            summary[name] = round(float(np.mean(values)), 4)
+    error = [row["moving"] for row in rows if "moving" in row]
+    if error:
+        mse = sum(e for e, _ in error) / sum(n for _, n in error)
+        summary["psnr_moving"] = round(-10 * float(np.log10(mse)), 4)
+    seconds = [row["seconds"] for row in rows if row["seconds"] is not None]
+    summary["fps"] = round(1 / float(np.median(seconds)), 2) if seconds else None
+    return summary | {"samples": samples, "frames": len(rows)}
+
+
+def scene_facts(scene: Scene) -> dict[str, int]:
+    """How large a scene is."""
+    size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(scene))
+    total = scene.static.count + scene.moving.count
+    return {"gaussians": total, "moving": scene.moving.count, "bytes": int(size)}
+
+
+def versions() -> dict[str, str]:
+    """What the figures were made with."""
+    names = ("gaussray", "jax", "jaxlib", "equinox", "numpy", "OpenImageIO", "scikit-image")
+    found = {name: importlib.metadata.version(name) for name in names}
+    return found | {"device": jax.devices()[0].device_kind}
+
+
+def write_report(path: Path, report: dict[str, Any]) -> None:
+    """report.json, whole or not at all."""
+    with whole(path) as partial:
+        partial.write_text(json.dumps(report, indent=2) + "\n")
+
+
+def table(report: dict[str, Any]) -> str:
+    """The effects of a report as text."""
+    head = ("effect", "PSNR", "SSIM", "masked PSNR", "masked SSIM", "moving PSNR", "FPS", "frames")
+    lines = ["{:<16}{:>8}{:>8}{:>13}{:>13}{:>13}{:>8}{:>8}".format(*head)]
+    for name, row in report["effects"].items():
+        values = [
+            _figure(row.get(key), digits)
+            for key, digits in (
+                ("psnr", 2), ("ssim", 3), ("psnr_masked", 2), ("ssim_masked", 3),
+                ("psnr_moving", 2), ("fps", 1), ("frames", 0),
+            )
+        ]  # fmt: skip
+        lines.append("{:<16}{:>8}{:>8}{:>13}{:>13}{:>13}{:>8}{:>8}".format(name, *values))
+    return "\n".join(lines)
+
+
+def _figure(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"

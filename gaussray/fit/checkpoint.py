@@ -1,0 +1,57 @@
+"""The state of an unfinished fit on disk, enough to go on bit by bit as if nothing had happened."""
+
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import optax
+
+from gaussray.fit.density import Pull
+from gaussray.fit.optimizer import Parameters
+from gaussray.fit.state import State
+from gaussray.scene.gaussians import Unconstrained
+from gaussray.scene.store import deformation_from, named, read_arrays, write_arrays
+
+
+FORMAT, VERSION = "gaussray-checkpoint", 1
+
+
+def save_checkpoint(path: Path, state: State, *, info: dict[str, Any]) -> None:
+    """Write the state, whole or not at all."""
+    header = {"format": FORMAT, "version": VERSION, "info": info}
+    write_arrays(path, header, named(state))
+
+
+def load_checkpoint(path: Path) -> tuple[State, dict[str, Any]]:
+    """Read a state and what was noted with it."""
+    header, array = read_arrays(path, FORMAT, VERSION)
+
+    def parameters(prefix: str) -> Parameters:
+        return Parameters(
+            _unconstrained(array, f"{prefix}.static"),
+            _unconstrained(array, f"{prefix}.moving"),
+            deformation_from(array, f"{prefix}.deformation", path),
+        )
+
+    def pull(name: str) -> Pull:
+        return Pull(jnp.asarray(array[f"{name}.total"]), jnp.asarray(array[f"{name}.seen"]))
+
+    adam = optax.ScaleByAdamState(
+        count=jnp.asarray(array["adam.count"]),
+        mu=parameters("adam.mu"),  # type: ignore[arg-type]
+        nu=parameters("adam.nu"),  # type: ignore[arg-type]
+    )
+    state = State(
+        parameters("parameters"),
+        adam,
+        pull("static_pull"),
+        pull("moving_pull"),
+        jnp.asarray(array["step"]),
+    )
+    return state, header["info"]
+
+
+def _unconstrained(array: dict[str, np.ndarray], prefix: str) -> Unconstrained:
+    names = ("mean", "quat", "log_scale", "logit_opacity", "harmonics")
+    return Unconstrained(*(jnp.asarray(array[f"{prefix}.{name}"]) for name in names))

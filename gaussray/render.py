@@ -1,0 +1,264 @@
+"""Stage 2: a scene and a camera in, pictures out."""
+
+import time as clock
+from collections.abc import Sequence
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh
+from jaxtyping import Array, Float, Int
+
+from gaussray.camera.camera import Camera, camera_rays
+from gaussray.camera.film import pixel_grid
+from gaussray.camera.sampling import samples as sample_numbers
+from gaussray.capture.frames import read_image
+from gaussray.dataset.images import write_image
+from gaussray.dataset.manifest import FrameRecord, write_manifest
+from gaussray.dataset.video import write_video
+from gaussray.progress import Progress
+from gaussray.scene.scene import Scene, at, at_times
+from gaussray.tracer.bundle import tiles
+from gaussray.tracer.composite import Pixels
+from gaussray.tracer.motion import Motion, still
+from gaussray.tracer.shard import mesh as device_mesh, trace_sharded
+from gaussray.tracer.trace import Report, TraceOptions, enlarge, measure
+from gaussray.tracer.traverse import Capacity
+
+
+class RenderOptions(eqx.Module):
+    """How a picture is sampled.
+
+    `samples` rays per pixel over film, lens and exposure. `keys` states of the scene across the
+    times of one frame, between which each ray moves the Gaussians to its own time; a frame whose
+    rays share one time needs and takes only one. `chunk_rows` > 0 is the paper's way instead: one
+    state for so many rows (1 = a state for every row).
+    """
+
+    samples: int = eqx.field(static=True, default=4)
+    keys: int = eqx.field(static=True, default=3)
+    chunk_rows: int = eqx.field(static=True, default=0)
+
+    def __check_init__(self):
+        if self.samples < 1:
+            raise ValueError(f"render.samples must be at least 1, got {self.samples}.")
+        if self.keys < 2:
+            raise ValueError(f"render.keys must be at least 2, got {self.keys}.")
+        if self.chunk_rows < 0:
+            raise ValueError(f"render.chunk_rows must be at least 0, got {self.chunk_rows}.")
+
+
+class Frame(eqx.Module):
+    """A finished picture: linear light, coverage (1 - transmittance) and mean distance t of what is
+    seen, with what it cost."""
+
+    color: Float[np.ndarray, "h w 3"]
+    alpha: Float[np.ndarray, "h w"]
+    depth: Float[np.ndarray, "h w"]
+    seconds: float
+    hits: int
+    compiled: bool
+
+
+@eqx.filter_jit
+def render_chunk(
+    scene: Scene,
+    camera: Camera,
+    pixel: Float[Array, "rays 2"],
+    key_time: Float[Array, " keys"],
+    *,
+    options: RenderOptions,
+    trace: TraceOptions,
+    capacity: Capacity,
+    mesh: Mesh,
+) -> tuple[Pixels, Report]:
+    """The mean over a pixel's samples: rays, the scene at their times, the trace. One sample after
+    the other, so that memory does not grow with their number."""
+    motion = _motion(scene, key_time)
+    u = sample_numbers(options.samples).astype(pixel.dtype)
+
+    def sample(u: Float[Array, "5"]) -> tuple[Pixels, Report]:
+        rays = camera_rays(camera, pixel, jnp.broadcast_to(u, (pixel.shape[0], 5)))
+        return trace_sharded(motion, rays, options=trace, capacity=capacity, mesh=mesh)
+
+    pixels, reports = jax.lax.map(sample, u)
+    mean = jax.tree.map(lambda x: jnp.mean(x, axis=0), pixels)
+    return mean, Report(
+        needed=jnp.max(reports.needed, axis=0),
+        dropped=jnp.sum(reports.dropped),
+        skipped=jnp.max(reports.skipped),
+        hits=jnp.sum(reports.hits),
+    )
+
+
+def _motion(scene: Scene, key_time: Float[Array, " keys"]) -> Motion:
+    if key_time.shape[0] == 1:
+        return still(at(scene, key_time[0]))
+    return Motion(key_time, at_times(scene, key_time))
+
+
+class Renderer:
+    """Renders frame after frame of one scene; list sizes are measured once and kept.
+
+    An overflow is caught, the sizes are raised, and the frame is rendered again: nothing is lost.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        options: RenderOptions | None = None,
+        trace: TraceOptions | None = None,
+        devices: int | None = None,
+    ):
+        self.scene = scene
+        self.options = options or RenderOptions()
+        self.trace = trace or TraceOptions()
+        self.mesh = device_mesh(devices)
+        self._capacity: dict[int, Capacity] = {}
+        self._ready: set = set()
+
+    def __call__(self, camera: Camera) -> Frame:
+        """One frame."""
+        began = clock.monotonic()
+        film = camera.film
+        if self.options.chunk_rows and _moving_times(camera)[0] < _moving_times(camera)[1]:
+            parts = [self._rows(camera, top) for top in self._tops(film.height)]
+        else:
+            order = tiles(film.width, film.height, self.trace.bundle, self.trace.levels)
+            parts = [self._part(camera, order, _key_times(camera, self.options.keys))]
+        flat = np.zeros((film.height * film.width, 5), np.float32)
+        for order, pixels, _ in parts:
+            inside = order >= 0
+            values = np.concatenate(
+                [pixels.color, pixels.transmittance[:, None], pixels.depth[:, None]], axis=1
+            )
+            flat[order[inside]] = values[inside]
+        flat = flat.reshape(film.height, film.width, 5)
+        alpha = 1 - flat[..., 3]
+        hits, fresh = sum(int(p[2][0]) for p in parts), any(p[2][1] for p in parts)
+        depth = flat[..., 4] / np.maximum(alpha, 1e-6)
+        seconds = clock.monotonic() - began
+        return Frame(flat[..., :3], alpha, depth, seconds, hits, fresh)
+
+    def _tops(self, height: int) -> Sequence[int]:
+        rows = min(self.options.chunk_rows, height)
+        return [min(top, height - rows) for top in range(0, height, rows)]
+
+    def _rows(self, camera: Camera, top: int):
+        """A chunk of rows at the mean time of its rows."""
+        film, rows = camera.film, min(self.options.chunk_rows, camera.film.height)
+        y, x = np.mgrid[top : top + rows, : film.width]
+        order = (y * film.width + x).T.reshape(-1)
+        middle = np.array([0.0, top + (rows - 1) / 2], np.float32)
+        center = jnp.full((1, 5), 0.5, jnp.float32)
+        time = camera_rays(camera, jnp.asarray(middle)[None], center).time
+        return self._part(camera, order, time)
+
+    def _part(self, camera: Camera, order: Int[np.ndarray, " slots"], key_time: Array):
+        pixel = _pixels(order, camera.film.width)
+        trace = self.trace
+        if len(order) < trace.bundle**2 * 256:
+            trace = _flat(trace)
+        size = (len(order), key_time.shape[0], jax.tree.structure(camera))
+        fresh = False
+        while True:
+            capacity = self._capacity.get(size) or self._measure(camera, pixel, key_time, trace)
+            fresh = fresh or (size, capacity) not in self._ready
+            pixels, report = render_chunk(
+                self.scene,
+                camera,
+                pixel,
+                key_time,
+                options=self.options,
+                trace=trace,
+                capacity=capacity,
+                mesh=self.mesh,
+            )
+            self._capacity[size] = capacity
+            self._ready.add((size, capacity))
+            if int(report.dropped) == 0:
+                host = jax.tree.map(np.asarray, pixels)
+                return order, host, (int(report.hits), fresh)
+            needed = [int(n) for n in report.needed]
+            self._capacity[size] = enlarge(capacity, needed, headroom=1.5)
+
+    def _measure(self, camera: Camera, pixel: Array, key_time: Array, trace: TraceOptions):
+        u = jnp.full((pixel.shape[0], 5), 0.5, pixel.dtype)
+        rays = camera_rays(camera, pixel, u)
+        motion = _motion(self.scene, key_time)
+        found = measure(motion, rays, options=trace, headroom=1.5)
+        # A device sees its share of the bundles, but any one device may get the fullest.
+        share = self.mesh.size
+        return Capacity(
+            tuple(max(-(-c * 5 // (4 * share)), 64) for c in found.cells),
+            max(-(-found.pairs * 5 // (4 * share)), 64),
+            found.slots,
+        )
+
+
+def _flat(trace: TraceOptions) -> TraceOptions:
+    values = {name: getattr(trace, name) for name in trace.__dataclass_fields__}
+    return TraceOptions(**(values | {"levels": 0}))
+
+
+def _pixels(order: np.ndarray, width: int) -> Float[Array, "slots 2"]:
+    """Indices (column, row); padding slots lie far outside and are thrown away."""
+    index = np.maximum(order, 0)
+    return jnp.asarray(np.stack([index % width, index // width], axis=-1), jnp.float32)
+
+
+def _moving_times(camera: Camera) -> tuple[float, float]:
+    """Earliest and latest time of the camera's rays."""
+    film = camera.film
+    corner = np.array([[0, 0], [film.width - 1, film.height - 1]], np.float32)
+    pixel = jnp.asarray(np.repeat(corner, 2, axis=0))
+    u = jnp.full((4, 5), 0.5).at[:, 4].set(jnp.array([0.0, 1.0, 0.0, 1.0]))
+    time = np.asarray(camera_rays(camera, pixel, u.astype(pixel.dtype)).time)
+    return float(time.min()), float(time.max())
+
+
+def _key_times(camera: Camera, keys: int) -> Float[Array, " keys"]:
+    first, last = _moving_times(camera)
+    if first == last:
+        return jnp.asarray([first], jnp.float32)
+    return jnp.linspace(first, last, keys, dtype=jnp.float32)
+
+
+def render_dataset(
+    scene: Scene,
+    records: Sequence[FrameRecord],
+    out: Path | str,
+    *,
+    options: RenderOptions,
+    trace: TraceOptions,
+    fps: float = 8.0,
+    quiet: bool = False,
+) -> Path:
+    """Write every recorded frame as a picture, each effect's manifest, and a video per camera.
+
+    The folder is a paired capture: it can be read back, reconstructed and evaluated. A picture that
+    is already there is kept, so an interrupted run goes on; delete the folder to begin anew.
+    """
+    out = Path(out)
+    render = Renderer(scene, options=options, trace=trace)
+    progress = Progress("render", len(records), quiet=quiet)
+    shown: dict[str, list[Path]] = {}
+    for done, record in enumerate(records, 1):
+        path = out / record.file_path
+        if not path.exists():
+            write_image(path, render(record.camera).color)
+        shown.setdefault(f"{record.effect}_{record.camera_name}", []).append(path)
+        progress.report(done, record.effect)
+    for effect in dict.fromkeys(record.effect for record in records):
+        name = "transforms" if effect == "pinhole" else effect
+        chosen = [record for record in records if record.effect == effect]
+        write_manifest(out / f"{name}.json", chosen)
+    for name, paths in shown.items():
+        film = next(r.camera.film for r in records if out / r.file_path == paths[0])
+        size = film.width, film.height
+        if len(paths) > 1:
+            write_video(out / f"{name}.mp4", (read_image(path, *size) for path in paths), fps)
+    return out

@@ -1,0 +1,105 @@
+"""Six planes over space and time: a compact field of features (HexPlane, 4DGaussians)."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+
+# The coordinate pairs of the planes; 3 is time.
+SPACE_PAIRS = ((0, 1), (0, 2), (1, 2))
+
+
+class Planes(eqx.Module):
+    """Feature planes xy, xz, yz and xt, yt, zt at several resolutions.
+
+    `space[s]` holds the three spatial planes of scale s, indexed [second axis, first axis];
+    `time[s]` the three of (time, axis). Positions are taken relative to the box `lower`..`upper`,
+    times to `begin`..`end`; beyond them the border value holds.
+    """
+
+    space: tuple[Float[Array, "3 side side channels"], ...]
+    time: tuple[Float[Array, "3 instants side channels"], ...]
+    lower: Float[Array, "3"]
+    upper: Float[Array, "3"]
+    begin: Float[Array, ""]
+    end: Float[Array, ""]
+
+    @property
+    def width(self) -> int:
+        """Features per position: channels x scales."""
+        return sum(plane.shape[-1] for plane in self.space)
+
+
+def initial_planes(
+    key: PRNGKeyArray,
+    lower: Float[Array, "3"],
+    upper: Float[Array, "3"],
+    time_range: tuple[float, float],
+    *,
+    sides: tuple[int, ...],
+    instants: int,
+    channels: int,
+) -> Planes:
+    """Spatial planes uniform in [0.1, 0.5], time planes 1 (as 4DGaussians): a field that is the
+    same at all times."""
+    keys = jax.random.split(key, len(sides))
+    dtype = lower.dtype
+    return Planes(
+        space=tuple(
+            jax.random.uniform(k, (3, side, side, channels), dtype, 0.1, 0.5)
+            for k, side in zip(keys, sides, strict=True)
+        ),
+        time=tuple(jnp.ones((3, instants, side, channels), dtype) for side in sides),
+        lower=lower,
+        upper=upper,
+        begin=jnp.asarray(time_range[0], dtype),
+        end=jnp.asarray(time_range[1], dtype),
+    )
+
+
+def features(
+    planes: Planes, position: Float[Array, "gaussians 3"], time: Float[Array, ""]
+) -> Float[Array, "gaussians features"]:
+    """Product of the six bilinear samples, scales side by side.
+
+    The time is the same for all positions, so each time plane is first reduced to a line.
+    """
+    unit = (position - planes.lower) / (planes.upper - planes.lower)
+    unit = jnp.clip(unit, 0, 1)
+    span = planes.end - planes.begin
+    moment = jnp.clip((time - planes.begin) / jnp.where(span > 0, span, 1), 0, 1)
+    parts = []
+    for space, instants in zip(planes.space, planes.time, strict=True):
+        product = None
+        for plane, (a, b) in zip(space, SPACE_PAIRS, strict=True):
+            sample = _bilinear(plane, unit[:, b], unit[:, a])
+            product = sample if product is None else product * sample
+        for axis in range(3):
+            row, fraction = _knot(moment, instants.shape[1])
+            table = instants[axis]
+            line = (1 - fraction) * table[row] + fraction * table[row + 1]
+            product = product * _linear(line, unit[:, axis])
+        parts.append(product)
+    return jnp.concatenate(parts, axis=-1)
+
+
+def _knot(unit: Array, count: int) -> tuple[Array, Array]:
+    """Lower knot and fraction of a position in [0, 1] among `count` knots, ends included."""
+    place = unit * (count - 1)
+    low = jnp.clip(jnp.floor(jax.lax.stop_gradient(place)).astype(jnp.int32), 0, max(count - 2, 0))
+    return low, place - low
+
+
+def _linear(line: Array, x: Array) -> Array:
+    low, fraction = _knot(x, line.shape[0])
+    return (1 - fraction)[:, None] * line[low] + fraction[:, None] * line[low + 1]
+
+
+def _bilinear(plane: Array, y: Array, x: Array) -> Array:
+    row, down = _knot(y, plane.shape[0])
+    column, right = _knot(x, plane.shape[1])
+    down, right = down[:, None], right[:, None]
+    top = (1 - right) * plane[row, column] + right * plane[row, column + 1]
+    bottom = (1 - right) * plane[row + 1, column] + right * plane[row + 1, column + 1]
+    return (1 - down) * top + down * bottom

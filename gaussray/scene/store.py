@@ -1,0 +1,138 @@
+"""Scenes on disk: one .npz file of plain arrays, versioned, written whole or not at all.
+
+Layout (version 1): `header` is a JSON text {"format": "gaussray-scene", "version": 1, ...}; every
+other entry is one array, named by its path in the `Scene`: static.mean, static.quat, static.scale,
+static.opacity, static.harmonics, the same under moving., time_range, and, if the scene moves,
+deformation.planes.space.<scale>, deformation.planes.time.<scale>, .lower .upper .begin .end,
+deformation.trunk.weight and .bias, deformation.{mean,rotation,scale}.{0,1}.{weight,bias}. No
+pickle: the file cannot carry code.
+"""
+
+import json
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from gaussray.atomic import whole
+from gaussray.scene.deformation import Deformation, Layer
+from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.planes import Planes
+from gaussray.scene.scene import Scene
+
+
+FORMAT, VERSION = "gaussray-scene", 1
+
+
+def save_scene(path: Path | str, scene: Scene, *, info: dict[str, Any] | None = None) -> None:
+    """Write a scene; `info` (anything JSON) is kept in the header."""
+    header = {"format": FORMAT, "version": VERSION, "info": info or {}}
+    write_arrays(path, header, named(scene))
+
+
+def load_scene(path: Path | str) -> Scene:
+    """Read a scene; a folder means its scene.npz."""
+    path = Path(path)
+    path = path / "scene.npz" if path.is_dir() else path
+    _, array = read_arrays(path, FORMAT, VERSION)
+    return scene_from(array, path)
+
+
+def scene_from(array: dict[str, np.ndarray], path: Path) -> Scene:
+    """The scene in a table of named arrays."""
+
+    def take(name: str) -> Array:
+        return _take(array, name, path)
+
+    def gaussians(prefix: str) -> Gaussians:
+        fields = ("mean", "quat", "scale", "opacity", "harmonics")
+        result = Gaussians(*(take(f"{prefix}.{field}") for field in fields))
+        rows = {field: getattr(result, field).shape[0] for field in fields}
+        if len(set(rows.values())) != 1:
+            raise ValueError(f"{path}: the arrays of '{prefix}' differ in length: {rows}.")
+        return result
+
+    deformation = deformation_from(array, "deformation", path)
+    return Scene(gaussians("static"), gaussians("moving"), deformation, take("time_range"))
+
+
+def deformation_from(
+    array: dict[str, np.ndarray], prefix: str, path: Path
+) -> Deformation | None:
+    """The deformation among named arrays, None if there is none."""
+    if not any(name.startswith(f"{prefix}.") for name in array):
+        return None
+
+    def take(name: str) -> Array:
+        return _take(array, f"{prefix}.{name}", path)
+
+    def layer(name: str) -> Layer:
+        return Layer(take(f"{name}.weight"), take(f"{name}.bias"))
+
+    def head(name: str) -> tuple[Layer, Layer]:
+        return layer(f"{name}.0"), layer(f"{name}.1")
+
+    scales = sum(name.startswith(f"{prefix}.planes.space.") for name in array)
+    planes = Planes(
+        space=tuple(take(f"planes.space.{i}") for i in range(scales)),
+        time=tuple(take(f"planes.time.{i}") for i in range(scales)),
+        **{k: take(f"planes.{k}") for k in ("lower", "upper", "begin", "end")},
+    )
+    return Deformation(planes, layer("trunk"), head("mean"), head("rotation"), head("scale"))
+
+
+def _take(array: dict[str, np.ndarray], name: str, path: Path) -> Array:
+    if name not in array:
+        raise ValueError(f"{path}: the array '{name}' is missing; the file is not whole.")
+    return jnp.asarray(array[name])
+
+
+def named(tree: Any, prefix: str = "") -> dict[str, np.ndarray]:
+    """Every array of a tree of modules and tuples, under its path."""
+    if tree is None:
+        return {}
+    if hasattr(tree, "shape"):
+        return {prefix: np.asarray(tree)}
+    if isinstance(tree, tuple) and not hasattr(tree, "_fields"):
+        parts = {str(i): x for i, x in enumerate(tree)}
+    elif hasattr(tree, "_fields"):
+        parts = tree._asdict()
+    else:
+        parts = vars(tree)
+    dot = f"{prefix}." if prefix else ""
+    return {k: v for name, part in parts.items() for k, v in named(part, dot + name).items()}
+
+
+def write_arrays(path: Path | str, header: dict[str, Any], array: dict[str, np.ndarray]) -> None:
+    """A versioned .npz, moved into place when complete."""
+    try:
+        with whole(path) as partial, open(partial, "wb") as file:
+            np.savez(file, header=np.array(json.dumps(header)), **array)
+    except OSError as error:
+        raise OSError(f"{path}: cannot be written: {error}") from error
+
+
+def read_arrays(
+    path: Path | str, kind: str, version: int
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Header and arrays of a file of this kind and version; anything else is one clear error."""
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file. `gaussray reconstruct` writes one.")
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            array = {name: file[name] for name in file.files}
+        header = json.loads(str(array.pop("header")))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"{path}: is not a {kind} file or is damaged ({error}).") from error
+    if header.get("format") != kind:
+        raise ValueError(f"{path}: is a {header.get('format')!r} file, not a {kind} file.")
+    if header.get("version") != version:
+        raise ValueError(
+            f"{path}: is of version {header.get('version')}, this gaussray reads version {version}. "
+            "Reconstruct the scene again or read it with the gaussray that wrote it."
+        )
+    return header, array

@@ -1,0 +1,220 @@
+"""The aperture: every sample meets the chief ray in focus; its shape and blur are Blender's."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+from gaussray.camera.aperture import Aperture, no_aperture, thin_lens
+from gaussray.geometry import normalize
+
+
+# Lengths of order 1 in double precision.
+EXACT = 1e-12
+# Means of 128 x 128 stratified samples: error about 1/(count) of the cell size.
+MEAN = 1e-3
+GRADIENT = 1e-5
+
+
+def aperture(radius=0.3, focus_distance=2.5, rotation=0.0, ratio=1.0, blades=0, focus="plane"):
+    values = (jnp.array(float(v)) for v in (radius, focus_distance, rotation, ratio))
+    return Aperture(*values, blades=blades, focus=focus)
+
+
+def grid(side):
+    """Middles of side x side cells of the unit square."""
+    axis = (jnp.arange(side) + 0.5) / side
+    return jnp.stack(jnp.meshgrid(axis, axis), -1).reshape(-1, 2)
+
+
+def rim(count):
+    """Points on the border of the unit square: the outline of the opening."""
+    t = jnp.linspace(0, 1, count)
+    zero, one = jnp.zeros(count), jnp.ones(count)
+    sides = ((t, zero), (t, one), (zero, t), (one, t))
+    return jnp.concatenate([jnp.stack(side, -1) for side in sides])
+
+
+@jax.jit
+def through(aperture, direction, u):
+    return jax.vmap(thin_lens, in_axes=(None, None, 0))(aperture, direction, u)
+
+
+SIDEWAYS = normalize(jnp.array([0.5, -0.3, 1.0]))
+BACKWARDS = normalize(jnp.array([0.5, -0.3, -0.4]))
+
+
+@pytest.mark.parametrize("blades", [0, 5])
+def test_every_lens_sample_meets_the_chief_ray_on_the_plane_of_focus(blades):
+    origin, direction = through(aperture(blades=blades), SIDEWAYS, grid(9))
+    np.testing.assert_allclose(origin[:, 2], 0)
+    at_focus = origin + direction * (2.5 / direction[:, 2:])
+    expected = np.broadcast_to(SIDEWAYS * 2.5 / SIDEWAYS[2], at_focus.shape)
+    np.testing.assert_allclose(at_focus, expected, atol=EXACT)
+    np.testing.assert_allclose(np.linalg.norm(direction, axis=-1), 1, atol=EXACT)
+
+
+@pytest.mark.parametrize("chief", [SIDEWAYS, BACKWARDS, jnp.array([0.0, 0.0, 1.0])])
+def test_every_lens_sample_meets_the_chief_ray_on_the_sphere_of_focus(chief):
+    origin, direction = through(aperture(focus="sphere"), chief, grid(9))
+    np.testing.assert_allclose(origin @ chief, 0, atol=EXACT)  # perpendicular to the chief ray
+    focus = 2.5 * chief[None] - origin
+    along = np.sum(focus * direction, axis=-1, keepdims=True)
+    np.testing.assert_allclose(along * direction, focus, atol=EXACT)
+    distance = np.linalg.norm(through(aperture(focus="sphere"), chief, rim(5))[0], axis=-1)
+    np.testing.assert_allclose(distance, 0.3, atol=EXACT)
+
+
+def test_radius_zero_is_a_pinhole():
+    for focus in ("plane", "sphere"):
+        origin, direction = through(aperture(radius=0, focus=focus), SIDEWAYS, grid(3))
+        np.testing.assert_array_equal(origin, np.zeros((9, 3)))
+        np.testing.assert_allclose(direction, np.tile(SIDEWAYS, (9, 1)), atol=EXACT)
+    np.testing.assert_array_equal(through(no_aperture(), SIDEWAYS, grid(2))[0], np.zeros((4, 3)))
+
+
+@pytest.mark.parametrize("blades", [0, 3, 6])
+def test_the_middle_sample_is_the_chief_ray(blades):
+    half = jnp.array([0.5, 0.5])
+    origin, direction = thin_lens(aperture(blades=blades, rotation=0.4), SIDEWAYS, half)
+    np.testing.assert_array_equal(origin, [0, 0, 0])
+    np.testing.assert_allclose(direction, SIDEWAYS, atol=EXACT)
+
+
+def test_focus_at_infinity_sends_parallel_rays():
+    for focus in ("plane", "sphere"):
+        _, direction = through(aperture(focus_distance=np.inf, focus=focus), SIDEWAYS, grid(4))
+        np.testing.assert_allclose(direction, np.tile(SIDEWAYS, (16, 1)), atol=EXACT)
+
+
+def test_no_ray_stays_no_ray():
+    for focus in ("plane", "sphere"):
+        _, direction = thin_lens(aperture(focus=focus), jnp.zeros(3), jnp.array([0.9, 0.2]))
+        np.testing.assert_array_equal(direction, [0, 0, 0])
+
+
+def test_the_disc_is_uniform():
+    origin, _ = through(aperture(radius=1), SIDEWAYS, grid(128))
+    square = np.sum(origin**2, axis=-1)
+    np.testing.assert_allclose(np.quantile(square, [0.25, 0.5, 0.75]), [0.25, 0.5, 0.75], atol=0.01)
+    assert square.max() <= 1
+    np.testing.assert_allclose(np.mean(origin, axis=0), 0, atol=MEAN)
+    quarter = np.mean((origin[:, 0] > 0) & (origin[:, 1] > 0))
+    np.testing.assert_allclose(quarter, 0.25, atol=MEAN)
+
+
+@pytest.mark.parametrize("blades", [3, 4, 5, 8])
+def test_the_polygon_is_uniform(blades):
+    """Second moment of a regular polygon, and equal shares of two discs inside it."""
+    origin, _ = through(aperture(radius=1, blades=blades, rotation=0.3), SIDEWAYS, grid(128))
+    square = np.sum(origin**2, axis=-1)
+    angle = 2 * np.pi / blades
+    np.testing.assert_allclose(square.mean(), (2 + np.cos(angle)) / 6, atol=MEAN)
+    np.testing.assert_allclose(np.mean(origin, axis=0), 0, atol=MEAN)
+    area = blades / 2 * np.sin(angle)
+    for r in (0.2, 0.45):  # within the inscribed circle of all of them (0.5)
+        np.testing.assert_allclose(np.mean(square < r * r), np.pi * r * r / area, atol=5 * MEAN)
+
+
+@pytest.mark.parametrize(
+    "blades, rotation, measured",
+    [(3, 0.0, 59.7), (5, 0.0, 35.8), (4, 0.0, 44.7), (6, 0.0, -29.9), (6, 0.3, -12.6)],
+)
+def test_vertices_are_where_blender_has_them(blades, rotation, measured):
+    """Angles in degrees from +x towards up, as measured in Cycles to half a degree."""
+    origin, _ = through(aperture(radius=1, blades=blades, rotation=rotation), SIDEWAYS, rim(4001))
+    x, up = origin[:, 0], -origin[:, 1]
+    distance = np.hypot(x, up)
+    np.testing.assert_allclose(distance.max(), 1, atol=1e-6)
+    np.testing.assert_allclose(distance.min(), np.cos(np.pi / blades), atol=1e-6)
+    vertex = np.degrees(np.arctan2(up, x))[distance > 1 - 1e-4]
+    period = 360 / blades
+    away = (vertex - measured + period / 2) % period - period / 2
+    assert np.abs(away).max() < 1.2  # 0.5 measured, 0.7 for points within 1e-4 of a vertex
+    expected = np.degrees(rotation + np.pi / blades)
+    away = (vertex - expected + period / 2) % period - period / 2
+    np.testing.assert_allclose(np.mean(away), 0, atol=0.2)
+
+
+@pytest.mark.parametrize("ratio, across", [(2.0, 0.5), (0.5, 2.0)])
+def test_ratio_divides_the_width_of_the_aperture(ratio, across):
+    origin, _ = through(aperture(radius=1, ratio=ratio), SIDEWAYS, rim(401))
+    np.testing.assert_allclose(np.abs(origin).max(axis=0), [across, 1, 0], atol=1e-6)
+
+
+@pytest.mark.parametrize("z", [1.0, 2.5, 6.0])
+def test_the_circle_of_confusion_is_blenders(z):
+    """Diameter f_px 2R |1/z - 1/focus| px at depth z, and 0 in focus."""
+    f_px, radius, focus = 200.0, 0.3, 2.5
+    origin, direction = through(aperture(), SIDEWAYS, rim(401))
+    at_z = origin + direction * (z / direction[:, 2:])
+    pixel = f_px * at_z[:, :2] / z
+    diameter = pixel.max(axis=0) - pixel.min(axis=0)
+    expected = f_px * 2 * radius * abs(1 / z - 1 / focus)
+    np.testing.assert_allclose(diameter, [expected, expected], rtol=1e-4, atol=1e-10)
+
+
+@jax.jit
+def ray(lens, direction):
+    return thin_lens(*jax.tree.map(jnp.asarray, (lens, direction)), jnp.array([0.8, 0.3]))
+
+
+@pytest.mark.parametrize("focus", ["plane", "sphere"])
+@pytest.mark.parametrize("blades", [0, 5])
+@pytest.mark.parametrize("chief", [SIDEWAYS, jnp.array([0.0, 0.0, 1.0]), BACKWARDS])
+def test_gradients_are_right_in_every_parameter(focus, blades, chief):
+    lens = aperture(rotation=0.3, ratio=1.2, blades=blades, focus=focus)
+
+    check_grads(ray, (lens, chief), order=1, modes=["rev"], rtol=GRADIENT)
+
+
+@jax.jit
+def gradients(lens, chiefs, corners):
+    def total(lens, chief, u):
+        origin, direction = thin_lens(lens, chief, u)
+        return jnp.sum(origin) + jnp.sum(direction)
+
+    over_u = jax.vmap(jax.grad(total, argnums=(0, 1, 2)), in_axes=(None, None, 0))
+    return jax.vmap(over_u, in_axes=(None, 0, None))(lens, chiefs, corners)
+
+
+@pytest.mark.parametrize("blades", [0, 5])
+def test_values_and_gradients_are_finite_at_the_extremes(blades):
+    corners = jnp.array([(0.0, 0.0), (1.0, 1.0), (0.0, 1.0), (0.5, 0.5), (0.5, 0.0), (0.75, 0.75)])
+    chiefs = jnp.array([(0.0, 0.0, 1.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0), (0.0, 0.0, 0.0)])
+    for focus in ("plane", "sphere"):
+        for radius in (0.0, 1e6):
+            lens = aperture(radius=radius, blades=blades, focus=focus)
+            for leaf in jax.tree.leaves(gradients(lens, chiefs, corners)):
+                assert np.isfinite(leaf).all()
+
+
+def test_single_precision_stays_single():
+    lens, chief, u = jax.tree.map(
+        lambda x: x.astype(jnp.float32), (aperture(blades=5), SIDEWAYS, grid(3))
+    )
+    assert all(x.dtype == jnp.float32 for x in through(lens, chief, u))
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"radius": -0.1}, "aperture.radius must be at least 0, got -0.1"),
+        ({"radius": np.nan}, "aperture.radius must be at least 0, got nan"),
+        ({"focus_distance": 0}, "aperture.focus_distance must be above 0, got 0"),
+        ({"rotation": np.inf}, "aperture.rotation must be finite"),
+        ({"ratio": 0}, "aperture.ratio must be above 0"),
+        ({"blades": -1}, "aperture.blades must be at least 0, got -1"),
+        ({"focus": "cone"}, "aperture.focus must be one of"),
+    ],
+)
+def test_what_is_no_aperture_is_refused_by_name(changes, message):
+    with pytest.raises(ValueError, match=message):
+        aperture(**changes)
+
+
+@pytest.mark.parametrize("blades", [1, 2])
+def test_one_or_two_blades_are_a_disc_as_in_blender(blades):
+    ours, disc = (through(aperture(blades=n), SIDEWAYS, grid(5))[0] for n in (blades, 0))
+    np.testing.assert_array_equal(ours, disc)

@@ -1,0 +1,110 @@
+"""The shutter: which row sees the scene when."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+from gaussray.camera.shutter import Shutter, global_shutter, row_number, sample_time
+
+
+RESOLUTION = (8, 6)
+# Times of order 10 in double precision.
+EXACT = 1e-14
+
+
+def shutter(row_offset=0.0, row_step=0.0, exposure=0.0, **choice):
+    return Shutter(*(jnp.array(float(v)) for v in (row_offset, row_step, exposure)), **choice)
+
+
+def time_of(shutter, column, row, u=0.5, time=3.0):
+    pixel = jnp.array([column, row])
+    return sample_time(shutter, pixel, RESOLUTION, jnp.array(time), jnp.array(u))
+
+
+@pytest.mark.parametrize("duration", [0.0, 0.1, 1.0])
+@pytest.mark.parametrize("position", [0.5, 0.0, -0.5], ids=["start", "center", "end"])
+def test_row_times_are_blenders(duration, position):
+    """t_i = F + cS + S (1 - d) ((i + 1)/H - 1/2), exposed during S d around it."""
+    frame, length, height = 3.0, 1.6, RESOLUTION[1]
+    readout = length * (1 - duration)
+    blender = shutter(
+        position * length + readout * (1 / height - 0.5), readout / height, length * duration
+    )
+    for i in range(height):
+        mean = frame + position * length + readout * ((i + 1) / height - 0.5)
+        half = length * duration / 2
+        for u, expected in ((0.0, mean - half), (0.5, mean), (1.0, mean + half)):
+            np.testing.assert_allclose(time_of(blender, 2, i, u), expected, rtol=EXACT)
+
+
+@pytest.mark.parametrize(
+    "direction, column, row, number",
+    [
+        ("top_to_bottom", 2, 0, 0),
+        ("top_to_bottom", 2, 5, 5),
+        ("bottom_to_top", 2, 5, 0),
+        ("bottom_to_top", 2, 0, 5),
+        ("left_to_right", 0, 4, 0),
+        ("left_to_right", 7, 4, 7),
+        ("right_to_left", 7, 4, 0),
+        ("right_to_left", 0, 4, 7),
+    ],
+)
+def test_rows_are_counted_along_the_direction_from_zero(direction, column, row, number):
+    rolling = shutter(0.5, 0.25, direction=direction)
+    assert row_number(rolling, jnp.array([column, row]), RESOLUTION) == number
+    np.testing.assert_allclose(time_of(rolling, column, row), 3.5 + 0.25 * number, rtol=EXACT)
+    moved = (column, 1) if "left" in direction else (1, row)
+    assert time_of(rolling, *moved) == time_of(rolling, column, row)
+
+
+def test_a_global_shutter_sees_all_rows_at_once():
+    for row in (0, 5):
+        assert time_of(global_shutter(), 3, row, u=0.9) == 3.0
+        assert time_of(global_shutter(jnp.array(0.2)), 3, row, u=0.5) == 3.0
+
+
+def test_samples_spread_evenly_over_the_exposure_around_the_row_time():
+    u = (jnp.arange(64) + 0.5) / 64
+    pixel, time = jnp.array([1.0, 2.0]), jnp.array(3.0)
+    rolling = shutter(0.1, 0.01, 0.5)
+    times = jax.vmap(lambda u: sample_time(rolling, pixel, RESOLUTION, time, u))(u)
+    np.testing.assert_allclose(np.mean(times), 3.12, rtol=EXACT)
+    np.testing.assert_allclose(np.diff(times), 0.5 / 64, rtol=1e-10)
+
+
+def test_gradients_are_right_in_every_parameter():
+    def time(shutter, time):
+        return sample_time(
+            *jax.tree.map(jnp.asarray, (shutter, jnp.array([2.0, 5.0]))),
+            RESOLUTION,
+            jnp.asarray(time),
+            jnp.array(0.9),
+        )
+
+    check_grads(time, (shutter(0.1, 0.02, 0.3), jnp.array(1.0)), order=1, modes=["rev"])
+    step = jax.grad(lambda s: time_of(s, 2, 5, u=0.9))(shutter(0.1, 0.02, 0.3))
+    np.testing.assert_allclose([step.row_offset, step.row_step, step.exposure], [1, 5, 0.4])
+
+
+def test_single_precision_stays_single():
+    single = jax.tree.map(lambda x: x.astype(jnp.float32), shutter(0.1, 0.02, 0.3))
+    for pixel in (jnp.array([1, 2]), jnp.array([1.0, 2.0], jnp.float32)):
+        time = sample_time(single, pixel, RESOLUTION, jnp.float32(1), jnp.float32(0.5))
+        assert time.dtype == jnp.float32
+
+
+@pytest.mark.parametrize(
+    "build, message",
+    [
+        (lambda: shutter(exposure=-1), "shutter.exposure must be at least 0, got -1.0"),
+        (lambda: shutter(row_step=np.nan), "shutter.row_step must be finite"),
+        (lambda: shutter(row_offset=np.inf), "shutter.row_offset must be finite"),
+        (lambda: shutter(direction="up"), "shutter.direction must be one of"),
+    ],
+)
+def test_what_is_no_shutter_is_refused_by_name(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()

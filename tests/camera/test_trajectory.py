@@ -1,0 +1,125 @@
+"""Trajectories: through their poses, straight and evenly between them, standing still outside."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+from gaussray.camera.trajectory import Trajectory, fixed, pose_at
+from gaussray.geometry import RigidTransform, normalize_quaternion, rotation_matrix
+
+
+# Coordinates of order 10 in double precision.
+EXACT = 1e-12
+GRADIENT = 1e-5
+
+
+pose_of = jax.jit(pose_at)
+matrix_of = jax.jit(rotation_matrix)
+
+
+@jax.jit
+def seen(trajectory, time):
+    trajectory, time = jax.tree.map(jnp.asarray, (trajectory, time))
+    return pose_at(trajectory, time).apply(jnp.array([0.3, -1.0, 2.0]))
+
+
+def turn(axis, angle):
+    axis = np.asarray(axis) / np.linalg.norm(axis)
+    return np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * axis])
+
+
+TIMES = jnp.array([0.0, 1.0, 3.0])
+TRAJECTORY = Trajectory(
+    TIMES,
+    jnp.array([turn((0, 0, 1), 0.2), turn((0, 0, 1), 1.0), -3 * turn((1, 2, 0), 0.7)]),
+    jnp.array([(0.0, 0.0, 0.0), (2.0, 0.0, 1.0), (2.0, 4.0, -1.0)]),
+)
+
+
+def test_poses_are_met_at_their_times():
+    for time, quat, translation in zip(TIMES, TRAJECTORY.quat, TRAJECTORY.translation, strict=True):
+        pose = pose_of(TRAJECTORY, time)
+        np.testing.assert_allclose(pose.translation, translation, atol=EXACT)
+        ours, given = matrix_of(pose.quat), matrix_of(quat)
+        np.testing.assert_allclose(ours, given, atol=EXACT)
+
+
+def test_halfway_is_half_the_way_and_half_the_turn():
+    pose = pose_of(TRAJECTORY, jnp.array(0.5))
+    np.testing.assert_allclose(pose.translation, [1, 0, 0.5], atol=EXACT)
+    np.testing.assert_allclose(pose.quat, turn((0, 0, 1), 0.6), atol=EXACT)
+
+
+def test_between_two_poses_speed_and_turn_rate_are_constant():
+    """Equal times give equal motions: pose(t)^-1 pose(t + h) is the same for all t."""
+    times = jnp.linspace(1.0, 3.0, 9)
+    poses = jax.jit(jax.vmap(pose_at, in_axes=(None, 0)))(TRAJECTORY, times)
+    matrix = np.array(matrix_of(poses.quat))
+    steps = np.einsum("nji,njk->nik", matrix[:-1], matrix[1:])
+    np.testing.assert_allclose(steps, np.broadcast_to(steps[0], steps.shape), atol=EXACT)
+    way = np.diff(poses.translation, axis=0)
+    np.testing.assert_allclose(way, np.broadcast_to(way[0], way.shape), atol=EXACT)
+
+
+def test_outside_its_times_the_camera_stands_still():
+    for time, index in ((-5.0, 0), (9.0, 2)):
+        pose = pose_of(TRAJECTORY, jnp.array(time))
+        np.testing.assert_allclose(pose.translation, TRAJECTORY.translation[index], atol=EXACT)
+        expected = matrix_of(TRAJECTORY.quat[index])
+        np.testing.assert_allclose(matrix_of(pose.quat), expected, atol=EXACT)
+
+
+def test_one_pose_is_a_fixed_camera():
+    pose = RigidTransform(jnp.array(turn((1, 0, 0), 0.3)), jnp.array([1.0, 2.0, 3.0]))
+    for time in (-1.0, 0.0, 7.0):
+        still = pose_of(fixed(pose), jnp.array(time))
+        np.testing.assert_array_equal(still.translation, pose.translation)
+        np.testing.assert_array_equal(still.quat, pose.quat)
+
+
+@pytest.mark.parametrize("time", [0.3, 2.2])
+def test_gradients_are_right_in_every_pose_and_in_time(time):
+    args = (TRAJECTORY, jnp.array(time))
+    check_grads(seen, args, order=1, modes=["rev"], rtol=GRADIENT)
+
+
+def test_gradients_are_finite_between_equal_and_opposite_orientations():
+    quat = jnp.array([(1.0, 0, 0, 0), (1.0, 0, 0, 0), (-1.0, 0, 0, 0), (0.0, 1.0, 0, 0)])
+    still = Trajectory(jnp.arange(4.0), quat, jnp.zeros((4, 3)))
+
+    def total(trajectory, time):
+        return jnp.sum(seen(trajectory, time))
+
+    times = jnp.linspace(-1, 4, 21)
+    gradient = jax.jit(jax.vmap(jax.grad(total, argnums=(0, 1)), in_axes=(None, 0)))
+    for leaf in jax.tree.leaves(gradient(still, times)):
+        assert np.isfinite(leaf).all()
+
+
+def test_single_precision_stays_single():
+    single = jax.tree.map(lambda x: x.astype(jnp.float32), TRAJECTORY)
+    pose = pose_of(single, jnp.float32(0.4))
+    assert pose.quat.dtype == pose.translation.dtype == jnp.float32
+    double = normalize_quaternion(pose_of(TRAJECTORY, jnp.array(0.4)).quat)
+    np.testing.assert_allclose(pose.quat, double, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "time, quat, message",
+    [
+        ((0.0, 2.0, 1.0), TRAJECTORY.quat, "trajectory.time must be finite and strictly incr"),
+        ((0.0, 1.0, 1.0), TRAJECTORY.quat, "trajectory.time must be finite and strictly incr"),
+        ((0.0, 1.0, np.nan), TRAJECTORY.quat, "trajectory.time must be finite and strictly incr"),
+        ((0.0, 1.0, 2.0), jnp.zeros((3, 4)), "trajectory.quat must be finite and not zero"),
+    ],
+)
+def test_what_is_no_trajectory_is_refused_by_name(time, quat, message):
+    with pytest.raises(ValueError, match=message):
+        Trajectory(jnp.array(time), quat, TRAJECTORY.translation)
+
+
+def test_an_empty_trajectory_is_refused():
+    with pytest.raises(ValueError, match="trajectory must be one quaternion"):
+        Trajectory(jnp.zeros(0), jnp.zeros((0, 4)), jnp.zeros((0, 3)))

@@ -1,0 +1,66 @@
+"""Lower layers never import upper ones, and siblings never import each other."""
+
+import ast
+import pathlib
+
+import gaussray
+
+
+PACKAGE = pathlib.Path(gaussray.__file__).parent
+LEVELS = [
+    {"geometry", "color", "atomic", "progress"},
+    {"scene", "camera"},
+    {"tracer", "capture", "fit", "dataset"},
+    {"reconstruct", "render", "evaluate", "options"},
+    {"demo"},
+    {"cli"},
+    {"__main__"},
+]
+
+
+def level(part):
+    """How high a top-level module stands; an unknown one must be given its place above."""
+    found = [i for i, parts in enumerate(LEVELS) if part in parts]
+    assert found, f"{part} has no place in LEVELS"
+    return found[0]
+
+
+def imported_parts(source):
+    """Top-level parts of gaussray that a module imports, wherever in it."""
+    names = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            names += [name.name for name in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, "imports must be absolute"
+            if node.module == "gaussray":
+                names += [f"gaussray.{name.name}" for name in node.names]
+            else:
+                names.append(node.module)
+    return [name.split(".")[1] for name in names if name.startswith("gaussray.")]
+
+
+def wrong_imports(path, source):
+    own = path.with_suffix("").parts[0]
+    return [
+        f"{path} imports {other}"
+        for other in imported_parts(source)
+        if other != own and level(other) >= level(own)
+    ]
+
+
+def test_imports_only_point_down():
+    wrong = []
+    for path in sorted(PACKAGE.rglob("*.py")):
+        inside = path.relative_to(PACKAGE)
+        if inside.parts[0] not in ("__init__.py", "conf"):
+            wrong += wrong_imports(inside, path.read_text())
+    assert not wrong, wrong
+
+
+def test_upward_and_sideways_imports_are_caught():
+    path = pathlib.PurePath("tracer/trace.py")
+    assert not wrong_imports(path, "from gaussray.camera.rays import Rays\nimport gaussray.tracer")
+    assert wrong_imports(path, "from gaussray.render import render")
+    assert wrong_imports(path, "def f():\n    import gaussray.fit.loss")
+    assert wrong_imports(path, "from gaussray import dataset")
