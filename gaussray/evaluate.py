@@ -18,6 +18,7 @@ from gaussray.capture.calibration import Capture, View
 from gaussray.capture.frames import read_encoded
 from gaussray.dataset.images import codes, contact_sheet, side_by_side, write_image
 from gaussray.dataset.metrics import moving_mask, psnr, ssim
+from gaussray.dataset.video import write_video
 from gaussray.progress import Progress
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.scene import Scene
@@ -88,7 +89,7 @@ def evaluate(
         samples = options.samples(effect)
         renderer = Renderer(scene, options=_with_samples(render, samples), trace=trace)
         moving = _moving(groups[effect])
-        rows = []
+        rows, films = [], {}
         for view in views:
             frame = renderer(view.camera)
             ours, real = codes(frame.color), _codes(view)
@@ -97,10 +98,13 @@ def evaluate(
             if options.images:
                 name = f"{view.camera_name}_{view.time:.4f}.png"
                 write_image(out / effect / name, side_by_side(real, ours))
+                films.setdefault(view.camera_name, []).append(np.hstack([real, ours]))
             if len(rows) == (len(views) + 1) // 2:
                 sheet.append((effect, [real, ours, side_by_side(real, ours)[:, -real.shape[1] :]]))
             done += 1
             progress.report(done, f"{effect} {np.mean([r['psnr'] for r in rows]):.2f} dB")
+        for camera, film in films.items():
+            write_video(out / effect / f"{camera}.mp4", film, fps=8)
         report["effects"][effect] = _summary(rows, samples)
         report["frames"] += len(views)
     report["scene"] = scene_facts(scene)

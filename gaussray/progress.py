@@ -34,7 +34,9 @@ class Progress:
         start, since = self.first
         rate = (now - since) / (done - start) if done > start else (now - self.begin) / max(done, 1)
         spent, left = now - self.begin, rate * (self.total - done)
-        text = f"{self.name} {done}/{self.total}  {note}  {_clock(spent)} spent, {_clock(left)} left"
+        text = (
+            f"{self.name} {done}/{self.total}  {note}  {_clock(spent)} spent, {_clock(left)} left"
+        )
         self.write(f"\r{text:<100}" + ("\n" if last else "") if self.live else f"{text}\n")
 
 

@@ -15,6 +15,7 @@ from gaussray.capture.activity import point_activity, tile_activity
 from gaussray.capture.batches import Footage, Sampler, footage, tile_rays
 from gaussray.capture.calibration import Capture, View
 from gaussray.color import srgb_encode
+from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.fit import loss as losses, regularizer
 from gaussray.fit.checkpoint import load_checkpoint, save_checkpoint
 from gaussray.fit.density import DensityOptions, alive, with_rows
@@ -334,9 +335,7 @@ class Fit:
         if done // density.interval == before // density.interval:
             return state
         seed = self.options.fit.seed + 2 * done + (stage == "fine")
-        return refine_state(
-            state, options=density, extent=self.extent, limit=self.limit, seed=seed
-        )
+        return refine_state(state, options=density, extent=self.extent, limit=self.limit, seed=seed)
 
     def _demand_finite(self, terms: dict[str, Array], state: State, stage: str) -> None:
         wrong = [name for name, value in terms.items() if not np.isfinite(float(value))]
@@ -375,6 +374,13 @@ class Fit:
         time_range = jnp.asarray(self.capture.time_range, parts[0].mean.dtype)
         scene = Scene(parts[0], parts[1], p.deformation, time_range)
         save_scene(self.out / "scene.npz", scene)
+        write_manifest(
+            self.out / "cameras.json",
+            [
+                FrameRecord(str(v.image.resolve()), v.camera, v.camera_name, v.split)
+                for v in self.capture.views
+            ],
+        )
         (self.out / "checkpoint.npz").unlink(missing_ok=True)
         return scene
 

@@ -12,7 +12,6 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.camera import Camera, camera_rays
-from gaussray.camera.film import pixel_grid
 from gaussray.camera.sampling import samples as sample_numbers
 from gaussray.capture.frames import read_image
 from gaussray.dataset.images import write_image

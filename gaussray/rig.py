@@ -19,7 +19,7 @@ from gaussray.camera.lens import (
 )
 from gaussray.camera.shutter import Shutter, global_shutter
 from gaussray.camera.trajectory import Trajectory, pose_at
-from gaussray.capture.calibration import View
+from gaussray.capture.calibration import PINHOLE_FILE, View, read_views
 from gaussray.dataset.manifest import FrameRecord
 
 
@@ -77,8 +77,7 @@ class TrajectoryOptions(eqx.Module):
 
 
 class FilmOptions(eqx.Module):
-    """`filter`: keep, center, box, gaussian or blackman_harris, `width` pixels wide in all.
-    """
+    """`filter`: keep, center, box, gaussian or blackman_harris, `width` pixels wide in all."""
 
     filter: str = eqx.field(static=True, default="keep")
     width: float = eqx.field(static=True, default=3.0)
@@ -247,11 +246,13 @@ def _shutter(camera: Camera, options: ShutterOptions) -> Shutter:
     return Shutter(offset, step, exposure, direction=options.direction)
 
 
-def records_of(views: Sequence[View], folder: Path) -> list[FrameRecord]:
-    """The capture's own pictures as records, for a manifest in `folder`."""
-    return [
-        FrameRecord(
-            str(view.image), view.camera, view.camera_name, view.split, view.effect, view.samples
-        )
-        for view in views
-    ]
+def cameras_of(scene: Path | str, cameras: Path | str | None) -> list[View]:
+    """The views of a capture, or those noted beside a reconstructed scene (cameras.json)."""
+    if cameras is not None:
+        folder = Path(cameras)
+        return read_views(folder / PINHOLE_FILE if folder.is_dir() else folder)
+    path = Path(scene)
+    path = (path if path.is_dir() else path.parent) / "cameras.json"
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file. Name a capture's folder: cameras=DIR.")
+    return read_views(path)

@@ -128,9 +128,7 @@ class Sampler:
         tile = np.empty_like(frame)
         for row, instant in enumerate(instants):
             share = self._share[instant]
-            picked = dice.choice(
-                share.size, self._tiles, replace=self._tiles > share.size, p=share
-            )
+            picked = dice.choice(share.size, self._tiles, replace=self._tiles > share.size, p=share)
             frame[row] = self._own[instant][picked // self._count]
             tile[row] = picked % self._count
         return frame, tile

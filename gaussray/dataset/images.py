@@ -8,8 +8,8 @@ import numpy as np
 import OpenImageIO as oiio
 from jaxtyping import Array, Bool, UInt8
 
-from gaussray.color import srgb_encode
 from gaussray.atomic import whole
+from gaussray.color import srgb_encode
 
 
 def codes(image: np.ndarray | Array) -> np.ndarray:

@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from gaussray.atomic import whole
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
 from gaussray.camera.trajectory import pose_at
-from gaussray.atomic import whole
 from gaussray.geometry import BLENDER_AXES, RigidTransform, rotation_matrix
 
 

@@ -140,8 +140,6 @@ def refine(
 
 def refreshed(moment: Array, fresh: Bool[np.ndarray, " rows"]) -> Array:
     """An optimiser's moment after `refine`: kept where a Gaussian stayed, 0 where one is new."""
-    moment = jnp.pad(
-        moment, ((0, len(fresh) - moment.shape[0]),) + ((0, 0),) * (moment.ndim - 1)
-    )
+    moment = jnp.pad(moment, ((0, len(fresh) - moment.shape[0]),) + ((0, 0),) * (moment.ndim - 1))
     mask = jnp.asarray(fresh).reshape(-1, *(1,) * (moment.ndim - 1))
     return jnp.where(mask, 0, moment)

@@ -54,7 +54,7 @@ def in_common_view(
     radius = max(float(np.median(np.linalg.norm(origin - center, axis=1))), 1e-3)
     dice = np.random.default_rng(seed)
     point = dice.normal(size=(count, 3))
-    point *= radius * dice.random((count, 1)) ** (1 / 3) / np.linalg.norm(
-        point, axis=1, keepdims=True
+    point *= (
+        radius * dice.random((count, 1)) ** (1 / 3) / np.linalg.norm(point, axis=1, keepdims=True)
     )
     return (center + point).astype(np.float32), np.full((count, 3), 0.2, np.float32)

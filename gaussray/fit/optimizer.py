@@ -99,7 +99,5 @@ def descend(
 ) -> tuple[Parameters, optax.OptState]:
     """One step of Adam, every array at its own rate."""
     direction, adam = ADAM.update(gradient, adam)
-    moved = jax.tree.map(
-        lambda p, d, r: (p - r * d).astype(p.dtype), parameters, direction, rate
-    )
+    moved = jax.tree.map(lambda p, d, r: (p - r * d).astype(p.dtype), parameters, direction, rate)
     return moved, adam

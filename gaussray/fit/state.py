@@ -32,9 +32,7 @@ def begin_state(parameters: Parameters) -> State:
     )
 
 
-def watch(
-    state: State, gradient: Parameters, eye: Float[Array, "rays 3"]
-) -> tuple[Pull, Pull]:
+def watch(state: State, gradient: Parameters, eye: Float[Array, "rays 3"]) -> tuple[Pull, Pull]:
     """The density statistic after one more step, for rays from `eye`."""
     center = jnp.mean(eye, axis=0)
     spread = jnp.mean(jnp.sum((eye - center) ** 2, axis=-1))
@@ -65,9 +63,7 @@ def refine_state(
 
     def move(moment: Parameters) -> Parameters:
         rows = {
-            name: jax.tree.map(
-                lambda x, f=fresh[name]: refreshed(x, f), getattr(moment, name)
-            )
+            name: jax.tree.map(lambda x, f=fresh[name]: refreshed(x, f), getattr(moment, name))
             for name in fresh
         }
         return Parameters(rows["static"], rows["moving"], moment.deformation)

@@ -70,9 +70,7 @@ def initial_deformation(key: PRNGKeyArray, planes: Planes, *, width: int) -> Def
     return Deformation(planes, layer(planes.width, width), head(3), head(4), head(3))
 
 
-def deform(
-    gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""]
-) -> Gaussians:
+def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""]) -> Gaussians:
     """The Gaussians at a time: residuals added to mean, to the unit quaternion and to log scale."""
     hidden = deformation.trunk(features(deformation.planes, gaussians.mean, time))
 

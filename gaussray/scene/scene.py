@@ -46,7 +46,5 @@ def _state(gaussians: Gaussians) -> tuple[Array, Array, Array]:
 
 
 def _keyed(gaussians: Gaussians, keys: int) -> Gaussians:
-    mean, quat, scale = (
-        jax.numpy.broadcast_to(x, (keys, *x.shape)) for x in _state(gaussians)
-    )
+    mean, quat, scale = (jax.numpy.broadcast_to(x, (keys, *x.shape)) for x in _state(gaussians))
     return Gaussians(mean, quat, scale, gaussians.opacity, gaussians.harmonics)

@@ -59,9 +59,7 @@ def scene_from(array: dict[str, np.ndarray], path: Path) -> Scene:
     return Scene(gaussians("static"), gaussians("moving"), deformation, take("time_range"))
 
 
-def deformation_from(
-    array: dict[str, np.ndarray], prefix: str, path: Path
-) -> Deformation | None:
+def deformation_from(array: dict[str, np.ndarray], prefix: str, path: Path) -> Deformation | None:
     """The deformation among named arrays, None if there is none."""
     if not any(name.startswith(f"{prefix}.") for name in array):
         return None

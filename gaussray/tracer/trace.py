@@ -233,9 +233,7 @@ def _march_backward(options, keys, bits, saved, cotangent):
     g_channels, g_end, _ = cotangent
     groups, restore = _groups(origin, direction, weights, lists, options)
     geometry = _geometry(table, keys, options)
-    extra = _split(
-        {"total": total, "end": end, "g": g_channels, "g_end": g_end}, lists, options
-    )
+    extra = _split({"total": total, "end": end, "g": g_channels, "g_end": g_end}, lists, options)
 
     def group(d_table, one):
         one, more, first = one
@@ -246,7 +244,10 @@ def _march_backward(options, keys, bits, saved, cotangent):
             rows = _components(table, index)
             (local, tau), pull = jax.vjp(
                 lambda rows, o, d, w: _shade(rows, o, d, w, there, options),
-                rows, one["o"], one["d"], one["w"],
+                rows,
+                one["o"],
+                one["d"],
+                one["w"],
             )
             channels = channels + transmittance[None] * local
             rest = jnp.sum(more["g"] * (more["total"] - channels), axis=0)
@@ -305,9 +306,7 @@ def _geometry(table, keys, options):
     """What finding hits needs: frame and mean at each key, and the squared reach."""
     opacity = table[:, 12 * keys]
     squared = reach(opacity, options.alpha_min) ** 2
-    return jax.lax.stop_gradient(
-        jnp.concatenate([table[:, : 12 * keys], squared[:, None]], axis=1)
-    )
+    return jax.lax.stop_gradient(jnp.concatenate([table[:, : 12 * keys], squared[:, None]], axis=1))
 
 
 def _split(tree, lists, options):
@@ -318,9 +317,7 @@ def _split(tree, lists, options):
     order = jnp.pad(order, (0, groups * options.group - bundles), constant_values=-1)
 
     def split(x):
-        picked = jnp.where(
-            (order >= 0).reshape((1,) * (x.ndim - 2) + (-1, 1)), x[..., order, :], 0
-        )
+        picked = jnp.where((order >= 0).reshape((1,) * (x.ndim - 2) + (-1, 1)), x[..., order, :], 0)
         parts = picked.reshape(*x.shape[:-2], groups, options.group, x.shape[-1])
         return jnp.moveaxis(parts, -3, 0)
 

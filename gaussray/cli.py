@@ -1,0 +1,243 @@
+"""One command, `gaussray <verb> [overrides]`: Hydra in, typed options out."""
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+from hydra import compose, initialize_config_dir
+from hydra.core.global_hydra import GlobalHydra
+from hydra.errors import HydraException
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+
+T = TypeVar("T", bound=eqx.Module)
+
+VERBS = {
+    "demo": "reconstruct the sample capture, film it through every effect, score it",
+    "reconstruct": "multi-view video in, a scene out",
+    "render": "a scene and cameras in, a paired capture and videos out",
+    "evaluate": "score a scene against a paired capture",
+}
+USAGE = "usage: gaussray <verb> [key=value ...]\n\n" + "\n".join(
+    f"  {verb:<12} {text}" for verb, text in VERBS.items()
+)
+USAGE += "\n\n`gaussray <verb> --help` lists the keys with their defaults."
+
+
+def conf_folder() -> Path:
+    """The configuration: beside the package in a checkout, inside it when installed."""
+    package = Path(__file__).resolve().parent
+    inside, beside = package / "conf", package.parent / "conf"
+    return inside if inside.is_dir() else beside
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point. Errors of the user end in one line and exit code 2."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if not words or words[0] in ("-h", "--help"):
+        print(USAGE)
+        return
+    verb, overrides = words[0], words[1:]
+    if verb not in VERBS:
+        _fail(f"unknown verb {verb!r}.\n{USAGE}")
+    if any(word in ("-h", "--help") for word in overrides):
+        print(help_text(verb))
+        return
+    try:
+        cfg = configuration(verb, overrides)
+        _use_all_cores()
+        RUN[verb](cfg)
+    except KeyboardInterrupt:
+        _fail("interrupted. `gaussray reconstruct ... resume=true` goes on where it stopped.", 130)
+    except (ValueError, OSError, RuntimeError) as error:
+        if isinstance(error, RuntimeError) and type(error).__name__ != "NonFiniteLoss":
+            raise
+        if os.environ.get("GAUSSRAY_TRACEBACK"):
+            raise
+        _fail(str(error))
+
+
+def configuration(verb: str, overrides: Sequence[str]) -> DictConfig:
+    """The resolved configuration of a verb."""
+    GlobalHydra.instance().clear()
+    try:
+        with initialize_config_dir(version_base="1.3", config_dir=str(conf_folder())):
+            cfg = compose(verb, list(overrides))
+        missing = sorted(OmegaConf.missing_keys(cfg))
+        if missing:
+            raise ValueError(
+                f"{missing[0]} must be given, e.g. `gaussray {verb} {missing[0]}=DIR`."
+            )
+        OmegaConf.resolve(cfg)
+    except (HydraException, OmegaConfBaseException) as error:
+        reason = str(error.__cause__ or error).splitlines()[0]
+        raise ValueError(
+            f"configuration: {reason} `gaussray {verb} --help` lists the keys."
+        ) from error
+    return cfg
+
+
+def options(kind: type[T], node: DictConfig) -> T:
+    """One YAML leaf becomes one options object; an unknown key is an error."""
+    values: dict[str, Any] = OmegaConf.to_container(node, resolve=True)  # type: ignore[assignment]
+    known = kind.__dataclass_fields__  # type: ignore[attr-defined]
+    for name in values:
+        if name not in known:
+            raise ValueError(
+                f"{kind.__name__}: unknown key {name!r}; known are {', '.join(known)}."
+            )
+    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+
+
+def help_text(verb: str) -> str:
+    """The groups and keys of a verb, with defaults and comments, as the YAML files have them."""
+    folder = conf_folder()
+    lines = [f"gaussray {verb}: {VERBS[verb]}", ""]
+    top = (folder / f"{verb}.yaml").read_text()
+    defaults = OmegaConf.load(folder / f"{verb}.yaml")["defaults"]
+    for line in top.split("_self_", 1)[1].splitlines():
+        lines += [f"  {line}"] if line.strip() else []
+    for entry in defaults:
+        if entry == "_self_":
+            continue
+        ((group, chosen),) = entry.items()
+        choices = sorted(path.stem for path in (folder / group).glob("*.yaml"))
+        lines += ["", f"{group}={chosen}   (choices: {', '.join(choices)})"]
+        for line in (folder / group / f"{chosen}.yaml").read_text().splitlines():
+            if line and not line.startswith("#"):
+                lines.append(f"  {group}.{line}")
+    return "\n".join(lines)
+
+
+def _use_all_cores() -> None:
+    """On a CPU each core is a device of its own, among which rays are dealt out."""
+    cores = os.cpu_count() or 1
+    try:
+        cores = len(os.sched_getaffinity(0))
+    except AttributeError:
+        pass
+    jax.config.update("jax_num_cpu_devices", cores)
+
+
+def _fail(message: str, code: int = 2) -> None:
+    print(f"gaussray: {message}", file=sys.stderr)
+    raise SystemExit(code)
+
+
+def _reconstruct_options(cfg: DictConfig) -> Any:
+    from gaussray import reconstruct as stage
+
+    return stage.ReconstructOptions(
+        fit=options(stage.FitOptions, cfg.fit),
+        field=options(stage.FieldOptions, cfg.field),
+        loss=options(stage.LossOptions, cfg.loss),
+        optimizer=options(stage.OptimizerOptions, cfg.optimizer),
+        density=options(stage.DensityOptions, cfg.density),
+        trace=options(stage.TraceOptions, cfg.trace),
+    )
+
+
+def _reconstruct(cfg: DictConfig) -> None:
+    from gaussray.capture.calibration import read_capture
+    from gaussray.reconstruct import reconstruct
+
+    chosen = _reconstruct_options(cfg)
+    out = _run_folder(cfg)
+    capture = read_capture(cfg.capture.path)
+    scene = reconstruct(capture, out, options=chosen, resume=cfg.resume, quiet=cfg.quiet)
+    print(
+        f"{out / 'scene.npz'}: {scene.static.count + scene.moving.count} Gaussians, of which "
+        f"{scene.moving.count} move."
+    )
+
+
+def _render(cfg: DictConfig) -> None:
+    from gaussray import rig as rigs
+    from gaussray.render import RenderOptions, render_dataset
+    from gaussray.scene.store import load_scene
+    from gaussray.tracer.trace import TraceOptions
+
+    wanted = rigs.RigOptions(
+        camera=options(rigs.CameraOptions, cfg.camera),
+        lens=options(rigs.LensOptions, cfg.lens),
+        aperture=options(rigs.ApertureOptions, cfg.aperture),
+        shutter=options(rigs.ShutterOptions, cfg.shutter),
+        trajectory=options(rigs.TrajectoryOptions, cfg.trajectory),
+        film=options(rigs.FilmOptions, cfg.film),
+    )
+    sampling, trace = options(RenderOptions, cfg.render), options(TraceOptions, cfg.trace)
+    scene = load_scene(cfg.scene)
+    views = rigs.cameras_of(cfg.scene, cfg.cameras)
+    records = rigs.rig(views, options=wanted, samples=sampling.samples)
+    out = render_dataset(
+        scene,
+        records,
+        _run_folder(cfg),
+        options=sampling,
+        trace=trace,
+        fps=cfg.fps,
+        quiet=cfg.quiet,
+    )
+    print(f"{out}: {len(records)} frames of {records[0].effect}.")
+
+
+def _evaluate(cfg: DictConfig) -> None:
+    from gaussray.capture.calibration import read_capture
+    from gaussray.evaluate import EvaluateOptions, evaluate, table
+    from gaussray.render import RenderOptions
+    from gaussray.scene.store import load_scene
+    from gaussray.tracer.trace import TraceOptions
+
+    report = evaluate(
+        load_scene(cfg.scene),
+        read_capture(cfg.truth),
+        _run_folder(cfg),
+        options=options(EvaluateOptions, cfg.evaluate),
+        render=options(RenderOptions, cfg.render),
+        trace=options(TraceOptions, cfg.trace),
+        quiet=cfg.quiet,
+    )
+    print(table(report))
+
+
+def _demo(cfg: DictConfig) -> None:
+    from gaussray.demo import demo
+    from gaussray.evaluate import EvaluateOptions
+    from gaussray.render import RenderOptions
+
+    demo(
+        cfg.capture.path,
+        _run_folder(cfg),
+        reconstruction=_reconstruct_options(cfg),
+        render=options(RenderOptions, cfg.render),
+        evaluation=options(EvaluateOptions, cfg.evaluate),
+        quiet=cfg.quiet,
+    )
+
+
+def _run_folder(cfg: DictConfig) -> Path:
+    """The output folder, with the resolved configuration in it."""
+    out = Path(cfg.out)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "config.yaml").write_text(OmegaConf.to_yaml(cfg))
+    except OSError as error:
+        raise OSError(f"out={out}: cannot be written: {error}") from error
+    return out
+
+
+RUN: dict[str, Callable[[DictConfig], None]] = {
+    "demo": _demo,
+    "reconstruct": _reconstruct,
+    "render": _render,
+    "evaluate": _evaluate,
+}
+
+
+if __name__ == "__main__":
+    main()
