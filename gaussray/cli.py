@@ -1,5 +1,6 @@
 """One command, `gaussray <verb> [overrides]`: Hydra in, typed options out."""
 
+import contextlib
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -44,7 +45,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return
     verb, overrides = words[0], words[1:]
     if verb not in VERBS:
-        _fail(f"unknown verb {verb!r}.\n{USAGE}")
+        _fail(f"the verb must be one of {', '.join(VERBS)}, got {verb!r}. See `gaussray --help`.")
     if any(word in ("-h", "--help") for word in overrides):
         print(help_text(verb))
         return
@@ -75,7 +76,7 @@ def configuration(verb: str, overrides: Sequence[str]) -> DictConfig:
             )
         OmegaConf.resolve(cfg)
     except (HydraException, OmegaConfBaseException) as error:
-        reason = str(error.__cause__ or error).splitlines()[0]
+        reason = str(error).splitlines()[0]
         raise ValueError(
             f"configuration: {reason} `gaussray {verb} --help` lists the keys."
         ) from error
@@ -86,12 +87,24 @@ def options(kind: type[T], node: DictConfig) -> T:
     """One YAML leaf becomes one options object; an unknown key is an error."""
     values: dict[str, Any] = OmegaConf.to_container(node, resolve=True)  # type: ignore[assignment]
     known = kind.__dataclass_fields__  # type: ignore[attr-defined]
-    for name in values:
+    group = node._key() or kind.__name__
+    for name, value in values.items():
         if name not in known:
-            raise ValueError(
-                f"{kind.__name__}: unknown key {name!r}; known are {', '.join(known)}."
-            )
-    return kind(**{k: tuple(v) if isinstance(v, list) else v for k, v in values.items()})
+            raise ValueError(f"{group}.{name} is unknown; known are {', '.join(known)}.")
+        values[name] = _as(type(known[name].default), value, f"{group}.{name}")
+    return kind(**values)
+
+
+def _as(kind: type, value: Any, key: str) -> Any:
+    """A YAML value as the kind of its default; whole numbers do for fractions."""
+    if kind is tuple and isinstance(value, list):
+        return tuple(value)
+    if kind is float and type(value) is int:
+        return float(value)
+    if type(value) is kind:
+        return value
+    names = {int: "a whole number", float: "a number", bool: "true or false", tuple: "a list"}
+    raise ValueError(f"{key} must be {names.get(kind, 'a text')}, got {value!r}.")
 
 
 def help_text(verb: str) -> str:
@@ -99,7 +112,7 @@ def help_text(verb: str) -> str:
     folder = conf_folder()
     lines = [f"gaussray {verb}: {VERBS[verb]}", ""]
     top = (folder / f"{verb}.yaml").read_text()
-    defaults = OmegaConf.load(folder / f"{verb}.yaml")["defaults"]
+    defaults = OmegaConf.load(folder / f"{verb}.yaml").get("defaults")  # type: ignore[call-arg]
     for line in top.split("_self_", 1)[1].splitlines():
         lines += [f"  {line}"] if line.strip() else []
     for entry in defaults:
@@ -121,11 +134,13 @@ def _use_all_cores() -> None:
         cores = len(os.sched_getaffinity(0))
     except AttributeError:
         pass
-    jax.config.update("jax_num_cpu_devices", cores)
+    # Where JAX is already at work (in a notebook, in tests) it keeps the devices that it has.
+    with contextlib.suppress(RuntimeError):
+        jax.config.update("jax_num_cpu_devices", cores)
 
 
 def _fail(message: str, code: int = 2) -> None:
-    print(f"gaussray: {message}", file=sys.stderr)
+    print(f"gaussray: {' '.join(message.split())}", file=sys.stderr)
     raise SystemExit(code)
 
 
@@ -147,8 +162,8 @@ def _reconstruct(cfg: DictConfig) -> None:
     from gaussray.reconstruct import reconstruct
 
     chosen = _reconstruct_options(cfg)
-    out = _run_folder(cfg)
     capture = read_capture(cfg.capture.path)
+    out = _run_folder(cfg)
     scene = reconstruct(capture, out, options=chosen, resume=cfg.resume, quiet=cfg.quiet)
     print(
         f"{out / 'scene.npz'}: {scene.static.count + scene.moving.count} Gaussians, of which "
@@ -193,14 +208,14 @@ def _evaluate(cfg: DictConfig) -> None:
     from gaussray.scene.store import load_scene
     from gaussray.tracer.trace import TraceOptions
 
+    chosen, trace = options(EvaluateOptions, cfg.evaluate), options(TraceOptions, cfg.trace)
+    render = options(RenderOptions, cfg.render)
+    scene, truth = load_scene(cfg.scene), read_capture(cfg.truth)
+    if cfg.out == f"{cfg.scene}/evaluation" and Path(cfg.scene).is_file():
+        cfg.out = str(Path(cfg.scene).parent / "evaluation")
+    out = _run_folder(cfg)
     report = evaluate(
-        load_scene(cfg.scene),
-        read_capture(cfg.truth),
-        _run_folder(cfg),
-        options=options(EvaluateOptions, cfg.evaluate),
-        render=options(RenderOptions, cfg.render),
-        trace=options(TraceOptions, cfg.trace),
-        quiet=cfg.quiet,
+        scene, truth, out, options=chosen, render=render, trace=trace, quiet=cfg.quiet
     )
     print(table(report))
 
@@ -210,14 +225,12 @@ def _demo(cfg: DictConfig) -> None:
     from gaussray.evaluate import EvaluateOptions
     from gaussray.render import RenderOptions
 
-    demo(
-        cfg.capture.path,
-        _run_folder(cfg),
-        reconstruction=_reconstruct_options(cfg),
-        render=options(RenderOptions, cfg.render),
-        evaluation=options(EvaluateOptions, cfg.evaluate),
-        quiet=cfg.quiet,
-    )
+    chosen = {
+        "reconstruction": _reconstruct_options(cfg),
+        "render": options(RenderOptions, cfg.render),
+        "evaluation": options(EvaluateOptions, cfg.evaluate),
+    }
+    demo(cfg.capture.path, _run_folder(cfg), **chosen, quiet=cfg.quiet)
 
 
 def _run_folder(cfg: DictConfig) -> Path:

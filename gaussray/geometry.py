@@ -51,6 +51,13 @@ def rotation_matrix(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"
     return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+def multiply(a: Float[Array, "*batch 4"], b: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
+    """Hamilton product: the rotation `b` followed by the rotation `a`."""
+    aw, av, bw, bv = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
+    real = aw * bw - jnp.sum(av * bv, axis=-1, keepdims=True)
+    return jnp.concatenate([real, aw * bv + bw * av + jnp.cross(av, bv)], axis=-1)
+
+
 def quaternion(rotation: Float[Array, "3 3"]) -> Float[Array, "4"]:
     """Unit quaternion (w >= 0) of a rotation matrix, by the largest of the four squares (Shepperd).
 

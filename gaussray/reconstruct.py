@@ -19,7 +19,7 @@ from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.fit import loss as losses, regularizer
 from gaussray.fit.checkpoint import load_checkpoint, save_checkpoint
 from gaussray.fit.density import DensityOptions, alive, with_rows
-from gaussray.fit.initial import in_common_view, on_points
+from gaussray.fit.initial import bodies, in_common_view, on_points
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, descend, rates, scene_of
 from gaussray.fit.state import State, advance, begin_state, refine_state, take, watch
@@ -189,6 +189,7 @@ class Fit:
         self.moves = len(self.sampler.times) > 1
         self.mesh = device_mesh()
         self.limit = (0, 0)
+        self.known = 0
         self.began = clock.monotonic()
         try:
             out.mkdir(parents=True, exist_ok=True)
@@ -213,8 +214,9 @@ class Fit:
             axis = _axes_of_view(self.footage)
             origin = np.asarray(pose.translation)[:, 0]
             position, color = in_common_view(origin, axis, count=fit.points, seed=fit.seed)
-        start = on_points(position, color, degree=fit.degree, opacity=fit.opacity)
-        start = eqx.tree_at(lambda g: g.scale, start, start.scale * fit.spread)
+        start = on_points(
+            position, color, degree=fit.degree, opacity=fit.opacity, spread=fit.spread
+        )
         moves = point_activity(self.footage, self.camera, position) > fit.moving
         if not self.moves:
             moves[:] = False
@@ -239,18 +241,21 @@ class Fit:
             return state
         field = self.options.field
         mean = np.asarray(parameters.moving.mean)[alive(parameters.moving)]
-        margin = 0.02 * np.ptp(mean, axis=0).max() + 1e-6
+        # Stray points must not stretch the box: beyond it the field continues its border.
+        lower, upper = np.quantile(mean, (0.02, 0.98), axis=0).astype(np.float32)
+        margin = 0.1 * (upper - lower).max() + 1e-6
         planes_key, network_key = jax.random.split(jax.random.key(self.options.fit.seed))
         planes = initial_planes(
             planes_key,
-            jnp.asarray(mean.min(0) - margin),
-            jnp.asarray(mean.max(0) + margin),
+            jnp.asarray(lower - margin),
+            jnp.asarray(upper + margin),
             self.capture.time_range,
             sides=field.sides,
             instants=field.instants or max(len(self.sampler.times), 2),
             channels=field.channels,
         )
-        deformation = initial_deformation(network_key, planes, width=field.width)
+        pivot = jnp.asarray(bodies(mean))
+        deformation = initial_deformation(network_key, planes, pivot, width=field.width)
         return begin_state(Parameters(parameters.static, parameters.moving, deformation))
 
     def run(self, stage: str, state: State) -> State:
@@ -261,14 +266,15 @@ class Fit:
         progress = Progress(stage, steps, quiet=self.quiet)
         trial: Trial | None = None
         saved = clock.monotonic()
-        known = self._known(stage, int(state.step))
+        if not int(state.step):
+            self.known = self._known(stage, 0)
         while (done := int(state.step)) < steps:
             newest = self._known(stage, done)
-            for instant in range(known + 1, newest + 1):
+            for instant in range(self.known + 1, newest + 1):
                 parameters = advance(state.parameters, instant) if self._one_row_each else None
                 if parameters is not None:
                     state = eqx.tree_at(lambda s: s.parameters, state, parameters)
-            known = newest
+            self.known = newest
             size = min(fit.block, steps - done)
             batches = self._batches(stage, done, size, newest)
             if trial is None:
@@ -281,7 +287,7 @@ class Fit:
                 capacity = enlarge(trial.capacity, [int(n) for n in needed], headroom=1.5)
                 trial = Trial(capacity, self.mesh)
                 continue
-            self._demand_finite(terms, state, stage)
+            self._demand_finite(terms, state, block, stage)
             state = self._densify(stage, block, done, done + size, steps)
             self._record(stage, done + size, terms)
             progress.report(done + size, f"{_decibel(terms['mse']):.2f} dB")
@@ -337,12 +343,15 @@ class Fit:
         seed = self.options.fit.seed + 2 * done + (stage == "fine")
         return refine_state(state, options=density, extent=self.extent, limit=self.limit, seed=seed)
 
-    def _demand_finite(self, terms: dict[str, Array], state: State, stage: str) -> None:
-        wrong = [name for name, value in terms.items() if not np.isfinite(float(value))]
+    def _demand_finite(self, terms: dict[str, Array], state: State, block: State, stage: str):
+        wrong = [f"loss.{name}" for name, value in terms.items() if not np.isfinite(float(value))]
+        # The tracer passes over Gaussians that are not finite, so the loss alone would not tell.
+        if not wrong and not _all_finite(block.parameters):
+            wrong = ["a parameter"]
         if wrong:
             self._save(state, stage)
             raise NonFiniteLoss(
-                f"loss.{wrong[0]} is not finite at step {int(state.step)} of the {stage} stage. The "
+                f"{wrong[0]} is not finite at step {int(state.step)} of the {stage} stage. The "
                 f"state before it is in {self.out}/checkpoint.npz; go on with resume=true and a "
                 "smaller optimizer.mean, optimizer.network or optimizer.planes."
             )
@@ -356,12 +365,18 @@ class Fit:
 
     def _save(self, state: State, stage: str) -> None:
         info = {"stage": stage, "limit": list(self.limit), "moves": self.moves}
+        info["known"] = self.known
         save_checkpoint(self.out / "checkpoint.npz", state, info=info)
 
     def resumed(self) -> tuple[State, str]:
         """The state of an interrupted run, and its stage."""
-        state, info = load_checkpoint(self.out / "checkpoint.npz")
-        self.limit = tuple(info["limit"])
+        path = self.out / "checkpoint.npz"
+        if not path.is_file():
+            raise FileNotFoundError(
+                f"out={self.out}: holds no checkpoint.npz to go on with. Leave out resume=true."
+            )
+        state, info = load_checkpoint(path)
+        self.limit, self.known = tuple(info["limit"]), info["known"]
         self.moves = self.moves and info["moves"]
         return state, info["stage"]
 
@@ -383,6 +398,11 @@ class Fit:
         )
         (self.out / "checkpoint.npz").unlink(missing_ok=True)
         return scene
+
+
+@eqx.filter_jit
+def _all_finite(tree) -> Array:
+    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(tree)]))
 
 
 def _spread_motion(scene: Scene, mesh: Mesh) -> Scene:

@@ -116,7 +116,7 @@ class Renderer:
         self.options = options or RenderOptions()
         self.trace = trace or TraceOptions()
         self.mesh = device_mesh(devices)
-        self._capacity: dict[int, Capacity] = {}
+        self._capacity: dict[tuple, Capacity] = {}
         self._ready: set = set()
 
     def __call__(self, camera: Camera) -> Frame:

@@ -110,14 +110,15 @@ def rig(views: Sequence[View], *, options: RigOptions, samples: int) -> list[Fra
         "motion_blur": options.shutter.kind != "keep" and options.shutter.exposure > 0,
     }
     effect = "_".join(name for name, on in changed.items() if on) or "pinhole"
-    records, lens = [], None
+    records, lenses = [], {}
     for i, (name, split, camera) in enumerate(chosen):
         film = _film(camera.film, options.film)
-        if lens is None or options.lens.model == "keep":
-            lens = _lens(camera, film, options.lens)
+        size = film.width, film.height
+        if size not in lenses or options.lens.model == "keep":
+            lenses[size] = _lens(camera, film, options.lens)
         built = Camera(
             film,
-            lens,
+            lenses[size],
             _aperture(camera, options.aperture),
             _shutter(camera, options.shutter),
             camera.trajectory,

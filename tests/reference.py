@@ -1,8 +1,9 @@
 """Brute force in float64: every Gaussian on every ray, fully sorted. Independent of the tracer.
 
 In numpy: the textbook formulas of the kernel, and the real harmonics from Legendre polynomials.
-Moving Gaussians have mean and axes F = R S interpolated between their key states, and F inverted
-for every ray. `dense` is the same once more in jnp for the sake of its gradients.
+Moving Gaussians have mean and axes F = R S interpolated through their key states by Lagrange's
+polynomials, three keys at a time, and F inverted for every ray. `dense` is the same once more in
+jnp for the sake of its gradients.
 """
 
 import jax
@@ -49,9 +50,23 @@ def light(harmonics, direction):
     return np.maximum(0.5 + np.einsum("rc,ncd->rnd", values, harmonics), 0)
 
 
-def key_shares(key_time, time):
-    """Share of every key state at every time (times x keys)."""
-    return np.stack([np.interp(time, key_time, row) for row in np.eye(len(key_time))], axis=-1)
+def key_shares(key_time, time, xp=np):
+    """Share of every key state at every time (times x keys), some negative: Lagrange's polynomials
+    through the three keys of each arc, or through the only two; constant outside."""
+    keys = len(key_time)
+    time = xp.clip(time, key_time[0], key_time[-1])
+    share = [xp.ones_like(time) if keys == 1 else xp.zeros_like(time)] * keys
+    arc = min(keys, 3)
+    for first in range(0, keys - 1, 2):
+        own = range(first, first + arc)
+        inside = (time >= key_time[own[0]]) & (time <= key_time[own[-1]])
+        for i in own:
+            part = xp.ones_like(time)
+            for j in own:
+                if j != i:
+                    part = part * (time - key_time[j]) / (key_time[i] - key_time[j])
+            share[i] = xp.where(inside, part, share[i])
+    return xp.stack(share, axis=-1)
 
 
 def frames(motion, time):
@@ -116,9 +131,7 @@ def dense(motion, rays, alpha_min=ALPHA_MIN, alpha_max=ALPHA_MAX):
         if len(motion.time) == 1:
             mean, frame = g.mean[0], jnp.swapaxes(turn[0], -1, -2) / g.scale[0][:, :, None]
         else:
-            shares = jnp.stack(
-                [jnp.interp(ray.time, motion.time, row) for row in jnp.eye(len(motion.time))]
-            )
+            shares = key_shares(motion.time, ray.time, jnp)
             mean = jnp.einsum("k,kni->ni", shares, g.mean)
             axes = jnp.einsum("k,knij->nij", shares, turn * g.scale[..., None, :])
             # The inverse by cross products compiles in a fraction of the time of LAPACK's.

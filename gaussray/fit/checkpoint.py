@@ -25,7 +25,8 @@ def save_checkpoint(path: Path, state: State, *, info: dict[str, Any]) -> None:
 
 def load_checkpoint(path: Path) -> tuple[State, dict[str, Any]]:
     """Read a state and what was noted with it."""
-    header, array = read_arrays(path, FORMAT, VERSION)
+    header, found = read_arrays(path, FORMAT, VERSION)
+    array = _Whole(path, found)
 
     def parameters(prefix: str) -> Parameters:
         return Parameters(
@@ -50,6 +51,17 @@ def load_checkpoint(path: Path) -> tuple[State, dict[str, Any]]:
         jnp.asarray(array["step"]),
     )
     return state, header["info"]
+
+
+class _Whole(dict):
+    """Arrays of a file, in which none may be missing."""
+
+    def __init__(self, path: Path, array: dict[str, np.ndarray]):
+        super().__init__(array)
+        self.path = path
+
+    def __missing__(self, name: str):
+        raise ValueError(f"{self.path}: the array '{name}' is missing; the file is not whole.")
 
 
 def _unconstrained(array: dict[str, np.ndarray], prefix: str) -> Unconstrained:

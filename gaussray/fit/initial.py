@@ -1,10 +1,14 @@
 """Where reconstruction starts: Gaussians on known points, and which of them may move."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial import cKDTree
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
 
+from gaussray.geometry import quaternion
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant
 
@@ -15,25 +19,61 @@ def on_points(
     *,
     degree: int,
     opacity: float,
+    spread: float = 1.0,
+    flat: float = 0.15,
 ) -> Gaussians:
-    """Round Gaussians on a point cloud, as large as the gaps between its points.
+    """Discs on the surface that a point cloud samples, as large as the gaps between its points.
 
-    The standard deviation is the root mean square distance to the three nearest neighbours (3DGS).
+    Along the surface the standard deviation is `spread` times the root mean square distance to the
+    three nearest neighbours (3DGS starts with balls of that size). Across it, it is smaller by the
+    ratio of the spreads of the eight nearest neighbours (their principal axes), at least `flat`.
+    Opaque discs from the start: a ray ends at the first surface instead of passing through dozens
+    of balls.
     """
     count = len(position)
-    neighbours = min(3, max(count - 1, 1))
-    distance, _ = cKDTree(position).query(position, k=neighbours + 1)
-    gap = np.sqrt(np.mean(np.square(distance[:, 1:]), axis=1)) if count > 1 else np.ones(count)
-    gap = np.clip(gap, 1e-7, None)
-    quat = np.zeros((count, 4), np.float32)
-    quat[:, 0] = 1
+    near = min(8, count - 1)
+    if near < 3:
+        gap, axes, thin = np.ones(count), np.tile(np.eye(3), (count, 1, 1)), np.ones(count)
+    else:
+        distance, index = KDTree(position).query(position, k=near + 1)
+        gap = np.sqrt(np.mean(np.square(distance[:, 1:4]), axis=1))
+        around = position[index].astype(np.float64)
+        around -= around.mean(axis=1, keepdims=True)
+        spreads, axes = np.linalg.eigh(np.einsum("nki,nkj->nij", around, around))
+        thin = np.sqrt(np.clip(spreads[:, 0] / np.maximum(spreads[:, 1], 1e-30), flat**2, 1))
+        axes = axes[:, :, ::-1].copy()
+        axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]
+    gap = spread * np.clip(gap, 1e-7, None)
+    shape = np.stack([gap, gap, gap * thin], axis=1)
     return Gaussians(
         mean=jnp.asarray(position, jnp.float32),
-        quat=jnp.asarray(quat),
-        scale=jnp.asarray(np.repeat(gap[:, None], 3, axis=1), jnp.float32),
+        quat=jax.vmap(quaternion)(jnp.asarray(axes, jnp.float32)),
+        scale=jnp.asarray(shape, jnp.float32),
         opacity=jnp.full(count, opacity, jnp.float32),
         harmonics=constant(jnp.asarray(color, jnp.float32), degree),
     )
+
+
+def bodies(
+    position: Float[np.ndarray, "points 3"], *, most: int = 64
+) -> Float[np.ndarray, "bodies 3"]:
+    """Centres of the connected groups of points: what moves as one, as far as one can tell.
+
+    Points belong together when they are nearer than three typical gaps. Groups of less than a
+    hundredth of the points are left out; without any larger group there is one centre.
+    """
+    if len(position) < 2:
+        return position.reshape(-1, 3).astype(np.float32)
+    tree = KDTree(position)
+    gap = np.median(tree.query(position, k=2)[0][:, 1])
+    pairs = tree.query_pairs(3 * gap, output_type="ndarray")
+    graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(position),) * 2)
+    _, label = connected_components(graph, directed=False)
+    size = np.bincount(label)
+    large = np.argsort(-size, kind="stable")[:most]
+    large = large[size[large] >= max(len(position) / 100, 2)]
+    centers = [position[label == group].mean(axis=0) for group in large]
+    return np.array(centers or [position.mean(axis=0)], np.float32)
 
 
 def in_common_view(

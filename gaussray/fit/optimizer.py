@@ -37,7 +37,9 @@ class OptimizerOptions(eqx.Module):
     """Learning rates at the start of a stage; that of the means is multiplied by the extent.
 
     `decay` is the share of every rate that is left at the end of a stage (exponential schedule);
-    everything follows it.
+    everything follows it. In the fine stage `static` and `moving` are further factors for the
+    Gaussians of either kind: the moving ones look right from the coarse stage, and must not change
+    their looks where only their motion is not yet known.
     """
 
     mean: float = eqx.field(static=True, default=1e-3)
@@ -49,6 +51,8 @@ class OptimizerOptions(eqx.Module):
     planes: float = eqx.field(static=True, default=1e-2)
     network: float = eqx.field(static=True, default=2e-3)
     decay: float = eqx.field(static=True, default=0.1)
+    static: float = eqx.field(static=True, default=0.3)
+    moving: float = eqx.field(static=True, default=0.05)
 
     def __check_init__(self):
         for name in ("mean", "quat", "scale", "opacity", "color", "harmonics", "planes", "network"):
@@ -67,19 +71,21 @@ def rates(
     steps: int,
 ) -> Parameters:
     """Learning rate of every array at a step, as a tree of the parameters' shape."""
-    fall = optax.exponential_decay(1.0, max(steps, 1), options.decay)(step)
+    fall = jnp.asarray(optax.exponential_decay(1.0, max(steps, 1), options.decay)(step))
 
-    def gaussians(free: Unconstrained) -> Unconstrained:
+    def gaussians(free: Unconstrained, fall: Array) -> Unconstrained:
         # The constant harmonic is the colour; the others learn more slowly.
         coefficients = jnp.arange(free.harmonics.shape[1])[None, :, None]
         color = jnp.where(coefficients == 0, options.color, options.harmonics) * fall
-        return Unconstrained(
-            mean=options.mean * extent * fall,
-            quat=options.quat * fall,
-            log_scale=options.scale * fall,
-            logit_opacity=options.opacity * fall,
-            harmonics=color,
-        )
+        rate = {
+            "mean": options.mean * extent * fall,
+            "quat": options.quat * fall,
+            "log_scale": options.scale * fall,
+            "logit_opacity": options.opacity * fall,
+            "harmonics": color,
+        }
+        # Not the constructor: one number stands for a whole array.
+        return eqx.tree_at(lambda f: tuple(getattr(f, n) for n in rate), free, tuple(rate.values()))
 
     deformation = None
     if parameters.deformation is not None:
@@ -87,17 +93,20 @@ def rates(
         planes = jax.tree.map(lambda _: options.planes * fall, parameters.deformation.planes)
         fixed = (jnp.zeros_like(fall),) * 4
         planes = eqx.tree_at(lambda p: (p.lower, p.upper, p.begin, p.end), planes, fixed)
-        deformation = eqx.tree_at(lambda d: d.planes, deformation, planes)
-    return Parameters(gaussians(parameters.static), gaussians(parameters.moving), deformation)
+        deformation = eqx.tree_at(lambda d: (d.planes, d.pivot), deformation, (planes, fixed[0]))
+    fine = parameters.deformation is not None
+    static = gaussians(parameters.static, fall * (options.static if fine else 1))
+    moving = gaussians(parameters.moving, fall * (options.moving if fine else 1))
+    return Parameters(static, moving, deformation)
 
 
 def descend(
     parameters: Parameters,
     gradient: Parameters,
-    adam: optax.OptState,
+    adam: optax.ScaleByAdamState,
     rate: Parameters,
-) -> tuple[Parameters, optax.OptState]:
+) -> tuple[Parameters, optax.ScaleByAdamState]:
     """One step of Adam, every array at its own rate."""
-    direction, adam = ADAM.update(gradient, adam)
+    direction, moments = ADAM.update(gradient, adam)  # type: ignore[arg-type]
     moved = jax.tree.map(lambda p, d, r: (p - r * d).astype(p.dtype), parameters, direction, rate)
-    return moved, adam
+    return moved, moments  # type: ignore[return-value]

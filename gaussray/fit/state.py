@@ -68,7 +68,8 @@ def refine_state(
         }
         return Parameters(rows["static"], rows["moving"], moment.deformation)
 
-    adam = state.adam._replace(mu=move(state.adam.mu), nu=move(state.adam.nu))
+    mu, nu = (move(x) for x in (state.adam.mu, state.adam.nu))  # type: ignore[arg-type]
+    adam = state.adam._replace(mu=mu, nu=nu)
     renewed = begin_state(parameters)
     return eqx.tree_at(lambda s: (s.adam, s.step), renewed, (adam, state.step))
 

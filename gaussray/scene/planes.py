@@ -18,8 +18,8 @@ class Planes(eqx.Module):
     times to `begin`..`end`; beyond them the border value holds.
     """
 
-    space: tuple[Float[Array, "3 side side channels"], ...]
-    time: tuple[Float[Array, "3 instants side channels"], ...]
+    space: tuple[Float[Array, "3 _ _ channels"], ...]
+    time: tuple[Float[Array, "3 instants _ channels"], ...]
     lower: Float[Array, "3"]
     upper: Float[Array, "3"]
     begin: Float[Array, ""]
@@ -65,16 +65,15 @@ def features(
 
     The time is the same for all positions, so each time plane is first reduced to a line.
     """
-    unit = (position - planes.lower) / (planes.upper - planes.lower)
+    unit = (position - planes.lower[None]) / (planes.upper - planes.lower)[None]
     unit = jnp.clip(unit, 0, 1)
     span = planes.end - planes.begin
     moment = jnp.clip((time - planes.begin) / jnp.where(span > 0, span, 1), 0, 1)
     parts = []
     for space, instants in zip(planes.space, planes.time, strict=True):
-        product = None
+        product = jnp.ones((), position.dtype)
         for plane, (a, b) in zip(space, SPACE_PAIRS, strict=True):
-            sample = _bilinear(plane, unit[:, b], unit[:, a])
-            product = sample if product is None else product * sample
+            product = product * _bilinear(plane, unit[:, b], unit[:, a])
         for axis in range(3):
             row, fraction = _knot(moment, instants.shape[1])
             table = instants[axis]

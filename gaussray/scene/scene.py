@@ -34,9 +34,8 @@ def at_times(scene: Scene, time: Float[Array, " keys"]) -> Gaussians:
     if scene.deformation is None:
         still = concatenate(scene.static, scene.moving)
         return _keyed(still, time.shape[0])
-    mean, quat, scale = jax.vmap(
-        lambda t: _state(deform(scene.moving, scene.deformation, t)), in_axes=0
-    )(time)
+    deformation = scene.deformation
+    mean, quat, scale = jax.vmap(lambda t: _state(deform(scene.moving, deformation, t)))(time)
     moved = Gaussians(mean, quat, scale, scene.moving.opacity, scene.moving.harmonics)
     return concatenate(scene.static, moved)
 

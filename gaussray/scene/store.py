@@ -3,7 +3,7 @@
 Layout (version 1): `header` is a JSON text {"format": "gaussray-scene", "version": 1, ...}; every
 other entry is one array, named by its path in the `Scene`: static.mean, static.quat, static.scale,
 static.opacity, static.harmonics, the same under moving., time_range, and, if the scene moves,
-deformation.planes.space.<scale>, deformation.planes.time.<scale>, .lower .upper .begin .end,
+deformation.pivot, deformation.planes.space.<scale>, deformation.planes.time.<scale>, .lower .upper .begin .end,
 deformation.trunk.weight and .bias, deformation.{mean,rotation,scale}.{0,1}.{weight,bias}. No
 pickle: the file cannot carry code.
 """
@@ -49,11 +49,11 @@ def scene_from(array: dict[str, np.ndarray], path: Path) -> Scene:
 
     def gaussians(prefix: str) -> Gaussians:
         fields = ("mean", "quat", "scale", "opacity", "harmonics")
-        result = Gaussians(*(take(f"{prefix}.{field}") for field in fields))
-        rows = {field: getattr(result, field).shape[0] for field in fields}
+        values = {field: take(f"{prefix}.{field}") for field in fields}
+        rows = {field: value.shape[:1] for field, value in values.items()}
         if len(set(rows.values())) != 1:
             raise ValueError(f"{path}: the arrays of '{prefix}' differ in length: {rows}.")
-        return result
+        return Gaussians(**values)
 
     deformation = deformation_from(array, "deformation", path)
     return Scene(gaussians("static"), gaussians("moving"), deformation, take("time_range"))
@@ -79,12 +79,15 @@ def deformation_from(array: dict[str, np.ndarray], prefix: str, path: Path) -> D
         time=tuple(take(f"planes.time.{i}") for i in range(scales)),
         **{k: take(f"planes.{k}") for k in ("lower", "upper", "begin", "end")},
     )
-    return Deformation(planes, layer("trunk"), head("mean"), head("rotation"), head("scale"))
+    heads = (head(name) for name in ("mean", "rotation", "scale"))
+    return Deformation(planes, take("pivot"), layer("trunk"), *heads)
 
 
 def _take(array: dict[str, np.ndarray], name: str, path: Path) -> Array:
     if name not in array:
         raise ValueError(f"{path}: the array '{name}' is missing; the file is not whole.")
+    if not np.isfinite(array[name]).all():
+        raise ValueError(f"{path}: the array '{name}' must be finite; the scene is damaged.")
     return jnp.asarray(array[name])
 
 
@@ -94,10 +97,11 @@ def named(tree: Any, prefix: str = "") -> dict[str, np.ndarray]:
         return {}
     if hasattr(tree, "shape"):
         return {prefix: np.asarray(tree)}
-    if isinstance(tree, tuple) and not hasattr(tree, "_fields"):
+    fields = getattr(tree, "_fields", None)
+    if fields is not None:
+        parts = {name: getattr(tree, name) for name in fields}
+    elif isinstance(tree, tuple):
         parts = {str(i): x for i, x in enumerate(tree)}
-    elif hasattr(tree, "_fields"):
-        parts = tree._asdict()
     else:
         parts = vars(tree)
     dot = f"{prefix}." if prefix else ""
@@ -108,7 +112,7 @@ def write_arrays(path: Path | str, header: dict[str, Any], array: dict[str, np.n
     """A versioned .npz, moved into place when complete."""
     try:
         with whole(path) as partial, open(partial, "wb") as file:
-            np.savez(file, header=np.array(json.dumps(header)), **array)
+            np.savez(file, **{"header": np.array(json.dumps(header)), **array})  # type: ignore[arg-type]
     except OSError as error:
         raise OSError(f"{path}: cannot be written: {error}") from error
 
@@ -121,7 +125,7 @@ def read_arrays(
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file. `gaussray reconstruct` writes one.")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
             array = {name: file[name] for name in file.files}
         header = json.loads(str(array.pop("header")))
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:

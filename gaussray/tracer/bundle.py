@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.geometry import normalize
-from gaussray.tracer.motion import active_keys
+from gaussray.tracer.motion import active_controls
 
 
 # Bundles of one level share a bundle of the next coarser level, FAN neighbours at a time.
@@ -18,7 +18,8 @@ _WIDEST = 0.05
 
 
 class Bundles(eqx.Module):
-    """Half-spaces n.x >= offset that hold every ray of a bundle, and the keys its times touch.
+    """Half-spaces n.x >= offset that hold every ray of a bundle, and the control points of the
+    motion that its times touch.
 
     Four sides and a near plane. They are taken from the rays themselves, so lens radius, a moving
     camera and any lens are bounded without being known. A bundle without rays holds nothing; rays
@@ -69,7 +70,7 @@ def _bound_one(rays: Rays, key_time: Array) -> Bundles:
     earliest = jnp.min(jnp.where(real, rays.time, jnp.inf))
     latest = jnp.max(jnp.where(real, rays.time, -jnp.inf))
     return Bundles(
-        normal, jnp.where(some, offset, jnp.inf), active_keys(key_time, earliest, latest)
+        normal, jnp.where(some, offset, jnp.inf), active_controls(key_time, earliest, latest)
     )
 
 

@@ -5,9 +5,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from gaussray.scene.gaussians import axes
 from gaussray.tracer.bundle import morton
-from gaussray.tracer.motion import Motion, usable
+from gaussray.tracer.motion import Motion, controls, usable
 from gaussray.tracer.response import reach
 
 
@@ -34,19 +33,21 @@ class Grid(eqx.Module):
 
 
 def build(motion: Motion, *, alpha_min: float) -> Grid:
-    """Sort the Gaussians into cells and bound each cell over all key states.
+    """Sort the Gaussians into cells and bound each cell over all control points of the motion.
 
     The ellipsoids reach to where alpha = `alpha_min` (`response.reach`); Gaussians that never rise
     above it are left out.
     """
-    g = jax.lax.stop_gradient(motion.gaussians)
+    motion = jax.lax.stop_gradient(motion)
+    g = motion.gaussians
+    mean, frame = controls(motion)
     radius = reach(g.opacity, alpha_min)
-    support = axes(g.quat, g.scale) * radius[None, :, None, None]
+    support = frame * radius[None, :, None, None]
     # Slack for rounding in the axes themselves, relative to the Gaussian and to its place.
-    eps = jnp.finfo(g.mean.dtype).eps
-    half = jnp.sqrt(jnp.sum(support * support, axis=-1)) * (1 + 8 * eps) + 4 * eps * jnp.abs(g.mean)
-    lower = jnp.min(g.mean - half, axis=0)
-    upper = jnp.max(g.mean + half, axis=0)
+    eps = jnp.finfo(mean.dtype).eps
+    half = jnp.sqrt(jnp.sum(support * support, axis=-1)) * (1 + 8 * eps) + 4 * eps * jnp.abs(mean)
+    lower = jnp.min(mean - half, axis=0)
+    upper = jnp.max(mean + half, axis=0)
     fine = usable(g)
     kept = fine & (radius > 0)
     order = jnp.argsort(_place(lower, upper, kept))
@@ -64,7 +65,7 @@ def build(motion: Motion, *, alpha_min: float) -> Grid:
     )
     return Grid(
         index=index,
-        center=jax.vmap(pick)(g.mean),
+        center=jax.vmap(pick)(mean),
         axes=jax.vmap(pick)(support),
         lower=jnp.min(jnp.where(there, pick(lower), jnp.inf), axis=1),
         upper=jnp.max(jnp.where(there, pick(upper), -jnp.inf), axis=1),

@@ -1,4 +1,4 @@
-"""Gaussians at the key times of a frame: between two keys everything moves linearly."""
+"""Gaussians at the key times of a frame: between the keys everything moves along parabolas."""
 
 import equinox as eqx
 import jax
@@ -11,11 +11,15 @@ from gaussray.scene.gaussians import Gaussians, axes, whitening
 class Motion(eqx.Module):
     """States of the same Gaussians at increasing key times; one key is a scene that stands still.
 
-    Between keys the mean and the axes F = R S are interpolated linearly (second order in the key
-    spacing). F, not its inverse, because the support of an interpolated F along any normal n never
-    exceeds that of the neighbouring keys: |F(s)^T n| <= (1-s)|F0^T n| + s|F1^T n|. The bound over
-    the keys is therefore a bound at every time between them. Before the first and after the last
-    key the scene rests.
+    The mean and the axes F = R S move on an arc of a parabola through every three neighbouring
+    keys (keys 0 1 2, then 2 3 4, ...), or on a line between two. That is of third order in the key
+    spacing and exact for constant acceleration; a bounce is exact where arcs meet and smoothed
+    within one. Before the first and after the last key the scene rests.
+
+    Arcs are blended from control points (`controls`) with weights that are not negative and sum to
+    1 (`control_weights`). The support of the blend along any normal n is then at most the largest
+    of its control points, n.c + |F^T n| being convex: what bounds them bounds every time of the
+    arc. That is why F is blended, not its inverse.
     """
 
     time: Float[Array, " keys"]
@@ -23,8 +27,15 @@ class Motion(eqx.Module):
 
     @property
     def keys(self) -> int:
-        """How many key states there are."""
+        """How many key states there are, and as many control points."""
         return self.time.shape[0]
+
+    def __check_init__(self):
+        if self.keys != 2 and self.keys % 2 == 0:
+            raise ValueError(
+                f"render.keys must be 1, 2 or odd, got {self.keys}: arcs go through three keys and "
+                "share their ends."
+            )
 
 
 def still(gaussians: Gaussians) -> Motion:
@@ -39,28 +50,67 @@ def still(gaussians: Gaussians) -> Motion:
     return Motion(time=jnp.zeros(1, gaussians.mean.dtype), gaussians=lifted)
 
 
-def key_weights(key_time: Float[Array, " keys"], time: Float[Array, ""]) -> Float[Array, " keys"]:
-    """Share of every key state at a time: the hat functions of linear interpolation; they sum to 1.
+def controls(
+    motion: Motion,
+) -> tuple[Float[Array, "keys gaussians 3"], Float[Array, "keys gaussians 3 3"]]:
+    """Mean and axes F of the control points: the ends of the arcs, and between them the inner ones.
 
-    Piecewise linear in `time`, so gradients reach shutter and trigger times.
+    An arc meets its middle key M at the fraction f of its time, so its inner control point is
+    (M - (1-f)^2 A - f^2 B) / (2 f (1-f)): 2 M - (A + B) / 2 in the middle of the ends A and B.
     """
-    if key_time.shape[0] == 1:
+    g = motion.gaussians
+    mean, frame = g.mean, axes(g.quat, g.scale)
+    if motion.keys < 3:
+        return mean, frame
+    begin, middle, end = motion.time[:-1:2], motion.time[1::2], motion.time[2::2]
+    f = (middle - begin) / (end - begin)
+
+    def inner(x: Array) -> Array:
+        first, last = (share.reshape(-1, *(1,) * (x.ndim - 1)) for share in ((1 - f) ** 2, f**2))
+        rest = 1 - first - last
+        return x.at[1::2].set((x[1::2] - first * x[:-1:2] - last * x[2::2]) / rest)
+
+    return inner(mean), inner(frame)
+
+
+def control_weights(
+    key_time: Float[Array, " keys"], time: Float[Array, ""]
+) -> Float[Array, " keys"]:
+    """Share of every control point at a time: Bernstein polynomials of the time within its arc.
+
+    Smooth within an arc, so gradients reach shutter and trigger times.
+    """
+    keys = key_time.shape[0]
+    if keys == 1:
         return jnp.ones_like(key_time)
-    low, high = key_time[:-1], key_time[1:]
-    fraction = jnp.clip((time - low) / (high - low), 0, 1)
-    begins = jnp.concatenate([jnp.ones_like(fraction[:1]), fraction])
-    ends = jnp.concatenate([fraction, jnp.zeros_like(fraction[:1])])
-    return begins - ends
+    knot = _knots(key_time)
+    # 1 in arcs that are over, 0 in those to come.
+    s = jnp.clip((time - knot[:-1]) / (knot[1:] - knot[:-1]), 0, 1)
+    one = jnp.ones_like(s[:1])
+    ends = jnp.concatenate([one, s]) * jnp.concatenate([1 - s, one])
+    if keys == 2:
+        return ends
+    return jnp.zeros_like(key_time).at[::2].set(ends * ends).at[1::2].set(2 * s * (1 - s))
 
 
-def active_keys(
+def active_controls(
     key_time: Float[Array, " keys"], earliest: Float[Array, ""], latest: Float[Array, ""]
-) -> Array:
-    """Which key states have a share in some time of the window [earliest, latest]."""
-    infinite = jnp.full_like(key_time[:1], jnp.inf)
-    before = jnp.concatenate([-infinite, key_time[:-1]])
-    after = jnp.concatenate([key_time[1:], infinite])
-    return (before <= latest) & (after >= earliest)
+) -> Bool[Array, " keys"]:
+    """Which control points have a share in some time of the window [earliest, latest]."""
+    knot = _knots(key_time)
+    infinite = jnp.full_like(knot[:1], jnp.inf)
+    before = jnp.concatenate([-infinite, knot[:-1]])
+    after = jnp.concatenate([knot[1:], infinite])
+    ends = (before <= latest) & (after >= earliest)
+    if key_time.shape[0] < 3:
+        return ends
+    inner = (knot[:-1] <= latest) & (knot[1:] >= earliest)
+    return jnp.zeros(key_time.shape, bool).at[::2].set(ends).at[1::2].set(inner)
+
+
+def _knots(key_time: Array) -> Array:
+    """Where arcs begin and end."""
+    return key_time if key_time.shape[0] < 3 else key_time[::2]
 
 
 def usable(gaussians: Gaussians) -> Bool[Array, " gaussians"]:
@@ -72,17 +122,19 @@ def usable(gaussians: Gaussians) -> Bool[Array, " gaussians"]:
 
 
 def table(motion: Motion) -> Float[Array, "rows columns"]:
-    """All that shading needs of a Gaussian in one row: frame and mean at each key, opacity, colour.
+    """All that shading needs of a Gaussian in one row: control points, opacity, colour.
 
-    A single key stores A = S^-1 R^T (nothing to invert later); several keys store F = R S, whose
-    interpolation is inverted per ray. Columns: keys x (9 + 3), opacity, harmonics. A last row, of
-    an ordinary Gaussian, is for slots without a hit; Gaussians that are not `usable` become such
-    too, so that neither their values nor their gradients spread.
+    A single key stores A = S^-1 R^T (nothing to invert later); several store F = R S of the control
+    points, whose blend is inverted per ray. Columns: keys x (9 + 3), opacity, harmonics. A last
+    row, of an ordinary Gaussian, is for slots without a hit; Gaussians that are not `usable` become
+    such too, so that neither their values nor their gradients spread.
     """
     g = _ordinary(motion.gaussians)
-    frame = whitening if motion.keys == 1 else axes
-    matrix = frame(g.quat, g.scale)
-    state = jnp.concatenate([matrix.reshape(*matrix.shape[:2], 9), g.mean], axis=-1)
+    if motion.keys == 1:
+        mean, matrix = g.mean, whitening(g.quat, g.scale)
+    else:
+        mean, matrix = controls(Motion(motion.time, g))
+    state = jnp.concatenate([matrix.reshape(*matrix.shape[:2], 9), mean], axis=-1)
     state = jnp.moveaxis(state, 0, 1).reshape(g.count, motion.keys * 12)
     return jnp.concatenate([state, g.opacity[:, None], g.harmonics.reshape(g.count, -1)], axis=1)
 
@@ -108,8 +160,8 @@ def _ordinary(g: Gaussians) -> Gaussians:
 def state_at(
     row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
 ) -> tuple[list[Float[Array, "*both"]], list[Float[Array, "*both"]]]:
-    """Gaussians (a row of `table`, column by column) at the times of their rays: the nine entries
-    of A, row by row, and the mean."""
+    """Gaussians (a row of `table`, column by column) blended for their rays with
+    `control_weights`: the nine entries of A, row by row, and the mean."""
     keys = weights.shape[0]
     if keys == 1:
         return [row[i] for i in range(9)], [row[i] for i in range(9, 12)]

@@ -141,10 +141,10 @@ def _touches_box(bundle: Bundles, lower: Array, upper: Array) -> Bool[Array, "*b
 def _touches_ellipsoid(
     bundle: Bundles, center: Float[Array, "keys 3"], axes: Float[Array, "keys 3 3"]
 ) -> Bool[Array, ""]:
-    """False where the ellipsoid lies outside one half-space at every key in the bundle's window.
+    """False where the ellipsoid lies outside one half-space at all active control points.
 
-    Its support along n is n.c + |F^T n|. The maximum over the keys bounds every time between them
-    (see `motion.Motion`).
+    Its support along n is n.c + |F^T n|. The maximum over the control points bounds every time of
+    the bundle's window (see `motion.Motion`).
     """
     inside = jnp.array(True)
     for i in range(5):

@@ -26,15 +26,17 @@ def test_every_visible_gaussian_is_in_one_cell():
     assert int(grid.dropped) == 1
 
 
-def test_boxes_hold_the_ellipsoids_at_all_key_times():
-    time, matter = moving(61, size=(0.01, 1.0))
+def test_boxes_hold_the_ellipsoids_at_all_times():
+    time, matter = moving(61, keys=5, size=(0.01, 1.0), amount=0.3)
     motion = wandering(time, matter)
     grid = make(motion)
     axes = reference.rotation(matter.quat) * matter.scale[..., None, :]
     radius = np.sqrt(2 * np.log(matter.opacity / ALPHA_MIN))
+    shares = reference.key_shares(time, np.linspace(-0.1, 1.1, 121))
+    axes, mean = np.tensordot(shares, axes, 1), np.tensordot(shares, matter.mean, 1)
     half = np.linalg.norm(axes, axis=-1) * radius[:, None]
     # The slack of the boxes in single precision covers the rounding of the inputs.
-    lower, upper = np.min(matter.mean - half, axis=0), np.max(matter.mean + half, axis=0)
+    lower, upper = np.min(mean - half, axis=0), np.max(mean + half, axis=0)
     low, high = np.asarray(grid.lower), np.asarray(grid.upper)
     for cell, members in enumerate(np.asarray(grid.index)):
         members = members[members >= 0]

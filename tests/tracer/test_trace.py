@@ -285,14 +285,15 @@ def test_rays_without_direction_see_nothing_and_rays_that_are_nan_harm_no_other(
 
 
 def test_a_gaussian_that_turns_over_between_keys_does_not_flash():
-    # Half a turn about z: half-way the interpolated axes vanish, and with them the Gaussian.
-    crowd = padded(gaussians(1)._replace(mean=np.zeros((1, 3)), scale=np.full((1, 3), 0.1)))
+    # Half a turn about z. At time 1/4 the first key's share is (1/4 - 3/4) (1/4 - 1) / (3/4) = 1/2,
+    # that of the others together too: the axes vanish, and with them the Gaussian.
+    crowd = padded(gaussians(1)._replace(mean=np.zeros((1, 3)), scale=np.full((1, 3), 0.125)))
     over = crowd.quat.copy()
     crowd.quat[0], over[0] = (1, 0, 0, 0), (0, 0, 0, 1)
     both = [np.stack([x, x, x]) for x in (crowd.mean, crowd.scale)]
     state = crowd._replace(mean=both[0], scale=both[1], quat=np.stack([crowd.quat, over, over]))
-    motion = wandering([0.0, 1.0, 2.0], state, np.float64)
-    lines = rays(spread=0.01, jitter=0.05)._replace(time=np.full(RAYS, 0.5))
+    motion = wandering([0.0, 0.75, 1.0], state, np.float64)
+    lines = rays(spread=0.01, jitter=0.05)._replace(time=np.full(RAYS, 0.25))
     pixels, _, gradient = pull(motion, shot(lines, np.float64), weights())
     assert np.all(stacked(pixels)[:, 3] == 1)
     assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves(gradient))

@@ -65,8 +65,9 @@ def test_lists_are_short_where_rays_are_neighbours():
     lists, _ = search(scene(), shot(lines), options=OPTIONS, capacity=WHOLE)
     hits = np.isfinite(reference.hits(scene(), shot(lines))[0]).reshape(-1, EACH, COUNT)
     met = np.sum(np.any(hits, axis=1))
-    # Measured: 2.9 times as many candidates as Gaussians that some ray of the bundle meets.
-    assert met <= np.sum(lists.count) < 4 * met
+    # Measured: 5.1 times as many candidates as Gaussians that some ray of the bundle meets; 1.8 if
+    # they rested. They jump by several times their size, and are bounded over the whole arc.
+    assert met <= np.sum(lists.count) < 6 * met
 
 
 def test_what_does_not_fit_is_counted_and_what_is_needed_suffices():

@@ -1,0 +1,161 @@
+"""Every array learns at its own rate, and what is fixed does not move."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import toy
+
+from gaussray.fit.checkpoint import load_checkpoint, save_checkpoint
+from gaussray.fit.initial import in_common_view, on_points
+from gaussray.fit.optimizer import OptimizerOptions, Parameters, descend, rates, scene_of
+from gaussray.fit.state import advance, begin_state
+from gaussray.scene.gaussians import unconstrain
+from gaussray.scene.store import read_arrays, write_arrays
+
+
+OPTIONS = OptimizerOptions()
+FIXED = ("lower", "upper", "begin", "end")
+
+
+@pytest.fixture(scope="module")
+def parameters():
+    """Still and moving Gaussians, and a field that moves them."""
+    scene = toy.scene()
+    return Parameters(unconstrain(scene.static), unconstrain(scene.moving), scene.deformation)
+
+
+def rate_at(parameters, step, **changes):
+    options = OptimizerOptions(**changes)
+    return rates(parameters, jnp.asarray(step), options=options, extent=3.0, steps=100)
+
+
+def test_the_means_learn_in_proportion_to_the_extent(parameters):
+    rate = rate_at(parameters, 0)
+    for side, share in ((rate.static, OPTIONS.static), (rate.moving, OPTIONS.moving)):
+        np.testing.assert_allclose(side.mean, 3 * share * OPTIONS.mean, rtol=1e-6)
+        np.testing.assert_allclose(side.quat, share * OPTIONS.quat, rtol=1e-6)
+        np.testing.assert_allclose(side.log_scale, share * OPTIONS.scale, rtol=1e-6)
+        np.testing.assert_allclose(side.logit_opacity, share * OPTIONS.opacity, rtol=1e-6)
+
+
+def test_before_anything_moves_all_gaussians_learn_alike(parameters):
+    rate = rate_at(Parameters(parameters.static, parameters.moving, None), 0)
+    for side in (rate.static, rate.moving):
+        np.testing.assert_allclose(side.quat, OPTIONS.quat, rtol=1e-6)
+
+
+def test_a_stage_ends_at_a_share_of_every_rate(parameters):
+    first, last = rate_at(parameters, 0), rate_at(parameters, 100, decay=0.01)
+    for a, b in zip(jax.tree.leaves(first), jax.tree.leaves(last), strict=True):
+        np.testing.assert_allclose(b, 0.01 * np.asarray(a), rtol=1e-5)
+
+
+def test_colour_learns_faster_than_the_other_harmonics(parameters):
+    harmonics = jnp.zeros((parameters.static.mean.shape[0], 4, 3))
+    static = type(parameters.static)(**(vars(parameters.static) | {"harmonics": harmonics}))
+    rate = rate_at(Parameters(static, parameters.moving, None), 0).static.harmonics
+    expected = [OPTIONS.color] + [OPTIONS.harmonics] * 3
+    np.testing.assert_allclose(np.ravel(rate), expected, rtol=1e-6)
+
+
+def test_bounds_and_pivots_never_move_and_everything_else_does(parameters):
+    ones = jax.tree.map(jnp.ones_like, parameters)
+    moved, _ = descend(
+        parameters, ones, begin_state(parameters).adam, rate_at(parameters, 0)
+    )  # fmt: skip
+    before, after = parameters.deformation, moved.deformation
+    for name in FIXED:
+        np.testing.assert_array_equal(getattr(after.planes, name), getattr(before.planes, name))
+    np.testing.assert_array_equal(after.pivot, before.pivot)
+    still = [
+        path
+        for (path, a), b in zip(
+            jax.tree_util.tree_leaves_with_path(parameters), jax.tree.leaves(moved), strict=True
+        )
+        if not (np.asarray(a) != np.asarray(b)).all()
+    ]
+    assert len(still) == len(FIXED) + 1
+    # Adam's first step is one rate long.
+    np.testing.assert_allclose(
+        after.trunk.bias, before.trunk.bias - OPTIONS.network, rtol=1e-4, atol=1e-7
+    )
+    np.testing.assert_allclose(
+        moved.static.mean, parameters.static.mean - 3 * OPTIONS.static * OPTIONS.mean, rtol=1e-4, atol=1e-6
+    )
+    for a, b in zip(jax.tree.leaves(parameters), jax.tree.leaves(moved), strict=True):
+        assert a.dtype == b.dtype
+
+
+def test_a_scene_holds_physical_values(parameters):
+    scene, expected = scene_of(parameters, toy.single([0, 1])), toy.scene()
+    np.testing.assert_allclose(scene.static.scale, expected.static.scale, rtol=1e-5)
+    np.testing.assert_allclose(scene.moving.opacity, expected.moving.opacity, rtol=1e-5)
+
+
+def test_a_new_instant_begins_where_the_last_one_is(parameters):
+    begun = advance(parameters, 2).deformation.planes.time
+    for before, after in zip(parameters.deformation.planes.time, begun, strict=True):
+        np.testing.assert_array_equal(after[:, :2], before[:, :2])
+        np.testing.assert_array_equal(after[:, 2], before[:, 1])
+    assert advance(parameters, 0) is parameters
+    still = Parameters(parameters.static, parameters.moving, None)
+    assert advance(still, 1) is still
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_checkpoint_gives_back_the_same_bits(parameters, tmp_path, moves):
+    kept = parameters if moves else Parameters(parameters.static, parameters.moving, None)
+    state = begin_state(kept)
+    dice = np.random.default_rng(0)
+    noise = lambda x: jnp.asarray(dice.integers(1, 99, x.shape).astype(x.dtype) / 7, x.dtype)  # noqa: E731
+    state = jax.tree.map(noise, state)
+    info = {"stage": "fine", "limit": [3, 4], "moves": moves, "known": 1}
+    save_checkpoint(tmp_path / "checkpoint.npz", state, info=info)
+    found, noted = load_checkpoint(tmp_path / "checkpoint.npz")
+    assert noted == info
+    assert jax.tree.structure(found) == jax.tree.structure(state)
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(state), strict=True):
+        assert a.dtype == b.dtype
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("name", ["step", "adam.mu.static.mean", "parameters.moving.quat"])
+def test_a_checkpoint_without_an_array_is_refused(parameters, tmp_path, name):
+    path = tmp_path / "checkpoint.npz"
+    save_checkpoint(path, begin_state(parameters), info={})
+    header, array = read_arrays(path, "gaussray-checkpoint", 1)
+    del array[name]
+    write_arrays(path, header, array)
+    with pytest.raises(ValueError, match=f"'{name}' is missing"):
+        load_checkpoint(path)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5, 30])
+def test_any_number_of_points_is_a_start(count):
+    position = np.random.default_rng(0).normal(size=(count, 3)).astype(np.float32)
+    start = on_points(position, np.full((count, 3), 0.5, np.float32), degree=1, opacity=0.8)
+    assert start.count == count and start.harmonics.shape == (count, 4, 3)
+    assert (np.asarray(start.scale) > 0).all()
+    for leaf in jax.tree.leaves(start):
+        assert np.isfinite(leaf).all() and leaf.dtype == jnp.float32
+
+
+def test_points_that_coincide_are_a_start():
+    start = on_points(np.zeros((9, 3), np.float32), np.zeros((9, 3), np.float32), degree=0,
+                      opacity=0.8)  # fmt: skip
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(start))
+    assert (np.asarray(start.scale) > 0).all()
+
+
+def test_a_random_start_lies_where_all_cameras_look():
+    origin = np.array([[0, 0, -3], [3, 0, 0], [0, 0, 3]], np.float32)
+    center = np.array([0.1, 0.2, 0.3])
+    direction = center - origin
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    position, color = in_common_view(origin, direction.astype(np.float32), count=500, seed=1)
+    np.testing.assert_allclose(position.mean(0), center, atol=0.3)
+    assert np.linalg.norm(position - center, axis=1).max() < 3.2
+    assert position.shape == color.shape == (500, 3)
+    again, _ = in_common_view(origin, direction.astype(np.float32), count=500, seed=1)
+    np.testing.assert_array_equal(position, again)

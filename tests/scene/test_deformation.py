@@ -1,0 +1,81 @@
+"""A field that has learnt nothing moves nothing; one that has moves what it should."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import toy
+
+from gaussray.geometry import normalize_quaternion
+from gaussray.scene.deformation import FieldOptions, deform
+
+
+# A few float32 roundings of numbers near 1.
+CLOSE = {"rtol": 1e-6, "atol": 1e-6}
+
+
+@pytest.fixture(scope="module")
+def bodies():
+    """Two Gaussians whose quaternions are not of unit length."""
+    made = toy.gaussians([[-0.4, 0, 0], [0.3, 0.4, -0.1]], [0.2, 0.1], [[1, 0, 0], [0, 1, 0]])
+    return eqx.tree_at(lambda g: g.quat, made, toy.single([[2, 0, 0, 0], [1, 1, 0, 1]]))
+
+
+@pytest.mark.parametrize("time", [-1.0, 0.0, 0.37, 1.0, 7.0])
+def test_zero_initialised_heads_are_the_identity_at_every_time(bodies, time):
+    moved = deform(bodies, toy.deformation(), toy.single(time))
+    np.testing.assert_allclose(moved.mean, bodies.mean, **CLOSE)
+    np.testing.assert_array_equal(moved.scale, bodies.scale)
+    np.testing.assert_allclose(moved.quat, normalize_quaternion(bodies.quat), **CLOSE)
+    np.testing.assert_array_equal(moved.opacity, bodies.opacity)
+    np.testing.assert_array_equal(moved.harmonics, bodies.harmonics)
+
+
+def test_biases_of_the_heads_are_the_residuals(bodies):
+    field = toy.deformation()
+    where = lambda d: (d.mean[1].bias, d.rotation[1].bias, d.scale[1].bias)  # noqa: E731
+    # (1, 0, 0, 0) + (0, 0, 0, 1) is a quarter turn about z: (x, y, z) -> (-y, x, z).
+    shift, turn, grow = (toy.single(x) for x in ([1, 2, 3], [0, 0, 0, 1], np.log([2, 1, 0.5])))
+    moved = deform(bodies, eqx.tree_at(where, field, (shift, turn, grow)), toy.single(0.5))
+    x, y, z = np.asarray(bodies.mean).T
+    np.testing.assert_allclose(moved.mean, np.stack([1 - y, 2 + x, 3 + z], axis=1), **CLOSE)
+    np.testing.assert_allclose(moved.quat[0], np.sqrt([0.5, 0, 0, 0.5]), **CLOSE)
+    np.testing.assert_allclose(moved.scale, bodies.scale * jnp.exp(grow), **CLOSE)
+
+
+def test_a_gaussian_turns_about_the_nearest_pivot(bodies):
+    field = toy.deformation()
+    field = eqx.tree_at(lambda d: d.pivot, field, bodies.mean + toy.single([[0, 0, 0.1]]))
+    half = eqx.tree_at(lambda d: d.rotation[1].bias, field, toy.single([-1, 0, 0, 1]))
+    moved = deform(bodies, half, toy.single(0.5))
+    np.testing.assert_allclose(moved.mean, bodies.mean, **CLOSE)
+
+
+def test_every_array_of_a_field_that_has_moved_gets_gradient(bodies):
+    # With zero last layers nothing before them can learn yet: they have to leave zero first.
+    field = toy.deformation()
+    dice = np.random.default_rng(0)
+    where = lambda d: (d.mean[1].weight, d.rotation[1].weight, d.scale[1].weight)  # noqa: E731
+    last = [toy.single(dice.normal(size=x.shape)) for x in where(field)]
+    field = eqx.tree_at(where, field, last)
+
+    def total(field):
+        moved = deform(bodies, field, toy.single(0.3))
+        return jnp.sum(moved.mean * 2 + jnp.log(moved.scale)) + jnp.sum(jnp.sin(moved.quat))
+
+    slope = eqx.filter_jit(jax.grad(total))(field)
+
+    heads = (slope.trunk, slope.mean, slope.rotation, slope.scale)
+    for leaf in jax.tree.leaves(heads):
+        assert np.isfinite(leaf).all() and np.abs(leaf).max() > 0
+    for scale in (*slope.planes.space, *slope.planes.time):
+        assert (jnp.abs(scale).max(axis=(1, 2, 3)) > 0).all()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("sides", ()), ("sides", (1,)), ("instants", 1), ("channels", 0), ("width", 0)]
+)
+def test_a_size_that_cannot_be_is_named(key, value):
+    with pytest.raises(ValueError, match=f"field.{key} must"):
+        FieldOptions(**{key: value})

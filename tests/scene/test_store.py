@@ -1,0 +1,107 @@
+"""A scene that was written is read back bit by bit, or not at all."""
+
+import os
+import pickle
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+import toy
+
+from gaussray.scene.store import load_scene, named, read_arrays, save_scene, write_arrays
+
+
+def same(a, b):
+    """Equal trees with equal bits and dtypes."""
+    assert jax.tree.structure(a) == jax.tree.structure(b)
+    for x, y in zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True):
+        assert x.dtype == y.dtype
+        np.testing.assert_array_equal(x, y)
+
+
+def rewritten(path, **changes):
+    """The file with some arrays exchanged, or removed (None)."""
+    header, array = read_arrays(path, "gaussray-scene", 1)
+    array = {name: x for name, x in (array | changes).items() if x is not None}
+    write_arrays(path, header, array)
+
+
+@pytest.fixture
+def path(tmp_path):
+    """A scene on disk."""
+    save_scene(tmp_path / "scene.npz", toy.scene())
+    return tmp_path / "scene.npz"
+
+
+@pytest.mark.parametrize("speed", [0.4, 0.0])
+def test_round_trip_is_exact_with_and_without_deformation(tmp_path, speed):
+    scene = toy.scene(speed=speed)
+    save_scene(tmp_path / "deep" / "scene.npz", scene, info={"by": "a test"})
+    same(load_scene(tmp_path / "deep" / "scene.npz"), scene)
+    same(load_scene(tmp_path / "deep"), scene)
+
+
+def test_the_documented_names_are_the_names(path):
+    _, array = read_arrays(path, "gaussray-scene", 1)
+    assert {"static.mean", "moving.harmonics", "time_range", "deformation.planes.space.0",
+            "deformation.planes.begin", "deformation.trunk.weight",
+            "deformation.rotation.1.bias"} <= set(array)  # fmt: skip
+
+
+def test_a_write_that_fails_leaves_the_old_file(path, monkeypatch):
+    before = path.read_bytes()
+
+    def torn(file, **_):
+        file.write(b"half")
+        raise OSError("disk full")
+
+    monkeypatch.setattr(np, "savez", torn)
+    with pytest.raises(OSError, match="scene.npz: cannot be written: disk full"):
+        save_scene(path, toy.scene(speed=0))
+    assert path.read_bytes() == before
+    assert os.listdir(path.parent) == ["scene.npz"]
+
+
+def test_a_pickle_is_never_opened(tmp_path):
+    class Bomb:
+        def __reduce__(self):
+            return (os.mkdir, (str(tmp_path / "owned"),))
+
+    path = tmp_path / "scene.npz"
+    path.write_bytes(pickle.dumps(Bomb()))
+    with pytest.raises(ValueError, match="damaged"):
+        load_scene(path)
+    np.savez(path, header=np.array([Bomb()], object))
+    with pytest.raises(ValueError, match="damaged"):
+        load_scene(path)
+    assert not (tmp_path / "owned").exists()
+
+
+@pytest.mark.parametrize(
+    "name", ["static.mean", "time_range", "deformation.trunk.bias", "deformation.planes.time.0"]
+)
+def test_a_missing_array_is_named(path, name):
+    rewritten(path, **{name: None})
+    with pytest.raises(ValueError, match=f"'{name}' is missing"):
+        load_scene(path)
+
+
+def test_arrays_that_do_not_fit_are_named(path):
+    rewritten(path, **{"static.opacity": np.zeros(3, np.float32)})
+    with pytest.raises(ValueError, match="'static' differ in length"):
+        load_scene(path)
+
+
+def test_values_that_are_not_finite_are_refused(path):
+    scene = toy.scene()
+    mean = np.array(scene.moving.mean)
+    mean[1, 2] = np.nan
+    save_scene(path, eqx.tree_at(lambda s: s.moving.mean, scene, jax.numpy.asarray(mean)))
+    with pytest.raises(ValueError, match="'moving.mean' must be finite"):
+        load_scene(path)
+
+
+def test_named_follows_modules_tuples_and_named_tuples():
+    tree = (np.zeros(1), (np.ones(2), None))
+    assert set(named(tree)) == {"0", "1.0"}

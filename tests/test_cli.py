@@ -1,0 +1,262 @@
+"""What the user does wrong ends in one line that names key or file, and in exit code 2."""
+
+import json
+
+import numpy as np
+import pytest
+import toy
+
+from gaussray.cli import VERBS, main
+from gaussray.dataset.images import write_image
+from gaussray.dataset.manifest import write_manifest
+from gaussray.scene.store import save_scene, write_arrays
+
+
+@pytest.fixture(scope="module")
+def scene_file(tmp_path_factory):
+    """A scene with the cameras that filmed it."""
+    folder = tmp_path_factory.mktemp("run")
+    save_scene(folder / "scene.npz", toy.scene())
+    write_manifest(folder / "cameras.json", toy.records())
+    return folder / "scene.npz"
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    """A capture of grey pictures."""
+    folder = tmp_path_factory.mktemp("capture")
+    for record in toy.records():
+        write_image(folder / record.file_path, np.full((toy.SIZE, toy.SIZE, 3), 128, np.uint8))
+    write_manifest(folder / "transforms.json", toy.records(), extra={"time_unit": "s"})
+    return folder
+
+
+@pytest.fixture
+def capture(original, tmp_path):
+    """A copy to be broken."""
+    import shutil
+
+    return shutil.copytree(original, tmp_path / "capture")
+
+
+@pytest.fixture
+def fails(capsys):
+    """Runs a command that must fail; returns its one line on stderr."""
+
+    def run(*words, code=2):
+        with pytest.raises(SystemExit) as stop:
+            main([str(word) for word in words])
+        assert stop.value.code == code
+        out, err = capsys.readouterr()
+        lines = err.splitlines()
+        assert len(lines) == 1, err
+        assert lines[0].startswith("gaussray: ")
+        return lines[0]
+
+    return run
+
+
+def edited(capture, change):
+    """The capture after a change of its JSON document."""
+    path = capture / "transforms.json"
+    document = json.loads(path.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
+    return capture
+
+
+def test_no_word_and_help_print_the_verbs(capsys):
+    for words in ([], ["--help"], ["-h"]):
+        main(words)
+        text = capsys.readouterr().out
+        assert all(verb in text for verb in VERBS)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_of_a_verb_prints_its_groups_with_choices(verb, capsys):
+    main([verb, "--help"])
+    text = capsys.readouterr().out
+    assert "trace." in text and "choices:" in text
+    if verb == "render":
+        for group in ("lens", "aperture", "shutter", "trajectory", "film", "camera"):
+            assert f"{group}." in text
+        assert "fisheye, kannala_brandt, keep, pinhole" in text
+
+
+def test_an_unknown_verb(fails):
+    line = fails("paint")
+    assert "'paint'" in line and all(verb in line for verb in VERBS)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["reconstruct", "out=x"], "capture.path must be given"),
+        (["reconstruct", "capture.path=x"], "out must be given"),
+        (["render", "out=x"], "scene must be given"),
+        (["evaluate", "scene=x"], "truth must be given"),
+        (["reconstruct", "capture.path=x", "out=x", "fit.steps=3"], "fit.steps"),
+        (["reconstruct", "capture.path=x", "out=x", "+fit.steps=3"], "fit.steps is unknown"),
+        (["reconstruct", "capture.path=x", "out=x", "trace=fast"], "trace/fast"),
+        (["reconstruct", "capture.path=x", "out=x", "--fast"], "--fast"),
+        (["reconstruct", "capture.path=x", "out=x", "trace.k=0"], "trace.k must be at least 1, got 0"),
+        (["demo", "out=x", "fit.coarse=many"], "fit.coarse must be a whole number"),
+    ],
+)
+def test_a_wrong_key(fails, tmp_path, monkeypatch, words, named):
+    monkeypatch.chdir(tmp_path)
+    assert named in fails(*words)
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_capture_that_is_not_there(fails, tmp_path):
+    line = fails("reconstruct", f"capture.path={tmp_path}/none", f"out={tmp_path}/out")
+    assert f"{tmp_path}/none" in line
+    assert not (tmp_path / "out").exists()
+    assert "capture.path" in fails("demo", f"capture.path={tmp_path}/none", f"out={tmp_path}/out")
+
+
+@pytest.mark.parametrize("verb", ["render", "evaluate"])
+def test_a_scene_that_is_not_there_or_not_one(fails, tmp_path, capture, verb):
+    rest = [f"out={tmp_path}/out"] + [f"truth={capture}"] * (verb == "evaluate")
+    assert "no such file" in fails(verb, f"scene={tmp_path}/none.npz", *rest)
+    other = tmp_path / "other.npz"
+    other.write_text("a text")
+    assert "is not a gaussray-scene file" in fails(verb, f"scene={other}", *rest)
+    np.savez(other, a=np.zeros(3))
+    assert "is not a gaussray-scene file" in fails(verb, f"scene={other}", *rest)
+
+
+def test_a_scene_of_another_version_or_kind(fails, tmp_path):
+    path = tmp_path / "scene.npz"
+    write_arrays(path, {"format": "gaussray-scene", "version": 99}, {})
+    assert "version 99" in fails("render", f"scene={path}", f"out={tmp_path}/out")
+    write_arrays(path, {"format": "gaussray-checkpoint", "version": 1}, {})
+    assert "gaussray-checkpoint" in fails("render", f"scene={path}", f"out={tmp_path}/out")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.98])
+def test_a_truncated_scene(fails, tmp_path, scene_file, share):
+    path = tmp_path / "scene.npz"
+    content = scene_file.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    assert "damaged" in fails("render", f"scene={path}", f"out={tmp_path}/out")
+
+
+def test_a_scene_without_cameras(fails, tmp_path):
+    save_scene(tmp_path / "scene.npz", toy.scene())
+    line = fails("render", f"scene={tmp_path}/scene.npz", f"out={tmp_path}/out")
+    assert "cameras.json" in line and "cameras=DIR" in line
+
+
+@pytest.mark.parametrize(
+    ("override", "named"),
+    [
+        ("aperture.radius=-0.5", "aperture.radius must be at least 0, got -0.5"),
+        ("shutter.exposure=-1 shutter.kind=global", "shutter.exposure must be at least 0"),
+        ("shutter.kind=sideways", "shutter.kind must be keep, global or rolling"),
+        ("shutter.kind=rolling shutter.direction=up", "shutter.direction must be one of"),
+        ("lens.model=mirror", "lens.model must be"),
+        ("lens=pinhole lens.fov=180", "lens.fov must be in (0, 180)"),
+        ("lens=kannala_brandt lens.k=[1]", "lens.k must hold 4 coefficients, got 1"),
+        ("film.filter=sharp", "film.filter must be one of"),
+        ("trajectory.kind=fly", "trajectory.kind must be keep or between"),
+        ("trajectory=between", "needs at least two cameras"),
+        ("trajectory=between trajectory.steps=0 camera.split=train", "trajectory.steps"),
+        ("camera.names=[cam_9]", "camera.names must be among"),
+        ("camera.times=[0.25]", "choose no frame"),
+        ("camera.split=validation", "camera.split"),
+        ("render.samples=0", "render.samples must be at least 1"),
+        ("fps=0", "fps"),
+    ],
+)
+def test_a_camera_that_cannot_be(fails, tmp_path, scene_file, override, named):
+    words = override.split()
+    assert named in fails("render", f"scene={scene_file}", f"out={tmp_path}/out", *words)
+
+
+@pytest.mark.parametrize("verb", ["reconstruct", "render", "evaluate"])
+def test_an_output_folder_that_cannot_be_made(fails, tmp_path, scene_file, capture, verb):
+    (tmp_path / "file").write_text("")
+    given = {
+        "reconstruct": [f"capture.path={capture}"],
+        "render": [f"scene={scene_file}"],
+        "evaluate": [f"scene={scene_file}", f"truth={capture}"],
+    }
+    line = fails(verb, *given[verb], f"out={tmp_path}/file/out")
+    assert f"out={tmp_path}/file/out: cannot be written" in line
+
+
+def reconstruct_of(capture):
+    return ["reconstruct", f"capture.path={capture}", f"out={capture}/out"]
+
+
+def test_a_malformed_json(fails, capture):
+    (capture / "transforms.json").write_text('{"frames": [')
+    line = fails(*reconstruct_of(capture))
+    assert "transforms.json" in line and "malformed JSON at line 1" in line
+
+
+def test_a_pose_that_is_not_finite(fails, capture):
+    def spoil(document):
+        document["frames"][2]["transform_matrix"][0][3] = float("nan")
+
+    line = fails(*reconstruct_of(edited(capture, spoil)))
+    assert "frame 2" in line and "transform_matrix must be finite" in line
+
+
+def test_a_capture_without_training_views(fails, capture):
+    def spoil(document):
+        for frame in document["frames"]:
+            frame["split"] = "test"
+        document.pop("split", None)
+
+    assert "train" in fails(*reconstruct_of(edited(capture, spoil)))
+
+
+def test_a_picture_that_is_missing(fails, capture):
+    path = capture / "images" / "cam_1" / "0001.png"
+    path.unlink()
+    line = fails(*reconstruct_of(capture))
+    assert str(path) in line and "does not exist" in line
+
+
+def test_a_picture_that_is_truncated(fails, capture):
+    path = capture / "images" / "cam_1" / "0001.png"
+    path.write_bytes(path.read_bytes()[:-30])
+    line = fails(*reconstruct_of(capture))
+    assert str(path) in line and "truncated or corrupt" in line
+
+
+def test_a_picture_of_another_size(fails, capture):
+    path = capture / "images" / "cam_1" / "0001.png"
+    write_image(path, np.zeros((8, 20, 3), np.uint8))
+    line = fails(*reconstruct_of(capture))
+    assert str(path) in line and "got 20 x 8" in line and "16 x 16" in line
+
+
+def test_a_bundle_larger_than_the_picture(fails, capture):
+    assert "trace.bundle must be at most" in fails(*reconstruct_of(capture), "trace.bundle=32")
+
+
+def test_resuming_where_nothing_was_left(fails, capture):
+    line = fails(*reconstruct_of(capture), "resume=true")
+    assert "checkpoint.npz" in line and "resume" in line
+
+
+def test_a_truth_without_frames_of_the_split(fails, capture, scene_file):
+    def spoil(document):
+        for frame in document["frames"]:
+            frame["split"] = "train"
+
+    line = fails("evaluate", f"scene={scene_file}", f"truth={edited(capture, spoil)}",
+                 f"out={capture}/out")  # fmt: skip
+    assert "evaluate.split=all" in line
+
+
+def test_an_interruption_says_how_to_go_on(fails, capture, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gaussray.reconstruct.reconstruct", stop)
+    assert "resume=true" in fails(*reconstruct_of(capture), code=130)

@@ -1,0 +1,123 @@
+"""One YAML leaf is one options class, with the same keys and the same defaults."""
+
+import pathlib
+import tomllib
+
+import jax
+import pytest
+
+from gaussray import reconstruct as stage, rig
+from gaussray.cli import VERBS, conf_folder, configuration, options
+from gaussray.evaluate import EvaluateOptions
+from gaussray.render import RenderOptions
+from gaussray.tracer.trace import TraceOptions
+
+
+# Every group of conf/ with the class that it configures and the leaf that holds the class's defaults.
+GROUPS = {
+    "fit": (stage.FitOptions, "default"),
+    "field": (stage.FieldOptions, "default"),
+    "loss": (stage.LossOptions, "default"),
+    "optimizer": (stage.OptimizerOptions, "default"),
+    "density": (stage.DensityOptions, "default"),
+    "trace": (TraceOptions, "default"),
+    "render": (RenderOptions, "default"),
+    "evaluate": (EvaluateOptions, "default"),
+    "camera": (rig.CameraOptions, "default"),
+    "lens": (rig.LensOptions, "keep"),
+    "aperture": (rig.ApertureOptions, "keep"),
+    "shutter": (rig.ShutterOptions, "keep"),
+    "trajectory": (rig.TrajectoryOptions, "keep"),
+    "film": (rig.FilmOptions, "keep"),
+}
+CHOICES = [
+    (group, path.stem) for group in GROUPS for path in sorted((conf_folder() / group).glob("*.yaml"))
+]
+# What each verb demands before it says anything else.
+GIVEN = {
+    "demo": [],
+    "reconstruct": ["capture.path=x", "out=x"],
+    "render": ["scene=x", "out=x"],
+    "evaluate": ["scene=x", "truth=x"],
+}
+
+
+def leaf(group, choice):
+    """The options of one YAML file."""
+    verb = "render" if group not in ("fit", "field", "loss", "optimizer", "density") else "demo"
+    verb = "evaluate" if group == "evaluate" else verb
+    cfg = configuration(verb, [*GIVEN[verb], f"{group}={choice}"])
+    return options(GROUPS[group][0], cfg[group])
+
+
+def test_every_group_has_a_class():
+    assert {path.name for path in conf_folder().iterdir() if path.is_dir()} == set(GROUPS)
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_the_defaults_in_yaml_are_the_defaults_in_code(group):
+    kind, choice = GROUPS[group]
+    assert leaf(group, choice) == kind()
+
+
+def test_a_reconstruction_traces_as_its_class_says():
+    assert leaf("trace", "fit") == stage.ReconstructOptions().trace
+
+
+@pytest.mark.parametrize(("group", "choice"), CHOICES)
+def test_every_choice_names_every_key_and_builds_options_without_leaves(group, choice):
+    built = leaf(group, choice)
+    assert not jax.tree.leaves(built)
+    assert hash(built) == hash(leaf(group, choice))
+    listed = (conf_folder() / group / f"{choice}.yaml").read_text().splitlines()
+    keys = {line.split(":")[0] for line in listed if line[:1].isalpha()}
+    assert keys == set(GROUPS[group][0].__dataclass_fields__)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_a_configuration(verb):
+    assert configuration(verb, GIVEN[verb])
+
+
+@pytest.mark.parametrize("override", ["fit.steps=3", "+fit.steps=3"])
+def test_an_unknown_key_fails_and_is_named(override):
+    with pytest.raises(ValueError, match="fit.steps"):
+        cfg = configuration("demo", [override])
+        options(stage.FitOptions, cfg.fit)
+
+
+@pytest.mark.parametrize(
+    ("verb", "override", "message"),
+    [
+        ("demo", "fit.coarse=many", "fit.coarse must be a whole number, got 'many'"),
+        ("demo", "fit.coarse=2.5", "fit.coarse must be a whole number, got 2.5"),
+        ("demo", "fit.opacity=null", "fit.opacity must be a number, got None"),
+        ("evaluate", "evaluate.images=3", "evaluate.images must be true or false, got 3"),
+        ("render", "camera.names=cam_0", "camera.names must be a list, got 'cam_0'"),
+        ("render", "lens.model=7", "lens.model must be a text, got 7"),
+        ("demo", "field.sides=[1]", "field.sides must hold"),
+        ("demo", "density.start=0.9", "density.start and density.stop must satisfy"),
+        ("demo", "loss.l1=-1", "loss.l1 must be at least 0, got -1"),
+        ("demo", "optimizer.decay=0", "optimizer.decay must be in"),
+        ("render", "render.keys=1", "render.keys must be at least 2, got 1"),
+        ("evaluate", "evaluate.split=both", "evaluate.split must be train, test or all"),
+    ],
+)
+def test_a_bad_value_fails_with_key_rule_and_value(verb, override, message):
+    group = override.split(".")[0]
+    cfg = configuration(verb, [*GIVEN[verb], override])
+    with pytest.raises(ValueError, match=message.replace("[", r"\[")):
+        options(GROUPS[group][0], cfg[group])
+
+
+def test_a_whole_number_does_for_a_fraction():
+    cfg = configuration("demo", ["fit.opacity=1"])
+    assert options(stage.FitOptions, cfg.fit).opacity == 1.0
+
+
+def test_the_wheel_carries_the_configuration():
+    project = pathlib.Path(__file__).parents[1] / "pyproject.toml"
+    if not project.is_file():
+        pytest.skip("not a checkout")
+    wheel = tomllib.loads(project.read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert wheel["force-include"] == {"conf": "gaussray/conf"}

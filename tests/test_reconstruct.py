@@ -1,0 +1,186 @@
+"""From pictures to a scene: it learns, it is repeatable, it can be interrupted, it says what fails."""
+
+import json
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import toy
+
+from gaussray import reconstruct as stage
+from gaussray.capture.calibration import read_capture
+from gaussray.evaluate import EvaluateOptions, evaluate
+from gaussray.fit.density import DensityOptions, alive
+from gaussray.reconstruct import Fit, FitOptions, NonFiniteLoss, ReconstructOptions, reconstruct
+from gaussray.render import RenderOptions
+from gaussray.scene.deformation import FieldOptions
+from gaussray.scene.store import load_scene
+from gaussray.tracer.trace import TraceOptions
+
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
+OPTIONS = ReconstructOptions(
+    fit=FitOptions(coarse=100, fine=200, tiles=4, block=10, checkpoint=0.0, points=60),
+    field=FieldOptions(sides=(4, 6), channels=4, width=8),
+    density=DensityOptions(interval=20),
+    trace=TraceOptions(levels=0, group=2, chunk=8, transmittance_min=1e-2),
+)
+# The loss of the toy falls by this factor from the first block of steps to the last.
+FALL = 2.0
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory, quick_compilation):
+    """Two bodies in front of a wall, filmed by four cameras at three instants."""
+    return read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
+
+
+@pytest.fixture(scope="module")
+def fitted(capture, tmp_path_factory):
+    """A finished run, how often its steps were traced, and the list sizes that it measured."""
+    patch = pytest.MonkeyPatch()
+    traced, sizes, loss_of, measure = [], {}, stage.loss_of, Fit._measure
+
+    def counted(*arguments, **options):
+        traced.append(1)
+        return loss_of(*arguments, **options)
+
+    def remembered(self, state, batches):
+        key = jax.tree.structure(state), tuple(x.shape for x in jax.tree.leaves(state))
+        return sizes.setdefault(key, measure(self, state, batches))
+
+    patch.setattr(stage, "loss_of", counted)
+    patch.setattr(Fit, "_measure", remembered)
+    out = tmp_path_factory.mktemp("run")
+    reconstruct(capture, out, options=OPTIONS, quiet=True)
+    yield out, len(traced)
+    patch.undo()
+
+
+def lines(out):
+    return [json.loads(line) for line in (out / "metrics.jsonl").read_text().splitlines()]
+
+
+def arrays(out):
+    with open(out / "scene.npz", "rb") as raw, np.load(raw) as file:
+        return {name: file[name] for name in file.files}
+
+
+def assert_same(one, two):
+    one, two = arrays(one), arrays(two)
+    assert one.keys() == two.keys()
+    for name, array in one.items():
+        np.testing.assert_array_equal(array, two[name], err_msg=name)
+
+
+def test_the_loss_falls(fitted):
+    out, _ = fitted
+    fine = [line for line in lines(out) if line["stage"] == "fine"]
+    first, last = lines(out)[0], np.mean([line["l1"] for line in fine[-5:]])
+    assert last < first["l1"] / FALL, (first["l1"], last)
+    assert lines(out)[-1]["step"] == 200
+    assert {"l1", "space", "time", "one", "mse", "psnr", "seconds"} <= set(lines(out)[-1])
+
+
+def test_a_stage_is_compiled_once(fitted):
+    _, traced = fitted
+    # Once for the coarse stage and once for the fine one; JAX may look twice at a scan's body.
+    assert traced <= 4
+
+
+def test_the_scene_holds_what_moves_and_the_cameras(fitted, capture):
+    out, _ = fitted
+    scene = load_scene(out)
+    assert scene.deformation is not None and scene.moving.count > 0 and scene.static.count > 0
+    assert (np.asarray(scene.time_range) == capture.time_range).all()
+    assert not (out / "checkpoint.npz").exists()
+    assert len(json.loads((out / "cameras.json").read_text())["frames"]) == len(capture.views)
+
+
+def test_the_same_seed_gives_the_same_bytes(fitted, capture, tmp_path):
+    reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+    assert_same(fitted[0], tmp_path)
+
+
+@pytest.mark.parametrize("blocks", [4, 18])  # in the coarse stage; where an instant is let in
+def test_an_interrupted_run_goes_on_to_the_same_bytes(
+    fitted, capture, tmp_path, monkeypatch, blocks
+):
+    record, count = Fit._record, []
+
+    def stop(self, *arguments):
+        record(self, *arguments)
+        count.append(1)
+        if len(count) == blocks:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Fit, "_record", stop)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+    monkeypatch.setattr(Fit, "_record", record)
+    with pytest.raises(ValueError, match="resume=true"):
+        reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+    reconstruct(capture, tmp_path, options=OPTIONS, resume=True, quiet=True)
+    assert_same(fitted[0], tmp_path)
+
+
+@pytest.mark.parametrize("where", ["term", "parameter"])
+def test_what_is_not_finite_stops_the_run_and_is_named(capture, tmp_path, monkeypatch, where):
+    def broken(state, *_, options, steps, trial):
+        terms = {"l1": jnp.asarray(0.1), "mse": jnp.asarray(0.1)}
+        if where == "term":
+            terms["l1"] = jnp.asarray(jnp.nan)
+        mean = state.parameters.static.mean.at[0, 0].set(jnp.nan)
+        after = eqx.tree_at(lambda s: s.parameters.static.mean, state, mean)
+        return after, terms, jnp.zeros(3, int), jnp.asarray(0)
+
+    monkeypatch.setattr(stage, "train_block", broken)
+    monkeypatch.setattr(Fit, "_measure", lambda *_: None)
+    monkeypatch.setattr(stage, "Trial", lambda *_: None)
+    named = "loss.l1" if where == "term" else "a parameter"
+    with pytest.raises(NonFiniteLoss, match=f"{named} is not finite at step 0 of the coarse"):
+        reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+    state, _ = Fit(capture, tmp_path, OPTIONS, True).resumed()
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(state))
+
+
+def test_without_points_random_ones_in_view_are_the_start(capture, tmp_path):
+    bare = type(capture)(**(vars(capture) | {"points": None}))
+    state, _ = Fit(bare, tmp_path, OPTIONS, True).begin()
+    assert alive(state.parameters.static).sum() == 0
+    assert alive(state.parameters.moving).sum() == 60
+    place = np.asarray(state.parameters.moving.mean)[:60]
+    assert np.abs(place).max() < 4
+
+
+def test_a_single_instant_gives_a_scene_that_stands_still(capture, tmp_path, quick_compilation):
+    views = [view for view in capture.views if view.time == 0]
+    one = type(capture)(**(vars(capture) | {"views": views, "time_range": (0.0, 0.0)}))
+    options = ReconstructOptions(
+        fit=FitOptions(coarse=10, fine=10, tiles=4, block=10), trace=OPTIONS.trace
+    )
+    scene = reconstruct(one, tmp_path, options=options, quiet=True)
+    assert scene.deformation is None and scene.moving.count == 0
+    assert {line["stage"] for line in lines(tmp_path)} == {"coarse"}
+
+
+def test_the_report_says_what_the_design_says(fitted, capture, tmp_path):
+    report = evaluate(
+        load_scene(fitted[0]),
+        capture,
+        tmp_path,
+        options=EvaluateOptions(),
+        render=RenderOptions(samples=1),
+        trace=toy.TRACE,
+        quiet=True,
+    )
+    assert json.loads((tmp_path / "report.json").read_text()) == report
+    assert set(report) == {"frames", "effects", "scene", "versions"}
+    assert report["frames"] == 3
+    assert {"psnr", "ssim", "fps", "frames"} <= set(report["effects"]["pinhole"])
+    assert set(report["scene"]) == {"gaussians", "moving", "bytes"}
+    assert report["effects"]["pinhole"]["psnr"] > 15
+    assert (tmp_path / "contact_sheet.png").is_file()

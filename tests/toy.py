@@ -1,0 +1,137 @@
+"""A tiny moving scene, and the paired capture that four cameras make of it."""
+
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from gaussray.camera.aperture import Aperture
+from gaussray.camera.camera import Camera
+from gaussray.camera.film import Film
+from gaussray.camera.lens import pinhole
+from gaussray.camera.shutter import Shutter
+from gaussray.camera.trajectory import Trajectory
+from gaussray.dataset.images import write_image
+from gaussray.dataset.manifest import FrameRecord, write_manifest
+from gaussray.geometry import quaternion
+from gaussray.render import Renderer, RenderOptions
+from gaussray.scene.deformation import Deformation, initial_deformation
+from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.harmonics import constant
+from gaussray.scene.planes import initial_planes
+from gaussray.scene.scene import Scene
+from gaussray.tracer.trace import TraceOptions
+
+
+SIZE = 16
+CAMERAS = ("cam_0", "cam_1", "cam_2", "cam_3")
+TIMES = (0.0, 0.5, 1.0)
+# No level of coarser bundles: a picture of 16 x 16 has four bundles in all.
+TRACE = TraceOptions(levels=0, group=2, chunk=8)
+
+
+def single(x) -> jax.Array:
+    """In the precision that the program works in."""
+    return jnp.asarray(x, jnp.float32)
+
+
+def gaussians(mean, scale, color, opacity=0.9) -> Gaussians:
+    """Round Gaussians of these places, sizes and colours."""
+    mean = np.atleast_2d(np.asarray(mean, np.float32))
+    count = len(mean)
+    quat = np.tile(np.float32([1, 0, 0, 0]), (count, 1))
+    scale = np.broadcast_to(np.float32(scale).reshape(-1, 1), (count, 3))
+    color = np.broadcast_to(np.float32(color), (count, 3))
+    opacity = np.full(count, opacity, np.float32)
+    parts = (single(x) for x in (mean, quat, scale, opacity))
+    return Gaussians(*parts, constant(single(color), 0))
+
+
+def deformation(*, seed: int = 0, speed: float = 0.0, instants: int = 3) -> Deformation:
+    """A small field that moves everything along +x, at `speed` once the time planes leave 1."""
+    planes = initial_planes(
+        jax.random.key(seed), single([-1, -1, -1]), single([1, 1, 1]), (0.0, 1.0),
+        sides=(4,), instants=instants, channels=4,
+    )  # fmt: skip
+    field = initial_deformation(
+        jax.random.key(seed + 1), planes, jnp.zeros((1, 3), jnp.float32), width=8
+    )
+    if not speed:
+        return field
+    ramp = jnp.linspace(1.0, 4.0, instants, dtype=jnp.float32)[None, :, None, None]
+    field = eqx.tree_at(lambda d: d.planes.time[0], field, planes.time[0] * ramp)
+    last = field.mean[1]
+    weight = jnp.full_like(last.weight, 0).at[:, 0].set(speed)
+    return eqx.tree_at(lambda d: d.mean[1].weight, field, weight)
+
+
+def scene(*, speed: float = 0.4) -> Scene:
+    """A wall of Gaussians that stands still, and two bright ones in front that move."""
+    y, x = np.mgrid[-1:1:5j, -1:1:5j]
+    wall = np.stack([x, y, np.full_like(x, 0.8)], axis=-1).reshape(-1, 3)
+    shade = np.stack([0.3 + 0.2 * x, 0.4 + 0.2 * y, 0.3 + 0 * x], axis=-1).reshape(-1, 3)
+    bodies = gaussians([[-0.4, -0.2, 0], [-0.3, 0.4, -0.1]], 0.2, [[0.9, 0.7, 0.1], [0.1, 0.8, 0.9]])
+    field = deformation(speed=speed) if speed else None
+    return Scene(gaussians(wall, 0.3, shade, 0.8), bodies, field, single([0, 1]))
+
+
+def camera(angle: float = 0.0, time: float = 0.0, width: int = SIZE, height: int = SIZE) -> Camera:
+    """A pinhole camera that looks at the origin from 3 away, `angle` radians to the side."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    eye = 3 * np.array([sin, 0, -cos])
+    # Columns: right, down, forward.
+    turn = np.stack([[cos, 0, sin], [0, 1, 0], [-sin, 0, cos]], axis=1)
+    path = Trajectory(
+        jnp.zeros(1, jnp.float32), single(quaternion(jnp.asarray(turn)))[None], single(eye)[None]
+    )
+    zero, one = single(0), single(1)
+    return Camera(
+        Film(width, height, "center"),
+        pinhole(single([1.1 * width] * 2), single([width / 2, height / 2])),
+        Aperture(zero, one, zero, one),
+        Shutter(zero, zero, zero),
+        path,
+        single(time),
+    )
+
+
+def records(times=TIMES, cameras=CAMERAS) -> list[FrameRecord]:
+    """What the cameras film; the last one is held out."""
+    place = dict(zip(CAMERAS, (-0.45, -0.15, 0.45, 0.15), strict=True))
+    return [
+        FrameRecord(
+            f"images/{name}/{i:04d}.png",
+            camera(place[name], time),
+            name,
+            "test" if name == CAMERAS[-1] else "train",
+        )
+        for name in cameras
+        for i, time in enumerate(times)
+    ]
+
+
+def write_capture(folder: Path, filmed: Scene, times=TIMES, points: bool = True) -> Path:
+    """A paired capture of a scene, with its Gaussians' centres as points."""
+    listed = records(times)
+    renderer = Renderer(filmed, options=RenderOptions(samples=1), trace=TRACE)
+    for record in listed:
+        write_image(folder / record.file_path, renderer(record.camera).color)
+    extra = {"time_unit": "normalised"}
+    if points:
+        extra["ply_file_path"] = "points3d.ply"
+        write_points(folder / "points3d.ply", filmed)
+    write_manifest(folder / "transforms.json", listed, extra=extra)
+    return folder
+
+
+def write_points(path: Path, filmed: Scene) -> None:
+    """The centres of the Gaussians at the first instant, as a PLY of grey points."""
+    parts = (filmed.static.mean, filmed.moving.mean)
+    place = np.concatenate([np.asarray(p) for p in parts])
+    head = ["ply", "format ascii 1.0", f"element vertex {len(place)}"]
+    head += [f"property float {axis}" for axis in "xyz"]
+    head += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    rows = [f"{x} {y} {z} 128 128 128" for x, y, z in place]
+    path.write_text("\n".join([*head, "end_header", *rows, ""]))
