@@ -186,6 +186,9 @@ def _render(cfg: DictConfig) -> None:
         film=options(rigs.FilmOptions, cfg.film),
     )
     sampling, trace = options(RenderOptions, cfg.render), options(TraceOptions, cfg.trace)
+    fps = _as(float, cfg.fps, "fps")
+    if not fps > 0:
+        raise ValueError(f"fps must be above 0, got {fps}.")
     scene = load_scene(cfg.scene)
     views = rigs.cameras_of(cfg.scene, cfg.cameras)
     records = rigs.rig(views, options=wanted, samples=sampling.samples)
@@ -195,7 +198,7 @@ def _render(cfg: DictConfig) -> None:
         _run_folder(cfg),
         options=sampling,
         trace=trace,
-        fps=cfg.fps,
+        fps=fps,
         quiet=cfg.quiet,
     )
     print(f"{out}: {len(records)} frames of {records[0].effect}.")

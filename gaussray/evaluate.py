@@ -178,11 +178,13 @@ def _summary(rows: list[dict[str, Any]], samples: int) -> dict[str, Any]:
     for name in ("psnr", "ssim", "psnr_masked", "ssim_masked"):
         values = [row[name] for row in rows if name in row]
         if values:
-            summary[name] = round(float(np.mean(values)), 4)
+            mean = float(np.mean(values))
+            # Equal pictures have an infinite PSNR, for which JSON has no word.
+            summary[name] = round(mean, 4) if np.isfinite(mean) else None
     error = [row["moving"] for row in rows if "moving" in row]
     if error:
         mse = sum(e for e, _ in error) / sum(n for _, n in error)
-        summary["psnr_moving"] = round(-10 * float(np.log10(mse)), 4)
+        summary["psnr_moving"] = round(-10 * float(np.log10(mse)), 4) if mse else None
     seconds = [row["seconds"] for row in rows if row["seconds"] is not None]
     summary["fps"] = round(1 / float(np.median(seconds)), 2) if seconds else None
     return summary | {"samples": samples, "frames": len(rows)}

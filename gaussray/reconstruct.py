@@ -48,17 +48,17 @@ class FitOptions(eqx.Module):
     `checkpoint` is the interval in seconds between saved states.
     """
 
-    coarse: int = eqx.field(static=True, default=500)
-    fine: int = eqx.field(static=True, default=1800)
+    coarse: int = eqx.field(static=True, default=300)
+    fine: int = eqx.field(static=True, default=1200)
     tiles: int = eqx.field(static=True, default=64)
     block: int = eqx.field(static=True, default=25)
     balance: float = eqx.field(static=True, default=0.5)
     opening: float = eqx.field(static=True, default=0.7)
     recent: float = eqx.field(static=True, default=0.4)
-    moving: float = eqx.field(static=True, default=0.5)
+    moving: float = eqx.field(static=True, default=0.6)
     degree: int = eqx.field(static=True, default=0)
     opacity: float = eqx.field(static=True, default=0.9)
-    spread: float = eqx.field(static=True, default=0.8)
+    spread: float = eqx.field(static=True, default=0.6)
     points: int = eqx.field(static=True, default=10000)
     checkpoint: float = eqx.field(static=True, default=60.0)
     seed: int = eqx.field(static=True, default=0)
@@ -254,8 +254,8 @@ class Fit:
             instants=field.instants or max(len(self.sampler.times), 2),
             channels=field.channels,
         )
-        pivot = jnp.asarray(bodies(mean))
-        deformation = initial_deformation(network_key, planes, pivot, width=field.width)
+        groups = bodies(mean, self.sampler.times)
+        deformation = initial_deformation(network_key, planes, groups, width=field.width)
         return begin_state(Parameters(parameters.static, parameters.moving, deformation))
 
     def run(self, stage: str, state: State) -> State:
@@ -271,9 +271,8 @@ class Fit:
         while (done := int(state.step)) < steps:
             newest = self._known(stage, done)
             for instant in range(self.known + 1, newest + 1):
-                parameters = advance(state.parameters, instant) if self._one_row_each else None
-                if parameters is not None:
-                    state = eqx.tree_at(lambda s: s.parameters, state, parameters)
+                parameters = advance(state.parameters, instant)
+                state = eqx.tree_at(lambda s: s.parameters, state, parameters)
             self.known = newest
             size = min(fit.block, steps - done)
             batches = self._batches(stage, done, size, newest)
@@ -295,10 +294,6 @@ class Fit:
                 self._save(state, stage)
                 saved = clock.monotonic()
         return state
-
-    @property
-    def _one_row_each(self) -> bool:
-        return self.options.field.instants in (0, len(self.sampler.times))
 
     def _known(self, stage: str, done: int) -> int:
         """Index of the newest instant that the steps may look at."""

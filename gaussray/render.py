@@ -43,8 +43,8 @@ class RenderOptions(eqx.Module):
     def __check_init__(self):
         if self.samples < 1:
             raise ValueError(f"render.samples must be at least 1, got {self.samples}.")
-        if self.keys < 2:
-            raise ValueError(f"render.keys must be at least 2, got {self.keys}.")
+        if self.keys < 2 or (self.keys > 2 and self.keys % 2 == 0):
+            raise ValueError(f"render.keys must be 2 or odd, got {self.keys}.")
         if self.chunk_rows < 0:
             raise ValueError(f"render.chunk_rows must be at least 0, got {self.chunk_rows}.")
 

@@ -1,4 +1,4 @@
-"""Which cameras film a scene: those of a capture, with lens, aperture, shutter or path exchanged."""
+"""Which cameras film a scene: a capture's, with lens, aperture, shutter or path exchanged."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,8 +24,8 @@ from gaussray.dataset.manifest import FrameRecord
 
 
 class CameraOptions(eqx.Module):
-    """Which of the capture's cameras: by `names` (all of `split` if empty), at which `times` (all if
-    empty)."""
+    """Which of the capture's cameras: by `names` (all of `split` if empty), at which `times` (all
+    if empty)."""
 
     split: str = eqx.field(static=True, default="test")
     names: tuple[str, ...] = eqx.field(static=True, default=())
@@ -97,6 +97,8 @@ class RigOptions(eqx.Module):
 def rig(views: Sequence[View], *, options: RigOptions, samples: int) -> list[FrameRecord]:
     """One record for every frame to be filmed."""
     chosen = _chosen(views, options.camera)
+    if options.trajectory.steps < 1:
+        raise ValueError(f"trajectory.steps must be at least 1, got {options.trajectory.steps}.")
     if options.trajectory.kind == "between":
         chosen = _ride(chosen, options.trajectory.steps)
     elif options.trajectory.kind != "keep":
@@ -134,7 +136,7 @@ def _chosen(views: Sequence[View], options: CameraOptions) -> list[tuple[str, st
     for name in options.names:
         if name not in known:
             raise ValueError(
-                f"camera.names must be among the capture's cameras ({', '.join(known)}), got {name}."
+                f"camera.names must be among the capture's ({', '.join(known)}), got {name}."
             )
     picked = [
         view

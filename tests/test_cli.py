@@ -99,7 +99,10 @@ def test_an_unknown_verb(fails):
         (["reconstruct", "capture.path=x", "out=x", "+fit.steps=3"], "fit.steps is unknown"),
         (["reconstruct", "capture.path=x", "out=x", "trace=fast"], "trace/fast"),
         (["reconstruct", "capture.path=x", "out=x", "--fast"], "--fast"),
-        (["reconstruct", "capture.path=x", "out=x", "trace.k=0"], "trace.k must be at least 1, got 0"),
+        (
+            ["reconstruct", "capture.path=x", "out=x", "trace.k=0"],
+            "trace.k must be at least 1, got 0",
+        ),
         (["demo", "out=x", "fit.coarse=many"], "fit.coarse must be a whole number"),
     ],
 )
@@ -158,7 +161,7 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ("shutter.kind=rolling shutter.direction=up", "shutter.direction must be one of"),
         ("lens.model=mirror", "lens.model must be"),
         ("lens=pinhole lens.fov=180", "lens.fov must be in (0, 180)"),
-        ("lens=kannala_brandt lens.k=[1]", "lens.k must hold 4 coefficients, got 1"),
+        ("lens=kannala_brandt lens.k=[1.0]", "lens.k must hold 4 coefficients, got 1"),
         ("film.filter=sharp", "film.filter must be one of"),
         ("trajectory.kind=fly", "trajectory.kind must be keep or between"),
         ("trajectory=between", "needs at least two cameras"),

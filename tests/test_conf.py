@@ -13,7 +13,7 @@ from gaussray.render import RenderOptions
 from gaussray.tracer.trace import TraceOptions
 
 
-# Every group of conf/ with the class that it configures and the leaf that holds the class's defaults.
+# Every group of conf/, its class, and the leaf that holds the defaults of the class.
 GROUPS = {
     "fit": (stage.FitOptions, "default"),
     "field": (stage.FieldOptions, "default"),
@@ -31,7 +31,9 @@ GROUPS = {
     "film": (rig.FilmOptions, "keep"),
 }
 CHOICES = [
-    (group, path.stem) for group in GROUPS for path in sorted((conf_folder() / group).glob("*.yaml"))
+    (group, path.stem)
+    for group in GROUPS
+    for path in sorted((conf_folder() / group).glob("*.yaml"))
 ]
 # What each verb demands before it says anything else.
 GIVEN = {

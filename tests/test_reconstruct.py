@@ -1,4 +1,4 @@
-"""From pictures to a scene: it learns, it is repeatable, it can be interrupted, it says what fails."""
+"""From pictures to a scene: it learns, repeats, can be interrupted, and says what fails."""
 
 import json
 

@@ -17,6 +17,7 @@ from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.geometry import quaternion
 from gaussray.render import Renderer, RenderOptions
+from gaussray.scene.bodies import resting
 from gaussray.scene.deformation import Deformation, initial_deformation
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant
@@ -55,9 +56,9 @@ def deformation(*, seed: int = 0, speed: float = 0.0, instants: int = 3) -> Defo
         jax.random.key(seed), single([-1, -1, -1]), single([1, 1, 1]), (0.0, 1.0),
         sides=(4,), instants=instants, channels=4,
     )  # fmt: skip
-    field = initial_deformation(
-        jax.random.key(seed + 1), planes, jnp.zeros((1, 3), jnp.float32), width=8
-    )
+    times = jnp.linspace(0, 1, instants, dtype=jnp.float32)
+    bodies = resting(jnp.zeros((1, 3), jnp.float32), jnp.ones(1, jnp.float32), times)
+    field = initial_deformation(jax.random.key(seed + 1), planes, bodies, width=8)
     if not speed:
         return field
     ramp = jnp.linspace(1.0, 4.0, instants, dtype=jnp.float32)[None, :, None, None]
@@ -72,7 +73,9 @@ def scene(*, speed: float = 0.4) -> Scene:
     y, x = np.mgrid[-1:1:5j, -1:1:5j]
     wall = np.stack([x, y, np.full_like(x, 0.8)], axis=-1).reshape(-1, 3)
     shade = np.stack([0.3 + 0.2 * x, 0.4 + 0.2 * y, 0.3 + 0 * x], axis=-1).reshape(-1, 3)
-    bodies = gaussians([[-0.4, -0.2, 0], [-0.3, 0.4, -0.1]], 0.2, [[0.9, 0.7, 0.1], [0.1, 0.8, 0.9]])
+    bodies = gaussians(
+        [[-0.4, -0.2, 0], [-0.3, 0.4, -0.1]], 0.2, [[0.9, 0.7, 0.1], [0.1, 0.8, 0.9]]
+    )
     field = deformation(speed=speed) if speed else None
     return Scene(gaussians(wall, 0.3, shade, 0.8), bodies, field, single([0, 1]))
 

@@ -1,4 +1,4 @@
-"""Where the pictures change: which tiles deserve more rays, and which points belong to what moves."""
+"""Where the pictures change: which tiles deserve more rays, which points belong to what moves."""
 
 import jax
 import jax.numpy as jnp

@@ -57,7 +57,7 @@ def footage(views: list[View]) -> Footage:
 
 
 def tile_grid(footage: Footage, side: int) -> tuple[int, int]:
-    """Columns and rows of tiles; the last ones overlap their neighbours where it does not divide."""
+    """Columns and rows of tiles; the last ones overlap their neighbours where nothing divides."""
     height, width = footage.picture.shape[1:3]
     if min(height, width) < side:
         raise CaptureError(

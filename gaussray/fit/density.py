@@ -27,7 +27,7 @@ class DensityOptions(eqx.Module):
     `growth` x the first number of Gaussians. `interval = 0` switches density control off.
     """
 
-    interval: int = eqx.field(static=True, default=100)
+    interval: int = eqx.field(static=True, default=0)
     start: float = eqx.field(static=True, default=0.15)
     stop: float = eqx.field(static=True, default=0.7)
     threshold: float = eqx.field(static=True, default=2e-4)

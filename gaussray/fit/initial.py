@@ -9,6 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from gaussray.geometry import quaternion
+from gaussray.scene.bodies import Bodies, resting
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant
 
@@ -55,25 +56,36 @@ def on_points(
 
 
 def bodies(
-    position: Float[np.ndarray, "points 3"], *, most: int = 64
-) -> Float[np.ndarray, "bodies 3"]:
-    """Centres of the connected groups of points: what moves as one, as far as one can tell.
+    position: Float[np.ndarray, "points 3"],
+    times: Float[np.ndarray, " instants"],
+    *,
+    most: int = 64,
+) -> Bodies:
+    """The connected groups of points, resting: what moves as one, as far as one can tell.
 
     Points belong together when they are nearer than three typical gaps. Groups of less than a
-    hundredth of the points are left out; without any larger group there is one centre.
+    hundredth of the points are no bodies.
     """
-    if len(position) < 2:
-        return position.reshape(-1, 3).astype(np.float32)
     tree = KDTree(position)
-    gap = np.median(tree.query(position, k=2)[0][:, 1])
+    gap = np.median(
+        tree.query(position, k=min(2, len(position)))[0].reshape(len(position), -1)[:, -1]
+    )
     pairs = tree.query_pairs(3 * gap, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(position),) * 2)
     _, label = connected_components(graph, directed=False)
     size = np.bincount(label)
     large = np.argsort(-size, kind="stable")[:most]
-    large = large[size[large] >= max(len(position) / 100, 2)]
-    centers = [position[label == group].mean(axis=0) for group in large]
-    return np.array(centers or [position.mean(axis=0)], np.float32)
+    groups = [position[label == i] for i in large[size[large] >= max(len(position) / 100, 2)]]
+    pivot = np.array([group.mean(axis=0) for group in groups], np.float32).reshape(-1, 3)
+    reach = [
+        1.05 * np.linalg.norm(group - center, axis=1).max() + gap
+        for group, center in zip(groups, pivot, strict=True)
+    ]
+    return resting(
+        jnp.asarray(pivot),
+        jnp.asarray(reach, jnp.float32).reshape(-1),
+        jnp.asarray(times, jnp.float32),
+    )
 
 
 def in_common_view(

@@ -1,4 +1,4 @@
-"""What is learnt, how fast: Adam with a learning rate and a schedule for every kind of parameter."""
+"""What is learnt, how fast: Adam with a rate and a schedule for every kind of parameter."""
 
 import equinox as eqx
 import jax
@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Float, Int
 
+from gaussray.scene.bodies import Bodies
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Unconstrained, constrain
 from gaussray.scene.scene import Scene
@@ -34,30 +35,46 @@ def scene_of(parameters: Parameters, time_range: Float[Array, "2"]) -> Scene:
 
 
 class OptimizerOptions(eqx.Module):
-    """Learning rates at the start of a stage; that of the means is multiplied by the extent.
+    """Learning rates at the start of a stage; those of means and of the bodies' paths are
+    multiplied by the extent.
 
     `decay` is the share of every rate that is left at the end of a stage (exponential schedule);
     everything follows it. In the fine stage `static` and `moving` are further factors for the
-    Gaussians of either kind: the moving ones look right from the coarse stage, and must not change
-    their looks where only their motion is not yet known.
+    Gaussians of either kind, which look nearly right after the coarse stage.
     """
 
     mean: float = eqx.field(static=True, default=1e-3)
-    quat: float = eqx.field(static=True, default=4e-3)
-    scale: float = eqx.field(static=True, default=1e-2)
+    quat: float = eqx.field(static=True, default=1e-2)
+    scale: float = eqx.field(static=True, default=2e-2)
     opacity: float = eqx.field(static=True, default=0.05)
-    color: float = eqx.field(static=True, default=1e-2)
+    color: float = eqx.field(static=True, default=2e-2)
     harmonics: float = eqx.field(static=True, default=5e-4)
+    path: float = eqx.field(static=True, default=3e-3)
+    turn: float = eqx.field(static=True, default=2e-2)
     planes: float = eqx.field(static=True, default=1e-2)
-    network: float = eqx.field(static=True, default=2e-3)
+    network: float = eqx.field(static=True, default=1e-3)
     decay: float = eqx.field(static=True, default=0.1)
-    static: float = eqx.field(static=True, default=0.3)
-    moving: float = eqx.field(static=True, default=0.05)
+    static: float = eqx.field(static=True, default=0.5)
+    moving: float = eqx.field(static=True, default=0.5)
 
     def __check_init__(self):
-        for name in ("mean", "quat", "scale", "opacity", "color", "harmonics", "planes", "network"):
+        for name in (
+            "mean",
+            "quat",
+            "scale",
+            "opacity",
+            "color",
+            "harmonics",
+            "path",
+            "turn",
+            "planes",
+            "network",
+        ):
             if getattr(self, name) < 0:
                 raise ValueError(f"optimizer.{name} must be at least 0, got {getattr(self, name)}.")
+        for name in ("static", "moving"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"optimizer.{name} must be in [0, 1], got {getattr(self, name)}.")
         if not 0 < self.decay <= 1:
             raise ValueError(f"optimizer.decay must be in (0, 1], got {self.decay}.")
 
@@ -93,7 +110,8 @@ def rates(
         planes = jax.tree.map(lambda _: options.planes * fall, parameters.deformation.planes)
         fixed = (jnp.zeros_like(fall),) * 4
         planes = eqx.tree_at(lambda p: (p.lower, p.upper, p.begin, p.end), planes, fixed)
-        deformation = eqx.tree_at(lambda d: (d.planes, d.pivot), deformation, (planes, fixed[0]))
+        bodies = Bodies(*fixed[:3], path=options.path * extent * fall, turn=options.turn * fall)
+        deformation = eqx.tree_at(lambda d: (d.planes, d.bodies), deformation, (planes, bodies))
     fine = parameters.deformation is not None
     static = gaussians(parameters.static, fall * (options.static if fine else 1))
     moving = gaussians(parameters.moving, fall * (options.moving if fine else 1))
@@ -106,7 +124,28 @@ def descend(
     adam: optax.ScaleByAdamState,
     rate: Parameters,
 ) -> tuple[Parameters, optax.ScaleByAdamState]:
-    """One step of Adam, every array at its own rate."""
+    """One step of Adam, every array at its own rate, where there is a gradient at all.
+
+    What a step does not see (Gaussians out of view, poses and rows of other instants) rests,
+    moments included. Otherwise momentum would carry it on blindly, and its second moment would fade until
+    the next gradient throws it several rates far.
+    """
     direction, moments = ADAM.update(gradient, adam)  # type: ignore[arg-type]
-    moved = jax.tree.map(lambda p, d, r: (p - r * d).astype(p.dtype), parameters, direction, rate)
-    return moved, moments  # type: ignore[return-value]
+    seen = jax.tree.map(lambda g: g != 0, gradient)
+
+    def where_seen(new: Parameters, old: Parameters) -> Parameters:
+        return jax.tree.map(jnp.where, seen, new, old)
+
+    moved = jax.tree.map(
+        lambda p, d, r, s: jnp.where(s, p - r * d, p).astype(p.dtype),
+        parameters,
+        direction,
+        rate,
+        seen,
+    )
+    kept = optax.ScaleByAdamState(
+        moments.count,  # type: ignore[attr-defined]
+        mu=where_seen(moments.mu, adam.mu),  # type: ignore
+        nu=where_seen(moments.nu, adam.nu),  # type: ignore
+    )
+    return moved, kept

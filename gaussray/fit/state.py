@@ -9,6 +9,7 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.fit.density import DensityOptions, Pull, no_pull, pulled, refine, refreshed
 from gaussray.fit.optimizer import ADAM, Parameters
+from gaussray.scene.bodies import foreseen
 
 
 class State(eqx.Module):
@@ -35,11 +36,11 @@ def begin_state(parameters: Parameters) -> State:
 def watch(state: State, gradient: Parameters, eye: Float[Array, "rays 3"]) -> tuple[Pull, Pull]:
     """The density statistic after one more step, for rays from `eye`."""
     center = jnp.mean(eye, axis=0)
-    spread = jnp.mean(jnp.sum((eye - center) ** 2, axis=-1))
+    spread = jnp.mean(jnp.sum((eye - center[None]) ** 2, axis=-1))
 
     def one(pull: Pull, mean: Array, gradient: Array) -> Pull:
         # Root mean square distance to all the cameras of the batch at once.
-        distance = jnp.sqrt(jnp.sum((mean - center) ** 2, axis=-1) + spread)
+        distance = jnp.sqrt(jnp.sum((mean - center[None]) ** 2, axis=-1) + spread)
         return pulled(pull, gradient, distance)
 
     parameters = state.parameters
@@ -75,21 +76,26 @@ def refine_state(
 
 
 def advance(parameters: Parameters, instant: int) -> Parameters:
-    """Let an instant that has not been seen yet begin where the last known one is.
+    """Let an instant that has not been seen yet begin where the last ones lead.
 
-    Copies the last known row of every time plane to all later rows, so that fast bodies are looked
-    for where they were a moment ago, not where they were at the start. Only where the planes have
-    one row per instant.
+    Bodies go on at the speed they had. The field keeps the last known row of every time plane, if
+    it has one row per instant.
     """
     deformation = parameters.deformation
     if deformation is None or instant < 1:
         return parameters
+    instants = deformation.bodies.time.shape[0]
 
     def hold(plane: Array) -> Array:
+        if plane.shape[1] != instants:
+            return plane
         return plane.at[:, instant:].set(plane[:, instant - 1 : instant])
 
     time = tuple(hold(plane) for plane in deformation.planes.time)
-    return eqx.tree_at(lambda p: p.deformation.planes.time, parameters, time)
+    ahead = foreseen(deformation.bodies, instant)
+    return eqx.tree_at(
+        lambda p: (p.deformation.planes.time, p.deformation.bodies), parameters, (time, ahead)
+    )
 
 
 def take(tree, rows: np.ndarray):

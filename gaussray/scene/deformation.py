@@ -6,8 +6,14 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from gaussray.geometry import multiply, normalize_quaternion, rotation_matrix
+from gaussray.scene.bodies import Bodies, body_of, pose_at
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.planes import Planes, features
+
+
+# Largest change of log scale: unbounded, a Gaussian whose motion is not yet found grows until it
+# covers where it might be, and every ray pays for it.
+STRETCH = 0.3
 
 
 class FieldOptions(eqx.Module):
@@ -44,13 +50,11 @@ class Layer(eqx.Module):
 
 
 class Deformation(eqx.Module):
-    """Planes, one hidden layer, and a two-layer head per residual (4DGaussians, 4D-GRT).
+    """Rigid bodies first, then what bends: planes, one hidden layer, and a two-layer head per
+    residual (4DGaussians, 4D-GRT)."""
 
-    `pivot` are centres of bodies: a Gaussian turns about the one nearest to it.
-    """
-
+    bodies: Bodies
     planes: Planes
-    pivot: Float[Array, "bodies 3"]
     trunk: Layer
     mean: tuple[Layer, Layer]
     rotation: tuple[Layer, Layer]
@@ -58,7 +62,7 @@ class Deformation(eqx.Module):
 
 
 def initial_deformation(
-    key: PRNGKeyArray, planes: Planes, pivot: Float[Array, "bodies 3"], *, width: int
+    key: PRNGKeyArray, planes: Planes, bodies: Bodies, *, width: int
 ) -> Deformation:
     """Weights uniform as Xavier's, last layers zero: the identity at every time."""
     keys = iter(jax.random.split(key, 4))
@@ -74,36 +78,43 @@ def initial_deformation(
         return layer(width, width), last
 
     trunk = layer(planes.width, width)
-    return Deformation(planes, pivot, trunk, head(3), head(4), head(3))
+    return Deformation(bodies, planes, trunk, head(3), head(4), head(3))
 
 
 def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""]) -> Gaussians:
     """The Gaussians at a time.
 
-    The rotation head turns each Gaussian, with quaternion (1, 0, 0, 0) + residual, about its
-    nearest pivot; the mean head then moves it; the scale head adds to its log scale. A field that
-    is constant over a body thus moves it rigidly (as the SE(3) field of Nerfies): residuals of the
-    mean alone would have to grow linearly across every body that turns.
+    Each turns about its body's pivot and goes the body's path; the heads then add to mean, unit
+    quaternion and log scale what the body's rigid motion leaves. Paths are few numbers that all
+    pixels of a body agree on: a field alone, which HexPlane would use, loses a body that moves by
+    its own size and turns between two instants.
     """
-    hidden = deformation.trunk(features(deformation.planes, gaussians.mean, time))
+    # A Gaussian shall not wander through the field to find a better motion: it carries its own.
+    place = jax.lax.stop_gradient(gaussians.mean)
+    hidden = deformation.trunk(features(deformation.planes, place, time))
 
     def residual(head: tuple[Layer, Layer]) -> Array:
         first, last = head
         return last(jax.nn.relu(first(jax.nn.relu(hidden))))
 
-    identity = jnp.zeros(4, gaussians.quat.dtype).at[0].set(1)
-    turn = normalize_quaternion(identity[None] + residual(deformation.rotation))
-    pivot = _nearest(gaussians.mean, deformation.pivot)
+    pivot, path, turn = _carried(deformation.bodies, place, time)
     arm = jnp.einsum("nij,nj->ni", rotation_matrix(turn), gaussians.mean - pivot)
+    carried = multiply(turn, normalize_quaternion(gaussians.quat))
+    stretch = STRETCH * jnp.tanh(residual(deformation.scale) / STRETCH)
     return Gaussians(
-        mean=pivot + arm + residual(deformation.mean),
-        quat=multiply(turn, normalize_quaternion(gaussians.quat)),
-        scale=gaussians.scale * jnp.exp(residual(deformation.scale)),
+        mean=pivot + path + arm + residual(deformation.mean),
+        quat=carried + residual(deformation.rotation),
+        scale=gaussians.scale * jnp.exp(stretch),
         opacity=gaussians.opacity,
         harmonics=gaussians.harmonics,
     )
 
 
-def _nearest(point: Array, pivot: Array) -> Array:
-    difference = jax.lax.stop_gradient(point)[:, None] - pivot[None]
-    return pivot[jnp.argmin(jnp.sum(difference * difference, axis=-1), axis=1)]
+def _carried(bodies: Bodies, place: Array, time: Array) -> tuple[Array, Array, Array]:
+    """Pivot, path and turn of each Gaussian's body; those of no body rest."""
+    path, turn = pose_at(bodies, time)
+    zero = jnp.zeros((1, 3), path.dtype)
+    identity = jnp.zeros((1, 4), turn.dtype).at[:, 0].set(1)
+    body = body_of(bodies, place)
+    pivot = jnp.concatenate([bodies.pivot, zero])[body]
+    return pivot, jnp.concatenate([path, zero])[body], jnp.concatenate([turn, identity])[body]

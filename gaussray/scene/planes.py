@@ -41,13 +41,13 @@ def initial_planes(
     instants: int,
     channels: int,
 ) -> Planes:
-    """Spatial planes uniform in [0.1, 0.5], time planes 1 (as 4DGaussians): a field that is the
+    """Spatial planes uniform around 1, time planes 1: a field that is the
     same at all times."""
     keys = jax.random.split(key, len(sides))
     dtype = lower.dtype
     return Planes(
         space=tuple(
-            jax.random.uniform(k, (3, side, side, channels), dtype, 0.1, 0.5)
+            jax.random.uniform(k, (3, side, side, channels), dtype, 0.7, 1.3)
             for k, side in zip(keys, sides, strict=True)
         ),
         time=tuple(jnp.ones((3, instants, side, channels), dtype) for side in sides),

@@ -3,7 +3,8 @@
 Layout (version 1): `header` is a JSON text {"format": "gaussray-scene", "version": 1, ...}; every
 other entry is one array, named by its path in the `Scene`: static.mean, static.quat, static.scale,
 static.opacity, static.harmonics, the same under moving., time_range, and, if the scene moves,
-deformation.pivot, deformation.planes.space.<scale>, deformation.planes.time.<scale>, .lower .upper .begin .end,
+deformation.bodies.{pivot,radius,time,path,turn}, deformation.planes.space.<scale>,
+deformation.planes.time.<scale>, deformation.planes.{lower,upper,begin,end},
 deformation.trunk.weight and .bias, deformation.{mean,rotation,scale}.{0,1}.{weight,bias}. No
 pickle: the file cannot carry code.
 """
@@ -18,6 +19,7 @@ import numpy as np
 from jaxtyping import Array
 
 from gaussray.atomic import whole
+from gaussray.scene.bodies import Bodies
 from gaussray.scene.deformation import Deformation, Layer
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.planes import Planes
@@ -80,7 +82,9 @@ def deformation_from(array: dict[str, np.ndarray], prefix: str, path: Path) -> D
         **{k: take(f"planes.{k}") for k in ("lower", "upper", "begin", "end")},
     )
     heads = (head(name) for name in ("mean", "rotation", "scale"))
-    return Deformation(planes, take("pivot"), layer("trunk"), *heads)
+    names = ("pivot", "radius", "time", "path", "turn")
+    bodies = Bodies(*(take(f"bodies.{name}") for name in names))
+    return Deformation(bodies, planes, layer("trunk"), *heads)
 
 
 def _take(array: dict[str, np.ndarray], name: str, path: Path) -> Array:
@@ -134,7 +138,7 @@ def read_arrays(
         raise ValueError(f"{path}: is a {header.get('format')!r} file, not a {kind} file.")
     if header.get("version") != version:
         raise ValueError(
-            f"{path}: is of version {header.get('version')}, this gaussray reads version {version}. "
+            f"{path}: is of version {header.get('version')}, this gaussray reads {version}. "
             "Reconstruct the scene again or read it with the gaussray that wrote it."
         )
     return header, array

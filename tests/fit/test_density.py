@@ -95,7 +95,9 @@ def test_the_limit_holds_and_the_strongest_go_first():
     np.testing.assert_array_equal(after.mean[np.flatnonzero(fresh)[0]], free.mean[2])
     after, fresh = refined(free, pull(5, 5, 5, 5), limit=4)
     assert alive(after).sum() == 4 and not fresh.any()
-    after, _ = refined(free, pull(5, 5, 5, 5), limit=2)  # more than the limit already: none is added
+    after, _ = refined(
+        free, pull(5, 5, 5, 5), limit=2
+    )  # more than the limit already: none is added
     assert alive(after).sum() == 4
 
 

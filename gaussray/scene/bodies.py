@@ -1,0 +1,96 @@
+"""Bodies that move as one: a path and a turn for each, before anything bends."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from gaussray.geometry import normalize_quaternion
+
+
+class Bodies(eqx.Module):
+    """Poses of rigid bodies at the instants of a capture.
+
+    A body holds the Gaussians within `radius` of its `pivot` (the nearest pivot, where several are
+    in reach). At time[i] it has moved by `path`[:, i] and turned about its pivot by the quaternion
+    `turn`[:, i] of any non-zero length. Gaussians of no body stay where they are.
+    """
+
+    pivot: Float[Array, "bodies 3"]
+    radius: Float[Array, " bodies"]
+    time: Float[Array, " instants"]
+    path: Float[Array, "bodies instants 3"]
+    turn: Float[Array, "bodies instants 4"]
+
+
+def resting(
+    pivot: Float[Array, "bodies 3"],
+    radius: Float[Array, " bodies"],
+    time: Float[Array, " instants"],
+) -> Bodies:
+    """Bodies that have not moved yet."""
+    count, instants = pivot.shape[0], time.shape[0]
+    turn = jnp.zeros((count, instants, 4), pivot.dtype).at[..., 0].set(1)
+    return Bodies(pivot, radius, time, jnp.zeros((count, instants, 3), pivot.dtype), turn)
+
+
+def body_of(bodies: Bodies, place: Float[Array, "gaussians 3"]) -> Int[Array, " gaussians"]:
+    """Index of the body that holds each place, or the number of bodies where none does."""
+    difference = place[:, None] - bodies.pivot[None]
+    square = jnp.sum(difference * difference, axis=-1)
+    square = jnp.where(square <= bodies.radius[None] ** 2, square, jnp.inf)
+    held = jnp.isfinite(jnp.min(square, axis=1))
+    return jnp.where(held, jnp.argmin(square, axis=1), bodies.pivot.shape[0])
+
+
+def pose_at(
+    bodies: Bodies, time: Float[Array, ""]
+) -> tuple[Float[Array, "bodies 3"], Float[Array, "bodies 4"]]:
+    """Displacement and unit turn of every body at a time; rests before and after the instants.
+
+    Cubic through the poses (Catmull-Rom, for uneven instants by finite differences): smooth between
+    them, so that rows read between two instants see the body on its way.
+    """
+    share = _shares(bodies.time, time)
+    path = jnp.einsum("t,btc->bc", share, bodies.path)
+    turn = jnp.einsum("t,btc->bc", share, bodies.turn)
+    return path, normalize_quaternion(turn)
+
+
+def _shares(knots: Float[Array, " instants"], time: Float[Array, ""]) -> Float[Array, " instants"]:
+    """Weight of every instant's pose: cubic Hermite with difference quotients as slopes."""
+    count = knots.shape[0]
+    if count == 1:
+        return jnp.ones_like(knots)
+    time = jnp.clip(time, knots[0], knots[-1])
+    low = jnp.clip(jnp.searchsorted(knots, time, side="right") - 1, 0, count - 2)
+    step = knots[low + 1] - knots[low]
+    s = (time - knots[low]) / step
+    unit = jnp.eye(count, dtype=knots.dtype)
+
+    def slope(i: Array) -> Array:
+        before, after = jnp.maximum(i - 1, 0), jnp.minimum(i + 1, count - 1)
+        return (unit[after] - unit[before]) / (knots[after] - knots[before])
+
+    return (
+        (1 + 2 * s) * (1 - s) ** 2 * unit[low]
+        + s * (1 - s) ** 2 * step * slope(low)
+        + s * s * (3 - 2 * s) * unit[low + 1]
+        + s * s * (s - 1) * step * slope(low + 1)
+    )
+
+
+def foreseen(bodies: Bodies, instant: int) -> Bodies:
+    """Poses from `instant` on set to where the last two known ones lead, at steady speed."""
+    last, before = instant - 1, max(instant - 2, 0)
+    span = bodies.time[last] - bodies.time[before]
+    ahead = (bodies.time[instant:] - bodies.time[last]) / jnp.where(span > 0, span, 1)
+
+    def lead(pose: Array) -> Array:
+        step = (pose[:, last] - pose[:, before])[:, None]
+        # One step ahead at most: what comes later is set again when its turn comes.
+        return pose.at[:, instant:].set(
+            pose[:, last][:, None] + jnp.minimum(ahead, 1)[None, :, None] * step
+        )
+
+    turn = normalize_quaternion(bodies.turn)
+    return eqx.tree_at(lambda b: (b.path, b.turn), bodies, (lead(bodies.path), lead(turn)))

@@ -1,0 +1,76 @@
+"""Rigid bodies: who belongs to them, where they are, where they will be."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.test_util import check_grads
+
+from gaussray.fit.initial import bodies as found_bodies
+from gaussray.geometry import rotation_matrix
+from gaussray.scene.bodies import body_of, foreseen, pose_at, resting
+
+
+# Rounding of float64 sums of a few terms.
+EXACT = 1e-12
+TIMES = jnp.asarray([0.0, 0.2, 0.5, 1.0])
+
+
+def thrown():
+    """Two bodies; the first on a parabola, sampled at even instants."""
+    times = jnp.linspace(0.0, 1.0, 5)
+    body = resting(jnp.asarray([[0.0, 0, 0], [5, 0, 0]]), jnp.asarray([1.0, 2.0]), times)
+    path = jnp.stack([times, 2 * times - 4 * times**2, jnp.zeros(5)], axis=-1)
+    return body.__class__(body.pivot, body.radius, times, body.path.at[0].set(path), body.turn)
+
+
+def test_a_resting_body_is_the_identity_at_all_times():
+    body = resting(jnp.ones((2, 3)), jnp.ones(2), TIMES)
+    for time in (-1.0, 0.0, 0.3, 2.0):
+        path, turn = pose_at(body, jnp.asarray(time))
+        assert np.abs(path).max() == 0
+        assert np.allclose(rotation_matrix(turn), np.eye(3), atol=EXACT)
+
+
+def test_poses_are_met_at_their_instants_and_rest_beyond():
+    body = thrown()
+    for i, time in enumerate(body.time):
+        assert np.allclose(pose_at(body, time)[0], body.path[:, i], atol=EXACT)
+    assert np.allclose(pose_at(body, jnp.asarray(9.0))[0], body.path[:, -1], atol=EXACT)
+
+
+def test_a_parabola_is_followed_exactly_between_inner_instants():
+    time = jnp.asarray(0.4)
+    path, _ = pose_at(thrown(), time)
+    assert np.allclose(path[0], [0.4, 0.8 - 4 * 0.16, 0], atol=EXACT)
+
+
+def test_gaussians_belong_to_the_nearest_body_in_reach():
+    place = jnp.asarray([[0.5, 0, 0], [4, 0, 0], [0, 1.5, 0], [50, 0, 0]])
+    assert body_of(thrown(), place).tolist() == [0, 1, 2, 2]
+
+
+def test_the_next_instant_is_foreseen_at_steady_speed():
+    body = foreseen(thrown(), 2)
+    assert np.allclose(body.path[0, 2], 2 * body.path[0, 1] - body.path[0, 0], atol=EXACT)
+    assert np.allclose(body.path[0, :2], thrown().path[0, :2], atol=EXACT)
+
+
+def test_gradients_reach_poses_and_time():
+    body = thrown()
+
+    def place(path, turn, time):
+        path, turn, time = (jnp.asarray(x) for x in (path, turn, time))
+        moved = body.__class__(body.pivot, body.radius, body.time, path, turn)
+        return jnp.concatenate([x.reshape(-1) for x in pose_at(moved, time)])
+
+    turn = body.turn + 0.1 * jax.random.normal(jax.random.key(0), body.turn.shape)
+    check_grads(place, (body.path, turn, jnp.asarray(0.37)), order=1, modes=["rev"])
+
+
+def test_separate_clouds_are_found_as_bodies_and_strays_are_not():
+    dice = np.random.default_rng(0)
+    cloud = dice.normal(size=(300, 3)) * 0.05
+    points = np.concatenate([cloud, cloud + [3, 0, 0], [[1.5, 1, 0]]])
+    found = found_bodies(points, np.array([0.0, 1.0]))
+    assert sorted(np.round(np.asarray(found.pivot)[:, 0]).tolist()) == [0, 3]
+    assert body_of(found, jnp.asarray(points[-1:])).tolist() == [2]
