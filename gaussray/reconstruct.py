@@ -54,7 +54,7 @@ class FitOptions(eqx.Module):
     block: int = eqx.field(static=True, default=25)
     balance: float = eqx.field(static=True, default=0.5)
     opening: float = eqx.field(static=True, default=0.7)
-    recent: float = eqx.field(static=True, default=0.4)
+    recent: float = eqx.field(static=True, default=0.6)
     moving: float = eqx.field(static=True, default=0.6)
     degree: int = eqx.field(static=True, default=0)
     opacity: float = eqx.field(static=True, default=0.9)

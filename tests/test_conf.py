@@ -101,7 +101,7 @@ def test_an_unknown_key_fails_and_is_named(override):
         ("demo", "density.start=0.9", "density.start and density.stop must satisfy"),
         ("demo", "loss.l1=-1", "loss.l1 must be at least 0, got -1"),
         ("demo", "optimizer.decay=0", "optimizer.decay must be in"),
-        ("render", "render.keys=1", "render.keys must be at least 2, got 1"),
+        ("render", "render.keys=1", "render.keys must be 2 or odd, got 1"),
         ("evaluate", "evaluate.split=both", "evaluate.split must be train, test or all"),
     ],
 )

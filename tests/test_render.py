@@ -101,7 +101,7 @@ def test_states_at_key_times_agree_with_a_state_for_every_row(scene):
     frozen = Renderer(scene, options=RenderOptions(samples=1), trace=toy.TRACE)(
         toy.camera(time=0.25)
     )
-    assert np.abs(frozen.color - exact.color).max() > 3 * ROWS
+    assert np.abs(frozen.color - exact.color).max() > 1.5 * ROWS
 
 
 def test_a_time_outside_the_clip_is_its_border(scene):
@@ -175,5 +175,5 @@ def test_a_data_set_reads_back_is_kept_and_scores_against_itself(scene, tmp_path
 
 @pytest.mark.parametrize(("key", "value"), [("samples", 0), ("keys", 1), ("chunk_rows", -1)])
 def test_an_option_that_cannot_be_is_named(key, value):
-    with pytest.raises(ValueError, match=f"render.{key} must be at least"):
+    with pytest.raises(ValueError, match=f"render.{key} must be"):
         RenderOptions(**{key: value})

@@ -6,7 +6,6 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Float, Int
 
-from gaussray.scene.bodies import Bodies
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Unconstrained, constrain
 from gaussray.scene.scene import Scene
@@ -14,6 +13,9 @@ from gaussray.scene.scene import Scene
 
 # 3DGS's epsilon: gradients of single Gaussians are tiny and must not be damped.
 ADAM = optax.scale_by_adam(eps=1e-15)
+
+
+_OF_BODIES = ("pivot", "radius", "time", "path", "turn")
 
 
 class Parameters(eqx.Module):
@@ -49,8 +51,8 @@ class OptimizerOptions(eqx.Module):
     opacity: float = eqx.field(static=True, default=0.05)
     color: float = eqx.field(static=True, default=2e-2)
     harmonics: float = eqx.field(static=True, default=5e-4)
-    path: float = eqx.field(static=True, default=3e-3)
-    turn: float = eqx.field(static=True, default=2e-2)
+    path: float = eqx.field(static=True, default=6e-3)
+    turn: float = eqx.field(static=True, default=3e-2)
     planes: float = eqx.field(static=True, default=1e-2)
     network: float = eqx.field(static=True, default=1e-3)
     decay: float = eqx.field(static=True, default=0.1)
@@ -110,8 +112,12 @@ def rates(
         planes = jax.tree.map(lambda _: options.planes * fall, parameters.deformation.planes)
         fixed = (jnp.zeros_like(fall),) * 4
         planes = eqx.tree_at(lambda p: (p.lower, p.upper, p.begin, p.end), planes, fixed)
-        bodies = Bodies(*fixed[:3], path=options.path * extent * fall, turn=options.turn * fall)
-        deformation = eqx.tree_at(lambda d: (d.planes, d.bodies), deformation, (planes, bodies))
+        bodies = (fixed[0],) * 3 + (options.path * extent * fall, options.turn * fall)
+        deformation = eqx.tree_at(
+            lambda d: (d.planes, *(getattr(d.bodies, name) for name in _OF_BODIES)),
+            deformation,
+            (planes, *bodies),
+        )
     fine = parameters.deformation is not None
     static = gaussians(parameters.static, fall * (options.static if fine else 1))
     moving = gaussians(parameters.moving, fall * (options.moving if fine else 1))
@@ -127,8 +133,8 @@ def descend(
     """One step of Adam, every array at its own rate, where there is a gradient at all.
 
     What a step does not see (Gaussians out of view, poses and rows of other instants) rests,
-    moments included. Otherwise momentum would carry it on blindly, and its second moment would fade until
-    the next gradient throws it several rates far.
+    moments included. Otherwise momentum would carry it on blindly, and its second moment would fade
+    until the next gradient throws it several rates far.
     """
     direction, moments = ADAM.update(gradient, adam)  # type: ignore[arg-type]
     seen = jax.tree.map(lambda g: g != 0, gradient)

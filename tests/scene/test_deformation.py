@@ -35,21 +35,23 @@ def test_zero_initialised_heads_are_the_identity_at_every_time(bodies, time):
 def test_biases_of_the_heads_are_the_residuals(bodies):
     field = toy.deformation()
     where = lambda d: (d.mean[1].bias, d.rotation[1].bias, d.scale[1].bias)  # noqa: E731
-    # (1, 0, 0, 0) + (0, 0, 0, 1) is a quarter turn about z: (x, y, z) -> (-y, x, z).
     shift, turn, grow = (toy.single(x) for x in ([1, 2, 3], [0, 0, 0, 1], [0.02, 0, -0.02]))
     moved = deform(bodies, eqx.tree_at(where, field, (shift, turn, grow)), toy.single(0.5))
-    x, y, z = np.asarray(bodies.mean).T
-    np.testing.assert_allclose(moved.mean, np.stack([1 - y, 2 + x, 3 + z], axis=1), **CLOSE)
-    np.testing.assert_allclose(moved.quat[0], np.sqrt([0.5, 0, 0, 0.5]), **CLOSE)
+    np.testing.assert_allclose(moved.mean, bodies.mean + shift[None], **CLOSE)
+    np.testing.assert_allclose(moved.quat[0], [1, 0, 0, 1], **CLOSE)
     np.testing.assert_allclose(moved.scale, bodies.scale * jnp.exp(grow)[None], rtol=1e-3)
 
 
-def test_a_gaussian_turns_about_the_nearest_pivot(bodies):
+def test_a_body_turns_its_gaussians_about_its_pivot(bodies):
     field = toy.deformation()
-    field = eqx.tree_at(lambda d: d.pivot, field, bodies.mean + toy.single([[0, 0, 0.1]]))
-    half = eqx.tree_at(lambda d: d.rotation[1].bias, field, toy.single([-1, 0, 0, 1]))
-    moved = deform(bodies, half, toy.single(0.5))
-    np.testing.assert_allclose(moved.mean, bodies.mean, **CLOSE)
+    # (1, 0, 0, 1) is a quarter turn about z: (x, y, z) -> (-y, x, z) about the origin.
+    turn = jnp.broadcast_to(toy.single([1, 0, 0, 1]), field.bodies.turn.shape)
+    path = jnp.broadcast_to(toy.single([1, 2, 3]), field.bodies.path.shape)
+    field = eqx.tree_at(lambda d: (d.bodies.turn, d.bodies.path), field, (turn, path))
+    moved = deform(bodies, field, toy.single(0.5))
+    x, y, z = np.asarray(bodies.mean).T
+    np.testing.assert_allclose(moved.mean, np.stack([1 - y, 2 + x, 3 + z], axis=1), **CLOSE)
+    np.testing.assert_allclose(moved.quat[0], np.sqrt([0.5, 0, 0, 0.5]), **CLOSE)
 
 
 def test_every_array_of_a_field_that_has_moved_gets_gradient(bodies):
