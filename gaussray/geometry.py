@@ -58,6 +58,13 @@ def multiply(a: Float[Array, "*batch 4"], b: Float[Array, "*batch 4"]) -> Float[
     return jnp.concatenate([real, aw * bv + bw * av + jnp.cross(av, bv)], axis=-1)
 
 
+def turning(vector: Float[Array, "3"]) -> Float[Array, "4"]:
+    """Quaternion of the rotation by |vector| radians about the vector; right and smooth at zero."""
+    half = vector / 2
+    angle = safe_norm(half)
+    return jnp.concatenate([jnp.cos(angle)[None], jnp.sinc(angle / jnp.pi) * half])
+
+
 def quaternion(rotation: Float[Array, "3 3"]) -> Float[Array, "4"]:
     """Unit quaternion (w >= 0) of a rotation matrix, by the largest of the four squares (Shepperd).
 

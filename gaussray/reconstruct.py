@@ -11,7 +11,7 @@ import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
-from gaussray.capture.activity import point_activity, tile_activity
+from gaussray.capture.activity import moved_pixels, point_activity, tile_activity
 from gaussray.capture.batches import Footage, Sampler, footage, tile_rays
 from gaussray.capture.calibration import Capture, View
 from gaussray.color import srgb_encode
@@ -23,10 +23,13 @@ from gaussray.fit.initial import bodies, in_common_view, on_points
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, descend, rates, scene_of
 from gaussray.fit.state import State, advance, begin_state, refine_state, take, watch
+from gaussray.fit.tracking import TrackOptions, track
 from gaussray.geometry import rotation_matrix
 from gaussray.progress import Progress
+from gaussray.scene.bodies import Bodies, body_of
 from gaussray.scene.deformation import FieldOptions, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
+from gaussray.scene.harmonics import C0
 from gaussray.scene.planes import initial_planes
 from gaussray.scene.scene import Scene, at
 from gaussray.scene.store import save_scene
@@ -53,7 +56,7 @@ class FitOptions(eqx.Module):
     tiles: int = eqx.field(static=True, default=64)
     block: int = eqx.field(static=True, default=25)
     balance: float = eqx.field(static=True, default=0.5)
-    opening: float = eqx.field(static=True, default=0.7)
+    opening: float = eqx.field(static=True, default=0.0)
     recent: float = eqx.field(static=True, default=0.6)
     moving: float = eqx.field(static=True, default=0.6)
     degree: int = eqx.field(static=True, default=0)
@@ -81,6 +84,7 @@ class ReconstructOptions(eqx.Module):
     """Everything `reconstruct` can be told, one class per config group."""
 
     fit: FitOptions = eqx.field(default_factory=FitOptions)
+    track: TrackOptions = eqx.field(default_factory=TrackOptions)
     field: FieldOptions = eqx.field(default_factory=FieldOptions)
     loss: LossOptions = eqx.field(default_factory=LossOptions)
     optimizer: OptimizerOptions = eqx.field(default_factory=OptimizerOptions)
@@ -254,9 +258,29 @@ class Fit:
             instants=field.instants or max(len(self.sampler.times), 2),
             channels=field.channels,
         )
-        groups = bodies(mean, self.sampler.times)
+        groups = self._tracked(parameters.moving)
         deformation = initial_deformation(network_key, planes, groups, width=field.width)
         return begin_state(Parameters(parameters.static, parameters.moving, deformation))
+
+    def _tracked(self, free: Unconstrained) -> Bodies:
+        """The bodies among the moving Gaussians, with their poses at all instants."""
+        moving = constrain(take(free, np.flatnonzero(alive(free))))
+        place = np.asarray(moving.mean)
+        groups = bodies(place, self.sampler.times)
+        progress = Progress("track", len(self.sampler.times) - 1, quiet=self.quiet)
+        return track(
+            groups,
+            np.asarray(body_of(groups, moving.mean)),
+            place,
+            np.asarray(rotation_matrix(moving.quat))[:, :, 2],
+            np.asarray(moving.harmonics[:, 0] * C0 + 0.5),
+            np.asarray(self.footage.picture),
+            moved_pixels(self.footage, self.camera),
+            self.footage.camera,
+            options=self.options.track,
+            seed=self.options.fit.seed,
+            report=progress.report,
+        )
 
     def run(self, stage: str, state: State) -> State:
         """All steps of a stage, in blocks; between blocks density control, files, progress."""

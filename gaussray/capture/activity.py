@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gaussray.camera.camera import project
 from gaussray.capture.batches import Footage, tile_grid
@@ -13,26 +13,31 @@ from gaussray.capture.batches import Footage, tile_grid
 CHANGE = 0.1
 
 
-def tile_activity(
-    footage: Footage, camera: np.ndarray, *, side: int
-) -> Float[np.ndarray, "frames tiles"]:
-    """Share of pixels in every tile of every frame that differ by more than CHANGE from their own
-    camera's temporal median; `camera` names the camera of each frame."""
+def moved_pixels(footage: Footage, camera: np.ndarray) -> Bool[np.ndarray, "frames h w"]:
+    """Which pixels differ by more than CHANGE from their own camera's temporal median; `camera`
+    names the camera of each frame."""
     picture = _unit(footage)
-    columns, rows = tile_grid(footage, side)
-    height, width = picture.shape[1:3]
-    top = np.minimum(np.arange(rows) * side, height - side)
-    left = np.minimum(np.arange(columns) * side, width - side)
-    activity = np.zeros((len(picture), rows, columns), np.float32)
+    moved = np.zeros(picture.shape[:3], bool)
     for name in np.unique(camera):
         own = np.flatnonzero(camera == name)
         median = np.median(picture[own], axis=0)
-        moved = np.max(np.abs(picture[own] - median), axis=-1) > CHANGE
-        total = np.pad(moved.cumsum(1).cumsum(2), ((0, 0), (1, 0), (1, 0)))
-        y, x = top[:, None], left[None, :]
-        box = total[:, y + side, x + side] - total[:, y, x + side]
-        activity[own] = (box - total[:, y + side, x] + total[:, y, x]) / side**2
-    return activity.reshape(len(picture), -1)
+        moved[own] = np.max(np.abs(picture[own] - median), axis=-1) > CHANGE
+    return moved
+
+
+def tile_activity(
+    footage: Footage, camera: np.ndarray, *, side: int
+) -> Float[np.ndarray, "frames tiles"]:
+    """Share of `moved_pixels` in every tile of every frame."""
+    columns, rows = tile_grid(footage, side)
+    moved = moved_pixels(footage, camera)
+    height, width = moved.shape[1:]
+    y = np.minimum(np.arange(rows) * side, height - side)[:, None]
+    x = np.minimum(np.arange(columns) * side, width - side)[None, :]
+    total = np.pad(moved.cumsum(1).cumsum(2), ((0, 0), (1, 0), (1, 0)))
+    box = total[:, y + side, x + side] - total[:, y, x + side]
+    box = box - total[:, y + side, x] + total[:, y, x]
+    return (box / side**2).astype(np.float32).reshape(len(moved), -1)
 
 
 def point_activity(
