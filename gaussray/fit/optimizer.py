@@ -53,6 +53,7 @@ class OptimizerOptions(eqx.Module):
     harmonics: float = eqx.field(static=True, default=5e-4)
     path: float = eqx.field(static=True, default=6e-3)
     turn: float = eqx.field(static=True, default=3e-2)
+    light: float = eqx.field(static=True, default=2e-2)
     planes: float = eqx.field(static=True, default=1e-2)
     network: float = eqx.field(static=True, default=1e-3)
     decay: float = eqx.field(static=True, default=0.1)
@@ -69,6 +70,7 @@ class OptimizerOptions(eqx.Module):
             "harmonics",
             "path",
             "turn",
+            "light",
             "planes",
             "network",
         ):
@@ -118,6 +120,7 @@ def rates(
             deformation,
             (planes, *bodies),
         )
+        deformation = eqx.tree_at(lambda d: d.light, deformation, options.light * fall)
     fine = parameters.deformation is not None
     static = gaussians(parameters.static, fall * (options.static if fine else 1))
     moving = gaussians(parameters.moving, fall * (options.moving if fine else 1))

@@ -8,12 +8,15 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from gaussray.geometry import multiply, normalize_quaternion, rotation_matrix
 from gaussray.scene.bodies import Bodies, body_of, pose_at
 from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.harmonics import basis
 from gaussray.scene.planes import Planes, features
 
 
 # Largest change of log scale: unbounded, a Gaussian whose motion is not yet found grows until it
 # covers where it might be, and every ray pays for it.
 STRETCH = 0.3
+# Largest change of the logarithm of the colour: from sun to deep shade.
+CONTRAST = 3.0
 
 
 class FieldOptions(eqx.Module):
@@ -59,13 +62,15 @@ class Deformation(eqx.Module):
     mean: tuple[Layer, Layer]
     rotation: tuple[Layer, Layer]
     scale: tuple[Layer, Layer]
+    tint: tuple[Layer, Layer]
+    light: Float[Array, "9 3"]
 
 
 def initial_deformation(
     key: PRNGKeyArray, planes: Planes, bodies: Bodies, *, width: int
 ) -> Deformation:
     """Weights uniform as Xavier's, last layers zero: the identity at every time."""
-    keys = iter(jax.random.split(key, 4))
+    keys = iter(jax.random.split(key, 5))
     dtype = planes.lower.dtype
 
     def layer(inputs: int, outputs: int) -> Layer:
@@ -78,7 +83,8 @@ def initial_deformation(
         return layer(width, width), last
 
     trunk = layer(planes.width, width)
-    return Deformation(bodies, planes, trunk, head(3), head(4), head(3))
+    heads = head(3), head(4), head(3), head(3)
+    return Deformation(bodies, planes, trunk, *heads, jnp.zeros((9, 3), dtype))
 
 
 def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""]) -> Gaussians:
@@ -100,6 +106,12 @@ def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""
     pivot, path, turn = _carried(deformation.bodies, place, time)
     arm = jnp.einsum("nij,nj->ni", rotation_matrix(turn), gaussians.mean - pivot)
     carried = multiply(turn, normalize_quaternion(gaussians.quat))
+    # The disc's axis, outwards: the light on a surface depends on where it faces.
+    facing = rotation_matrix(jax.lax.stop_gradient(gaussians.quat))[:, :, 2]
+    inward = jnp.sum(facing * (place - pivot), axis=-1, keepdims=True) < 0
+    facing = jnp.einsum("nij,nj->ni", rotation_matrix(jax.lax.stop_gradient(turn)), facing)
+    facing = jnp.where(inward, -facing, facing)
+    shade = jnp.stack(basis(facing.T, 9), axis=-1) @ deformation.light
     stretch = STRETCH * jnp.tanh(residual(deformation.scale) / STRETCH)
     return Gaussians(
         mean=pivot + path + arm + residual(deformation.mean),
@@ -107,6 +119,7 @@ def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""
         scale=gaussians.scale * jnp.exp(stretch),
         opacity=gaussians.opacity,
         harmonics=gaussians.harmonics,
+        tint=jnp.exp(CONTRAST * jnp.tanh((shade + residual(deformation.tint)) / CONTRAST)),
     )
 
 

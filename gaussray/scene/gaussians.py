@@ -14,6 +14,8 @@ class Gaussians(eqx.Module):
     `mean` and `scale` (standard deviations along the Gaussian's own axes, > 0) are in scene units,
     `quat` takes those axes to the world and has any non-zero length, `opacity` is the peak alpha in
     [0, 1], `harmonics` holds (L+1)^2 spherical-harmonics coefficients of linear-light colour.
+    `tint` multiplies the colour, per channel: what turns in the light or is shaded changes by it;
+    None (1 everywhere) costs nothing.
     """
 
     mean: Float[Array, "*keys gaussians 3"]
@@ -21,6 +23,7 @@ class Gaussians(eqx.Module):
     scale: Float[Array, "*keys gaussians 3"]
     opacity: Float[Array, " gaussians"]
     harmonics: Float[Array, "gaussians coefficients 3"]
+    tint: Float[Array, "*keys gaussians 3"] | None = None
 
     @property
     def count(self) -> int:
@@ -71,13 +74,18 @@ def concatenate(first: Gaussians, second: Gaussians) -> Gaussians:
         b = jnp.broadcast_to(b, keys + b.shape[b.ndim - trailing :])
         return jnp.concatenate([a, b], axis=len(keys))
 
+    def tint(g: Gaussians) -> Array:
+        return jnp.ones_like(g.mean) if g.tint is None else g.tint
+
     degree = max(first.harmonics.shape[1], second.harmonics.shape[1])
+    plain = first.tint is None and second.tint is None
     return Gaussians(
         mean=join(first.mean, second.mean, 2),
         quat=join(first.quat, second.quat, 2),
         scale=join(first.scale, second.scale, 2),
         opacity=jnp.concatenate([first.opacity, second.opacity]),
         harmonics=jnp.concatenate([_pad(first.harmonics, degree), _pad(second.harmonics, degree)]),
+        tint=None if plain else join(tint(first), tint(second), 2),
     )
 
 

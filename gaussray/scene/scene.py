@@ -2,6 +2,7 @@
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from gaussray.scene.deformation import Deformation, deform
@@ -30,20 +31,21 @@ def at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
 
 
 def at_times(scene: Scene, time: Float[Array, " keys"]) -> Gaussians:
-    """All Gaussians at several times: mean, quat and scale gain a leading axis."""
+    """All Gaussians at several times: mean, quat, scale and tint gain a leading axis."""
     if scene.deformation is None:
         still = concatenate(scene.static, scene.moving)
         return _keyed(still, time.shape[0])
     deformation = scene.deformation
-    mean, quat, scale = jax.vmap(lambda t: _state(deform(scene.moving, deformation, t)))(time)
-    moved = Gaussians(mean, quat, scale, scene.moving.opacity, scene.moving.harmonics)
+    mean, quat, scale, tint = jax.vmap(lambda t: _state(deform(scene.moving, deformation, t)))(time)
+    moved = Gaussians(mean, quat, scale, scene.moving.opacity, scene.moving.harmonics, tint)
     return concatenate(scene.static, moved)
 
 
-def _state(gaussians: Gaussians) -> tuple[Array, Array, Array]:
-    return gaussians.mean, gaussians.quat, gaussians.scale
+def _state(gaussians: Gaussians) -> tuple[Array, Array, Array, Array | None]:
+    return gaussians.mean, gaussians.quat, gaussians.scale, gaussians.tint
 
 
 def _keyed(gaussians: Gaussians, keys: int) -> Gaussians:
-    mean, quat, scale = (jax.numpy.broadcast_to(x, (keys, *x.shape)) for x in _state(gaussians))
-    return Gaussians(mean, quat, scale, gaussians.opacity, gaussians.harmonics)
+    state = jax.tree.map(lambda x: jnp.broadcast_to(x, (keys, *x.shape)), _state(gaussians))
+    mean, quat, scale, tint = state
+    return Gaussians(mean, quat, scale, gaussians.opacity, gaussians.harmonics, tint)

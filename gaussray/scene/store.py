@@ -81,10 +81,10 @@ def deformation_from(array: dict[str, np.ndarray], prefix: str, path: Path) -> D
         time=tuple(take(f"planes.time.{i}") for i in range(scales)),
         **{k: take(f"planes.{k}") for k in ("lower", "upper", "begin", "end")},
     )
-    heads = (head(name) for name in ("mean", "rotation", "scale"))
+    heads = (head(name) for name in ("mean", "rotation", "scale", "tint"))
     names = ("pivot", "radius", "time", "path", "turn")
     bodies = Bodies(*(take(f"bodies.{name}") for name in names))
-    return Deformation(bodies, planes, layer("trunk"), *heads)
+    return Deformation(bodies, planes, layer("trunk"), *heads, take("light"))
 
 
 def _take(array: dict[str, np.ndarray], name: str, path: Path) -> Array:

@@ -6,13 +6,13 @@ from jaxtyping import Array
 
 from gaussray.scene.harmonics import radiance
 from gaussray.tracer.composite import composite
-from gaussray.tracer.motion import state_at
+from gaussray.tracer.motion import state_at, tint_at
 from gaussray.tracer.response import opacity_on_ray, reach, response
 from gaussray.tracer.traverse import nearest, pack
 
 
 def _march(
-    table, origin, direction, weights, lists, options, keys, bits
+    table, origin, direction, weights, lists, options, columns, bits
 ) -> tuple[Array, Array, Array]:
     """All bundles, in groups of similar list length: channels (red, green, blue, depth), T, hits.
 
@@ -22,22 +22,22 @@ def _march(
     dL_r = T_r g and dtau_r = (g . (total - sum up to r) + g_T T_end) / tau_r; shading is then
     differentiated by JAX.
     """
-    return _forward(table, origin, direction, weights, lists, options, keys, bits)[0]
+    return _forward(table, origin, direction, weights, lists, options, columns, bits)[0]
 
 
-def _forward(table, origin, direction, weights, lists, options, keys, bits):
+def _forward(table, origin, direction, weights, lists, options, columns, bits):
     groups, restore = _groups(origin, direction, weights, lists, options)
-    geometry = _geometry(table, keys, options)
+    geometry = _geometry(table, columns, options)
 
     def group(one):
-        listed = _list_keys(geometry, one, lists[0], options, keys, bits)
+        listed = _list_keys(geometry, one, lists[0], options, columns, bits)
 
         def body(state):
             (channels, transmittance, after, hits, _), first = state
             found = _round(listed, one, lists[0], after, options, bits)
             index, there, last, full = found
             rows = _components(table, index)
-            local, tau = _shade(rows, one["o"], one["d"], one["w"], there, options)
+            local, tau = _shade(rows, one["o"], one["d"], one["w"], there, columns, options)
             channels = channels + transmittance[None] * local
             transmittance = transmittance * tau
             going = full & (transmittance > options.transmittance_min)
@@ -62,16 +62,16 @@ def _forward(table, origin, direction, weights, lists, options, keys, bits):
     return restore(results), first
 
 
-def _march_forward(table, origin, direction, weights, lists, options, keys, bits):
-    out, first = _forward(table, origin, direction, weights, lists, options, keys, bits)
+def _march_forward(table, origin, direction, weights, lists, options, columns, bits):
+    out, first = _forward(table, origin, direction, weights, lists, options, columns, bits)
     return out, (table, origin, direction, weights, lists, out[0], out[1], first)
 
 
-def _march_backward(options, keys, bits, saved, cotangent):
+def _march_backward(options, columns, bits, saved, cotangent):
     table, origin, direction, weights, lists, total, end, first = saved
     g_channels, g_end, _ = cotangent
     groups, restore = _groups(origin, direction, weights, lists, options)
-    geometry = _geometry(table, keys, options)
+    geometry = _geometry(table, columns, options)
     extra = _split({"total": total, "end": end, "g": g_channels, "g_end": g_end}, lists, options)
 
     def group(d_table, one):
@@ -82,7 +82,7 @@ def _march_backward(options, keys, bits, saved, cotangent):
             index, there, last, full = found
             rows = _components(table, index)
             (local, tau), pull = jax.vjp(
-                lambda rows, o, d, w: _shade(rows, o, d, w, there, options),
+                lambda rows, o, d, w: _shade(rows, o, d, w, there, columns, options),
                 rows,
                 one["o"],
                 one["d"],
@@ -104,7 +104,7 @@ def _march_backward(options, keys, bits, saved, cotangent):
             return channels, transmittance, after, d_table, d_rays, jnp.any(going)
 
         def further_rounds(state):
-            listed = _list_keys(geometry, one, lists[0], options, keys, bits)
+            listed = _list_keys(geometry, one, lists[0], options, columns, bits)
 
             def body(state):
                 found = _round(listed, one, lists[0], state[2], options, bits)
@@ -142,11 +142,11 @@ def _start(one, dtype):
     )
 
 
-def _geometry(table, keys, options):
+def _geometry(table, columns, options):
     """What finding hits needs: frame and mean at each key, and the squared reach."""
-    opacity = table[:, 12 * keys]
-    squared = reach(opacity, options.alpha_min) ** 2
-    return jax.lax.stop_gradient(jnp.concatenate([table[:, : 12 * keys], squared[:, None]], axis=1))
+    squared = reach(table[:, columns.opacity], options.alpha_min) ** 2
+    state = table[:, : columns.opacity]
+    return jax.lax.stop_gradient(jnp.concatenate([state, squared[:, None]], axis=1))
 
 
 def _split(tree, lists, options):
@@ -187,7 +187,7 @@ def _groups(origin, direction, weights, lists, options):
     return parts, restore
 
 
-def _list_keys(geometry, one, index, options, keys, bits):
+def _list_keys(geometry, one, index, options, columns, bits):
     """Sort keys of every (list entry, ray) of a group, evaluated once and kept for all rounds.
 
     Chunks x entries of a chunk x bundles x rays; only as many chunks are filled as the longest list
@@ -245,16 +245,17 @@ def _components(table, index):
     return [rows[..., i] for i in range(table.shape[1])]
 
 
-def _shade(rows, origin, direction, weights, there, options):
+def _shade(rows, origin, direction, weights, there, columns, options):
     """Channels and transmittance of one round of hits (columns of k x bundles x rays)."""
-    keys = weights.shape[0]
     origin, direction, weights = origin[:, None], direction[:, None], weights[:, None]
     whiten, mean = state_at(rows, weights)
     t, q = response(whiten, mean, origin, direction)
-    alpha = opacity_on_ray(rows[12 * keys], q, alpha_max=options.alpha_max)
+    alpha = opacity_on_ray(rows[columns.opacity], q, alpha_max=options.alpha_max)
     alpha = jnp.where(there, alpha, 0)
-    harmonics = jnp.stack(rows[12 * keys + 1 :])
+    harmonics = jnp.stack(rows[columns.harmonics])
     harmonics = harmonics.reshape(-1, 3, *harmonics.shape[1:])
     color = radiance(harmonics, direction)
+    if columns.tinted:
+        color = color * tint_at(rows[columns.tint], weights)
     payload = jnp.concatenate([color, t[None]])
     return composite(alpha, t, payload)

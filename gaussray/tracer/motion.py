@@ -1,5 +1,7 @@
 """Gaussians at the key times of a frame: between the keys everything moves along parabolas."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,7 +13,7 @@ from gaussray.scene.gaussians import Gaussians, axes, whitening
 class Motion(eqx.Module):
     """States of the same Gaussians at increasing key times; one key is a scene that stands still.
 
-    The mean and the axes F = R S move on an arc of a parabola through every three neighbouring
+    The mean, the axes F = R S and the tint move on an arc of a parabola through every three neighbouring
     keys (keys 0 1 2, then 2 3 4, ...), or on a line between two. That is of third order in the key
     spacing and exact for constant acceleration; a bounce is exact where arcs meet and smoothed
     within one. Before the first and after the last key the scene rests.
@@ -46,6 +48,7 @@ def still(gaussians: Gaussians) -> Motion:
         scale=gaussians.scale[None],
         opacity=gaussians.opacity,
         harmonics=gaussians.harmonics,
+        tint=None if gaussians.tint is None else gaussians.tint[None],
     )
     return Motion(time=jnp.zeros(1, gaussians.mean.dtype), gaussians=lifted)
 
@@ -59,18 +62,17 @@ def controls(
     (M - (1-f)^2 A - f^2 B) / (2 f (1-f)): 2 M - (A + B) / 2 in the middle of the ends A and B.
     """
     g = motion.gaussians
-    mean, frame = g.mean, axes(g.quat, g.scale)
-    if motion.keys < 3:
-        return mean, frame
-    begin, middle, end = motion.time[:-1:2], motion.time[1::2], motion.time[2::2]
-    f = (middle - begin) / (end - begin)
+    return _controls(motion.time, g.mean), _controls(motion.time, axes(g.quat, g.scale))
 
-    def inner(x: Array) -> Array:
-        first, last = (share.reshape(-1, *(1,) * (x.ndim - 1)) for share in ((1 - f) ** 2, f**2))
-        rest = 1 - first - last
-        return x.at[1::2].set((x[1::2] - first * x[:-1:2] - last * x[2::2]) / rest)
 
-    return inner(mean), inner(frame)
+def _controls(time: Array, x: Array) -> Array:
+    """Control points of any quantity that is given at the keys."""
+    if len(time) < 3:
+        return x
+    begin, middle, end = time[:-1:2], time[1::2], time[2::2]
+    f = ((middle - begin) / (end - begin)).reshape(-1, *(1,) * (x.ndim - 1))
+    inner = (x[1::2] - (1 - f) ** 2 * x[:-1:2] - f**2 * x[2::2]) / (2 * f * (1 - f))
+    return x.at[1::2].set(inner)
 
 
 def control_weights(
@@ -118,16 +120,48 @@ def usable(gaussians: Gaussians) -> Bool[Array, " gaussians"]:
     g = gaussians
     per_key = jnp.concatenate([g.mean, g.quat, g.scale, 1 / g.scale], axis=-1)
     fine = jnp.all(jnp.isfinite(per_key), axis=(0, -1)) & jnp.all(g.scale > 0, axis=(0, -1))
+    if g.tint is not None:
+        fine = fine & jnp.all(jnp.isfinite(g.tint), axis=(0, -1))
     return fine & jnp.isfinite(g.opacity) & jnp.all(jnp.isfinite(g.harmonics), axis=(1, 2))
 
 
+class Columns(NamedTuple):
+    """What stands where in a row of the `table`: keys x (9 + 3), opacity, harmonics, and, if the
+    Gaussians are `tinted`, keys x 3."""
+
+    keys: int
+    coefficients: int
+    tinted: bool
+
+    @property
+    def opacity(self) -> int:
+        """The column of the opacity, behind those of the states."""
+        return 12 * self.keys
+
+    @property
+    def harmonics(self) -> slice:
+        """The columns of the colour."""
+        return slice(self.opacity + 1, self.opacity + 1 + 3 * self.coefficients)
+
+    @property
+    def tint(self) -> slice:
+        """The columns of the tint, key by key."""
+        return slice(self.harmonics.stop, self.harmonics.stop + 3 * self.keys * self.tinted)
+
+
+def columns(motion: Motion) -> Columns:
+    """How the rows of the `table` of a motion are laid out."""
+    g = motion.gaussians
+    return Columns(motion.keys, g.harmonics.shape[1], g.tint is not None)
+
+
 def table(motion: Motion) -> Float[Array, "rows columns"]:
-    """All that shading needs of a Gaussian in one row: control points, opacity, colour.
+    """All that shading needs of a Gaussian in one row (`Columns`): control points, opacity, colour.
 
     A single key stores A = S^-1 R^T (nothing to invert later); several store F = R S of the control
-    points, whose blend is inverted per ray. Columns: keys x (9 + 3), opacity, harmonics. A last
-    row, of an ordinary Gaussian, is for slots without a hit; Gaussians that are not `usable` become
-    such too, so that neither their values nor their gradients spread.
+    points, whose blend is inverted per ray. A last row, of an ordinary Gaussian, is for slots
+    without a hit; Gaussians that are not `usable` become such too, so that neither their values nor
+    their gradients spread.
     """
     g = _ordinary(motion.gaussians)
     if motion.keys == 1:
@@ -135,8 +169,14 @@ def table(motion: Motion) -> Float[Array, "rows columns"]:
     else:
         mean, matrix = controls(Motion(motion.time, g))
     state = jnp.concatenate([matrix.reshape(*matrix.shape[:2], 9), mean], axis=-1)
-    state = jnp.moveaxis(state, 0, 1).reshape(g.count, motion.keys * 12)
-    return jnp.concatenate([state, g.opacity[:, None], g.harmonics.reshape(g.count, -1)], axis=1)
+    parts = [_by_row(state), g.opacity[:, None], g.harmonics.reshape(g.count, -1)]
+    if g.tint is not None:
+        parts.append(_by_row(_controls(motion.time, g.tint)))
+    return jnp.concatenate(parts, axis=1)
+
+
+def _by_row(x: Float[Array, "keys gaussians n"]) -> Float[Array, "gaussians columns"]:
+    return jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1)
 
 
 def _ordinary(g: Gaussians) -> Gaussians:
@@ -154,6 +194,7 @@ def _ordinary(g: Gaussians) -> Gaussians:
         scale=replace(g.scale, 1),
         opacity=replace(g.opacity, 0),
         harmonics=replace(g.harmonics, 0),
+        tint=None if g.tint is None else replace(g.tint, 1),
     )
 
 
@@ -173,6 +214,17 @@ def state_at(
         return total
 
     return _inverse([blend(i) for i in range(9)]), [blend(i) for i in range(9, 12)]
+
+
+def tint_at(
+    row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
+) -> Float[Array, "3 *both"]:
+    """Tints (the `tint` columns of a row) blended for their rays; overshoot is cut off at 0."""
+    keys = weights.shape[0]
+    total = weights[0] * jnp.stack(row[:3])
+    for key in range(1, keys):
+        total = total + weights[key] * jnp.stack(row[3 * key : 3 * key + 3])
+    return jnp.maximum(total, 0)
 
 
 def _inverse(f: list[Array]) -> list[Array]:

@@ -13,7 +13,7 @@ from gaussray.tracer.bundle import FAN, bound
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.grid import build
 from gaussray.tracer.march import march
-from gaussray.tracer.motion import Motion, control_weights, table
+from gaussray.tracer.motion import Motion, columns, control_weights, table
 from gaussray.tracer.traverse import Candidates, Capacity, candidates
 
 
@@ -84,7 +84,7 @@ def trace(
         leading(weights),
         (lists.index, lists.start, lists.count),
         options,
-        motion.keys,
+        columns(motion),
         max(math.ceil(math.log2(max(capacity.slots, 2))), 1),
     )
     flat = channels.reshape(4, -1)[:, :count]
