@@ -27,22 +27,24 @@ def main() -> None:
     from benchmarks.problem import record, show
     from gaussray.capture.calibration import read_capture
     from gaussray.demo import SAMPLE
-    from gaussray.reconstruct import Fit, ReconstructOptions, Trial, train_block
+    from gaussray.fit.journal import Journal
+    from gaussray.reconstruct import Fit, ReconstructOptions
+    from gaussray.training import train_block
 
     capture, options = read_capture(SAMPLE), ReconstructOptions()
     rows = []
     with tempfile.TemporaryDirectory() as out:
-        fit = Fit(capture, Path(out), options, True)
-        state, _ = fit.begin()
+        journal = Journal(Path(out), resume=False, interval=60)
+        fit = Fit(capture, journal, options, True)
+        state = fit.begin()
         for stage in ("coarse", "fine"):
             if stage == "fine":
                 state = fit.with_deformation(state)
-            newest = 0 if stage == "coarse" else len(fit.sampler.times) - 1
-            batches = fit._batches(stage, 0, 10, newest)
-            trial = Trial(fit._measure(state, batches), fit.mesh)
+            batches = fit.batches(stage, 0, 10)
+            trial = fit.trial(state, batches)
             seconds = []
             for block in range(chosen.steps // 10 + 1):
-                batches = fit._batches(stage, 10 * block, 10, newest)
+                batches = fit.batches(stage, 10 * block, 10)
                 began = time.perf_counter()
                 state, terms, _, dropped = jax.block_until_ready(
                     train_block(
@@ -50,7 +52,7 @@ def main() -> None:
                         fit.footage,
                         batches,
                         fit.extent,
-                        options=options,
+                        options=fit.step,
                         steps=10_000,
                         trial=trial,
                     )

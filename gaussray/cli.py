@@ -149,6 +149,7 @@ def _reconstruct_options(cfg: DictConfig) -> Any:
 
     return stage.ReconstructOptions(
         fit=options(stage.FitOptions, cfg.fit),
+        track=options(stage.TrackOptions, cfg.track),
         field=options(stage.FieldOptions, cfg.field),
         loss=options(stage.LossOptions, cfg.loss),
         optimizer=options(stage.OptimizerOptions, cfg.optimizer),

@@ -11,6 +11,7 @@ LEVELS = [
     {"geometry", "color", "atomic", "progress"},
     {"scene", "camera"},
     {"tracer", "capture", "fit", "dataset"},
+    {"training"},
     {"reconstruct", "render"},
     {"evaluate", "rig"},
     {"demo"},

@@ -9,7 +9,6 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.fit.density import DensityOptions, Pull, no_pull, pulled, refine, refreshed
 from gaussray.fit.optimizer import ADAM, Parameters
-from gaussray.scene.bodies import foreseen
 
 
 class State(eqx.Module):
@@ -73,29 +72,6 @@ def refine_state(
     adam = state.adam._replace(mu=mu, nu=nu)
     renewed = begin_state(parameters)
     return eqx.tree_at(lambda s: (s.adam, s.step), renewed, (adam, state.step))
-
-
-def advance(parameters: Parameters, instant: int) -> Parameters:
-    """Let an instant that has not been seen yet begin where the last ones lead.
-
-    Bodies go on at the speed they had. The field keeps the last known row of every time plane, if
-    it has one row per instant.
-    """
-    deformation = parameters.deformation
-    if deformation is None or instant < 1:
-        return parameters
-    instants = deformation.bodies.time.shape[0]
-
-    def hold(plane: Array) -> Array:
-        if plane.shape[1] != instants:
-            return plane
-        return plane.at[:, instant:].set(plane[:, instant - 1 : instant])
-
-    time = tuple(hold(plane) for plane in deformation.planes.time)
-    ahead = foreseen(deformation.bodies, instant)
-    return eqx.tree_at(
-        lambda p: (p.deformation.planes.time, p.deformation.bodies), parameters, (time, ahead)
-    )
 
 
 def take(tree, rows: np.ndarray):

@@ -8,7 +8,6 @@ brightness, because what turns under a lamp changes its brightness more than its
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -110,7 +109,9 @@ def track(
         own = np.flatnonzero(time == instants[i].astype(time.dtype))
         views = jax.tree.map(lambda x, own=own: x[own], camera)
         sharp = _shrunk(picture[own], shrink)
-        hue = np.concatenate([_hue(sharp), MOVED * _shrunk(moved[own, :, :, None], shrink)], axis=-1)
+        hue = np.concatenate(
+            [_hue(sharp), MOVED * _shrunk(moved[own, :, :, None], shrink)], axis=-1
+        )
         layers = [jnp.asarray(_blurred(hue, s)) for s in options.blur]
         starts = (_ahead(poses, instants[: i + 1]), *poses[-1:][: i > 1])
         keys = jax.random.split(jax.random.fold_in(key, i), count)

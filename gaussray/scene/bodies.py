@@ -35,6 +35,8 @@ def resting(
 
 def body_of(bodies: Bodies, place: Float[Array, "gaussians 3"]) -> Int[Array, " gaussians"]:
     """Index of the body that holds each place, or the number of bodies where none does."""
+    if not bodies.pivot.shape[0]:
+        return jnp.zeros(place.shape[0], jnp.int32)
     difference = place[:, None] - bodies.pivot[None]
     square = jnp.sum(difference * difference, axis=-1)
     square = jnp.where(square <= bodies.radius[None] ** 2, square, jnp.inf)
@@ -77,20 +79,3 @@ def _shares(knots: Float[Array, " instants"], time: Float[Array, ""]) -> Float[A
         + s * s * (3 - 2 * s) * unit[low + 1]
         + s * s * (s - 1) * step * slope(low + 1)
     )
-
-
-def foreseen(bodies: Bodies, instant: int) -> Bodies:
-    """Poses from `instant` on set to where the last two known ones lead, at steady speed."""
-    last, before = instant - 1, max(instant - 2, 0)
-    span = bodies.time[last] - bodies.time[before]
-    ahead = (bodies.time[instant:] - bodies.time[last]) / jnp.where(span > 0, span, 1)
-
-    def lead(pose: Array) -> Array:
-        step = (pose[:, last] - pose[:, before])[:, None]
-        # One step ahead at most: what comes later is set again when its turn comes.
-        return pose.at[:, instant:].set(
-            pose[:, last][:, None] + jnp.minimum(ahead, 1)[None, :, None] * step
-        )
-
-    turn = normalize_quaternion(bodies.turn)
-    return eqx.tree_at(lambda b: (b.path, b.turn), bodies, (lead(bodies.path), lead(turn)))

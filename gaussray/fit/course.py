@@ -1,0 +1,41 @@
+"""How a reconstruction proceeds: how many steps of which size, on what, from which start."""
+
+import equinox as eqx
+
+
+class FitOptions(eqx.Module):
+    """The course of a reconstruction.
+
+    `coarse` steps on the first instant, without deformation; `fine` steps on all. A step sees
+    `tiles` tiles of trace.bundle^2 pixels, a share `balance` of them where things move. Gaussians
+    whose pixels change more than a share `moving` of the time get a deformation. `points` random
+    points are the start if the capture has none. Gaussians start with harmonics of this `degree`,
+    this `opacity`, and `spread` gaps between points as scale. A block of `block` steps runs without
+    the host; `checkpoint` is the interval in seconds between saved states.
+    """
+
+    coarse: int = eqx.field(static=True, default=300)
+    fine: int = eqx.field(static=True, default=1000)
+    tiles: int = eqx.field(static=True, default=64)
+    block: int = eqx.field(static=True, default=25)
+    balance: float = eqx.field(static=True, default=0.5)
+    moving: float = eqx.field(static=True, default=0.6)
+    degree: int = eqx.field(static=True, default=0)
+    opacity: float = eqx.field(static=True, default=0.9)
+    spread: float = eqx.field(static=True, default=0.6)
+    points: int = eqx.field(static=True, default=10000)
+    checkpoint: float = eqx.field(static=True, default=60.0)
+    seed: int = eqx.field(static=True, default=0)
+
+    def __check_init__(self):
+        for name in ("coarse", "tiles", "block", "points"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"fit.{name} must be at least 1, got {getattr(self, name)}.")
+        for name in ("fine", "checkpoint", "spread", "seed"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"fit.{name} must be at least 0, got {getattr(self, name)}.")
+        for name in ("balance", "moving", "opacity"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"fit.{name} must be in [0, 1], got {getattr(self, name)}.")
+        if self.degree not in (0, 1, 2, 3):
+            raise ValueError(f"fit.degree must be 0, 1, 2 or 3, got {self.degree}.")

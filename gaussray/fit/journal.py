@@ -1,0 +1,85 @@
+"""What a fit leaves on disk as it goes: a line of figures per block, and a state to go on from."""
+
+import json
+import time as clock
+from pathlib import Path
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array
+
+from gaussray.fit.checkpoint import load_checkpoint, save_checkpoint
+from gaussray.fit.state import State
+
+
+class NonFiniteLoss(RuntimeError):
+    """A term of the loss was not a finite number; the last good state has been written."""
+
+
+class Journal:
+    """metrics.jsonl and checkpoint.npz in the folder `out`; `info` is saved with every state."""
+
+    def __init__(self, out: Path, *, resume: bool, interval: float):
+        self.out, self.interval = out, interval
+        self.info: dict[str, Any] = {}
+        self.began = self.saved = clock.monotonic()
+        self.checkpoint = out / "checkpoint.npz"
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            (out / "metrics.jsonl").open("a" if resume else "w").close()
+        except OSError as error:
+            raise OSError(f"out={out}: cannot be written: {error}") from error
+        if resume and not self.checkpoint.is_file():
+            raise FileNotFoundError(
+                f"out={out}: holds no checkpoint.npz to go on with. Leave out resume=true."
+            )
+
+    def resumed(self) -> tuple[State, str]:
+        """The state of an interrupted run, and its stage."""
+        state, self.info = load_checkpoint(self.checkpoint)
+        return state, self.info.pop("stage")
+
+    def record(self, stage: str, step: int, terms: dict[str, Array]) -> None:
+        """One line of figures."""
+        line = {"stage": stage, "step": step, "seconds": round(clock.monotonic() - self.began, 3)}
+        line |= {name: float(value) for name, value in terms.items()}
+        line["psnr"] = decibel(terms["mse"])
+        with (self.out / "metrics.jsonl").open("a") as file:
+            file.write(json.dumps(line) + "\n")
+
+    def save(self, state: State, stage: str) -> None:
+        """Write the state, whole or not at all."""
+        save_checkpoint(self.checkpoint, state, info=self.info | {"stage": stage})
+        self.saved = clock.monotonic()
+
+    def save_in_time(self, state: State, stage: str) -> None:
+        """Write the state if the last one is older than the interval."""
+        if clock.monotonic() - self.saved > self.interval:
+            self.save(state, stage)
+
+    def demand_finite(self, terms: dict[str, Array], before: State, after: State, stage: str):
+        """Stop at the first value that is not a number, with the state before it on disk."""
+        wrong = [f"loss.{name}" for name, value in terms.items() if not np.isfinite(float(value))]
+        # The tracer passes over Gaussians that are not finite, so the loss alone would not tell.
+        if not wrong and not _all_finite(after.parameters):
+            wrong = ["a parameter"]
+        if wrong:
+            self.save(before, stage)
+            raise NonFiniteLoss(
+                f"{wrong[0]} is not finite at step {int(before.step)} of the {stage} stage. The "
+                f"state before it is in {self.checkpoint}; go on with resume=true and a smaller "
+                "optimizer.mean, optimizer.network or optimizer.planes."
+            )
+
+
+def decibel(mse: Array) -> float:
+    """PSNR of a mean squared error of values in [0, 1]."""
+    return -10 * float(np.log10(max(float(mse), 1e-12)))
+
+
+@eqx.filter_jit
+def _all_finite(tree) -> Array:
+    return jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(tree)]))
