@@ -243,8 +243,10 @@ class Fit:
 def finished(state: State, time_range: tuple[float, float]) -> Scene:
     """The scene of a fit, without empty rows."""
     p = state.parameters
-    parts = [constrain(take(free, np.flatnonzero(alive(free)))) for free in (p.static, p.moving)]
-    return Scene(*parts, p.deformation, jnp.asarray(time_range, parts[0].mean.dtype))
+    static, moving = (
+        constrain(take(free, np.flatnonzero(alive(free)))) for free in (p.static, p.moving)
+    )
+    return Scene(static, moving, p.deformation, jnp.asarray(time_range, static.mean.dtype))
 
 
 def _extent(views: list[View]) -> float:

@@ -12,6 +12,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.camera import Camera, camera_rays
+from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import samples as sample_numbers
 from gaussray.capture.frames import read_image
 from gaussray.dataset.images import write_image
@@ -98,6 +99,13 @@ def _motion(scene: Scene, key_time: Float[Array, " keys"]) -> Motion:
     return Motion(key_time, at_times(scene, key_time))
 
 
+@eqx.filter_jit
+def _chief_rays(scene: Scene, camera: Camera, pixel: Array, key_time: Array) -> tuple[Motion, Rays]:
+    """What one sample of every pixel is about to trace."""
+    u = jnp.full((pixel.shape[0], 5), 0.5, pixel.dtype)
+    return _motion(scene, key_time), camera_rays(camera, pixel, u)
+
+
 class Renderer:
     """Renders frame after frame of one scene; list sizes are measured once and kept.
 
@@ -123,11 +131,13 @@ class Renderer:
         """One frame."""
         began = clock.monotonic()
         film = camera.film
-        if self.options.chunk_rows and _moving_times(camera)[0] < _moving_times(camera)[1]:
+        first, last = _moving_times(camera)
+        if self.options.chunk_rows and first < last:
             parts = [self._rows(camera, top) for top in self._tops(film.height)]
         else:
             order = tiles(film.width, film.height, self.trace.bundle, self.trace.levels)
-            parts = [self._part(camera, order, _key_times(camera, self.options.keys))]
+            keys = 1 if first == last else self.options.keys
+            parts = [self._part(camera, order, jnp.linspace(first, last, keys, dtype=jnp.float32))]
         flat = np.zeros((film.height * film.width, 5), np.float32)
         for order, pixels, _ in parts:
             inside = order >= 0
@@ -185,9 +195,7 @@ class Renderer:
             self._capacity[size] = enlarge(capacity, needed, headroom=1.5)
 
     def _measure(self, camera: Camera, pixel: Array, key_time: Array, trace: TraceOptions):
-        u = jnp.full((pixel.shape[0], 5), 0.5, pixel.dtype)
-        rays = camera_rays(camera, pixel, u)
-        motion = _motion(self.scene, key_time)
+        motion, rays = _chief_rays(self.scene, camera, pixel, key_time)
         found = measure(motion, rays, options=trace, headroom=1.5)
         # A device sees its share of the bundles, but any one device may get the fullest.
         share = self.mesh.size
@@ -211,19 +219,17 @@ def _pixels(order: np.ndarray, width: int) -> Float[Array, "slots 2"]:
 
 def _moving_times(camera: Camera) -> tuple[float, float]:
     """Earliest and latest time of the camera's rays."""
-    film = camera.film
-    corner = np.array([[0, 0], [film.width - 1, film.height - 1]], np.float32)
-    pixel = jnp.asarray(np.repeat(corner, 2, axis=0))
-    u = jnp.full((4, 5), 0.5).at[:, 4].set(jnp.array([0.0, 1.0, 0.0, 1.0]))
-    time = np.asarray(camera_rays(camera, pixel, u.astype(pixel.dtype)).time)
-    return float(time.min()), float(time.max())
+    first, last = _time_span(camera)
+    return float(first), float(last)
 
 
-def _key_times(camera: Camera, keys: int) -> Float[Array, " keys"]:
-    first, last = _moving_times(camera)
-    if first == last:
-        return jnp.asarray([first], jnp.float32)
-    return jnp.linspace(first, last, keys, dtype=jnp.float32)
+@eqx.filter_jit
+def _time_span(camera: Camera) -> tuple[Array, Array]:
+    film, dtype = camera.film, camera.time.dtype
+    corner = [(0, 0), (0, 0), (film.width - 1, film.height - 1), (film.width - 1, film.height - 1)]
+    u = jnp.full((4, 5), 0.5, dtype).at[:, 4].set(jnp.asarray([0, 1, 0, 1], dtype))
+    time = camera_rays(camera, jnp.asarray(corner, dtype), u).time
+    return jnp.min(time), jnp.max(time)
 
 
 def render_dataset(

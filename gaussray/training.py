@@ -39,11 +39,15 @@ class Trial(eqx.Module):
 
 def first_trial(state: State, seen: Footage, batches, *, trace: TraceOptions, mesh: Mesh) -> Trial:
     """Sizes measured on the first step of a block, doubled: steps differ in what they look at."""
-    frame, tile, time = (x[0] for x in batches)
-    rays, _, _ = tile_rays(seen, frame, tile, side=trace.bundle)
-    part = jax.tree.map(lambda x: x[: -(-x.shape[0] // mesh.size)], rays)
-    motion = still(at(scene_of(state.parameters, jnp.zeros(2)), time))
-    return Trial(measure(motion, part, options=trace, headroom=2.0), mesh)
+
+    @eqx.filter_jit
+    def looked_at(parameters, seen, frame, tile, time):
+        rays, _, _ = tile_rays(seen, frame, tile, side=trace.bundle)
+        part = jax.tree.map(lambda x: x[: -(-x.shape[0] // mesh.size)], rays)
+        return still(at(scene_of(parameters, jnp.zeros(2)), time)), part
+
+    motion, rays = looked_at(state.parameters, seen, *(x[0] for x in batches))
+    return Trial(measure(motion, rays, options=trace, headroom=2.0), mesh)
 
 
 def loss_of(parameters: Parameters, seen: Footage, batch, *, options: StepOptions, trial: Trial):

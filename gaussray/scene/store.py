@@ -5,8 +5,8 @@ other entry is one array, named by its path in the `Scene`: static.mean, static.
 static.opacity, static.harmonics, the same under moving., time_range, and, if the scene moves,
 deformation.bodies.{pivot,radius,time,path,turn}, deformation.planes.space.<scale>,
 deformation.planes.time.<scale>, deformation.planes.{lower,upper,begin,end},
-deformation.trunk.weight and .bias, deformation.{mean,rotation,scale}.{0,1}.{weight,bias}. No
-pickle: the file cannot carry code.
+deformation.trunk.weight and .bias, deformation.{mean,rotation,scale,tint}.{0,1}.{weight,bias},
+deformation.light. No pickle: the file cannot carry code.
 """
 
 import json
@@ -81,10 +81,18 @@ def deformation_from(array: dict[str, np.ndarray], prefix: str, path: Path) -> D
         time=tuple(take(f"planes.time.{i}") for i in range(scales)),
         **{k: take(f"planes.{k}") for k in ("lower", "upper", "begin", "end")},
     )
-    heads = (head(name) for name in ("mean", "rotation", "scale", "tint"))
     names = ("pivot", "radius", "time", "path", "turn")
     bodies = Bodies(*(take(f"bodies.{name}") for name in names))
-    return Deformation(bodies, planes, layer("trunk"), *heads, take("light"))
+    return Deformation(
+        bodies,
+        planes,
+        layer("trunk"),
+        mean=head("mean"),
+        rotation=head("rotation"),
+        scale=head("scale"),
+        tint=head("tint"),
+        light=take("light"),
+    )
 
 
 def _take(array: dict[str, np.ndarray], name: str, path: Path) -> Array:

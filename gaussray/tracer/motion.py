@@ -13,9 +13,9 @@ from gaussray.scene.gaussians import Gaussians, axes, whitening
 class Motion(eqx.Module):
     """States of the same Gaussians at increasing key times; one key is a scene that stands still.
 
-    The mean, the axes F = R S and the tint move on an arc of a parabola through every three neighbouring
-    keys (keys 0 1 2, then 2 3 4, ...), or on a line between two. That is of third order in the key
-    spacing and exact for constant acceleration; a bounce is exact where arcs meet and smoothed
+    The mean, the axes F = R S and the tint move on an arc of a parabola through every three
+    neighbouring keys (0 1 2, then 2 3 4, ...), or on a line between two. That is of third order in
+    the key spacing and exact for constant acceleration; a bounce is exact where arcs meet and smoothed
     within one. Before the first and after the last key the scene rests.
 
     Arcs are blended from control points (`controls`) with weights that are not negative and sum to
@@ -218,7 +218,7 @@ def state_at(
 
 def tint_at(
     row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
-) -> Float[Array, "3 *both"]:
+) -> Float[Array, " 3 *both"]:
     """Tints (the `tint` columns of a row) blended for their rays; overshoot is cut off at 0."""
     keys = weights.shape[0]
     total = weights[0] * jnp.stack(row[:3])

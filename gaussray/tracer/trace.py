@@ -123,7 +123,7 @@ def measure(
     search = eqx.filter_jit(find)
     if capacity is None:
         bundles = -(-rays.time.shape[0] // options.bundle**2)
-        capacity = Capacity((32 * bundles,) * (options.levels + 1), 128 * bundles, 256)
+        capacity = Capacity((256 * bundles,) * (options.levels + 1), 512 * bundles, 1024)
         trial = capacity
     else:
         trial = capacity
