@@ -180,6 +180,7 @@ class Fit:
             np.asarray(moving.harmonics[:, 0] * C0 + 0.5),
             np.asarray(self.footage.picture),
             moved_pixels(self.footage, self.camera),
+            None if self.footage.mask is None else np.asarray(self.footage.mask),
             self.footage.camera,
             options=self.options.track,
             seed=self.options.fit.seed,

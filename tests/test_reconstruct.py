@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray import reconstruct as stage
+from gaussray import reconstruct as stage, training
 from gaussray.capture.calibration import read_capture
 from gaussray.evaluate import EvaluateOptions, evaluate
 from gaussray.fit.density import DensityOptions, alive
-from gaussray.reconstruct import Fit, FitOptions, NonFiniteLoss, ReconstructOptions, reconstruct
+from gaussray.fit.course import FitOptions
+from gaussray.fit.journal import Journal, NonFiniteLoss
+from gaussray.fit.tracking import TrackOptions
+from gaussray.reconstruct import Fit, ReconstructOptions, reconstruct
 from gaussray.render import RenderOptions
 from gaussray.scene.deformation import FieldOptions
 from gaussray.scene.store import load_scene
@@ -24,6 +27,7 @@ pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 OPTIONS = ReconstructOptions(
     fit=FitOptions(coarse=100, fine=200, tiles=4, block=10, checkpoint=0.0, points=60),
+    track=TrackOptions(poses=8, points=4, elite=2, rounds=1, blur=(0.5,)),
     field=FieldOptions(sides=(4, 6), channels=4, width=8),
     density=DensityOptions(interval=20),
     trace=TraceOptions(levels=0, group=2, chunk=8, transmittance_min=1e-2),
@@ -42,7 +46,7 @@ def capture(tmp_path_factory, quick_compilation):
 def fitted(capture, tmp_path_factory):
     """A finished run, how often its steps were traced, and the list sizes that it measured."""
     patch = pytest.MonkeyPatch()
-    traced, sizes, loss_of, measure = [], {}, stage.loss_of, Fit._measure
+    traced, sizes, loss_of, trial = [], {}, training.loss_of, Fit.trial
 
     def counted(*arguments, **options):
         traced.append(1)
@@ -50,10 +54,10 @@ def fitted(capture, tmp_path_factory):
 
     def remembered(self, state, batches):
         key = jax.tree.structure(state), tuple(x.shape for x in jax.tree.leaves(state))
-        return sizes.setdefault(key, measure(self, state, batches))
+        return sizes.setdefault(key, trial(self, state, batches))
 
-    patch.setattr(stage, "loss_of", counted)
-    patch.setattr(Fit, "_measure", remembered)
+    patch.setattr(training, "loss_of", counted)
+    patch.setattr(Fit, "trial", remembered)
     out = tmp_path_factory.mktemp("run")
     reconstruct(capture, out, options=OPTIONS, quiet=True)
     yield out, len(traced)
@@ -105,11 +109,11 @@ def test_the_same_seed_gives_the_same_bytes(fitted, capture, tmp_path):
     assert_same(fitted[0], tmp_path)
 
 
-@pytest.mark.parametrize("blocks", [4, 18])  # in the coarse stage; where an instant is let in
+@pytest.mark.parametrize("blocks", [4, 18])  # in the coarse stage; in the fine one
 def test_an_interrupted_run_goes_on_to_the_same_bytes(
     fitted, capture, tmp_path, monkeypatch, blocks
 ):
-    record, count = Fit._record, []
+    record, count = Journal.record, []
 
     def stop(self, *arguments):
         record(self, *arguments)
@@ -117,10 +121,10 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(
         if len(count) == blocks:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Fit, "_record", stop)
+    monkeypatch.setattr(Journal, "record", stop)
     with pytest.raises(KeyboardInterrupt):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
-    monkeypatch.setattr(Fit, "_record", record)
+    monkeypatch.setattr(Journal, "record", record)
     with pytest.raises(ValueError, match="resume=true"):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
     reconstruct(capture, tmp_path, options=OPTIONS, resume=True, quiet=True)
@@ -138,18 +142,18 @@ def test_what_is_not_finite_stops_the_run_and_is_named(capture, tmp_path, monkey
         return after, terms, jnp.zeros(3, int), jnp.asarray(0)
 
     monkeypatch.setattr(stage, "train_block", broken)
-    monkeypatch.setattr(Fit, "_measure", lambda *_: None)
-    monkeypatch.setattr(stage, "Trial", lambda *_: None)
+    monkeypatch.setattr(Fit, "trial", lambda *_: True)
     named = "loss.l1" if where == "term" else "a parameter"
     with pytest.raises(NonFiniteLoss, match=f"{named} is not finite at step 0 of the coarse"):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
-    state, _ = Fit(capture, tmp_path, OPTIONS, True).resumed()
+    state, _ = Journal(tmp_path, resume=True, interval=0.0).resumed()
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(state))
 
 
 def test_without_points_random_ones_in_view_are_the_start(capture, tmp_path):
     bare = type(capture)(**(vars(capture) | {"points": None}))
-    state, _ = Fit(bare, tmp_path, OPTIONS, True).begin()
+    journal = Journal(tmp_path, resume=False, interval=0.0)
+    state = Fit(bare, journal, OPTIONS, True).begin()
     assert alive(state.parameters.static).sum() == 0
     assert alive(state.parameters.moving).sum() == 60
     place = np.asarray(state.parameters.moving.mean)[:60]

@@ -2,9 +2,10 @@
 
 A fit by gradients finds a pose only from nearby: a wedge of a ball must still overlap itself. Here
 the pose of each body is searched for instead, instant after instant, by the cross-entropy method:
-draw poses, keep those under which the body's points fall on pixels of their own colour, draw again
-around them, first in blurred pictures, then in sharp ones. Colours are compared without their
-brightness, because what turns under a lamp changes its brightness more than its colour.
+draw poses, keep those under which the body's points fall on pixels that look like them, draw again
+around these, first in blurred pictures, then in sharp ones. Brightness counts little, because what
+turns under a lamp changes its brightness more than its colour; that a pixel changes at all counts
+much.
 """
 
 from collections.abc import Callable
@@ -14,10 +15,11 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 from scipy.ndimage import gaussian_filter
 
 from gaussray.camera.camera import Camera, project
+from gaussray.camera.trajectory import pose_at
 from gaussray.color import srgb_decode
 from gaussray.geometry import multiply, normalize_quaternion, rotation_matrix, turning
 from gaussray.scene.bodies import Bodies
@@ -27,18 +29,20 @@ class TrackOptions(eqx.Module):
     """How thoroughly poses are searched for.
 
     `points` of each body are looked up under `poses` poses per round; the best `elite` lead to the
-    next. `rounds` are made at each of the blurs `blur` (standard deviations in pixels of pictures
+    next. `rounds` are made at each of the blurs `blur` (standard deviations in pixels, of pictures
     shrunk to about `side` pixels). No body is tracked if `poses` is 0.
     """
 
-    points: int = eqx.field(static=True, default=100)
     poses: int = eqx.field(static=True, default=128)
+    points: int = eqx.field(static=True, default=100)
     elite: int = eqx.field(static=True, default=12)
     rounds: int = eqx.field(static=True, default=4)
-    blur: tuple[float, ...] = eqx.field(static=True, default=(4.0, 2.0, 0.7))
+    blur: tuple[float, ...] = eqx.field(static=True, default=(2.0, 1.0, 0.5))
     side: int = eqx.field(static=True, default=128)
 
     def __check_init__(self):
+        if self.poses < 0:
+            raise ValueError(f"track.poses must be at least 0, got {self.poses}.")
         for name in ("points", "rounds", "side"):
             if getattr(self, name) < 1:
                 raise ValueError(f"track.{name} must be at least 1, got {getattr(self, name)}.")
@@ -46,33 +50,52 @@ class TrackOptions(eqx.Module):
             raise ValueError(
                 f"track.elite must be between 1 and track.poses, got {self.elite} of {self.poses}."
             )
-
-
-class Body(NamedTuple):
-    """What is known of a body at the first instant: points, outward normals, colours."""
-
-    place: Float[Array, "points 3"]
-    normal: Float[Array, "points 3"]
-    hue: Float[Array, "points 5"]
-    pivot: Float[Array, "3"]
-    size: Float[Array, ""]
-
-
-class Pose(NamedTuple):
-    """Displacement of the pivot and turn about it, since the first instant."""
-
-    path: Float[Array, "3"]
-    turn: Float[Array, "4"]
+        if not self.blur or min(self.blur) < 0:
+            raise ValueError(f"track.blur must hold numbers of at least 0, got {self.blur}.")
 
 
 # A point counts in pictures that see its side by more than this cosine.
 GRAZING = 0.25
-# Larger differences of colour say that something else is in front.
+# A larger difference says that something else is in front, not how much it differs.
 MISMATCH = 0.3
-# Linear light below which a colour means little, and how much brightness counts beside colour.
-DARK, BRIGHTNESS = 0.005, 0.1
-# How much it counts that a pixel changes at all.
-MOVED = 0.3
+# Linear light below which a colour means little.
+DARK = 0.005
+# What counts for how much: colour (sum over channels), brightness, and that a pixel changes at all.
+COLOR, BRIGHTNESS, CHANGES = 0.4, 0.1, 0.3
+# Radians of turn and body sizes of path with which the search at each blur begins, and ends at
+# least; the last pair holds for all further ones.
+WIDTHS = ((0.35, 0.05), (0.1, 0.02), (0.05, 0.005))
+# How wide, and with how many times as many poses, a body is looked for that may have been hit.
+LOST, FAR = 0.8, 4
+
+
+class Pose(NamedTuple):
+    """Displacement of a body's pivot and turn about it, since the first instant."""
+
+    path: Float[Array, "*bodies 3"]
+    turn: Float[Array, "*bodies 4"]
+
+
+class Known(NamedTuple):
+    """What is known of bodies from the first instant: points, outward normals, what the points
+    look like, pivot, and root mean square distance of the points from it."""
+
+    place: Float[Array, "*bodies points 3"]
+    normal: Float[Array, "*bodies points 3"]
+    look: Float[Array, "*bodies points 5"]
+    pivot: Float[Array, "*bodies 3"]
+    size: Float[Array, "*bodies"]
+
+
+class Sight(NamedTuple):
+    """How every view sees the points of a body near a pose: where they are, their pixels, the
+    pixels' slopes, how much they face the view, and whether it sees them."""
+
+    place: Float[Array, "points 3"]
+    pixel: Float[Array, "views points 2"]
+    slope: Float[Array, "views points 2 3"]
+    weight: Float[Array, "views points"]
+    seen: Bool[Array, "views points"]
 
 
 def track(
@@ -83,6 +106,7 @@ def track(
     color: Float[np.ndarray, "gaussians 3"],
     picture: np.ndarray,
     moved: Bool[np.ndarray, "frames h w"],
+    mask: Bool[np.ndarray, "frames h w"] | None,
     camera: Camera,
     *,
     options: TrackOptions,
@@ -92,48 +116,45 @@ def track(
     """The bodies with path and turn set to the poses that explain the pictures best.
 
     `member` is the body of each Gaussian, `normal` its disc's axis (of either sign), `color` its
-    linear-light colour at the first instant; `picture` (frames x height x width x 3, sRGB-encoded)
-    and `camera` (stacked) are the training frames. What one body hides of another is left out.
+    linear-light colour at the first instant; `picture` (frames x height x width x 3, sRGB-encoded),
+    `moved` (which pixels ever change), `mask` (False where a picture says nothing) and `camera`
+    (stacked) are the training frames. What one body hides of another is left out. Poses are
+    approximate (a tenth of a radian, a tenth of a size): a start for the fit.
     """
     count, instants = bodies.pivot.shape[0], np.asarray(bodies.time)
     if not count or len(instants) < 2 or not options.poses:
         return bodies
-    dice = np.random.default_rng(seed)
-    cast = _cast(bodies, member, place, normal, color, options, dice)
-    key = jax.random.key(seed)
+    known = _known(bodies, member, place, normal, color, options.points, seed)
     shrink = max(1, min(picture.shape[1:3]) // options.side)
-    identity = jnp.zeros((count, 4)).at[:, 0].set(1)
-    poses = [Pose(jnp.zeros((count, 3)), identity)]
-    time = np.asarray(camera.time)
+    identity = jnp.zeros((count, 4), jnp.float32).at[:, 0].set(1)
+    poses = [Pose(jnp.zeros((count, 3), jnp.float32), identity)]
+    time, key = np.asarray(camera.time), jax.random.key(seed)
     for i in range(1, len(instants)):
         own = np.flatnonzero(time == instants[i].astype(time.dtype))
         views = jax.tree.map(lambda x, own=own: x[own], camera)
-        sharp = _shrunk(picture[own], shrink)
-        hue = np.concatenate(
-            [_hue(sharp), MOVED * _shrunk(moved[own, :, :, None], shrink)], axis=-1
-        )
-        layers = [jnp.asarray(_blurred(hue, s)) for s in options.blur]
-        starts = (_ahead(poses, instants[: i + 1]), *poses[-1:][: i > 1])
+        hidden = None if mask is None else ~mask[own]
+        layers = _layers(picture[own], moved[own], hidden, shrink, options.blur)
+        starts = (_ahead(poses, instants[: i + 1]), poses[-1])
         keys = jax.random.split(jax.random.fold_in(key, i), count)
-        poses.append(_search(keys, cast, starts, views, layers, options, shrink))
+        poses.append(_search(keys, known, starts, views, layers, options, shrink))
         report(i)
-    path = jnp.stack([pose.path for pose in poses], axis=1)
-    turn = jnp.stack([pose.turn for pose in poses], axis=1)
+    path = jnp.stack([pose.path for pose in poses], axis=1).astype(bodies.path.dtype)
+    turn = jnp.stack([pose.turn for pose in poses], axis=1).astype(bodies.turn.dtype)
     return eqx.tree_at(lambda b: (b.path, b.turn), bodies, (path, turn))
 
 
-def _cast(bodies, member, place, normal, color, options, dice) -> Body:
+def _known(bodies, member, place, normal, color, points: int, seed: int) -> Known:
     """Equally many points of every body, stacked."""
-    parts = []
+    dice, parts = np.random.default_rng(seed), []
     for i, pivot in enumerate(np.asarray(bodies.pivot)):
         own = np.flatnonzero(member == i)
-        own = dice.choice(own, options.points, replace=len(own) < options.points)
+        own = dice.choice(own, points, replace=len(own) < points)
         arm = place[own] - pivot
         outward = np.where(np.sum(arm * normal[own], axis=1, keepdims=True) < 0, -1, 1)
         size = np.sqrt(np.mean(np.sum(arm * arm, axis=1)))
-        hue = np.pad(_hue_of_light(color[own]), ((0, 0), (0, 1)), constant_values=MOVED)
-        parts.append(Body(place[own], normal[own] * outward, hue, pivot, size))
-    return jax.tree.map(lambda *x: jnp.asarray(np.stack(x), jnp.float32), *parts)
+        look = np.pad(_look(color[own]), ((0, 0), (0, 1)), constant_values=CHANGES)
+        parts.append((place[own], normal[own] * outward, look, pivot, size))
+    return Known(*(jnp.asarray(np.stack(x), jnp.float32) for x in zip(*parts, strict=True)))
 
 
 def _ahead(poses: list[Pose], instants: np.ndarray) -> Pose:
@@ -143,137 +164,151 @@ def _ahead(poses: list[Pose], instants: np.ndarray) -> Pose:
         return last
     before = poses[-2]
     ahead = float((instants[-1] - instants[-2]) / (instants[-2] - instants[-3]))
-    conjugate = jnp.asarray([1.0, -1.0, -1.0, -1.0])
-    step = multiply(last.turn, before.turn * conjugate)
+    back = before.turn * jnp.asarray([[1, -1, -1, -1]], before.turn.dtype)
+    step = multiply(last.turn, back)
     step = jnp.where(step[:, :1] < 0, -step, step)
-    onward = normalize_quaternion(jnp.asarray([1.0, 0, 0, 0]) * (1 - ahead) + ahead * step)
-    turn = normalize_quaternion(multiply(onward, last.turn))
+    onward = (ahead * step).at[:, 0].add(1 - ahead)
+    turn = normalize_quaternion(multiply(normalize_quaternion(onward), last.turn))
     return Pose(last.path + ahead * (last.path - before.path), turn)
 
 
 @eqx.filter_jit
-def _search(keys, cast: Body, starts: tuple[Pose, ...], views, layers, options, shrink: int):
+def _search(
+    keys: Key[Array, " bodies"],
+    known: Known,
+    starts: tuple[Pose, ...],
+    views: Camera,
+    layers: list[Array],
+    options: TrackOptions,
+    shrink: int,
+) -> Pose:
     """The best pose of every body near one of its starts."""
 
-    def one(key, i):
-        found = [_from(key, i, cast, start, views, layers, options, shrink) for start in starts]
-        cost = jnp.stack([cost for _, cost in found])
-        pose = jax.tree.map(lambda *x: jnp.stack(x)[jnp.argmin(cost)], *(pose for pose, _ in found))
-        return pose
+    def one(key: PRNGKeyArray, body: Array) -> Pose:
+        found = [
+            _from(key, body, known, start, i > 0, views, layers, options, shrink)
+            for i, start in enumerate(starts)
+        ]
+        best = jnp.argmin(jnp.stack([cost for _, cost in found]))
+        return jax.tree.map(lambda *x: jnp.stack(x)[best], *(pose for pose, _ in found))
 
     return jax.vmap(one)(keys, jnp.arange(len(keys)))
 
 
-def _from(key, i, cast, start, views, layers, options, shrink):
-    body = jax.tree.map(lambda x: x[i], cast)
-    center = cast.pivot + start.path
-    pose = jax.tree.map(lambda x: x[i], start)
-    unit = jnp.concatenate([jnp.ones(3), jnp.full(3, body.size)])
-    cost = jnp.inf
-    # Radians of turn and body sizes of path: how wide a level begins, and ends at least.
-    widths = ((0.35, 0.05), (0.1, 0.02), (0.05, 0.005))
-    spread = jnp.full(6, 0.35)
+def _from(key, body, known, start, lost, views, layers, options, shrink) -> tuple[Pose, Array]:
+    """The best pose of one body that the search reaches from a start, and its cost. A body that may
+    be `lost`, having been hit, is first looked for far around the start."""
+    own, pose = (jax.tree.map(lambda x: x[body], tree) for tree in (known, start))
+    dtype = pose.path.dtype
+    unit = jnp.concatenate([jnp.ones(3, dtype), jnp.full(3, own.size)])
+    spread, cost = jnp.full(6, WIDTHS[0][0], dtype), jnp.asarray(jnp.inf, dtype)
+
+    def costs(draw: Array, pose: Pose, layer: Array) -> Array:
+        sight = _sight(pose, own, body, known, start, views, layer, shrink)
+        return jax.lax.map(lambda x: _cost(x, pose, own, sight, layer), draw, batch_size=32)
+
+    if lost:
+        draw = LOST * unit[None] * jax.random.normal(key, (FAR * options.poses, 6), dtype)
+        pose = _changed(pose, draw[jnp.argmin(costs(draw, pose, layers[0]))])
+
     for level, layer in enumerate(layers):
-        wide, narrow = widths[min(level, 2)]
-        spread = jnp.maximum(spread, wide)
+        wide, narrow = WIDTHS[min(level, len(WIDTHS) - 1)]
 
         def one_round(state, key, layer=layer, narrow=narrow):
             pose, spread, _ = state
-            draw = spread * jax.random.normal(key, (options.poses, 6))
-            draw = draw.at[0].set(0) * unit
-            sight = _sight(pose, body, i, center, cast.size, views, layer, shrink)
-            cost = jax.lax.map(
-                lambda z: _mismatch(z, pose, body, sight, layer), draw, batch_size=32
-            )
+            draw = spread[None] * jax.random.normal(key, (options.poses, 6), dtype)
+            draw = draw.at[0].set(0) * unit[None]
+            cost = costs(draw, pose, layer)
             order = jnp.argsort(cost)[: options.elite]
             best = draw[order]
-            spread = jnp.maximum(jnp.std(best, 0) / unit, narrow)
-            return (_moved(pose, jnp.mean(best, 0)), spread, cost[order[0]]), None
+            spread = jnp.maximum(jnp.std(best, axis=0) / unit, narrow)
+            return (_changed(pose, jnp.mean(best, axis=0)), spread, cost[order[0]]), None
 
         keys = jax.random.split(jax.random.fold_in(key, level), options.rounds)
-        (pose, spread, cost), _ = jax.lax.scan(one_round, (pose, spread, cost), keys)
+        state = (pose, jnp.maximum(spread, wide), cost)
+        (pose, spread, cost), _ = jax.lax.scan(one_round, state, keys)
     return pose, cost
 
 
-def _moved(pose: Pose, change: Float[Array, "6"]) -> Pose:
+def _changed(pose: Pose, change: Float[Array, "6"]) -> Pose:
+    """Turned further by a rotation vector, then moved."""
     return Pose(pose.path + change[3:], multiply(turning(change[:3]), pose.turn))
 
 
-def _placed(pose: Pose, body: Body) -> Array:
-    return body.pivot + pose.path + (body.place - body.pivot) @ rotation_matrix(pose.turn).T
+def _place(pose: Pose, own: Known) -> Float[Array, "points 3"]:
+    arm = (own.place - own.pivot[None]) @ rotation_matrix(pose.turn).T
+    return (own.pivot + pose.path)[None] + arm
 
 
-class Sight(NamedTuple):
-    """How every view sees the points of a body near a pose: pixels, their slopes, weights."""
+def _sight(pose, own, body, known, start, views, layer, shrink) -> Sight:
+    """What is seen of a body at a pose, the others being where they start."""
+    place = _place(pose, own)
+    normal = own.normal @ rotation_matrix(pose.turn).T
+    others = known.pivot + start.path
+    size = jnp.asarray(layer.shape[2:0:-1], place.dtype)
 
-    place: Float[Array, "points 3"]
-    pixel: Float[Array, "views points 2"]
-    slope: Float[Array, "views points 2 3"]
-    weight: Float[Array, "views points"]
-
-
-def _sight(pose, body, own, center, size, views, layer, shrink) -> Sight:
-    place = _placed(pose, body)
-    normal = body.normal @ rotation_matrix(pose.turn).T
-    bounds = jnp.asarray(layer.shape[2:0:-1])
-
-    def in_view(camera):
-        def pixel_of(point):
+    def in_view(camera: Camera) -> tuple[Array, ...]:
+        def pixel_of(point: Array) -> tuple[Array, Array]:
             pixel = project(camera, point) / shrink
             return pixel, pixel
 
         slope, pixel = jax.vmap(jax.jacfwd(pixel_of, has_aux=True))(place)
-        eye = camera.trajectory.translation[0]
-        sight = eye - place
-        distance = jnp.linalg.norm(sight, axis=-1, keepdims=True)
+        eye = pose_at(camera.trajectory, camera.time).translation
+        sight = eye[None] - place
+        distance = jnp.sqrt(jnp.sum(sight * sight, axis=-1, keepdims=True))
         sight = sight / distance
         cosine = jnp.sum(sight * normal, axis=-1)
         fine = jnp.all(jnp.isfinite(slope), axis=(-1, -2)) & jnp.all(jnp.isfinite(pixel), axis=-1)
-        inside = fine & jnp.all((pixel >= 0) & (pixel <= bounds), axis=-1)
+        inside = fine & jnp.all((pixel >= 0) & (pixel <= size[None]), axis=-1)
         # A body hides what is behind the ball that it nearly fills.
-        to_center = center[None] - place[:, None]
-        along = jnp.sum(to_center * sight[:, None], axis=-1)
-        square = jnp.sum(to_center**2, axis=-1) - along**2
-        hidden = (along > 0) & (along < distance) & (square < (0.8 * size) ** 2)
-        hidden = jnp.any(hidden & (jnp.arange(center.shape[0]) != own), axis=-1)
-        seen = inside & ~hidden & (cosine > GRAZING)
+        across = others[None] - place[:, None]
+        along = jnp.sum(across * sight[:, None], axis=-1)
+        square = jnp.sum(across * across, axis=-1) - along * along
+        hidden = (along > 0) & (along < distance) & (square < (0.8 * known.size[None]) ** 2)
+        hidden = jnp.any(hidden & (jnp.arange(len(others)) != body)[None], axis=-1)
         pixel, slope = jnp.where(fine[:, None], pixel, 0), jnp.where(fine[:, None, None], slope, 0)
-        return pixel, slope, jnp.where(seen, cosine, 0)
+        return pixel, slope, jnp.where(cosine > GRAZING, cosine, 0), inside & ~hidden
 
     return Sight(place, *jax.vmap(in_view)(views))
 
 
-def _mismatch(change, pose, body, sight: Sight, layer):
-    """Mean difference between the points' colours and those of the pixels they fall on."""
-    shift = _placed(_moved(pose, change), body) - sight.place
+def _cost(change, pose, own, sight: Sight, layer) -> Float[Array, ""]:
+    """Mean difference between the points and the pixels they fall on after a change of pose."""
+    shift = _place(_changed(pose, change), own) - sight.place
     pixel = sight.pixel + jnp.einsum("vpij,pj->vpi", sight.slope, shift)
-    limit = jnp.asarray(layer.shape[2:0:-1]) - 1
-    column, row = jnp.moveaxis(jnp.clip(pixel.astype(jnp.int32), 0, limit), -1, 0)
+    last = jnp.asarray(layer.shape[2:0:-1]) - 1
+    column, row = jnp.moveaxis(jnp.clip(pixel.astype(jnp.int32), 0, last[None, None]), -1, 0)
     found = layer[jnp.arange(layer.shape[0])[:, None], row, column]
-    difference = jnp.sum(jnp.abs(found - body.hue), axis=-1)
-    total = jnp.sum(sight.weight * jnp.minimum(difference / 3, MISMATCH))
-    return total / jnp.maximum(jnp.sum(sight.weight), 1e-3)
+    difference = jnp.sum(jnp.abs(found - own.look[None]), axis=-1) / 3
+    # Points that are hidden or out of the picture are no reason to go there, nor to leave.
+    told = sight.seen & ~jnp.isnan(difference)
+    difference = jnp.where(told, jnp.minimum(difference, MISMATCH), MISMATCH / 2)
+    return jnp.sum(sight.weight * difference) / jnp.sum(sight.weight)
+
+
+def _layers(picture, moved, hidden, shrink: int, blur: tuple[float, ...]) -> list[Array]:
+    """What the pixels look like, at every blur; NaN where they are hidden."""
+    scale = 255 if picture.dtype == np.uint8 else 1
+    light = srgb_decode(_shrunk(picture, shrink) / scale)
+    changes = CHANGES * _shrunk(moved[..., None], shrink)
+    sharp = np.concatenate([_look(light), changes], axis=-1)
+    layers = [gaussian_filter(sharp, (0, sigma, sigma, 0)) for sigma in blur]
+    if hidden is not None:
+        some = _shrunk(hidden[..., None], shrink) > 0
+        layers = [np.where(some, np.nan, layer) for layer in layers]
+    return [jnp.asarray(layer, jnp.float32) for layer in layers]
 
 
 def _shrunk(picture: np.ndarray, factor: int) -> np.ndarray:
-    """Means of blocks of factor x factor pixels; values in [0, 1]."""
-    scale = 255 if picture.dtype == np.uint8 else 1
+    """Means of blocks of factor x factor pixels."""
     frames, height, width, channels = picture.shape
     height, width = height // factor, width // factor
-    block = picture[:, : height * factor, : width * factor].astype(np.float32) / scale
+    block = picture[:, : height * factor, : width * factor].astype(np.float32)
     return block.reshape(frames, height, factor, width, factor, channels).mean(axis=(2, 4))
 
 
-def _blurred(picture: np.ndarray, sigma: float) -> np.ndarray:
-    return gaussian_filter(picture, (0, sigma, sigma, 0))
-
-
-def _hue(encoded: np.ndarray) -> np.ndarray:
-    return _hue_of_light(srgb_decode(encoded))
-
-
-def _hue_of_light(light: np.ndarray) -> np.ndarray:
-    """Colour without brightness (r, g, b over their mean) and a little of the brightness."""
+def _look(light: np.ndarray) -> np.ndarray:
+    """Red, green and blue over their mean, and a little of their brightness."""
     light = np.maximum(light, 0)
     mean = light.mean(axis=-1, keepdims=True)
-    return np.concatenate([0.4 * light / (mean + DARK), BRIGHTNESS * np.sqrt(mean)], axis=-1)
+    return np.concatenate([COLOR * light / (mean + DARK), BRIGHTNESS * np.sqrt(mean)], axis=-1)

@@ -15,8 +15,8 @@ class Motion(eqx.Module):
 
     The mean, the axes F = R S and the tint move on an arc of a parabola through every three
     neighbouring keys (0 1 2, then 2 3 4, ...), or on a line between two. That is of third order in
-    the key spacing and exact for constant acceleration; a bounce is exact where arcs meet and smoothed
-    within one. Before the first and after the last key the scene rests.
+    the key spacing and exact for constant acceleration; a bounce is exact where arcs meet and
+    smoothed within one. Before the first and after the last key the scene rests.
 
     Arcs are blended from control points (`controls`) with weights that are not negative and sum to
     1 (`control_weights`). The support of the blend along any normal n is then at most the largest

@@ -9,7 +9,7 @@ import toy
 from gaussray.fit.checkpoint import load_checkpoint, save_checkpoint
 from gaussray.fit.initial import in_common_view, on_points
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, descend, rates, scene_of
-from gaussray.fit.state import advance, begin_state
+from gaussray.fit.state import begin_state
 from gaussray.scene.gaussians import unconstrain
 from gaussray.scene.store import read_arrays, write_arrays
 
@@ -97,16 +97,6 @@ def test_a_scene_holds_physical_values(parameters):
     np.testing.assert_allclose(scene.moving.opacity, expected.moving.opacity, rtol=1e-5)
 
 
-def test_the_field_of_a_new_instant_is_that_of_the_last(parameters):
-    begun = advance(parameters, 2).deformation.planes.time
-    for before, after in zip(parameters.deformation.planes.time, begun, strict=True):
-        np.testing.assert_array_equal(after[:, :2], before[:, :2])
-        np.testing.assert_array_equal(after[:, 2], before[:, 1])
-    assert advance(parameters, 0) is parameters
-    still = Parameters(parameters.static, parameters.moving, None)
-    assert advance(still, 1) is still
-
-
 @pytest.mark.parametrize("moves", [True, False])
 def test_a_checkpoint_gives_back_the_same_bits(parameters, tmp_path, moves):
     kept = parameters if moves else Parameters(parameters.static, parameters.moving, None)
@@ -114,7 +104,7 @@ def test_a_checkpoint_gives_back_the_same_bits(parameters, tmp_path, moves):
     dice = np.random.default_rng(0)
     noise = lambda x: jnp.asarray(dice.integers(1, 99, x.shape).astype(x.dtype) / 7, x.dtype)  # noqa: E731
     state = jax.tree.map(noise, state)
-    info = {"stage": "fine", "limit": [3, 4], "moves": moves, "known": 1}
+    info = {"stage": "fine", "limit": [3, 4]}
     save_checkpoint(tmp_path / "checkpoint.npz", state, info=info)
     found, noted = load_checkpoint(tmp_path / "checkpoint.npz")
     assert noted == info

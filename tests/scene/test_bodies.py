@@ -1,4 +1,4 @@
-"""Rigid bodies: who belongs to them, where they are, where they will be."""
+"""Rigid bodies: who belongs to them, and where they are."""
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +7,7 @@ from jax.test_util import check_grads
 
 from gaussray.fit.initial import bodies as found_bodies
 from gaussray.geometry import rotation_matrix
-from gaussray.scene.bodies import body_of, foreseen, pose_at, resting
+from gaussray.scene.bodies import body_of, pose_at, resting
 
 
 # Rounding of float64 sums of a few terms.
@@ -49,10 +49,11 @@ def test_gaussians_belong_to_the_nearest_body_in_reach():
     assert body_of(thrown(), place).tolist() == [0, 1, 2, 2]
 
 
-def test_the_next_instant_is_foreseen_at_steady_speed():
-    body = foreseen(thrown(), 2)
-    assert np.allclose(body.path[0, 2], 2 * body.path[0, 1] - body.path[0, 0], atol=EXACT)
-    assert np.allclose(body.path[0, :2], thrown().path[0, :2], atol=EXACT)
+def test_without_bodies_everything_is_its_own():
+    none = resting(jnp.zeros((0, 3)), jnp.zeros(0), TIMES)
+    assert body_of(none, jnp.ones((2, 3))).tolist() == [0, 0]
+    path, turn = pose_at(none, jnp.asarray(0.3))
+    assert path.shape == (0, 3) and turn.shape == (0, 4)
 
 
 def test_gradients_reach_poses_and_time():

@@ -8,7 +8,7 @@ import pytest
 import toy
 
 from gaussray.geometry import normalize_quaternion
-from gaussray.scene.deformation import FieldOptions, deform
+from gaussray.scene.deformation import CONTRAST, FieldOptions, deform
 
 
 # A few float32 roundings of numbers near 1.
@@ -30,16 +30,42 @@ def test_zero_initialised_heads_are_the_identity_at_every_time(bodies, time):
     np.testing.assert_allclose(moved.quat, normalize_quaternion(bodies.quat), **CLOSE)
     np.testing.assert_array_equal(moved.opacity, bodies.opacity)
     np.testing.assert_array_equal(moved.harmonics, bodies.harmonics)
+    np.testing.assert_array_equal(moved.tint, np.ones((2, 3)))
 
 
 def test_biases_of_the_heads_are_the_residuals(bodies):
     field = toy.deformation()
-    where = lambda d: (d.mean[1].bias, d.rotation[1].bias, d.scale[1].bias)  # noqa: E731
-    shift, turn, grow = (toy.single(x) for x in ([1, 2, 3], [0, 0, 0, 1], [0.02, 0, -0.02]))
-    moved = deform(bodies, eqx.tree_at(where, field, (shift, turn, grow)), toy.single(0.5))
+    where = lambda d: tuple(h[1].bias for h in (d.mean, d.rotation, d.scale, d.tint))  # noqa: E731
+    shift, turn, grow, shade = (
+        toy.single(x) for x in ([1, 2, 3], [0, 0, 0, 1], [0.02, 0, -0.02], [0.1, 0, -0.2])
+    )
+    moved = deform(bodies, eqx.tree_at(where, field, (shift, turn, grow, shade)), toy.single(0.5))
     np.testing.assert_allclose(moved.mean, bodies.mean + shift[None], **CLOSE)
     np.testing.assert_allclose(moved.quat[0], [1, 0, 0, 1], **CLOSE)
     np.testing.assert_allclose(moved.scale, bodies.scale * jnp.exp(grow)[None], rtol=1e-3)
+    np.testing.assert_allclose(moved.tint, np.tile(np.exp(shade), (2, 1)), rtol=1e-3)
+
+
+def test_light_falls_on_what_faces_it_and_turns_over_with_the_body():
+    field = toy.deformation()
+    # The third harmonic is z: light from above, dark below.
+    light = jnp.zeros((9, 3), jnp.float32).at[2].set(1.0)
+    # Half a turn about x in the second half of the time.
+    turn = jnp.zeros_like(field.bodies.turn).at[..., 0].set(1).at[:, -1].set(toy.single([0, 1, 0, 0]))
+    field = eqx.tree_at(lambda d: (d.light, d.bodies.turn), field, (light, turn))
+    # Discs above and below the pivot, one with its axis inwards: sides do not matter.
+    discs = toy.gaussians([[0, 0, 0.5], [0, 0, -0.5]], 0.1, [[1, 1, 1]])
+    strength = np.sqrt(3 / (4 * np.pi))
+    first, last = (np.asarray(deform(discs, field, toy.single(t)).tint)[:, 0] for t in (0, 1))
+    np.testing.assert_allclose(first, np.exp([strength, -strength]), rtol=2e-2)
+    np.testing.assert_allclose(last, first[::-1], rtol=1e-5)
+
+
+def test_tints_stay_within_sun_and_shade(bodies):
+    field = toy.deformation()
+    field = eqx.tree_at(lambda d: d.tint[1].bias, field, toy.single([1e6, -1e6, 0]))
+    tint = np.asarray(deform(bodies, field, toy.single(0.5)).tint)
+    np.testing.assert_allclose(np.log(tint[0]), [CONTRAST, -CONTRAST, 0], atol=1e-5)
 
 
 def test_a_body_turns_its_gaussians_about_its_pivot(bodies):
@@ -58,17 +84,18 @@ def test_every_array_of_a_field_that_has_moved_gets_gradient(bodies):
     # With zero last layers nothing before them can learn yet: they have to leave zero first.
     field = toy.deformation()
     dice = np.random.default_rng(0)
-    where = lambda d: (d.mean[1].weight, d.rotation[1].weight, d.scale[1].weight)  # noqa: E731
+    where = lambda d: tuple(h[1].weight for h in (d.mean, d.rotation, d.scale, d.tint))  # noqa: E731
     last = [toy.single(dice.normal(size=x.shape)) for x in where(field)]
     field = eqx.tree_at(where, field, last)
 
     def total(field):
         moved = deform(bodies, field, toy.single(0.3))
-        return jnp.sum(moved.mean * 2 + jnp.log(moved.scale)) + jnp.sum(jnp.sin(moved.quat))
+        place = jnp.sum(moved.mean * 2 + jnp.log(moved.scale)) + jnp.sum(jnp.sin(moved.quat))
+        return place + jnp.sum(moved.tint)
 
     slope = eqx.filter_jit(jax.grad(total))(field)
 
-    heads = (slope.trunk, slope.mean, slope.rotation, slope.scale)
+    heads = (slope.trunk, slope.mean, slope.rotation, slope.scale, slope.tint)
     for leaf in jax.tree.leaves(heads):
         assert np.isfinite(leaf).all() and np.abs(leaf).max() > 0
     for scale in (*slope.planes.space, *slope.planes.time):
