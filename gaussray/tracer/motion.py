@@ -15,8 +15,8 @@ class Motion(eqx.Module):
 
     The mean, the axes F = R S and the tint move on an arc of a parabola through every three
     neighbouring keys (0 1 2, then 2 3 4, ...), or on a line between two. That is of third order in
-    the key spacing and exact for constant acceleration; a bounce is exact where arcs meet and smoothed
-    within one. Before the first and after the last key the scene rests.
+    the key spacing and exact for constant acceleration; a bounce is exact where arcs meet and
+    smoothed within one. Before the first and after the last key the scene rests.
 
     Arcs are blended from control points (`controls`) with weights that are not negative and sum to
     1 (`control_weights`). The support of the blend along any normal n is then at most the largest
@@ -220,11 +220,14 @@ def tint_at(
     row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
 ) -> Float[Array, " 3 *both"]:
     """Tints (the `tint` columns of a row) blended for their rays; overshoot is cut off at 0."""
-    keys = weights.shape[0]
-    total = weights[0] * jnp.stack(row[:3])
-    for key in range(1, keys):
-        total = total + weights[key] * jnp.stack(row[3 * key : 3 * key + 3])
-    return jnp.maximum(total, 0)
+
+    def blend(channel: int) -> Array:
+        total = weights[0] * row[channel]
+        for key in range(1, weights.shape[0]):
+            total = total + weights[key] * row[3 * key + channel]
+        return total
+
+    return jnp.maximum(jnp.stack([blend(channel) for channel in range(3)]), 0)
 
 
 def _inverse(f: list[Array]) -> list[Array]:
