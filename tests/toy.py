@@ -16,9 +16,9 @@ from gaussray.camera.trajectory import Trajectory
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.geometry import quaternion
-from gaussray.render import Renderer, RenderOptions
+from gaussray.render import Renderer, RenderOptions, render_dataset
 from gaussray.scene.bodies import resting
-from gaussray.scene.deformation import Deformation, initial_deformation
+from gaussray.scene.deformation import Deformation, Layer, deform, initial_deformation
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant
 from gaussray.scene.planes import initial_planes
@@ -31,6 +31,15 @@ CAMERAS = ("cam_0", "cam_1", "cam_2", "cam_3")
 TIMES = (0.0, 0.5, 1.0)
 # No level of coarser bundles: a picture of 16 x 16 has four bundles in all.
 TRACE = TraceOptions(levels=0, group=2, chunk=8)
+# Overrides with which `gaussray reconstruct` takes seconds; what it finds is poor.
+TINY = (
+    *("fit.coarse=6", "fit.fine=6", "fit.block=3", "fit.tiles=4"),
+    *("track.poses=4", "track.points=8", "track.elite=2", "track.rounds=1", "track.blur=[1.0]"),
+    *("field.sides=[4]", "field.channels=2", "field.width=4"),
+)
+
+
+deformed = jax.jit(deform)
 
 
 def single(x) -> jax.Array:
@@ -51,7 +60,8 @@ def gaussians(mean, scale, color, opacity=0.9) -> Gaussians:
 
 
 def deformation(*, seed: int = 0, speed: float = 0.0, instants: int = 3) -> Deformation:
-    """A small field that moves everything along +x, at `speed` once the time planes leave 1."""
+    """A small field that leaves everything where it is at first and then moves it along +x, faster
+    and faster, by `speed` in all for what stands at the origin."""
     planes = initial_planes(
         jax.random.key(seed), single([-1, -1, -1]), single([1, 1, 1]), (0.0, 1.0),
         sides=(4,), instants=instants, channels=4,
@@ -63,12 +73,16 @@ def deformation(*, seed: int = 0, speed: float = 0.0, instants: int = 3) -> Defo
         return field
     ramp = jnp.linspace(1.0, 4.0, instants, dtype=jnp.float32)[None, :, None, None]
     field = eqx.tree_at(lambda d: d.planes.time[0], field, planes.time[0] * ramp)
-    last = field.mean[1]
-    weight = jnp.full_like(last.weight, 0).at[:, 0].set(speed)
-    return eqx.tree_at(lambda d: d.mean[1].weight, field, weight)
+    weight = jnp.zeros_like(field.mean[1].weight).at[:, 0].set(1)
+    field = eqx.tree_at(lambda d: d.mean[1].weight, field, weight)
+    probe = gaussians([0, 0, 0], 0.1, [0, 0, 0])
+    first, last = (deformed(probe, field, single(t)).mean[0, 0] for t in (0, 1))
+    share = speed / (last - first)
+    bias = jnp.zeros_like(field.mean[1].bias).at[0].set(-share * first)
+    return eqx.tree_at(lambda d: d.mean[1], field, Layer(share * weight, bias))
 
 
-def scene(*, speed: float = 0.4) -> Scene:
+def scene(*, speed: float = 1.0) -> Scene:
     """A wall of Gaussians that stands still, and two bright ones in front that move."""
     y, x = np.mgrid[-1:1:5j, -1:1:5j]
     wall = np.stack([x, y, np.full_like(x, 0.8)], axis=-1).reshape(-1, 3)
@@ -113,6 +127,29 @@ def records(times=TIMES, cameras=CAMERAS) -> list[FrameRecord]:
         for name in cameras
         for i, time in enumerate(times)
     ]
+
+
+def rolling(filmed: Camera, readout: float = 0.2, direction: str = "top_to_bottom") -> Camera:
+    """The camera with a rolling shutter around its time."""
+    step = readout / (filmed.film.height - 1)
+    shutter = Shutter(single(-readout / 2), single(step), single(0), direction=direction)
+    return Camera(**(vars(filmed) | {"shutter": shutter}))
+
+
+def with_effect(listed: list[FrameRecord]) -> list[FrameRecord]:
+    """The records, and the first held-out one once more with a rolling shutter."""
+    first = next(record for record in listed if record.split == "test")
+    path = f"images/rolling_shutter/{first.camera_name}.png"
+    again = rolling(first.camera)
+    return [*listed, FrameRecord(path, again, first.camera_name, "test", "rolling_shutter", 1)]
+
+
+def write_paired(folder: Path, filmed: Scene) -> Path:
+    """A paired capture of a scene with points and an effect."""
+    one = RenderOptions(samples=1)
+    render_dataset(filmed, with_effect(records()), folder, options=one, trace=TRACE, quiet=True)
+    write_points(folder / "points3d.ply", filmed)
+    return folder
 
 
 def write_capture(folder: Path, filmed: Scene, times=TIMES, points: bool = True) -> Path:

@@ -36,12 +36,13 @@ def footage(views: list[View]) -> Footage:
             "capture.path holds no view of split 'train'. Mark some frames with "
             '"split": "train" in transforms.json.'
         )
-    first = jax.tree.structure(views[0].camera)
+    first = _kind(views[0].camera)
     for view in views:
-        if jax.tree.structure(view.camera) != first:
+        if _kind(view.camera) != first:
             raise CaptureError(
-                f"{view.image}: training views must share one size, lens model and film, but this "
-                f"one differs from {views[0].image}. Resize the pictures or use one kind of camera."
+                f"{view.image}: training views must share one size, lens model, film and number of "
+                f"poses, but this one differs from {views[0].image}. Resize the pictures or use "
+                "one kind of camera."
             )
     camera = jax.tree.map(lambda *x: jnp.stack(x), *(view.camera for view in views))
     mask = None
@@ -54,6 +55,11 @@ def footage(views: list[View]) -> Footage:
         ]
         mask = jnp.asarray(np.stack(masks))
     return Footage(jnp.asarray(load_encoded(views)), camera, mask)
+
+
+def _kind(camera: Camera) -> tuple:
+    """What must be alike for cameras to be stacked."""
+    return jax.tree.structure(camera), [leaf.shape for leaf in jax.tree.leaves(camera)]
 
 
 def tile_grid(footage: Footage, side: int) -> tuple[int, int]:

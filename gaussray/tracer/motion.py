@@ -220,11 +220,14 @@ def tint_at(
     row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
 ) -> Float[Array, " 3 *both"]:
     """Tints (the `tint` columns of a row) blended for their rays; overshoot is cut off at 0."""
-    keys = weights.shape[0]
-    total = weights[0] * jnp.stack(row[:3])
-    for key in range(1, keys):
-        total = total + weights[key] * jnp.stack(row[3 * key : 3 * key + 3])
-    return jnp.maximum(total, 0)
+
+    def blend(channel: int) -> Array:
+        total = weights[0] * row[channel]
+        for key in range(1, weights.shape[0]):
+            total = total + weights[key] * row[3 * key + channel]
+        return total
+
+    return jnp.maximum(jnp.stack([blend(channel) for channel in range(3)]), 0)
 
 
 def _inverse(f: list[Array]) -> list[Array]:

@@ -1,4 +1,4 @@
-"""Where pictures change, and how training tiles are drawn there."""
+"""Where pictures change: tiles and points."""
 
 import jax
 import jax.numpy as jnp
@@ -7,7 +7,7 @@ import pytest
 import toy
 
 from gaussray.capture.activity import point_activity, tile_activity
-from gaussray.capture.batches import Footage, Sampler, tile_rays
+from gaussray.capture.batches import Footage
 
 
 @pytest.fixture(scope="module")
@@ -30,27 +30,3 @@ def test_a_point_is_as_active_as_its_pixel(footage):
     place = np.array([[-1.2, -1.2, 0], [0.5, 0.5, 0], [0, 0, -99]], np.float32)
     found = point_activity(footage, np.array(["a"] * 4), place)
     np.testing.assert_allclose(found, [0.25, 0, 0])
-
-
-def test_tiles_that_do_not_divide_overlap_and_hold_their_pixels(footage):
-    frame, tile = jnp.array([3, 3], jnp.int32), jnp.array([0, 3], jnp.int32)
-    rays, color, weight = tile_rays(footage, frame, tile, side=8)
-    assert color.shape == (128, 3) and rays.time.shape == (128,)
-    np.testing.assert_array_equal(color[:64, 0].reshape(8, 8)[:4, :4], 1)
-    assert color[:64].sum() == 16 * 3 and color[64:].sum() == 0 and (weight == 1).all()
-    np.testing.assert_allclose(rays.time, 3)
-
-
-def test_draws_follow_the_balance_and_the_seed():
-    times, activity = np.array([0.0, 0.0, 1.0]), np.zeros((3, 10), np.float32)
-    activity[1, 4] = 1
-    instants = np.zeros(6, int)
-    sampler = Sampler(times, activity, tiles=30, balance=0.5)
-    frame, tile = sampler.draw(instants, np.random.default_rng(0))
-    assert set(np.unique(frame)) <= {0, 1}
-    # Half of the draws, and a 20th of the other half.
-    assert 0.35 < np.mean((frame == 1) & (tile == 4)) < 0.7
-    again, _ = sampler.draw(instants, np.random.default_rng(0))
-    np.testing.assert_array_equal(frame, again)
-    frame, _ = sampler.draw(np.ones(6, int), np.random.default_rng(0))
-    assert (frame == 2).all()
