@@ -1,9 +1,9 @@
 """Brute force in float64: every Gaussian on every ray, fully sorted. Independent of the tracer.
 
 In numpy: the textbook formulas of the kernel, and the real harmonics from Legendre polynomials.
-Moving Gaussians have mean and axes F = R S interpolated through their key states by Lagrange's
-polynomials, three keys at a time, and F inverted for every ray. `dense` is the same once more in
-jnp for the sake of its gradients.
+Moving Gaussians have mean, axes F = R S and tint interpolated through their key states by
+Lagrange's polynomials, three keys at a time, and F inverted for every ray. `dense` is the same once
+more in jnp for the sake of its gradients.
 """
 
 import jax
@@ -107,6 +107,9 @@ def trace(motion, rays, **options):
     t, alpha = hits(motion, rays, **options)
     order = np.argsort(t, axis=1, kind="stable")
     color = light(np.asarray(motion.gaussians.harmonics, np.float64), rays.direction)
+    if motion.gaussians.tint is not None:
+        shares = key_shares(np.asarray(motion.time, np.float64), np.asarray(rays.time, np.float64))
+        color = color * np.einsum("rk,knc->rnc", shares, motion.gaussians.tint)
     color = np.take_along_axis(color, order[..., None], 1)
     t, alpha = np.take_along_axis(t, order, 1), np.take_along_axis(alpha, order, 1)
     clear = np.cumprod(np.concatenate([np.ones((len(t), 1)), 1 - alpha], axis=1), axis=1)
@@ -150,7 +153,10 @@ def dense(motion, rays, alpha_min=ALPHA_MIN, alpha_max=ALPHA_MAX):
         alpha = jnp.where(met, jnp.minimum(raw, alpha_max), 0)[order]
         clear = jnp.cumprod(jnp.concatenate([jnp.ones(1), 1 - alpha]))
         weight = alpha * clear[:-1]
-        color = radiance(jnp.moveaxis(g.harmonics, 0, -1), direction[:, None]).T[order]
+        color = radiance(jnp.moveaxis(g.harmonics, 0, -1), direction[:, None]).T
+        if g.tint is not None:
+            color = color * jnp.einsum("k,knc->nc", key_shares(motion.time, ray.time, jnp), g.tint)
+        color = color[order]
         return weight @ color, clear[-1], weight @ t[order]
 
     return jax.lax.map(one, rays, batch_size=16)

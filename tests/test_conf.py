@@ -16,6 +16,7 @@ from gaussray.tracer.trace import TraceOptions
 # Every group of conf/, its class, and the leaf that holds the defaults of the class.
 GROUPS = {
     "fit": (stage.FitOptions, "default"),
+    "track": (stage.TrackOptions, "default"),
     "field": (stage.FieldOptions, "default"),
     "loss": (stage.LossOptions, "default"),
     "optimizer": (stage.OptimizerOptions, "default"),

@@ -16,6 +16,7 @@ from gaussray.geometry import (
     rotation_matrix,
     safe_norm,
     slerp,
+    turning,
 )
 
 
@@ -89,6 +90,16 @@ def test_quaternion_is_the_inverse_of_rotation_matrix():
         np.testing.assert_allclose(matrix(found), matrix(q), atol=EXACT)
         assert found[0] >= 0
         np.testing.assert_allclose(safe_norm(found), 1, atol=EXACT)
+
+
+def test_turning_is_the_rotation_by_the_length_of_the_vector():
+    vector = np.random.default_rng(4).normal(size=3)
+    angle = np.linalg.norm(vector)
+    expected = about(vector / angle, angle)
+    np.testing.assert_allclose(turning(jnp.asarray(vector)), expected, atol=1e-12)
+    np.testing.assert_array_equal(turning(jnp.zeros(3)), [1, 0, 0, 0])
+    slope = jax.jacobian(turning)(jnp.zeros(3))
+    np.testing.assert_allclose(slope, np.vstack([np.zeros(3), np.eye(3) / 2]), atol=1e-12)
 
 
 def test_slerp_turns_at_constant_rate_the_short_way():

@@ -12,8 +12,8 @@ import toy
 from gaussray import reconstruct as stage, training
 from gaussray.capture.calibration import read_capture
 from gaussray.evaluate import EvaluateOptions, evaluate
-from gaussray.fit.density import DensityOptions, alive
 from gaussray.fit.course import FitOptions
+from gaussray.fit.density import DensityOptions, alive
 from gaussray.fit.journal import Journal, NonFiniteLoss
 from gaussray.fit.tracking import TrackOptions
 from gaussray.reconstruct import Fit, ReconstructOptions, reconstruct

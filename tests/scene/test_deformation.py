@@ -51,7 +51,9 @@ def test_light_falls_on_what_faces_it_and_turns_over_with_the_body():
     # The third harmonic is z: light from above, dark below.
     light = jnp.zeros((9, 3), jnp.float32).at[2].set(1.0)
     # Half a turn about x in the second half of the time.
-    turn = jnp.zeros_like(field.bodies.turn).at[..., 0].set(1).at[:, -1].set(toy.single([0, 1, 0, 0]))
+    turn = (
+        jnp.zeros_like(field.bodies.turn).at[..., 0].set(1).at[:, -1].set(toy.single([0, 1, 0, 0]))
+    )
     field = eqx.tree_at(lambda d: (d.light, d.bodies.turn), field, (light, turn))
     # Discs above and below the pivot, one with its axis inwards: sides do not matter.
     discs = toy.gaussians([[0, 0, 0.5], [0, 0, -0.5]], 0.1, [[1, 1, 1]])

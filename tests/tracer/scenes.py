@@ -125,6 +125,13 @@ def wandering(time, matter, dtype=np.float32):
     return Motion(jnp.asarray(time, dtype), Gaussians(*cast(matter, dtype)))
 
 
+def tinted(motion, *, seed=5):
+    """The same Gaussians in a light of another colour at each key."""
+    tint = np.random.default_rng(seed).uniform(0.5, 1.5, motion.gaussians.mean.shape)
+    parts = vars(motion.gaussians) | {"tint": jnp.asarray(tint, motion.gaussians.mean.dtype)}
+    return Motion(motion.time, Gaussians(**parts))
+
+
 def shot(lines, dtype=np.float32):
     """Rays for the tracer."""
     return Rays(*cast(lines, dtype))
@@ -158,7 +165,8 @@ def natural(gradient, motion):
     that Gaussians of all sizes count alike."""
     motion_gradient, rays_gradient = cast(gradient, np.float64)
     d, g = motion_gradient.gaussians, cast(motion.gaussians, np.float64)
-    return {
+    tint = {} if d.tint is None else {"tint": d.tint}
+    return tint | {
         "mean": d.mean * np.min(g.scale, axis=-1, keepdims=True),
         "quat": d.quat * np.linalg.norm(g.quat, axis=-1, keepdims=True),
         "scale": d.scale * g.scale,

@@ -25,6 +25,7 @@ from scenes import (
     resting,
     shot,
     stacked,
+    tinted,
     wandering,
     weights,
 )
@@ -121,6 +122,29 @@ def test_gradients_through_several_rounds_are_those_of_plain_autodiff():
     color, errors, report = against_brute_force(motion, lines)
     assert int(report.hits) > 3 * OPTIONS.k * RAYS
     assert color < SINGLE and max(errors.values()) < SINGLE, errors
+
+
+@pytest.mark.parametrize("keys", [1, 3])
+def test_tints_are_those_of_the_brute_force(keys):
+    if keys == 1:
+        motion = resting(gaussians(COUNT, size=(0.1, 0.5)))
+    else:
+        motion = wandering(*moving(COUNT, keys, size=(0.1, 0.5), amount=0.02))
+    color, errors, _ = against_brute_force(tinted(motion), rays())
+    assert "tint" in errors
+    # Blended axes lose some digits of single precision where a Gaussian is thin.
+    assert color < COLOR and max(errors.values()) < GRADIENT, errors
+
+
+def test_a_tint_of_one_changes_nothing():
+    motion, lines = resting(gaussians(COUNT)), shot(rays())
+    white = jnp.ones_like(motion.gaussians.mean)
+    tinted_white = eqx.tree_at(
+        lambda m: m.gaussians.tint, motion, white, is_leaf=lambda x: x is None
+    )
+    plain, _ = look(motion, lines, options=OPTIONS, capacity=CAPACITY)
+    shaded, _ = look(tinted_white, lines, options=OPTIONS, capacity=CAPACITY)
+    np.testing.assert_allclose(stacked(shaded), stacked(plain), atol=SAME)
 
 
 def test_gradients_of_moving_gaussians_reach_the_time():
