@@ -9,7 +9,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Array, Bool
 
 from gaussray.atomic import whole
 from gaussray.camera.camera import Camera
@@ -137,7 +137,7 @@ def _visible(camera: Camera) -> Bool[np.ndarray, "h w"] | None:
     """Where the lens sees anything, less a pixel at the rim; None if that is everywhere."""
     grid = pixel_grid(camera.film)
     flat = grid.reshape(-1, 2).astype(camera.time.dtype) + 0.5
-    seen = np.asarray(jax.vmap(camera.lens.sees)(flat)).reshape(grid.shape[:2])
+    seen = np.asarray(_sees(camera, flat)).reshape(grid.shape[:2])
     if seen.all():
         return None
     padded = np.pad(seen, 1, constant_values=True)
@@ -146,6 +146,11 @@ def _visible(camera: Camera) -> Bool[np.ndarray, "h w"] | None:
         for dx in range(3):
             inner &= padded[dy : dy + seen.shape[0], dx : dx + seen.shape[1]]
     return inner
+
+
+@eqx.filter_jit
+def _sees(camera: Camera, pixel: Array) -> Array:
+    return jax.vmap(camera.lens.sees)(pixel)
 
 
 def _moving(views: Sequence[View]) -> dict[Path, Bool[np.ndarray, "h w"]]:
