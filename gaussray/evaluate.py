@@ -231,5 +231,5 @@ def table(report: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _figure(value: float | None, digits: int) -> str:
+def _figure(value: float | int | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
