@@ -33,8 +33,7 @@ TIMES = (0.0, 0.5, 1.0)
 TRACE = TraceOptions(levels=0, group=2, chunk=8)
 # Overrides with which `gaussray reconstruct` takes seconds; what it finds is poor.
 TINY = (
-    *("fit.coarse=6", "fit.fine=6", "fit.block=3", "fit.tiles=4"),
-    *("track.poses=4", "track.points=8", "track.elite=2", "track.rounds=1", "track.blur=[1.0]"),
+    *("fit.coarse=6", "fit.fine=6", "fit.block=3", "fit.tiles=4", "track.poses=0"),
     *("field.sides=[4]", "field.channels=2", "field.width=4"),
 )
 
