@@ -16,7 +16,7 @@ from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
 from gaussray.capture.calibration import read_capture
 from gaussray.evaluate import EvaluateOptions, evaluate
-from gaussray.render import Renderer, RenderOptions, render_dataset
+from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.scene import Scene
 from gaussray.tracer.traverse import Capacity
 
@@ -43,10 +43,10 @@ def still():
 
 @pytest.fixture(scope="module")
 def render(scene):
-    """Films the moving scene. The cameras of the data set come first: what is compiled for the
-    list sizes that they need serves all tests."""
+    """Films the moving scene. The first cameras are those of the paired capture: what is compiled
+    for the list sizes that they need serves all tests."""
     render = Renderer(scene, options=ONE, trace=toy.TRACE)
-    for record in filmed():
+    for record in toy.with_effect(toy.records()):
         render(record.camera)
     return render
 
@@ -55,11 +55,6 @@ def render(scene):
 def render_still(still):
     """Films the scene that stands still."""
     return Renderer(still, options=ONE, trace=toy.TRACE)
-
-
-def filmed():
-    """The held-out camera at all times, and once with a rolling shutter."""
-    return toy.with_effect([record for record in toy.records() if record.split == "test"])
 
 
 def everything(camera):
@@ -138,10 +133,10 @@ def test_a_scene_of_which_one_kind_is_absent(still, part):
 
 
 def test_a_data_set_reads_back_is_kept_and_scores_against_itself(scene, tmp_path):
-    records = filmed()
-    render_dataset(scene, records, tmp_path, options=ONE, trace=toy.TRACE, quiet=True)
+    records = toy.with_effect(toy.records())
+    toy.write_paired(tmp_path, scene)
     capture = read_capture(tmp_path)
-    assert len(capture.views) == 3 and len(capture.effects["rolling_shutter"]) == 1
+    assert len(capture.views) == 12 and len(capture.effects["rolling_shutter"]) == 1
     pixel, middle = toy.single([[0, 0], [15, 3], [4, 15]]), jnp.full((3, 5), 0.5, jnp.float32)
     found = [*capture.views, *capture.effects["rolling_shutter"]]
     for record, view in zip(records, found, strict=True):
@@ -154,15 +149,15 @@ def test_a_data_set_reads_back_is_kept_and_scores_against_itself(scene, tmp_path
     before, gone = kept.stat().st_mtime_ns, tmp_path / records[1].file_path
     content = gone.read_bytes()
     gone.unlink()
-    render_dataset(scene, records, tmp_path, options=ONE, trace=toy.TRACE, quiet=True)
+    toy.write_paired(tmp_path, scene)
     assert kept.stat().st_mtime_ns == before
     assert gone.read_bytes() == content
 
     report = evaluate(
-        scene, capture, tmp_path / "scores", options=EvaluateOptions(), render=ONE,
+        scene, capture, tmp_path / "scores", options=EvaluateOptions(split="all"), render=ONE,
         trace=toy.TRACE, quiet=True,
     )  # fmt: skip
-    assert report["frames"] == 4 and set(report["effects"]) == {"pinhole", "rolling_shutter"}
+    assert report["frames"] == 13 and set(report["effects"]) == {"pinhole", "rolling_shutter"}
     for row in report["effects"].values():
         assert row["psnr"] is None or row["psnr"] > 45
     text = (tmp_path / "scores" / "report.json").read_text()
