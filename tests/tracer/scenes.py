@@ -185,3 +185,18 @@ def relative_errors(actual, expected):
         for key, value in expected.items()
         if value.size
     }
+
+
+def against_brute_force(motion, lines, options=OPTIONS, capacity=CAPACITY):
+    """Errors of float32 colour (mean) and gradients (relative), and the report."""
+    weight = weights(dtype=np.float32)
+    pixels, report, gradient = pull(motion, shot(lines), weight, options=options, capacity=capacity)
+    single = Lines(*(np.asarray(x, np.float32).astype(float) for x in lines))
+    double = jax.tree.map(lambda x: x.astype(jnp.float64), motion)
+    expected = stacked(reference.trace(double, single))
+    slope = pull_dense(double, shot(single, np.float64), weight.astype(np.float64))
+    color = np.mean(np.abs(stacked(pixels) - expected)[:, :3])
+    errors = relative_errors(natural(gradient, motion), natural(slope, motion))
+    assert int(report.dropped) == 0
+    assert pixels.color.dtype == gradient[0].gaussians.mean.dtype == jnp.float32
+    return color, errors, report

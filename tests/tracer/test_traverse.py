@@ -13,6 +13,8 @@ from gaussray.tracer.trace import enlarge, find, measure
 from gaussray.tracer.traverse import Capacity, nearest, pack
 
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
 # Hits that a rounding of single precision could lift over the cut-off do not count.
 ALPHA_MIN = (1 + 1e-4) / 255
 COUNT = 400
