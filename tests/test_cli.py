@@ -101,7 +101,8 @@ def test_reconstruct_leaves_a_scene_its_cameras_and_what_was_asked_for(run):
     assert scene.static.count > 0 and scene.moving.count > 0 and scene.deformation is not None
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(scene))
     assert len(read_views(out / "cameras.json")) == len(toy.records())
-    steps = [json.loads(line)["step"] for line in (out / "metrics.jsonl").open()]
+    lines = (out / "metrics.jsonl").read_text().splitlines()
+    steps = [json.loads(line)["step"] for line in lines]
     assert steps == [3, 6, 3, 6]
     assert OmegaConf.load(out / "config.yaml").fit.coarse == 6
     assert not (out / "checkpoint.npz").exists()
