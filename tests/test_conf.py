@@ -47,7 +47,11 @@ GIVEN = {
 
 def leaf(group, choice):
     """The options of one YAML file."""
-    verb = "render" if group not in ("fit", "track", "field", "loss", "optimizer", "density") else "demo"
+    verb = (
+        "render"
+        if group not in ("fit", "track", "field", "loss", "optimizer", "density")
+        else "demo"
+    )
     verb = "evaluate" if group == "evaluate" else verb
     cfg = configuration(verb, [*GIVEN[verb], f"{group}={choice}"])
     return options(GROUPS[group][0], cfg[group])
