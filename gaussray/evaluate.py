@@ -1,5 +1,6 @@
 """Our pictures against the truth, effect by effect, through the recorded cameras."""
 
+import contextlib
 import importlib.metadata
 import json
 from collections.abc import Sequence
@@ -205,7 +206,11 @@ def scene_facts(scene: Scene) -> dict[str, int]:
 def versions() -> dict[str, str]:
     """What the figures were made with."""
     names = ("gaussray", "jax", "jaxlib", "equinox", "numpy", "OpenImageIO", "scikit-image")
-    found = {name: importlib.metadata.version(name) for name in names}
+    found = {}
+    for name in names:
+        # A checkout that is used without being installed has no metadata.
+        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
+            found[name] = importlib.metadata.version(name)
     return found | {"device": jax.devices()[0].device_kind}
 
 
