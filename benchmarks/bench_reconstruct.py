@@ -4,7 +4,6 @@ python benchmarks/bench_reconstruct.py [--steps 50]
 """
 
 import argparse
-import os
 import sys
 import tempfile
 import time
@@ -20,17 +19,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--steps", type=int, default=50)
     chosen = parser.parse_args()
-    jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
-
     import numpy as np
 
-    from benchmarks.problem import record, show
+    from benchmarks.problem import record, show, use_all_cores
     from gaussray.capture.calibration import read_capture
     from gaussray.demo import SAMPLE
     from gaussray.fit.journal import Journal
     from gaussray.reconstruct import Fit, ReconstructOptions
     from gaussray.training import train_block
 
+    use_all_cores()
     capture, options = read_capture(SAMPLE), ReconstructOptions()
     rows = []
     with tempfile.TemporaryDirectory() as out:
@@ -40,6 +38,7 @@ def main() -> None:
         for stage in ("coarse", "fine"):
             if stage == "fine":
                 state = fit.with_deformation(state)
+            state = fit.placed(state)
             batches = fit.batches(stage, 0, 10)
             trial = fit.trial(state, batches)
             seconds = []
@@ -70,9 +69,9 @@ def main() -> None:
                     k=options.trace.k,
                     backend="array",
                     direction="forward_backward",
-                    compile_s=round(10 * seconds[0], 2),
-                    run_s_median=float(np.median(seconds[1:])),
-                    run_s_min=float(min(seconds[1:])),
+                    compile_s=round(10 * sum(seconds[:2]), 2),
+                    run_s_median=float(np.median(seconds[2:])),
+                    run_s_min=float(min(seconds[2:])),
                     loss=float(terms["l1"]),
                     dropped=int(dropped),
                 )

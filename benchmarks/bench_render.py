@@ -7,11 +7,9 @@ shutter, one state of the scene per row.
 """
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
-import jax
 import numpy as np
 
 
@@ -23,15 +21,14 @@ def main() -> None:
     parser.add_argument("scene")
     parser.add_argument("--frames", type=int, default=6)
     chosen = parser.parse_args()
-    jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
-
-    from benchmarks.problem import record, show
+    from benchmarks.problem import record, show, use_all_cores
     from gaussray.capture.calibration import read_capture
     from gaussray.demo import SAMPLE
     from gaussray.render import Renderer, RenderOptions
     from gaussray.scene.store import load_scene
     from gaussray.tracer.trace import TraceOptions
 
+    use_all_cores()
     scene, capture = load_scene(chosen.scene), read_capture(SAMPLE)
     views = {"pinhole": [v for v in capture.views if v.split == "test"], **capture.effects}
     count = {"pinhole": 1, "rolling_shutter": 1, "fisheye": 4, "depth_of_field": 16}
@@ -47,7 +44,7 @@ def main() -> None:
         truth = exact(own[0].camera).color
         for k in (4, 8, 16):
             renderer = Renderer(
-                scene, options=RenderOptions(samples=samples), trace=TraceOptions(k=k, group=8)
+                scene, options=RenderOptions(samples=samples), trace=TraceOptions(k=k)
             )
             first = renderer(own[0].camera)
             seconds = [renderer(view.camera).seconds for view in own for _ in range(2)]

@@ -4,7 +4,6 @@ python benchmarks/bench_trace.py [--gaussians 10000] [--side 128]
 """
 
 import argparse
-import os
 import sys
 from pathlib import Path
 
@@ -22,15 +21,14 @@ def main() -> None:
     parser.add_argument("--side", type=int, default=128)
     parser.add_argument("--k", type=int, nargs="+", default=[4, 8, 16])
     chosen = parser.parse_args()
-    jax.config.update("jax_num_cpu_devices", os.cpu_count() or 1)
-
-    from benchmarks.problem import record, room, room_rays, show, timed
+    from benchmarks.problem import record, room, room_rays, show, timed, use_all_cores
     from gaussray.tracer.bundle import tiles
     from gaussray.tracer.motion import still
     from gaussray.tracer.shard import mesh, trace_sharded
     from gaussray.tracer.trace import TraceOptions, measure
     from tests import reference
 
+    use_all_cores()
     rows, devices = [], mesh()
     for count in chosen.gaussians:
         scene = room(count)

@@ -2,6 +2,7 @@
 
 import importlib.metadata
 import json
+import os
 import subprocess
 import sys
 import time
@@ -19,6 +20,14 @@ from gaussray.scene.harmonics import constant
 
 
 RESULTS = Path(__file__).parent / "results"
+
+
+def use_all_cores() -> None:
+    """One device for each core that this process may use; before JAX's first array."""
+    cores = os.cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        cores = len(os.sched_getaffinity(0))
+    jax.config.update("jax_num_cpu_devices", cores)
 
 
 def room(count: int, seed: int = 0) -> Gaussians:

@@ -41,8 +41,7 @@ def demo(
     resume = (out / "checkpoint.npz").exists()
     scene = reconstruct(truth, out, options=reconstruction, resume=resume, quiet=quiet)
     fitted = clock.monotonic()
-    # A list of every hit is read once more when a ray meets more than k; 16 suffice for most.
-    trace = TraceOptions(group=8)
+    trace = TraceOptions()
     some = EvaluateOptions(split="train", frames=26, images=False)
     truth_train = type(truth)(**{**vars(truth), "effects": {}})
     train = evaluate(

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Float
 
 from gaussray.capture.activity import moved_pixels, point_activity, tile_activity
@@ -44,7 +45,7 @@ class ReconstructOptions(eqx.Module):
     optimizer: OptimizerOptions = eqx.field(default_factory=OptimizerOptions)
     density: DensityOptions = eqx.field(default_factory=DensityOptions)
     trace: TraceOptions = eqx.field(
-        default_factory=lambda: TraceOptions(levels=0, group=8, transmittance_min=1e-2)
+        default_factory=lambda: TraceOptions(levels=0, transmittance_min=1e-2)
     )
 
 
@@ -196,6 +197,7 @@ class Fit:
         while (done := int(state.step)) < steps:
             size = min(fit.block, steps - done)
             batches = self.batches(stage, done, size)
+            state = self.placed(state)
             trial = trial or self.trial(state, batches)
             block, terms, needed, dropped = train_block(
                 state,
@@ -216,6 +218,10 @@ class Fit:
             progress.report(done + size, f"{decibel(terms['mse']):.2f} dB")
             self.journal.save_in_time(state, stage)
         return state
+
+    def placed(self, state: State) -> State:
+        """The state on every device: steps that leave it anywhere else would compile twice."""
+        return jax.device_put(state, NamedSharding(self.mesh, PartitionSpec()))
 
     def batches(self, stage: str, done: int, size: int):
         """Frames, tiles and times of a block; they depend on seed and step alone."""

@@ -34,7 +34,7 @@ class TrackOptions(eqx.Module):
     """
 
     poses: int = eqx.field(static=True, default=128)
-    points: int = eqx.field(static=True, default=100)
+    points: int = eqx.field(static=True, default=300)
     elite: int = eqx.field(static=True, default=12)
     rounds: int = eqx.field(static=True, default=4)
     blur: tuple[float, ...] = eqx.field(static=True, default=(2.0, 1.0, 0.5))

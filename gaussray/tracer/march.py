@@ -17,8 +17,8 @@ def _march(
     """All bundles, in groups of similar list length: channels (red, green, blue, depth), T, hits.
 
     Backward (custom because the number of rounds is only known at run time, and to keep nothing
-    but the result and the hits of the first round, mostly the only one): the rounds are walked
-    again front to back. With round r contributing T_r L_r to the sum and T_{r+1} = T_r tau_r,
+    but the result and the nearest _KEPT hits, mostly all there are): the rounds are walked again
+    front to back. With round r contributing T_r L_r to the sum and T_{r+1} = T_r tau_r,
     dL_r = T_r g and dtau_r = (g . (total - sum up to r) + g_T T_end) / tau_r; shading is then
     differentiated by JAX.
     """
@@ -33,53 +33,52 @@ def _forward(table, origin, direction, weights, lists, options, columns, bits):
         listed = _list_keys(geometry, one, lists[0], options, columns, bits)
 
         def body(state):
-            (channels, transmittance, after, hits, _), first = state
+            (channels, transmittance, after, hits, _), r, kept = state
             found = _round(listed, one, lists[0], after, options, bits)
-            index, there, last, full = found
+            index, last = found
+            there = index >= 0
             rows = _components(table, index)
             local, tau = _shade(rows, one["o"], one["d"], one["w"], there, columns, options)
             channels = channels + transmittance[None] * local
             transmittance = transmittance * tau
-            going = full & (transmittance > options.transmittance_min)
+            going = there[-1] & (transmittance > options.transmittance_min)
             after = jnp.where(going, last, _END[last.dtype])
-            beginning = jnp.all(hits == 0)
-            first = jax.tree.map(lambda new, old: jnp.where(beginning, new, old), found, first)
+            kept = jax.tree.map(lambda x, new: x.at[r].set(new, mode="drop"), kept, found)
             hits = hits + jnp.sum(there, axis=0, dtype=jnp.int32)
-            return (channels, transmittance, after, hits, jnp.any(going)), first
+            return (channels, transmittance, after, hits, jnp.any(going)), r + 1, kept
 
         start = _start(one, table.dtype)
-        shape = (options.k, *start[1].shape)
-        nothing = (
-            jnp.full(shape, -1, jnp.int32),
-            jnp.zeros(shape, bool),
-            start[2],
-            jnp.zeros(start[1].shape, bool),
+        rounds, after = _kept_rounds(options), start[2]
+        kept = (
+            jnp.full((rounds, options.k, *after.shape), -1, jnp.int32),
+            jnp.zeros((rounds, *after.shape), after.dtype),
         )
-        final, first = jax.lax.while_loop(lambda s: s[0][4], body, (start, nothing))
-        return (final[0], final[1], final[3]), first
+        final, _, kept = jax.lax.while_loop(lambda s: s[0][4], body, (start, 0, kept))
+        return (final[0], final[1], final[3]), kept
 
-    results, first = jax.lax.map(group, groups)
-    return restore(results), first
+    results, kept = jax.lax.map(group, groups)
+    return restore(results), kept
 
 
 def _march_forward(table, origin, direction, weights, lists, options, columns, bits):
-    out, first = _forward(table, origin, direction, weights, lists, options, columns, bits)
-    return out, (table, origin, direction, weights, lists, out[0], out[1], first)
+    out, kept = _forward(table, origin, direction, weights, lists, options, columns, bits)
+    return out, (table, origin, direction, weights, lists, out[0], out[1], kept)
 
 
 def _march_backward(options, columns, bits, saved, cotangent):
-    table, origin, direction, weights, lists, total, end, first = saved
+    table, origin, direction, weights, lists, total, end, kept = saved
     g_channels, g_end, _ = cotangent
     groups, restore = _groups(origin, direction, weights, lists, options)
     geometry = _geometry(table, columns, options)
     extra = _split({"total": total, "end": end, "g": g_channels, "g_end": g_end}, lists, options)
 
     def group(d_table, one):
-        one, more, first = one
+        one, more, kept = one
 
         def shade_back(state, found):
             channels, transmittance, _, d_table, d_rays, _ = state
-            index, there, last, full = found
+            index, last = found
+            there = index >= 0
             rows = _components(table, index)
             (local, tau), pull = jax.vjp(
                 lambda rows, o, d, w: _shade(rows, o, d, w, there, columns, options),
@@ -99,9 +98,13 @@ def _march_backward(options, columns, bits, saved, cotangent):
             d_table = d_table.at[index.reshape(-1)].add(d_rows.reshape(-1, d_rows.shape[-1]))
             d_rays = jax.tree.map(jnp.add, d_rays, (d_o, d_d, d_w))
             transmittance = transmittance * tau
-            going = full & (transmittance > options.transmittance_min)
+            going = there[-1] & (transmittance > options.transmittance_min)
             after = jnp.where(going, last, _END[last.dtype])
             return channels, transmittance, after, d_table, d_rays, jnp.any(going)
+
+        def kept_round(state):
+            state, r = state
+            return shade_back(state, jax.tree.map(lambda x: x[r], kept)), r + 1
 
         def further_rounds(state):
             listed = _list_keys(geometry, one, lists[0], options, columns, bits)
@@ -115,19 +118,27 @@ def _march_backward(options, columns, bits, saved, cotangent):
         channels, transmittance, after, _, going = _start(one, table.dtype)
         zeros = jax.tree.map(jnp.zeros_like, (one["o"], one["d"], one["w"]))
         state = (channels, transmittance, after, d_table, zeros, going)
-        state = shade_back(state, first)
+        rounds = _kept_rounds(options)
+        state, _ = jax.lax.while_loop(lambda s: s[0][5] & (s[1] < rounds), kept_round, (state, 0))
         final = jax.lax.cond(state[5], further_rounds, lambda state: state, state)
         return final[3], final[4]
 
-    d_table, d_rays = jax.lax.scan(group, jnp.zeros_like(table), (groups, extra, first))
+    d_table, d_rays = jax.lax.scan(group, jnp.zeros_like(table), (groups, extra, kept))
     return (d_table, *restore(d_rays), None)
 
 
 march = jax.custom_vjp(_march, nondiff_argnums=(5, 6, 7))
 march.defvjp(_march_forward, _march_backward)
 
+# Hits of a ray that are kept for the backward pass, a whole number of rounds; those beyond are
+# found again.
+_KEPT = 64
 # Beyond this key nothing is left.
 _END = {jnp.dtype("int32"): 2**31 - 1, jnp.dtype("int64"): 2**63 - 1}
+
+
+def _kept_rounds(options):
+    return max(_KEPT // options.k, 1)
 
 
 def _start(one, dtype):
@@ -149,16 +160,22 @@ def _geometry(table, columns, options):
     return jax.lax.stop_gradient(jnp.concatenate([state, squared[:, None]], axis=1))
 
 
+def _width(options) -> int:
+    """How many bundles march together: on a CPU as many as its caches hold."""
+    return options.group or (4 if jax.default_backend() == "cpu" else 16)
+
+
 def _split(tree, lists, options):
     """Arrays (channels x bundles x rays) -> groups x channels x bundles of a group x rays."""
     order = jnp.argsort(lists[2])
     bundles = order.shape[0]
-    groups = -(-bundles // options.group)
-    order = jnp.pad(order, (0, groups * options.group - bundles), constant_values=-1)
+    width = _width(options)
+    groups = -(-bundles // width)
+    order = jnp.pad(order, (0, groups * width - bundles), constant_values=-1)
 
     def split(x):
         picked = jnp.where((order >= 0).reshape((1,) * (x.ndim - 2) + (-1, 1)), x[..., order, :], 0)
-        parts = picked.reshape(*x.shape[:-2], groups, options.group, x.shape[-1])
+        parts = picked.reshape(*x.shape[:-2], groups, width, x.shape[-1])
         return jnp.moveaxis(parts, -3, 0)
 
     return jax.tree.map(split, tree)
@@ -169,17 +186,18 @@ def _groups(origin, direction, weights, lists, options):
     _, start, count = lists
     order = jnp.argsort(count)
     bundles = order.shape[0]
-    groups = -(-bundles // options.group)
-    padding = groups * options.group - bundles
+    width = _width(options)
+    groups = -(-bundles // width)
+    padding = groups * width - bundles
     parts = _split({"o": origin, "d": direction, "w": weights}, lists, options)
     for name, x in (("start", start), ("count", count)):
-        parts[name] = jnp.pad(x[order], (0, padding)).reshape(groups, options.group)
+        parts[name] = jnp.pad(x[order], (0, padding)).reshape(groups, width)
     back = jnp.argsort(order)
 
     def restore(tree):
         def join(x):
             x = jnp.moveaxis(x, 0, -3)
-            x = x.reshape(*x.shape[:-3], groups * options.group, x.shape[-1])
+            x = x.reshape(*x.shape[:-3], groups * width, x.shape[-1])
             return x[..., back, :]
 
         return jax.tree.map(join, tree)
@@ -198,8 +216,7 @@ def _list_keys(geometry, one, index, options, columns, bits):
     kind = jnp.int64 if o.dtype == jnp.float64 else jnp.int32
     shape = (-(-(1 << bits) // options.chunk), options.chunk, *o.shape[2:])
 
-    def fill(i, state):
-        kept, low, high = state
+    def fill(i, kept):
         slot = i * options.chunk + lanes
         place = one["start"][None, :] + slot[:, None]
         rows = geometry[jnp.maximum(index.at[place].get(mode="clip"), 0)]
@@ -207,11 +224,12 @@ def _list_keys(geometry, one, index, options, columns, bits):
         listed = slot[:, None] < one["count"][None, :]
         t, q = response(*state_at(row, w), o, d)
         met = listed[..., None] & (q < row[-1]) & (t > 0)
-        order = jax.lax.bitcast_convert_type(t, kind)
-        order = jnp.where(met, order, end)
-        low = jnp.minimum(low, jnp.min(order, axis=0))
-        high = jnp.maximum(high, jnp.max(jnp.where(met, order, 0), axis=0))
-        return kept.at[i].set(order), low, high
+        return kept.at[i].set(jnp.where(met, jax.lax.bitcast_convert_type(t, kind), end))
+
+    def widen(i, ends):
+        low, high = ends
+        order = kept[i]
+        return jnp.minimum(low, order), jnp.maximum(high, jnp.where(order == end, 0, order))
 
     def finish(i, kept):
         slot = (i * options.chunk + lanes)[:, None, None]
@@ -221,22 +239,22 @@ def _list_keys(geometry, one, index, options, columns, bits):
 
     chunks = -(-jnp.max(one["count"]) // options.chunk)
     end = _END[jnp.dtype(kind)]
-    empty = (jnp.empty(shape, kind), jnp.full(shape[2:], end, kind), jnp.zeros(shape[2:], kind))
-    kept, low, high = jax.lax.fori_loop(0, chunks, fill, empty)
+    kept = jax.lax.fori_loop(0, chunks, fill, jnp.empty(shape, kind))
+    none = (jnp.full(shape[1:], end, kind), jnp.zeros(shape[1:], kind))
+    low, high = jax.lax.fori_loop(0, chunks, widen, none)
+    low, high = jnp.min(low, axis=0), jnp.max(high, axis=0)
     return jax.lax.fori_loop(0, chunks, finish, kept), chunks
 
 
 def _round(listed, one, index, after, options, bits):
-    """The next k hits of every ray: Gaussian indices, which slots are filled, the last key, and
-    whether there may be more."""
+    """The next k hits of every ray: Gaussian indices, -1 for none, and the last key."""
     held, chunks = listed
     kept = nearest(held, chunks, after, k=options.k)
     there = kept != _END[kept.dtype]
     slot = jnp.where(there, kept & ((1 << bits) - 1), 0).astype(jnp.int32)
     place = one["start"][None, :, None] + slot
     # The last row of the table is harmless: nothing that an empty slot shades can overflow.
-    hits = jnp.where(there, index.at[place].get(mode="clip"), -1)
-    return hits, there, kept[-1], there[-1]
+    return jnp.where(there, index.at[place].get(mode="clip"), -1), kept[-1]
 
 
 def _components(table, index):

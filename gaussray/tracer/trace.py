@@ -23,7 +23,8 @@ class TraceOptions(eqx.Module):
     `k` hits are taken per round; rounds go on until the transmittance falls to `transmittance_min`
     or nothing is left, so k is a matter of speed alone. `bundle` is the side of a square bundle in
     pixels, `levels` the number of coarser bundle levels (0 for bundles that are not neighbours),
-    `group` how many bundles march together, `chunk` how many list entries are read at once.
+    `group` how many bundles march together (0: 4 on a CPU, whose caches they fill, 16 on a GPU),
+    `chunk` how many list entries are read at once.
     """
 
     k: int = eqx.field(static=True, default=16)
@@ -32,13 +33,15 @@ class TraceOptions(eqx.Module):
     transmittance_min: float = eqx.field(static=True, default=1e-4)
     bundle: int = eqx.field(static=True, default=8)
     levels: int = eqx.field(static=True, default=1)
-    group: int = eqx.field(static=True, default=16)
+    group: int = eqx.field(static=True, default=0)
     chunk: int = eqx.field(static=True, default=16)
 
     def __check_init__(self):
-        for name in ("k", "bundle", "group", "chunk"):
+        for name in ("k", "bundle", "chunk"):
             if getattr(self, name) < 1:
                 raise ValueError(f"trace.{name} must be at least 1, got {getattr(self, name)}.")
+        if self.group < 0:
+            raise ValueError(f"trace.group must be at least 0, got {self.group}.")
         if not 0 <= self.levels <= 4:
             raise ValueError(f"trace.levels must be from 0 to 4, got {self.levels}.")
         if not 0 < self.alpha_min < self.alpha_max < 1:

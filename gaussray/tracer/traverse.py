@@ -176,12 +176,12 @@ def nearest(
     lowest = jnp.full((1, *after.shape), jnp.iinfo(after.dtype).min, after.dtype)
 
     def insert(kept: Array, key: Array) -> tuple[Array, None]:
-        beyond = jnp.where(key > after, key, none)[None]
         shifted = jnp.concatenate([lowest, kept[:-1]])
-        return jnp.minimum(jnp.maximum(beyond, shifted), kept), None
+        return jnp.minimum(jnp.maximum(key[None], shifted), kept), None
 
     def chunk(i: Array, kept: Array) -> Array:
-        return jax.lax.scan(insert, kept, jax.lax.dynamic_index_in_dim(keys, i, keepdims=False))[0]
+        some = jax.lax.dynamic_index_in_dim(keys, i, keepdims=False)
+        return jax.lax.scan(insert, kept, jnp.where(some > after[None], some, none))[0]
 
     return jax.lax.fori_loop(0, chunks, chunk, jnp.full((k, *after.shape), none, after.dtype))
 

@@ -1,5 +1,7 @@
 """The whole tracer: against brute force, by its laws, and what it reports."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -32,6 +34,7 @@ from scenes import (
 )
 
 from gaussray.geometry import quaternion, rotation_matrix
+from gaussray.tracer import march
 from gaussray.tracer.bundle import coherent_order
 from gaussray.tracer.motion import Motion
 from gaussray.tracer.trace import TraceOptions, trace
@@ -103,6 +106,16 @@ def test_a_tint_of_one_changes_nothing():
     plain, _ = look(motion, lines, options=OPTIONS, capacity=CAPACITY)
     shaded, _ = look(tinted_white, lines, options=OPTIONS, capacity=CAPACITY)
     np.testing.assert_allclose(stacked(shaded), stacked(plain), atol=SAME)
+
+
+def test_hits_that_were_not_kept_are_found_again_for_the_gradients(monkeypatch):
+    monkeypatch.setattr(march, "_KEPT", 8)
+    # A chunk that no other test has, so that this is compiled anew.
+    options = replace(OPTIONS, chunk=6)
+    motion, lines = resting(gaussians(COUNT, size=(0.1, 0.5))), rays()
+    color, errors, report = against_brute_force(motion, lines, options)
+    assert int(report.hits) > 3 * options.k * RAYS
+    assert color < SINGLE and max(errors.values()) < SINGLE, errors
 
 
 def test_gradients_of_moving_gaussians_reach_the_time():
