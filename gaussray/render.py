@@ -1,5 +1,7 @@
 """Stage 2: a scene and a camera in, pictures out."""
 
+import hashlib
+import math
 import time as clock
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +13,7 @@ import numpy as np
 from jax.sharding import Mesh
 from jaxtyping import Array, Float, Int
 
+from gaussray.atomic import whole
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import samples as sample_numbers
@@ -32,20 +35,23 @@ class RenderOptions(eqx.Module):
     """How a picture is sampled.
 
     `samples` rays per pixel over film, lens and exposure. `keys` states of the scene across the
-    times of one frame, between which each ray moves the Gaussians to its own time; a frame whose
+    times of one frame, between which each ray moves the Gaussians to its own time; 0 takes three
+    for every interval between the capture's instants (they share their ends), and a frame whose
     rays share one time needs and takes only one. `chunk_rows` > 0 is the paper's way instead: one
     state for so many rows (1 = a state for every row).
     """
 
     samples: int = eqx.field(static=True, default=4)
-    keys: int = eqx.field(static=True, default=3)
+    keys: int = eqx.field(static=True, default=0)
     chunk_rows: int = eqx.field(static=True, default=0)
 
     def __check_init__(self):
         if self.samples < 1:
             raise ValueError(f"render.samples must be at least 1, got {self.samples}.")
-        if self.keys < 2 or (self.keys > 2 and self.keys % 2 == 0):
-            raise ValueError(f"render.keys must be 2 or odd, got {self.keys}.")
+        if self.keys not in (0, 2) and (self.keys < 3 or self.keys % 2 == 0):
+            raise ValueError(
+                f"render.keys must be 0 (as many as it takes), 2 or odd from 3, got {self.keys}."
+            )
         if self.chunk_rows < 0:
             raise ValueError(f"render.chunk_rows must be at least 0, got {self.chunk_rows}.")
 
@@ -133,10 +139,15 @@ class Renderer:
         film = camera.film
         first, last = _moving_times(camera)
         if self.options.chunk_rows and first < last:
+            if camera.shutter.direction in ("left_to_right", "right_to_left"):
+                raise ValueError(
+                    "render.chunk_rows must be 0 for a shutter that reads columns, as "
+                    f"{camera.shutter.direction} does: key states suit any direction."
+                )
             parts = [self._rows(camera, top) for top in self._tops(film.height)]
         else:
             order = tiles(film.width, film.height, self.trace.bundle, self.trace.levels)
-            keys = 1 if first == last else self.options.keys
+            keys = 1 if first == last else self.options.keys or key_count(self.scene, last - first)
             parts = [self._part(camera, order, jnp.linspace(first, last, keys, dtype=jnp.float32))]
         flat = np.zeros((film.height * film.width, 5), np.float32)
         for order, pixels, _ in parts:
@@ -206,6 +217,19 @@ class Renderer:
         )
 
 
+def key_count(scene: Scene, span: float) -> int:
+    """Key states for a frame that lasts for `span`: three for every interval between the capture's
+    instants that it may touch, so that each arc is as short as the motion was sampled."""
+    if scene.deformation is None:
+        return 1
+    instants = np.asarray(scene.deformation.bodies.time)
+    if len(instants) < 2:
+        return 3
+    # Rounding of single precision shall not cost an arc.
+    intervals = math.ceil(span / float(np.median(np.diff(instants))) - 1e-3)
+    return 2 * min(max(intervals, 1), len(instants) - 1) + 1
+
+
 def _flat(trace: TraceOptions) -> TraceOptions:
     values = {name: getattr(trace, name) for name in trace.__dataclass_fields__}
     return TraceOptions(**(values | {"levels": 0}))
@@ -232,6 +256,27 @@ def _time_span(camera: Camera) -> tuple[Array, Array]:
     return jnp.min(time), jnp.max(time)
 
 
+def _claim(out: Path, scene: Scene, records: Sequence[FrameRecord], options, trace) -> None:
+    """Note in `out` what its pictures are made of, unless another note is there already."""
+    digest = hashlib.sha256()
+    for leaf in jax.tree.leaves((scene, [record.camera for record in records])):
+        digest.update(np.asarray(leaf).tobytes())
+    files = [record.file_path for record in records]
+    static = [jax.tree.structure(record.camera) for record in records]
+    digest.update(repr((files, static, options, trace)).encode())
+    note, own = out / "render.sha256", digest.hexdigest() + "\n"
+    try:
+        if note.exists() and note.read_text() != own:
+            raise ValueError(
+                f"out={out} holds pictures of another scene, camera or option. Choose another "
+                "folder, or delete this one."
+            )
+        with whole(note) as partial:
+            partial.write_text(own)
+    except OSError as error:
+        raise OSError(f"out={out}: cannot be written: {error}") from error
+
+
 def render_dataset(
     scene: Scene,
     records: Sequence[FrameRecord],
@@ -245,9 +290,11 @@ def render_dataset(
     """Write every recorded frame as a picture, each effect's manifest, and a video per camera.
 
     The folder is a paired capture: it can be read back, reconstructed and evaluated. A picture that
-    is already there is kept, so an interrupted run goes on; delete the folder to begin anew.
+    is already there is kept, so an interrupted run goes on; a folder that was begun with another
+    scene, camera or option is refused.
     """
     out = Path(out)
+    _claim(out, scene, records, options, trace)
     render = Renderer(scene, options=options, trace=trace)
     progress = Progress("render", len(records), quiet=quiet)
     shown: dict[str, list[Path]] = {}

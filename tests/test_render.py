@@ -16,7 +16,7 @@ from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
 from gaussray.capture.calibration import read_capture
 from gaussray.evaluate import EvaluateOptions, evaluate
-from gaussray.render import Renderer, RenderOptions
+from gaussray.render import Renderer, RenderOptions, key_count, render_dataset
 from gaussray.scene.scene import Scene
 from gaussray.tracer.traverse import Capacity
 
@@ -153,6 +153,11 @@ def test_a_data_set_reads_back_is_kept_and_scores_against_itself(scene, tmp_path
     assert kept.stat().st_mtime_ns == before
     assert gone.read_bytes() == content
 
+    with pytest.raises(ValueError, match="holds pictures of another scene, camera or option"):
+        render_dataset(
+            scene, records, tmp_path, options=RenderOptions(samples=2), trace=toy.TRACE, quiet=True
+        )
+
     report = evaluate(
         scene, capture, tmp_path / "scores", options=EvaluateOptions(split="all"), render=ONE,
         trace=toy.TRACE, quiet=True,
@@ -162,6 +167,19 @@ def test_a_data_set_reads_back_is_kept_and_scores_against_itself(scene, tmp_path
         assert row["psnr"] is None or row["psnr"] > 45
     text = (tmp_path / "scores" / "report.json").read_text()
     json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+def test_a_frame_takes_three_states_for_every_interval_it_touches(scene):
+    counts = [key_count(scene, span) for span in (0.01, 0.5, 0.51, 1.0, 9.0)]
+    assert counts == [3, 3, 5, 5, 5]  # of a clip with instants at 0, 0.5 and 1
+    assert key_count(toy.scene(speed=0), 0.5) == 1
+
+
+def test_chunks_of_rows_are_refused_where_columns_are_read(scene):
+    camera = toy.rolling(toy.camera(time=0.5), direction="left_to_right")
+    render = Renderer(scene, options=RenderOptions(chunk_rows=4), trace=toy.TRACE)
+    with pytest.raises(ValueError, match="chunk_rows must be 0 for a shutter that reads columns"):
+        render(camera)
 
 
 @pytest.mark.parametrize(("key", "value"), [("samples", 0), ("keys", 1), ("chunk_rows", -1)])
