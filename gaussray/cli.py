@@ -192,7 +192,9 @@ def _render(cfg: DictConfig) -> None:
         raise ValueError(f"fps must be above 0, got {fps}.")
     scene = load_scene(cfg.scene)
     views = rigs.cameras_of(cfg.scene, cfg.cameras)
-    records = rigs.rig(views, options=wanted, samples=sampling.samples)
+    records = rigs.rig(
+        views, options=wanted, samples=sampling.samples, format=_as(str, cfg.format, "format")
+    )
     out = render_dataset(
         scene,
         records,

@@ -94,8 +94,12 @@ class RigOptions(eqx.Module):
     film: FilmOptions = eqx.field(default_factory=FilmOptions)
 
 
-def rig(views: Sequence[View], *, options: RigOptions, samples: int) -> list[FrameRecord]:
-    """One record for every frame to be filmed."""
+def rig(
+    views: Sequence[View], *, options: RigOptions, samples: int, format: str = "png"
+) -> list[FrameRecord]:
+    """One record for every frame to be filmed, into files of this format (png or exr)."""
+    if format not in ("png", "exr"):
+        raise ValueError(f"format must be png (sRGB) or exr (linear light), got {format!r}.")
     chosen = _chosen(views, options.camera)
     if options.trajectory.steps < 1:
         raise ValueError(f"trajectory.steps must be at least 1, got {options.trajectory.steps}.")
@@ -126,7 +130,7 @@ def rig(views: Sequence[View], *, options: RigOptions, samples: int) -> list[Fra
             camera.trajectory,
             camera.time,
         )
-        path = f"images/{effect}/{name}/{i:04d}.png"
+        path = f"images/{effect}/{name}/{i:04d}.{format}"
         records.append(FrameRecord(path, built, name, split, effect, samples))
     return records
 

@@ -124,8 +124,11 @@ def test_the_pictures_of_the_verb_are_those_of_python_and_exr_holds_their_light(
         load_scene(run / "scene"), options=RenderOptions(samples=1), trace=TraceOptions(group=8)
     )
     color = render(view.camera).color
-    write_image(tmp_path / "frame.exr", color)
-    light = read_image(tmp_path / "frame.exr", toy.SIZE, toy.SIZE)
+    options = ["render.samples=1", "quiet=true", "trace.group=8", "format=exr"]
+    main(["render", f"scene={run}/scene", f"out={tmp_path}/film", *options])
+    linear = read_capture(tmp_path / "film").views[1]
+    assert linear.image.suffix == ".exr" and (tmp_path / "film" / "pinhole_cam_3.mp4").is_file()
+    light = read_image(linear.image, toy.SIZE, toy.SIZE)
     np.testing.assert_allclose(light, color, rtol=HALF, atol=HALF)
     decoded = read_image(view.image, toy.SIZE, toy.SIZE)
     assert decoded.max() > 0.2
