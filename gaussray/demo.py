@@ -50,6 +50,7 @@ def demo(
     report = evaluate(
         scene, truth, out, options=evaluation, render=render, trace=trace, quiet=quiet
     )
+    # The training views leave a row in the report, not a folder.
     shutil.rmtree(out / "train", ignore_errors=True)
     report["train"] = train["effects"]["pinhole"]
     report["seconds"] = {

@@ -76,3 +76,10 @@ def test_cameras_come_from_a_capture_or_from_beside_the_scene(tmp_path):
     assert len(rig.cameras_of(tmp_path / "scene.npz", None)) == 12
     with pytest.raises(FileNotFoundError, match="cameras=DIR"):
         rig.cameras_of(tmp_path / "none" / "scene.npz", None)
+
+
+def test_pictures_are_png_or_exr(views):
+    records = rig.rig(views, options=rig.RigOptions(), samples=1, format="exr")
+    assert all(record.file_path.endswith(".exr") for record in records)
+    with pytest.raises(ValueError, match="format must be png .* or exr .*, got 'jpg'"):
+        rig.rig(views, options=rig.RigOptions(), samples=1, format="jpg")
