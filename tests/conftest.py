@@ -1,6 +1,8 @@
 """Double precision for every test, shapes checked at run time, ranks never promoted in silence."""
 
+import gc
 import importlib.util
+import pathlib
 
 import jax
 import pytest
@@ -10,6 +12,9 @@ if importlib.util.find_spec("beartype"):
     from jaxtyping import install_import_hook
 
     install_import_hook("gaussray", "beartype.beartype")
+
+# Room for what the largest module compiles.
+MAPPINGS = 30_000
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
@@ -23,6 +28,17 @@ def pytest_collection_modifyitems(items):
     for item in items:
         if "gpu" in item.keywords:
             item.add_marker(skip)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_mappings():
+    """Forget compiled programs before they are too many: each holds mappings of memory, of which
+    Linux allows a process 65,530, and XLA crashes beyond them."""
+    yield
+    maps = pathlib.Path("/proc/self/maps")
+    if maps.exists() and maps.read_bytes().count(b"\n") > MAPPINGS:
+        jax.clear_caches()
+        gc.collect()
 
 
 @pytest.fixture(scope="module")
