@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.tracer.bundle import morton
 from gaussray.tracer.motion import Motion, controls, usable
@@ -50,7 +50,7 @@ def build(motion: Motion, *, alpha_min: float) -> Grid:
     upper = jnp.max(mean + half, axis=0)
     fine = usable(g)
     kept = fine & (radius > 0)
-    order = jnp.argsort(_place(lower, upper, kept))
+    order = jnp.argsort(place(lower, upper, kept))
     cells = max(-(-g.count // OCCUPANCY), 1)
     padding = cells * OCCUPANCY - g.count
     index = jnp.where(kept[order], order.astype(jnp.int32), -1)
@@ -73,7 +73,11 @@ def build(motion: Motion, *, alpha_min: float) -> Grid:
     )
 
 
-def _place(lower: Array, upper: Array, kept: Array) -> Int[Array, " gaussians"]:
+def place(
+    lower: Float[Array, "gaussians 3"],
+    upper: Float[Array, "gaussians 3"],
+    kept: Bool[Array, " gaussians"],
+) -> Int[Array, " gaussians"]:
     """Sort key: size class, then the grid cell of the centre on the Morton curve."""
     center = 0.5 * (lower + upper)
     low = jnp.min(jnp.where(kept[:, None], center, jnp.inf), axis=0, initial=jnp.inf)

@@ -5,9 +5,9 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
-from gaussray.scene.gaussians import Gaussians, axes, whitening
+from gaussray.scene.gaussians import Gaussians, axes, concatenate, whitening
 
 
 class Motion(eqx.Module):
@@ -22,10 +22,13 @@ class Motion(eqx.Module):
     1 (`control_weights`). The support of the blend along any normal n is then at most the largest
     of its control points, n.c + |F^T n| being convex: what bounds them bounds every time of the
     arc. That is why F is blended, not its inverse.
+
+    `rest` are Gaussians without key states that stand still; they come before the others.
     """
 
     time: Float[Array, " keys"]
     gaussians: Gaussians
+    rest: Gaussians | None = None
 
     @property
     def keys(self) -> int:
@@ -51,6 +54,13 @@ def still(gaussians: Gaussians) -> Motion:
         tint=None if gaussians.tint is None else gaussians.tint[None],
     )
     return Motion(time=jnp.zeros(1, gaussians.mean.dtype), gaussians=lifted)
+
+
+def whole(motion: Motion) -> Motion:
+    """The same with the resting Gaussians repeated at every key."""
+    if motion.rest is None:
+        return motion
+    return Motion(motion.time, concatenate(motion.rest, motion.gaussians))
 
 
 def controls(
@@ -93,6 +103,27 @@ def control_weights(
     if keys == 2:
         return ends
     return jnp.zeros_like(key_time).at[::2].set(ends * ends).at[1::2].set(2 * s * (1 - s))
+
+
+def arc_weights(
+    key_time: Float[Array, " keys"], time: Float[Array, "*rays"]
+) -> tuple[Float[Array, "*rays 3"], Int[Array, "*rays"]]:
+    """The control points that share a time, three in a row, and the first of them: what of
+    `control_weights` is not zero, for two keys or more (the third share of two keys is zero)."""
+    knot = _knots(key_time)
+    inner = knot[1:-1].reshape(*(1,) * time.ndim, -1)
+    after = jnp.sum(time[..., None] >= inner, axis=-1, dtype=jnp.int32)
+    begin, end = knot[after], knot[after + 1]
+    s = jnp.clip((time - begin) / (end - begin), 0, 1)
+    if key_time.shape[0] == 2:
+        return jnp.stack([1 - s, s, jnp.zeros_like(s)], axis=-1), after
+    return jnp.stack([(1 - s) ** 2, 2 * s * (1 - s), s * s], axis=-1), 2 * after
+
+
+def tint_controls(motion: Motion) -> Float[Array, "keys gaussians 3"]:
+    """Tints of the control points; a scene without tint has none."""
+    tint = motion.gaussians.tint
+    return _controls(motion.time, jnp.ones_like(motion.gaussians.mean) if tint is None else tint)
 
 
 def active_controls(
@@ -171,7 +202,7 @@ def table(motion: Motion) -> Float[Array, "rows columns"]:
     state = jnp.concatenate([matrix.reshape(*matrix.shape[:2], 9), mean], axis=-1)
     parts = [_by_row(state), g.opacity[:, None], g.harmonics.reshape(g.count, -1)]
     if g.tint is not None:
-        parts.append(_by_row(_controls(motion.time, g.tint)))
+        parts.append(_by_row(tint_controls(Motion(motion.time, g))))
     return jnp.concatenate(parts, axis=1)
 
 

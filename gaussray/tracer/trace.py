@@ -9,12 +9,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 from gaussray.camera.rays import Rays
+from gaussray.tracer import cuda, kernel
 from gaussray.tracer.bundle import FAN, bound
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.grid import build
 from gaussray.tracer.march import march
-from gaussray.tracer.motion import Motion, columns, control_weights, table
+from gaussray.tracer.motion import Motion, columns, control_weights, table, whole
 from gaussray.tracer.traverse import Candidates, Capacity, candidates
+
+
+BACKENDS = ("auto", "array", "kernel")
 
 
 class TraceOptions(eqx.Module):
@@ -24,7 +28,9 @@ class TraceOptions(eqx.Module):
     or nothing is left, so k is a matter of speed alone. `bundle` is the side of a square bundle in
     pixels, `levels` the number of coarser bundle levels (0 for bundles that are not neighbours),
     `group` how many bundles march together (0: 4 on a CPU, whose caches they fill, 16 on a GPU),
-    `chunk` how many list entries are read at once.
+    `chunk` how many list entries are read at once. `backend` is "array" (runs everywhere, in any
+    precision), "kernel" (single precision on a CUDA device, see kernel.py) or "auto": the kernel
+    where it runs.
     """
 
     k: int = eqx.field(static=True, default=16)
@@ -35,11 +41,14 @@ class TraceOptions(eqx.Module):
     levels: int = eqx.field(static=True, default=1)
     group: int = eqx.field(static=True, default=0)
     chunk: int = eqx.field(static=True, default=16)
+    backend: str = eqx.field(static=True, default="auto")
 
     def __check_init__(self):
         for name in ("k", "bundle", "chunk"):
             if getattr(self, name) < 1:
                 raise ValueError(f"trace.{name} must be at least 1, got {getattr(self, name)}.")
+        if self.backend not in BACKENDS:
+            raise ValueError(f"trace.backend must be one of {BACKENDS}, got {self.backend!r}.")
         if self.group < 0:
             raise ValueError(f"trace.group must be at least 0, got {self.group}.")
         if not 0 <= self.levels <= 4:
@@ -73,35 +82,107 @@ def trace(
 
     Every `bundle`^2 consecutive rays form a bundle, so rays should come in a coherent order
     (`bundle.tiles` for pictures, `bundle.coherent_order` for any others). Their number need not
-    divide evenly.
+    divide evenly. A leading axis holds samples of the same rays (of an aperture, of an exposure):
+    they share what their bundle may meet, which is looked for once.
     """
-    count = rays.time.shape[0]
-    lists, skipped = find(motion, rays, options=options, capacity=capacity)
-    bundled = _bundle(rays, options)
-    weights = jax.vmap(jax.vmap(partial(control_weights, motion.time)))(bundled.time)
-    leading = partial(jnp.moveaxis, source=-1, destination=0)
-    channels, transmittance, hits = march(
-        table(motion),
-        leading(bundled.origin),
-        leading(bundled.direction),
-        leading(weights),
-        (lists.index, lists.start, lists.count),
-        options,
-        columns(motion),
-        max(math.ceil(math.log2(max(capacity.slots, 2))), 1),
+    if rays.time.ndim == 1:
+        pixels, report = trace(
+            motion, jax.tree.map(lambda x: x[None], rays), options=options, capacity=capacity
+        )
+        return jax.tree.map(lambda x: x[0], pixels), report
+    if on_kernel(options, rays):
+        return _trace_kernel(motion, rays, options=options, capacity=capacity)
+    return _trace_arrays(whole(motion), rays, options=options, capacity=capacity)
+
+
+def on_kernel(options: TraceOptions, rays: Rays) -> bool:
+    """Whether the CUDA kernel traces these rays."""
+    single = rays.time.dtype == jnp.float32
+    if options.backend == "kernel" and not single:
+        raise ValueError(
+            f"trace.backend=kernel is for single precision, the rays are {rays.time.dtype}. "
+            "Choose trace.backend=array."
+        )
+    if options.backend == "kernel" and not cuda.available():
+        raise ValueError(
+            "trace.backend=kernel needs a CUDA device and NVIDIA's run-time compiler: install "
+            "'gaussray[cuda]', or choose trace.backend=array."
+        )
+    return options.backend != "array" and single and cuda.available()
+
+
+def _trace_kernel(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
+    samples, count = rays.time.shape
+    program, rows, lines, lists, skipped = kernel.prepare(
+        motion, rays, options=options, slots=capacity.slots
     )
-    flat = channels.reshape(4, -1)[:, :count]
-    pixels = Pixels(flat[:3].T, transmittance.reshape(-1)[:count], flat[3])
+    sums, transmittance, hits = kernel.march(program, rows, *lines, lists)
+    sums, transmittance = sums[:, :count], transmittance[:, :count]
+    needed, dropped = _wants(lists.count, options, capacity)
+    pixels = Pixels(sums[..., :3], transmittance, sums[..., 3])
+    return pixels, Report(needed, dropped, skipped, jnp.sum(hits))
+
+
+def _wants(count: Array, options: TraceOptions, capacity: Capacity) -> tuple[Array, Array]:
+    """`needed` and `dropped` of lists that only have `slots`."""
+    none = jnp.zeros(options.levels + 2, jnp.int32)
+    needed = jnp.append(none, jnp.max(count))
+    return needed, jnp.sum(jnp.maximum(count - capacity.slots, 0), dtype=jnp.int32)
+
+
+def _trace_arrays(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
+    count = rays.time.shape[1]
+    lists, skipped = _candidates(motion, rays, options=options, capacity=capacity)
+    rows, layout = table(motion), columns(motion)
+    bits = max(math.ceil(math.log2(max(capacity.slots, 2))), 1)
+    leading = partial(jnp.moveaxis, source=-1, destination=0)
+
+    def one(rays: Rays):
+        bundled = _bundle(rays, options)
+        weights = jax.vmap(jax.vmap(partial(control_weights, motion.time)))(bundled.time)
+        channels, transmittance, hits = march(
+            rows,
+            leading(bundled.origin),
+            leading(bundled.direction),
+            leading(weights),
+            (lists.index, lists.start, lists.count),
+            options,
+            layout,
+            bits,
+        )
+        flat = channels.reshape(4, -1)[:, :count]
+        pixels = Pixels(flat[:3].T, transmittance.reshape(-1)[:count], flat[3])
+        return pixels, jnp.sum(hits)
+
+    if rays.time.shape[0] == 1:
+        pixels, hits = jax.tree.map(lambda x: x[None], one(jax.tree.map(lambda x: x[0], rays)))
+    else:
+        pixels, hits = jax.lax.map(one, rays)
     return pixels, Report(lists.needed, lists.dropped, skipped, jnp.sum(hits))
 
 
 def find(
     motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Capacity
-) -> tuple[Candidates, Int[Array, ""]]:
-    """Candidate lists of every bundle, and the number of Gaussians that were not finite."""
+) -> tuple[Int[Array, " sizes"], Int[Array, ""]]:
+    """The list sizes that scene and rays want, and the entries that find no place."""
+    motion, rays = jax.lax.stop_gradient((motion, rays))
+    if rays.time.ndim == 1:
+        rays = jax.tree.map(lambda x: x[None], rays)
+    if on_kernel(options, rays):
+        lists = kernel.prepare(motion, rays, options=options, slots=capacity.slots)[3]
+        return _wants(lists.count, options, capacity)
+    lists, _ = _candidates(whole(motion), rays, options=options, capacity=capacity)
+    return lists.needed, lists.dropped
+
+
+def _candidates(motion, rays, *, options, capacity) -> tuple[Candidates, Int[Array, ""]]:
+    """Lists of every bundle over all samples, and the number of Gaussians that were not finite."""
     motion, rays = jax.lax.stop_gradient((motion, rays))
     grid = build(motion, alpha_min=options.alpha_min)
-    bundled = _bundle(rays, options)
+    each = jax.vmap(lambda one: _bundle(one, options))(rays)
+    bundled = jax.tree.map(
+        lambda x: jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1, *x.shape[3:]), each
+    )
     levels = [bound(bundled, motion.time)]
     for _ in range(options.levels):
         bundled = jax.tree.map(
@@ -125,16 +206,16 @@ def measure(
     """
     search = eqx.filter_jit(find)
     if capacity is None:
-        bundles = -(-rays.time.shape[0] // options.bundle**2)
+        bundles = -(-rays.time.shape[-1] // options.bundle**2)
         capacity = Capacity((256 * bundles,) * (options.levels + 1), 512 * bundles, 1024)
         trial = capacity
     else:
         trial = capacity
     while True:
-        lists, _ = search(motion, rays, options=options, capacity=trial)
-        needed = [int(n) for n in lists.needed]
+        needed, dropped = search(motion, rays, options=options, capacity=trial)
+        needed = [int(n) for n in needed]
         wanted = enlarge(trial, needed, headroom=headroom)
-        if int(lists.dropped) == 0:
+        if int(dropped) == 0:
             return enlarge(Capacity((1,) * (options.levels + 1), 1, 1), needed, headroom=headroom)
         trial = wanted
 

@@ -1,0 +1,1087 @@
+// Candidates to pixels on a CUDA device. kernel.py explains the algorithm and fills in the capitals:
+//
+// RAYS     rays of one sample, a multiple of GROUP      SAMPLES  samples of every ray
+// GROUP    consecutive rays that share a list           SIDE     rays in the first row of a bundle
+// SLOTS    entries that a list holds                    SUPERS   boxes of 256 Gaussians
+// KEYS     control points of the moving Gaussians       HARMONICS coefficients per channel
+// TINTED   1 if colours are tinted                      COLUMNS  floats in a row of colour
+// K        hits that a lane keeps in order              WARPS    of a block of the march
+// LANES    lanes that share a ray
+// ALPHA_MAX, TRANSMITTANCE_MIN as in TraceOptions
+
+typedef unsigned int u32;
+typedef unsigned long long u64;
+
+#define ALL 0xffffffffu
+#define INFINITE __int_as_float(0x7f800000)
+#define LAST 0xffffffffffffffffull
+#define EPSILON 1.1920929e-7f
+#define SLACK (16 * EPSILON)
+// Below this cosine to the axis a bundle is too wide for planes: it is then tested as everywhere.
+#define WIDEST 0.05f
+#define BUCKETS 1024
+// Runs of 32 rays in a group, and how they share the 32 bits of a mask.
+#define RUNS ((GROUP + 31) / 32)
+#define SPAN ((RUNS + 31) / 32)
+#define PARTS ((RUNS + SPAN - 1) / SPAN)
+// Rays of a warp, and warps of a group.
+#define WIDE (32 / LANES)
+#define PER ((GROUP + WIDE - 1) / WIDE)
+#define JOBS ((size_t)(RAYS / GROUP) * SAMPLES * PER)
+
+struct Vector {
+  float x, y, z;
+};
+
+__device__ __forceinline__ Vector operator+(Vector a, Vector b) {
+  return {a.x + b.x, a.y + b.y, a.z + b.z};
+}
+__device__ __forceinline__ Vector operator-(Vector a, Vector b) {
+  return {a.x - b.x, a.y - b.y, a.z - b.z};
+}
+__device__ __forceinline__ Vector operator*(float s, Vector a) {
+  return {s * a.x, s * a.y, s * a.z};
+}
+__device__ __forceinline__ float dot(Vector a, Vector b) {
+  return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+__device__ __forceinline__ Vector cross(Vector a, Vector b) {
+  return {a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+__device__ __forceinline__ Vector normalize(Vector a) {
+  float square = dot(a, a);
+  return square > 0 ? rsqrtf(square) * a : a;
+}
+__device__ __forceinline__ Vector load(const float *p, size_t i) {
+  return {p[3 * i], p[3 * i + 1], p[3 * i + 2]};
+}
+__device__ __forceinline__ void store(float *p, size_t i, Vector v) {
+  p[3 * i] = v.x;
+  p[3 * i + 1] = v.y;
+  p[3 * i + 2] = v.z;
+}
+__device__ __forceinline__ bool finite(Vector v) {
+  return fabsf(v.x) < INFINITE && fabsf(v.y) < INFINITE && fabsf(v.z) < INFINITE;
+}
+
+// ---------------------------------------------------------------- bounds of a group of rays
+
+// Half-spaces n.x >= offset that hold all rays: near plane, four sides. `reach` is the largest
+// n.origin of the near plane, -infinity if distances are not bounded. Control points `first` to
+// `last` have a share in the group's times.
+struct Bounds {
+  float4 plane[5];
+  float reach;
+  int first, last;
+};
+
+__device__ __forceinline__ int least_of_warp(int v) {
+  for (int i = 16; i; i >>= 1) v = min(v, __shfl_xor_sync(ALL, v, i));
+  return v;
+}
+
+struct Warp {
+  __device__ int rank() { return threadIdx.x & 31; }
+  __device__ int size() { return 32; }
+  __device__ float minimum(float v) {
+    for (int i = 16; i; i >>= 1) v = fminf(v, __shfl_xor_sync(ALL, v, i));
+    return v;
+  }
+  __device__ float sum(float v) {
+    for (int i = 16; i; i >>= 1) v += __shfl_xor_sync(ALL, v, i);
+    return v;
+  }
+};
+
+struct Block {
+  float *scratch;
+  __device__ int rank() { return threadIdx.x; }
+  __device__ int size() { return blockDim.x; }
+  __device__ float minimum(float v) {
+    v = Warp().minimum(v);
+    share(v);
+    float least = scratch[0];
+    for (int i = 1; i < blockDim.x / 32; i++) least = fminf(least, scratch[i]);
+    return least;
+  }
+  __device__ float sum(float v) {
+    v = Warp().sum(v);
+    share(v);
+    float total = scratch[0];
+    for (int i = 1; i < blockDim.x / 32; i++) total += scratch[i];
+    return total;
+  }
+  __device__ void share(float v) {
+    __syncthreads();
+    if (!(threadIdx.x & 31)) scratch[threadIdx.x >> 5] = v;
+    __syncthreads();
+  }
+};
+
+template <class Team>
+__device__ Vector sum(Team team, Vector v) {
+  return {team.sum(v.x), team.sum(v.y), team.sum(v.z)};
+}
+
+// `count` rays from `begin` in each of `samples`, seen by a team of threads.
+template <class Team>
+__device__ Bounds bound(Team team, const float *origin, const float *direction,
+                        const float4 *weight, size_t begin, int count, int samples) {
+  auto each = [&](auto visit) {
+    for (int i = team.rank(); i < count * samples; i += team.size()) {
+      size_t ray = begin + (size_t)(i / count) * RAYS + i % count;
+      Vector o = load(origin, ray), d = load(direction, ray);
+      bool real = finite(o) && finite(d) && (d.x != 0 || d.y != 0 || d.z != 0);
+      if (real) visit(ray, o, d);
+    }
+  };
+  Bounds b;
+  Vector total = {0, 0, 0};
+  float magnitude = 0, first = INFINITE, last = -INFINITE;
+  each([&](size_t ray, Vector o, Vector d) {
+    total = total + d;
+    magnitude = fmaxf(magnitude, fmaxf(fabsf(o.x), fmaxf(fabsf(o.y), fabsf(o.z))));
+    if (KEYS > 1) {
+      float at = weight[ray].w;
+      first = fminf(first, at);
+      last = fmaxf(last, at);
+    }
+  });
+  magnitude = -team.minimum(-magnitude);
+  b.first = 0;
+  b.last = 0;
+  if (KEYS > 1) {
+    b.first = (int)fminf(team.minimum(first), KEYS - 1);
+    b.last = min((int)-team.minimum(-last) + 2, KEYS - 1);
+  }
+  Vector axis = normalize(sum(team, total));
+  Vector along = load(direction, begin + min(SIDE, count) - 1) - load(direction, begin);
+  along = along - dot(along, axis) * axis;
+  Vector helper = fabsf(axis.x) < 0.6f ? Vector{1, 0, 0} : Vector{0, 1, 0};
+  helper = helper - dot(helper, axis) * axis;
+  Vector u = normalize(dot(along, along) > 1e-12f ? along : helper), v = cross(axis, u);
+  float low = INFINITE, left = INFINITE, right = -INFINITE, down = INFINITE, up = -INFINITE;
+  float nearest = INFINITE, farthest = -INFINITE;
+  each([&](size_t, Vector o, Vector d) {
+    float depth = dot(d, axis);
+    low = fminf(low, depth);
+    float inverse = 1 / (depth > WIDEST ? depth : 1);
+    left = fminf(left, dot(d, u) * inverse);
+    right = fmaxf(right, dot(d, u) * inverse);
+    down = fminf(down, dot(d, v) * inverse);
+    up = fmaxf(up, dot(d, v) * inverse);
+    nearest = fminf(nearest, dot(axis, o));
+    farthest = fmaxf(farthest, dot(axis, o));
+  });
+  low = team.minimum(low);
+  left = team.minimum(left) - SLACK;
+  right = -team.minimum(-right) + SLACK;
+  down = team.minimum(down) - SLACK;
+  up = -team.minimum(-up) + SLACK;
+  nearest = team.minimum(nearest);
+  farthest = -team.minimum(-farthest);
+  // No ray: nothing is met. Too wide: everything may be.
+  bool some = low < INFINITE, narrow = some && low > WIDEST;
+  Vector side[4] = {normalize(u - left * axis), normalize(right * axis - u),
+                    normalize(v - down * axis), normalize(up * axis - v)};
+  float offset[4] = {INFINITE, INFINITE, INFINITE, INFINITE};
+  each([&](size_t, Vector o, Vector) {
+    for (int i = 0; i < 4; i++) offset[i] = fminf(offset[i], dot(side[i], o));
+  });
+  float slack = SLACK * magnitude;
+  b.plane[0] = {axis.x, axis.y, axis.z, nearest - slack};
+  for (int i = 0; i < 4; i++)
+    b.plane[i + 1] = {side[i].x, side[i].y, side[i].z, team.minimum(offset[i]) - slack};
+  b.reach = narrow ? farthest + slack : INFINITE;
+  for (int i = 0; i < 5 && !narrow; i++) b.plane[i] = {0, 0, 0, some ? 0 : INFINITE};
+  return b;
+}
+
+// ---------------------------------------------------------------- what a group may meet
+
+__device__ __forceinline__ bool touches_box(const Bounds &b, const float *box) {
+  for (int i = 0; i < 5; i++) {
+    float4 p = b.plane[i];
+    float far = fmaxf(p.x * box[0], p.x * box[3]) + fmaxf(p.y * box[1], p.y * box[4]) +
+                fmaxf(p.z * box[2], p.z * box[5]);
+    if (!(far >= p.w)) return false;
+  }
+  return true;
+}
+
+// Axes F = R S (row by row) of a Gaussian, and its mean, at one control point.
+struct Frame {
+  float f[9];
+  Vector mean;
+};
+
+__device__ __forceinline__ Frame frame(const float4 *row) {
+  float4 a = row[0], b = row[1], c = row[2];
+  return {{a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x}, {c.y, c.z, c.w}};
+}
+
+// Height of the centre along n, and half the height of the ellipsoid F.
+__device__ __forceinline__ float2 support(const Frame &e, float4 n) {
+  float part[3];
+  for (int b = 0; b < 3; b++) part[b] = n.x * e.f[b] + n.y * e.f[3 + b] + n.z * e.f[6 + b];
+  float square = part[0] * part[0] + part[1] * part[1] + part[2] * part[2];
+  return {n.x * e.mean.x + n.y * e.mean.y + n.z * e.mean.z, sqrtf(square)};
+}
+
+// False where the ellipsoid lies outside one half-space from `from` on, at all control points.
+// `bound` becomes a distance that no ray of the group has to travel less to meet it.
+__device__ __forceinline__ bool touches(const Bounds &b, int from, const float4 *extent,
+                                        const float4 *keyed, int id, int moving, float reach,
+                                        float &bound) {
+  float top[5], least = INFINITE;
+  if (KEYS == 1 || moving < 0) {
+    Frame e = frame(extent + 3 * (size_t)id);
+    for (int i = 0; i < 5; i++) {
+      if (i < from) continue;
+      float2 s = support(e, b.plane[i]);
+      if (i == 0) least = s.x - s.y;
+      top[i] = s.x + s.y;
+    }
+  } else {
+    for (int i = 0; i < 5; i++) top[i] = -INFINITE;
+    for (int c = b.first; c <= b.last; c++) {
+      Frame e = frame(keyed + 4 * ((size_t)moving * KEYS + c));
+      for (int i = 0; i < 5; i++) {
+        if (i < from) continue;
+        float2 s = support(e, b.plane[i]);
+        if (i == 0) least = fminf(least, s.x - reach * s.y);
+        top[i] = fmaxf(top[i], s.x + reach * s.y);
+      }
+    }
+  }
+  bool inside = true;
+  for (int i = 0; i < 5; i++)
+    if (i >= from) inside = inside && top[i] >= b.plane[i].w;
+  bound = fmaxf(least - b.reach - SLACK * (fabsf(least) + fabsf(b.reach)), 0.0f);
+  return inside;
+}
+
+// Which of a group's runs of rays a Gaussian may meet, a bit for each SPAN of them.
+__device__ __forceinline__ u32 runs_met(const Bounds *part, const float4 *extent,
+                                        const float4 *keyed, int id, int moving, float reach) {
+  u32 mask = 0;
+  if (KEYS == 1 || moving < 0) {
+    Frame e = frame(extent + 3 * (size_t)id);
+    for (int w = 0; w < PARTS; w++) {
+      bool inside = true;
+      for (int i = 1; i < 5; i++) {
+        float2 s = support(e, part[w].plane[i]);
+        inside = inside && s.x + s.y >= part[w].plane[i].w;
+      }
+      mask |= (u32)inside << w;
+    }
+  } else {
+    float unused;
+    for (int w = 0; w < PARTS; w++)
+      mask |= (u32)touches(part[w], 1, extent, keyed, id, moving, reach, unused) << w;
+  }
+  return mask;
+}
+
+// One block lists what one group of rays may meet: boxes of 256 Gaussians, then of 8, then
+// ellipsoids; sorted into buckets by the least distance. It also bounds the group's runs of rays.
+extern "C" __global__ void __launch_bounds__(256)
+gather(const float *origin, const float *direction, const float4 *weight, const int *order,
+       const float *super, const float *cell, const float4 *extent, const float4 *state,
+       const float4 *keyed, int *list, float *bounds, Bounds *parts, int *count, int *found,
+       float *distance) {
+  __shared__ Bounds b;
+  __shared__ float scratch[8];
+  __shared__ u32 histogram[BUCKETS], lowest[BUCKETS], partial[8];
+  __shared__ u32 total, low, high;
+  __shared__ int queue[8][32];
+  int lane = threadIdx.x & 31, warp = threadIdx.x >> 5;
+  size_t own = (size_t)blockIdx.x * SLOTS;
+  {
+    Block team = {scratch};
+    Bounds mine = bound(team, origin, direction, weight, (size_t)blockIdx.x * GROUP, GROUP,
+                        SAMPLES);
+    if (threadIdx.x == 0) {
+      b = mine;
+      total = 0;
+      low = 0x7f800000u;
+      high = 0;
+    }
+  }
+  for (int w = warp; w < PARTS; w += 8) {
+    int begin = 32 * SPAN * w, size = min(32 * SPAN, GROUP - begin);
+    Bounds mine = bound(Warp(), origin, direction, weight, (size_t)blockIdx.x * GROUP + begin,
+                        size, SAMPLES);
+    if (lane == 0) parts[(size_t)blockIdx.x * PARTS + w] = mine;
+  }
+  __syncthreads();
+  int least = 0x7f800000, most = 0;
+  for (int base = 0; base < SUPERS; base += 256) {
+    int s = base + lane * 8 + warp;
+    bool met = s < SUPERS && touches_box(b, super + 6 * (size_t)s);
+    for (u32 left = __ballot_sync(ALL, met); left; left &= left - 1) {
+      int parent = __shfl_sync(ALL, s, __ffs(left) - 1);
+      int c = 32 * parent + lane;
+      bool hit = touches_box(b, cell + 6 * (size_t)c);
+      u32 mask = __ballot_sync(ALL, hit);
+      if (hit) queue[warp][__popc(mask & ((1u << lane) - 1))] = c;
+      __syncwarp();
+      int cells = __popc(mask);
+      for (int i = 0; i < cells; i += 4) {
+        int j = i + (lane >> 3), id = -1;
+        if (j < cells) id = order[8 * queue[warp][j] + (lane & 7)];
+        float near = 0;
+        float4 last = id < 0 ? float4{0, -1, -1, 0} : state[4 * (size_t)id + 3];
+        bool in = last.y > 0 &&
+                  touches(b, 0, extent, keyed, id, (int)last.z, sqrtf(last.y), near);
+        u32 mine = __ballot_sync(ALL, in);
+        u32 at = 0;
+        if (lane == 0 && mine) at = atomicAdd(&total, __popc(mine));
+        at = __shfl_sync(ALL, at, 0) + __popc(mine & ((1u << lane) - 1));
+        if (in && at < SLOTS) {
+          found[own + at] = id;
+          distance[own + at] = near;
+          least = min(least, __float_as_int(near));
+          most = max(most, __float_as_int(near));
+        }
+      }
+      __syncwarp();
+    }
+  }
+  least = least_of_warp(least);
+  most = -least_of_warp(-most);
+  if (lane == 0) {
+    atomicMin(&low, (u32)least);
+    atomicMax(&high, (u32)most);
+  }
+  for (int i = threadIdx.x; i < BUCKETS; i += 256) {
+    histogram[i] = 0;
+    lowest[i] = 0x7f800000u;
+  }
+  __syncthreads();
+  int held = min(total, (u32)SLOTS);
+  if (threadIdx.x == 0) count[blockIdx.x] = total;
+  // Buckets of equal ratio; what is thousands of times nearer than the farthest shares the first.
+  u32 begin = max(low, high > (12u << 23) ? high - (12u << 23) : 0u);
+  float scale = (BUCKETS - 1) / fmaxf((float)(high - begin), 1.0f);
+  auto bucket = [&](u32 bits) {
+    return min((int)((float)(max(bits, begin) - begin) * scale), BUCKETS - 1);
+  };
+  for (int i = threadIdx.x; i < held; i += 256) {
+    u32 bits = __float_as_uint(distance[own + i]);
+    atomicAdd(&histogram[bucket(bits)], 1u);
+    atomicMin(&lowest[bucket(bits)], bits);
+  }
+  __syncthreads();
+  u32 before[4], run = 0;
+  for (int i = 0; i < 4; i++) {
+    before[i] = run;
+    run += histogram[4 * threadIdx.x + i];
+  }
+  u32 scan = run;
+  for (int i = 1; i < 32; i <<= 1) {
+    u32 other = __shfl_up_sync(ALL, scan, i);
+    if (lane >= i) scan += other;
+  }
+  if (lane == 31) partial[warp] = scan;
+  __syncthreads();
+  u32 offset = scan - run;
+  for (int i = 0; i < warp; i++) offset += partial[i];
+  for (int i = 0; i < 4; i++) histogram[4 * threadIdx.x + i] = offset + before[i];
+  __syncthreads();
+  for (int i = threadIdx.x; i < held; i += 256) {
+    int in = bucket(__float_as_uint(distance[own + i]));
+    u32 at = atomicAdd(&histogram[in], 1u);
+    list[own + at] = found[own + i];
+    bounds[own + at] = __uint_as_float(lowest[in]);
+  }
+}
+
+// Which runs of rays may meet an entry, and its place: those of a bucket (which share a bound) are
+// put in the order of the Gaussians, so that the list does not depend on who came first.
+extern "C" __global__ void __launch_bounds__(128)
+sift(const int *found, const float *bounds, const Bounds *parts, const int *count,
+     const float4 *extent, const float4 *state, const float4 *keyed, int *list, int *masks) {
+  const size_t group = blockIdx.x / ((SLOTS + 127) / 128), own = group * SLOTS;
+  const int chunk = blockIdx.x % ((SLOTS + 127) / 128), held = min(count[group], SLOTS);
+  if (128 * chunk >= held) return;
+  __shared__ Bounds part[PARTS];
+  const float *from = (const float *)(parts + group * PARTS);
+  for (int i = threadIdx.x; i < PARTS * sizeof(Bounds) / 4; i += 128) ((float *)part)[i] = from[i];
+  __syncthreads();
+  const int at = 128 * chunk + threadIdx.x;
+  if (at >= held) return;
+  const int id = found[own + at];
+  const float bound = bounds[own + at];
+  int place = at;
+  for (int i = at - 1; i >= 0 && bounds[own + i] == bound; i--) place -= found[own + i] > id;
+  for (int i = at + 1; i < held && bounds[own + i] == bound; i++) place += found[own + i] < id;
+  const float4 last = state[4 * (size_t)id + 3];
+  list[own + place] = id;
+  masks[own + place] = runs_met(part, extent, keyed, id, (int)last.z, sqrtf(last.y));
+}
+
+// ---------------------------------------------------------------- one ray meets one Gaussian
+
+struct Ray {
+  Vector o, d;
+  float4 weight;
+};
+
+// A = S^-1 R^T (row by row), mean, opacity, squared reach and place among the moving (or -1).
+struct Matter {
+  float a[9];
+  Vector mean;
+  float opacity, reach;
+  int moving;
+};
+
+__device__ __forceinline__ Matter matter(float4 r0, float4 r1, float4 r2, float4 r3) {
+  return {{r0.x, r0.y, r0.z, r0.w, r1.x, r1.y, r1.z, r1.w, r2.x},
+          {r2.y, r2.z, r2.w},
+          r3.x,
+          r3.y,
+          (int)r3.z};
+}
+
+// Row of one of the (at most) three control points of the ray's arc.
+__device__ __forceinline__ size_t control(const Ray &ray, int moving, int i) {
+  return 4 * ((size_t)moving * KEYS + min((int)ray.weight.w + i, KEYS - 1));
+}
+
+// Inverse by cofactors; each column is first divided by its largest entry (see motion.py).
+__device__ __forceinline__ void invert(const float *f, float *a) {
+  Vector column[3];
+  float size[3];
+  for (int i = 0; i < 3; i++) {
+    column[i] = {f[i], f[3 + i], f[6 + i]};
+    size[i] = fmaxf(fmaxf(fabsf(column[i].x), fabsf(column[i].y)), fabsf(column[i].z));
+    size[i] = size[i] > 0 ? size[i] : 1;
+    column[i] = (1 / size[i]) * column[i];
+  }
+  Vector row[3] = {cross(column[1], column[2]), cross(column[2], column[0]),
+                   cross(column[0], column[1])};
+  float determinant = dot(column[0], row[0]);
+  determinant = determinant == 0 ? 1 : determinant;
+  for (int i = 0; i < 3; i++) {
+    Vector r = (1 / (determinant * size[i])) * row[i];
+    a[3 * i] = r.x;
+    a[3 * i + 1] = r.y;
+    a[3 * i + 2] = r.z;
+  }
+}
+
+// A moving Gaussian at the time of the ray; `tint` is blended too.
+__device__ __forceinline__ void blend(const Ray &ray, const float4 *keyed, Matter &m,
+                                      Vector &tint) {
+  float w[3] = {ray.weight.x, ray.weight.y, ray.weight.z}, sum[16];
+  for (int i = 0; i < 16; i++) sum[i] = 0;
+  for (int i = 0; i < 3; i++) {
+    const float4 *row = keyed + control(ray, m.moving, i);
+    for (int j = 0; j < 4; j++) {
+      if (j == 3 && !TINTED) continue;
+      float4 r = row[j];
+      sum[4 * j] += w[i] * r.x;
+      sum[4 * j + 1] += w[i] * r.y;
+      sum[4 * j + 2] += w[i] * r.z;
+      sum[4 * j + 3] += w[i] * r.w;
+    }
+  }
+  invert(sum, m.a);
+  m.mean = {sum[9], sum[10], sum[11]};
+  tint = {sum[12], sum[13], sum[14]};
+}
+
+// Distance t of the peak along the ray and squared distance q there (response.py), and what they
+// are made of.
+struct Meeting {
+  float t, q, shift, inverse;
+  Vector p, moved, o, v, c;
+};
+
+__device__ __forceinline__ Vector apply(const float *a, Vector x) {
+  return {a[0] * x.x + a[1] * x.y + a[2] * x.z, a[3] * x.x + a[4] * x.y + a[5] * x.z,
+          a[6] * x.x + a[7] * x.y + a[8] * x.z};
+}
+
+// To the last digit or so, without the branches of a division.
+__device__ __forceinline__ float reciprocal(float x) {
+  float y;
+  asm("rcp.approx.f32 %0, %1;" : "=f"(y) : "f"(x));
+  return y;
+}
+
+// exp(-q / 2)
+__device__ __forceinline__ float gauss(float q) { return exp2f(-0.72134752044f * q); }
+
+__device__ __forceinline__ Meeting meet(const Matter &m, const Ray &ray) {
+  Meeting r;
+  r.p = ray.o - m.mean;
+  r.shift = -dot(r.p, ray.d);
+  r.moved = r.p + r.shift * ray.d;
+  r.o = apply(m.a, r.moved);
+  r.v = apply(m.a, ray.d);
+  float square = dot(r.v, r.v);
+  r.inverse = square > 0 ? reciprocal(square) : 1;
+  r.c = cross(r.o, r.v);
+  r.t = r.shift - dot(r.o, r.v) * r.inverse;
+  r.q = square > 0 ? dot(r.c, r.c) * r.inverse : INFINITE;
+  return r;
+}
+
+// ---------------------------------------------------------------- colour
+
+__device__ __forceinline__ void harmonics(Vector d, float *y) {
+  float x = d.x, yy = d.y, z = d.z;
+  y[0] = 0.28209479177387814f;
+  if (HARMONICS > 1) {
+    y[1] = -0.4886025119029199f * yy;
+    y[2] = 0.4886025119029199f * z;
+    y[3] = -0.4886025119029199f * x;
+  }
+  if (HARMONICS > 4) {
+    y[4] = 1.0925484305920792f * x * yy;
+    y[5] = -1.0925484305920792f * yy * z;
+    y[6] = 0.31539156525252005f * (2 * z * z - x * x - yy * yy);
+    y[7] = -1.0925484305920792f * x * z;
+    y[8] = 0.5462742152960396f * (x * x - yy * yy);
+  }
+  if (HARMONICS > 9) {
+    y[9] = -0.5900435899266435f * yy * (3 * x * x - yy * yy);
+    y[10] = 2.890611442640554f * x * yy * z;
+    y[11] = -0.4570457994644658f * yy * (4 * z * z - x * x - yy * yy);
+    y[12] = 0.3731763325901154f * z * (2 * z * z - 3 * x * x - 3 * yy * yy);
+    y[13] = -0.4570457994644658f * x * (4 * z * z - x * x - yy * yy);
+    y[14] = 1.445305721320277f * z * (x * x - yy * yy);
+    y[15] = -0.5900435899266435f * x * (x * x - 3 * yy * yy);
+  }
+}
+
+// Gradient to the direction, given that to each harmonic.
+__device__ __forceinline__ Vector harmonics_back(Vector d, const float *g) {
+  float x = d.x, y = d.y, z = d.z;
+  Vector s = {0, 0, 0};
+  if (HARMONICS > 1) {
+    s = {-0.4886025119029199f * g[3], -0.4886025119029199f * g[1], 0.4886025119029199f * g[2]};
+  }
+  if (HARMONICS > 4) {
+    float a = 1.0925484305920792f, b = 0.31539156525252005f, c = 0.5462742152960396f;
+    s.x += a * (y * g[4] - z * g[7]) - 2 * b * x * g[6] + 2 * c * x * g[8];
+    s.y += a * (x * g[4] - z * g[5]) - 2 * b * y * g[6] - 2 * c * y * g[8];
+    s.z += -a * (y * g[5] + x * g[7]) + 4 * b * z * g[6];
+  }
+  if (HARMONICS > 9) {
+    float a = 0.5900435899266435f, b = 2.890611442640554f, c = 0.4570457994644658f;
+    float f = 0.3731763325901154f, e = 1.445305721320277f;
+    s.x += -6 * a * x * y * g[9] + b * y * z * g[10] + 2 * c * x * y * g[11] -
+           6 * f * x * z * g[12] - c * (4 * z * z - 3 * x * x - y * y) * g[13] +
+           2 * e * x * z * g[14] - 3 * a * (x * x - y * y) * g[15];
+    s.y += -3 * a * (x * x - y * y) * g[9] + b * x * z * g[10] -
+           c * (4 * z * z - x * x - 3 * y * y) * g[11] - 6 * f * y * z * g[12] +
+           2 * c * x * y * g[13] - 2 * e * y * z * g[14] + 6 * a * x * y * g[15];
+    s.z += b * x * y * g[10] - 8 * c * y * z * g[11] +
+           f * (6 * z * z - 3 * x * x - 3 * y * y) * g[12] - 8 * c * x * z * g[13] +
+           e * (x * x - y * y) * g[14];
+  }
+  return s;
+}
+
+// ---------------------------------------------------------------- the march
+
+struct Scene {
+  const float4 *state, *keyed;
+  const float *color;
+};
+
+// What a lane has gathered of its ray; `transmittance` is the same for all lanes of a ray.
+struct Path {
+  float4 sum;
+  float transmittance;
+  int hits;
+};
+
+// Gradients: `g` to the pixel, `rest` to what is still to come (the same for all lanes of a ray).
+struct Slope {
+  float4 g;
+  float rest;
+  Vector d_origin, d_direction, d_weight;
+  float *state, *color, *keyed;
+};
+
+__device__ __forceinline__ void add(float *p, float4 v) {
+#if __CUDA_ARCH__ >= 900
+  atomicAdd((float4 *)p, v);
+#else
+  atomicAdd(p, v.x);
+  atomicAdd(p + 1, v.y);
+  atomicAdd(p + 2, v.z);
+  atomicAdd(p + 3, v.w);
+#endif
+}
+
+// The next hit of a ray, front to back; with a slope, its gradients too. Returns alpha and what the
+// hit adds to g . sum.
+template <bool BACK>
+__device__ __forceinline__ float2 shade(const Scene &scene, const Ray &ray, int id, float t,
+                                        float alpha, Path &path, Slope *slope) {
+  const float4 *row = scene.state + 4 * (size_t)id;
+  const float *color = scene.color + COLUMNS * (size_t)id;
+  Vector tint = {1, 1, 1};
+  Matter m;
+  Meeting r;
+  float kernel, raw;
+  bool moving = false;
+  if (BACK || (KEYS > 1 && TINTED)) {
+    m = matter(row[0], row[1], row[2], row[3]);
+    moving = KEYS > 1 && m.moving >= 0;
+    if (moving) blend(ray, scene.keyed, m, tint);
+  }
+  if (TINTED && !moving) tint = load(color + 3 * HARMONICS, 0);
+  if (BACK) {
+    r = meet(m, ray);
+    kernel = gauss(r.q);
+    raw = m.opacity * kernel;
+    alpha = fminf(raw, ALPHA_MAX);
+  }
+  float y[HARMONICS];
+  harmonics(ray.d, y);
+  Vector linear = {0.5f, 0.5f, 0.5f};
+  for (int i = 0; i < HARMONICS; i++) linear = linear + y[i] * load(color, i);
+  Vector radiance = {fmaxf(linear.x, 0), fmaxf(linear.y, 0), fmaxf(linear.z, 0)}, seen = radiance;
+  if (TINTED) seen = {seen.x * fmaxf(tint.x, 0), seen.y * fmaxf(tint.y, 0), seen.z * fmaxf(tint.z, 0)};
+  float weight = path.transmittance * alpha;
+  path.sum.x += weight * seen.x;
+  path.sum.y += weight * seen.y;
+  path.sum.z += weight * seen.z;
+  path.sum.w += weight * t;
+  path.hits++;
+  float added = 0;
+  if (BACK) {
+    // weight_i = alpha_i T_i; what follows is dimmed by 1 - alpha_i.
+    float4 g = slope->g;
+    float now = g.x * seen.x + g.y * seen.y + g.z * seen.z + g.w * t;
+    added = weight * now;
+    float d_alpha = path.transmittance * now - (slope->rest - added) / (1 - alpha);
+    float d_raw = raw < ALPHA_MAX ? d_alpha : 0;
+    float d_q = -0.5f * raw * d_raw, d_t = weight * g.w;
+    // Colour.
+    Vector d_seen = {weight * g.x, weight * g.y, weight * g.z}, d_tint = {0, 0, 0};
+    if (TINTED) {
+      d_tint = {tint.x > 0 ? d_seen.x * radiance.x : 0, tint.y > 0 ? d_seen.y * radiance.y : 0,
+                tint.z > 0 ? d_seen.z * radiance.z : 0};
+      d_seen = {d_seen.x * fmaxf(tint.x, 0), d_seen.y * fmaxf(tint.y, 0),
+                d_seen.z * fmaxf(tint.z, 0)};
+    }
+    Vector d_linear = {linear.x > 0 ? d_seen.x : 0, linear.y > 0 ? d_seen.y : 0,
+                       linear.z > 0 ? d_seen.z : 0};
+    float d_color[COLUMNS], d_y[HARMONICS];
+    for (int i = 0; i < COLUMNS; i++) d_color[i] = 0;
+    for (int i = 0; i < HARMONICS; i++) {
+      store(d_color, i, y[i] * d_linear);
+      d_y[i] = dot(load(color, i), d_linear);
+    }
+    if (TINTED && !moving) store(d_color, HARMONICS, d_tint);
+    float *colors = slope->color + COLUMNS * (size_t)id;
+    for (int i = 0; i < COLUMNS; i += 4)
+      add(colors + i, {d_color[i], d_color[i + 1], d_color[i + 2], d_color[i + 3]});
+    Vector d_d = harmonics_back(ray.d, d_y);
+    // Response, backwards through the lines of `meet`.
+    float along = dot(r.o, r.v), square = dot(r.c, r.c);
+    float d_inverse = square * d_q - along * d_t, d_along = -r.inverse * d_t;
+    Vector d_c = (2 * r.inverse * d_q) * r.c;
+    float d_square = -r.inverse * r.inverse * d_inverse;
+    Vector d_o = d_along * r.v + cross(r.v, d_c);
+    Vector d_v = d_along * r.o + cross(d_c, r.o) + (2 * d_square) * r.v;
+    float a[9];
+    for (int i = 0; i < 9; i++) a[i] = m.a[i];
+    Vector d_moved = {a[0] * d_o.x + a[3] * d_o.y + a[6] * d_o.z,
+                      a[1] * d_o.x + a[4] * d_o.y + a[7] * d_o.z,
+                      a[2] * d_o.x + a[5] * d_o.y + a[8] * d_o.z};
+    d_d = d_d + Vector{a[0] * d_v.x + a[3] * d_v.y + a[6] * d_v.z,
+                       a[1] * d_v.x + a[4] * d_v.y + a[7] * d_v.z,
+                       a[2] * d_v.x + a[5] * d_v.y + a[8] * d_v.z};
+    float d_shift = d_t + dot(d_moved, ray.d);
+    Vector d_p = d_moved - d_shift * ray.d;
+    d_d = d_d + r.shift * d_moved - d_shift * r.p;
+    slope->d_origin = slope->d_origin + d_p;
+    slope->d_direction = slope->d_direction + d_d;
+    float o[3] = {d_o.x, d_o.y, d_o.z}, v[3] = {d_v.x, d_v.y, d_v.z};
+    float x[3] = {r.moved.x, r.moved.y, r.moved.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
+    float d_a[9];
+    for (int i = 0; i < 9; i++) d_a[i] = o[i / 3] * x[i % 3] + v[i / 3] * d[i % 3];
+    float *states = slope->state + 16 * (size_t)id;
+    float4 d_opacity = {raw < ALPHA_MAX ? d_raw * kernel : 0, 0, 0, 0};
+    if (!moving) {
+      add(states, {d_a[0], d_a[1], d_a[2], d_a[3]});
+      add(states + 4, {d_a[4], d_a[5], d_a[6], d_a[7]});
+      add(states + 8, {d_a[8], -d_p.x, -d_p.y, -d_p.z});
+      add(states + 12, d_opacity);
+    } else {
+      add(states + 12, d_opacity);
+      // F = A^-1: dF = -A^T dA A^T.
+      float half[9], d_f[9];
+      for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+          half[3 * i + j] = d_a[3 * i] * a[3 * j] + d_a[3 * i + 1] * a[3 * j + 1] +
+                            d_a[3 * i + 2] * a[3 * j + 2];
+      for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+          d_f[3 * i + j] = -(a[i] * half[j] + a[3 + i] * half[3 + j] + a[6 + i] * half[6 + j]);
+      float4 grad[4] = {{d_f[0], d_f[1], d_f[2], d_f[3]},
+                        {d_f[4], d_f[5], d_f[6], d_f[7]},
+                        {d_f[8], -d_p.x, -d_p.y, -d_p.z},
+                        {d_tint.x, d_tint.y, d_tint.z, 0}};
+      float w[3] = {ray.weight.x, ray.weight.y, ray.weight.z}, d_w[3];
+      for (int i = 0; i < 3; i++) {
+        size_t at = control(ray, m.moving, i);
+        d_w[i] = 0;
+        for (int j = 0; j < 4; j++) {
+          if (j == 3 && !TINTED) continue;
+          float4 k = scene.keyed[at + j], s = grad[j];
+          d_w[i] += k.x * s.x + k.y * s.y + k.z * s.z + k.w * s.w;
+          if (w[i] != 0)
+            add(slope->keyed + 4 * (at + j), {w[i] * s.x, w[i] * s.y, w[i] * s.z, w[i] * s.w});
+        }
+      }
+      slope->d_weight = slope->d_weight + Vector{d_w[0], d_w[1], d_w[2]};
+    }
+  }
+  return {alpha, added};
+}
+
+// The hits of a lane that are still to be blended, nearest first; equally distant ones in the order
+// of the list. An empty place is infinitely far.
+struct Pending {
+  float t[K], alpha[K];
+  int place[K];
+
+  __device__ __forceinline__ void clear() {
+#pragma unroll
+    for (int i = 0; i < K; i++) t[i] = INFINITE;
+  }
+
+  // The last hit has to give way.
+  __device__ __forceinline__ void insert(float mine, float own, int from) {
+#pragma unroll
+    for (int i = K - 1; i > 0; i--) {
+      bool here = mine < t[i], further = mine < t[i - 1];
+      alpha[i] = here ? (further ? alpha[i - 1] : own) : alpha[i];
+      place[i] = here ? (further ? place[i - 1] : from) : place[i];
+      t[i] = here ? (further ? t[i - 1] : mine) : t[i];
+    }
+    alpha[0] = mine < t[0] ? own : alpha[0];
+    place[0] = mine < t[0] ? from : place[0];
+    t[0] = fminf(mine, t[0]);
+  }
+
+  // Forget the nearest, where told to.
+  __device__ __forceinline__ void pop(bool gone) {
+#pragma unroll
+    for (int i = 0; i < K - 1; i++) {
+      alpha[i] = gone ? alpha[i + 1] : alpha[i];
+      place[i] = gone ? place[i + 1] : place[i];
+      t[i] = gone ? t[i + 1] : t[i];
+    }
+    t[K - 1] = gone ? INFINITE : t[K - 1];
+  }
+};
+
+// Where a hit stands in the order.
+struct Rank {
+  float t;
+  int place;
+  __device__ __forceinline__ bool operator<(Rank other) {
+    return t < other.t || (t == other.t && place < other.place);
+  }
+};
+
+// The least of the lanes of a ray.
+__device__ __forceinline__ float least_of_ray(float v) {
+  for (int i = LANES / 2; i; i >>= 1) v = fminf(v, __shfl_xor_sync(ALL, v, i));
+  return v;
+}
+__device__ __forceinline__ int least_of_ray(int v) {
+  for (int i = LANES / 2; i; i >>= 1) v = min(v, __shfl_xor_sync(ALL, v, i));
+  return v;
+}
+__device__ __forceinline__ float sum_of_ray(float v) {
+  for (int i = LANES / 2; i; i >>= 1) v += __shfl_xor_sync(ALL, v, i);
+  return v;
+}
+__device__ __forceinline__ Rank least_of_ray(Rank v) {
+  for (int i = LANES / 2; i; i >>= 1) {
+    Rank other = {__shfl_xor_sync(ALL, v.t, i), __shfl_xor_sync(ALL, v.place, i)};
+    if (other < v) v = other;
+  }
+  return v;
+}
+
+// Sixteen bytes on their way to shared memory, and how to wait for all of them.
+__device__ __forceinline__ void copy(float4 *to, const float4 *from) {
+#if __CUDA_ARCH__ >= 800
+  u32 place = (u32)__cvta_generic_to_shared(to);
+  asm volatile("cp.async.ca.shared.global [%0], [%1], 16;" ::"r"(place), "l"(from));
+#else
+  *to = *from;
+#endif
+}
+__device__ __forceinline__ void arrive() {
+#if __CUDA_ARCH__ >= 800
+  asm volatile("cp.async.wait_all;" ::: "memory");
+#endif
+  __syncwarp();
+}
+
+// The entries of a group's list that a warp may meet, in order: read ahead, 32 at a time. Rows are
+// padded, so that lanes can read different ones at once.
+struct Queue {
+  int id[96], place[96];
+  float bound[96];
+  float4 row[2][32][5];
+};
+
+// A warp takes neighbouring rays through their group's list, 32 entries at a time. The lanes of a
+// ray share the entries among them; each meets its own, then takes its hits in.
+//
+// Every lane keeps its K nearest pending hits in order. The nearest hit of a ray is blended once no
+// later entry of the list can be nearer. Hits that a full lane has no room for are left to another
+// pass over the list: `limit` is the nearest of them, and everything nearer is taken in this pass.
+template <bool BACK>
+__device__ void march(const Scene &scene, const int *list, const float *bounds, const int *masks,
+                      const int *count, size_t group, int part, const Ray &ray, Path &path,
+                      Slope *slope) {
+  __shared__ Queue queues[WARPS];
+  __shared__ float distance[WARPS][WIDE][32], alphas[WARPS][WIDE][32];
+  const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5, own = lane % LANES;
+  Queue &queue = queues[warp];
+  const u32 bit = 1u << (part * WIDE / (32 * SPAN));
+  const int entries = min(count[group], SLOTS);
+  list += group * SLOTS;
+  bounds += group * SLOTS;
+  masks += group * SLOTS;
+
+  const Rank nothing = {INFINITE, 0x7fffffff};
+  Pending pending;
+  pending.clear();
+  Rank floor = {0, 0}, limit = nothing;
+  int oldest = 0x7fffffff, start = 0;
+  bool live = ray.d.x != 0 || ray.d.y != 0 || ray.d.z != 0;
+  while (true) {
+    int head = start, have = 0, turned = 0, mask = 0, id = 0;
+    float bound = 0;
+    bool open = live;
+    auto ahead = [&](int at) {
+      mask = at < entries ? masks[at] : 0;
+      id = at < entries ? list[at] : 0;
+      bound = at < entries ? bounds[at] : 0;
+    };
+    auto fill = [&]() {
+      while (have < 64 && head < entries) {
+        bool met = mask & bit;
+        u32 met_by = __ballot_sync(ALL, met);
+        int slot = have + __popc(met_by & ((1u << lane) - 1));
+        if (met) {
+          queue.id[slot] = id;
+          queue.place[slot] = head + lane;
+          queue.bound[slot] = bound;
+        }
+        have += __popc(met_by);
+        head += 32;
+        ahead(head + lane);
+      }
+      __syncwarp();
+    };
+    // Rows of the queue's entries from `first` on.
+    auto stage = [&](int first, int buffer) {
+      for (int i = lane; i < 4 * min(have - first, 32); i += 32)
+        copy(&queue.row[buffer][i >> 2][i & 3],
+             scene.state + 4 * (size_t)queue.id[first + (i >> 2)] + (i & 3));
+    };
+    ahead(head + lane);
+    fill();
+    stage(0, 0);
+    while (true) {
+      arrive();
+      const int staged = min(have, 32);
+      stage(32, turned ^ 1);
+      u32 hits = 0;
+#pragma unroll 2
+      for (int j = 0; j < (staged + LANES - 1) / LANES; j++) {
+        const int e = j * LANES + own;
+        const float4 *row = queue.row[turned][e];
+        Matter m = matter(row[0], row[1], row[2], row[3]);
+        if (KEYS > 1 && e < staged && m.moving >= 0) {
+          Vector unused;
+          blend(ray, scene.keyed, m, unused);
+        }
+        Meeting r = meet(m, ray);
+        hits |= (u32)(e < staged && r.q < m.reach && r.t > 0) << j;
+        distance[warp][j][lane] = r.t;
+        alphas[warp][j][lane] = fminf(m.opacity * gauss(r.q), ALPHA_MAX);
+      }
+      if (!open) hits = 0;
+      while (__any_sync(ALL, hits)) {
+        int j = hits ? __ffs(hits) - 1 : 0;
+        Rank mine = {distance[warp][j][lane], queue.place[j * LANES + own]};
+        if (hits && !(mine < floor) && mine < limit) {
+          if (pending.t[0] == INFINITE) oldest = min(oldest, mine.place);
+          Rank dropped = {pending.t[K - 1], pending.place[K - 1]};
+          if (dropped.t < INFINITE) limit = mine < dropped ? dropped : mine;
+          pending.insert(mine.t, alphas[warp][j][lane], mine.place);
+        }
+        hits &= hits - 1;
+      }
+      // No later entry is met before this. Hits are blended when half the rays have one, or where
+      // room or the list comes to an end.
+      const float bar = have > 32 ? queue.bound[32] : INFINITE;
+      const bool last = have <= 32;
+      const Rank end = least_of_ray(limit);
+      while (true) {
+        float nearest = least_of_ray(pending.t[0]);
+        bool ready = open && nearest < bar && nearest <= end.t;
+        bool crowded = pending.t[K - 1 - K / 4] < INFINITE;
+        bool first = ready && pending.t[0] == nearest;
+        u32 some = __ballot_sync(ALL, first);
+        if (!some) break;
+        // Of hits at the same distance, the first of the list.
+        u32 rivals = some >> (lane - own) & ((1u << LANES) - 1);
+        if (LANES > 1 && __any_sync(ALL, rivals & (rivals - 1))) {
+          int least = least_of_ray(first ? pending.place[0] : 0x7fffffff);
+          first = first && pending.place[0] == least;
+          rivals = __ballot_sync(ALL, first) >> (lane - own) & ((1u << LANES) - 1);
+        }
+        // Beyond the limit there are hits that were not taken in.
+        bool stopped = first && !(Rank{pending.t[0], pending.place[0]} < end);
+        first = first && !stopped;
+        bool urgent = ready && (last || crowded || end.t <= bar);
+        if (!__any_sync(ALL, first)) break;
+        if (2 * __popc(some) * LANES < __popc(__ballot_sync(ALL, open)) &&
+            !__any_sync(ALL, urgent))
+          break;
+        float2 got = {0, 0};
+        if (first)
+          got = shade<BACK>(scene, ray, list[pending.place[0]], pending.t[0], pending.alpha[0],
+                            path, slope);
+        if (LANES > 1) {
+          int from = lane - own + (rivals ? __ffs(rivals) - 1 : 0);
+          got.x = __shfl_sync(ALL, got.x, from);
+          if (BACK) got.y = __shfl_sync(ALL, got.y, from);
+        }
+        if (rivals) {
+          path.transmittance *= 1 - got.x;
+          if (BACK) slope->rest -= got.y;
+          if (path.transmittance <= TRANSMITTANCE_MIN) open = live = false;
+        }
+        pending.pop(first);
+      }
+      if (pending.t[0] == INFINITE && limit.t == INFINITE) oldest = 0x7fffffff;
+      if (end.t <= bar) open = false;
+      if (last || !__any_sync(ALL, open)) break;
+      // The entries that are left move up.
+      for (int i = lane; i < 64; i += 32) {
+        int moved_id = queue.id[i + 32], moved_place = queue.place[i + 32];
+        float moved_bound = queue.bound[i + 32];
+        __syncwarp();
+        queue.id[i] = moved_id;
+        queue.place[i] = moved_place;
+        queue.bound[i] = moved_bound;
+        __syncwarp();
+      }
+      have -= 32;
+      turned ^= 1;
+      fill();
+    }
+    arrive();
+    floor = least_of_ray(limit);
+    live = live && floor.t < INFINITE;
+    if (!__any_sync(ALL, live)) break;
+    start = least_of_warp(live ? oldest : entries);
+    limit = nothing;
+    oldest = 0x7fffffff;
+    pending.clear();
+  }
+}
+
+// What a lane of the march works on.
+struct Job {
+  size_t group, ray;
+  int part;
+  bool there;
+};
+
+__device__ __forceinline__ Job job_of(const int *turn) {
+  const int lane = threadIdx.x & 31;
+  const size_t warp = (size_t)blockIdx.x * WARPS + (threadIdx.x >> 5);
+  Job job;
+  job.group = turn[warp / (SAMPLES * PER)];
+  job.part = warp % PER;
+  const int slot = WIDE * job.part + lane / LANES;
+  job.ray = warp / PER % SAMPLES * RAYS + job.group * GROUP + slot;
+  job.there = slot < GROUP;
+  return job;
+}
+
+__device__ __forceinline__ Ray ray_at(const float *origin, const float *direction,
+                                      const float4 *weight, size_t i, bool there) {
+  Ray ray = {{0, 0, 0}, {0, 0, 0}, {1, 0, 0, 0}};
+  if (there) {
+    ray.o = load(origin, i);
+    ray.d = load(direction, i);
+    if (KEYS > 1) ray.weight = weight[i];
+  }
+  return ray;
+}
+
+extern "C" __global__ void __launch_bounds__(32 * WARPS)
+forward(const float *origin, const float *direction, const float4 *weight, const int *list,
+        const float *bounds, const int *masks, const int *count, const int *turn,
+        const float4 *state, const float4 *keyed, const float *color, float4 *sum,
+        float *transmittance, int *hits) {
+  if ((size_t)blockIdx.x * WARPS + (threadIdx.x >> 5) >= JOBS) return;
+  const Job job = job_of(turn);
+  const Ray ray = ray_at(origin, direction, weight, job.ray, job.there);
+  Path path = {{0, 0, 0, 0}, 1, 0};
+  const Scene scene = {state, keyed, color};
+  march<false>(scene, list, bounds, masks, count, job.group, job.part, ray, path, nullptr);
+  float4 total = {sum_of_ray(path.sum.x), sum_of_ray(path.sum.y), sum_of_ray(path.sum.z),
+                  sum_of_ray(path.sum.w)};
+  int met = (int)sum_of_ray((float)path.hits);
+  if (!job.there || threadIdx.x % LANES) return;
+  sum[job.ray] = total;
+  transmittance[job.ray] = path.transmittance;
+  hits[job.ray] = met;
+}
+
+// The gradients of the Gaussians are added to what `d_state`, `d_color` and `d_keyed` hold.
+extern "C" __global__ void __launch_bounds__(32 * WARPS)
+backward(const float *origin, const float *direction, const float4 *weight, const int *list,
+         const float *bounds, const int *masks, const int *count, const int *turn,
+         const float4 *state, const float4 *keyed, const float *color, const float4 *sum,
+         const float *transmittance, const float4 *g_sum, const float *g_transmittance,
+         float *d_state, float *d_color, float *d_keyed, float *d_origin, float *d_direction,
+         float4 *d_weight) {
+  if ((size_t)blockIdx.x * WARPS + (threadIdx.x >> 5) >= JOBS) return;
+  const Job job = job_of(turn);
+  const Ray ray = ray_at(origin, direction, weight, job.ray, job.there);
+  Path path = {{0, 0, 0, 0}, 1, 0};
+  Slope slope = {};
+  slope.state = d_state;
+  slope.color = d_color;
+  slope.keyed = d_keyed;
+  if (job.there) {
+    float4 total = sum[job.ray], g = g_sum[job.ray];
+    slope.g = g;
+    slope.rest = g.x * total.x + g.y * total.y + g.z * total.z + g.w * total.w +
+                 g_transmittance[job.ray] * transmittance[job.ray];
+  }
+  const Scene scene = {state, keyed, color};
+  march<true>(scene, list, bounds, masks, count, job.group, job.part, ray, path, &slope);
+  Vector o = slope.d_origin, d = slope.d_direction, w = slope.d_weight;
+  o = {sum_of_ray(o.x), sum_of_ray(o.y), sum_of_ray(o.z)};
+  d = {sum_of_ray(d.x), sum_of_ray(d.y), sum_of_ray(d.z)};
+  w = {sum_of_ray(w.x), sum_of_ray(w.y), sum_of_ray(w.z)};
+  if (!job.there || threadIdx.x % LANES) return;
+  store(d_origin, job.ray, o);
+  store(d_direction, job.ray, d);
+  if (KEYS > 1) d_weight[job.ray] = {w.x, w.y, w.z, 0};
+}
