@@ -108,11 +108,6 @@ class Fit:
     def begin(self) -> State:
         """Gaussians on the capture's points, or on random ones; which move is decided at once, so
         that both sets keep their place."""
-        if self.journal.checkpoint.exists():
-            raise ValueError(
-                f"out={self.journal.out} holds an unfinished reconstruction. Add resume=true to go "
-                "on with it, or choose another folder."
-            )
         fit, points = self.options.fit, self.capture.points
         if points is not None:
             position, color = np.asarray(points.position), np.asarray(points.color)

@@ -131,8 +131,10 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(
     with pytest.raises(KeyboardInterrupt):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
     monkeypatch.setattr(Journal, "record", record)
+    before = (tmp_path / "metrics.jsonl").read_bytes()
     with pytest.raises(ValueError, match="resume=true"):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+    assert (tmp_path / "metrics.jsonl").read_bytes() == before
     reconstruct(capture, tmp_path, options=OPTIONS, resume=True, quiet=True)
     assert_same(fitted[0], tmp_path)
 
