@@ -15,8 +15,9 @@ from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
+from gaussray.filming import render_dataset
 from gaussray.geometry import quaternion
-from gaussray.render import Renderer, RenderOptions, render_dataset
+from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.bodies import resting
 from gaussray.scene.deformation import Deformation, Layer, deform, initial_deformation
 from gaussray.scene.gaussians import Gaussians
