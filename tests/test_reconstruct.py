@@ -18,9 +18,7 @@ from gaussray.fit.journal import Journal, NonFiniteLoss
 from gaussray.fit.tracking import TrackOptions
 from gaussray.reconstruct import Fit, ReconstructOptions, reconstruct
 from gaussray.render import RenderOptions
-from gaussray.scene.deformation import FieldOptions
 from gaussray.scene.store import load_scene
-from gaussray.tracer.trace import TraceOptions
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -28,15 +26,9 @@ pytestmark = pytest.mark.usefixtures("quick_compilation")
 OPTIONS = ReconstructOptions(
     fit=FitOptions(coarse=100, fine=200, tiles=4, block=10, checkpoint=0.0, points=60),
     track=TrackOptions(poses=8, points=4, elite=2, rounds=1, blur=(0.5,)),
-    field=FieldOptions(sides=(4, 6), channels=4, width=8),
+    field=toy.SHORT.field,
     density=DensityOptions(interval=20),
-    trace=TraceOptions(levels=0, group=2, chunk=8, transmittance_min=1e-2),
-)
-# One block per stage.
-SHORT = ReconstructOptions(
-    fit=FitOptions(coarse=10, fine=10, tiles=4, block=10, points=60),
-    field=OPTIONS.field,
-    trace=OPTIONS.trace,
+    trace=toy.SHORT.trace,
 )
 # The loss of the toy falls by this factor from the first block of steps to the last.
 FALL = 2.0
@@ -174,7 +166,7 @@ def test_without_points_random_ones_in_view_are_the_start(bare, tmp_path):
 
 
 def test_without_points_the_field_alone_moves_what_is_no_body(bare, tmp_path):
-    scene = reconstruct(bare, tmp_path, options=SHORT, quiet=True)
+    scene = reconstruct(bare, tmp_path, options=toy.SHORT, quiet=True)
     assert [line["stage"] for line in lines(tmp_path)] == ["coarse", "fine"]
     assert scene.static.count == 0 and scene.moving.count == 60
     assert scene.deformation is not None and scene.deformation.bodies.pivot.shape == (0, 3)
@@ -189,7 +181,7 @@ def test_without_points_the_field_alone_moves_what_is_no_body(bare, tmp_path):
 def test_a_single_instant_gives_a_scene_that_stands_still(capture, tmp_path, quick_compilation):
     views = [view for view in capture.views if view.time == 0]
     one = type(capture)(**(vars(capture) | {"views": views, "time_range": (0.0, 0.0)}))
-    scene = reconstruct(one, tmp_path, options=SHORT, quiet=True)
+    scene = reconstruct(one, tmp_path, options=toy.SHORT, quiet=True)
     assert scene.deformation is None and scene.moving.count == 0
     assert [line["stage"] for line in lines(tmp_path)] == ["coarse"]
 
@@ -200,7 +192,7 @@ def test_where_nothing_moves_all_instants_are_fitted_by_a_scene_that_stands_stil
     first = {view.camera_name: view.image for view in capture.views if view.time == 0}
     views = [View(**(vars(view) | {"image": first[view.camera_name]})) for view in capture.views]
     frozen = type(capture)(**(vars(capture) | {"views": views}))
-    scene = reconstruct(frozen, tmp_path, options=SHORT, quiet=True)
+    scene = reconstruct(frozen, tmp_path, options=toy.SHORT, quiet=True)
     assert scene.deformation is None and scene.moving.count == 0
     assert [line["stage"] for line in lines(tmp_path)] == ["coarse", "fine"]
 
