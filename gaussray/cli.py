@@ -174,7 +174,8 @@ def _reconstruct(cfg: DictConfig) -> None:
 
 def _render(cfg: DictConfig) -> None:
     from gaussray import rig as rigs
-    from gaussray.render import RenderOptions, render_dataset
+    from gaussray.filming import render_dataset
+    from gaussray.render import RenderOptions
     from gaussray.scene.store import load_scene
     from gaussray.tracer.trace import TraceOptions
 

@@ -96,10 +96,11 @@ class Fit:
         self.step = StepOptions(options.loss, options.optimizer, options.trace)
         self.camera = np.array([view.camera_name for view in views])
         self.footage = footage(views)
+        self.moved = moved_pixels(self.footage, self.camera)
         self.extent = _extent(views)
         self.sampler = Sampler(
             self.footage.times,
-            tile_activity(self.footage, self.camera, side=options.trace.bundle),
+            tile_activity(self.footage, self.moved, side=options.trace.bundle),
             tiles=options.fit.tiles,
             balance=options.fit.balance,
         )
@@ -108,11 +109,6 @@ class Fit:
     def begin(self) -> State:
         """Gaussians on the capture's points, or on random ones; which move is decided at once, so
         that both sets keep their place."""
-        if self.journal.checkpoint.exists():
-            raise ValueError(
-                f"out={self.journal.out} holds an unfinished reconstruction. Add resume=true to go "
-                "on with it, or choose another folder."
-            )
         fit, points = self.options.fit, self.capture.points
         if points is not None:
             position, color = np.asarray(points.position), np.asarray(points.color)
@@ -180,7 +176,7 @@ class Fit:
             np.asarray(rotation_matrix(moving.quat))[:, :, 2],
             np.asarray(moving.harmonics[:, 0] * C0 + 0.5),
             np.asarray(self.footage.picture),
-            moved_pixels(self.footage, self.camera),
+            self.moved,
             None if self.footage.mask is None else np.asarray(self.footage.mask),
             self.footage.camera,
             options=self.options.track,

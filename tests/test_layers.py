@@ -13,7 +13,7 @@ LEVELS = [
     {"tracer", "capture", "fit", "dataset"},
     {"training"},
     {"reconstruct", "render"},
-    {"evaluate", "rig"},
+    {"evaluate", "filming", "rig"},
     {"demo"},
     {"cli"},
     {"__main__"},

@@ -10,7 +10,7 @@ import pytest
 import toy
 
 from gaussray import reconstruct as stage, training
-from gaussray.capture.calibration import read_capture
+from gaussray.capture.calibration import View, read_capture
 from gaussray.evaluate import EvaluateOptions, evaluate
 from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions, alive
@@ -18,9 +18,7 @@ from gaussray.fit.journal import Journal, NonFiniteLoss
 from gaussray.fit.tracking import TrackOptions
 from gaussray.reconstruct import Fit, ReconstructOptions, reconstruct
 from gaussray.render import RenderOptions
-from gaussray.scene.deformation import FieldOptions
 from gaussray.scene.store import load_scene
-from gaussray.tracer.trace import TraceOptions
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -28,9 +26,9 @@ pytestmark = pytest.mark.usefixtures("quick_compilation")
 OPTIONS = ReconstructOptions(
     fit=FitOptions(coarse=100, fine=200, tiles=4, block=10, checkpoint=0.0, points=60),
     track=TrackOptions(poses=8, points=4, elite=2, rounds=1, blur=(0.5,)),
-    field=FieldOptions(sides=(4, 6), channels=4, width=8),
+    field=toy.SHORT.field,
     density=DensityOptions(interval=20),
-    trace=TraceOptions(levels=0, group=2, chunk=8, transmittance_min=1e-2),
+    trace=toy.SHORT.trace,
 )
 # The loss of the toy falls by this factor from the first block of steps to the last.
 FALL = 2.0
@@ -125,8 +123,10 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(
     with pytest.raises(KeyboardInterrupt):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
     monkeypatch.setattr(Journal, "record", record)
+    before = (tmp_path / "metrics.jsonl").read_bytes()
     with pytest.raises(ValueError, match="resume=true"):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+    assert (tmp_path / "metrics.jsonl").read_bytes() == before
     reconstruct(capture, tmp_path, options=OPTIONS, resume=True, quiet=True)
     assert_same(fitted[0], tmp_path)
 
@@ -150,8 +150,13 @@ def test_what_is_not_finite_stops_the_run_and_is_named(capture, tmp_path, monkey
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(state))
 
 
-def test_without_points_random_ones_in_view_are_the_start(capture, tmp_path):
-    bare = type(capture)(**(vars(capture) | {"points": None}))
+@pytest.fixture
+def bare(capture):
+    """The same pictures and cameras, without points."""
+    return type(capture)(**(vars(capture) | {"points": None}))
+
+
+def test_without_points_random_ones_in_view_are_the_start(bare, tmp_path):
     journal = Journal(tmp_path, resume=False, interval=0.0)
     state = Fit(bare, journal, OPTIONS, True).begin()
     assert alive(state.parameters.static).sum() == 0
@@ -160,15 +165,36 @@ def test_without_points_random_ones_in_view_are_the_start(capture, tmp_path):
     assert np.abs(place).max() < 4
 
 
+def test_without_points_the_field_alone_moves_what_is_no_body(bare, tmp_path):
+    scene = reconstruct(bare, tmp_path, options=toy.SHORT, quiet=True)
+    assert [line["stage"] for line in lines(tmp_path)] == ["coarse", "fine"]
+    assert scene.static.count == 0 and scene.moving.count == 60
+    assert scene.deformation is not None and scene.deformation.bodies.pivot.shape == (0, 3)
+    assert scene.deformation.bodies.path.shape == (0, len(toy.TIMES), 3)
+    found = load_scene(tmp_path)
+    assert jax.tree.structure(found) == jax.tree.structure(scene)
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(scene), strict=True):
+        assert np.isfinite(a).all()
+        np.testing.assert_array_equal(a, b)
+
+
 def test_a_single_instant_gives_a_scene_that_stands_still(capture, tmp_path, quick_compilation):
     views = [view for view in capture.views if view.time == 0]
     one = type(capture)(**(vars(capture) | {"views": views, "time_range": (0.0, 0.0)}))
-    options = ReconstructOptions(
-        fit=FitOptions(coarse=10, fine=10, tiles=4, block=10), trace=OPTIONS.trace
-    )
-    scene = reconstruct(one, tmp_path, options=options, quiet=True)
+    scene = reconstruct(one, tmp_path, options=toy.SHORT, quiet=True)
     assert scene.deformation is None and scene.moving.count == 0
-    assert {line["stage"] for line in lines(tmp_path)} == {"coarse"}
+    assert [line["stage"] for line in lines(tmp_path)] == ["coarse"]
+
+
+def test_where_nothing_moves_all_instants_are_fitted_by_a_scene_that_stands_still(
+    capture, tmp_path
+):
+    first = {view.camera_name: view.image for view in capture.views if view.time == 0}
+    views = [View(**(vars(view) | {"image": first[view.camera_name]})) for view in capture.views]
+    frozen = type(capture)(**(vars(capture) | {"views": views}))
+    scene = reconstruct(frozen, tmp_path, options=toy.SHORT, quiet=True)
+    assert scene.deformation is None and scene.moving.count == 0
+    assert [line["stage"] for line in lines(tmp_path)] == ["coarse", "fine"]
 
 
 def test_the_report_says_what_the_design_says(fitted, capture, tmp_path):

@@ -1,6 +1,4 @@
-"""Pictures of a scene: all effects at once, any size, nothing lost, and a data set to read back."""
-
-import json
+"""Pictures of a scene: all effects at once, any size, nothing lost."""
 
 import jax
 import jax.numpy as jnp
@@ -9,14 +7,12 @@ import pytest
 import toy
 
 from gaussray.camera.aperture import Aperture
-from gaussray.camera.camera import Camera, camera_rays
+from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.lens import KannalaBrandt
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
-from gaussray.capture.calibration import read_capture
-from gaussray.evaluate import EvaluateOptions, evaluate
-from gaussray.render import Renderer, RenderOptions, key_count, render_dataset
+from gaussray.render import Renderer, RenderOptions, key_count
 from gaussray.scene.scene import Scene
 from gaussray.tracer.traverse import Capacity
 
@@ -26,8 +22,6 @@ pytestmark = pytest.mark.usefixtures("quick_compilation")
 # Quadratic between the keys against exact rows, for motion of the third order (measured: 3e-4).
 ROWS = 1e-3
 ONE = RenderOptions(samples=1)
-
-shoot = jax.jit(camera_rays)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +37,7 @@ def still():
 
 @pytest.fixture(scope="module")
 def render(scene):
-    """Films the moving scene. The first cameras are those of the paired capture: what is compiled
+    """Films the moving scene. The first cameras are those of a paired capture: what is compiled
     for the list sizes that they need serves all tests."""
     render = Renderer(scene, options=ONE, trace=toy.TRACE)
     for record in toy.with_effect(toy.records()):
@@ -130,43 +124,6 @@ def test_a_scene_of_which_one_kind_is_absent(still, part):
     parts = vars(still) | {part: none}
     frame = Renderer(Scene(**parts), options=ONE, trace=toy.TRACE)(toy.camera())
     assert np.isfinite(frame.color).all() and frame.alpha.max() > 0.5
-
-
-def test_a_data_set_reads_back_is_kept_and_scores_against_itself(scene, tmp_path):
-    records = toy.with_effect(toy.records())
-    toy.write_paired(tmp_path, scene)
-    capture = read_capture(tmp_path)
-    assert len(capture.views) == 12 and len(capture.effects["rolling_shutter"]) == 1
-    pixel, middle = toy.single([[0, 0], [15, 3], [4, 15]]), jnp.full((3, 5), 0.5, jnp.float32)
-    found = [*capture.views, *capture.effects["rolling_shutter"]]
-    for record, view in zip(records, found, strict=True):
-        ours, read = (shoot(c, pixel, middle) for c in (record.camera, view.camera))
-        for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(read), strict=True):
-            np.testing.assert_allclose(a, b, atol=1e-5)
-    assert (tmp_path / "pinhole_cam_3.mp4").is_file()
-
-    kept = tmp_path / records[0].file_path
-    before, gone = kept.stat().st_mtime_ns, tmp_path / records[1].file_path
-    content = gone.read_bytes()
-    gone.unlink()
-    toy.write_paired(tmp_path, scene)
-    assert kept.stat().st_mtime_ns == before
-    assert gone.read_bytes() == content
-
-    with pytest.raises(ValueError, match="holds pictures of another scene, camera or option"):
-        render_dataset(
-            scene, records, tmp_path, options=RenderOptions(samples=2), trace=toy.TRACE, quiet=True
-        )
-
-    report = evaluate(
-        scene, capture, tmp_path / "scores", options=EvaluateOptions(split="all"), render=ONE,
-        trace=toy.TRACE, quiet=True,
-    )  # fmt: skip
-    assert report["frames"] == 13 and set(report["effects"]) == {"pinhole", "rolling_shutter"}
-    for row in report["effects"].values():
-        assert row["psnr"] is None or row["psnr"] > 45
-    text = (tmp_path / "scores" / "report.json").read_text()
-    json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
 
 
 def test_a_frame_takes_three_states_for_every_interval_it_touches(scene):

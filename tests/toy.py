@@ -15,10 +15,14 @@ from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
+from gaussray.filming import render_dataset
+from gaussray.fit.course import FitOptions
+from gaussray.fit.tracking import TrackOptions
 from gaussray.geometry import quaternion
-from gaussray.render import Renderer, RenderOptions, render_dataset
+from gaussray.reconstruct import ReconstructOptions
+from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.bodies import resting
-from gaussray.scene.deformation import Deformation, Layer, deform, initial_deformation
+from gaussray.scene.deformation import Deformation, FieldOptions, Layer, deform, initial_deformation
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant
 from gaussray.scene.planes import initial_planes
@@ -31,10 +35,12 @@ CAMERAS = ("cam_0", "cam_1", "cam_2", "cam_3")
 TIMES = (0.0, 0.5, 1.0)
 # No level of coarser bundles: a picture of 16 x 16 has four bundles in all.
 TRACE = TraceOptions(levels=0, group=2, chunk=8)
-# Overrides with which `gaussray reconstruct` takes seconds; what it finds is poor.
-TINY = (
-    *("fit.coarse=6", "fit.fine=6", "fit.block=3", "fit.tiles=4", "track.poses=0"),
-    *("field.sides=[4]", "field.channels=2", "field.width=4"),
+# One block of steps per stage; what they find is poor.
+SHORT = ReconstructOptions(
+    fit=FitOptions(coarse=10, fine=10, tiles=4, block=10, points=60),
+    track=TrackOptions(poses=0),
+    field=FieldOptions(sides=(4, 6), channels=4, width=8),
+    trace=TraceOptions(levels=0, group=2, chunk=8, transmittance_min=1e-2),
 )
 
 
@@ -174,3 +180,12 @@ def write_points(path: Path, filmed: Scene) -> None:
     head += [f"property uchar {name}" for name in ("red", "green", "blue")]
     rows = [f"{x} {y} {z} 128 128 128" for x, y, z in place]
     path.write_text("\n".join([*head, "end_header", *rows, ""]))
+
+
+def overrides(options: eqx.Module) -> list[str]:
+    """Every option of a verb as a word of its command line."""
+    return [
+        f"{group}.{name}={list(value) if isinstance(value, tuple) else value}"
+        for group, chosen in vars(options).items()
+        for name, value in vars(chosen).items()
+    ]

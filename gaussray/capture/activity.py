@@ -26,11 +26,10 @@ def moved_pixels(footage: Footage, camera: np.ndarray) -> Bool[np.ndarray, "fram
 
 
 def tile_activity(
-    footage: Footage, camera: np.ndarray, *, side: int
+    footage: Footage, moved: Bool[np.ndarray, "frames h w"], *, side: int
 ) -> Float[np.ndarray, "frames tiles"]:
-    """Share of `moved_pixels` in every tile of every frame."""
+    """Share of the pixels that have `moved` in every tile of every frame."""
     columns, rows = tile_grid(footage, side)
-    moved = moved_pixels(footage, camera)
     height, width = moved.shape[1:]
     y = np.minimum(np.arange(rows) * side, height - side)[:, None]
     x = np.minimum(np.arange(columns) * side, width - side)[None, :]

@@ -64,8 +64,14 @@ def bodies(
     """The connected groups of points, resting: what moves as one, as far as one can tell.
 
     Points belong together when they are nearer than three typical gaps. Groups of less than a
-    hundredth of the points are no bodies.
+    hundredth of the points are no bodies, and without points there are none.
     """
+    if not len(position):
+        return resting(
+            jnp.zeros((0, 3), jnp.float32),
+            jnp.zeros(0, jnp.float32),
+            jnp.asarray(times, jnp.float32),
+        )
     tree = KDTree(position)
     gap = np.median(
         tree.query(position, k=min(2, len(position)))[0].reshape(len(position), -1)[:, -1]

@@ -20,22 +20,32 @@ class NonFiniteLoss(RuntimeError):
 
 
 class Journal:
-    """metrics.jsonl and checkpoint.npz in the folder `out`; `info` is saved with every state."""
+    """metrics.jsonl and checkpoint.npz in the folder `out`; `info` is saved with every state.
+
+    A folder with an unfinished run is open to `resume` alone, and `resume` to no other folder; what
+    does not fit is refused before anything is written.
+    """
 
     def __init__(self, out: Path, *, resume: bool, interval: float):
         self.out, self.interval = out, interval
         self.info: dict[str, Any] = {}
         self.began = self.saved = clock.monotonic()
         self.checkpoint = out / "checkpoint.npz"
+        unfinished = self.checkpoint.is_file()
+        if unfinished and not resume:
+            raise ValueError(
+                f"out={out} holds an unfinished reconstruction. Add resume=true to go on with it, "
+                "or choose another folder."
+            )
+        if resume and not unfinished:
+            raise FileNotFoundError(
+                f"out={out}: holds no checkpoint.npz to go on with. Leave out resume=true."
+            )
         try:
             out.mkdir(parents=True, exist_ok=True)
             (out / "metrics.jsonl").open("a" if resume else "w").close()
         except OSError as error:
             raise OSError(f"out={out}: cannot be written: {error}") from error
-        if resume and not self.checkpoint.is_file():
-            raise FileNotFoundError(
-                f"out={out}: holds no checkpoint.npz to go on with. Leave out resume=true."
-            )
 
     def resumed(self) -> tuple[State, str]:
         """The state of an interrupted run, and its stage."""

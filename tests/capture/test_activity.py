@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.capture.activity import point_activity, tile_activity
+from gaussray.capture.activity import moved_pixels, point_activity, tile_activity
 from gaussray.capture.batches import Footage
 
 
@@ -20,7 +20,9 @@ def footage():
 
 
 def test_activity_is_the_share_of_pixels_that_leave_the_median(footage):
-    activity = tile_activity(footage, np.array(["a"] * 4), side=8)
+    moved = moved_pixels(footage, np.array(["a"] * 4))
+    np.testing.assert_array_equal(moved, np.asarray(footage.picture)[..., 0] > 0)
+    activity = tile_activity(footage, moved, side=8)
     assert activity.shape == (4, 4) and not activity[:3].any()
     # Tiles at 0 and 4: the second ones overlap the first and meet the corner nowhere.
     np.testing.assert_allclose(activity[3], [16 / 64, 0, 0, 0])

@@ -1,21 +1,27 @@
 """Every array learns at its own rate, and what is fixed does not move."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import toy
 
+from gaussray.fit import optimizer
 from gaussray.fit.checkpoint import load_checkpoint, save_checkpoint
 from gaussray.fit.initial import in_common_view, on_points
-from gaussray.fit.optimizer import OptimizerOptions, Parameters, descend, rates, scene_of
+from gaussray.fit.optimizer import OptimizerOptions, Parameters, scene_of
 from gaussray.fit.state import begin_state
 from gaussray.scene.gaussians import unconstrain
 from gaussray.scene.store import read_arrays, write_arrays
 
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
 OPTIONS = OptimizerOptions()
 FIXED = ("lower", "upper", "begin", "end")
+
+rates, descend = eqx.filter_jit(optimizer.rates), eqx.filter_jit(optimizer.descend)
 
 
 @pytest.fixture(scope="module")

@@ -20,9 +20,11 @@ pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 TIMES = np.array([0.0, 0.5, 1.0])
 SIZE, RADIUS = 48, 0.5
-# What the pictures allow: half a pixel across the ball's radius of 8, and its half in metres.
+# About a pixel (there are 17.6 to a unit): 1.3 at the ball's rim, which is 8.8 from its centre, and
+# 0.9 of path.
 RADIANS, METRES = 0.15, 0.05
-# Far enough that a patch of the ball no longer overlaps itself, and the ball hardly.
+# From one instant to the next the ball moves by 0.75 and 0.45 of its radius, and turns by about
+# 0.45 rad, most of a patch's half width.
 PATH = np.array([[0, 0, 0], [0.3, -0.2, 0.1], [0.5, -0.2, 0.2]])
 TURN = Rotation.from_rotvec([[0, 0, 0], [0.1, 0.4, 0.2], [0.2, 0.8, 0.3]])
 OPTIONS = TrackOptions(side=SIZE)

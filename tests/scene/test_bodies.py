@@ -75,3 +75,8 @@ def test_separate_clouds_are_found_as_bodies_and_strays_are_not():
     found = found_bodies(points, np.array([0.0, 1.0]))
     assert sorted(np.round(np.asarray(found.pivot)[:, 0]).tolist()) == [0, 3]
     assert body_of(found, jnp.asarray(points[-1:])).tolist() == [2]
+
+
+def test_no_points_hold_no_bodies():
+    none = found_bodies(np.zeros((0, 3), np.float32), np.array([0.0, 1.0]))
+    assert none.pivot.shape == (0, 3) and none.turn.shape == (0, 2, 4)

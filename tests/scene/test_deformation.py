@@ -8,8 +8,10 @@ import pytest
 import toy
 
 from gaussray.geometry import normalize_quaternion
-from gaussray.scene.deformation import CONTRAST, FieldOptions, deform
+from gaussray.scene.deformation import CONTRAST, FieldOptions
 
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 # A few float32 roundings of numbers near 1.
 CLOSE = {"rtol": 1e-6, "atol": 1e-6}
@@ -24,7 +26,7 @@ def bodies():
 
 @pytest.mark.parametrize("time", [-1.0, 0.0, 0.37, 1.0, 7.0])
 def test_zero_initialised_heads_are_the_identity_at_every_time(bodies, time):
-    moved = deform(bodies, toy.deformation(), toy.single(time))
+    moved = toy.deformed(bodies, toy.deformation(), toy.single(time))
     np.testing.assert_allclose(moved.mean, bodies.mean, **CLOSE)
     np.testing.assert_array_equal(moved.scale, bodies.scale)
     np.testing.assert_allclose(moved.quat, normalize_quaternion(bodies.quat), **CLOSE)
@@ -39,7 +41,8 @@ def test_biases_of_the_heads_are_the_residuals(bodies):
     shift, turn, grow, shade = (
         toy.single(x) for x in ([1, 2, 3], [0, 0, 0, 1], [0.02, 0, -0.02], [0.1, 0, -0.2])
     )
-    moved = deform(bodies, eqx.tree_at(where, field, (shift, turn, grow, shade)), toy.single(0.5))
+    field = eqx.tree_at(where, field, (shift, turn, grow, shade))
+    moved = toy.deformed(bodies, field, toy.single(0.5))
     np.testing.assert_allclose(moved.mean, bodies.mean + shift[None], **CLOSE)
     np.testing.assert_allclose(moved.quat[0], [1, 0, 0, 1], **CLOSE)
     np.testing.assert_allclose(moved.scale, bodies.scale * jnp.exp(grow)[None], rtol=1e-3)
@@ -58,7 +61,7 @@ def test_light_falls_on_what_faces_it_and_turns_over_with_the_body():
     # Discs above and below the pivot, one with its axis inwards: sides do not matter.
     discs = toy.gaussians([[0, 0, 0.5], [0, 0, -0.5]], 0.1, [[1, 1, 1]])
     strength = np.sqrt(3 / (4 * np.pi))
-    first, last = (np.asarray(deform(discs, field, toy.single(t)).tint)[:, 0] for t in (0, 1))
+    first, last = (np.asarray(toy.deformed(discs, field, toy.single(t)).tint)[:, 0] for t in (0, 1))
     np.testing.assert_allclose(first, np.exp([strength, -strength]), rtol=2e-2)
     np.testing.assert_allclose(last, first[::-1], rtol=1e-5)
 
@@ -66,7 +69,7 @@ def test_light_falls_on_what_faces_it_and_turns_over_with_the_body():
 def test_tints_stay_within_sun_and_shade(bodies):
     field = toy.deformation()
     field = eqx.tree_at(lambda d: d.tint[1].bias, field, toy.single([1e6, -1e6, 0]))
-    tint = np.asarray(deform(bodies, field, toy.single(0.5)).tint)
+    tint = np.asarray(toy.deformed(bodies, field, toy.single(0.5)).tint)
     np.testing.assert_allclose(np.log(tint[0]), [CONTRAST, -CONTRAST, 0], atol=1e-5)
 
 
@@ -76,7 +79,7 @@ def test_a_body_turns_its_gaussians_about_its_pivot(bodies):
     turn = jnp.broadcast_to(toy.single([1, 0, 0, 1]), field.bodies.turn.shape)
     path = jnp.broadcast_to(toy.single([1, 2, 3]), field.bodies.path.shape)
     field = eqx.tree_at(lambda d: (d.bodies.turn, d.bodies.path), field, (turn, path))
-    moved = deform(bodies, field, toy.single(0.5))
+    moved = toy.deformed(bodies, field, toy.single(0.5))
     x, y, z = np.asarray(bodies.mean).T
     np.testing.assert_allclose(moved.mean, np.stack([1 - y, 2 + x, 3 + z], axis=1), **CLOSE)
     np.testing.assert_allclose(moved.quat[0], np.sqrt([0.5, 0, 0, 0.5]), **CLOSE)
@@ -91,7 +94,7 @@ def test_every_array_of_a_field_that_has_moved_gets_gradient(bodies):
     field = eqx.tree_at(where, field, last)
 
     def total(field):
-        moved = deform(bodies, field, toy.single(0.3))
+        moved = toy.deformed(bodies, field, toy.single(0.3))
         place = jnp.sum(moved.mean * 2 + jnp.log(moved.scale)) + jnp.sum(jnp.sin(moved.quat))
         return place + jnp.sum(moved.tint)
 

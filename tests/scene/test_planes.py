@@ -7,13 +7,18 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from gaussray.scene.planes import SPACE_PAIRS, Planes, features, initial_planes
+from gaussray.scene import planes as field
+from gaussray.scene.planes import SPACE_PAIRS, Planes, initial_planes
 
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 # Products of six float64 samples.
 CLOSE = {"rtol": 1e-12, "atol": 1e-14}
 LOWER, UPPER = np.array([-1.0, 0.0, 2.0]), np.array([1.0, 3.0, 2.5])
 BEGIN, END = 10.0, 14.0
+
+features = jax.jit(field.features)
 
 
 @pytest.fixture(scope="module")
@@ -94,7 +99,8 @@ def test_derivatives_to_place_time_and_planes(planes):
 
 def test_every_plane_gets_gradient(planes):
     position = jnp.asarray(np.random.default_rng(4).uniform(LOWER, UPPER, (30, 3)))
-    slope = jax.grad(lambda p: jnp.sum(features(p, position, jnp.asarray(11.3))))(planes)
+    total = lambda p: jnp.sum(features(p, position, jnp.asarray(11.3)))  # noqa: E731
+    slope = jax.jit(jax.grad(total))(planes)
     for scale in (*slope.space, *slope.time):
         assert (jnp.abs(scale).max(axis=(1, 2, 3)) > 0).all()
 

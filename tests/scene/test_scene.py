@@ -3,13 +3,19 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 import toy
 
-from gaussray.scene.scene import Scene, at, at_times
+from gaussray.scene import scene as dynamic
+from gaussray.scene.scene import Scene
 
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 # One state computed alone and among others: float32 matrix products in another order.
 CLOSE = {"rtol": 1e-5, "atol": 1e-6}
+
+at, at_times = jax.jit(dynamic.at), jax.jit(dynamic.at_times)
 
 
 def test_one_time_and_several_times_agree():
