@@ -91,8 +91,7 @@ def evaluate(
         renderer = Renderer(scene, options=_with_samples(render, samples), trace=trace)
         moving = _moving(groups[effect])
         rows, films = [], {}
-        for view in views:
-            frame = renderer(view.camera)
+        for view, frame in zip(views, renderer.film(v.camera for v in views), strict=True):
             ours, real = codes(frame.color), _codes(view)
             rows.append(_score(real, ours, _visible(view.camera), moving.get(view.image)))
             rows[-1]["seconds"] = None if frame.compiled else frame.seconds

@@ -39,10 +39,12 @@ def render_dataset(
     render = Renderer(scene, options=options, trace=trace)
     progress = Progress("render", len(records), quiet=quiet)
     shown: dict[str, list[Path]] = {}
-    for done, record in enumerate(records, 1):
+    missing = [not (out / record.file_path).exists() for record in records]
+    frames = render.film(r.camera for r, new in zip(records, missing, strict=True) if new)
+    for done, (record, new) in enumerate(zip(records, missing, strict=True), 1):
         path = out / record.file_path
-        if not path.exists():
-            write_image(path, render(record.camera).color)
+        if new:
+            write_image(path, next(frames).color)
         shown.setdefault(f"{record.effect}_{record.camera_name}", []).append(path)
         progress.report(done, record.effect)
     for effect in dict.fromkeys(record.effect for record in records):

@@ -2,50 +2,29 @@
 
 import math
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from gaussray.camera.camera import Camera, camera_rays
-from gaussray.camera.rays import Rays
-from gaussray.camera.sampling import samples as sample_numbers
-from gaussray.scene.scene import Scene, at, at_times
+from gaussray.camera.camera import Camera
+from gaussray.picture import (
+    Pace,
+    Part,
+    RenderOptions as RenderOptions,
+    about_to_trace,
+    render_frames,
+    render_part,
+)
+from gaussray.scene.scene import Scene
 from gaussray.tracer.bundle import tiles
-from gaussray.tracer.composite import Pixels
-from gaussray.tracer.motion import Motion, still
-from gaussray.tracer.shard import mesh as device_mesh, trace_sharded
-from gaussray.tracer.trace import Report, TraceOptions, enlarge, measure
+from gaussray.tracer.shard import mesh as device_mesh
+from gaussray.tracer.trace import TraceOptions, enlarge, measure
 from gaussray.tracer.traverse import Capacity
-
-
-class RenderOptions(eqx.Module):
-    """How a picture is sampled.
-
-    `samples` rays per pixel over film, lens and exposure. `keys` states of the scene across the
-    times of one frame, between which each ray moves the Gaussians to its own time; 0 takes three
-    for every interval between the capture's instants (they share their ends), and a frame whose
-    rays share one time needs and takes only one. `chunk_rows` > 0 is the paper's way instead: one
-    state for so many rows (1 = a state for every row).
-    """
-
-    samples: int = eqx.field(static=True, default=4)
-    keys: int = eqx.field(static=True, default=0)
-    chunk_rows: int = eqx.field(static=True, default=0)
-
-    def __check_init__(self):
-        if self.samples < 1:
-            raise ValueError(f"render.samples must be at least 1, got {self.samples}.")
-        if self.keys not in (0, 2) and (self.keys < 3 or self.keys % 2 == 0):
-            raise ValueError(
-                f"render.keys must be 0 (as many as it takes), 2 or odd from 3, got {self.keys}."
-            )
-        if self.chunk_rows < 0:
-            raise ValueError(f"render.chunk_rows must be at least 0, got {self.chunk_rows}.")
 
 
 class Frame(eqx.Module):
@@ -58,50 +37,6 @@ class Frame(eqx.Module):
     seconds: float
     hits: int
     compiled: bool
-
-
-@eqx.filter_jit
-def render_chunk(
-    scene: Scene,
-    camera: Camera,
-    pixel: Float[Array, "rays 2"],
-    key_time: Float[Array, " keys"],
-    *,
-    options: RenderOptions,
-    trace: TraceOptions,
-    capacity: Capacity,
-    mesh: Mesh,
-) -> tuple[Pixels, Report]:
-    """The mean over a pixel's samples: rays, the scene at their times, the trace. One sample after
-    the other, so that memory does not grow with their number."""
-    motion = _motion(scene, key_time)
-    u = sample_numbers(options.samples).astype(pixel.dtype)
-
-    def sample(u: Float[Array, "5"]) -> tuple[Pixels, Report]:
-        rays = camera_rays(camera, pixel, jnp.broadcast_to(u, (pixel.shape[0], 5)))
-        return trace_sharded(motion, rays, options=trace, capacity=capacity, mesh=mesh)
-
-    pixels, reports = jax.lax.map(sample, u)
-    mean = jax.tree.map(lambda x: jnp.mean(x, axis=0), pixels)
-    return mean, Report(
-        needed=jnp.max(reports.needed, axis=0),
-        dropped=jnp.sum(reports.dropped),
-        skipped=jnp.max(reports.skipped),
-        hits=jnp.sum(reports.hits),
-    )
-
-
-def _motion(scene: Scene, key_time: Float[Array, " keys"]) -> Motion:
-    if key_time.shape[0] == 1:
-        return still(at(scene, key_time[0]))
-    return Motion(key_time, at_times(scene, key_time))
-
-
-@eqx.filter_jit
-def _chief_rays(scene: Scene, camera: Camera, pixel: Array, key_time: Array) -> tuple[Motion, Rays]:
-    """What one sample of every pixel is about to trace."""
-    u = jnp.full((pixel.shape[0], 5), 0.5, pixel.dtype)
-    return _motion(scene, key_time), camera_rays(camera, pixel, u)
 
 
 class Renderer:
@@ -123,90 +58,138 @@ class Renderer:
         self.trace = trace or TraceOptions()
         self.mesh = device_mesh(devices)
         self._capacity: dict[tuple, Capacity] = {}
+        self._parts: dict[tuple, tuple[Part, TraceOptions]] = {}
         self._ready: set = set()
 
     def __call__(self, camera: Camera) -> Frame:
-        """One frame."""
-        began = clock.monotonic()
-        film = camera.film
-        first, last = _moving_times(camera)
-        if self.options.chunk_rows and first < last:
-            if camera.shutter.direction in ("left_to_right", "right_to_left"):
-                raise ValueError(
-                    "render.chunk_rows must be 0 for a shutter that reads columns, as "
-                    f"{camera.shutter.direction} does: key states suit any direction."
-                )
-            parts = [self._rows(camera, top) for top in self._tops(film.height)]
-        else:
-            order = tiles(film.width, film.height, self.trace.bundle, self.trace.levels)
-            keys = 1 if first == last else self.options.keys or key_count(self.scene, last - first)
-            parts = [self._part(camera, order, jnp.linspace(first, last, keys, dtype=jnp.float32))]
-        flat = np.zeros((film.height * film.width, 5), np.float32)
-        for order, pixels, _ in parts:
-            inside = order >= 0
-            values = np.concatenate(
-                [pixels.color, pixels.transmittance[:, None], pixels.depth[:, None]], axis=1
+        """One frame, its rays spread over the devices."""
+        return self._finish(self._begin([camera], alone=True))[0]
+
+    def film(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
+        """Frame after frame, one on each device, begun before the last ones are finished."""
+        waiting: _Batch | None = None
+        for cameras_of_batch in self._batches(cameras):
+            following = self._begin(cameras_of_batch, alone=self.mesh.size == 1)
+            if waiting:
+                yield from self._finish(waiting)
+            waiting = following
+        if waiting:
+            yield from self._finish(waiting)
+
+    def _batches(self, cameras: Iterable[Camera]) -> Iterator[list[Camera]]:
+        """Neighbours that can be compiled as one, as many as there are devices."""
+        batch: list[Camera] = []
+        for camera in cameras:
+            if batch and (
+                len(batch) == self.mesh.size or self._kind(batch[0]) != self._kind(camera)
+            ):
+                yield batch
+                batch = []
+            batch.append(camera)
+        if batch:
+            yield batch
+
+    def _kind(self, camera: Camera) -> tuple:
+        shapes = tuple(x.shape for x in jax.tree.leaves(camera))
+        return jax.tree.structure(camera), self._keys(camera), shapes
+
+    def _keys(self, camera: Camera) -> int:
+        """Key states for a frame; 0 where chunks of rows are called for."""
+        span = _time_span(camera)
+        if span == 0:
+            return 1
+        if not self.options.chunk_rows:
+            return self.options.keys or key_count(self.scene, span)
+        if camera.shutter.direction in ("left_to_right", "right_to_left"):
+            raise ValueError(
+                "render.chunk_rows must be 0 for a shutter that reads columns, as "
+                f"{camera.shutter.direction} does: key states suit any direction."
             )
-            flat[order[inside]] = values[inside]
-        flat = flat.reshape(film.height, film.width, 5)
-        alpha = 1 - flat[..., 3]
-        hits, fresh = sum(int(p[2][0]) for p in parts), any(p[2][1] for p in parts)
-        depth = flat[..., 4] / np.maximum(alpha, 1e-6)
-        seconds = clock.monotonic() - began
-        return Frame(flat[..., :3], alpha, depth, seconds, hits, fresh)
+        return 0
 
-    def _tops(self, height: int) -> Sequence[int]:
-        rows = min(self.options.chunk_rows, height)
-        return [min(top, height - rows) for top in range(0, height, rows)]
+    def _begin(self, cameras: list[Camera], *, alone: bool) -> "_Batch":
+        """Frames that are being rendered, in one part or in chunks of rows."""
+        began, film, keys = clock.monotonic(), cameras[0].film, self._keys(cameras[0])
+        rows = film.height if keys else min(self.options.chunk_rows, film.height)
+        batch = _Batch(cameras, alone, keys, rows, began)
+        for top in (min(y, film.height - rows) for y in range(0, film.height, rows)):
+            batch.parts.append((top, *self._launch(batch, top)))
+        return batch
 
-    def _rows(self, camera: Camera, top: int):
-        """A chunk of rows at the mean time of its rows."""
-        film, rows = camera.film, min(self.options.chunk_rows, camera.film.height)
-        y, x = np.mgrid[top : top + rows, : film.width]
-        order = (y * film.width + x).T.reshape(-1)
-        middle = np.array([0.0, top + (rows - 1) / 2], np.float32)
-        center = jnp.full((1, 5), 0.5, jnp.float32)
-        time = camera_rays(camera, jnp.asarray(middle)[None], center).time
-        return self._part(camera, order, time)
+    def _launch(self, batch: "_Batch", top: int):
+        """Values and report of a part, under way."""
+        cameras, size = batch.cameras, batch.size
+        part, trace = self._part(cameras[0], top, batch)
+        if size not in self._capacity:
+            self._capacity[size] = self._measure(batch, part, trace)
+        pace = Pace(self._capacity[size], batch.keys, self.options, trace, self.mesh)
+        batch.compiled |= (size, pace.capacity) not in self._ready
+        self._ready.add((size, pace.capacity))
+        if batch.alone:
+            return render_part(self.scene, cameras[0], part, pace=pace)
+        filled = cameras + cameras[-1:] * (self.mesh.size - len(cameras))
+        stacked = jax.tree.map(lambda *x: jnp.stack(x), *filled)
+        return render_frames(self.scene, stacked, part, pace=pace)
 
-    def _part(self, camera: Camera, order: Int[np.ndarray, " slots"], key_time: Array):
-        pixel = _pixels(order, camera.film.width)
-        trace = self.trace
-        if len(order) < trace.bundle**2 * 256:
-            trace = _flat(trace)
-        size = (len(order), key_time.shape[0], jax.tree.structure(camera))
-        fresh = False
-        while True:
-            capacity = self._capacity.get(size) or self._measure(camera, pixel, key_time, trace)
-            fresh = fresh or (size, capacity) not in self._ready
-            pixels, report = render_chunk(
-                self.scene,
-                camera,
-                pixel,
-                key_time,
-                options=self.options,
-                trace=trace,
-                capacity=capacity,
-                mesh=self.mesh,
-            )
-            self._capacity[size] = capacity
-            self._ready.add((size, capacity))
-            if int(report.dropped) == 0:
-                host = jax.tree.map(np.asarray, pixels)
-                return order, host, (int(report.hits), fresh)
-            needed = [int(n) for n in report.needed]
-            self._capacity[size] = enlarge(capacity, needed, headroom=1.5)
+    def _finish(self, batch: "_Batch") -> list[Frame]:
+        """The frames of a batch; parts whose lists were too short are rendered again."""
+        film, hits, count = batch.cameras[0].film, 0, len(batch.cameras)
+        flat = np.zeros((count, film.height, film.width, 5), np.float32)
+        for top, values, report in batch.parts:
+            while np.any(report.dropped):
+                needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1])
+                wanted = [int(n) for n in needed.max(axis=0)]
+                held = self._capacity[batch.size]
+                self._capacity[batch.size] = enlarge(held, wanted, headroom=1.5)
+                values, report = self._launch(batch, top)
+            seen = np.asarray(values).reshape(-1, batch.rows, film.width, 5)[:count]
+            flat[:, top : top + batch.rows] = seen
+            hits += int(np.sum(report.hits))
+        seconds = (clock.monotonic() - batch.began) / count
+        return [
+            Frame(x[..., :3], x[..., 3], x[..., 4], seconds, hits // count, batch.compiled)
+            for x in flat
+        ]
 
-    def _measure(self, camera: Camera, pixel: Array, key_time: Array, trace: TraceOptions):
-        motion, rays = _chief_rays(self.scene, camera, pixel, key_time)
+    def _part(self, camera: Camera, top: int, batch: "_Batch") -> tuple[Part, TraceOptions]:
+        film, trace = camera.film, self.trace
+        key = film.width, film.height, top, batch.rows, batch.keys == 0
+        if key not in self._parts:
+            if batch.keys:
+                order = tiles(film.width, film.height, trace.bundle, trace.levels)
+            else:
+                y, x = np.mgrid[top : top + batch.rows, : film.width]
+                order = (y * film.width + x).T.reshape(-1)
+            if len(order) < trace.bundle**2 * 256:
+                trace = _flat(trace)
+            inside = np.flatnonzero(order >= 0)
+            slot = inside[np.argsort(order[inside])].astype(np.int32)
+            middle = jnp.asarray(top + (batch.rows - 1) / 2, jnp.float32)
+            self._parts[key] = Part(_pixels(order, film.width), jnp.asarray(slot), middle), trace
+        return self._parts[key]
+
+    def _measure(self, batch: "_Batch", part: Part, trace: TraceOptions) -> Capacity:
+        unknown = Pace(Capacity((), 0, 0), batch.keys, self.options, trace, None)
+        motion, rays = about_to_trace(self.scene, batch.cameras[0], part, pace=unknown)
         found = measure(motion, rays, options=trace, headroom=1.5)
         # A device sees its share of the bundles, but any one device may get the fullest.
-        share = self.mesh.size
+        share = self.mesh.size if batch.alone else 1
         return Capacity(
             tuple(max(-(-c * 5 // (4 * share)), 64) for c in found.cells),
             max(-(-found.pairs * 5 // (4 * share)), 64),
             found.slots,
         )
+
+
+class _Batch:
+    """Frames under way: one whose rays are spread over the devices (`alone`), or one on each."""
+
+    def __init__(self, cameras: list[Camera], alone: bool, keys: int, rows: int, began: float):
+        self.cameras, self.alone, self.keys, self.rows = cameras, alone, keys, rows
+        self.began, self.compiled = began, False
+        self.parts: list[tuple] = []
+        film = cameras[0].film
+        self.size = (film.width, rows, keys, jax.tree.structure(cameras[0]), alone)
 
 
 def key_count(scene: Scene, span: float) -> int:
@@ -223,8 +206,7 @@ def key_count(scene: Scene, span: float) -> int:
 
 
 def _flat(trace: TraceOptions) -> TraceOptions:
-    values = {name: getattr(trace, name) for name in trace.__dataclass_fields__}
-    return TraceOptions(**(values | {"levels": 0}))
+    return replace(trace, levels=0)
 
 
 def _pixels(order: np.ndarray, width: int) -> Float[Array, "slots 2"]:
@@ -233,16 +215,9 @@ def _pixels(order: np.ndarray, width: int) -> Float[Array, "slots 2"]:
     return jnp.asarray(np.stack([index % width, index // width], axis=-1), jnp.float32)
 
 
-def _moving_times(camera: Camera) -> tuple[float, float]:
-    """Earliest and latest time of the camera's rays."""
-    first, last = _time_span(camera)
-    return float(first), float(last)
-
-
-@eqx.filter_jit
-def _time_span(camera: Camera) -> tuple[Array, Array]:
-    film, dtype = camera.film, camera.time.dtype
-    corner = [(0, 0), (0, 0), (film.width - 1, film.height - 1), (film.width - 1, film.height - 1)]
-    u = jnp.full((4, 5), 0.5, dtype).at[:, 4].set(jnp.asarray([0, 1, 0, 1], dtype))
-    time = camera_rays(camera, jnp.asarray(corner, dtype), u).time
-    return jnp.min(time), jnp.max(time)
+def _time_span(camera: Camera) -> float:
+    """How long the camera looks, from the first ray's time to the last one's."""
+    shutter, film = camera.shutter, camera.film
+    step, exposure = jax.device_get((shutter.row_step, shutter.exposure))
+    sideways = shutter.direction in ("left_to_right", "right_to_left")
+    return float(abs(step) * ((film.width if sideways else film.height) - 1) + exposure)

@@ -11,7 +11,7 @@ LEVELS = [
     {"geometry", "color", "atomic", "progress"},
     {"scene", "camera"},
     {"tracer", "capture", "fit", "dataset"},
-    {"training"},
+    {"picture", "training"},
     {"reconstruct", "render"},
     {"evaluate", "filming", "rig"},
     {"demo"},

@@ -2,7 +2,6 @@
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from gaussray.scene.deformation import Deformation, deform
@@ -30,22 +29,14 @@ def at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
     return concatenate(scene.static, deform(scene.moving, scene.deformation, time))
 
 
-def at_times(scene: Scene, time: Float[Array, " keys"]) -> Gaussians:
-    """All Gaussians at several times: mean, quat, scale and tint gain a leading axis."""
-    if scene.deformation is None:
-        still = concatenate(scene.static, scene.moving)
-        return _keyed(still, time.shape[0])
+def moving_at(scene: Scene, time: Float[Array, " keys"]) -> Gaussians:
+    """The Gaussians that move at several times: mean, quat, scale and tint gain a leading axis."""
     deformation = scene.deformation
+    if deformation is None:
+        raise ValueError("a scene without deformation has no Gaussians that move.")
     mean, quat, scale, tint = jax.vmap(lambda t: _state(deform(scene.moving, deformation, t)))(time)
-    moved = Gaussians(mean, quat, scale, scene.moving.opacity, scene.moving.harmonics, tint)
-    return concatenate(scene.static, moved)
+    return Gaussians(mean, quat, scale, scene.moving.opacity, scene.moving.harmonics, tint)
 
 
 def _state(gaussians: Gaussians) -> tuple[Array, Array, Array, Array | None]:
     return gaussians.mean, gaussians.quat, gaussians.scale, gaussians.tint
-
-
-def _keyed(gaussians: Gaussians, keys: int) -> Gaussians:
-    state = jax.tree.map(lambda x: jnp.broadcast_to(x, (keys, *x.shape)), _state(gaussians))
-    mean, quat, scale, tint = state
-    return Gaussians(mean, quat, scale, gaussians.opacity, gaussians.harmonics, tint)

@@ -21,38 +21,33 @@ def mesh(devices: int | None = None) -> Mesh:
 
 
 def trace_sharded(
-    motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Capacity, mesh: Mesh
+    motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Capacity, mesh: Mesh | None
 ) -> tuple[Pixels, Report]:
     """`trace` with the rays dealt out to the devices and the scene on each; same result.
 
     Neighbouring blocks of bundles go to different devices, so that the work is even. `capacity` is
-    that of one device; `needed` in the report is the largest of all, the counts are sums.
+    that of one device; `needed` in the report is the largest of all, the counts are sums. Without
+    a mesh it is `trace`.
     """
-    devices = mesh.size
-    if devices == 1:
+    if mesh is None or mesh.size == 1:
         return trace(motion, rays, options=options, capacity=capacity)
-    block = options.bundle**2 * FAN**options.levels
-    count = rays.time.shape[0]
+    devices, block = mesh.size, options.bundle**2 * FAN**options.levels
+    axis = rays.time.ndim - 1
+    lead, count = rays.time.shape[:axis], rays.time.shape[axis]
     padding = -count % (block * devices)
 
     def deal(x):
-        x = jnp.pad(x, ((0, padding),) + ((0, 0),) * (x.ndim - 1))
-        x = x.reshape(-1, devices, block, *x.shape[1:])
-        return jnp.moveaxis(x, 1, 0).reshape(-1, *x.shape[3:])
+        x = jnp.pad(x, [(0, padding) if i == axis else (0, 0) for i in range(x.ndim)])
+        x = x.reshape(*lead, -1, devices, block, *x.shape[axis + 1 :])
+        return jnp.moveaxis(x, axis + 1, axis).reshape(*lead, -1, *x.shape[axis + 3 :])
 
     def collect(x):
-        x = x.reshape(devices, -1, block, *x.shape[1:])
-        return jnp.moveaxis(x, 0, 1).reshape(-1, *x.shape[3:])[:count]
+        x = x.reshape(*lead, devices, -1, block, *x.shape[axis + 1 :])
+        x = jnp.moveaxis(x, axis, axis + 1).reshape(*lead, -1, *x.shape[axis + 3 :])
+        return jax.lax.slice_in_dim(x, 0, count, axis=axis)
 
-    everywhere, split = PartitionSpec(), PartitionSpec("rays")
+    everywhere, split = PartitionSpec(), PartitionSpec(*(None,) * axis, "rays")
 
-    @partial(
-        jax.shard_map,
-        mesh=mesh,
-        in_specs=(everywhere, split),
-        out_specs=(split, everywhere),
-        check_vma=False,
-    )
     def one_device(motion, rays):
         pixels, report = trace(motion, rays, options=options, capacity=capacity)
         total = partial(jax.lax.psum, axis_name="rays")
@@ -65,5 +60,12 @@ def trace_sharded(
         )
         return pixels, report
 
-    pixels, report = one_device(motion, jax.tree.map(deal, rays))
+    spread = jax.shard_map(
+        one_device,
+        mesh=mesh,
+        in_specs=(everywhere, split),
+        out_specs=(split, everywhere),
+        check_vma=False,
+    )
+    pixels, report = spread(motion, jax.tree.map(deal, rays))
     return jax.tree.map(collect, pixels), report

@@ -86,9 +86,7 @@ def trace(
     they share what their bundle may meet, which is looked for once.
     """
     if rays.time.ndim == 1:
-        pixels, report = trace(
-            motion, jax.tree.map(lambda x: x[None], rays), options=options, capacity=capacity
-        )
+        pixels, report = trace(motion, _sampled(rays), options=options, capacity=capacity)
         return jax.tree.map(lambda x: x[0], pixels), report
     if on_kernel(options, rays):
         return _trace_kernel(motion, rays, options=options, capacity=capacity)
@@ -132,7 +130,7 @@ def _wants(count: Array, options: TraceOptions, capacity: Capacity) -> tuple[Arr
 
 def _trace_arrays(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
     count = rays.time.shape[1]
-    lists, skipped = _candidates(motion, rays, options=options, capacity=capacity)
+    lists, skipped = find(motion, rays, options=options, capacity=capacity)
     rows, layout = table(motion), columns(motion)
     bits = max(math.ceil(math.log2(max(capacity.slots, 2))), 1)
     leading = partial(jnp.moveaxis, source=-1, destination=0)
@@ -163,23 +161,11 @@ def _trace_arrays(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
 
 def find(
     motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Capacity
-) -> tuple[Int[Array, " sizes"], Int[Array, ""]]:
-    """The list sizes that scene and rays want, and the entries that find no place."""
-    motion, rays = jax.lax.stop_gradient((motion, rays))
-    if rays.time.ndim == 1:
-        rays = jax.tree.map(lambda x: x[None], rays)
-    if on_kernel(options, rays):
-        lists = kernel.prepare(motion, rays, options=options, slots=capacity.slots)[3]
-        return _wants(lists.count, options, capacity)
-    lists, _ = _candidates(whole(motion), rays, options=options, capacity=capacity)
-    return lists.needed, lists.dropped
-
-
-def _candidates(motion, rays, *, options, capacity) -> tuple[Candidates, Int[Array, ""]]:
+) -> tuple[Candidates, Int[Array, ""]]:
     """Lists of every bundle over all samples, and the number of Gaussians that were not finite."""
     motion, rays = jax.lax.stop_gradient((motion, rays))
     grid = build(motion, alpha_min=options.alpha_min)
-    each = jax.vmap(lambda one: _bundle(one, options))(rays)
+    each = jax.vmap(lambda one: _bundle(one, options))(_sampled(rays))
     bundled = jax.tree.map(
         lambda x: jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1, *x.shape[3:]), each
     )
@@ -190,6 +176,20 @@ def _candidates(motion, rays, *, options, capacity) -> tuple[Candidates, Int[Arr
         )
         levels.insert(0, bound(bundled, motion.time))
     return candidates(grid, levels, capacity=capacity), grid.dropped
+
+
+def _sampled(rays: Rays) -> Rays:
+    return rays if rays.time.ndim == 2 else jax.tree.map(lambda x: x[None], rays)
+
+
+def _sizes(motion, rays, *, options, capacity) -> tuple[Int[Array, " sizes"], Int[Array, ""]]:
+    """The list sizes that scene and rays want, and how many entries find no place."""
+    if on_kernel(options, rays):
+        rays = _sampled(rays)
+        lists = kernel.prepare(motion, rays, options=options, slots=capacity.slots)[3]
+        return _wants(lists.count, options, capacity)
+    lists, _ = find(whole(motion), rays, options=options, capacity=capacity)
+    return lists.needed, lists.dropped
 
 
 def measure(
@@ -204,7 +204,7 @@ def measure(
 
     Starts from a small guess (or from `capacity`) and grows whatever overflowed until nothing does.
     """
-    search = eqx.filter_jit(find)
+    search = eqx.filter_jit(_sizes)
     if capacity is None:
         bundles = -(-rays.time.shape[-1] // options.bundle**2)
         capacity = Capacity((256 * bundles,) * (options.levels + 1), 512 * bundles, 1024)

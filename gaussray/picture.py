@@ -1,0 +1,159 @@
+"""One picture, compiled: rays, the scene at their times, the trace, the film."""
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.sharding import Mesh, PartitionSpec
+from jaxtyping import Array, Float, Int
+
+from gaussray.camera.camera import Camera, camera_rays
+from gaussray.camera.rays import Rays
+from gaussray.camera.sampling import samples as sample_numbers
+from gaussray.scene.scene import Scene, at, moving_at
+from gaussray.tracer.composite import Pixels
+from gaussray.tracer.motion import Motion, still
+from gaussray.tracer.shard import trace_sharded
+from gaussray.tracer.trace import Report, TraceOptions
+from gaussray.tracer.traverse import Capacity
+
+
+class RenderOptions(eqx.Module):
+    """How a picture is sampled.
+
+    `samples` rays per pixel over film, lens and exposure. `keys` states of the scene across the
+    times of one frame, between which each ray moves the Gaussians to its own time; 0 takes three
+    for every interval between the capture's instants (they share their ends), and a frame whose
+    rays share one time needs and takes only one. `chunk_rows` > 0 is the paper's way instead: one
+    state for so many rows (1 = a state for every row).
+    """
+
+    samples: int = eqx.field(static=True, default=4)
+    keys: int = eqx.field(static=True, default=0)
+    chunk_rows: int = eqx.field(static=True, default=0)
+
+    def __check_init__(self):
+        if self.samples < 1:
+            raise ValueError(f"render.samples must be at least 1, got {self.samples}.")
+        if self.keys not in (0, 2) and (self.keys < 3 or self.keys % 2 == 0):
+            raise ValueError(
+                f"render.keys must be 0 (as many as it takes), 2 or odd from 3, got {self.keys}."
+            )
+        if self.chunk_rows < 0:
+            raise ValueError(f"render.chunk_rows must be at least 0, got {self.chunk_rows}.")
+
+
+class Part(eqx.Module):
+    """What is traced at once: `pixel` index (column, row) in the order of the bundles (padding
+    repeats a pixel), and the `slot` of each pixel in it. `row` is where a chunk of rows has its
+    time."""
+
+    pixel: Float[Array, "slots 2"]
+    slot: Int[Array, " pixels"]
+    row: Float[Array, ""]
+
+
+class Pace(eqx.Module):
+    """What a part is compiled for: list sizes, and how many key states (0: that of its row)."""
+
+    capacity: Capacity
+    keys: int = eqx.field(static=True)
+    options: RenderOptions
+    trace: TraceOptions
+    mesh: Mesh | None = eqx.field(static=True)
+
+
+# Samples of a pixel that are traced at once and share what their bundle may meet.
+_TOGETHER = 16
+
+
+@eqx.filter_jit
+def render_part(
+    scene: Scene, camera: Camera, part: Part, *, pace: Pace
+) -> tuple[Float[Array, "pixels 5"], Report]:
+    """Red, green, blue, coverage and mean distance of a part's pixels, the rays spread over the
+    devices: rays, the scene at their times, the trace, and the mean over a pixel's samples."""
+    return _seen(scene, camera, part, pace)
+
+
+@eqx.filter_jit
+def render_frames(
+    scene: Scene, cameras: Camera, part: Part, *, pace: Pace
+) -> tuple[Float[Array, "frames pixels 5"], Report]:
+    """The same for as many cameras (a leading axis) as there are devices, a frame on each."""
+    everywhere, split = PartitionSpec(), PartitionSpec("rays")
+    alone = Pace(pace.capacity, pace.keys, pace.options, pace.trace, None)
+
+    def one_device(scene, cameras, part):
+        seen = _seen(scene, jax.tree.map(lambda x: x[0], cameras), part, alone)
+        return jax.tree.map(lambda x: x[None], seen)
+
+    spread = jax.shard_map(
+        one_device,
+        mesh=pace.mesh,
+        in_specs=(everywhere, split, everywhere),
+        out_specs=split,
+        check_vma=False,
+    )
+    return spread(scene, cameras, part)
+
+
+def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, Report]:
+    motion = _motion(scene, _key_times(camera, part, pace.keys))
+    u = sample_numbers(pace.options.samples).astype(part.pixel.dtype)
+    shared = math.gcd(u.shape[0], _TOGETHER)
+
+    def trace_some(u: Float[Array, "samples 5"]) -> tuple[Pixels, Report]:
+        rays = _rays(camera, part.pixel, u)
+        pixels, report = trace_sharded(
+            motion, rays, options=pace.trace, capacity=pace.capacity, mesh=pace.mesh
+        )
+        return jax.tree.map(lambda x: jnp.mean(x, axis=0), pixels), report
+
+    pixels, reports = jax.lax.map(trace_some, u.reshape(-1, shared, 5))
+    pixels = jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], pixels)
+    alpha = 1 - pixels.transmittance
+    depth = pixels.depth / jnp.maximum(alpha, 1e-6)
+    values = jnp.concatenate([pixels.color, alpha[:, None], depth[:, None]], axis=1)
+    return values, Report(
+        needed=jnp.max(reports.needed, axis=0),
+        dropped=jnp.sum(reports.dropped),
+        skipped=jnp.max(reports.skipped),
+        hits=jnp.sum(reports.hits),
+    )
+
+
+def _rays(camera: Camera, pixel: Array, u: Float[Array, "samples 5"]) -> Rays:
+    def sample(one: Float[Array, "5"]) -> Rays:
+        return camera_rays(camera, pixel, jnp.broadcast_to(one, (pixel.shape[0], 5)))
+
+    return jax.vmap(sample)(u)
+
+
+def _motion(scene: Scene, key_time: Float[Array, " keys"]) -> Motion:
+    if key_time.shape[0] == 1 or scene.deformation is None:
+        return still(at(scene, key_time[0]))
+    return Motion(key_time, moving_at(scene, key_time), scene.static)
+
+
+def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
+    dtype = camera.time.dtype
+    if not keys:
+        place = jnp.stack([jnp.zeros_like(part.row), part.row])
+        return camera_rays(camera, place[None], jnp.full((1, 5), 0.5, dtype)).time
+    last = (camera.film.width - 1, camera.film.height - 1)
+    corner = jnp.asarray([(0, 0), (0, 0), last, last], dtype)
+    u = jnp.full((4, 5), 0.5, dtype).at[:, 4].set(jnp.asarray([0, 1, 0, 1], dtype))
+    time = camera_rays(camera, corner, u).time
+    first, last = jnp.min(time), jnp.max(time)
+    return jnp.linspace(first, last, keys, dtype=dtype) if keys > 1 else first[None]
+
+
+@eqx.filter_jit
+def about_to_trace(scene: Scene, camera: Camera, part: Part, *, pace: Pace) -> tuple[Motion, Rays]:
+    """What is traced at once, to measure list sizes with."""
+    u = sample_numbers(pace.options.samples).astype(part.pixel.dtype)
+    u = u[: math.gcd(u.shape[0], _TOGETHER)]
+    motion = _motion(scene, _key_times(camera, part, pace.keys))
+    return motion, _rays(camera, part.pixel, u)
