@@ -6,6 +6,7 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 from jaxtyping import Array, Int
 
 from gaussray.camera.rays import Rays
@@ -88,17 +89,17 @@ def trace(
     if rays.time.ndim == 1:
         pixels, report = trace(motion, _sampled(rays), options=options, capacity=capacity)
         return jax.tree.map(lambda x: x[0], pixels), report
-    if on_kernel(options, rays):
+    if on_kernel(options, rays.time.dtype):
         return _trace_kernel(motion, rays, options=options, capacity=capacity)
     return _trace_arrays(whole(motion), rays, options=options, capacity=capacity)
 
 
-def on_kernel(options: TraceOptions, rays: Rays) -> bool:
-    """Whether the CUDA kernel traces these rays."""
-    single = rays.time.dtype == jnp.float32
+def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
+    """Whether the CUDA kernel traces rays of this precision."""
+    single = jnp.dtype(dtype) == jnp.float32
     if options.backend == "kernel" and not single:
         raise ValueError(
-            f"trace.backend=kernel is for single precision, the rays are {rays.time.dtype}. "
+            f"trace.backend=kernel is for single precision, the rays are {jnp.dtype(dtype)}. "
             "Choose trace.backend=array."
         )
     if options.backend == "kernel" and not cuda.available():
@@ -184,7 +185,7 @@ def _sampled(rays: Rays) -> Rays:
 
 def _sizes(motion, rays, *, options, capacity) -> tuple[Int[Array, " sizes"], Int[Array, ""]]:
     """The list sizes that scene and rays want, and how many entries find no place."""
-    if on_kernel(options, rays):
+    if on_kernel(options, rays.time.dtype):
         rays = _sampled(rays)
         lists = kernel.prepare(motion, rays, options=options, slots=capacity.slots)[3]
         return _wants(lists.count, options, capacity)

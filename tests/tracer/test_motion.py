@@ -13,6 +13,7 @@ from gaussray.scene.gaussians import Gaussians, whitening
 from gaussray.tracer.motion import (
     Motion,
     active_controls,
+    arc_weights,
     control_weights,
     controls,
     state_at,
@@ -53,6 +54,17 @@ def test_shares_are_not_negative_and_sum_to_one(keys):
     found = np.asarray(shares(jnp.asarray(KEYS[keys]), jnp.asarray(TIMES)))
     assert found.shape == (len(TIMES), keys) and np.all(found >= 0)
     np.testing.assert_allclose(np.sum(found, axis=1), 1, atol=EXACT)
+
+
+@pytest.mark.parametrize("keys", [2, 3, 5])
+def test_three_control_points_in_a_row_hold_all_shares(keys):
+    key_time, time = jnp.asarray(KEYS[keys]), jnp.asarray(TIMES)
+    weight, first = jax.jit(arc_weights)(key_time, time)
+    whole = np.zeros((len(TIMES), keys + 2))
+    for i in range(3):
+        whole[np.arange(len(TIMES)), np.asarray(first) + i] += np.asarray(weight)[:, i]
+    np.testing.assert_allclose(whole[:, :keys], shares(key_time, time), atol=EXACT)
+    assert not np.any(whole[:, keys:])
 
 
 def test_two_keys_share_by_hat_functions():

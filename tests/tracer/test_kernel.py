@@ -1,0 +1,280 @@
+"""The CUDA kernels: what they see and learn is what the brute force says; where they are chosen."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import extremes
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import reference
+from scenes import (
+    CAPACITY,
+    COUNT,
+    OPTIONS,
+    RAYS,
+    gaussians,
+    look,
+    moving,
+    natural,
+    pull,
+    pull_dense,
+    rays,
+    relative_errors,
+    resting,
+    shot,
+    stacked,
+    tinted,
+    wandering,
+    weights,
+)
+
+from gaussray.camera.rays import Rays
+from gaussray.scene.gaussians import Gaussians
+from gaussray.tracer import cuda, kernel
+from gaussray.tracer.motion import Motion, whole
+from gaussray.tracer.trace import TraceOptions, measure, trace
+from gaussray.tracer.traverse import Capacity
+
+
+# Asked of single precision: mean absolute colour, and gradients relative to the largest. Where
+# nothing is extreme it reaches a hundred roundings (measured: 3e-7 and 7e-6).
+COLOR, GRADIENT, SINGLE = 1e-4, 1e-3, 2e-5
+# Sums of the same numbers in another order.
+SAME = 1e-6
+
+
+@pytest.fixture
+def elsewhere(monkeypatch):
+    """A CUDA device as far as tracing a program goes."""
+    monkeypatch.setattr(cuda, "available", lambda: True)
+    monkeypatch.setattr(kernel, "ptx", lambda source, macros: f"{sorted(macros)}")
+
+
+def test_a_program_is_three_launches_and_one_more_for_gradients(elsewhere):
+    def loss(motion, lines):
+        return jnp.sum(trace(motion, lines, options=OPTIONS, capacity=CAPACITY)[0].color)
+
+    motion, lines = wandering(*moving(COUNT)), shot(rays())
+    for function, launches in ((loss, 3), (jax.grad(loss), 4)):
+        lowered = jax.jit(function).trace(motion, lines).lower(lowering_platforms=("cuda",))
+        assert lowered.as_text().count("@__gpu$xla.gpu.ptx(") == launches
+
+
+def test_every_macro_of_the_source_is_given(monkeypatch):
+    given = []
+    monkeypatch.setattr(kernel, "ptx", lambda *words: given.append(words) or "")
+    assert kernel.Program(64, 1, 64, 8, 32, 1, 3, 4, 1, 16, 16, 0.99, 1e-4).code == ""
+    (source, macros), text = given[0], given[0][0].read_text()
+    opening = text[: text.index("typedef")]
+    named = {word.strip(",.") for word in opening.split() if word.strip(",.").isupper()}
+    assert source.name == "kernel.cu" and set(macros) == named - {"CUDA"}
+
+
+def test_single_precision_on_a_device_chooses_the_kernel(elsewhere):
+    from gaussray.tracer.trace import on_kernel
+
+    assert on_kernel(TraceOptions(), jnp.float32)
+    assert not on_kernel(TraceOptions(), jnp.float64)
+    assert not on_kernel(TraceOptions(backend="array"), jnp.float32)
+    with pytest.raises(ValueError, match="trace.backend=kernel is for single precision"):
+        on_kernel(TraceOptions(backend="kernel"), jnp.float64)
+
+
+def test_without_a_device_the_kernel_is_refused_and_auto_is_the_arrays(monkeypatch):
+    from gaussray.tracer.trace import on_kernel
+
+    monkeypatch.setattr(cuda, "available", lambda: False)
+    assert not on_kernel(TraceOptions(), jnp.float32)
+    with pytest.raises(ValueError, match="trace.backend=kernel needs a CUDA device"):
+        on_kernel(TraceOptions(backend="kernel"), jnp.float32)
+    with pytest.raises(ValueError, match="trace.backend must be one of"):
+        TraceOptions(backend="optix")
+
+
+def test_resting_gaussians_are_those_repeated_at_every_key():
+    motion, lines = mixed(), shot(rays())
+    apart, _ = look(motion, lines, options=OPTIONS, capacity=roomy(OPTIONS))
+    together, _ = look(whole(motion), lines, options=OPTIONS, capacity=roomy(OPTIONS))
+    np.testing.assert_array_equal(stacked(apart), stacked(together))
+
+
+def test_samples_share_lists_and_see_what_each_would_see_alone():
+    motion, lines = resting(gaussians(COUNT, size=(0.1, 0.5))), shot(rays())
+    several = samples_of(lines)
+    together, report = look(motion, several, options=OPTIONS, capacity=roomy(OPTIONS))
+    assert int(report.dropped) == 0 and together.color.shape == (2, RAYS, 3)
+    for i in range(2):
+        one, alone = (jax.tree.map(lambda x: x[i], x) for x in (several, together))  # noqa: B023
+        expected, _ = look(motion, one, options=OPTIONS, capacity=roomy(OPTIONS))
+        np.testing.assert_allclose(stacked(alone), stacked(expected), atol=SAME)
+
+
+def samples_of(lines):
+    aside = jnp.asarray([0.1, 0, 0], lines.origin.dtype)
+    return Rays(
+        jnp.stack([lines.origin, lines.origin + aside[None]]),
+        jnp.stack([lines.direction] * 2),
+        jnp.stack([lines.time] * 2),
+    )
+
+
+def mixed(keys=3):
+    """Gaussians that move, with tints, and others that rest."""
+    still = resting(gaussians(40, seed=9, size=(0.1, 0.5))).gaussians
+    rest = Gaussians(still.mean[0], still.quat[0], still.scale[0], still.opacity, still.harmonics)
+    motion = tinted(wandering(*moving(COUNT, keys, size=(0.1, 0.5), amount=0.02)))
+    return Motion(motion.time, motion.gaussians, rest)
+
+
+def roomy(options):
+    """Room for every list, coarse levels as the options want."""
+    return Capacity((512,) * (options.levels + 1), 8192, 128)
+
+
+def on_host(tree):
+    return jax.device_put(tree, jax.devices("cpu")[0])
+
+
+def errors_on_device(motion, lines, options=OPTIONS):
+    """Mean error of the colour and largest relative ones of the gradients; the brute force runs on
+    the host in double precision."""
+    weight = weights(dtype=np.float32)
+    capacity = roomy(options)
+    pixels, report, gradient = pull(motion, shot(lines), weight, options=options, capacity=capacity)
+    assert int(report.dropped) == 0 and int(report.hits) > 0
+    assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves((pixels, gradient)))
+    repeated, pull_back = jax.vjp(whole, motion)
+    host = on_host(jax.tree.map(lambda x: np.asarray(x, np.float64), (repeated, shot(lines))))
+    slope = pull_dense(*host, on_host(weight.astype(np.float64)))
+    expected = stacked(reference.trace(*host))
+    color = np.mean(np.abs(stacked(pixels) - expected)[:, :3])
+    if motion.rest is None:
+        errors = relative_errors(natural(gradient, motion), natural(slope, motion))
+    else:
+        single = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), slope[0])
+        (wanted,) = pull_back(single)
+        errors = {
+            str(i): float(np.max(np.abs(a - b)) / np.max(np.abs(b)))
+            for i, (a, b) in enumerate(
+                zip(jax.tree.leaves(gradient[0]), jax.tree.leaves(wanted), strict=True)
+            )
+        }
+    return color, errors
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize(
+    "change",
+    [{"k": 1}, {"k": 4}, {"k": 16}, {"levels": 0}, {"levels": 2}, {"bundle": 8}, {"bundle": 1}],
+)
+def test_how_the_work_is_cut_does_not_matter(change):
+    motion = resting(gaussians(COUNT, size=(0.1, 0.5)))
+    color, errors = errors_on_device(motion, rays(), replace(OPTIONS, **change))
+    assert color < SINGLE and max(errors.values()) < SINGLE, errors
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("degree", [0, 2, 3])
+def test_every_degree_of_colour(degree):
+    motion = resting(gaussians(COUNT, size=(0.1, 0.5), degree=degree))
+    color, errors = errors_on_device(motion, rays())
+    assert color < SINGLE and max(errors.values()) < SINGLE, errors
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("keys", [1, 2, 3, 5])
+def test_key_states_and_tints(keys):
+    if keys == 1:
+        motion = resting(gaussians(COUNT, size=(0.1, 0.5)))
+    else:
+        motion = wandering(*moving(COUNT, keys, size=(0.1, 0.5), amount=0.02))
+    color, errors = errors_on_device(tinted(motion), rays())
+    # Blended axes lose some digits of single precision where a Gaussian is thin.
+    assert color < COLOR and max(errors.values()) < GRADIENT, errors
+
+
+@pytest.mark.gpu
+def test_what_rests_beside_what_moves():
+    color, errors = errors_on_device(mixed(), rays())
+    assert color < COLOR and max(errors.values()) < GRADIENT, errors
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("name", sorted(set(extremes.SCENES) - {"anisotropy", "upright"}))
+def test_the_ends_of_what_numbers_can_express(name):
+    crowd, lines = extremes.scene(name)
+    color, errors = errors_on_device(resting(crowd), lines)
+    assert color < COLOR and max(errors.values()) < GRADIENT, errors
+
+
+@pytest.mark.gpu
+def test_thousands_on_one_ray_are_all_met_in_their_order():
+    count, dice = 10_000, np.random.default_rng(0)
+    crowd = gaussians(count, seed=1, size=(0.5, 2.0), degree=0)
+    crowd = crowd._replace(
+        mean=np.concatenate(
+            [0.1 * dice.normal(size=(count, 2)), dice.uniform(1, 9, (count, 1))], 1
+        ),
+        opacity=dice.uniform(0.006, 0.01, count),
+    )
+    motion, lines = resting(crowd), shot(rays(place=(0, 0, -8), jitter=0.02, spread=0.01))
+    options = replace(OPTIONS, k=16)
+    capacity = measure(motion, lines, options=options)
+    pixels, report = look(motion, lines, options=options, capacity=capacity)
+    assert int(report.dropped) == 0 and int(report.hits) > 0.99 * count * RAYS
+    assert np.mean(np.abs(stacked(pixels) - stacked(reference.trace(motion, lines)))) < COLOR
+
+
+@pytest.mark.gpu
+def test_equal_distances_are_taken_in_the_order_of_the_gaussians():
+    # A thousand equal discs in one plane, of all colours: any other order is another colour.
+    count = 1000
+    sheet = gaussians(count, seed=3, degree=0)
+    sheet = sheet._replace(
+        mean=np.zeros((count, 3)),
+        quat=np.tile([1.0, 0, 0, 0], (count, 1)),
+        scale=np.tile([1.0, 1.0, 0.01], (count, 1)),
+        opacity=np.full(count, 0.5),
+    )
+    lines = shot(rays(jitter=0.0))
+    capacity = Capacity((512, 512), 8192, 1024)
+    pictures = [
+        look(resting(sheet), lines, options=replace(OPTIONS, k=k), capacity=capacity)[0]
+        for k in (4, 4, 16)
+    ]
+    expected = stacked(reference.trace(resting(sheet), lines))
+    for picture in pictures:
+        np.testing.assert_array_equal(stacked(picture), stacked(pictures[0]))
+        np.testing.assert_allclose(stacked(picture)[:, :3], expected[:, :3], atol=COLOR)
+
+
+@pytest.mark.gpu
+def test_lists_that_are_too_short_are_counted():
+    motion, lines = resting(gaussians(COUNT, size=(0.1, 0.5))), shot(rays())
+    _, report = look(motion, lines, options=OPTIONS, capacity=Capacity((1, 1), 1, 8))
+    whole_list = int(measure(motion, lines, options=OPTIONS, headroom=1.0).slots)
+    assert int(report.dropped) > 0 and 8 < int(report.needed[-1]) <= whole_list
+
+
+@pytest.mark.gpu
+def test_cameras_and_parameters_do_not_compile_again():
+    @eqx.debug.assert_max_traces(max_traces=1)
+    def seen(motion, lines):
+        return trace(motion, lines, options=OPTIONS, capacity=CAPACITY)[0].color
+
+    compiled = eqx.filter_jit(seen)
+    for seed in range(3):
+        motion = resting(gaussians(COUNT, seed=seed, size=(0.1, 0.5)))
+        assert np.all(np.isfinite(compiled(motion, shot(rays(seed=seed)))))
+
+
+@pytest.mark.gpu
+def test_samples_share_lists_on_the_device():
+    motion, several = mixed(), samples_of(shot(rays()))
+    together, _ = look(motion, several, options=OPTIONS, capacity=roomy(OPTIONS))
+    for i in range(2):
+        one, alone = (jax.tree.map(lambda x: x[i], x) for x in (several, together))  # noqa: B023
+        expected, _ = look(motion, one, options=OPTIONS, capacity=roomy(OPTIONS))
+        np.testing.assert_allclose(stacked(alone), stacked(expected), atol=SAME)
