@@ -65,7 +65,8 @@ class Pace(eqx.Module):
 
 
 # Samples of a pixel that are traced at once and share what their bundle may meet. That saves a GPU
-# most of the search; on a CPU the longer lists cost more (16 samples of a lens: 1.9 times the time).
+# most of the search; on a CPU the longer lists cost more (16 samples of a lens take 1.9 times as
+# long).
 _TOGETHER = 16
 
 

@@ -20,14 +20,13 @@ typedef unsigned long long u64;
 // Below this cosine to the axis a bundle is too wide for planes: it is then tested as everywhere.
 #define WIDEST 0.05f
 #define BUCKETS 1024
-// Runs of 32 rays in a group, and how they share the 32 bits of a mask.
-#define RUNS ((GROUP + 31) / 32)
-#define SPAN ((RUNS + 31) / 32)
-#define PARTS ((RUNS + SPAN - 1) / SPAN)
-// Rays of a warp, and warps of a group.
+// Rays of a warp, warps of a group, and how they share the 32 bits of a mask.
 #define WIDE (32 / LANES)
 #define PER ((GROUP + WIDE - 1) / WIDE)
+#define SPAN ((PER + 31) / 32)
+#define PARTS ((PER + SPAN - 1) / SPAN)
 #define JOBS ((size_t)(RAYS / GROUP) * SAMPLES * PER)
+#define ARCS (KEYS < 3 ? 1 : (KEYS - 1) / 2)
 
 struct Vector {
   float x, y, z;
@@ -67,13 +66,27 @@ __device__ __forceinline__ bool finite(Vector v) {
 // ---------------------------------------------------------------- bounds of a group of rays
 
 // Half-spaces n.x >= offset that hold all rays: near plane, four sides. `reach` is the largest
-// n.origin of the near plane, -infinity if distances are not bounded. Control points `first` to
-// `last` have a share in the group's times.
+// n.origin of the near plane, infinity if distances are not bounded. `begin` and `end` are where on
+// the arcs of the motion the group's times lie: the number of an arc, and the fraction of it.
 struct Bounds {
   float4 plane[5];
-  float reach;
-  int first, last;
+  float reach, begin, end, unused;
 };
+
+// Which ray of a group is number `i` of a warp's part. Without key states a warp takes 4 x 2 pixels
+// of an 8 x 8 bundle, which are met by less; with them 8 x 1, which a rolling shutter reads at once.
+__device__ __forceinline__ int slot_of(int part, int i) {
+  if (KEYS == 1 && SIDE == 8 && WIDE == 8) {
+    int run = part % 8;
+    return 64 * (part / 8) + 16 * (run / 2) + 4 * (run % 2) + 8 * (i / 4) + i % 4;
+  }
+  return WIDE * part + i;
+}
+
+// Where on the arcs a ray's weights are.
+__device__ __forceinline__ float position(float4 weight) {
+  return KEYS == 2 ? weight.y : 0.5f * weight.w + weight.z + 0.5f * weight.y;
+}
 
 __device__ __forceinline__ int least_of_warp(int v) {
   for (int i = 16; i; i >>= 1) v = min(v, __shfl_xor_sync(ALL, v, i));
@@ -123,13 +136,16 @@ __device__ Vector sum(Team team, Vector v) {
   return {team.sum(v.x), team.sum(v.y), team.sum(v.z)};
 }
 
-// `count` rays from `begin` in each of `samples`, seen by a team of threads.
+// The rays of `parts` warps from `first` on, in all samples, seen by a team of threads.
 template <class Team>
 __device__ Bounds bound(Team team, const float *origin, const float *direction,
-                        const float4 *weight, size_t begin, int count, int samples) {
+                        const float4 *weight, size_t begin, int first_part, int parts) {
+  const int count = WIDE * parts;
   auto each = [&](auto visit) {
-    for (int i = team.rank(); i < count * samples; i += team.size()) {
-      size_t ray = begin + (size_t)(i / count) * RAYS + i % count;
+    for (int i = team.rank(); i < count * SAMPLES; i += team.size()) {
+      int slot = slot_of(first_part + i % count / WIDE, i % WIDE);
+      if (slot >= GROUP) continue;
+      size_t ray = begin + (size_t)(i / count) * RAYS + slot;
       Vector o = load(origin, ray), d = load(direction, ray);
       bool real = finite(o) && finite(d) && (d.x != 0 || d.y != 0 || d.z != 0);
       if (real) visit(ray, o, d);
@@ -142,20 +158,17 @@ __device__ Bounds bound(Team team, const float *origin, const float *direction,
     total = total + d;
     magnitude = fmaxf(magnitude, fmaxf(fabsf(o.x), fmaxf(fabsf(o.y), fabsf(o.z))));
     if (KEYS > 1) {
-      float at = weight[ray].w;
+      float at = position(weight[ray]);
       first = fminf(first, at);
       last = fmaxf(last, at);
     }
   });
   magnitude = -team.minimum(-magnitude);
-  b.first = 0;
-  b.last = 0;
-  if (KEYS > 1) {
-    b.first = (int)fminf(team.minimum(first), KEYS - 1);
-    b.last = min((int)-team.minimum(-last) + 2, KEYS - 1);
-  }
+  b.begin = KEYS > 1 ? fmaxf(team.minimum(first) - SLACK * ARCS, 0) : 0;
+  b.end = KEYS > 1 ? fminf(-team.minimum(-last) + SLACK * ARCS, ARCS) : 0;
   Vector axis = normalize(sum(team, total));
-  Vector along = load(direction, begin + min(SIDE, count) - 1) - load(direction, begin);
+  const size_t corner = begin + slot_of(first_part, 0);
+  Vector along = load(direction, corner + min(SIDE, WIDE) / 2 - 1) - load(direction, corner);
   along = along - dot(along, axis) * axis;
   Vector helper = fabsf(axis.x) < 0.6f ? Vector{1, 0, 0} : Vector{0, 1, 0};
   helper = helper - dot(helper, axis) * axis;
@@ -228,6 +241,24 @@ __device__ __forceinline__ float2 support(const Frame &e, float4 n) {
   return {n.x * e.mean.x + n.y * e.mean.y + n.z * e.mean.z, sqrtf(square)};
 }
 
+// Control point `c` of the part of an arc from `begin` to `end`: of a parabola the one at the start,
+// the blossom of both ends, or the one at the end; of a line one of its ends.
+__device__ __forceinline__ Frame control_of_part(const float4 *row, float begin, float end, int c) {
+  float x = c < 2 && !(KEYS == 2 && c == 1) ? begin : end, y = c < 1 ? begin : end;
+  float w[3] = {(1 - x) * (1 - y), x * (1 - y) + y * (1 - x), x * y};
+  if (KEYS == 2) {
+    w[0] = 1 - x;
+    w[1] = x;
+  }
+  Frame sum = {};
+  for (int k = 0; k < (KEYS == 2 ? 2 : 3); k++) {
+    Frame e = frame(row + 4 * k);
+    for (int i = 0; i < 9; i++) sum.f[i] += w[k] * e.f[i];
+    sum.mean = sum.mean + w[k] * e.mean;
+  }
+  return sum;
+}
+
 // False where the ellipsoid lies outside one half-space from `from` on, at all control points.
 // `bound` becomes a distance that no ray of the group has to travel less to meet it.
 __device__ __forceinline__ bool touches(const Bounds &b, int from, const float4 *extent,
@@ -244,13 +275,16 @@ __device__ __forceinline__ bool touches(const Bounds &b, int from, const float4 
     }
   } else {
     for (int i = 0; i < 5; i++) top[i] = -INFINITE;
-    for (int c = b.first; c <= b.last; c++) {
-      Frame e = frame(keyed + 4 * ((size_t)moving * KEYS + c));
-      for (int i = 0; i < 5; i++) {
-        if (i < from) continue;
-        float2 s = support(e, b.plane[i]);
-        if (i == 0) least = fminf(least, s.x - reach * s.y);
-        top[i] = fmaxf(top[i], s.x + reach * s.y);
+    for (int arc = (int)b.begin; arc < ARCS && arc <= b.end; arc++) {
+      float begin = fmaxf(b.begin - arc, 0), end = fminf(b.end - arc, 1);
+      for (int c = 0; c < (KEYS == 2 ? 2 : 3); c++) {
+        Frame e = control_of_part(keyed + 4 * ((size_t)moving * KEYS + 2 * arc), begin, end, c);
+        for (int i = 0; i < 5; i++) {
+          if (i < from) continue;
+          float2 s = support(e, b.plane[i]);
+          if (i == 0) least = fminf(least, s.x - reach * s.y);
+          top[i] = fmaxf(top[i], s.x + reach * s.y);
+        }
       }
     }
   }
@@ -261,9 +295,9 @@ __device__ __forceinline__ bool touches(const Bounds &b, int from, const float4 
   return inside;
 }
 
-// Which of a group's runs of rays a Gaussian may meet, a bit for each SPAN of them.
-__device__ __forceinline__ u32 runs_met(const Bounds *part, const float4 *extent,
-                                        const float4 *keyed, int id, int moving, float reach) {
+// Which of a group's warps may meet a Gaussian, a bit for each SPAN of them.
+__device__ __forceinline__ u32 warps_met(const Bounds *part, const float4 *extent,
+                                         const float4 *keyed, int id, int moving, float reach) {
   u32 mask = 0;
   if (KEYS == 1 || moving < 0) {
     Frame e = frame(extent + 3 * (size_t)id);
@@ -284,7 +318,7 @@ __device__ __forceinline__ u32 runs_met(const Bounds *part, const float4 *extent
 }
 
 // One block lists what one group of rays may meet: boxes of 256 Gaussians, then of 8, then
-// ellipsoids; sorted into buckets by the least distance. It also bounds the group's runs of rays.
+// ellipsoids; sorted into buckets by the least distance. It also bounds the rays of each warp.
 extern "C" __global__ void __launch_bounds__(256)
 gather(const float *origin, const float *direction, const float4 *weight, const int *order,
        const float *super, const float *cell, const float4 *extent, const float4 *state,
@@ -299,8 +333,7 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   size_t own = (size_t)blockIdx.x * SLOTS;
   {
     Block team = {scratch};
-    Bounds mine = bound(team, origin, direction, weight, (size_t)blockIdx.x * GROUP, GROUP,
-                        SAMPLES);
+    Bounds mine = bound(team, origin, direction, weight, (size_t)blockIdx.x * GROUP, 0, PER);
     if (threadIdx.x == 0) {
       b = mine;
       total = 0;
@@ -309,9 +342,8 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
     }
   }
   for (int w = warp; w < PARTS; w += 8) {
-    int begin = 32 * SPAN * w, size = min(32 * SPAN, GROUP - begin);
-    Bounds mine = bound(Warp(), origin, direction, weight, (size_t)blockIdx.x * GROUP + begin,
-                        size, SAMPLES);
+    Bounds mine = bound(Warp(), origin, direction, weight, (size_t)blockIdx.x * GROUP, SPAN * w,
+                        min(SPAN, PER - SPAN * w));
     if (lane == 0) parts[(size_t)blockIdx.x * PARTS + w] = mine;
   }
   __syncthreads();
@@ -397,7 +429,7 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   }
 }
 
-// Which runs of rays may meet an entry, and its place: those of a bucket (which share a bound) are
+// Which warps may meet an entry, and its place: those of a bucket (which share a bound) are
 // put in the order of the Gaussians, so that the list does not depend on who came first.
 extern "C" __global__ void __launch_bounds__(128)
 sift(const int *found, const float *bounds, const Bounds *parts, const int *count,
@@ -418,7 +450,7 @@ sift(const int *found, const float *bounds, const Bounds *parts, const int *coun
   for (int i = at + 1; i < held && bounds[own + i] == bound; i++) place += found[own + i] < id;
   const float4 last = state[4 * (size_t)id + 3];
   list[own + place] = id;
-  masks[own + place] = runs_met(part, extent, keyed, id, (int)last.z, sqrtf(last.y));
+  masks[own + place] = warps_met(part, extent, keyed, id, (int)last.z, sqrtf(last.y));
 }
 
 // ---------------------------------------------------------------- one ray meets one Gaussian
@@ -854,12 +886,19 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
   __shared__ float distance[WARPS][WIDE][32], alphas[WARPS][WIDE][32];
   const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5, own = lane % LANES;
   Queue &queue = queues[warp];
-  const u32 bit = 1u << (part * WIDE / (32 * SPAN));
+  const u32 bit = 1u << (part / SPAN);
   const int entries = min(count[group], SLOTS);
   list += group * SLOTS;
   bounds += group * SLOTS;
   masks += group * SLOTS;
 
+  // All rays at the same time: what moves is brought there once for all.
+  bool steady = false;
+  if (KEYS > 1) {
+    float4 w = ray.weight;
+    steady = __all_sync(ALL, w.x == __shfl_sync(ALL, w.x, 0) && w.y == __shfl_sync(ALL, w.y, 0) &&
+                                 w.w == __shfl_sync(ALL, w.w, 0));
+  }
   const Rank nothing = {INFINITE, 0x7fffffff};
   Pending pending;
   pending.clear();
@@ -904,13 +943,25 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
       arrive();
       const int staged = min(have, 32);
       stage(32, turned ^ 1);
+      if (KEYS > 1 && steady) {
+        float4 *row = queue.row[turned][lane];
+        Matter m = matter(row[0], row[1], row[2], row[3]);
+        if (lane < staged && m.moving >= 0) {
+          Vector unused;
+          blend(ray, scene.keyed, m, unused);
+          row[0] = {m.a[0], m.a[1], m.a[2], m.a[3]};
+          row[1] = {m.a[4], m.a[5], m.a[6], m.a[7]};
+          row[2] = {m.a[8], m.mean.x, m.mean.y, m.mean.z};
+        }
+        __syncwarp();
+      }
       u32 hits = 0;
 #pragma unroll 2
       for (int j = 0; j < (staged + LANES - 1) / LANES; j++) {
         const int e = j * LANES + own;
         const float4 *row = queue.row[turned][e];
         Matter m = matter(row[0], row[1], row[2], row[3]);
-        if (KEYS > 1 && e < staged && m.moving >= 0) {
+        if (KEYS > 1 && !steady && e < staged && m.moving >= 0) {
           Vector unused;
           blend(ray, scene.keyed, m, unused);
         }
@@ -1015,7 +1066,7 @@ __device__ __forceinline__ Job job_of(const int *turn) {
   Job job;
   job.group = turn[warp / (SAMPLES * PER)];
   job.part = warp % PER;
-  const int slot = WIDE * job.part + lane / LANES;
+  const int slot = slot_of(job.part, lane / LANES);
   job.ray = warp / PER % SAMPLES * RAYS + job.group * GROUP + slot;
   job.there = slot < GROUP;
   return job;

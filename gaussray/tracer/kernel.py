@@ -1,12 +1,17 @@
 """Candidates to pixels on a CUDA device: what grid, traverse and march do, in two kernels.
 
-`gather` gives every 32 x 32 pixels one list of what they may meet, in the order of the least
-distance. `forward` takes 32 neighbouring rays (a warp) through their list: they drop what lies
-outside their own frustum, and each ray keeps its k nearest pending hits in registers. A hit is
-blended once nothing further down the list can be nearer, so the order is exact and the walk ends
-where the rays are spent. Hits beyond k wait for another pass: k is a matter of speed alone. Hits at
-equal distance are taken in the order of their Gaussians. `backward` walks again and adds up the
-gradients as it goes, in no fixed order: they differ by rounding from run to run.
+`gather` gives every 16 x 16 pixels one list of what they may meet, in the order of the least
+distance, and `sift` marks which of their warps may meet it. In `forward` a warp takes eight
+neighbouring rays through the list, four lanes to a ray: the lanes share the entries among them and
+each keeps its nearest pending hits in registers. A hit is blended once nothing further down the
+list can be nearer, so the order is exact, and the walk ends where the rays are spent. Hits without
+room wait for another pass: k is a matter of speed alone. Hits at equal distance are taken in the
+order of their Gaussians. `backward` walks again and adds up the gradients as it goes, in no fixed
+order: they differ by rounding from run to run.
+
+What was measured on the way (H200, 512 x 512, room of 200,000, the march alone): a ray to a lane
+2.2 ms, bound by the longest walk; the entries met first and the hits sorted in afterwards 1.1; four
+lanes to a ray 0.64.
 
 Why CUDA C++ through NVRTC and XLA's PTX call. Pallas' Triton lowering says itself that it will be
 removed; its tensor programs also cannot stop one warp while others go on (the prototype of this
@@ -27,7 +32,6 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.scene.gaussians import Gaussians, axes, whitening
-from gaussray.tracer.bundle import FAN
 from gaussray.tracer.cuda import launch, ptx
 from gaussray.tracer.grid import OCCUPANCY, place
 from gaussray.tracer.motion import Motion, arc_weights, controls, tint_controls, usable, whole
@@ -41,6 +45,8 @@ _CELLS = 32
 # the lanes, so together they keep twice k.
 _WARPS = 4
 _LANES = 4
+# Bundles that share a list: with 8 x 8 pixels in each, a bit of a mask stands for one warp.
+_BUNDLES = 4
 
 
 class Rows(NamedTuple):
@@ -102,7 +108,7 @@ def prepare(
     number of Gaussians that were not usable."""
     motion = whole(motion) if motion.keys == 1 else motion
     rows, box, kept, fine = _rows(motion, options.alpha_min)
-    group = options.bundle**2 * FAN ** min(options.levels, 1)
+    group = options.bundle**2 * (_BUNDLES if options.levels else 1)
     samples, count = rays.time.shape
     padding = max(-(-count // group), 1) * group - count
     origin, direction = (
@@ -136,8 +142,8 @@ def prepare(
 
 def _gather(program: Program, rows: Rows, lines, order, cell, super_) -> Lists:
     groups, code = program.rays // program.group, program.code
-    runs = -(-program.group // 32)
-    parts = -(-runs // -(-runs // 32))
+    warps = -(-program.group * _LANES // 32)
+    parts = -(-warps // -(-warps // 32))
     size = groups, program.slots
     integers, numbers = (jax.ShapeDtypeStruct(size, t) for t in (jnp.int32, jnp.float32))
     rows, lines = jax.lax.stop_gradient((rows, lines))
