@@ -1,11 +1,14 @@
 """One picture, compiled: rays, the scene at their times, the trace, the film."""
 
+import functools
 import math
+from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.sharding import Mesh, PartitionSpec
+from jax.tree_util import PyTreeDef
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.camera import Camera, camera_rays
@@ -70,35 +73,41 @@ class Pace(eqx.Module):
 _TOGETHER = 16
 
 
-@eqx.filter_jit
-def render_part(
-    scene: Scene, camera: Camera, part: Part, *, pace: Pace
-) -> tuple[Float[Array, "pixels 5"], Report]:
-    """Red, green, blue, coverage and mean distance of a part's pixels, the rays spread over the
-    devices: rays, the scene at their times, the trace, and the mean over a pixel's samples."""
-    return _seen(scene, camera, part, pace)
+@functools.lru_cache(maxsize=64)
+def render_part(structure: PyTreeDef, pace: Pace) -> Callable[..., tuple[Array, Report]]:
+    """A compiled function of (leaves of a scene of this structure, camera, part): red, green, blue,
+    coverage and mean distance of the part's pixels, the rays spread over the devices.
+
+    Made once for each pace, so that a frame costs the host as little as can be.
+    """
+
+    @jax.jit
+    def run(leaves: list[Array], camera: Camera, part: Part):
+        return _seen(jax.tree.unflatten(structure, leaves), camera, part, pace)
+
+    return run
 
 
-@eqx.filter_jit
-def render_frames(
-    scene: Scene, cameras: Camera, part: Part, *, pace: Pace
-) -> tuple[Float[Array, "frames pixels 5"], Report]:
+@functools.lru_cache(maxsize=64)
+def render_frames(structure: PyTreeDef, pace: Pace) -> Callable[..., tuple[Array, Report]]:
     """The same for as many cameras (a leading axis) as there are devices, a frame on each."""
     everywhere, split = PartitionSpec(), PartitionSpec("rays")
     alone = Pace(pace.capacity, pace.keys, pace.options, pace.trace, None)
 
-    def one_device(scene, cameras, part):
+    def one_device(leaves, cameras, part):
+        scene = jax.tree.unflatten(structure, leaves)
         seen = _seen(scene, jax.tree.map(lambda x: x[0], cameras), part, alone)
         return jax.tree.map(lambda x: x[None], seen)
 
-    spread = jax.shard_map(
-        one_device,
-        mesh=pace.mesh,
-        in_specs=(everywhere, split, everywhere),
-        out_specs=split,
-        check_vma=False,
+    return jax.jit(
+        jax.shard_map(
+            one_device,
+            mesh=pace.mesh,
+            in_specs=(everywhere, split, everywhere),
+            out_specs=split,
+            check_vma=False,
+        )
     )
-    return spread(scene, cameras, part)
 
 
 def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, Report]:
@@ -113,7 +122,10 @@ def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, 
         )
         return jax.tree.map(lambda x: jnp.mean(x, axis=0), pixels), report
 
-    pixels, reports = jax.lax.map(trace_some, u.reshape(-1, shared, 5))
+    if u.shape[0] == shared:
+        pixels, reports = jax.tree.map(lambda x: x[None], trace_some(u))
+    else:
+        pixels, reports = jax.lax.map(trace_some, u.reshape(-1, shared, 5))
     pixels = jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], pixels)
     alpha = 1 - pixels.transmittance
     depth = pixels.depth / jnp.maximum(alpha, 1e-6)

@@ -54,6 +54,7 @@ class Renderer:
         devices: int | None = None,
     ):
         self.scene = scene
+        self._leaves, self._structure = jax.tree.flatten(scene)
         self.options = options or RenderOptions()
         self.trace = trace or TraceOptions()
         self.mesh = device_mesh(devices)
@@ -126,10 +127,10 @@ class Renderer:
         batch.compiled |= (size, pace.capacity) not in self._ready
         self._ready.add((size, pace.capacity))
         if batch.alone:
-            return render_part(self.scene, cameras[0], part, pace=pace)
+            return render_part(self._structure, pace)(self._leaves, cameras[0], part)
         filled = cameras + cameras[-1:] * (self.mesh.size - len(cameras))
         stacked = jax.tree.map(lambda *x: jnp.stack(x), *filled)
-        return render_frames(self.scene, stacked, part, pace=pace)
+        return render_frames(self._structure, pace)(self._leaves, stacked, part)
 
     def _finish(self, batch: "_Batch") -> list[Frame]:
         """The frames of a batch; parts whose lists were too short are rendered again."""

@@ -136,13 +136,15 @@ __device__ Vector sum(Team team, Vector v) {
   return {team.sum(v.x), team.sum(v.y), team.sum(v.z)};
 }
 
-// The rays of `parts` warps from `first` on, in all samples, seen by a team of threads.
+// The rays of `parts` warps from `first_part` on, in `samples` from where `begin` points, seen by a
+// team of threads.
 template <class Team>
 __device__ Bounds bound(Team team, const float *origin, const float *direction,
-                        const float4 *weight, size_t begin, int first_part, int parts) {
+                        const float4 *weight, size_t begin, int samples, int first_part,
+                        int parts) {
   const int count = WIDE * parts;
   auto each = [&](auto visit) {
-    for (int i = team.rank(); i < count * SAMPLES; i += team.size()) {
+    for (int i = team.rank(); i < count * samples; i += team.size()) {
       int slot = slot_of(first_part + i % count / WIDE, i % WIDE);
       if (slot >= GROUP) continue;
       size_t ray = begin + (size_t)(i / count) * RAYS + slot;
@@ -333,7 +335,8 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   size_t own = (size_t)blockIdx.x * SLOTS;
   {
     Block team = {scratch};
-    Bounds mine = bound(team, origin, direction, weight, (size_t)blockIdx.x * GROUP, 0, PER);
+    Bounds mine = bound(team, origin, direction, weight, (size_t)blockIdx.x * GROUP, SAMPLES, 0,
+                        PER);
     if (threadIdx.x == 0) {
       b = mine;
       total = 0;
@@ -341,10 +344,12 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
       high = 0;
     }
   }
-  for (int w = warp; w < PARTS; w += 8) {
-    Bounds mine = bound(Warp(), origin, direction, weight, (size_t)blockIdx.x * GROUP, SPAN * w,
-                        min(SPAN, PER - SPAN * w));
-    if (lane == 0) parts[(size_t)blockIdx.x * PARTS + w] = mine;
+  for (int i = warp; i < PARTS * SAMPLES; i += 8) {
+    const int first = SPAN * (i % PARTS), sample = i / PARTS;
+    Bounds mine = bound(Warp(), origin, direction, weight,
+                        (size_t)sample * RAYS + (size_t)blockIdx.x * GROUP, 1, first,
+                        min(SPAN, PER - first));
+    if (lane == 0) parts[((size_t)sample * (RAYS / GROUP) + blockIdx.x) * PARTS + i % PARTS] = mine;
   }
   __syncthreads();
   int least = 0x7f800000, most = 0;
@@ -434,11 +439,13 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
 extern "C" __global__ void __launch_bounds__(128)
 sift(const int *found, const float *bounds, const Bounds *parts, const int *count,
      const float4 *extent, const float4 *state, const float4 *keyed, int *list, int *masks) {
-  const size_t group = blockIdx.x / ((SLOTS + 127) / 128), own = group * SLOTS;
-  const int chunk = blockIdx.x % ((SLOTS + 127) / 128), held = min(count[group], SLOTS);
+  const int chunk = blockIdx.x % ((SLOTS + 127) / 128);
+  const size_t whole = blockIdx.x / ((SLOTS + 127) / 128), group = whole % (RAYS / GROUP);
+  const size_t own = group * SLOTS;
+  const int held = min(count[group], SLOTS);
   if (128 * chunk >= held) return;
   __shared__ Bounds part[PARTS];
-  const float *from = (const float *)(parts + group * PARTS);
+  const float *from = (const float *)(parts + whole * PARTS);
   for (int i = threadIdx.x; i < PARTS * sizeof(Bounds) / 4; i += 128) ((float *)part)[i] = from[i];
   __syncthreads();
   const int at = 128 * chunk + threadIdx.x;
@@ -449,8 +456,8 @@ sift(const int *found, const float *bounds, const Bounds *parts, const int *coun
   for (int i = at - 1; i >= 0 && bounds[own + i] == bound; i--) place -= found[own + i] > id;
   for (int i = at + 1; i < held && bounds[own + i] == bound; i++) place += found[own + i] < id;
   const float4 last = state[4 * (size_t)id + 3];
-  list[own + place] = id;
-  masks[own + place] = warps_met(part, extent, keyed, id, (int)last.z, sqrtf(last.y));
+  if (whole < RAYS / GROUP) list[own + place] = id;
+  masks[whole * SLOTS + place] = warps_met(part, extent, keyed, id, (int)last.z, sqrtf(last.y));
 }
 
 // ---------------------------------------------------------------- one ray meets one Gaussian
@@ -880,8 +887,8 @@ struct Queue {
 // pass over the list: `limit` is the nearest of them, and everything nearer is taken in this pass.
 template <bool BACK>
 __device__ void march(const Scene &scene, const int *list, const float *bounds, const int *masks,
-                      const int *count, size_t group, int part, const Ray &ray, Path &path,
-                      Slope *slope) {
+                      const int *count, size_t group, int sample, int part, const Ray &ray,
+                      Path &path, Slope *slope) {
   __shared__ Queue queues[WARPS];
   __shared__ float distance[WARPS][WIDE][32], alphas[WARPS][WIDE][32];
   const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5, own = lane % LANES;
@@ -890,7 +897,7 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
   const int entries = min(count[group], SLOTS);
   list += group * SLOTS;
   bounds += group * SLOTS;
-  masks += group * SLOTS;
+  masks += (sample * (size_t)(RAYS / GROUP) + group) * SLOTS;
 
   // All rays at the same time: what moves is brought there once for all.
   bool steady = false;
@@ -1056,7 +1063,7 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
 // What a lane of the march works on.
 struct Job {
   size_t group, ray;
-  int part;
+  int sample, part;
   bool there;
 };
 
@@ -1067,7 +1074,8 @@ __device__ __forceinline__ Job job_of(const int *turn) {
   job.group = turn[warp / (SAMPLES * PER)];
   job.part = warp % PER;
   const int slot = slot_of(job.part, lane / LANES);
-  job.ray = warp / PER % SAMPLES * RAYS + job.group * GROUP + slot;
+  job.sample = warp / PER % SAMPLES;
+  job.ray = (size_t)job.sample * RAYS + job.group * GROUP + slot;
   job.there = slot < GROUP;
   return job;
 }
@@ -1093,7 +1101,7 @@ forward(const float *origin, const float *direction, const float4 *weight, const
   const Ray ray = ray_at(origin, direction, weight, job.ray, job.there);
   Path path = {{0, 0, 0, 0}, 1, 0};
   const Scene scene = {state, keyed, color};
-  march<false>(scene, list, bounds, masks, count, job.group, job.part, ray, path, nullptr);
+  march<false>(scene, list, bounds, masks, count, job.group, job.sample, job.part, ray, path, nullptr);
   float4 total = {sum_of_ray(path.sum.x), sum_of_ray(path.sum.y), sum_of_ray(path.sum.z),
                   sum_of_ray(path.sum.w)};
   int met = (int)sum_of_ray((float)path.hits);
@@ -1126,7 +1134,7 @@ backward(const float *origin, const float *direction, const float4 *weight, cons
                  g_transmittance[job.ray] * transmittance[job.ray];
   }
   const Scene scene = {state, keyed, color};
-  march<true>(scene, list, bounds, masks, count, job.group, job.part, ray, path, &slope);
+  march<true>(scene, list, bounds, masks, count, job.group, job.sample, job.part, ray, path, &slope);
   Vector o = slope.d_origin, d = slope.d_direction, w = slope.d_weight;
   o = {sum_of_ray(o.x), sum_of_ray(o.y), sum_of_ray(o.z)};
   d = {sum_of_ray(d.x), sum_of_ray(d.y), sum_of_ray(d.z)};

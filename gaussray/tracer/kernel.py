@@ -47,6 +47,8 @@ _WARPS = 4
 _LANES = 4
 # Bundles that share a list: with 8 x 8 pixels in each, a bit of a mask stands for one warp.
 _BUNDLES = 4
+# Bytes of lists at once; larger pictures are traced in strips.
+_MEMORY = 2 * 1024**3
 
 
 class Rows(NamedTuple):
@@ -70,7 +72,7 @@ class Lists(NamedTuple):
 
     index: Int[Array, "groups slots"]
     bound: Float[Array, "groups slots"]
-    mask: Int[Array, "groups slots"]
+    mask: Int[Array, "samples groups slots"]
     count: Int[Array, " groups"]
     turn: Int[Array, " groups"]
 
@@ -101,32 +103,42 @@ class Program(NamedTuple):
         )
 
 
-def prepare(
-    motion: Motion, rays: Rays, *, options, slots: int
-) -> tuple[Program, Rows, tuple[Array, Array, Array], Lists, Int[Array, ""]]:
-    """Everything up to the march: program, rows, rays (samples x rays, padded), lists, and the
-    number of Gaussians that were not usable."""
+class Strip(NamedTuple):
+    """Rays whose lists fit into memory together: origin, direction, and where on the arcs of the
+    motion they are (the shares of three control points, and the first of them)."""
+
+    origin: Float[Array, "samples rays 3"]
+    direction: Float[Array, "samples rays 3"]
+    weight: Float[Array, "samples rays 4"]
+
+
+class Stage(NamedTuple):
+    """What all strips share: program, rows, and the boxes in the order of the grid."""
+
+    program: Program
+    rows: Rows
+    boxes: tuple[Int[Array, " gaussians"], Float[Array, "cells 6"], Float[Array, "supers 6"]]
+    strips: int
+    skipped: Int[Array, ""]
+
+
+def prepare(motion: Motion, rays: Rays, *, options, slots: int) -> tuple[Stage, Strip]:
+    """Everything up to the candidates. Strips come first in the rays' axes, which are padded."""
     motion = whole(motion) if motion.keys == 1 else motion
     rows, box, kept, fine = _rows(motion, options.alpha_min)
     group = options.bundle**2 * (_BUNDLES if options.levels else 1)
     samples, count = rays.time.shape
-    padding = max(-(-count // group), 1) * group - count
-    origin, direction = (
-        jnp.pad(x, ((0, 0), (0, padding), (0, 0))) for x in (rays.origin, rays.direction)
-    )
-    weight = jnp.zeros((1, 1, 4), rays.time.dtype)
-    if motion.keys > 1:
-        share, first = arc_weights(motion.time, rays.time)
-        weight = jnp.concatenate([share, first[..., None].astype(share.dtype)], axis=-1)
-        weight = jnp.pad(weight, ((0, 0), (0, padding), (0, 0)))
-    order, cell, super_ = _boxes(box, kept)
+    groups = max(-(-count // group), 1)
+    strips = min(-(-groups * slots * 4 * (4 + samples) // _MEMORY), groups)
+    groups = -(-groups // strips)
+    boxes = _boxes(box, kept)
     program = Program(
-        rays=count + padding,
+        rays=groups * group,
         samples=samples,
         group=group,
         side=options.bundle,
         slots=slots,
-        supers=super_.shape[0],
+        supers=boxes[2].shape[0],
         keys=motion.keys,
         harmonics=motion.gaussians.harmonics.shape[1],
         tinted=int(_tinted(motion)),
@@ -135,26 +147,38 @@ def prepare(
         alpha_max=options.alpha_max,
         transmittance_min=options.transmittance_min,
     )
-    lines = origin, direction, weight
-    lists = _gather(program, rows, lines, order, cell, super_)
-    return program, rows, lines, lists, jnp.sum(~fine, dtype=jnp.int32)
+
+    def cut(x: Array) -> Array:
+        missing = strips * program.rays - count
+        x = jnp.pad(x, ((0, 0), (0, missing), (0, 0)))
+        return jnp.moveaxis(x.reshape(samples, strips, program.rays, -1), 1, 0)
+
+    weight = jnp.zeros((strips, 1, 1, 4), rays.time.dtype)
+    if motion.keys > 1:
+        share, first = arc_weights(motion.time, rays.time)
+        weight = cut(jnp.concatenate([share, first[..., None].astype(share.dtype)], axis=-1))
+    skipped = jnp.sum(~fine, dtype=jnp.int32)
+    stage = Stage(program, rows, boxes, strips, skipped)
+    return stage, Strip(cut(rays.origin), cut(rays.direction), weight)
 
 
-def _gather(program: Program, rows: Rows, lines, order, cell, super_) -> Lists:
+def candidates(stage: Stage, strip: Strip) -> Lists:
+    """The lists of one strip. No gradient."""
+    program, (order, cell, super_) = stage.program, stage.boxes
     groups, code = program.rays // program.group, program.code
     warps = -(-program.group * _LANES // 32)
     parts = -(-warps // -(-warps // 32))
     size = groups, program.slots
     integers, numbers = (jax.ShapeDtypeStruct(size, t) for t in (jnp.int32, jnp.float32))
-    rows, lines = jax.lax.stop_gradient((rows, lines))
+    rows, strip = jax.lax.stop_gradient((stage.rows, strip))
     found, bound, bounds, count, _, _ = launch(
         "gather",
         code,
-        (*lines, order, super_, cell, rows.extent, rows.state, rows.keyed),
+        (*strip, order, super_, cell, rows.extent, rows.state, rows.keyed),
         (
             integers,
             numbers,
-            jax.ShapeDtypeStruct((groups, parts, 24), jnp.float32),
+            jax.ShapeDtypeStruct((program.samples, groups, parts, 24), jnp.float32),
             jax.ShapeDtypeStruct((groups,), jnp.int32),
             integers,
             numbers,
@@ -166,15 +190,15 @@ def _gather(program: Program, rows: Rows, lines, order, cell, super_) -> Lists:
         "sift",
         code,
         (found, bound, bounds, count, rows.extent, rows.state, rows.keyed),
-        (integers, integers),
-        blocks=groups * -(-program.slots // 128),
+        (integers, jax.ShapeDtypeStruct((program.samples, *size), jnp.int32)),
+        blocks=program.samples * groups * -(-program.slots // 128),
         threads=128,
     )
     return Lists(index, bound, mask, count, jnp.argsort(-count).astype(jnp.int32))
 
 
 def _march(
-    program: Program, rows: Rows, origin: Array, direction: Array, weight: Array, lists: Lists
+    program: Program, rows: Rows, strip: Strip, lists: Lists
 ) -> tuple[
     Float[Array, "samples rays 4"], Float[Array, "samples rays"], Int[Array, "samples rays"]
 ]:
@@ -183,7 +207,7 @@ def _march(
     sums, transmittance, hits = launch(
         "forward",
         program.code,
-        (origin, direction, weight, *lists, *rows[1:]),
+        (*strip, *lists, *rows[1:]),
         (
             jax.ShapeDtypeStruct((*size, 4), jnp.float32),
             jax.ShapeDtypeStruct(size, jnp.float32),
@@ -195,27 +219,27 @@ def _march(
     return sums, transmittance, hits
 
 
-def _march_forward(program, rows, origin, direction, weight, lists):
-    out = _march(program, rows, origin, direction, weight, lists)
-    return out, (rows, origin, direction, weight, lists, out[0], out[1])
+def _march_forward(program, rows, strip, lists):
+    out = _march(program, rows, strip, lists)
+    return out, (rows, strip, lists, out[0], out[1])
 
 
 def _march_backward(program, saved, cotangent):
-    rows, origin, direction, weight, lists, total, end = saved
+    rows, strip, lists, total, end = saved
     g_total, g_end, _ = cotangent
     d_origin, d_direction, d_weight, d_state, d_color, d_keyed = launch(
         "backward",
         program.code,
-        (origin, direction, weight, *lists, *rows[1:], total, end, g_total, g_end),
-        [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in (origin, direction, weight)],
+        (*strip, *lists, *rows[1:], total, end, g_total, g_end),
+        [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in strip],
         sums=[jnp.zeros_like(x) for x in (rows.state, rows.color, rows.keyed)],
         blocks=_blocks(program),
         threads=32 * _WARPS,
     )
     if program.keys == 1:
-        d_weight = jnp.zeros_like(weight)
+        d_weight = jnp.zeros_like(strip.weight)
     d_rows = Rows(jnp.zeros_like(rows.extent), d_state, d_keyed, d_color)
-    return d_rows, d_origin, d_direction, d_weight, None
+    return d_rows, Strip(d_origin, d_direction, d_weight), None
 
 
 march = jax.custom_vjp(_march, nondiff_argnums=(0,))

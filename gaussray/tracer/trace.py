@@ -112,14 +112,26 @@ def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
 
 def _trace_kernel(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
     samples, count = rays.time.shape
-    program, rows, lines, lists, skipped = kernel.prepare(
-        motion, rays, options=options, slots=capacity.slots
-    )
-    sums, transmittance, hits = kernel.march(program, rows, *lines, lists)
-    sums, transmittance = sums[:, :count], transmittance[:, :count]
-    needed, dropped = _wants(lists.count, options, capacity)
-    pixels = Pixels(sums[..., :3], transmittance, sums[..., 3])
-    return pixels, Report(needed, dropped, skipped, jnp.sum(hits))
+    stage, strips = kernel.prepare(motion, rays, options=options, slots=capacity.slots)
+
+    def one(strip: kernel.Strip):
+        lists = kernel.candidates(stage, strip)
+        sums, transmittance, hits = kernel.march(stage.program, stage.rows, strip, lists)
+        needed, dropped = _wants(lists.count, options, capacity)
+        return sums, transmittance, needed, dropped, jnp.sum(hits)
+
+    sums, transmittance, needed, dropped, hits = _over(one, strips)
+    sums = jnp.moveaxis(sums, 0, 1).reshape(samples, -1, 4)[:, :count]
+    transmittance = jnp.moveaxis(transmittance, 0, 1).reshape(samples, -1)[:, :count]
+    report = Report(jnp.max(needed, axis=0), jnp.sum(dropped), stage.skipped, jnp.sum(hits))
+    return Pixels(sums[..., :3], transmittance, sums[..., 3]), report
+
+
+def _over(function, tree):
+    """`lax.map` along the first axis, without its loop where there is but one."""
+    if jax.tree.leaves(tree)[0].shape[0] > 1:
+        return jax.lax.map(function, tree)
+    return jax.tree.map(lambda x: x[None], function(jax.tree.map(lambda x: x[0], tree)))
 
 
 def _wants(count: Array, options: TraceOptions, capacity: Capacity) -> tuple[Array, Array]:
@@ -153,10 +165,7 @@ def _trace_arrays(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
         pixels = Pixels(flat[:3].T, transmittance.reshape(-1)[:count], flat[3])
         return pixels, jnp.sum(hits)
 
-    if rays.time.shape[0] == 1:
-        pixels, hits = jax.tree.map(lambda x: x[None], one(jax.tree.map(lambda x: x[0], rays)))
-    else:
-        pixels, hits = jax.lax.map(one, rays)
+    pixels, hits = _over(one, rays)
     return pixels, Report(lists.needed, lists.dropped, skipped, jnp.sum(hits))
 
 
@@ -187,8 +196,9 @@ def _sizes(motion, rays, *, options, capacity) -> tuple[Int[Array, " sizes"], In
     """The list sizes that scene and rays want, and how many entries find no place."""
     if on_kernel(options, rays.time.dtype):
         rays = _sampled(rays)
-        lists = kernel.prepare(motion, rays, options=options, slots=capacity.slots)[3]
-        return _wants(lists.count, options, capacity)
+        stage, strips = kernel.prepare(motion, rays, options=options, slots=capacity.slots)
+        counts = _over(lambda strip: kernel.candidates(stage, strip).count, strips)
+        return _wants(counts, options, capacity)
     lists, _ = find(whole(motion), rays, options=options, capacity=capacity)
     return lists.needed, lists.dropped
 

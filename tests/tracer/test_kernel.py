@@ -38,6 +38,8 @@ from gaussray.tracer.trace import TraceOptions, measure, trace
 from gaussray.tracer.traverse import Capacity
 
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
 # Asked of single precision: mean absolute colour, and gradients relative to the largest. Where
 # nothing is extreme it reaches a hundred roundings (measured: 3e-7 and 7e-6).
 COLOR, GRADIENT, SINGLE = 1e-4, 1e-3, 2e-5
@@ -268,6 +270,22 @@ def test_cameras_and_parameters_do_not_compile_again():
     for seed in range(3):
         motion = resting(gaussians(COUNT, seed=seed, size=(0.1, 0.5)))
         assert np.all(np.isfinite(compiled(motion, shot(rays(seed=seed)))))
+
+
+@pytest.mark.gpu
+def test_strips_see_and_learn_what_the_whole_does(monkeypatch):
+    motion, lines = mixed(), shot(rays())
+    options = replace(OPTIONS, levels=0)
+    weight = weights(dtype=np.float32)
+    whole_picture = pull(motion, lines, weight, options=options, capacity=roomy(options))
+    # Another size of the lists, so that this is compiled anew: a strip for every few groups.
+    monkeypatch.setattr(kernel, "_MEMORY", 16_384)
+    capacity = Capacity((512,), 8192, 256)
+    strips = pull(motion, lines, weight, options=options, capacity=capacity)
+    np.testing.assert_array_equal(stacked(strips[0]), stacked(whole_picture[0]))
+    assert int(strips[1].hits) == int(whole_picture[1].hits)
+    for a, b in zip(jax.tree.leaves(strips[2]), jax.tree.leaves(whole_picture[2]), strict=True):
+        np.testing.assert_allclose(a, b, atol=SINGLE * max(np.abs(b).max(), 1e-30))
 
 
 @pytest.mark.gpu
