@@ -11,7 +11,6 @@ Exponents are least squares on logarithms.
 
 import time
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -21,6 +20,7 @@ from benchmarks import exact
 from benchmarks.frames import filmed, true_pixels
 from benchmarks.problem import cameras, dynamic_room, film_of
 from benchmarks.record import backend, begin, record, show
+from gaussray.camera.camera import Camera
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
@@ -52,11 +52,11 @@ def main(argv: Sequence[str] | None = None) -> None:
             rows += list(on_devices(chosen, trace))
             continue
         own = []
-        for scene, effect, camera, samples in problems(axis, chosen):
+        for setting, scene, effect, camera, samples in problems(axis, chosen):
             options = RenderOptions(samples=samples)
             truth = true_pixels(scene, camera, samples)
             figures, _ = filmed(scene, camera, options=options, trace=trace, truth=truth)
-            named = {"axis": axis, "effect": effect, "scene": "dynamic_room"}
+            named = {"axis": axis, "setting": setting, "effect": effect, "scene": "dynamic_room"}
             own.append(record("scaling", **named, **figures))
         rows += own
         seconds = [row["run_s_median"] for row in own]
@@ -67,22 +67,22 @@ def main(argv: Sequence[str] | None = None) -> None:
         print(f"seconds ~ {axis}^{power:.2f}")
 
 
-def problems(axis: str, chosen) -> Iterator[tuple[Scene, str, Any, int]]:
-    """Scene, effect, camera and rays a pixel along an axis."""
+def problems(axis: str, chosen) -> Iterator[tuple[float, Scene, str, Camera, int]]:
+    """Setting, scene, effect, camera and rays a pixel along an axis."""
     if axis == "gaussians":
         for count in chosen.gaussians:
-            yield dynamic_room(count), "pinhole", cameras(chosen.side)["pinhole"], 1
+            yield count, dynamic_room(count), "pinhole", cameras(chosen.side)["pinhole"], 1
         return
     scene = dynamic_room(chosen.base)
     if axis == "pixels":
         for side in chosen.sides:
-            yield scene, "pinhole", cameras(side)["pinhole"], 1
+            yield side, scene, "pinhole", cameras(side)["pinhole"], 1
     elif axis == "samples":
         for samples in chosen.samples:
-            yield scene, "depth_of_field", cameras(chosen.side)["depth_of_field"], samples
+            yield samples, scene, "depth_of_field", cameras(chosen.side)["depth_of_field"], samples
     else:
         for share in chosen.opacity:
-            yield fainter(scene, share), "pinhole", cameras(chosen.side)["pinhole"], 1
+            yield share, fainter(scene, share), "pinhole", cameras(chosen.side)["pinhole"], 1
 
 
 def fainter(scene: Scene, share: float) -> Scene:
@@ -111,6 +111,7 @@ def on_devices(chosen, trace: TraceOptions) -> Iterator[dict]:
         yield record(
             "scaling",
             axis="devices",
+            setting=devices,
             effect="pinhole",
             scene="dynamic_room",
             gaussians=chosen.base,
