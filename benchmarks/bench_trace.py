@@ -1,81 +1,82 @@
 """The tracer on a generated room: time and error by k, forward and backward.
 
-python benchmarks/bench_trace.py [--gaussians 10000] [--side 128]
+python -m benchmarks.bench_trace [--gaussians 10000] [--side 128] [--k 4 8 16]
+
+Rays and Gaussians are given: what is timed is the search for candidates and the march, and with
+forward_backward the gradient of the mean square of the colours in every parameter.
 """
 
-import argparse
-import sys
-from pathlib import Path
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from benchmarks import exact
+from benchmarks.problem import room, room_rays
+from benchmarks.record import backend, begin, record, show, timed
+from gaussray.tracer.bundle import tiles
+from gaussray.tracer.motion import still
+from gaussray.tracer.shard import mesh, trace_sharded
+from gaussray.tracer.trace import TraceOptions, measure
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run it."""
+    parser = begin(__doc__)
     parser.add_argument("--gaussians", type=int, nargs="+", default=[10_000])
     parser.add_argument("--side", type=int, default=128)
     parser.add_argument("--k", type=int, nargs="+", default=[4, 8, 16])
-    chosen = parser.parse_args()
-    from benchmarks.problem import record, room, room_rays, show, timed, use_all_cores
-    from gaussray.tracer.bundle import tiles
-    from gaussray.tracer.motion import still
-    from gaussray.tracer.shard import mesh, trace_sharded
-    from gaussray.tracer.trace import TraceOptions, measure
-    from tests import reference
-
-    use_all_cores()
-    rows, devices = [], mesh()
+    chosen = parser.parse_args(argv)
+    rows = []
     for count in chosen.gaussians:
         scene = room(count)
-        order = tiles(chosen.side, chosen.side, 8, 1)
-        order = np.where(order < 0, 0, order)
+        order = np.maximum(tiles(chosen.side, chosen.side, 8, 1), 0)
         rays = room_rays(chosen.side, order)
-        checked = np.random.default_rng(0).choice(len(order), 500, replace=False)
-        part = jax.tree.map(lambda x: x[checked], rays)  # noqa: B023
-        truth = reference.trace(still(scene), part)[0]
+        some = exact.checked(len(order), count)
+        truth = exact.color(still(scene), jax.tree.map(lambda x: x[some], rays))  # noqa: B023
+        capacity = None
         for k in chosen.k:
-            options = TraceOptions(k=k)
-            capacity = measure(still(scene), rays, options=options)
+            options = TraceOptions(k=k, backend=backend(chosen.backend))
+            capacity = capacity or measure(still(scene), rays, options=options)
+            rows += _measured(scene, rays, options, capacity, some, truth)
+    names = ("gaussians", "k", "backend", "direction", "compile_s", "run_s_median", "latency_s")
+    show(rows, *names, "psnr_vs_exact", "max_error", "dropped")
 
-            def forward(gaussians, rays, options=options, capacity=capacity):
-                return trace_sharded(
-                    still(gaussians), rays, options=options, capacity=capacity, mesh=devices
-                )
 
-            def loss(gaussians, rays, forward=forward):
-                return jnp.mean(forward(gaussians, rays)[0].color ** 2)
+def _measured(scene, rays, options, capacity, some, truth) -> list[dict]:
+    devices = mesh()
 
-            run = jax.jit(forward)
-            pixels, report = run(scene, rays)
-            error = np.abs(np.asarray(pixels.color)[checked] - truth)
-            for direction, function in (("forward", run), ("forward_backward", jax.grad(loss))):
-                figures = timed(jax.jit(function), scene, rays)
-                rows.append(
-                    record(
-                        "trace",
-                        effect="pinhole",
-                        scene="room",
-                        gaussians=count,
-                        rays=len(order),
-                        k=k,
-                        backend="array",
-                        direction=direction,
-                        **figures,
-                        fps=1 / figures["run_s_median"],
-                        rays_per_s=len(order) / figures["run_s_median"],
-                        mean_error=float(error.mean()),
-                        max_error=float(error.max()),
-                        psnr_vs_exact=float(-10 * np.log10(np.mean(error**2))),
-                        dropped=int(report.dropped),
-                    )
-                )
-    columns = ("gaussians", "k", "direction", "run_s_median", "fps", "mean_error", "max_error")
-    show(rows, (*columns, "dropped"))
+    def forward(gaussians, rays):
+        return trace_sharded(
+            still(gaussians), rays, options=options, capacity=capacity, mesh=devices
+        )
+
+    def loss(gaussians, rays):
+        return jnp.mean(forward(gaussians, rays)[0].color ** 2)
+
+    run, rows = jax.jit(forward), []
+    for direction, function in (("forward", run), ("forward_backward", jax.jit(jax.grad(loss)))):
+        figures = timed(function, scene, rays)
+        pixels, report = run(scene, rays)
+        rows.append(
+            record(
+                "trace",
+                effect="pinhole",
+                scene="room",
+                gaussians=scene.count,
+                rays=len(rays.time),
+                samples=1,
+                k=options.k,
+                backend=options.backend,
+                direction=direction,
+                **figures,
+                **exact.errors(np.asarray(pixels.color)[some], truth),
+                hits_per_ray=int(report.hits) / len(rays.time),
+                dropped=int(report.dropped),
+            )
+        )
+    return rows
 
 
 if __name__ == "__main__":

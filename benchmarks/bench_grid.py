@@ -1,0 +1,106 @@
+"""What precedes the march: order and boxes of the Gaussians, and lists of candidates.
+
+python -m benchmarks.bench_grid [--gaussians 10000] [--side 128] [--keys 1 3]
+
+`order` sorts the Gaussians along the grid and bounds each cell (grid.build, or the kernel's rows
+and boxes); `lists` is everything up to the march. More than one key state means that a tenth of the
+Gaussians moves.
+"""
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from benchmarks.problem import INSTANTS, dynamic_room, room_rays
+from benchmarks.record import backend, begin, record, show, timed
+from gaussray.camera.rays import Rays
+from gaussray.scene.scene import Scene, at, moving_at
+from gaussray.tracer import kernel
+from gaussray.tracer.bundle import tiles
+from gaussray.tracer.grid import build
+from gaussray.tracer.motion import Motion, still, whole
+from gaussray.tracer.trace import TraceOptions, find, measure
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run it."""
+    parser = begin(__doc__)
+    parser.add_argument("--gaussians", type=int, nargs="+", default=[10_000])
+    parser.add_argument("--side", type=int, default=128)
+    parser.add_argument("--keys", type=int, nargs="+", default=[1, 3])
+    chosen = parser.parse_args(argv)
+    options = TraceOptions(backend=backend(chosen.backend))
+    order = np.maximum(tiles(chosen.side, chosen.side, options.bundle, options.levels), 0)
+    rows = []
+    for count in chosen.gaussians:
+        scene = dynamic_room(count)
+        for keys in chosen.keys:
+            motion = moved(scene, keys)
+            rays = room_rays(chosen.side, order)
+            # Rows of the picture are read one after the other, for one interval of the capture.
+            late = (order // chosen.side / chosen.side - 0.5) / (INSTANTS - 1)
+            time = jnp.asarray(0.5 + late * (keys > 1), jnp.float32)
+            rays = jax.tree.map(lambda x: x[None], Rays(rays.origin, rays.direction, time))
+            for name, function, lost in stages(motion, rays, options):
+                figures = timed(function, motion, rays)
+                rows.append(
+                    record(
+                        "grid",
+                        effect=name,
+                        scene="dynamic_room",
+                        gaussians=count,
+                        rays=len(order),
+                        samples=1,
+                        keys=keys,
+                        backend=options.backend,
+                        direction="forward",
+                        **figures,
+                        dropped=lost(function(motion, rays)),
+                    )
+                )
+    show(rows, "effect", "gaussians", "keys", "backend", "compile_s", "run_s_median", "dropped")
+
+
+def moved(scene: Scene, keys: int) -> Motion:
+    """The scene in the middle of the capture, with so many key states over one interval."""
+    if keys == 1:
+        return still(jax.jit(at)(scene, jnp.float32(0.5)))
+    half = 0.5 / (INSTANTS - 1)
+    time = jnp.linspace(0.5 - half, 0.5 + half, keys, dtype=jnp.float32)
+    return Motion(time, jax.jit(moving_at)(scene, time), scene.static)
+
+
+def stages(motion: Motion, rays: Rays, options: TraceOptions):
+    """Name, compiled function and entries dropped of its result."""
+    capacity = measure(motion, rays, options=options)
+    if options.backend == "kernel":
+
+        def order(motion, rays):
+            motion = whole(motion) if motion.keys == 1 else motion
+            made, box, kept, _ = kernel._rows(motion, options.alpha_min)
+            return made, kernel._boxes(box, kept)
+
+        def lists(motion, rays):
+            return kernel.prepare(motion, rays, options=options, slots=capacity.slots)[1:]
+
+        def lost(result) -> int:
+            return int(np.sum(np.maximum(np.asarray(result[2].count) - capacity.slots, 0)))
+
+    else:
+
+        def order(motion, rays):
+            return build(whole(motion), alpha_min=options.alpha_min)
+
+        def lists(motion, rays):
+            return find(whole(motion), rays, options=options, capacity=capacity)
+
+        def lost(result) -> int:
+            return int(result[0].dropped)
+
+    return (("order", jax.jit(order), lambda _: 0), ("lists", jax.jit(lists), lost))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,139 @@
+"""How the cost of a frame grows, and the exponents of it.
+
+python -m benchmarks.bench_scaling [--axes gaussians pixels samples hits devices] [--gaussians ...]
+
+Frames of the dynamic room, made as by `bench_render --room`; each axis is varied from --base
+Gaussians, --side pixels across and one ray a pixel. `samples` is rays a pixel through an aperture,
+`hits` how many Gaussians a ray meets before it is spent, raised by making all more transparent.
+`devices` is the frames per second of a video (`Renderer.film`: pictures fetched, no files).
+Exponents are least squares on logarithms.
+"""
+
+import time
+from collections.abc import Iterator, Sequence
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from benchmarks import exact
+from benchmarks.frames import filmed, true_pixels
+from benchmarks.problem import cameras, dynamic_room, film_of
+from benchmarks.record import backend, begin, record, show
+from gaussray.camera.camera import Camera
+from gaussray.render import Renderer, RenderOptions
+from gaussray.scene.scene import Scene
+from gaussray.tracer.trace import TraceOptions
+
+
+AXES = ("gaussians", "pixels", "samples", "hits", "devices")
+# Which figure of a line is the axis.
+ALONG = {"gaussians": "gaussians", "pixels": "rays", "samples": "samples", "hits": "hits_per_ray"}
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run it."""
+    parser = begin(__doc__)
+    parser.add_argument("--axes", nargs="+", choices=AXES, default=AXES)
+    parser.add_argument("--base", type=int, default=10_000, help="Gaussians on the other axes")
+    parser.add_argument("--side", type=int, default=128)
+    parser.add_argument("--k", type=int, default=8)
+    parser.add_argument("--gaussians", type=int, nargs="+", default=[3_000, 10_000, 30_000])
+    parser.add_argument("--sides", type=int, nargs="+", default=[64, 128, 256])
+    parser.add_argument("--samples", type=int, nargs="+", default=[1, 4, 16])
+    parser.add_argument("--opacity", type=float, nargs="+", default=[1.0, 0.4, 0.15])
+    parser.add_argument("--devices", type=int, nargs="+", default=None, help="1 to all by doubling")
+    parser.add_argument("--frames", type=int, default=16, help="of the video")
+    chosen = parser.parse_args(argv)
+    trace = TraceOptions(k=chosen.k, backend=chosen.backend)
+    rows, fits = [], []
+    for axis in chosen.axes:
+        if axis == "devices":
+            rows += list(on_devices(chosen, trace))
+            continue
+        own = []
+        for setting, scene, effect, camera, samples in problems(axis, chosen):
+            options = RenderOptions(samples=samples)
+            truth = true_pixels(scene, camera, samples)
+            figures, _ = filmed(scene, camera, options=options, trace=trace, truth=truth)
+            named = {"axis": axis, "setting": setting, "effect": effect, "scene": "dynamic_room"}
+            own.append(record("scaling", **named, **figures))
+        rows += own
+        seconds = [row["run_s_median"] for row in own]
+        fits.append((axis, exponent([row[ALONG[axis]] for row in own], seconds)))
+    names = ("axis", "gaussians", "rays", "samples", "hits_per_ray", "devices", "backend")
+    show(rows, *names, "compile_s", "run_s_median", "fps", "psnr_vs_exact", "dropped")
+    for axis, power in fits:
+        print(f"seconds ~ {axis}^{power:.2f}")
+
+
+def problems(axis: str, chosen) -> Iterator[tuple[float, Scene, str, Camera, int]]:
+    """Setting, scene, effect, camera and rays a pixel along an axis."""
+    if axis == "gaussians":
+        for count in chosen.gaussians:
+            yield count, dynamic_room(count), "pinhole", cameras(chosen.side)["pinhole"], 1
+        return
+    scene = dynamic_room(chosen.base)
+    if axis == "pixels":
+        for side in chosen.sides:
+            yield side, scene, "pinhole", cameras(side)["pinhole"], 1
+    elif axis == "samples":
+        for samples in chosen.samples:
+            yield samples, scene, "depth_of_field", cameras(chosen.side)["depth_of_field"], samples
+    else:
+        for share in chosen.opacity:
+            yield share, fainter(scene, share), "pinhole", cameras(chosen.side)["pinhole"], 1
+
+
+def fainter(scene: Scene, share: float) -> Scene:
+    """All opacities times a share."""
+    return eqx.tree_at(
+        lambda s: (s.static.opacity, s.moving.opacity), scene, replace_fn=lambda x: x * share
+    )
+
+
+def on_devices(chosen, trace: TraceOptions) -> Iterator[dict]:
+    """A video on 1, 2, ... devices: seconds a frame, pictures fetched."""
+    scene, camera = dynamic_room(chosen.base), cameras(chosen.side)["pinhole"]
+    there = len(jax.local_devices())
+    views = list(film_of(camera, chosen.frames))
+    where, truth = true_pixels(scene, views[0], 1)
+    for devices in chosen.devices or [n for n in (1, 2, 4, 8) if n <= there]:
+        renderer = Renderer(scene, options=RenderOptions(samples=1), trace=trace, devices=devices)
+        began = time.perf_counter()
+        first = next(iter(list(renderer.film(views))))
+        compiling = time.perf_counter() - began
+        seconds = []
+        for _ in range(3):
+            began = time.perf_counter()
+            hits = sum(frame.hits for frame in renderer.film(views))
+            seconds.append((time.perf_counter() - began) / len(views))
+        yield record(
+            "scaling",
+            axis="devices",
+            setting=devices,
+            effect="pinhole",
+            scene="dynamic_room",
+            gaussians=chosen.base,
+            rays=chosen.side**2,
+            samples=1,
+            k=trace.k,
+            backend=backend(trace.backend),
+            direction="forward",
+            compile_s=round(compiling - seconds[0] * len(views), 3),
+            run_s_median=float(np.median(seconds)),
+            run_s_min=min(seconds),
+            **exact.errors(first.color.reshape(-1, 3)[where], truth),
+            hits_per_ray=hits / len(views) / chosen.side**2,
+            dropped=0,
+            devices=devices,
+        )
+
+
+def exponent(x: Sequence[float], seconds: Sequence[float]) -> float:
+    """The power p of seconds ~ x^p."""
+    return float(np.polyfit(np.log(x), np.log(seconds), 1)[0]) if len(set(x)) > 1 else np.nan
+
+
+if __name__ == "__main__":
+    main()

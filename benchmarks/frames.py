@@ -1,0 +1,98 @@
+"""Frames that stay on the device: what a picture costs without its way to a file."""
+
+from typing import Any
+
+import numpy as np
+
+from benchmarks import exact
+from benchmarks.record import backend, timed
+from gaussray.camera.camera import Camera
+from gaussray.render import Frame, Renderer, RenderOptions
+from gaussray.scene.scene import Scene
+from gaussray.tracer.trace import TraceOptions, enlarge
+from gaussray.tracer.traverse import Capacity
+
+
+class Bench(Renderer):
+    """A renderer that guesses its list sizes from an earlier one's, where that saves a compilation.
+
+    The kernel's only size is the length of the longest list, which every report tells: the guess is
+    put right after the first frame.
+    """
+
+    guess: Capacity | None = None
+
+    def launch(self, camera: Camera) -> list[tuple]:
+        """(first row, values, report) of a frame's parts, under way on the device; whether lists
+        were long enough is not asked."""
+        return self._begin([camera], alone=True).parts
+
+    def settled(self, camera: Camera) -> Frame:
+        """A whole frame, after which lists have the sizes that it needs."""
+        frame = self(camera)
+        if backend(self.trace.backend) == "kernel":
+            parts = self.launch(camera)
+            needed = np.max([np.asarray(part[2].needed).reshape(-1) for part in parts], axis=0)
+            none = Capacity((1,) * (len(needed) - 2), 1, 1)
+            (size,) = self._capacity
+            right = enlarge(none, [int(n) for n in needed], headroom=1.5)
+            if right.slots != self._capacity[size].slots:
+                self._capacity[size] = right
+                frame = self(camera)
+            Bench.guess = self._capacity[size]
+        return frame
+
+    def _measure(self, batch, part, trace) -> Capacity:
+        levels = trace.levels + 1
+        if backend(trace.backend) == "kernel" and Bench.guess is not None:
+            return Capacity((1,) * levels, 1, Bench.guess.slots)
+        return super()._measure(batch, part, trace)
+
+
+def filmed(
+    scene: Scene,
+    camera: Camera,
+    *,
+    options: RenderOptions,
+    trace: TraceOptions,
+    truth: tuple[np.ndarray, np.ndarray],
+    devices: int | None = None,
+) -> tuple[dict[str, Any], np.ndarray]:
+    """Figures of one camera's frames, and the colours of the pixels looked at.
+
+    Every frame makes its rays, the scene at their times (deformation, grid) and the trace, and is
+    left on the device; whether anything was dropped is asked at the end.
+
+    `truth` is numbers of pixels and their exact colours.
+    """
+    renderer = Bench(scene, options=options, trace=trace, devices=devices)
+    film, samples = camera.film, options.samples
+    gaussians = scene.static.count + scene.moving.count
+    frame = renderer.settled(camera)
+    figures = timed(renderer.launch, camera)
+    lost = [int(np.sum(report.dropped)) for _, _, report in renderer.launch(camera)]
+    rays = film.width * film.height * samples
+    color = frame.color.reshape(-1, 3)[truth[0]]
+    return {
+        "gaussians": gaussians,
+        "rays": rays,
+        "samples": samples,
+        "k": trace.k,
+        "backend": backend(trace.backend),
+        "direction": "forward",
+        **figures,
+        "compile_s": round(frame.seconds - figures["latency_s"], 3),
+        **exact.errors(color, truth[1]),
+        "hits_per_ray": frame.hits / rays,
+        "dropped": sum(lost),
+        "devices": renderer.mesh.size,
+    }, color
+
+
+def true_pixels(
+    scene: Scene, camera: Camera, samples: int, **options: Any
+) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of random pixels, and their exact colours."""
+    film, gaussians = camera.film, scene.static.count + scene.moving.count
+    chosen = exact.checked(film.width * film.height, gaussians, samples)
+    return chosen, exact.picture(scene, camera, chosen, samples=samples, **options)

@@ -1,0 +1,136 @@
+"""Every benchmark runs, says all that it should, and is drawn."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+from toy import single
+
+from benchmarks import (
+    bench_deformation,
+    bench_grid,
+    bench_reconstruct,
+    bench_render,
+    bench_scaling,
+    bench_trace,
+    exact,
+    record,
+    trade,
+)
+from benchmarks.problem import cameras, dynamic_room
+from gaussray.scene.scene import at
+
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
+SMALL = ["--side", "16", "--backend", "array"]
+ROOM = "200"
+RUNS = {
+    "trace": (bench_trace.main, ["--gaussians", ROOM, "--k", "8"]),
+    "grid": (bench_grid.main, ["--gaussians", ROOM, "--keys", "1"]),
+    "render": (bench_render.main, ["--room", ROOM, "--effects", "pinhole"]),
+    "scaling": (
+        bench_scaling.main,
+        ["--axes", "hits", "devices", "--base", ROOM, "--opacity", "1", "0.3", "--frames", "2"],
+    ),
+    "trade": (trade.main, ["--axes", "k", "--quick", "--room", ROOM]),
+}
+# What a picture is compared in, and at least how near it then is (dB): rounding alone, or cut-offs.
+TRACED = {"trace": 80, "render": 80, "scaling": 80, "trade": 40}
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """The folder of the lines of every script."""
+    folder = tmp_path_factory.mktemp("results")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(record, "RESULTS", folder)
+        for main, arguments in RUNS.values():
+            main(arguments + SMALL)
+        bench_deformation.main(["--gaussians", "50", "--keys", "1"])
+    return folder
+
+
+def lines_of(folder, bench):
+    return [json.loads(line) for line in (folder / f"{bench}.jsonl").read_text().splitlines()]
+
+
+@pytest.mark.parametrize("bench", [*RUNS, "deformation"])
+def test_lines_have_every_figure(results, bench):
+    for line in lines_of(results, bench):
+        assert set(record.KEYS) <= set(line)
+        assert line["bench"] == bench
+        assert line["run_s_min"] <= line["run_s_median"] and line["fps"] > 0
+        assert line["direction"] in ("forward", "forward_backward")
+
+
+@pytest.mark.parametrize("bench", TRACED)
+def test_pictures_are_near_the_exact_ones(results, bench):
+    for line in lines_of(results, bench):
+        assert line["dropped"] == 0 and line["backend"] == "array"
+        assert line["psnr_vs_exact"] > TRACED[bench] and line["max_error"] < 0.1
+
+
+def test_exponent_of_a_power_law():
+    x = np.array([1.0, 3.0, 10.0])
+    assert bench_scaling.exponent(x, 5 * x**0.7) == pytest.approx(0.7)
+
+
+def test_what_moves_in_the_room_moves_and_keeps_its_shape():
+    scene = dynamic_room(400, degree=1)
+    assert scene.static.count + scene.moving.count == 400
+    assert scene.moving.harmonics.shape == (40, 4, 3)
+    begin, end = (np.asarray(jax.jit(at)(scene, single(t)).mean) for t in (0, 0.5))
+    assert np.array_equal(begin[:360], end[:360])
+    moved = np.linalg.norm(end[360:] - begin[360:], axis=1)
+    assert 0.1 < np.median(moved) < 2
+
+
+def test_exact_pixels_follow_the_shutter():
+    scene, views = dynamic_room(100, moving=1.0), cameras(8)
+    chosen = np.arange(64)
+    instant, rolling = (
+        exact.picture(scene, views[name], chosen, samples=1)
+        for name in ("pinhole", "rolling_shutter")
+    )
+    assert np.abs(instant - rolling).max() > 0.01
+
+
+def test_report_draws_what_was_measured(results, tmp_path, capsys):
+    report = pytest.importorskip("benchmarks.report", reason="matplotlib is an extra")
+    report.main(["--results", str(results), "--out", str(tmp_path)])
+    made = {path.name for path in tmp_path.iterdir()}
+    assert made == {"trade.png", "scaling.png", "effects.png", "tables.md"}
+    for bench in [*RUNS, "deformation"]:
+        assert f"### {bench} on" in capsys.readouterr().out + (tmp_path / "tables.md").read_text()
+
+
+def test_the_latest_line_of_a_measurement_counts():
+    report = pytest.importorskip("benchmarks.report", reason="matplotlib is an extra")
+    lines = [{"bench": "trace", "k": 4, "fps": 1}, {"bench": "trace", "k": 8, "fps": 2}]
+    assert report.latest([*lines, lines[0] | {"fps": 3}]) == [lines[1], lines[0] | {"fps": 3}]
+
+
+def test_the_front_is_what_nothing_beats_in_both():
+    report = pytest.importorskip("benchmarks.report", reason="matplotlib is an extra")
+    exactness, speed = np.array([3.0, 2.0, 1.0, 2.0]), np.array([1.0, 5.0, 4.0, 3.0])
+    assert set(report.front(exactness, speed)) == {0, 1}
+
+
+@pytest.mark.slow
+def test_every_effect_and_every_knob_can_be_measured(monkeypatch, tmp_path):
+    monkeypatch.setattr(record, "RESULTS", tmp_path)
+    bench_render.main(["--room", ROOM, *SMALL])
+    trade.main(["--quick", "--room", ROOM, *SMALL])
+    effects = {line["effect"] for line in lines_of(tmp_path, "render")}
+    assert effects == set(bench_render.ROOM)
+    assert {line["axis"] for line in lines_of(tmp_path, "trade")} == set(trade.AXES)
+
+
+@pytest.mark.slow
+def test_steps_of_a_reconstruction_are_measured(monkeypatch, tmp_path):
+    monkeypatch.setattr(record, "RESULTS", tmp_path)
+    bench_reconstruct.main(["--steps", "10", "--stages", "coarse"])
+    (line,) = lines_of(tmp_path, "reconstruct_step")
+    assert set(record.KEYS) <= set(line) and line["dropped"] == 0
