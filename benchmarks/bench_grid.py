@@ -83,10 +83,12 @@ def stages(motion: Motion, rays: Rays, options: TraceOptions):
             return made, kernel._boxes(box, kept)
 
         def lists(motion, rays):
-            return kernel.prepare(motion, rays, options=options, slots=capacity.slots)[1:]
+            stage, strips = kernel.prepare(motion, rays, options=options, slots=capacity.slots)
+            # The lists of one strip: all there are, unless the picture is very large.
+            return kernel.candidates(stage, jax.tree.map(lambda x: x[0], strips))
 
         def lost(result) -> int:
-            return int(np.sum(np.maximum(np.asarray(result[2].count) - capacity.slots, 0)))
+            return int(np.sum(np.maximum(np.asarray(result.count) - capacity.slots, 0)))
 
     else:
 
