@@ -6,7 +6,7 @@
 // KEYS     control points of the moving Gaussians       HARMONICS coefficients per channel
 // TINTED   1 if colours are tinted                      COLUMNS  floats in a row of colour
 // K        hits that a lane keeps in order              WARPS    of a block of the march
-// LANES    lanes that share a ray
+// LANES    lanes that share a ray                       FEW      parts of a group tested at once
 // ALPHA_MAX, TRANSMITTANCE_MIN as in TraceOptions
 
 typedef unsigned int u32;
@@ -26,6 +26,7 @@ typedef unsigned long long u64;
 #define SPAN ((PER + 31) / 32)
 #define PARTS ((PER + SPAN - 1) / SPAN)
 #define JOBS ((size_t)(RAYS / GROUP) * SAMPLES * PER)
+#define CLUMPS ((PARTS + FEW - 1) / FEW)
 #define ARCS (KEYS < 3 ? 1 : (KEYS - 1) / 2)
 
 struct Vector {
@@ -102,6 +103,20 @@ struct Warp {
   }
   __device__ float sum(float v) {
     for (int i = 16; i; i >>= 1) v += __shfl_xor_sync(ALL, v, i);
+    return v;
+  }
+};
+
+// As many lanes as a warp of the march has rays: a warp of these bounds several of those.
+struct Lanes {
+  __device__ int rank() { return threadIdx.x % WIDE; }
+  __device__ int size() { return WIDE; }
+  __device__ float minimum(float v) {
+    for (int i = WIDE / 2; i; i >>= 1) v = fminf(v, __shfl_xor_sync(ALL, v, i));
+    return v;
+  }
+  __device__ float sum(float v) {
+    for (int i = WIDE / 2; i; i >>= 1) v += __shfl_xor_sync(ALL, v, i);
     return v;
   }
 };
@@ -297,13 +312,13 @@ __device__ __forceinline__ bool touches(const Bounds &b, int from, const float4 
   return inside;
 }
 
-// Which of a group's warps may meet a Gaussian, a bit for each SPAN of them.
-__device__ __forceinline__ u32 warps_met(const Bounds *part, const float4 *extent,
+// Which of `count` parts of a group may meet a Gaussian, a bit for each.
+__device__ __forceinline__ u32 parts_met(const Bounds *part, int count, const float4 *extent,
                                          const float4 *keyed, int id, int moving, float reach) {
   u32 mask = 0;
   if (KEYS == 1 || moving < 0) {
     Frame e = frame(extent + 3 * (size_t)id);
-    for (int w = 0; w < PARTS; w++) {
+    for (int w = 0; w < count; w++) {
       bool inside = true;
       for (int i = 1; i < 5; i++) {
         float2 s = support(e, part[w].plane[i]);
@@ -313,7 +328,7 @@ __device__ __forceinline__ u32 warps_met(const Bounds *part, const float4 *exten
     }
   } else {
     float unused;
-    for (int w = 0; w < PARTS; w++)
+    for (int w = 0; w < count; w++)
       mask |= (u32)touches(part[w], 1, extent, keyed, id, moving, reach, unused) << w;
   }
   return mask;
@@ -344,12 +359,21 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
       high = 0;
     }
   }
-  for (int i = warp; i < PARTS * SAMPLES; i += 8) {
-    const int first = SPAN * (i % PARTS), sample = i / PARTS;
-    Bounds mine = bound(Warp(), origin, direction, weight,
-                        (size_t)sample * RAYS + (size_t)blockIdx.x * GROUP, 1, first,
-                        min(SPAN, PER - first));
-    if (lane == 0) parts[((size_t)sample * (RAYS / GROUP) + blockIdx.x) * PARTS + i % PARTS] = mine;
+  // Parts, then clumps of them, of every sample.
+  const size_t first_ray = (size_t)blockIdx.x * GROUP, groups = RAYS / GROUP;
+  for (int base = 0; base < PARTS * SAMPLES; base += 256 / WIDE) {
+    const int at = base + threadIdx.x / WIDE, i = min(at, PARTS * SAMPLES - 1);
+    const int sample = i / PARTS, part = i % PARTS, first = SPAN * part;
+    Bounds mine = bound(Lanes(), origin, direction, weight, (size_t)sample * RAYS + first_ray, 1,
+                        first, min(SPAN, PER - first));
+    if (at == i && threadIdx.x % WIDE == 0)
+      parts[(sample * groups + blockIdx.x) * (PARTS + CLUMPS) + part] = mine;
+  }
+  for (int i = warp; i < CLUMPS * SAMPLES; i += 8) {
+    const int sample = i / CLUMPS, clump = i % CLUMPS, first = SPAN * FEW * clump;
+    Bounds mine = bound(Warp(), origin, direction, weight, (size_t)sample * RAYS + first_ray, 1,
+                        first, min(SPAN * FEW, PER - first));
+    if (lane == 0) parts[(sample * groups + blockIdx.x) * (PARTS + CLUMPS) + PARTS + clump] = mine;
   }
   __syncthreads();
   int least = 0x7f800000, most = 0;
@@ -444,20 +468,39 @@ sift(const int *found, const float *bounds, const Bounds *parts, const int *coun
   const size_t own = group * SLOTS;
   const int held = min(count[group], SLOTS);
   if (128 * chunk >= held) return;
-  __shared__ Bounds part[PARTS];
-  const float *from = (const float *)(parts + whole * PARTS);
-  for (int i = threadIdx.x; i < PARTS * sizeof(Bounds) / 4; i += 128) ((float *)part)[i] = from[i];
+  __shared__ Bounds part[PARTS + CLUMPS];
+  __shared__ int ids[128], pairs[128 * CLUMPS];
+  __shared__ u32 mask[128], waiting;
+  const float *from = (const float *)(parts + whole * (PARTS + CLUMPS));
+  for (int i = threadIdx.x; i < (PARTS + CLUMPS) * sizeof(Bounds) / 4; i += 128)
+    ((float *)part)[i] = from[i];
+  const int at = 128 * chunk + threadIdx.x, id = at < held ? found[own + at] : -1;
+  mask[threadIdx.x] = 0;
+  ids[threadIdx.x] = id;
+  if (threadIdx.x == 0) waiting = 0;
   __syncthreads();
-  const int at = 128 * chunk + threadIdx.x;
-  if (at >= held) return;
-  const int id = found[own + at];
-  const float bound = bounds[own + at];
   int place = at;
-  for (int i = at - 1; i >= 0 && bounds[own + i] == bound; i--) place -= found[own + i] > id;
-  for (int i = at + 1; i < held && bounds[own + i] == bound; i++) place += found[own + i] < id;
-  const float4 last = state[4 * (size_t)id + 3];
+  if (id >= 0) {
+    const float bound = bounds[own + at];
+    for (int i = at - 1; i >= 0 && bounds[own + i] == bound; i--) place -= found[own + i] > id;
+    for (int i = at + 1; i < held && bounds[own + i] == bound; i++) place += found[own + i] < id;
+    const float4 last = state[4 * (size_t)id + 3];
+    u32 met = parts_met(part + PARTS, CLUMPS, extent, keyed, id, (int)last.z, sqrtf(last.y));
+    for (; met; met &= met - 1)
+      pairs[atomicAdd(&waiting, 1u)] = 128 * (__ffs(met) - 1) + threadIdx.x;
+  }
+  __syncthreads();
+  for (int i = threadIdx.x; i < waiting; i += 128) {
+    const int entry = pairs[i] % 128, first = pairs[i] / 128 * FEW;
+    const float4 last = state[4 * (size_t)ids[entry] + 3];
+    u32 met = parts_met(part + first, min(FEW, PARTS - first), extent, keyed, ids[entry],
+                        (int)last.z, sqrtf(last.y));
+    atomicOr(&mask[entry], met << first);
+  }
+  __syncthreads();
+  if (id < 0) return;
   if (whole < RAYS / GROUP) list[own + place] = id;
-  masks[whole * SLOTS + place] = warps_met(part, extent, keyed, id, (int)last.z, sqrtf(last.y));
+  masks[whole * SLOTS + place] = mask[threadIdx.x];
 }
 
 // ---------------------------------------------------------------- one ray meets one Gaussian
@@ -1091,7 +1134,7 @@ __device__ __forceinline__ Ray ray_at(const float *origin, const float *directio
   return ray;
 }
 
-extern "C" __global__ void __launch_bounds__(32 * WARPS)
+extern "C" __global__ void __launch_bounds__(32 * WARPS, KEYS == 1 && K <= 8 ? 6 : 1)
 forward(const float *origin, const float *direction, const float4 *weight, const int *list,
         const float *bounds, const int *masks, const int *count, const int *turn,
         const float4 *state, const float4 *keyed, const float *color, float4 *sum,

@@ -47,6 +47,8 @@ _WARPS = 4
 _LANES = 4
 # Bundles that share a list: with 8 x 8 pixels in each, a bit of a mask stands for one warp.
 _BUNDLES = 4
+# Parts of a mask that are tested together first.
+_FEW = 8
 # Bytes of lists at once; larger pictures are traced in strips.
 _MEMORY = 2 * 1024**3
 
@@ -168,6 +170,7 @@ def candidates(stage: Stage, strip: Strip) -> Lists:
     groups, code = program.rays // program.group, program.code
     warps = -(-program.group * _LANES // 32)
     parts = -(-warps // -(-warps // 32))
+    clumps = -(-parts // _FEW)
     size = groups, program.slots
     integers, numbers = (jax.ShapeDtypeStruct(size, t) for t in (jnp.int32, jnp.float32))
     rows, strip = jax.lax.stop_gradient((stage.rows, strip))
@@ -178,7 +181,7 @@ def candidates(stage: Stage, strip: Strip) -> Lists:
         (
             integers,
             numbers,
-            jax.ShapeDtypeStruct((program.samples, groups, parts, 24), jnp.float32),
+            jax.ShapeDtypeStruct((program.samples, groups, parts + clumps, 24), jnp.float32),
             jax.ShapeDtypeStruct((groups,), jnp.int32),
             integers,
             numbers,
