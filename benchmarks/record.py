@@ -42,6 +42,7 @@ def begin(doc: str | None) -> argparse.ArgumentParser:
         description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--backend", default="auto", help="auto, array or kernel")
+    parser.add_argument("--jobs", type=int, default=1, help="programs of frames compiled at once")
     return parser
 
 

@@ -45,6 +45,13 @@ WORDS = {
     "hits": "hits per ray",
     "devices": "devices",
 }
+# What the panels of the trade compare with.
+PANELS = {
+    ("pinhole", "psnr_vs_exact"): "exact",
+    ("pinhole", "psnr_same_cutoff"): "exact with the same alpha_min",
+    ("rolling_shutter", "psnr_vs_exact"): "exact",
+    ("depth_of_field", "psnr_vs_exact"): "exact",
+}
 # What tells one measurement from another.
 OWN = (
     "bench", "axis", "setting", "effect", "scene", "gaussians", "rays", "samples", "keys", "k",
@@ -109,24 +116,34 @@ def latest(lines: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def trade(lines: list[dict[str, Any]]):
     """Frames per second against error, a panel for each effect; the front in grey."""
     lines = _alike(lines, "scene", "gaussians", "backend")
-    kinds = [e for e in ("pinhole", "rolling_shutter", "depth_of_field") if _of(lines, effect=e)]
     axes = list(dict.fromkeys(line["axis"] for line in lines))
+    shown = [(effect, name) for effect, name in PANELS if _of(lines, effect=effect)]
+    columns = min(len(shown), 2)
     figure, panels = plt.subplots(
-        1, len(kinds), figsize=(6.4 * len(kinds), 6), squeeze=False, layout="constrained"
+        -(-len(shown) // 2),
+        columns,
+        figsize=(6.8 * columns, 5.6 * -(-len(shown) // 2)),
+        squeeze=False,
+        layout="constrained",
     )
-    for panel, kind in zip(panels[0], kinds, strict=True):
-        own = _of(lines, effect=kind)
-        x, y = (np.array([line[n] for line in own]) for n in ("psnr_vs_exact", "fps"))
+    for panel in panels.flat[len(shown) :]:
+        panel.remove()
+    for panel, (effect, name) in zip(panels.flat, shown, strict=False):
+        own = _of(lines, effect=effect)
+        if name == "psnr_same_cutoff":
+            # Those with another cut-off are compared with something else.
+            own = [line for line in own if line["axis"] != "alpha_min"]
+        x, y = (np.array([line[n] for line in own]) for n in (name, "fps"))
         best = front(x, y)
-        panel.plot(x[best], y[best], color="0.7", lw=5, zorder=0, label="Pareto front")
+        panel.plot(x[best], y[best], color="0.8", lw=6, zorder=0, label="Pareto front")
         for axis in axes:
             some = [i for i, line in enumerate(own) if line["axis"] == axis]
             if some:
                 color = COLORS[axes.index(axis) % 10]
                 panel.plot(x[some], y[some], "o", ms=5, color=color, label=axis.replace("_", " "))
         panel.set(
-            title=kind.replace("_", " "),
-            xlabel="PSNR against exact (dB, linear light)",
+            title=effect.replace("_", " "),
+            xlabel=f"PSNR against {PANELS[effect, name]} (dB, linear light)",
             ylabel="frames per second",
             yscale="log",
         )
@@ -298,21 +315,26 @@ def _open_scale(panel, x: np.ndarray, y: np.ndarray) -> None:
 
 
 def _labels(panel, x: np.ndarray, y: np.ndarray, names: list[str]) -> None:
-    """A name beside every point, moved up until it covers no other."""
+    """A name beside every point, moved up until it covers neither a name nor a point; points of
+    several names are the base of the sweep."""
     low, high = panel.get_ylim()
     left, right = panel.get_xlim()
-    across = (x - left) / (right - left)
-    up = np.log(y / low) / np.log(high / low)
-    placed: list[tuple[float, float]] = []
-    for i in np.lexsort((x, y)):
-        height = up[i]
-        while any(abs(a - across[i]) < 0.26 and abs(b - height) < 0.028 for a, b in placed):
+    words: dict[tuple[float, float], list[str]] = {}
+    for a, b, name in zip(x, y, names, strict=True):
+        place = (a - left) / (right - left), np.log(b / low) / np.log(high / low)
+        words.setdefault(place, []).append(name)
+    taken = [(a, a + 0.01, b) for a, b in words]
+    for (across, up), own in sorted(words.items(), key=lambda item: item[0][::-1]):
+        name = own[0] if len(own) == 1 else "base"
+        begin, end, height = across + 0.03, across + 0.03 + 0.0115 * len(name), up
+        while any(a < end and b > begin and abs(c - height) < 0.028 for a, b, c in taken):
             height += 0.004
-        placed.append((across[i], height))
+        taken.append((begin, end, height))
         panel.annotate(
-            names[i],
-            (x[i], y[i]),
-            (across[i] + 0.03, height),
+            name,
+            (across, up),
+            (begin, height),
+            "axes fraction",
             textcoords="axes fraction",
             fontsize=7.5,
             va="center",
