@@ -16,6 +16,7 @@ from functools import partial
 import equinox as eqx
 import jax
 import numpy as np
+from numpy.typing import ArrayLike
 
 from benchmarks import exact
 from benchmarks.frames import Shot, filmed, true_pixels
@@ -136,9 +137,9 @@ def on_devices(chosen, trace: TraceOptions) -> Iterator[dict]:
         )
 
 
-def exponent(x: Sequence[float], seconds: Sequence[float]) -> float:
+def exponent(x: ArrayLike, seconds: ArrayLike) -> float:
     """The power p of seconds ~ x^p."""
-    return float(np.polyfit(np.log(x), np.log(seconds), 1)[0]) if len(set(x)) > 1 else np.nan
+    return float(np.polyfit(np.log(x), np.log(seconds), 1)[0]) if np.ptp(x) > 0 else np.nan
 
 
 if __name__ == "__main__":

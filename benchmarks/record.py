@@ -97,7 +97,7 @@ def timed(function: Callable, *arguments: Any) -> dict[str, float]:
 
 def record(bench: str, **figures: Any) -> dict[str, Any]:
     """Append one line to results/<bench>.jsonl and return it."""
-    line = dict.fromkeys(KEYS) | {"bench": bench} | machine() | figures
+    line: dict[str, Any] = dict.fromkeys(KEYS) | {"bench": bench} | machine() | figures
     seconds = line["run_s_median"]
     if seconds:
         line["fps"] = line["fps"] or 1 / seconds

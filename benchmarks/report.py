@@ -22,6 +22,7 @@ from benchmarks.bench_scaling import ALONG, exponent
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
+from matplotlib import ticker  # noqa: E402
 
 
 # 4D-GRT on an RTX 4090, frames per second.
@@ -134,7 +135,7 @@ def trade(lines: list[dict[str, Any]]):
             # Those with another cut-off are compared with something else.
             own = [line for line in own if line["axis"] != "alpha_min"]
         x, y = (np.array([line[n] for line in own]) for n in (name, "fps"))
-        best = front(x, y)
+        best = front(np.round(x, 1), y)
         panel.plot(x[best], y[best], color="0.8", lw=6, zorder=0, label="Pareto front")
         for axis in axes:
             some = [i for i, line in enumerate(own) if line["axis"] == axis]
@@ -172,10 +173,13 @@ def front(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def scaling(lines: list[dict[str, Any]]):
     """Milliseconds a frame along every axis, and the power law that fits them best."""
     axes = [a for a in WORDS if _of(lines, axis=a)]
+    columns, rows = min(len(axes), 3), -(-len(axes) // 3)
     figure, panels = plt.subplots(
-        1, len(axes), figsize=(3.6 * len(axes), 3.6), squeeze=False, layout="constrained"
+        rows, columns, figsize=(4 * columns, 3.6 * rows), squeeze=False, layout="constrained"
     )
-    for panel, axis in zip(panels[0], axes, strict=True):
+    for panel in panels.flat[len(axes) :]:
+        panel.remove()
+    for panel, axis in zip(panels.flat, axes, strict=False):
         own = _of(lines, axis=axis)
         x = np.array([line[ALONG.get(axis, axis)] for line in own], float)
         y = np.array([1e3 * line["run_s_median"] for line in own])
@@ -224,6 +228,7 @@ def effects(lines: list[dict[str, Any]]):
     )
     panel.set(xscale="log", xlabel=f"frames per second, {rays**0.5:.0f} x {rays**0.5:.0f} pixels")
     panel.margins(x=0.15)
+    panel.xaxis.set_major_formatter(lambda v, _: _tick(v))
     panel.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12))
     return figure
 
@@ -293,9 +298,9 @@ def _place(line: dict[str, Any]) -> str:
 def _plain(axis, values: np.ndarray) -> None:
     """Ticks at the usual 1, 2, 5; plain numbers."""
     subs = (1.0, 2.0, 5.0) if values.max() < 50 * values.min() else (1.0,)
-    axis.set_major_locator(matplotlib.ticker.LogLocator(subs=subs))
+    axis.set_major_locator(ticker.LogLocator(subs=subs))
     axis.set_major_formatter(lambda v, _: _tick(v))
-    axis.set_minor_formatter(matplotlib.ticker.NullFormatter())
+    axis.set_minor_formatter(ticker.NullFormatter())
 
 
 def _tick(value: float) -> str:

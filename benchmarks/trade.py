@@ -173,8 +173,9 @@ class Truths:
         effect, colorful = point.effect, point.axis == "harmonics"
         with self._turn:
             if (effect, colorful, alpha_min) not in self._known:
+                own = self._problem
                 self._known[effect, colorful, alpha_min] = exact.picture(
-                    self._problem.colorful if colorful else self._problem.scene,
+                    own.colorful or own.scene if colorful else own.scene,
                     self._problem.cameras[effect],
                     self.pixels(effect),
                     samples=LENS if effect == "depth_of_field" else 1,
