@@ -22,6 +22,7 @@ from gaussray.tracer.bundle import tiles
 from gaussray.tracer.grid import build
 from gaussray.tracer.motion import Motion, still, whole
 from gaussray.tracer.trace import TraceOptions, find, measure
+from gaussray.tracer.traverse import Capacity
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -75,33 +76,36 @@ def moved(scene: Scene, keys: int) -> Motion:
 def stages(motion: Motion, rays: Rays, options: TraceOptions):
     """Name, compiled function and entries dropped of its result."""
     capacity = measure(motion, rays, options=options)
-    if options.backend == "kernel":
-
-        def order(motion, rays):
-            motion = whole(motion) if motion.keys == 1 else motion
-            made, box, kept, _ = kernel._rows(motion, options.alpha_min)
-            return made, kernel._boxes(box, kept)
-
-        def lists(motion, rays):
-            stage, strips = kernel.prepare(motion, rays, options=options, slots=capacity.slots)
-            # The lists of one strip: all there are, unless the picture is very large.
-            return kernel.candidates(stage, jax.tree.map(lambda x: x[0], strips))
-
-        def lost(result) -> int:
-            return int(np.sum(np.maximum(np.asarray(result.count) - capacity.slots, 0)))
-
-    else:
-
-        def order(motion, rays):
-            return build(whole(motion), alpha_min=options.alpha_min)
-
-        def lists(motion, rays):
-            return find(whole(motion), rays, options=options, capacity=capacity)
-
-        def lost(result) -> int:
-            return int(result[0].dropped)
-
+    make = _kernel if options.backend == "kernel" else _arrays
+    order, lists, lost = make(options, capacity)
     return (("order", jax.jit(order), lambda _: 0), ("lists", jax.jit(lists), lost))
+
+
+def _arrays(options: TraceOptions, capacity: Capacity):
+    def order(motion, rays):
+        return build(whole(motion), alpha_min=options.alpha_min)
+
+    def lists(motion, rays):
+        return find(whole(motion), rays, options=options, capacity=capacity)
+
+    return order, lists, lambda result: int(result[0].dropped)
+
+
+def _kernel(options: TraceOptions, capacity: Capacity):
+    def order(motion, rays):
+        motion = whole(motion) if motion.keys == 1 else motion
+        made, box, kept, _ = kernel._rows(motion, options.alpha_min)
+        return made, kernel._boxes(box, kept)
+
+    def lists(motion, rays):
+        stage, strips = kernel.prepare(motion, rays, options=options, slots=capacity.slots)
+        # The lists of one strip: all there are, unless the picture is very large.
+        return kernel.candidates(stage, jax.tree.map(lambda x: x[0], strips))
+
+    def lost(result) -> int:
+        return int(np.sum(np.maximum(np.asarray(result.count) - capacity.slots, 0)))
+
+    return order, lists, lost
 
 
 if __name__ == "__main__":

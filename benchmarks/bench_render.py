@@ -15,11 +15,13 @@ Errors are against double precision in random pixels, each ray at its own time.
 """
 
 from collections.abc import Sequence
+from functools import cache, partial
+from itertools import product
 
 import numpy as np
 
 from benchmarks import exact
-from benchmarks.frames import filmed, true_pixels
+from benchmarks.frames import Shot, filmed, true_pixels
 from benchmarks.problem import cameras, dynamic_room
 from benchmarks.record import backend, begin, record, show
 from gaussray.render import Renderer, RenderOptions
@@ -58,25 +60,24 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def in_room(chosen) -> list[dict]:
     """Lines of the generated room."""
-    rows = []
+    shots, names = [], []
     for count in chosen.room:
-        scene, views, truth = dynamic_room(count), cameras(chosen.side), {}
-        for effect in chosen.effects:
+        scene, views = dynamic_room(count), cameras(chosen.side)
+        truth = {
+            name: cache(partial(true_pixels, scene, view, ROOM[name][0]))
+            for name, view in views.items()
+        }
+        for effect, k in product(chosen.effects, chosen.k):
             samples, block = ROOM[effect]
             kind = effect if effect in views else "rolling_shutter"
-            camera = views[kind]
-            if kind not in truth:
-                truth[kind] = true_pixels(scene, camera, samples)
-            for k in chosen.k:
-                figures, _ = filmed(
-                    scene,
-                    camera,
-                    options=RenderOptions(samples=samples, chunk_rows=block),
-                    trace=TraceOptions(k=k, backend=chosen.backend),
-                    truth=truth[kind],
-                )
-                rows.append(record("render", effect=effect, scene="dynamic_room", **figures))
-    return rows
+            options = RenderOptions(samples=samples, chunk_rows=block)
+            trace = TraceOptions(k=k, backend=chosen.backend)
+            shots.append(Shot(scene, views[kind], options, trace, truth[kind]))
+            names.append(effect)
+    return [
+        record("render", effect=effect, scene="dynamic_room", **figures)
+        for effect, (figures, _) in zip(names, filmed(shots, jobs=chosen.jobs), strict=True)
+    ]
 
 
 def in_capture(chosen) -> list[dict]:

@@ -11,16 +11,17 @@ Exponents are least squares on logarithms.
 
 import time
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import equinox as eqx
 import jax
 import numpy as np
+from numpy.typing import ArrayLike
 
 from benchmarks import exact
-from benchmarks.frames import filmed, true_pixels
+from benchmarks.frames import Shot, filmed, true_pixels
 from benchmarks.problem import cameras, dynamic_room, film_of
 from benchmarks.record import backend, begin, record, show
-from gaussray.camera.camera import Camera
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
@@ -51,11 +52,11 @@ def main(argv: Sequence[str] | None = None) -> None:
         if axis == "devices":
             rows += list(on_devices(chosen, trace))
             continue
+        settings, effects, shots = zip(*problems(axis, chosen, trace), strict=True)
         own = []
-        for setting, scene, effect, camera, samples in problems(axis, chosen):
-            options = RenderOptions(samples=samples)
-            truth = true_pixels(scene, camera, samples)
-            figures, _ = filmed(scene, camera, options=options, trace=trace, truth=truth)
+        for setting, effect, (figures, _) in zip(
+            settings, effects, filmed(shots, jobs=chosen.jobs), strict=True
+        ):
             named = {"axis": axis, "setting": setting, "effect": effect, "scene": "dynamic_room"}
             own.append(record("scaling", **named, **figures))
         rows += own
@@ -67,22 +68,28 @@ def main(argv: Sequence[str] | None = None) -> None:
         print(f"seconds ~ {axis}^{power:.2f}")
 
 
-def problems(axis: str, chosen) -> Iterator[tuple[float, Scene, str, Camera, int]]:
-    """Setting, scene, effect, camera and rays a pixel along an axis."""
+def problems(axis: str, chosen, trace: TraceOptions) -> Iterator[tuple[float, str, Shot]]:
+    """Setting, effect and shot of the points along an axis."""
+
+    def shot(scene: Scene, effect: str, side: int = chosen.side, samples: int = 1):
+        camera = cameras(side)[effect]
+        truth = partial(true_pixels, scene, camera, samples)
+        return effect, Shot(scene, camera, RenderOptions(samples=samples), trace, truth)
+
     if axis == "gaussians":
         for count in chosen.gaussians:
-            yield count, dynamic_room(count), "pinhole", cameras(chosen.side)["pinhole"], 1
+            yield count, *shot(dynamic_room(count), "pinhole")
         return
     scene = dynamic_room(chosen.base)
     if axis == "pixels":
         for side in chosen.sides:
-            yield side, scene, "pinhole", cameras(side)["pinhole"], 1
+            yield side, *shot(scene, "pinhole", side)
     elif axis == "samples":
         for samples in chosen.samples:
-            yield samples, scene, "depth_of_field", cameras(chosen.side)["depth_of_field"], samples
+            yield samples, *shot(scene, "depth_of_field", samples=samples)
     else:
         for share in chosen.opacity:
-            yield share, fainter(scene, share), "pinhole", cameras(chosen.side)["pinhole"], 1
+            yield share, *shot(fainter(scene, share), "pinhole")
 
 
 def fainter(scene: Scene, share: float) -> Scene:
@@ -130,9 +137,9 @@ def on_devices(chosen, trace: TraceOptions) -> Iterator[dict]:
         )
 
 
-def exponent(x: Sequence[float], seconds: Sequence[float]) -> float:
+def exponent(x: ArrayLike, seconds: ArrayLike) -> float:
     """The power p of seconds ~ x^p."""
-    return float(np.polyfit(np.log(x), np.log(seconds), 1)[0]) if len(set(x)) > 1 else np.nan
+    return float(np.polyfit(np.log(x), np.log(seconds), 1)[0]) if np.ptp(x) > 0 else np.nan
 
 
 if __name__ == "__main__":

@@ -1,6 +1,8 @@
 """Frames that stay on the device: what a picture costs without its way to a file."""
 
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,44 +51,67 @@ class Bench(Renderer):
         return super()._measure(batch, part, trace)
 
 
+class Shot(NamedTuple):
+    """A picture to be measured; `truth` gives numbers of pixels and their exact colours."""
+
+    scene: Scene
+    camera: Camera
+    options: RenderOptions
+    trace: TraceOptions
+    truth: Callable[[], tuple[np.ndarray, np.ndarray]]
+
+
 def filmed(
-    scene: Scene,
-    camera: Camera,
-    *,
-    options: RenderOptions,
-    trace: TraceOptions,
-    truth: tuple[np.ndarray, np.ndarray],
-    devices: int | None = None,
-) -> tuple[dict[str, Any], np.ndarray]:
-    """Figures of one camera's frames, and the colours of the pixels looked at.
+    shots: Sequence[Shot], *, jobs: int = 1
+) -> Iterator[tuple[dict[str, Any], tuple[np.ndarray, np.ndarray]]]:
+    """Figures of the frames of every shot, and the pixels and colours they were judged by.
 
     Every frame makes its rays, the scene at their times (deformation, grid) and the trace, and is
-    left on the device; whether anything was dropped is asked at the end.
-
-    `truth` is numbers of pixels and their exact colours.
+    left on the device; whether anything was dropped is asked at the end. With several `jobs` so
+    many programs are compiled at once, before anything is timed; how long one takes is not known
+    then.
     """
-    renderer = Bench(scene, options=options, trace=trace, devices=devices)
-    film, samples = camera.film, options.samples
-    gaussians = scene.static.count + scene.moving.count
-    frame = renderer.settled(camera)
-    figures = timed(renderer.launch, camera)
-    lost = [int(np.sum(report.dropped)) for _, _, report in renderer.launch(camera)]
+
+    def ready(shot: Shot) -> tuple[Bench, Frame, tuple[np.ndarray, np.ndarray]]:
+        renderer = Bench(shot.scene, options=shot.options, trace=shot.trace)
+        return renderer, renderer.settled(shot.camera), shot.truth()
+
+    if jobs == 1:
+        for shot in shots:
+            renderer, frame, truth = ready(shot)
+            yield _figures(shot, renderer, frame, truth), _judged(frame, truth)
+        return
+    with ThreadPoolExecutor(jobs) as pool:
+        # The first one finds sizes that the others guess by.
+        prepared = [ready(shots[0]), *pool.map(ready, shots[1:])]
+    for shot, (renderer, frame, truth) in zip(shots, prepared, strict=True):
+        figures = _figures(shot, renderer, frame, truth)
+        yield figures | {"compile_s": None}, _judged(frame, truth)
+
+
+def _judged(frame: Frame, truth: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    return truth[0], frame.color.reshape(-1, 3)[truth[0]]
+
+
+def _figures(shot: Shot, renderer: Bench, frame: Frame, truth) -> dict[str, Any]:
+    film, samples = shot.camera.film, shot.options.samples
+    figures = timed(renderer.launch, shot.camera)
+    lost = [int(np.sum(report.dropped)) for _, _, report in renderer.launch(shot.camera)]
     rays = film.width * film.height * samples
-    color = frame.color.reshape(-1, 3)[truth[0]]
     return {
-        "gaussians": gaussians,
+        "gaussians": shot.scene.static.count + shot.scene.moving.count,
         "rays": rays,
         "samples": samples,
-        "k": trace.k,
-        "backend": backend(trace.backend),
+        "k": shot.trace.k,
+        "backend": backend(shot.trace.backend),
         "direction": "forward",
         **figures,
         "compile_s": round(frame.seconds - figures["latency_s"], 3),
-        **exact.errors(color, truth[1]),
+        **exact.errors(_judged(frame, truth)[1], truth[1]),
         "hits_per_ray": frame.hits / rays,
         "dropped": sum(lost),
         "devices": renderer.mesh.size,
-    }, color
+    }
 
 
 def true_pixels(

@@ -42,6 +42,7 @@ def begin(doc: str | None) -> argparse.ArgumentParser:
         description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--backend", default="auto", help="auto, array or kernel")
+    parser.add_argument("--jobs", type=int, default=1, help="programs of frames compiled at once")
     return parser
 
 
@@ -96,7 +97,7 @@ def timed(function: Callable, *arguments: Any) -> dict[str, float]:
 
 def record(bench: str, **figures: Any) -> dict[str, Any]:
     """Append one line to results/<bench>.jsonl and return it."""
-    line = dict.fromkeys(KEYS) | {"bench": bench} | machine() | figures
+    line: dict[str, Any] = dict.fromkeys(KEYS) | {"bench": bench} | machine() | figures
     seconds = line["run_s_median"]
     if seconds:
         line["fps"] = line["fps"] or 1 / seconds

@@ -22,6 +22,7 @@ from benchmarks.bench_scaling import ALONG, exponent
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
+from matplotlib import ticker  # noqa: E402
 
 
 # 4D-GRT on an RTX 4090, frames per second.
@@ -44,6 +45,13 @@ WORDS = {
     "samples": "rays per pixel",
     "hits": "hits per ray",
     "devices": "devices",
+}
+# What the panels of the trade compare with.
+PANELS = {
+    ("pinhole", "psnr_vs_exact"): "exact",
+    ("pinhole", "psnr_same_cutoff"): "exact with the same alpha_min",
+    ("rolling_shutter", "psnr_vs_exact"): "exact",
+    ("depth_of_field", "psnr_vs_exact"): "exact",
 }
 # What tells one measurement from another.
 OWN = (
@@ -109,24 +117,34 @@ def latest(lines: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def trade(lines: list[dict[str, Any]]):
     """Frames per second against error, a panel for each effect; the front in grey."""
     lines = _alike(lines, "scene", "gaussians", "backend")
-    kinds = [e for e in ("pinhole", "rolling_shutter", "depth_of_field") if _of(lines, effect=e)]
     axes = list(dict.fromkeys(line["axis"] for line in lines))
+    shown = [(effect, name) for effect, name in PANELS if _of(lines, effect=effect)]
+    columns = min(len(shown), 2)
     figure, panels = plt.subplots(
-        1, len(kinds), figsize=(6.4 * len(kinds), 6), squeeze=False, layout="constrained"
+        -(-len(shown) // 2),
+        columns,
+        figsize=(6.8 * columns, 5.6 * -(-len(shown) // 2)),
+        squeeze=False,
+        layout="constrained",
     )
-    for panel, kind in zip(panels[0], kinds, strict=True):
-        own = _of(lines, effect=kind)
-        x, y = (np.array([line[n] for line in own]) for n in ("psnr_vs_exact", "fps"))
-        best = front(x, y)
-        panel.plot(x[best], y[best], color="0.7", lw=5, zorder=0, label="Pareto front")
+    for panel in panels.flat[len(shown) :]:
+        panel.remove()
+    for panel, (effect, name) in zip(panels.flat, shown, strict=False):
+        own = _of(lines, effect=effect)
+        if name == "psnr_same_cutoff":
+            # Those with another cut-off are compared with something else.
+            own = [line for line in own if line["axis"] != "alpha_min"]
+        x, y = (np.array([line[n] for line in own]) for n in (name, "fps"))
+        best = front(np.round(x, 1), y)
+        panel.plot(x[best], y[best], color="0.8", lw=6, zorder=0, label="Pareto front")
         for axis in axes:
             some = [i for i, line in enumerate(own) if line["axis"] == axis]
             if some:
                 color = COLORS[axes.index(axis) % 10]
                 panel.plot(x[some], y[some], "o", ms=5, color=color, label=axis.replace("_", " "))
         panel.set(
-            title=kind.replace("_", " "),
-            xlabel="PSNR against exact (dB, linear light)",
+            title=effect.replace("_", " "),
+            xlabel=f"PSNR against {PANELS[effect, name]} (dB, linear light)",
             ylabel="frames per second",
             yscale="log",
         )
@@ -155,10 +173,13 @@ def front(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 def scaling(lines: list[dict[str, Any]]):
     """Milliseconds a frame along every axis, and the power law that fits them best."""
     axes = [a for a in WORDS if _of(lines, axis=a)]
+    columns, rows = min(len(axes), 3), -(-len(axes) // 3)
     figure, panels = plt.subplots(
-        1, len(axes), figsize=(3.6 * len(axes), 3.6), squeeze=False, layout="constrained"
+        rows, columns, figsize=(4 * columns, 3.6 * rows), squeeze=False, layout="constrained"
     )
-    for panel, axis in zip(panels[0], axes, strict=True):
+    for panel in panels.flat[len(axes) :]:
+        panel.remove()
+    for panel, axis in zip(panels.flat, axes, strict=False):
         own = _of(lines, axis=axis)
         x = np.array([line[ALONG.get(axis, axis)] for line in own], float)
         y = np.array([1e3 * line["run_s_median"] for line in own])
@@ -207,6 +228,7 @@ def effects(lines: list[dict[str, Any]]):
     )
     panel.set(xscale="log", xlabel=f"frames per second, {rays**0.5:.0f} x {rays**0.5:.0f} pixels")
     panel.margins(x=0.15)
+    panel.xaxis.set_major_formatter(lambda v, _: _tick(v))
     panel.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12))
     return figure
 
@@ -276,9 +298,9 @@ def _place(line: dict[str, Any]) -> str:
 def _plain(axis, values: np.ndarray) -> None:
     """Ticks at the usual 1, 2, 5; plain numbers."""
     subs = (1.0, 2.0, 5.0) if values.max() < 50 * values.min() else (1.0,)
-    axis.set_major_locator(matplotlib.ticker.LogLocator(subs=subs))
+    axis.set_major_locator(ticker.LogLocator(subs=subs))
     axis.set_major_formatter(lambda v, _: _tick(v))
-    axis.set_minor_formatter(matplotlib.ticker.NullFormatter())
+    axis.set_minor_formatter(ticker.NullFormatter())
 
 
 def _tick(value: float) -> str:
@@ -298,21 +320,26 @@ def _open_scale(panel, x: np.ndarray, y: np.ndarray) -> None:
 
 
 def _labels(panel, x: np.ndarray, y: np.ndarray, names: list[str]) -> None:
-    """A name beside every point, moved up until it covers no other."""
+    """A name beside every point, moved up until it covers neither a name nor a point; points of
+    several names are the base of the sweep."""
     low, high = panel.get_ylim()
     left, right = panel.get_xlim()
-    across = (x - left) / (right - left)
-    up = np.log(y / low) / np.log(high / low)
-    placed: list[tuple[float, float]] = []
-    for i in np.lexsort((x, y)):
-        height = up[i]
-        while any(abs(a - across[i]) < 0.26 and abs(b - height) < 0.028 for a, b in placed):
+    words: dict[tuple[float, float], list[str]] = {}
+    for a, b, name in zip(x, y, names, strict=True):
+        place = (a - left) / (right - left), np.log(b / low) / np.log(high / low)
+        words.setdefault(place, []).append(name)
+    taken = [(a, a + 0.01, b) for a, b in words]
+    for (across, up), own in sorted(words.items(), key=lambda item: item[0][::-1]):
+        name = own[0] if len(own) == 1 else "base"
+        begin, end, height = across + 0.03, across + 0.03 + 0.0115 * len(name), up
+        while any(a < end and b > begin and abs(c - height) < 0.028 for a, b, c in taken):
             height += 0.004
-        placed.append((across[i], height))
+        taken.append((begin, end, height))
         panel.annotate(
-            names[i],
-            (x[i], y[i]),
-            (across[i] + 0.03, height),
+            name,
+            (across, up),
+            (begin, height),
+            "axes fraction",
             textcoords="axes fraction",
             fontsize=7.5,
             va="center",

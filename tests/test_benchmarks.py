@@ -32,9 +32,9 @@ RUNS = {
     "render": (bench_render.main, ["--room", ROOM, "--effects", "pinhole"]),
     "scaling": (
         bench_scaling.main,
-        ["--axes", "hits", "devices", "--base", ROOM, "--opacity", "1", "0.3", "--frames", "2"],
+        ["--axes", "hits", "--base", ROOM, "--opacity", "1", "0.3"],
     ),
-    "trade": (trade.main, ["--axes", "k", "--quick", "--room", ROOM]),
+    "trade": (trade.main, ["--axes", "half", "--quick", "--room", ROOM]),
 }
 # What a picture is compared in, and at least how near it then is (dB): rounding alone, or cut-offs.
 TRACED = {"trace": 80, "render": 80, "scaling": 80, "trade": 40}

@@ -100,9 +100,8 @@ class Program(NamedTuple):
     def code(self) -> str:
         """PTX of the kernels."""
         macros = {name.upper(): value for name, value in self._asdict().items()}
-        return ptx(
-            _SOURCE, macros | {"WARPS": _WARPS, "LANES": _LANES, "K": -(-2 * self.k // _LANES)}
-        )
+        macros |= {"WARPS": _WARPS, "LANES": _LANES, "FEW": _FEW}
+        return ptx(_SOURCE, macros | {"K": -(-2 * self.k // _LANES)})
 
 
 class Strip(NamedTuple):
