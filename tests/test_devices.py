@@ -26,9 +26,13 @@ HERE = Path(__file__).parent
 # Lists differ in length with who renders first: a code may be rounded the other way.
 CODE = 1
 DECIBEL = 0.01
-# Parameters after 20 steps of Adam: the same sums in another order, in single precision, of which
-# it takes the sign where they nearly vanish.
-SAME = 1e-4
+# Parameters after the fine stage from one state: the same sums in another order.
+SAME = 1e-5
+# After both stages: what hardly matters at first, Adam moves by the sign of sums that nearly vanish
+# (a step of it: 2e-2).
+NEAR = 2e-3
+# The Gaussians start as round discs, whose turn about their axis matters not at all.
+FREE = ("static.quat", "moving.quat", "header")
 
 
 def started(truth, out, verbs, *devices):
@@ -100,9 +104,12 @@ def files(folder):
     return sorted(str(path.relative_to(folder)) for path in folder.rglob("*"))
 
 
-def arrays(folder):
-    with np.load(folder / "scene.npz") as file:
-        return {name: file[name] for name in file.files}
+def assert_close(folder, expected, atol, but=("header",)):
+    """Two scenes with the same parameters, but for some of them."""
+    with np.load(folder / "scene.npz") as found, np.load(expected / "scene.npz") as known:
+        assert found.files == known.files
+        for name in set(found.files) - {*but}:
+            np.testing.assert_allclose(found[name], known[name], atol=atol, err_msg=name)
 
 
 def assert_like(out, one):
@@ -113,32 +120,38 @@ def assert_like(out, one):
     ours, theirs = (json.loads((x / "scores/report.json").read_text()) for x in (out, one))
     for effect, row in theirs["effects"].items():
         assert ours["effects"][effect]["psnr"] == pytest.approx(row["psnr"], abs=DECIBEL)
-    expected = arrays(one / "scene")
+    assert_close(out / "broken", one / "scene", SAME)
+    assert_close(out / "scene", one / "scene", NEAR, FREE)
     for run in ("scene", "broken"):
-        found = arrays(out / run)
-        assert found.keys() == expected.keys()
-        for name in expected.keys() - {"header"}:
-            np.testing.assert_allclose(found[name], expected[name], atol=SAME, err_msg=name)
         lines = (out / run / "metrics.jsonl").read_text().splitlines()
         assert [json.loads(line)["stage"] for line in lines] == ["coarse", "fine"]
     assert not (out / "broken" / "checkpoint.npz").exists()
 
 
-@pytest.mark.slow
-def test_two_devices_do_what_one_does(truth, one, tmp_path):
-    begun(one, tmp_path)
+@pytest.fixture(scope="module")
+def two(truth, one, tmp_path_factory):
+    """What two devices of one host do, and make of what one has begun."""
+    out = tmp_path_factory.mktemp("two")
+    begun(one, out)
     verbs = "resume,reconstruct,render,evaluate"
-    code, said = ended(started(truth, tmp_path, verbs, "devices.count=2"))
+    code, said = ended(started(truth, out, verbs, "devices.count=2"))
     assert code == [0], said
-    assert_like(tmp_path, one)
+    return out
 
 
 @pytest.mark.slow
-def test_two_hosts_do_what_one_device_does_and_go_on_with_what_it_began(truth, one, tmp_path):
+def test_two_devices_do_what_one_does(one, two):
+    assert_like(two, one)
+
+
+@pytest.mark.slow
+def test_two_hosts_do_what_one_does_and_go_on_with_what_it_began(truth, one, two, tmp_path):
     kept, written = begun(one, tmp_path)
     code, said = two_hosts(truth, tmp_path, "resume,reconstruct,render,evaluate")
     assert code == [0, 0], said
     assert_like(tmp_path, one)
+    # Two numbers have one sum, wherever they are.
+    assert_close(tmp_path / "scene", two / "scene", 0)
     assert kept.stat().st_mtime_ns == written
     # What is found is said once.
     assert "film: 3 frames" in said[0][0] and said[1][0] == ""
@@ -147,7 +160,7 @@ def test_two_hosts_do_what_one_device_does_and_go_on_with_what_it_began(truth, o
 @pytest.mark.slow
 def test_a_host_that_fails_ends_the_others(truth, tmp_path):
     code, said = two_hosts(truth, tmp_path, "render", "scene=none")
-    assert code[1] == 2 and "none/scene.npz: no such file" in said[1][1]
+    assert code[1] == 2 and "none: no such file" in said[1][1]
     assert code[0] != 0
 
 
@@ -171,8 +184,11 @@ def test_where_jax_is_at_work_no_hosts_can_be_met():
     hosts = DevicesOptions(hosts=2, process=0, coordinator="localhost:1")
     with pytest.raises(ValueError, match="devices.hosts must be 1 where JAX is already at work"):
         begin(hosts)
-    with pytest.raises(ValueError, match="devices.hosts must be 1 or more where no cluster says"):
-        begin(DevicesOptions(hosts=0))
+
+
+def test_without_a_cluster_hosts_must_be_named(tmp_path):
+    code, said = ended(started(tmp_path, tmp_path, "render", "devices.hosts=0"))
+    assert code == [2] and "devices.hosts must be 1 or more where no cluster says" in said[0][1]
 
 
 def test_pictures_that_another_host_keeps_to_itself_are_missed(tmp_path, monkeypatch):
