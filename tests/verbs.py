@@ -1,7 +1,7 @@
 """What `test_devices.py` runs in processes of their own, for a process has its devices for life.
 
-`verbs.py TRUTH OUT VERBS [override ...]`: verbs (joined by commas) on the toy's capture, one after
-the other: reconstruct (`break`: until it is interrupted; `resume`: on from there), render, evaluate.
+`verbs.py TRUTH OUT VERBS [override ...]`: verbs (joined by commas) on the toy's capture, one by one:
+reconstruct (`break`: until it is interrupted; `resume`: on from there), render, evaluate.
 """
 
 import sys
