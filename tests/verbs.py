@@ -1,6 +1,6 @@
 """What `test_devices.py` runs in processes of their own, for a process has its devices for life.
 
-`verbs.py TRUTH OUT VERBS [override ...]`: verbs (joined by commas) on the toy's capture, one by one:
+`verbs.py TRUTH OUT VERBS [override ...]`: verbs (joined by commas) on the toy's capture:
 reconstruct (`break`: until it is interrupted; `resume`: on from there), render, evaluate.
 """
 
