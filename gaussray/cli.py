@@ -1,19 +1,20 @@
 """One command, `gaussray <verb> [overrides]`: Hydra in, typed options out."""
 
-import contextlib
 import os
 import sys
+import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
 import equinox as eqx
-import jax
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+
+from gaussray.devices import DevicesOptions, begin, leads, leave, together
 
 
 T = TypeVar("T", bound=eqx.Module)
@@ -51,16 +52,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
         return
     try:
         cfg = configuration(verb, overrides)
-        _use_all_cores()
-        RUN[verb](cfg)
+        RUN[verb](cfg, begin(options(DevicesOptions, cfg.devices)))
     except KeyboardInterrupt:
         _fail("interrupted. `gaussray reconstruct ... resume=true` goes on where it stopped.", 130)
     except (ValueError, OSError, RuntimeError) as error:
-        if isinstance(error, RuntimeError) and type(error).__name__ != "NonFiniteLoss":
-            raise
-        if os.environ.get("GAUSSRAY_TRACEBACK"):
-            raise
+        unknown = isinstance(error, RuntimeError) and type(error).__name__ != "NonFiniteLoss"
+        if unknown or os.environ.get("GAUSSRAY_TRACEBACK"):
+            _raise(error)
         _fail(str(error))
+    except Exception as error:
+        _raise(error)
 
 
 def configuration(verb: str, overrides: Sequence[str]) -> DictConfig:
@@ -127,21 +128,17 @@ def help_text(verb: str) -> str:
     return "\n".join(lines)
 
 
-def _use_all_cores() -> None:
-    """On a CPU each core is a device of its own, among which rays are dealt out."""
-    cores = os.cpu_count() or 1
-    try:
-        cores = len(os.sched_getaffinity(0))
-    except AttributeError:
-        pass
-    # Where JAX is already at work (in a notebook, in tests) it keeps the devices that it has.
-    with contextlib.suppress(RuntimeError):
-        jax.config.update("jax_num_cpu_devices", cores)
-
-
 def _fail(message: str, code: int = 2) -> None:
     print(f"gaussray: {' '.join(message.split())}", file=sys.stderr)
-    raise SystemExit(code)
+    leave(code)
+
+
+def _raise(error: Exception) -> None:
+    """An error that is not the user's."""
+    if not together():
+        raise error
+    traceback.print_exception(error)
+    leave(1)
 
 
 def _reconstruct_options(cfg: DictConfig) -> Any:
@@ -158,21 +155,23 @@ def _reconstruct_options(cfg: DictConfig) -> Any:
     )
 
 
-def _reconstruct(cfg: DictConfig) -> None:
+def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
     from gaussray.capture.calibration import read_capture
     from gaussray.reconstruct import reconstruct
 
     chosen = _reconstruct_options(cfg)
     capture = read_capture(cfg.capture.path)
     out = _run_folder(cfg)
-    scene = reconstruct(capture, out, options=chosen, resume=cfg.resume, quiet=cfg.quiet)
-    print(
+    scene = reconstruct(
+        capture, out, options=chosen, resume=cfg.resume, devices=devices, quiet=cfg.quiet
+    )
+    _say(
         f"{out / 'scene.npz'}: {scene.static.count + scene.moving.count} Gaussians, of which "
         f"{scene.moving.count} move."
     )
 
 
-def _render(cfg: DictConfig) -> None:
+def _render(cfg: DictConfig, devices: int | None) -> None:
     from gaussray import rig as rigs
     from gaussray.filming import render_dataset
     from gaussray.render import RenderOptions
@@ -203,12 +202,13 @@ def _render(cfg: DictConfig) -> None:
         options=sampling,
         trace=trace,
         fps=fps,
+        devices=devices,
         quiet=cfg.quiet,
     )
-    print(f"{out}: {len(records)} frames of {records[0].effect}.")
+    _say(f"{out}: {len(records)} frames of {records[0].effect}.")
 
 
-def _evaluate(cfg: DictConfig) -> None:
+def _evaluate(cfg: DictConfig, devices: int | None) -> None:
     from gaussray.capture.calibration import read_capture
     from gaussray.evaluate import EvaluateOptions, evaluate, table
     from gaussray.render import RenderOptions
@@ -222,12 +222,19 @@ def _evaluate(cfg: DictConfig) -> None:
         cfg.out = str(Path(cfg.scene).parent / "evaluation")
     out = _run_folder(cfg)
     report = evaluate(
-        scene, truth, out, options=chosen, render=render, trace=trace, quiet=cfg.quiet
+        scene,
+        truth,
+        out,
+        options=chosen,
+        render=render,
+        trace=trace,
+        devices=devices,
+        quiet=cfg.quiet,
     )
-    print(table(report))
+    _say(table(report))
 
 
-def _demo(cfg: DictConfig) -> None:
+def _demo(cfg: DictConfig, devices: int | None) -> None:
     from gaussray.demo import demo
     from gaussray.evaluate import EvaluateOptions
     from gaussray.render import RenderOptions
@@ -237,7 +244,13 @@ def _demo(cfg: DictConfig) -> None:
         "render": options(RenderOptions, cfg.render),
         "evaluation": options(EvaluateOptions, cfg.evaluate),
     }
-    demo(cfg.capture.path, _run_folder(cfg), **chosen, quiet=cfg.quiet)
+    demo(cfg.capture.path, _run_folder(cfg), **chosen, devices=devices, quiet=cfg.quiet)
+
+
+def _say(text: str) -> None:
+    """What is said once, however many processes work together."""
+    if leads():
+        print(text)
 
 
 def _run_folder(cfg: DictConfig) -> Path:
@@ -245,13 +258,14 @@ def _run_folder(cfg: DictConfig) -> Path:
     out = Path(cfg.out)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        (out / "config.yaml").write_text(OmegaConf.to_yaml(cfg))
+        if leads():
+            (out / "config.yaml").write_text(OmegaConf.to_yaml(cfg))
     except OSError as error:
         raise OSError(f"out={out}: cannot be written: {error}") from error
     return out
 
 
-RUN: dict[str, Callable[[DictConfig], None]] = {
+RUN: dict[str, Callable[[DictConfig, int | None], None]] = {
     "demo": _demo,
     "reconstruct": _reconstruct,
     "render": _render,

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.capture.calibration import read_capture
+from gaussray.devices import leads
 from gaussray.evaluate import EvaluateOptions, evaluate, table, write_report
 from gaussray.reconstruct import ReconstructOptions, reconstruct
 from gaussray.render import RenderOptions
@@ -23,12 +24,14 @@ def demo(
     reconstruction: ReconstructOptions,
     render: RenderOptions,
     evaluation: EvaluateOptions,
+    devices: int | None = None,
     quiet: bool = False,
 ) -> dict[str, Any]:
     """Reconstruct, film through every effect at the held-out cameras, compare with the truth.
 
     Leaves in `out`: scene.npz, report.json, contact_sheet.png, and per effect pictures and videos,
-    truth beside ours. An interrupted demo goes on where it stopped.
+    truth beside ours. An interrupted demo goes on where it stopped. Hosts share the work as they do
+    in `reconstruct` and `evaluate`.
     """
     began = clock.monotonic()
     folder, out = Path(capture or SAMPLE), Path(out)
@@ -39,25 +42,26 @@ def demo(
         )
     truth = read_capture(folder)
     resume = (out / "checkpoint.npz").exists()
-    scene = reconstruct(truth, out, options=reconstruction, resume=resume, quiet=quiet)
+    shared: dict[str, Any] = {"devices": devices, "quiet": quiet}
+    scene = reconstruct(truth, out, options=reconstruction, resume=resume, **shared)
     fitted = clock.monotonic()
     trace = TraceOptions()
     some = EvaluateOptions(split="train", frames=26, images=False)
     truth_train = type(truth)(**{**vars(truth), "effects": {}})
     train = evaluate(
-        scene, truth_train, out / "train", options=some, render=render, trace=trace, quiet=quiet
+        scene, truth_train, out / "train", options=some, render=render, trace=trace, **shared
     )
-    report = evaluate(
-        scene, truth, out, options=evaluation, render=render, trace=trace, quiet=quiet
-    )
-    # The training views leave a row in the report, not a folder.
-    shutil.rmtree(out / "train", ignore_errors=True)
+    report = evaluate(scene, truth, out, options=evaluation, render=render, trace=trace, **shared)
     report["train"] = train["effects"]["pinhole"]
     report["seconds"] = {
         "reconstruct": round(fitted - began, 1),
         "evaluate": round(clock.monotonic() - fitted, 1),
         "total": round(clock.monotonic() - began, 1),
     }
+    if not leads():
+        return report
+    # The training views leave a row in the report, not a folder.
+    shutil.rmtree(out / "train", ignore_errors=True)
     write_report(out / "report.json", report)
     print(table({"effects": {"training views": report["train"], **report["effects"]}}))
     facts = report["scene"]

@@ -6,13 +6,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Float
 
 from gaussray.capture.activity import moved_pixels, point_activity, tile_activity
 from gaussray.capture.batches import Footage, Sampler, footage
 from gaussray.capture.calibration import Capture, View
 from gaussray.dataset.manifest import FrameRecord, write_manifest
+from gaussray.devices import agreed, everywhere, leads, wait
 from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions, alive, with_rows
 from gaussray.fit.initial import bodies, in_common_view, on_points
@@ -30,8 +30,9 @@ from gaussray.scene.harmonics import C0
 from gaussray.scene.planes import initial_planes
 from gaussray.scene.scene import Scene
 from gaussray.scene.store import save_scene
-from gaussray.tracer.shard import mesh as device_mesh
+from gaussray.tracer.shard import mesh_of_hosts
 from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.traverse import Capacity
 from gaussray.training import StepOptions, Trial, first_trial, train_block
 
 
@@ -55,17 +56,19 @@ def reconstruct(
     *,
     options: ReconstructOptions,
     resume: bool = False,
+    devices: int | None = None,
     quiet: bool = False,
 ) -> Scene:
     """Fit a scene to the training views of a capture and leave it in `out`/scene.npz.
 
     A coarse stage on the first instant; then the bodies are tracked, and a fine stage with
     deformation fits all instants. `out` also gets metrics.jsonl and, at intervals, checkpoint.npz,
-    from which `resume` goes on exactly as if nothing had happened.
+    from which `resume` goes on exactly as if nothing had happened. The rays of a step are dealt out
+    to so many `devices` (None is all) of every host; the first host alone writes.
     """
     out = Path(out)
-    journal = Journal(out, resume=resume, interval=options.fit.checkpoint)
-    fit = Fit(capture, journal, options, quiet)
+    journal = Journal(out, resume=resume, interval=options.fit.checkpoint, writes=leads())
+    fit = Fit(capture, journal, options, quiet or not leads(), devices)
     state, stage = journal.resumed() if resume else (fit.begin(), "coarse")
     if stage == "coarse":
         state = fit.run("coarse", state)
@@ -73,23 +76,33 @@ def reconstruct(
     if len(fit.sampler.times) > 1:
         state = fit.run("fine", state)
     scene = finished(state, capture.time_range)
-    save_scene(out / "scene.npz", scene)
-    write_manifest(
-        out / "cameras.json",
-        [
-            FrameRecord(str(v.image.resolve()), v.camera, v.camera_name, v.split)
-            for v in capture.views
-        ],
-    )
-    journal.checkpoint.unlink(missing_ok=True)
+    if leads():
+        save_scene(out / "scene.npz", scene)
+        write_manifest(
+            out / "cameras.json",
+            [
+                FrameRecord(str(v.image.resolve()), v.camera, v.camera_name, v.split)
+                for v in capture.views
+            ],
+        )
+        journal.checkpoint.unlink(missing_ok=True)
+    wait("reconstructed")
     return scene
 
 
 class Fit:
-    """The host's side of a reconstruction: what is looked at, and in which order."""
+    """The host's side of a reconstruction: what is looked at, and in which order.
+
+    Several hosts do the same with the same values; only within `run` are these on all devices.
+    """
 
     def __init__(
-        self, capture: Capture, journal: Journal, options: ReconstructOptions, quiet: bool
+        self,
+        capture: Capture,
+        journal: Journal,
+        options: ReconstructOptions,
+        quiet: bool,
+        devices: int | None = None,
     ):
         views = [view for view in capture.views if view.split == "train"]
         self.capture, self.journal, self.options, self.quiet = capture, journal, options, quiet
@@ -104,7 +117,7 @@ class Fit:
             tiles=options.fit.tiles,
             balance=options.fit.balance,
         )
-        self.mesh = device_mesh()
+        self.mesh = mesh_of_hosts(devices)
 
     def begin(self) -> State:
         """Gaussians on the capture's points, or on random ones; which move is decided at once, so
@@ -120,6 +133,7 @@ class Fit:
             position, color, degree=fit.degree, opacity=fit.opacity, spread=fit.spread
         )
         moves = point_activity(self.footage, self.camera, position) > fit.moving
+        moves = np.array(agreed(moves))
         if len(self.sampler.times) == 1:
             moves[:] = False
         elif points is None:
@@ -190,15 +204,17 @@ class Fit:
         steps = fit.coarse if stage == "coarse" else fit.fine
         progress = Progress(stage, steps, quiet=self.quiet)
         trial: Trial | None = None
+        seen, state = everywhere(self.footage, self.mesh), agreed(state)
         while (done := int(state.step)) < steps:
             size = min(fit.block, steps - done)
             batches = self.batches(stage, done, size)
-            state = self.placed(state)
             trial = trial or self.trial(state, batches)
+            # Steps that leave the state anywhere else would compile twice.
+            state = everywhere(state, self.mesh)
             block, terms, needed, dropped = train_block(
                 state,
-                self.footage,
-                batches,
+                seen,
+                everywhere(batches, self.mesh),
                 self.extent,
                 options=self.step,
                 steps=steps,
@@ -213,11 +229,7 @@ class Fit:
             self.journal.record(stage, done + size, terms)
             progress.report(done + size, f"{decibel(terms['mse']):.2f} dB")
             self.journal.save_in_time(state, stage)
-        return state
-
-    def placed(self, state: State) -> State:
-        """The state on every device: steps that leave it anywhere else would compile twice."""
-        return jax.device_put(state, NamedSharding(self.mesh, PartitionSpec()))
+        return agreed(state)
 
     def batches(self, stage: str, done: int, size: int):
         """Frames, tiles and times of a block; they depend on seed and step alone."""
@@ -230,7 +242,10 @@ class Fit:
 
     def trial(self, state: State, batches) -> Trial:
         """Sizes to compile the steps of a stage for."""
-        return first_trial(state, self.footage, batches, trace=self.options.trace, mesh=self.mesh)
+        trace = self.options.trace
+        found = first_trial(state, self.footage, batches, trace=trace, mesh=self.mesh).capacity
+        *cells, pairs, slots = agreed(np.array([*found.cells, found.pairs, found.slots]))
+        return Trial(Capacity(tuple(map(int, cells)), int(pairs), int(slots)), self.mesh)
 
     def _densified(self, stage: str, state: State, steps: int, before: int) -> State:
         density, done = self.options.density, int(state.step)
@@ -240,7 +255,9 @@ class Fit:
             return state
         seed = self.options.fit.seed + 2 * done + (stage == "fine")
         limit = tuple(self.journal.info["limit"])
-        return refine_state(state, options=density, extent=self.extent, limit=limit, seed=seed)
+        return refine_state(
+            agreed(state), options=density, extent=self.extent, limit=limit, seed=seed
+        )
 
 
 def finished(state: State, time_range: tuple[float, float]) -> Scene:

@@ -97,7 +97,9 @@ def train_block(
         return state, (terms, report.needed, report.dropped)
 
     state, (terms, needed, dropped) = jax.lax.scan(step, state, batches)
-    return state, jax.tree.map(jnp.mean, terms), jnp.max(needed, axis=0), jnp.sum(dropped)
+    found = state, jax.tree.map(jnp.mean, terms), jnp.max(needed, axis=0), jnp.sum(dropped)
+    # Every host reads them.
+    return jax.lax.with_sharding_constraint(found, NamedSharding(trial.mesh, PartitionSpec()))
 
 
 def _dealt_out(scene: Scene, mesh: Mesh) -> Scene:

@@ -9,6 +9,7 @@ import pytest
 
 from gaussray import reconstruct as stage, rig
 from gaussray.cli import VERBS, conf_folder, configuration, options
+from gaussray.devices import DevicesOptions
 from gaussray.evaluate import EvaluateOptions
 from gaussray.render import RenderOptions
 from gaussray.tracer.trace import TraceOptions
@@ -23,6 +24,7 @@ GROUPS = {
     "optimizer": (stage.OptimizerOptions, "default"),
     "density": (stage.DensityOptions, "default"),
     "trace": (TraceOptions, "default"),
+    "devices": (DevicesOptions, "default"),
     "render": (RenderOptions, "default"),
     "evaluate": (EvaluateOptions, "default"),
     "camera": (rig.CameraOptions, "default"),
@@ -105,6 +107,9 @@ def test_an_unknown_key_fails_and_is_named(override):
         ("render", "lens.model=7", "lens.model must be a text, got 7"),
         ("demo", "field.sides=[1]", "field.sides must hold"),
         ("demo", "density.start=0.9", "density.start and density.stop must satisfy"),
+        ("demo", "devices.count=-1", "devices.count must be at least 0, got -1"),
+        ("demo", "devices.hosts=2", "devices.process must be in 0 ... 1 with devices.hosts=2"),
+        ("render", "devices.coordinator=here", "devices.coordinator must be HOST:PORT"),
         ("demo", "loss.l1=-1", "loss.l1 must be at least 0, got -1"),
         ("demo", "optimizer.decay=0", "optimizer.decay must be in"),
         ("render", "render.keys=1", "render.keys must be 0 (as many"),

@@ -8,7 +8,7 @@ import gaussray
 
 PACKAGE = pathlib.Path(gaussray.__file__).parent
 LEVELS = [
-    {"geometry", "color", "atomic", "progress"},
+    {"geometry", "color", "atomic", "progress", "devices"},
     {"scene", "camera"},
     {"tracer", "capture", "fit", "dataset"},
     {"picture", "training"},

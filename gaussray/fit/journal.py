@@ -23,11 +23,11 @@ class Journal:
     """metrics.jsonl and checkpoint.npz in the folder `out`; `info` is saved with every state.
 
     A folder with an unfinished run is open to `resume` alone, and `resume` to no other folder; what
-    does not fit is refused before anything is written.
+    does not fit is refused before anything is written. Of several processes one `writes`.
     """
 
-    def __init__(self, out: Path, *, resume: bool, interval: float):
-        self.out, self.interval = out, interval
+    def __init__(self, out: Path, *, resume: bool, interval: float, writes: bool = True):
+        self.out, self.interval, self.writes = out, interval, writes
         self.info: dict[str, Any] = {}
         self.began = self.saved = clock.monotonic()
         self.checkpoint = out / "checkpoint.npz"
@@ -41,6 +41,8 @@ class Journal:
             raise FileNotFoundError(
                 f"out={out}: holds no checkpoint.npz to go on with. Leave out resume=true."
             )
+        if not writes:
+            return
         try:
             out.mkdir(parents=True, exist_ok=True)
             (out / "metrics.jsonl").open("a" if resume else "w").close()
@@ -54,6 +56,8 @@ class Journal:
 
     def record(self, stage: str, step: int, terms: dict[str, Array]) -> None:
         """One line of figures."""
+        if not self.writes:
+            return
         line = {"stage": stage, "step": step, "seconds": round(clock.monotonic() - self.began, 3)}
         line |= {name: float(value) for name, value in terms.items()}
         line["psnr"] = decibel(terms["mse"])
@@ -62,6 +66,8 @@ class Journal:
 
     def save(self, state: State, stage: str) -> None:
         """Write the state, whole or not at all."""
+        if not self.writes:
+            return
         save_checkpoint(self.checkpoint, state, info=self.info | {"stage": stage})
         self.saved = clock.monotonic()
 

@@ -41,7 +41,7 @@ def _nvrtc() -> ctypes.CDLL | None:
 
 def ptx(source: Path, macros: dict[str, int | float]) -> str:
     """The PTX of a CUDA C++ file with these macros, for the default device."""
-    capability = jax.devices()[0].compute_capability.replace(".", "")
+    capability = jax.local_devices()[0].compute_capability.replace(".", "")
     defined = tuple(f"-D{k}={_literal(v)}" for k, v in macros.items())
     target = (f"--gpu-architecture=compute_{capability}", "--device-as-default-execution-space")
     return _compiled(source, (*target, "--std=c++17", *defined))

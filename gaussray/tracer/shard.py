@@ -1,4 +1,4 @@
-"""One trace spread over the devices of a host: CPU cores or GPUs."""
+"""One trace spread over devices: CPU cores or GPUs, of one host or of several."""
 
 from functools import partial
 
@@ -18,6 +18,14 @@ from gaussray.tracer.traverse import Capacity
 def mesh(devices: int | None = None) -> Mesh:
     """The first `devices` local devices (all of them by default)."""
     return Mesh(np.array(jax.local_devices()[:devices]), ("rays",))
+
+
+def mesh_of_hosts(devices: int | None = None) -> Mesh:
+    """The first `devices` devices of every host, in the same order for all of them."""
+    hosts: dict[int, list[jax.Device]] = {}
+    for device in jax.devices():
+        hosts.setdefault(device.process_index, []).append(device)
+    return Mesh(np.array([d for own in hosts.values() for d in own[:devices]]), ("rays",))
 
 
 def trace_sharded(
