@@ -15,8 +15,8 @@ from pathlib import Path
 import jax
 import numpy as np
 
+from benchmarks.problem import SAMPLE
 from benchmarks.record import backend, begin, record, show
-from gaussray.training import train_block
 
 
 # Steps that are compiled and timed as one.
@@ -32,7 +32,6 @@ def main(argv: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(argv)
     # They read pictures: not needed to know what the script is for.
     from gaussray.capture.calibration import read_capture
-    from gaussray.demo import SAMPLE
     from gaussray.fit.journal import Journal
     from gaussray.reconstruct import Fit, ReconstructOptions
 
@@ -73,6 +72,8 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def _stepped(fit, state, stage: str, steps: int):
     """State, seconds a step of every block, the last one's terms, and entries dropped."""
+    from gaussray.training import train_block
+
     trial, seconds, lost = fit.trial(state, fit.batches(stage, 0, BLOCK)), [], 0
     for block in range(steps // BLOCK + 1):
         state = fit.placed(state)

@@ -22,7 +22,7 @@ import numpy as np
 
 from benchmarks import exact
 from benchmarks.frames import Shot, filmed, true_pixels
-from benchmarks.problem import cameras, dynamic_room
+from benchmarks.problem import SAMPLE, cameras, dynamic_room
 from benchmarks.record import backend, begin, record, show
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
@@ -83,7 +83,6 @@ def in_room(chosen) -> list[dict]:
 def in_capture(chosen) -> list[dict]:
     """Lines of a trained scene."""
     from gaussray.capture.calibration import read_capture
-    from gaussray.demo import SAMPLE
 
     scene, capture = load_scene(chosen.scene), read_capture(SAMPLE)
     views = {"pinhole": [v for v in capture.views if v.split == "test"], **capture.effects}

@@ -4,7 +4,8 @@ python -m benchmarks.bench_scaling [--axes gaussians pixels samples hits devices
 
 Frames of the dynamic room, made as by `bench_render --room`; each axis is varied from --base
 Gaussians, --side pixels across and one ray a pixel. `samples` is rays a pixel through an aperture,
-`hits` how many Gaussians a ray meets before it is spent, raised by making all more transparent.
+`hits` how many Gaussians a ray meets before it is spent, raised by `--spread` times larger and
+fainter ones.
 `devices` is the frames per second of a video (`Renderer.film`: pictures fetched, no files).
 Exponents are least squares on logarithms.
 """
@@ -42,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--gaussians", type=int, nargs="+", default=[3_000, 10_000, 30_000])
     parser.add_argument("--sides", type=int, nargs="+", default=[64, 128, 256])
     parser.add_argument("--samples", type=int, nargs="+", default=[1, 4, 16])
-    parser.add_argument("--opacity", type=float, nargs="+", default=[1.0, 0.4, 0.15])
+    parser.add_argument("--spread", type=float, nargs="+", default=[1.0, 1.5, 2.0])
     parser.add_argument("--devices", type=int, nargs="+", default=None, help="1 to all by doubling")
     parser.add_argument("--frames", type=int, default=16, help="of the video")
     chosen = parser.parse_args(argv)
@@ -88,15 +89,20 @@ def problems(axis: str, chosen, trace: TraceOptions) -> Iterator[tuple[float, st
         for samples in chosen.samples:
             yield samples, *shot(scene, "depth_of_field", samples=samples)
     else:
-        for share in chosen.opacity:
-            yield share, *shot(fainter(scene, share), "pinhole")
+        for times in chosen.spread:
+            yield times, *shot(spread(scene, times), "pinhole")
 
 
-def fainter(scene: Scene, share: float) -> Scene:
-    """All opacities times a share."""
-    return eqx.tree_at(
-        lambda s: (s.static.opacity, s.moving.opacity), scene, replace_fn=lambda x: x * share
-    )
+def spread(scene: Scene, times: float) -> Scene:
+    """All Gaussians so many times larger and, by the square, fainter: surfaces as dense as before,
+    of more hits."""
+
+    def where(s: Scene):
+        return s.static.scale, s.static.opacity, s.moving.scale, s.moving.opacity
+
+    scale, opacity, moving_scale, moving_opacity = where(scene)
+    wide = scale * times, opacity / times**2, moving_scale * times, moving_opacity / times**2
+    return eqx.tree_at(where, scene, wide)
 
 
 def on_devices(chosen, trace: TraceOptions) -> Iterator[dict]:

@@ -1,6 +1,7 @@
 """What is measured: a generated room, the same with things that move in it, and its cameras."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -23,6 +24,8 @@ from gaussray.scene.planes import initial_planes
 from gaussray.scene.scene import Scene
 
 
+# The capture that comes with the repository.
+SAMPLE = Path(__file__).resolve().parents[1] / "experiments" / "quickstart" / "capture"
 # Where the cameras stand and what they look at.
 EYE, TARGET = np.array([2.4, -2.4, 0.6]), np.array([0, 0, -0.4])
 # Instants of the generated capture, which lasts from 0 to 1.

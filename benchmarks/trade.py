@@ -30,7 +30,7 @@ import numpy as np
 
 from benchmarks import exact
 from benchmarks.frames import Shot, filmed
-from benchmarks.problem import cameras, dynamic_room
+from benchmarks.problem import SAMPLE, cameras, dynamic_room
 from benchmarks.record import begin, record, show
 from gaussray.camera.camera import Camera
 from gaussray.render import RenderOptions
@@ -145,7 +145,6 @@ def _generated(count: int, side: int) -> Problem:
 
 def _trained(path: str) -> Problem:
     from gaussray.capture.calibration import read_capture
-    from gaussray.demo import SAMPLE
 
     scene, capture = load_scene(path), read_capture(SAMPLE)
     views = {name: own[0].camera for name, own in capture.effects.items()}

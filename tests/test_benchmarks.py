@@ -32,7 +32,7 @@ RUNS = {
     "render": (bench_render.main, ["--room", ROOM, "--effects", "pinhole"]),
     "scaling": (
         bench_scaling.main,
-        ["--axes", "hits", "--base", ROOM, "--opacity", "1", "0.3"],
+        ["--axes", "hits", "--base", ROOM, "--spread", "1"],
     ),
     "trade": (trade.main, ["--axes", "half", "--quick", "--room", ROOM]),
 }
@@ -116,6 +116,13 @@ def test_the_front_is_what_nothing_beats_in_both():
     report = pytest.importorskip("benchmarks.report", reason="matplotlib is an extra")
     exactness, speed = np.array([3.0, 2.0, 1.0, 2.0]), np.array([1.0, 5.0, 4.0, 3.0])
     assert set(report.front(exactness, speed)) == {0, 1}
+
+
+def test_larger_and_fainter_gaussians_are_as_dense():
+    scene = dynamic_room(100)
+    wide = bench_scaling.spread(scene, 2.0).static
+    before = scene.static.opacity * scene.static.scale[:, 0] * scene.static.scale[:, 1]
+    np.testing.assert_allclose(wide.opacity * wide.scale[:, 0] * wide.scale[:, 1], before, 1e-6)
 
 
 @pytest.mark.slow
