@@ -97,7 +97,8 @@ def evaluate(
         renderer = Renderer(scene, options=sampling, trace=trace, devices=devices)
         moving = _moving(groups[effect])
         rows, films = [], {}
-        for view, frame in zip(views, renderer.film(v.camera for v in views), strict=True):
+        for view in views:
+            frame = renderer(view.camera)
             ours, real = codes(frame.color), _codes(view)
             rows.append(_score(real, ours, _visible(view.camera), moving.get(view.image)))
             rows[-1]["seconds"] = None if frame.compiled else frame.seconds

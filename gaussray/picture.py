@@ -7,7 +7,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.sharding import Mesh, PartitionSpec
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jax.tree_util import PyTreeDef
 from jaxtyping import Array, Float, Int
 
@@ -91,7 +91,10 @@ def render_part(structure: PyTreeDef, pace: Pace) -> Callable[..., tuple[Array, 
 @functools.lru_cache(maxsize=64)
 def render_frames(structure: PyTreeDef, pace: Pace) -> Callable[..., tuple[Array, Report]]:
     """The same for as many cameras (a leading axis) as there are devices, a frame on each."""
+    if pace.mesh is None:
+        raise ValueError("frames are spread over a mesh of devices, got none.")
     everywhere, split = PartitionSpec(), PartitionSpec("rays")
+    placed = [NamedSharding(pace.mesh, spec) for spec in (everywhere, split, everywhere)]
     alone = Pace(pace.capacity, pace.keys, pace.options, pace.trace, None)
 
     def one_device(leaves, cameras, part):
@@ -106,7 +109,8 @@ def render_frames(structure: PyTreeDef, pace: Pace) -> Callable[..., tuple[Array
             in_specs=(everywhere, split, everywhere),
             out_specs=split,
             check_vma=False,
-        )
+        ),
+        in_shardings=tuple(placed),
     )
 
 

@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
@@ -54,22 +55,25 @@ class Renderer:
         devices: int | None = None,
     ):
         self.scene = scene
-        self._leaves, self._structure = jax.tree.flatten(scene)
         self.options = options or RenderOptions()
         self.trace = trace or TraceOptions()
         self.mesh = device_mesh(devices)
+        leaves, self._structure = jax.tree.flatten(scene)
+        self._leaves = self._everywhere(leaves)
         self._capacity: dict[tuple, Capacity] = {}
         self._parts: dict[tuple, tuple[Part, TraceOptions]] = {}
         self._ready: set = set()
 
     def __call__(self, camera: Camera) -> Frame:
         """One frame, its rays spread over the devices."""
-        return self._finish(self._begin([camera], alone=True))[0]
+        return self._finish(self._begin([jax.device_get(camera)], alone=True))[0]
 
     def film(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
-        """Frame after frame, one on each device, begun before the last ones are finished."""
+        """Frame after frame, one on each device, begun before the last ones are finished. A frame's
+        `seconds` are those since it was begun."""
         waiting: _Batch | None = None
-        for cameras_of_batch in self._batches(cameras):
+        # Small numbers are the host's business: a device is not asked for them frame by frame.
+        for cameras_of_batch in self._batches(jax.device_get(camera) for camera in cameras):
             following = self._begin(cameras_of_batch, alone=self.mesh.size == 1)
             if waiting:
                 yield from self._finish(waiting)
@@ -114,7 +118,9 @@ class Renderer:
         rows = film.height if keys else min(self.options.chunk_rows, film.height)
         batch = _Batch(cameras, alone, keys, rows, began)
         for top in (min(y, film.height - rows) for y in range(0, film.height, rows)):
-            batch.parts.append((top, *self._launch(batch, top)))
+            values, report = self._launch(batch, top)
+            values.copy_to_host_async()
+            batch.parts.append((top, values, report))
         return batch
 
     def _launch(self, batch: "_Batch", top: int):
@@ -129,13 +135,13 @@ class Renderer:
         if batch.alone:
             return render_part(self._structure, pace)(self._leaves, cameras[0], part)
         filled = cameras + cameras[-1:] * (self.mesh.size - len(cameras))
-        stacked = jax.tree.map(lambda *x: jnp.stack(x), *filled)
+        stacked = jax.tree.map(lambda *x: np.stack(x), *filled)
         return render_frames(self._structure, pace)(self._leaves, stacked, part)
 
     def _finish(self, batch: "_Batch") -> list[Frame]:
         """The frames of a batch; parts whose lists were too short are rendered again."""
         film, hits, count = batch.cameras[0].film, 0, len(batch.cameras)
-        flat = np.zeros((count, film.height, film.width, 5), np.float32)
+        flat = np.empty((count, film.height, film.width, 5), np.float32)
         for top, values, report in batch.parts:
             while np.any(report.dropped):
                 needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1])
@@ -144,7 +150,10 @@ class Renderer:
                 self._capacity[batch.size] = enlarge(held, wanted, headroom=1.5)
                 values, report = self._launch(batch, top)
             seen = np.asarray(values).reshape(-1, batch.rows, film.width, 5)[:count]
-            flat[:, top : top + batch.rows] = seen
+            if len(batch.parts) == 1:
+                flat = seen
+            else:
+                flat[:, top : top + batch.rows] = seen
             hits += int(np.sum(report.hits))
         seconds = (clock.monotonic() - batch.began) / count
         return [
@@ -166,11 +175,19 @@ class Renderer:
             inside = np.flatnonzero(order >= 0)
             slot = inside[np.argsort(order[inside])].astype(np.int32)
             middle = jnp.asarray(top + (batch.rows - 1) / 2, jnp.float32)
-            self._parts[key] = Part(_pixels(order, film.width), jnp.asarray(slot), middle), trace
+            part = Part(_pixels(order, film.width), jnp.asarray(slot), middle)
+            self._parts[key] = self._everywhere(part), trace
         return self._parts[key]
+
+    def _everywhere(self, tree):
+        """On every device, once for all frames."""
+        if self.mesh.size == 1:
+            return tree
+        return jax.device_put(tree, NamedSharding(self.mesh, PartitionSpec()))
 
     def _measure(self, batch: "_Batch", part: Part, trace: TraceOptions) -> Capacity:
         unknown = Pace(Capacity((), 0, 0), batch.keys, self.options, trace, None)
+        part = jax.device_get(part)
         motion, rays = about_to_trace(self.scene, batch.cameras[0], part, pace=unknown)
         found = measure(motion, rays, options=trace, headroom=1.5)
         # A device sees its share of the bundles, but any one device may get the fullest.

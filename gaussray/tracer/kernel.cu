@@ -945,9 +945,11 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
   // All rays at the same time: what moves is brought there once for all.
   bool steady = false;
   if (KEYS > 1) {
-    float4 w = ray.weight;
-    steady = __all_sync(ALL, w.x == __shfl_sync(ALL, w.x, 0) && w.y == __shfl_sync(ALL, w.y, 0) &&
-                                 w.w == __shfl_sync(ALL, w.w, 0));
+    // Every lane takes part in every shuffle: a short-circuit around one would wait for ever.
+    const float4 w = ray.weight;
+    const float x = __shfl_sync(ALL, w.x, 0), y = __shfl_sync(ALL, w.y, 0);
+    const float from = __shfl_sync(ALL, w.w, 0);
+    steady = __all_sync(ALL, w.x == x && w.y == y && w.w == from);
   }
   const Rank nothing = {INFINITE, 0x7fffffff};
   Pending pending;
