@@ -6,6 +6,7 @@ python -m benchmarks.trade --scene RUN
 From k = 8, the published cut-offs, bundles of 8 x 8 and key states as many as it takes, on the
 generated dynamic room or a trained scene:
 
+  preset        conf/trace: exact, balanced, fast; a pinhole's frame
   k, alpha_min, transmittance_min, bundle    a pinhole's frame
   time          key states (2, 3, 5) against blocks of 16, 4 and 1 rows of a rolling shutter
   lens          rays a pixel through an aperture
@@ -39,11 +40,29 @@ from gaussray.scene.store import load_scene
 from gaussray.tracer.trace import TraceOptions
 
 
-AXES = ("k", "alpha_min", "transmittance_min", "bundle", "time", "lens", "harmonics", "half")
+AXES = (
+    "preset",
+    "k",
+    "alpha_min",
+    "transmittance_min",
+    "bundle",
+    "time",
+    "lens",
+    "harmonics",
+    "half",
+)
 NO_CUT = 1e-5
 # Rays a pixel of the exact picture through an aperture, and pixels that are compared are as many as
 # could be afforded with so many.
 LENS, LENS_FOR_PIXELS = 256, 64
+
+
+# What conf/trace/<name>.yaml changes.
+PRESETS: dict[str, dict[str, Any]] = {
+    "exact": {"k": 16, "transmittance_min": 0.0},
+    "balanced": {"k": 16},
+    "fast": {"k": 16, "alpha_min": 1 / 64, "transmittance_min": 1e-2},
+}
 
 
 class Point(NamedTuple):
@@ -95,6 +114,8 @@ def points(quick: bool = False) -> Iterator[Point]:
     def ends(*values):
         return (values[0], values[-1]) if quick else values
 
+    for name, trace in PRESETS.items():
+        yield Point("preset", name, trace=trace)
     for k in (4, 8, 16, 32):
         yield Point("k", str(k), trace={"k": k})
     for share in ends(32, 64, 255, 1000):

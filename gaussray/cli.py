@@ -157,10 +157,12 @@ def _reconstruct_options(cfg: DictConfig) -> Any:
 
 def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
     from gaussray.capture.calibration import read_capture
+    from gaussray.fit.journal import refuse
     from gaussray.reconstruct import reconstruct
 
     chosen = _reconstruct_options(cfg)
     capture = read_capture(cfg.capture.path)
+    refuse(Path(cfg.out), resume=cfg.resume)
     out = _run_folder(cfg)
     scene = reconstruct(
         capture, out, options=chosen, resume=cfg.resume, devices=devices, quiet=cfg.quiet

@@ -248,6 +248,16 @@ def test_a_bundle_larger_than_the_picture(fails, capture):
 def test_resuming_where_nothing_was_left(fails, capture):
     line = fails(*reconstruct_of(capture), "resume=true")
     assert "checkpoint.npz" in line and "resume" in line
+    assert not (capture / "out").exists()
+
+
+def test_a_refused_run_leaves_the_settings_of_the_unfinished_one(fails, capture):
+    out = capture / "out"
+    out.mkdir()
+    (out / "checkpoint.npz").touch()
+    (out / "config.yaml").write_text("as it was")
+    assert "holds an unfinished reconstruction" in fails(*reconstruct_of(capture))
+    assert (out / "config.yaml").read_text() == "as it was"
 
 
 def test_a_truth_without_frames_of_the_split(fails, capture, scene_file):

@@ -19,6 +19,20 @@ class NonFiniteLoss(RuntimeError):
     """A term of the loss was not a finite number; the last good state has been written."""
 
 
+def refuse(out: Path, *, resume: bool) -> None:
+    """Stop where an unfinished run would be overwritten, or one that is not there resumed."""
+    unfinished = (out / "checkpoint.npz").is_file()
+    if unfinished and not resume:
+        raise ValueError(
+            f"out={out} holds an unfinished reconstruction. Add resume=true to go on with it, "
+            "or choose another folder."
+        )
+    if resume and not unfinished:
+        raise FileNotFoundError(
+            f"out={out}: holds no checkpoint.npz to go on with. Leave out resume=true."
+        )
+
+
 class Journal:
     """metrics.jsonl and checkpoint.npz in the folder `out`; `info` is saved with every state.
 
@@ -31,16 +45,7 @@ class Journal:
         self.info: dict[str, Any] = {}
         self.began = self.saved = clock.monotonic()
         self.checkpoint = out / "checkpoint.npz"
-        unfinished = self.checkpoint.is_file()
-        if unfinished and not resume:
-            raise ValueError(
-                f"out={out} holds an unfinished reconstruction. Add resume=true to go on with it, "
-                "or choose another folder."
-            )
-        if resume and not unfinished:
-            raise FileNotFoundError(
-                f"out={out}: holds no checkpoint.npz to go on with. Leave out resume=true."
-            )
+        refuse(out, resume=resume)
         if not writes:
             return
         try:

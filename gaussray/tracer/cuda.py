@@ -18,8 +18,10 @@ _TARGET = "__gpu$xla.gpu.ptx"
 
 
 def available() -> bool:
-    """Whether JAX's default backend is a CUDA device and CUDA's run-time compiler is installed."""
-    return jax.default_backend() == "gpu" and _nvrtc() is not None
+    """Whether JAX's default backend is a CUDA device, XLA launches PTX (from 0.8 on) and CUDA's
+    run-time compiler is installed."""
+    recent = jax.__version_info__ >= (0, 8)
+    return recent and jax.default_backend() == "gpu" and _nvrtc() is not None
 
 
 @functools.cache
