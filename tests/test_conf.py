@@ -7,6 +7,7 @@ import tomllib
 import jax
 import pytest
 
+from benchmarks.trade import PRESETS
 from gaussray import reconstruct as stage, rig
 from gaussray.cli import VERBS, conf_folder, configuration, options
 from gaussray.devices import DevicesOptions
@@ -72,6 +73,11 @@ def test_the_defaults_in_yaml_are_the_defaults_in_code(group):
 
 def test_a_reconstruction_traces_as_its_class_says():
     assert leaf("trace", "fit") == stage.ReconstructOptions().trace
+
+
+def test_presets_of_the_trace_are_those_that_were_measured():
+    for name, changes in PRESETS.items():
+        assert leaf("trace", name) == TraceOptions(**changes)
 
 
 @pytest.mark.parametrize(("group", "choice"), CHOICES)
