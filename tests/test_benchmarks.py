@@ -29,6 +29,8 @@ ROOM = "200"
 RUNS = {
     "trace": (bench_trace.main, ["--gaussians", ROOM, "--k", "8"]),
     "grid": (bench_grid.main, ["--gaussians", ROOM, "--keys", "1"]),
+}
+FRAMES = {
     "render": (bench_render.main, ["--room", ROOM, "--effects", "pinhole"]),
     "scaling": (
         bench_scaling.main,
@@ -38,17 +40,32 @@ RUNS = {
 }
 # What a picture is compared in, and at least how near it then is (dB): rounding alone, or cut-offs.
 TRACED = {"trace": 80, "render": 80, "scaling": 80, "trade": 40}
+slow = pytest.mark.slow
+
+
+def run(scripts, folder):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(record, "RESULTS", folder)
+        for main, arguments in scripts.values():
+            main(arguments + SMALL)
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """The folder of the lines of every script."""
-    folder = tmp_path_factory.mktemp("results")
+def traced(tmp_path_factory):
+    """The folder of the lines of the scripts that measure a part of the tracer."""
+    folder = tmp_path_factory.mktemp("traced")
+    run(RUNS, folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(record, "RESULTS", folder)
-        for main, arguments in RUNS.values():
-            main(arguments + SMALL)
         bench_deformation.main(["--gaussians", "50", "--keys", "1"])
+    return folder
+
+
+@pytest.fixture(scope="module")
+def framed(tmp_path_factory):
+    """The folder of the lines of the scripts that measure whole frames."""
+    folder = tmp_path_factory.mktemp("framed")
+    run(FRAMES, folder)
     return folder
 
 
@@ -56,7 +73,17 @@ def lines_of(folder, bench):
     return [json.loads(line) for line in (folder / f"{bench}.jsonl").read_text().splitlines()]
 
 
-@pytest.mark.parametrize("bench", [*RUNS, "deformation"])
+@pytest.fixture
+def results(bench, request):
+    """The folder that has the lines of a script."""
+    return request.getfixturevalue("framed" if bench in FRAMES else "traced")
+
+
+def benches(names):
+    return [pytest.param(name, marks=slow if name in FRAMES else ()) for name in names]
+
+
+@pytest.mark.parametrize("bench", benches([*RUNS, *FRAMES, "deformation"]))
 def test_lines_have_every_figure(results, bench):
     for line in lines_of(results, bench):
         assert set(record.KEYS) <= set(line)
@@ -65,7 +92,7 @@ def test_lines_have_every_figure(results, bench):
         assert line["direction"] in ("forward", "forward_backward")
 
 
-@pytest.mark.parametrize("bench", TRACED)
+@pytest.mark.parametrize("bench", benches(TRACED))
 def test_pictures_are_near_the_exact_ones(results, bench):
     for line in lines_of(results, bench):
         assert line["dropped"] == 0 and line["backend"] == "array"
@@ -97,12 +124,13 @@ def test_exact_pixels_follow_the_shutter():
     assert np.abs(instant - rolling).max() > 0.01
 
 
-def test_report_draws_what_was_measured(results, tmp_path, capsys):
+@slow
+def test_report_draws_what_was_measured(framed, tmp_path, capsys):
     report = pytest.importorskip("benchmarks.report", reason="matplotlib is an extra")
-    report.main(["--results", str(results), "--out", str(tmp_path)])
+    report.main(["--results", str(framed), "--out", str(tmp_path)])
     made = {path.name for path in tmp_path.iterdir()}
     assert made == {"trade.png", "scaling.png", "effects.png", "tables.md"}
-    for bench in [*RUNS, "deformation"]:
+    for bench in FRAMES:
         assert f"### {bench} on" in capsys.readouterr().out + (tmp_path / "tables.md").read_text()
 
 
@@ -125,7 +153,7 @@ def test_larger_and_fainter_gaussians_are_as_dense():
     np.testing.assert_allclose(wide.opacity * wide.scale[:, 0] * wide.scale[:, 1], before, 1e-6)
 
 
-@pytest.mark.slow
+@slow
 def test_every_effect_and_every_knob_can_be_measured(monkeypatch, tmp_path):
     monkeypatch.setattr(record, "RESULTS", tmp_path)
     bench_render.main(["--room", ROOM, *SMALL])
@@ -135,7 +163,7 @@ def test_every_effect_and_every_knob_can_be_measured(monkeypatch, tmp_path):
     assert {line["axis"] for line in lines_of(tmp_path, "trade")} == set(trade.AXES)
 
 
-@pytest.mark.slow
+@slow
 def test_steps_of_a_reconstruction_are_measured(monkeypatch, tmp_path):
     monkeypatch.setattr(record, "RESULTS", tmp_path)
     bench_reconstruct.main(["--steps", "10", "--stages", "coarse"])

@@ -100,7 +100,7 @@ def test_an_unknown_verb(fails):
         (["evaluate", "scene=x"], "truth must be given"),
         (["reconstruct", "capture.path=x", "out=x", "fit.steps=3"], "fit.steps"),
         (["reconstruct", "capture.path=x", "out=x", "+fit.steps=3"], "fit.steps is unknown"),
-        (["reconstruct", "capture.path=x", "out=x", "trace=fast"], "trace/fast"),
+        (["reconstruct", "capture.path=x", "out=x", "trace=quick"], "trace/quick"),
         (["reconstruct", "capture.path=x", "out=x", "--fast"], "--fast"),
         (
             ["reconstruct", "capture.path=x", "out=x", "trace.k=0"],

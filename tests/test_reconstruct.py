@@ -186,6 +186,7 @@ def test_a_single_instant_gives_a_scene_that_stands_still(capture, tmp_path, qui
     assert [line["stage"] for line in lines(tmp_path)] == ["coarse"]
 
 
+@pytest.mark.slow
 def test_where_nothing_moves_all_instants_are_fitted_by_a_scene_that_stands_still(
     capture, tmp_path
 ):
