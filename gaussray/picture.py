@@ -18,7 +18,7 @@ from gaussray.scene.scene import Scene, at, moving_at
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import Report, TraceOptions, on_kernel
+from gaussray.tracer.trace import Report, TraceOptions, on_kernel, over
 from gaussray.tracer.traverse import Capacity
 
 
@@ -126,10 +126,7 @@ def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, 
         )
         return jax.tree.map(lambda x: jnp.mean(x, axis=0), pixels), report
 
-    if u.shape[0] == shared:
-        pixels, reports = jax.tree.map(lambda x: x[None], trace_some(u))
-    else:
-        pixels, reports = jax.lax.map(trace_some, u.reshape(-1, shared, 5))
+    pixels, reports = over(trace_some, u.reshape(-1, shared, 5))
     pixels = jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], pixels)
     alpha = 1 - pixels.transmittance
     depth = pixels.depth / jnp.maximum(alpha, 1e-6)

@@ -63,6 +63,8 @@ class Renderer:
         self._capacity: dict[tuple, Capacity] = {}
         self._parts: dict[tuple, tuple[Part, TraceOptions]] = {}
         self._ready: set = set()
+        # Key states by span: a frame shall not ask the device for the instants of the capture.
+        self._counts: dict[float, int] = {}
 
     def __call__(self, camera: Camera) -> Frame:
         """One frame, its rays spread over the devices."""
@@ -104,7 +106,9 @@ class Renderer:
         if span == 0:
             return 1
         if not self.options.chunk_rows:
-            return self.options.keys or key_count(self.scene, span)
+            if span not in self._counts:
+                self._counts[span] = self.options.keys or key_count(self.scene, span)
+            return self._counts[span]
         if camera.shutter.direction in ("left_to_right", "right_to_left"):
             raise ValueError(
                 "render.chunk_rows must be 0 for a shutter that reads columns, as "
@@ -171,7 +175,7 @@ class Renderer:
                 y, x = np.mgrid[top : top + batch.rows, : film.width]
                 order = (y * film.width + x).T.reshape(-1)
             if len(order) < trace.bundle**2 * 256:
-                trace = _flat(trace)
+                trace = replace(trace, levels=0)
             inside = np.flatnonzero(order >= 0)
             slot = inside[np.argsort(order[inside])].astype(np.int32)
             middle = jnp.asarray(top + (batch.rows - 1) / 2, jnp.float32)
@@ -223,12 +227,8 @@ def key_count(scene: Scene, span: float) -> int:
     return 2 * min(max(intervals, 1), len(instants) - 1) + 1
 
 
-def _flat(trace: TraceOptions) -> TraceOptions:
-    return replace(trace, levels=0)
-
-
 def _pixels(order: np.ndarray, width: int) -> Float[Array, "slots 2"]:
-    """Indices (column, row); padding slots lie far outside and are thrown away."""
+    """Indices (column, row); padding repeats the first pixel and is in no one's slot."""
     index = np.maximum(order, 0)
     return jnp.asarray(np.stack([index % width, index // width], axis=-1), jnp.float32)
 

@@ -43,11 +43,8 @@ def build(motion: Motion, *, alpha_min: float) -> Grid:
     mean, frame = controls(motion)
     radius = reach(g.opacity, alpha_min)
     support = frame * radius[None, :, None, None]
-    # Slack for rounding in the axes themselves, relative to the Gaussian and to its place.
-    eps = jnp.finfo(mean.dtype).eps
-    half = jnp.sqrt(jnp.sum(support * support, axis=-1)) * (1 + 8 * eps) + 4 * eps * jnp.abs(mean)
-    lower = jnp.min(mean - half, axis=0)
-    upper = jnp.max(mean + half, axis=0)
+    lower, upper = around(mean, support)
+    lower, upper = jnp.min(lower, axis=0), jnp.max(upper, axis=0)
     fine = usable(g)
     kept = fine & (radius > 0)
     order = jnp.argsort(place(lower, upper, kept))
@@ -71,6 +68,16 @@ def build(motion: Motion, *, alpha_min: float) -> Grid:
         upper=jnp.max(jnp.where(there, pick(upper), -jnp.inf), axis=1),
         dropped=jnp.sum(~fine, dtype=jnp.int32),
     )
+
+
+def around(
+    mean: Float[Array, "*gaussians 3"], support: Float[Array, "*gaussians 3 3"]
+) -> tuple[Float[Array, "*gaussians 3"], Float[Array, "*gaussians 3"]]:
+    """Corners of the boxes around ellipsoids. Slack for rounding in the axes themselves, relative
+    to the Gaussian and to its place."""
+    eps = jnp.finfo(mean.dtype).eps
+    half = jnp.sqrt(jnp.sum(support * support, axis=-1)) * (1 + 8 * eps) + 4 * eps * jnp.abs(mean)
+    return mean - half, mean + half
 
 
 def place(

@@ -10,11 +10,9 @@
 // ALPHA_MAX, TRANSMITTANCE_MIN as in TraceOptions
 
 typedef unsigned int u32;
-typedef unsigned long long u64;
 
 #define ALL 0xffffffffu
 #define INFINITE __int_as_float(0x7f800000)
-#define LAST 0xffffffffffffffffull
 #define EPSILON 1.1920929e-7f
 #define SLACK (16 * EPSILON)
 // Below this cosine to the axis a bundle is too wide for planes: it is then tested as everywhere.
@@ -1146,7 +1144,8 @@ forward(const float *origin, const float *direction, const float4 *weight, const
   const Ray ray = ray_at(origin, direction, weight, job.ray, job.there);
   Path path = {{0, 0, 0, 0}, 1, 0};
   const Scene scene = {state, keyed, color};
-  march<false>(scene, list, bounds, masks, count, job.group, job.sample, job.part, ray, path, nullptr);
+  march<false>(scene, list, bounds, masks, count, job.group, job.sample, job.part, ray, path,
+               nullptr);
   float4 total = {sum_of_ray(path.sum.x), sum_of_ray(path.sum.y), sum_of_ray(path.sum.z),
                   sum_of_ray(path.sum.w)};
   int met = (int)sum_of_ray((float)path.hits);
@@ -1179,7 +1178,8 @@ backward(const float *origin, const float *direction, const float4 *weight, cons
                  g_transmittance[job.ray] * transmittance[job.ray];
   }
   const Scene scene = {state, keyed, color};
-  march<true>(scene, list, bounds, masks, count, job.group, job.sample, job.part, ray, path, &slope);
+  march<true>(scene, list, bounds, masks, count, job.group, job.sample, job.part, ray, path,
+              &slope);
   Vector o = slope.d_origin, d = slope.d_direction, w = slope.d_weight;
   o = {sum_of_ray(o.x), sum_of_ray(o.y), sum_of_ray(o.z)};
   d = {sum_of_ray(d.x), sum_of_ray(d.y), sum_of_ray(d.z)};

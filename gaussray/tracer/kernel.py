@@ -33,8 +33,17 @@ from jaxtyping import Array, Float, Int
 from gaussray.camera.rays import Rays
 from gaussray.scene.gaussians import Gaussians, axes, whitening
 from gaussray.tracer.cuda import launch, ptx
-from gaussray.tracer.grid import OCCUPANCY, place
-from gaussray.tracer.motion import Motion, arc_weights, controls, tint_controls, usable, whole
+from gaussray.tracer.grid import OCCUPANCY, around, place
+from gaussray.tracer.motion import (
+    Motion,
+    arc_weights,
+    controls,
+    ordinary,
+    still,
+    tint_controls,
+    usable,
+    whole,
+)
 from gaussray.tracer.response import reach
 
 
@@ -69,8 +78,8 @@ class Rows(NamedTuple):
 
 class Lists(NamedTuple):
     """What every group of rays may meet, `slots` places each: Gaussians in the order of the least
-    distance, that distance, which warps of rays may meet it (a bit each), and how many there are
-    (more than `slots`: some are missing)."""
+    distance, that distance, which warps of rays may meet it (a bit each), how many there are (more
+    than `slots`: some are missing), and the groups in turn, longest lists first."""
 
     index: Int[Array, "groups slots"]
     bound: Float[Array, "groups slots"]
@@ -270,27 +279,15 @@ def _rows(motion: Motion, alpha_min: float) -> tuple[Rows, Array, Array, Array]:
         moving, keyed = _moving(motion, alpha_min, tinted)
         parts = [moving]
         if motion.rest is not None:
-            lifted = Motion(motion.time[:1], _lift(motion.rest))
-            parts.insert(0, _resting(lifted.gaussians, alpha_min, tinted))
+            parts.insert(0, _resting(still(motion.rest).gaussians, alpha_min, tinted))
     extent, state, color, box, kept, fine = (jnp.concatenate(x) for x in zip(*parts, strict=True))
     return Rows(jax.lax.stop_gradient(extent), state, keyed, color), box, kept, fine
-
-
-def _lift(g: Gaussians) -> Gaussians:
-    return Gaussians(
-        mean=g.mean[None],
-        quat=g.quat[None],
-        scale=g.scale[None],
-        opacity=g.opacity,
-        harmonics=g.harmonics,
-        tint=None if g.tint is None else g.tint[None],
-    )
 
 
 def _resting(g: Gaussians, alpha_min: float, tinted: bool):
     """Extent, state, colour, box, kept and usable of Gaussians at one key."""
     fine = usable(g)
-    g = _ordinary(g, fine)
+    g = ordinary(g, fine)
     mean, quat, scale = g.mean[0], g.quat[0], g.scale[0]
     radius = reach(jax.lax.stop_gradient(g.opacity), alpha_min)
     kept = fine & (radius > 0)
@@ -305,7 +302,7 @@ def _resting(g: Gaussians, alpha_min: float, tinted: bool):
         axis=1,
     )
     tint = None if not tinted else jnp.ones_like(mean) if g.tint is None else g.tint[0]
-    lower, upper = _around(jax.lax.stop_gradient(mean), support)
+    lower, upper = around(jax.lax.stop_gradient(mean), support)
     box = jnp.concatenate([lower, upper], axis=1)
     return extent, state, _colors(g.harmonics, tint), box, kept, fine
 
@@ -313,7 +310,7 @@ def _resting(g: Gaussians, alpha_min: float, tinted: bool):
 def _moving(motion: Motion, alpha_min: float, tinted: bool):
     """The same for Gaussians with key states, and the rows of their control points."""
     fine = usable(motion.gaussians)
-    g = _ordinary(motion.gaussians, fine)
+    g = ordinary(motion.gaussians, fine)
     motion = Motion(motion.time, g)
     mean, frame = controls(motion)
     radius = reach(jax.lax.stop_gradient(g.opacity), alpha_min)
@@ -324,7 +321,7 @@ def _moving(motion: Motion, alpha_min: float, tinted: bool):
     number = jnp.arange(g.count, dtype=mean.dtype)
     blank = jnp.zeros((g.count, 12), mean.dtype)
     state = jnp.concatenate([blank, _ends(g.opacity, radius, kept, number)], axis=1)
-    lower, upper = _around(*jax.lax.stop_gradient((mean, frame * radius[None, :, None, None])))
+    lower, upper = around(*jax.lax.stop_gradient((mean, frame * radius[None, :, None, None])))
     box = jnp.concatenate([jnp.min(lower, axis=0), jnp.max(upper, axis=0)], axis=1)
     white = jnp.ones((g.count, 3), mean.dtype) if tinted else None
     return (blank, state, _colors(g.harmonics, white), box, kept, fine), keyed
@@ -341,30 +338,6 @@ def _colors(harmonics: Array, tint: Array | None) -> Array:
     parts = [harmonics.reshape(harmonics.shape[0], -1)] + ([] if tint is None else [tint])
     row = jnp.concatenate(parts, axis=1)
     return jnp.pad(row, ((0, 0), (0, -row.shape[1] % 4)))
-
-
-def _ordinary(g: Gaussians, fine: Array) -> Gaussians:
-    """Gaussians that are not usable become ones, so that nothing of them spreads."""
-
-    def replace(x: Array, axis: int) -> Array:
-        shape = [-1 if i == axis else 1 for i in range(x.ndim)]
-        return jnp.where(fine.reshape(shape), x, 1)
-
-    return Gaussians(
-        mean=replace(g.mean, 1),
-        quat=replace(g.quat, 1),
-        scale=replace(g.scale, 1),
-        opacity=replace(g.opacity, 0),
-        harmonics=replace(g.harmonics, 0),
-        tint=None if g.tint is None else replace(g.tint, 1),
-    )
-
-
-def _around(mean: Array, support: Array) -> tuple[Array, Array]:
-    """Corners of the boxes around ellipsoids, with slack for rounding."""
-    eps = jnp.finfo(mean.dtype).eps
-    half = jnp.sqrt(jnp.sum(support * support, axis=-1)) * (1 + 8 * eps) + 4 * eps * jnp.abs(mean)
-    return mean - half, mean + half
 
 
 def _boxes(box: Array, kept: Array) -> tuple[Array, Array, Array]:

@@ -1,5 +1,6 @@
 """Gaussians at the key times of a frame: between the keys everything moves along parabolas."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import equinox as eqx
@@ -194,7 +195,8 @@ def table(motion: Motion) -> Float[Array, "rows columns"]:
     without a hit; Gaussians that are not `usable` become such too, so that neither their values nor
     their gradients spread.
     """
-    g = _ordinary(motion.gaussians)
+    fine = jnp.pad(usable(motion.gaussians), (0, 1))
+    g = ordinary(_one_more(motion.gaussians), fine)
     if motion.keys == 1:
         mean, matrix = g.mean, whitening(g.quat, g.scale)
     else:
@@ -210,22 +212,34 @@ def _by_row(x: Float[Array, "keys gaussians n"]) -> Float[Array, "gaussians colu
     return jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1)
 
 
-def _ordinary(g: Gaussians) -> Gaussians:
-    """One more Gaussian, whose values are all 1, which also replaces those that are not usable."""
-    fine = jnp.pad(usable(g), (0, 1))
+def ordinary(g: Gaussians, fine: Bool[Array, " gaussians"]) -> Gaussians:
+    """Gaussians with key states; all values of those that are not fine become 1."""
 
     def replace(x: Array, axis: int) -> Array:
-        padding = [(0, 1) if i == axis else (0, 0) for i in range(x.ndim)]
         shape = [-1 if i == axis else 1 for i in range(x.ndim)]
-        return jnp.where(fine.reshape(shape), jnp.pad(x, padding), 1)
+        return jnp.where(fine.reshape(shape), x, 1)
 
+    return _each(replace, g)
+
+
+def _one_more(g: Gaussians) -> Gaussians:
+    """Room for one more Gaussian."""
+
+    def pad(x: Array, axis: int) -> Array:
+        return jnp.pad(x, [(0, 1) if i == axis else (0, 0) for i in range(x.ndim)])
+
+    return _each(pad, g)
+
+
+def _each(change: Callable[[Array, int], Array], g: Gaussians) -> Gaussians:
+    """A change of every array, which is told the axis of the Gaussians."""
     return Gaussians(
-        mean=replace(g.mean, 1),
-        quat=replace(g.quat, 1),
-        scale=replace(g.scale, 1),
-        opacity=replace(g.opacity, 0),
-        harmonics=replace(g.harmonics, 0),
-        tint=None if g.tint is None else replace(g.tint, 1),
+        mean=change(g.mean, 1),
+        quat=change(g.quat, 1),
+        scale=change(g.scale, 1),
+        opacity=change(g.opacity, 0),
+        harmonics=change(g.harmonics, 0),
+        tint=None if g.tint is None else change(g.tint, 1),
     )
 
 

@@ -1,6 +1,7 @@
 """Rays through Gaussians: candidates, then the march of the bundles; and what it costs."""
 
 import math
+from collections.abc import Callable
 from functools import partial
 
 import equinox as eqx
@@ -120,14 +121,14 @@ def _trace_kernel(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
         needed, dropped = _wants(lists.count, options, capacity)
         return sums, transmittance, needed, dropped, jnp.sum(hits)
 
-    sums, transmittance, needed, dropped, hits = _over(one, strips)
+    sums, transmittance, needed, dropped, hits = over(one, strips)
     sums = jnp.moveaxis(sums, 0, 1).reshape(samples, -1, 4)[:, :count]
     transmittance = jnp.moveaxis(transmittance, 0, 1).reshape(samples, -1)[:, :count]
     report = Report(jnp.max(needed, axis=0), jnp.sum(dropped), stage.skipped, jnp.sum(hits))
     return Pixels(sums[..., :3], transmittance, sums[..., 3]), report
 
 
-def _over(function, tree):
+def over(function: Callable, tree):
     """`lax.map` along the first axis, without its loop where there is but one."""
     if jax.tree.leaves(tree)[0].shape[0] > 1:
         return jax.lax.map(function, tree)
@@ -165,7 +166,7 @@ def _trace_arrays(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
         pixels = Pixels(flat[:3].T, transmittance.reshape(-1)[:count], flat[3])
         return pixels, jnp.sum(hits)
 
-    pixels, hits = _over(one, rays)
+    pixels, hits = over(one, rays)
     return pixels, Report(lists.needed, lists.dropped, skipped, jnp.sum(hits))
 
 
@@ -197,7 +198,7 @@ def _sizes(motion, rays, *, options, capacity) -> tuple[Int[Array, " sizes"], In
     if on_kernel(options, rays.time.dtype):
         rays = _sampled(rays)
         stage, strips = kernel.prepare(motion, rays, options=options, slots=capacity.slots)
-        counts = _over(lambda strip: kernel.candidates(stage, strip).count, strips)
+        counts = over(lambda strip: kernel.candidates(stage, strip).count, strips)
         return _wants(counts, options, capacity)
     lists, _ = find(whole(motion), rays, options=options, capacity=capacity)
     return lists.needed, lists.dropped
