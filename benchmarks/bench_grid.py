@@ -21,6 +21,7 @@ from gaussray.tracer import kernel
 from gaussray.tracer.bundle import tiles
 from gaussray.tracer.grid import build
 from gaussray.tracer.motion import Motion, still, whole
+from gaussray.tracer.rows import boxes_of, rows_of
 from gaussray.tracer.trace import TraceOptions, find, measure
 from gaussray.tracer.traverse import Capacity
 
@@ -94,8 +95,8 @@ def _arrays(options: TraceOptions, capacity: Capacity):
 def _kernel(options: TraceOptions, capacity: Capacity):
     def order(motion, rays):
         motion = whole(motion) if motion.keys == 1 else motion
-        made, box, kept, _ = kernel._rows(motion, options.alpha_min)
-        return made, kernel._boxes(box, kept)
+        made, box, kept, _ = rows_of(motion, options.alpha_min)
+        return made, boxes_of(box, kept)
 
     def lists(motion, rays):
         stage, strips = kernel.prepare(motion, rays, options=options, slots=capacity.slots)

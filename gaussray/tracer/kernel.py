@@ -31,25 +31,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
-from gaussray.scene.gaussians import Gaussians, axes, whitening
 from gaussray.tracer.cuda import launch, ptx
-from gaussray.tracer.grid import OCCUPANCY, around, place
-from gaussray.tracer.motion import (
-    Motion,
-    arc_weights,
-    controls,
-    ordinary,
-    still,
-    tint_controls,
-    usable,
-    whole,
-)
-from gaussray.tracer.response import reach
+from gaussray.tracer.motion import Motion, arc_weights, whole
+from gaussray.tracer.rows import Rows, boxes_of, is_tinted, rows_of
 
 
 _SOURCE = Path(__file__).with_suffix(".cu")
-# Cells in a box of the coarser grid, one for each thread of a warp.
-_CELLS = 32
 # Warps in a block of the march, and lanes of a warp that share a ray. Hits do not fall evenly to
 # the lanes, so together they keep twice k.
 _WARPS = 4
@@ -60,20 +47,6 @@ _BUNDLES = 4
 _FEW = 8
 # Bytes of lists at once; larger pictures are traced in strips.
 _MEMORY = 2 * 1024**3
-
-
-class Rows(NamedTuple):
-    """The Gaussians as the kernels read them, those that rest first.
-
-    `extent` is the mean and the axes F to where alpha = alpha_min, `state` A = S^-1 R^T, mean,
-    opacity, squared reach (-1 for what is never met) and the place among the moving or -1, `keyed`
-    F, mean and tint of the control points of those that move, `color` the harmonics and a tint.
-    """
-
-    extent: Float[Array, "gaussians 12"]
-    state: Float[Array, "gaussians 16"]
-    keyed: Float[Array, "moving keys 16"]
-    color: Float[Array, "gaussians columns"]
 
 
 class Lists(NamedTuple):
@@ -135,13 +108,13 @@ class Stage(NamedTuple):
 def prepare(motion: Motion, rays: Rays, *, options, slots: int) -> tuple[Stage, Strip]:
     """Everything up to the candidates. Strips come first in the rays' axes, which are padded."""
     motion = whole(motion) if motion.keys == 1 else motion
-    rows, box, kept, fine = _rows(motion, options.alpha_min)
+    rows, box, kept, fine = rows_of(motion, options.alpha_min)
     group = options.bundle**2 * (_BUNDLES if options.levels else 1)
     samples, count = rays.time.shape
     groups = max(-(-count // group), 1)
     strips = min(-(-groups * slots * 4 * (4 + samples) // _MEMORY), groups)
     groups = -(-groups // strips)
-    boxes = _boxes(box, kept)
+    boxes = boxes_of(box, kept)
     program = Program(
         rays=groups * group,
         samples=samples,
@@ -151,7 +124,7 @@ def prepare(motion: Motion, rays: Rays, *, options, slots: int) -> tuple[Stage, 
         supers=boxes[2].shape[0],
         keys=motion.keys,
         harmonics=motion.gaussians.harmonics.shape[1],
-        tinted=int(_tinted(motion)),
+        tinted=int(is_tinted(motion)),
         columns=rows.color.shape[1],
         k=options.k,
         alpha_max=options.alpha_max,
@@ -260,104 +233,3 @@ march.defvjp(_march_forward, _march_backward)
 def _blocks(program: Program) -> int:
     warps = program.rays // program.group * program.samples * -(-program.group * _LANES // 32)
     return -(-warps // _WARPS)
-
-
-def _tinted(motion: Motion) -> bool:
-    parts = (motion.gaussians, motion.rest)
-    return any(g is not None and g.tint is not None for g in parts)
-
-
-def _rows(motion: Motion, alpha_min: float) -> tuple[Rows, Array, Array, Array]:
-    """Rows, boxes (lower and upper corner) around all there is, which Gaussians can be met at all,
-    and which are usable."""
-    tinted = _tinted(motion)
-    if motion.keys == 1:
-        g = motion.gaussians
-        parts = [_resting(g, alpha_min, tinted)]
-        keyed = jnp.zeros((1, 1, 16), g.mean.dtype)
-    else:
-        moving, keyed = _moving(motion, alpha_min, tinted)
-        parts = [moving]
-        if motion.rest is not None:
-            parts.insert(0, _resting(still(motion.rest).gaussians, alpha_min, tinted))
-    extent, state, color, box, kept, fine = (jnp.concatenate(x) for x in zip(*parts, strict=True))
-    return Rows(jax.lax.stop_gradient(extent), state, keyed, color), box, kept, fine
-
-
-def _resting(g: Gaussians, alpha_min: float, tinted: bool):
-    """Extent, state, colour, box, kept and usable of Gaussians at one key."""
-    fine = usable(g)
-    g = ordinary(g, fine)
-    mean, quat, scale = g.mean[0], g.quat[0], g.scale[0]
-    radius = reach(jax.lax.stop_gradient(g.opacity), alpha_min)
-    kept = fine & (radius > 0)
-    support = jax.lax.stop_gradient(axes(quat, scale)) * radius[:, None, None]
-    extent = jnp.concatenate([support.reshape(-1, 9), mean], axis=1)
-    state = jnp.concatenate(
-        [
-            whitening(quat, scale).reshape(-1, 9),
-            mean,
-            _ends(g.opacity, radius, kept, jnp.full_like(radius, -1)),
-        ],
-        axis=1,
-    )
-    tint = None if not tinted else jnp.ones_like(mean) if g.tint is None else g.tint[0]
-    lower, upper = around(jax.lax.stop_gradient(mean), support)
-    box = jnp.concatenate([lower, upper], axis=1)
-    return extent, state, _colors(g.harmonics, tint), box, kept, fine
-
-
-def _moving(motion: Motion, alpha_min: float, tinted: bool):
-    """The same for Gaussians with key states, and the rows of their control points."""
-    fine = usable(motion.gaussians)
-    g = ordinary(motion.gaussians, fine)
-    motion = Motion(motion.time, g)
-    mean, frame = controls(motion)
-    radius = reach(jax.lax.stop_gradient(g.opacity), alpha_min)
-    kept = fine & (radius > 0)
-    tint = tint_controls(motion)
-    keyed = [frame.reshape(*frame.shape[:2], 9), mean, tint, jnp.zeros_like(mean[..., :1])]
-    keyed = jnp.moveaxis(jnp.concatenate(keyed, axis=-1), 0, 1)
-    number = jnp.arange(g.count, dtype=mean.dtype)
-    blank = jnp.zeros((g.count, 12), mean.dtype)
-    state = jnp.concatenate([blank, _ends(g.opacity, radius, kept, number)], axis=1)
-    lower, upper = around(*jax.lax.stop_gradient((mean, frame * radius[None, :, None, None])))
-    box = jnp.concatenate([jnp.min(lower, axis=0), jnp.max(upper, axis=0)], axis=1)
-    white = jnp.ones((g.count, 3), mean.dtype) if tinted else None
-    return (blank, state, _colors(g.harmonics, white), box, kept, fine), keyed
-
-
-def _ends(opacity: Array, radius: Array, kept: Array, number: Array) -> Array:
-    """The last four columns of a state."""
-    squared = jnp.where(kept, radius * radius, -1)
-    return jnp.stack([opacity, squared, number, jnp.zeros_like(radius)], axis=1)
-
-
-def _colors(harmonics: Array, tint: Array | None) -> Array:
-    """Harmonics and tint in one row, a multiple of four floats."""
-    parts = [harmonics.reshape(harmonics.shape[0], -1)] + ([] if tint is None else [tint])
-    row = jnp.concatenate(parts, axis=1)
-    return jnp.pad(row, ((0, 0), (0, -row.shape[1] % 4)))
-
-
-def _boxes(box: Array, kept: Array) -> tuple[Array, Array, Array]:
-    """Order of the Gaussians along the grid (-1 pads), boxes of cells and of _CELLS cells.
-
-    What is empty is not a number: no comparison with it holds.
-    """
-    box = jax.lax.stop_gradient(box)
-    lower, upper = box[:, :3], box[:, 3:]
-    count = kept.shape[0]
-    padding = max(-(-count // (OCCUPANCY * _CELLS)), 1) * OCCUPANCY * _CELLS - count
-    order = jnp.argsort(place(lower, upper, kept).astype(jnp.uint32)).astype(jnp.int32)
-    order = jnp.pad(order, (0, padding), constant_values=-1)
-    signed = jnp.where(kept[:, None], jnp.concatenate([lower, -upper], axis=1), jnp.inf)
-    signed = jnp.concatenate([signed, jnp.full((1, 6), jnp.inf, box.dtype)])[order]
-    cell = jnp.min(signed.reshape(-1, OCCUPANCY, 6), axis=1)
-    super_ = jnp.min(cell.reshape(-1, _CELLS, 6), axis=1)
-
-    def corners(x: Array) -> Array:
-        x = jnp.where(x[:, :1] < jnp.inf, x, jnp.nan)
-        return jnp.concatenate([x[:, :3], -x[:, 3:]], axis=1)
-
-    return order, corners(cell), corners(super_)
