@@ -6,7 +6,8 @@
 // KEYS     control points of the moving Gaussians       HARMONICS coefficients per channel
 // TINTED   1 if colours are tinted                      COLUMNS  floats in a row of colour
 // K        hits that a lane keeps in order              WARPS    of a block of the march
-// LANES    lanes that share a ray                       FEW      parts of a group tested at once
+// LANES    lanes that share a ray                       BROAD    pixels in a row of a warp, or 0
+// ACROSS   bundles of a group side by side
 // ALPHA_MAX, TRANSMITTANCE_MIN as in TraceOptions
 
 typedef unsigned int u32;
@@ -18,14 +19,23 @@ typedef unsigned int u32;
 // Below this cosine to the axis a bundle is too wide for planes: it is then tested as everywhere.
 #define WIDEST 0.05f
 #define BUCKETS 1024
-// Rays of a warp, warps of a group, and how they share the 32 bits of a mask.
+// Rays of a warp, warps of a group, and parts of a group: one warp each, or several where a group
+// has more than 32. For each part a bit says whether it may meet an entry.
 #define WIDE (32 / LANES)
 #define PER ((GROUP + WIDE - 1) / WIDE)
 #define SPAN ((PER + 31) / 32)
 #define PARTS ((PER + SPAN - 1) / SPAN)
+#define WORDS ((SLOTS + 31) / 32)
 #define JOBS ((size_t)(RAYS / GROUP) * SAMPLES * PER)
-#define CLUMPS ((PARTS + FEW - 1) / FEW)
 #define ARCS (KEYS < 3 ? 1 : (KEYS - 1) / 2)
+// Where a group is a square of 8 x 8 pixels or of 2 x 2 times as many, parts are where columns and
+// rows of pixels cross, and those bands are what is tested. Of other groups every part is tested for
+// itself, as a row.
+#define SQUARE (BROAD > 0)
+#define HIGH (8 / (SQUARE ? BROAD : 8))
+#define COLUMNS_OF_PARTS (SQUARE ? 8 * ACROSS / (SQUARE ? BROAD : 8) : 0)
+#define ROWS_OF_PARTS (SQUARE ? 8 * ACROSS / HIGH : PARTS)
+#define BANDS (COLUMNS_OF_PARTS + ROWS_OF_PARTS)
 
 struct Vector {
   float x, y, z;
@@ -72,14 +82,35 @@ struct Bounds {
   float reach, begin, end, unused;
 };
 
-// Which ray of a group is number `i` of a warp's part. Without key states a warp takes 4 x 2 pixels
-// of an 8 x 8 bundle, which are met by less; with them 8 x 1, which a rolling shutter reads at once.
-__device__ __forceinline__ int slot_of(int part, int i) {
-  if (KEYS == 1 && SIDE == 8 && WIDE == 8) {
-    int run = part % 8;
-    return 64 * (part / 8) + 16 * (run / 2) + 4 * (run % 2) + 8 * (i / 4) + i % 4;
-  }
-  return WIDE * part + i;
+// Which ray of a group is at a pixel, in column x and row y of the group.
+__device__ __forceinline__ int slot_at(int x, int y) {
+  return 64 * (x / 8 + ACROSS * (y / 8)) + 8 * (y % 8) + x % 8;
+}
+
+// In which column and row of parts a part is.
+__device__ __forceinline__ int column_of(int part) {
+  return part / 8 % ACROSS * HIGH + part % HIGH;
+}
+__device__ __forceinline__ int row_of(int part) {
+  return SQUARE ? part / 8 / ACROSS * (8 / HIGH) + part % 8 / HIGH : part;
+}
+
+// Which ray of a group is number `i` of a warp's.
+__device__ __forceinline__ int slot_of(int warp, int i) {
+  if (!SQUARE) return WIDE * warp + i;
+  return slot_at(BROAD * column_of(warp) + i % BROAD, HIGH * row_of(warp) + i / BROAD);
+}
+
+// How many rays a band has, and which ray of its group is number `i`.
+__device__ __forceinline__ int rays_in(int band) {
+  if (!SQUARE) return min(WIDE * SPAN, GROUP - WIDE * SPAN * band);
+  return 8 * ACROSS * (band < COLUMNS_OF_PARTS ? BROAD : HIGH);
+}
+__device__ __forceinline__ int slot_in(int band, int i) {
+  if (!SQUARE) return WIDE * SPAN * band + i;
+  if (band < COLUMNS_OF_PARTS) return slot_at(BROAD * band + i % BROAD, i / BROAD);
+  const int wide = 8 * ACROSS;
+  return slot_at(i % wide, HIGH * (band - COLUMNS_OF_PARTS) + i / wide);
 }
 
 // Where on the arcs a ray's weights are.
@@ -149,18 +180,14 @@ __device__ Vector sum(Team team, Vector v) {
   return {team.sum(v.x), team.sum(v.y), team.sum(v.z)};
 }
 
-// The rays of `parts` warps from `first_part` on, in `samples` from where `begin` points, seen by a
-// team of threads.
-template <class Team>
+// Of a group that begins with ray `begin`, the `count` rays `slot(0)`, `slot(1)`, ... in so many
+// `samples`, seen by a team of threads.
+template <class Team, class Slot>
 __device__ Bounds bound(Team team, const float *origin, const float *direction,
-                        const float4 *weight, size_t begin, int samples, int first_part,
-                        int parts) {
-  const int count = WIDE * parts;
+                        const float4 *weight, size_t begin, int samples, int count, Slot slot) {
   auto each = [&](auto visit) {
     for (int i = team.rank(); i < count * samples; i += team.size()) {
-      int slot = slot_of(first_part + i % count / WIDE, i % WIDE);
-      if (slot >= GROUP) continue;
-      size_t ray = begin + (size_t)(i / count) * RAYS + slot;
+      size_t ray = begin + (size_t)(i / count) * RAYS + slot(i % count);
       Vector o = load(origin, ray), d = load(direction, ray);
       bool real = finite(o) && finite(d) && (d.x != 0 || d.y != 0 || d.z != 0);
       if (real) visit(ray, o, d);
@@ -182,8 +209,8 @@ __device__ Bounds bound(Team team, const float *origin, const float *direction,
   b.begin = KEYS > 1 ? fmaxf(team.minimum(first) - SLACK * ARCS, 0) : 0;
   b.end = KEYS > 1 ? fminf(-team.minimum(-last) + SLACK * ARCS, ARCS) : 0;
   Vector axis = normalize(sum(team, total));
-  const size_t corner = begin + slot_of(first_part, 0);
-  Vector along = load(direction, corner + min(SIDE, WIDE) / 2 - 1) - load(direction, corner);
+  Vector along = load(direction, begin + slot(min(count, SIDE < 4 ? SIDE : 4) - 1)) -
+                 load(direction, begin + slot(0));
   along = along - dot(along, axis) * axis;
   Vector helper = fabsf(axis.x) < 0.6f ? Vector{1, 0, 0} : Vector{0, 1, 0};
   helper = helper - dot(helper, axis) * axis;
@@ -248,12 +275,12 @@ __device__ __forceinline__ Frame frame(const float4 *row) {
   return {{a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x}, {c.y, c.z, c.w}};
 }
 
-// Height of the centre along n, and half the height of the ellipsoid F.
+// Height of the centre along n, and the square of half the height of the ellipsoid F.
 __device__ __forceinline__ float2 support(const Frame &e, float4 n) {
   float part[3];
   for (int b = 0; b < 3; b++) part[b] = n.x * e.f[b] + n.y * e.f[3 + b] + n.z * e.f[6 + b];
-  float square = part[0] * part[0] + part[1] * part[1] + part[2] * part[2];
-  return {n.x * e.mean.x + n.y * e.mean.y + n.z * e.mean.z, sqrtf(square)};
+  return {n.x * e.mean.x + n.y * e.mean.y + n.z * e.mean.z,
+          part[0] * part[0] + part[1] * part[1] + part[2] * part[2]};
 }
 
 // Control point `c` of the part of an arc from `begin` to `end`: of a parabola the one at the start,
@@ -274,70 +301,80 @@ __device__ __forceinline__ Frame control_of_part(const float4 *row, float begin,
   return sum;
 }
 
-// False where the ellipsoid lies outside one half-space from `from` on, at all control points.
-// `bound` becomes a distance that no ray of the group has to travel less to meet it.
-__device__ __forceinline__ bool touches(const Bounds &b, int from, const float4 *extent,
-                                        const float4 *keyed, int id, int moving, float reach,
-                                        float &bound) {
-  float top[5], least = INFINITE;
-  if (KEYS == 1 || moving < 0) {
-    Frame e = frame(extent + 3 * (size_t)id);
-    for (int i = 0; i < 5; i++) {
-      if (i < from) continue;
-      float2 s = support(e, b.plane[i]);
-      if (i == 0) least = s.x - s.y;
-      top[i] = s.x + s.y;
-    }
-  } else {
-    for (int i = 0; i < 5; i++) top[i] = -INFINITE;
-    for (int arc = (int)b.begin; arc < ARCS && arc <= b.end; arc++) {
-      float begin = fmaxf(b.begin - arc, 0), end = fminf(b.end - arc, 1);
-      for (int c = 0; c < (KEYS == 2 ? 2 : 3); c++) {
-        Frame e = control_of_part(keyed + 4 * ((size_t)moving * KEYS + 2 * arc), begin, end, c);
-        for (int i = 0; i < 5; i++) {
-          if (i < from) continue;
-          float2 s = support(e, b.plane[i]);
-          if (i == 0) least = fminf(least, s.x - reach * s.y);
-          top[i] = fmaxf(top[i], s.x + reach * s.y);
-        }
-      }
-    }
+// Whether an ellipsoid reaches into a half-space.
+__device__ __forceinline__ bool reaches(float2 support, float4 plane) {
+  float gap = plane.w - support.x;
+  return gap <= 0 || support.y >= gap * gap;
+}
+
+// What a moving Gaussian sweeps while the group's times pass: `visit` sees its control points.
+template <class Visit>
+__device__ __forceinline__ void sweep(const Bounds &b, const float4 *keyed, int moving,
+                                      Visit visit) {
+  for (int arc = (int)b.begin; arc < ARCS && arc <= b.end; arc++) {
+    float begin = fmaxf(b.begin - arc, 0), end = fminf(b.end - arc, 1);
+    for (int c = 0; c < (KEYS == 2 ? 2 : 3); c++)
+      visit(control_of_part(keyed + 4 * ((size_t)moving * KEYS + 2 * arc), begin, end, c));
   }
+}
+
+// What is tested against the bounds of rays: a Gaussian, its row among the moving (or -1), its
+// reach, and where it rests the ellipsoid.
+struct Body {
+  Frame rest;
+  int moving;
+  float reach;
+};
+
+__device__ __forceinline__ Body body(const float4 *extent, int id, float4 last) {
+  Body body = {{}, KEYS == 1 ? -1 : (int)last.z, sqrtf(last.y)};
+  if (body.moving < 0) body.rest = frame(extent + 3 * (size_t)id);
+  return body;
+}
+
+// False where it lies outside one of the half-spaces FROM to TO - 1.
+template <int FROM, int TO>
+__device__ __forceinline__ bool touches(const Bounds &b, const Body &body, const float4 *keyed) {
   bool inside = true;
-  for (int i = 0; i < 5; i++)
-    if (i >= from) inside = inside && top[i] >= b.plane[i].w;
-  bound = fmaxf(least - b.reach - SLACK * (fabsf(least) + fabsf(b.reach)), 0.0f);
+  if (body.moving < 0) {
+    for (int i = FROM; i < TO; i++)
+      inside = inside && reaches(support(body.rest, b.plane[i]), b.plane[i]);
+    return inside;
+  }
+  float top[5];
+  for (int i = FROM; i < TO; i++) top[i] = -INFINITE;
+  sweep(b, keyed, body.moving, [&](const Frame &e) {
+    for (int i = FROM; i < TO; i++) {
+      float2 s = support(e, b.plane[i]);
+      top[i] = fmaxf(top[i], s.x + body.reach * sqrtf(s.y));
+    }
+  });
+  for (int i = FROM; i < TO; i++) inside = inside && top[i] >= b.plane[i].w;
   return inside;
 }
 
-// Which of `count` parts of a group may meet a Gaussian, a bit for each.
-__device__ __forceinline__ u32 parts_met(const Bounds *part, int count, const float4 *extent,
-                                         const float4 *keyed, int id, int moving, float reach) {
-  u32 mask = 0;
-  if (KEYS == 1 || moving < 0) {
-    Frame e = frame(extent + 3 * (size_t)id);
-    for (int w = 0; w < count; w++) {
-      bool inside = true;
-      for (int i = 1; i < 5; i++) {
-        float2 s = support(e, part[w].plane[i]);
-        inside = inside && s.x + s.y >= part[w].plane[i].w;
-      }
-      mask |= (u32)inside << w;
-    }
-  } else {
-    float unused;
-    for (int w = 0; w < count; w++)
-      mask |= (u32)touches(part[w], 1, extent, keyed, id, moving, reach, unused) << w;
-  }
-  return mask;
+// A distance that no ray of the group has to travel less to meet it.
+__device__ __forceinline__ float nearest(const Bounds &b, const Body &body, const float4 *keyed) {
+  float least = INFINITE;
+  auto see = [&](const Frame &e, float reach) {
+    float2 s = support(e, b.plane[0]);
+    least = fminf(least, s.x - reach * sqrtf(s.y));
+  };
+  if (body.moving < 0)
+    see(body.rest, 1);
+  else
+    sweep(b, keyed, body.moving, [&](const Frame &e) { see(e, body.reach); });
+  return fmaxf(least - b.reach - SLACK * (fabsf(least) + fabsf(b.reach)), 0.0f);
 }
 
 // One block lists what one group of rays may meet: boxes of 256 Gaussians, then of 8, then
-// ellipsoids; sorted into buckets by the least distance. It also bounds the rays of each warp.
+// ellipsoids; sorted into buckets by the least distance, those of a bucket (which share a bound) in
+// the order of the Gaussians, so that the list does not depend on who came first. It also bounds the
+// rays of each band.
 extern "C" __global__ void __launch_bounds__(256)
 gather(const float *origin, const float *direction, const float4 *weight, const int *order,
        const float *super, const float *cell, const float4 *extent, const float4 *state,
-       const float4 *keyed, int *list, float *bounds, Bounds *parts, int *count, int *found,
+       const float4 *keyed, int *list, float *bounds, Bounds *bands, int *count, int *found,
        float *distance) {
   __shared__ Bounds b;
   __shared__ float scratch[8];
@@ -346,10 +383,11 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   __shared__ int queue[8][32];
   int lane = threadIdx.x & 31, warp = threadIdx.x >> 5;
   size_t own = (size_t)blockIdx.x * SLOTS;
+  const size_t first_ray = (size_t)blockIdx.x * GROUP;
   {
     Block team = {scratch};
-    Bounds mine = bound(team, origin, direction, weight, (size_t)blockIdx.x * GROUP, SAMPLES, 0,
-                        PER);
+    Bounds mine = bound(team, origin, direction, weight, first_ray, SAMPLES, GROUP,
+                        [](int i) { return i; });
     if (threadIdx.x == 0) {
       b = mine;
       total = 0;
@@ -357,21 +395,13 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
       high = 0;
     }
   }
-  // Parts, then clumps of them, of every sample.
-  const size_t first_ray = (size_t)blockIdx.x * GROUP, groups = RAYS / GROUP;
-  for (int base = 0; base < PARTS * SAMPLES; base += 256 / WIDE) {
-    const int at = base + threadIdx.x / WIDE, i = min(at, PARTS * SAMPLES - 1);
-    const int sample = i / PARTS, part = i % PARTS, first = SPAN * part;
+  for (int base = 0; base < BANDS * SAMPLES; base += 256 / WIDE) {
+    const int at = base + threadIdx.x / WIDE, i = min(at, BANDS * SAMPLES - 1);
+    const int sample = i / BANDS, band = i % BANDS;
     Bounds mine = bound(Lanes(), origin, direction, weight, (size_t)sample * RAYS + first_ray, 1,
-                        first, min(SPAN, PER - first));
+                        rays_in(band), [band](int i) { return slot_in(band, i); });
     if (at == i && threadIdx.x % WIDE == 0)
-      parts[(sample * groups + blockIdx.x) * (PARTS + CLUMPS) + part] = mine;
-  }
-  for (int i = warp; i < CLUMPS * SAMPLES; i += 8) {
-    const int sample = i / CLUMPS, clump = i % CLUMPS, first = SPAN * FEW * clump;
-    Bounds mine = bound(Warp(), origin, direction, weight, (size_t)sample * RAYS + first_ray, 1,
-                        first, min(SPAN * FEW, PER - first));
-    if (lane == 0) parts[(sample * groups + blockIdx.x) * (PARTS + CLUMPS) + PARTS + clump] = mine;
+      bands[((size_t)sample * (RAYS / GROUP) + blockIdx.x) * BANDS + band] = mine;
   }
   __syncthreads();
   int least = 0x7f800000, most = 0;
@@ -391,14 +421,18 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
         if (j < cells) id = order[8 * queue[warp][j] + (lane & 7)];
         float near = 0;
         float4 last = id < 0 ? float4{0, -1, -1, 0} : state[4 * (size_t)id + 3];
-        bool in = last.y > 0 &&
-                  touches(b, 0, extent, keyed, id, (int)last.z, sqrtf(last.y), near);
+        bool in = last.y > 0;
+        if (in) {
+          Body met = body(extent, id, last);
+          in = touches<0, 5>(b, met, keyed);
+          if (in) near = nearest(b, met, keyed);
+        }
         u32 mine = __ballot_sync(ALL, in);
         u32 at = 0;
         if (lane == 0 && mine) at = atomicAdd(&total, __popc(mine));
         at = __shfl_sync(ALL, at, 0) + __popc(mine & ((1u << lane) - 1));
         if (in && at < SLOTS) {
-          found[own + at] = id;
+          list[own + at] = id;
           distance[own + at] = near;
           least = min(least, __float_as_int(near));
           most = max(most, __float_as_int(near));
@@ -451,54 +485,53 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   for (int i = threadIdx.x; i < held; i += 256) {
     int in = bucket(__float_as_uint(distance[own + i]));
     u32 at = atomicAdd(&histogram[in], 1u);
-    list[own + at] = found[own + i];
+    found[own + at] = list[own + i];
     bounds[own + at] = __uint_as_float(lowest[in]);
+  }
+  __syncthreads();
+  for (int i = threadIdx.x; i < held; i += 256) {
+    const int id = found[own + i];
+    const float bound = bounds[own + i];
+    int place = i;
+    for (int j = i - 1; j >= 0 && bounds[own + j] == bound; j--) place -= found[own + j] > id;
+    for (int j = i + 1; j < held && bounds[own + j] == bound; j++) place += found[own + j] < id;
+    list[own + place] = id;
   }
 }
 
-// Which warps may meet an entry, and its place: those of a bucket (which share a bound) are
-// put in the order of the Gaussians, so that the list does not depend on who came first.
+// Which parts may meet an entry: a word of 32 entries for each part and sample.
 extern "C" __global__ void __launch_bounds__(128)
-sift(const int *found, const float *bounds, const Bounds *parts, const int *count,
-     const float4 *extent, const float4 *state, const float4 *keyed, int *list, int *masks) {
-  const int chunk = blockIdx.x % ((SLOTS + 127) / 128);
-  const size_t whole = blockIdx.x / ((SLOTS + 127) / 128), group = whole % (RAYS / GROUP);
-  const size_t own = group * SLOTS;
+sift(const int *list, const Bounds *bands, const int *count, const float4 *extent,
+     const float4 *state, const float4 *keyed, u32 *words) {
+  const size_t group = blockIdx.x / ((SLOTS + 127) / 128), groups = RAYS / GROUP;
+  const int begin = blockIdx.x % ((SLOTS + 127) / 128) * 128;
   const int held = min(count[group], SLOTS);
-  if (128 * chunk >= held) return;
-  __shared__ Bounds part[PARTS + CLUMPS];
-  __shared__ int ids[128], pairs[128 * CLUMPS];
-  __shared__ u32 mask[128], waiting;
-  const float *from = (const float *)(parts + whole * (PARTS + CLUMPS));
-  for (int i = threadIdx.x; i < (PARTS + CLUMPS) * sizeof(Bounds) / 4; i += 128)
-    ((float *)part)[i] = from[i];
-  const int at = 128 * chunk + threadIdx.x, id = at < held ? found[own + at] : -1;
-  mask[threadIdx.x] = 0;
-  ids[threadIdx.x] = id;
-  if (threadIdx.x == 0) waiting = 0;
-  __syncthreads();
-  int place = at;
-  if (id >= 0) {
-    const float bound = bounds[own + at];
-    for (int i = at - 1; i >= 0 && bounds[own + i] == bound; i--) place -= found[own + i] > id;
-    for (int i = at + 1; i < held && bounds[own + i] == bound; i++) place += found[own + i] < id;
-    const float4 last = state[4 * (size_t)id + 3];
-    u32 met = parts_met(part + PARTS, CLUMPS, extent, keyed, id, (int)last.z, sqrtf(last.y));
-    for (; met; met &= met - 1)
-      pairs[atomicAdd(&waiting, 1u)] = 128 * (__ffs(met) - 1) + threadIdx.x;
+  if (begin >= held) return;
+  __shared__ Bounds own[BANDS];
+  const int lane = threadIdx.x & 31, at = begin + threadIdx.x, word = at / 32;
+  const int id = at < held ? list[group * SLOTS + at] : -1;
+  const int column = column_of(lane), row = row_of(lane);
+  Body entry = {{}, -1, 0};
+  if (id >= 0) entry = body(extent, id, state[4 * (size_t)id + 3]);
+  for (int sample = 0; sample < SAMPLES; sample++) {
+    const size_t place = sample * groups + group;
+    const float *from = (const float *)(bands + place * BANDS);
+    __syncthreads();
+    for (int i = threadIdx.x; i < BANDS * sizeof(Bounds) / 4; i += 128)
+      ((float *)own)[i] = from[i];
+    __syncthreads();
+    u32 met = ALL;
+    for (int i = 0; i < COLUMNS_OF_PARTS; i++) {
+      u32 some = __ballot_sync(ALL, id >= 0 && touches<1, 3>(own[i], entry, keyed));
+      if (i == column) met &= some;
+    }
+    for (int i = 0; i < ROWS_OF_PARTS; i++) {
+      const Bounds &b = own[COLUMNS_OF_PARTS + i];
+      u32 some = __ballot_sync(ALL, id >= 0 && touches<SQUARE ? 3 : 1, 5>(b, entry, keyed));
+      if (i == row) met &= some;
+    }
+    if (lane < PARTS && 32 * word < held) words[(place * WORDS + word) * PARTS + lane] = met;
   }
-  __syncthreads();
-  for (int i = threadIdx.x; i < waiting; i += 128) {
-    const int entry = pairs[i] % 128, first = pairs[i] / 128 * FEW;
-    const float4 last = state[4 * (size_t)ids[entry] + 3];
-    u32 met = parts_met(part + first, min(FEW, PARTS - first), extent, keyed, ids[entry],
-                        (int)last.z, sqrtf(last.y));
-    atomicOr(&mask[entry], met << first);
-  }
-  __syncthreads();
-  if (id < 0) return;
-  if (whole < RAYS / GROUP) list[own + place] = id;
-  masks[whole * SLOTS + place] = mask[threadIdx.x];
 }
 
 // ---------------------------------------------------------------- one ray meets one Gaussian
@@ -699,134 +732,158 @@ __device__ __forceinline__ void add(float *p, float4 v) {
 #endif
 }
 
-// The next hit of a ray, front to back; with a slope, its gradients too. Returns alpha and what the
-// hit adds to g . sum.
-template <bool BACK>
-__device__ __forceinline__ float2 shade(const Scene &scene, const Ray &ray, int id, float t,
-                                        float alpha, Path &path, Slope *slope) {
-  const float4 *row = scene.state + 4 * (size_t)id;
-  const float *color = scene.color + COLUMNS * (size_t)id;
-  Vector tint = {1, 1, 1};
+// Colour of a hit, and what its gradients are made of.
+struct Look {
+  Vector linear, seen, tint;
+  float alpha, raw, kernel;
+  bool moving;
   Matter m;
   Meeting r;
-  float kernel, raw;
-  bool moving = false;
+};
+
+template <bool BACK>
+__device__ __forceinline__ Look look(const Scene &scene, const Ray &ray, int id, float alpha) {
+  const float4 *row = scene.state + 4 * (size_t)id;
+  const float4 *color = (const float4 *)(scene.color + COLUMNS * (size_t)id);
+  Look look;
+  look.tint = {1, 1, 1};
+  look.alpha = alpha;
+  look.moving = false;
   if (BACK || (KEYS > 1 && TINTED)) {
-    m = matter(row[0], row[1], row[2], row[3]);
-    moving = KEYS > 1 && m.moving >= 0;
-    if (moving) blend(ray, scene.keyed, m, tint);
+    look.m = matter(row[0], row[1], row[2], row[3]);
+    look.moving = KEYS > 1 && look.m.moving >= 0;
+    if (look.moving) blend(ray, scene.keyed, look.m, look.tint);
   }
-  if (TINTED && !moving) tint = load(color + 3 * HARMONICS, 0);
   if (BACK) {
-    r = meet(m, ray);
-    kernel = gauss(r.q);
-    raw = m.opacity * kernel;
-    alpha = fminf(raw, ALPHA_MAX);
+    look.r = meet(look.m, ray);
+    look.kernel = gauss(look.r.q);
+    look.raw = look.m.opacity * look.kernel;
+    look.alpha = fminf(look.raw, ALPHA_MAX);
   }
+  float y[HARMONICS], sum[3] = {0.5f, 0.5f, 0.5f}, tint[3];
+  harmonics(ray.d, y);
+#pragma unroll
+  for (int i = 0; i < COLUMNS / 4; i++) {
+    float4 v = color[i];
+    float part[4] = {v.x, v.y, v.z, v.w};
+#pragma unroll
+    for (int j = 0; j < 4; j++) {
+      int at = 4 * i + j;
+      if (at < 3 * HARMONICS)
+        sum[at % 3] += y[at / 3] * part[j];
+      else if (TINTED && at < 3 * HARMONICS + 3)
+        tint[at % 3] = part[j];
+    }
+  }
+  if (TINTED && !look.moving) look.tint = {tint[0], tint[1], tint[2]};
+  look.linear = {sum[0], sum[1], sum[2]};
+  look.seen = {fmaxf(sum[0], 0), fmaxf(sum[1], 0), fmaxf(sum[2], 0)};
+  if (TINTED)
+    look.seen = {look.seen.x * fmaxf(look.tint.x, 0), look.seen.y * fmaxf(look.tint.y, 0),
+                 look.seen.z * fmaxf(look.tint.z, 0)};
+  return look;
+}
+
+// Gradients of a hit at t with `transmittance` in front of it, that adds `added` of the `rest`.
+__device__ __forceinline__ void learn(const Scene &scene, const Ray &ray, int id, float t,
+                                      const Look &look, float transmittance, float added,
+                                      float rest, Slope *slope) {
+  const float *color = scene.color + COLUMNS * (size_t)id;
+  const float4 g = slope->g;
+  const Vector linear = look.linear, tint = look.tint;
+  const Vector radiance = {fmaxf(linear.x, 0), fmaxf(linear.y, 0), fmaxf(linear.z, 0)};
+  const Matter &m = look.m;
+  const Meeting &r = look.r;
+  const float raw = look.raw, kernel = look.kernel, weight = transmittance * look.alpha;
+  const bool moving = look.moving;
   float y[HARMONICS];
   harmonics(ray.d, y);
-  Vector linear = {0.5f, 0.5f, 0.5f};
-  for (int i = 0; i < HARMONICS; i++) linear = linear + y[i] * load(color, i);
-  Vector radiance = {fmaxf(linear.x, 0), fmaxf(linear.y, 0), fmaxf(linear.z, 0)}, seen = radiance;
-  if (TINTED) seen = {seen.x * fmaxf(tint.x, 0), seen.y * fmaxf(tint.y, 0), seen.z * fmaxf(tint.z, 0)};
-  float weight = path.transmittance * alpha;
-  path.sum.x += weight * seen.x;
-  path.sum.y += weight * seen.y;
-  path.sum.z += weight * seen.z;
-  path.sum.w += weight * t;
-  path.hits++;
-  float added = 0;
-  if (BACK) {
-    // weight_i = alpha_i T_i; what follows is dimmed by 1 - alpha_i.
-    float4 g = slope->g;
-    float now = g.x * seen.x + g.y * seen.y + g.z * seen.z + g.w * t;
-    added = weight * now;
-    float d_alpha = path.transmittance * now - (slope->rest - added) / (1 - alpha);
-    float d_raw = raw < ALPHA_MAX ? d_alpha : 0;
-    float d_q = -0.5f * raw * d_raw, d_t = weight * g.w;
-    // Colour.
-    Vector d_seen = {weight * g.x, weight * g.y, weight * g.z}, d_tint = {0, 0, 0};
-    if (TINTED) {
-      d_tint = {tint.x > 0 ? d_seen.x * radiance.x : 0, tint.y > 0 ? d_seen.y * radiance.y : 0,
-                tint.z > 0 ? d_seen.z * radiance.z : 0};
-      d_seen = {d_seen.x * fmaxf(tint.x, 0), d_seen.y * fmaxf(tint.y, 0),
-                d_seen.z * fmaxf(tint.z, 0)};
-    }
-    Vector d_linear = {linear.x > 0 ? d_seen.x : 0, linear.y > 0 ? d_seen.y : 0,
-                       linear.z > 0 ? d_seen.z : 0};
-    float d_color[COLUMNS], d_y[HARMONICS];
-    for (int i = 0; i < COLUMNS; i++) d_color[i] = 0;
-    for (int i = 0; i < HARMONICS; i++) {
-      store(d_color, i, y[i] * d_linear);
-      d_y[i] = dot(load(color, i), d_linear);
-    }
-    if (TINTED && !moving) store(d_color, HARMONICS, d_tint);
-    float *colors = slope->color + COLUMNS * (size_t)id;
-    for (int i = 0; i < COLUMNS; i += 4)
-      add(colors + i, {d_color[i], d_color[i + 1], d_color[i + 2], d_color[i + 3]});
-    Vector d_d = harmonics_back(ray.d, d_y);
-    // Response, backwards through the lines of `meet`.
-    float along = dot(r.o, r.v), square = dot(r.c, r.c);
-    float d_inverse = square * d_q - along * d_t, d_along = -r.inverse * d_t;
-    Vector d_c = (2 * r.inverse * d_q) * r.c;
-    float d_square = -r.inverse * r.inverse * d_inverse;
-    Vector d_o = d_along * r.v + cross(r.v, d_c);
-    Vector d_v = d_along * r.o + cross(d_c, r.o) + (2 * d_square) * r.v;
-    float a[9];
-    for (int i = 0; i < 9; i++) a[i] = m.a[i];
-    Vector d_moved = {a[0] * d_o.x + a[3] * d_o.y + a[6] * d_o.z,
-                      a[1] * d_o.x + a[4] * d_o.y + a[7] * d_o.z,
-                      a[2] * d_o.x + a[5] * d_o.y + a[8] * d_o.z};
-    d_d = d_d + Vector{a[0] * d_v.x + a[3] * d_v.y + a[6] * d_v.z,
-                       a[1] * d_v.x + a[4] * d_v.y + a[7] * d_v.z,
-                       a[2] * d_v.x + a[5] * d_v.y + a[8] * d_v.z};
-    float d_shift = d_t + dot(d_moved, ray.d);
-    Vector d_p = d_moved - d_shift * ray.d;
-    d_d = d_d + r.shift * d_moved - d_shift * r.p;
-    slope->d_origin = slope->d_origin + d_p;
-    slope->d_direction = slope->d_direction + d_d;
-    float o[3] = {d_o.x, d_o.y, d_o.z}, v[3] = {d_v.x, d_v.y, d_v.z};
-    float x[3] = {r.moved.x, r.moved.y, r.moved.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
-    float d_a[9];
-    for (int i = 0; i < 9; i++) d_a[i] = o[i / 3] * x[i % 3] + v[i / 3] * d[i % 3];
-    float *states = slope->state + 16 * (size_t)id;
-    float4 d_opacity = {raw < ALPHA_MAX ? d_raw * kernel : 0, 0, 0, 0};
-    if (!moving) {
-      add(states, {d_a[0], d_a[1], d_a[2], d_a[3]});
-      add(states + 4, {d_a[4], d_a[5], d_a[6], d_a[7]});
-      add(states + 8, {d_a[8], -d_p.x, -d_p.y, -d_p.z});
-      add(states + 12, d_opacity);
-    } else {
-      add(states + 12, d_opacity);
-      // F = A^-1: dF = -A^T dA A^T.
-      float half[9], d_f[9];
-      for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-          half[3 * i + j] = d_a[3 * i] * a[3 * j] + d_a[3 * i + 1] * a[3 * j + 1] +
-                            d_a[3 * i + 2] * a[3 * j + 2];
-      for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-          d_f[3 * i + j] = -(a[i] * half[j] + a[3 + i] * half[3 + j] + a[6 + i] * half[6 + j]);
-      float4 grad[4] = {{d_f[0], d_f[1], d_f[2], d_f[3]},
-                        {d_f[4], d_f[5], d_f[6], d_f[7]},
-                        {d_f[8], -d_p.x, -d_p.y, -d_p.z},
-                        {d_tint.x, d_tint.y, d_tint.z, 0}};
-      float w[3] = {ray.weight.x, ray.weight.y, ray.weight.z}, d_w[3];
-      for (int i = 0; i < 3; i++) {
-        size_t at = control(ray, m.moving, i);
-        d_w[i] = 0;
-        for (int j = 0; j < 4; j++) {
-          if (j == 3 && !TINTED) continue;
-          float4 k = scene.keyed[at + j], s = grad[j];
-          d_w[i] += k.x * s.x + k.y * s.y + k.z * s.z + k.w * s.w;
-          if (w[i] != 0)
-            add(slope->keyed + 4 * (at + j), {w[i] * s.x, w[i] * s.y, w[i] * s.z, w[i] * s.w});
-        }
-      }
-      slope->d_weight = slope->d_weight + Vector{d_w[0], d_w[1], d_w[2]};
-    }
+  // weight_i = alpha_i T_i; what follows is dimmed by 1 - alpha_i.
+  float now = g.x * look.seen.x + g.y * look.seen.y + g.z * look.seen.z + g.w * t;
+  float d_alpha = transmittance * now - (rest - added) / (1 - look.alpha);
+  float d_raw = raw < ALPHA_MAX ? d_alpha : 0;
+  float d_q = -0.5f * raw * d_raw, d_t = weight * g.w;
+  // Colour.
+  Vector d_seen = {weight * g.x, weight * g.y, weight * g.z}, d_tint = {0, 0, 0};
+  if (TINTED) {
+    d_tint = {tint.x > 0 ? d_seen.x * radiance.x : 0, tint.y > 0 ? d_seen.y * radiance.y : 0,
+              tint.z > 0 ? d_seen.z * radiance.z : 0};
+    d_seen = {d_seen.x * fmaxf(tint.x, 0), d_seen.y * fmaxf(tint.y, 0),
+              d_seen.z * fmaxf(tint.z, 0)};
   }
-  return {alpha, added};
+  Vector d_linear = {linear.x > 0 ? d_seen.x : 0, linear.y > 0 ? d_seen.y : 0,
+                     linear.z > 0 ? d_seen.z : 0};
+  float d_color[COLUMNS], d_y[HARMONICS];
+  for (int i = 0; i < COLUMNS; i++) d_color[i] = 0;
+  for (int i = 0; i < HARMONICS; i++) {
+    store(d_color, i, y[i] * d_linear);
+    d_y[i] = dot(load(color, i), d_linear);
+  }
+  if (TINTED && !moving) store(d_color, HARMONICS, d_tint);
+  float *colors = slope->color + COLUMNS * (size_t)id;
+  for (int i = 0; i < COLUMNS; i += 4)
+    add(colors + i, {d_color[i], d_color[i + 1], d_color[i + 2], d_color[i + 3]});
+  Vector d_d = harmonics_back(ray.d, d_y);
+  // Response, backwards through the lines of `meet`.
+  float along = dot(r.o, r.v), square = dot(r.c, r.c);
+  float d_inverse = square * d_q - along * d_t, d_along = -r.inverse * d_t;
+  Vector d_c = (2 * r.inverse * d_q) * r.c;
+  float d_square = -r.inverse * r.inverse * d_inverse;
+  Vector d_o = d_along * r.v + cross(r.v, d_c);
+  Vector d_v = d_along * r.o + cross(d_c, r.o) + (2 * d_square) * r.v;
+  float a[9];
+  for (int i = 0; i < 9; i++) a[i] = m.a[i];
+  Vector d_moved = {a[0] * d_o.x + a[3] * d_o.y + a[6] * d_o.z,
+                    a[1] * d_o.x + a[4] * d_o.y + a[7] * d_o.z,
+                    a[2] * d_o.x + a[5] * d_o.y + a[8] * d_o.z};
+  d_d = d_d + Vector{a[0] * d_v.x + a[3] * d_v.y + a[6] * d_v.z,
+                     a[1] * d_v.x + a[4] * d_v.y + a[7] * d_v.z,
+                     a[2] * d_v.x + a[5] * d_v.y + a[8] * d_v.z};
+  float d_shift = d_t + dot(d_moved, ray.d);
+  Vector d_p = d_moved - d_shift * ray.d;
+  d_d = d_d + r.shift * d_moved - d_shift * r.p;
+  slope->d_origin = slope->d_origin + d_p;
+  slope->d_direction = slope->d_direction + d_d;
+  float o[3] = {d_o.x, d_o.y, d_o.z}, v[3] = {d_v.x, d_v.y, d_v.z};
+  float x[3] = {r.moved.x, r.moved.y, r.moved.z}, d[3] = {ray.d.x, ray.d.y, ray.d.z};
+  float d_a[9];
+  for (int i = 0; i < 9; i++) d_a[i] = o[i / 3] * x[i % 3] + v[i / 3] * d[i % 3];
+  float *states = slope->state + 16 * (size_t)id;
+  float4 d_opacity = {raw < ALPHA_MAX ? d_raw * kernel : 0, 0, 0, 0};
+  if (!moving) {
+    add(states, {d_a[0], d_a[1], d_a[2], d_a[3]});
+    add(states + 4, {d_a[4], d_a[5], d_a[6], d_a[7]});
+    add(states + 8, {d_a[8], -d_p.x, -d_p.y, -d_p.z});
+    add(states + 12, d_opacity);
+  } else {
+    add(states + 12, d_opacity);
+    // F = A^-1: dF = -A^T dA A^T.
+    float half[9], d_f[9];
+    for (int i = 0; i < 3; i++)
+      for (int j = 0; j < 3; j++)
+        half[3 * i + j] = d_a[3 * i] * a[3 * j] + d_a[3 * i + 1] * a[3 * j + 1] +
+                          d_a[3 * i + 2] * a[3 * j + 2];
+    for (int i = 0; i < 3; i++)
+      for (int j = 0; j < 3; j++)
+        d_f[3 * i + j] = -(a[i] * half[j] + a[3 + i] * half[3 + j] + a[6 + i] * half[6 + j]);
+    float4 grad[4] = {{d_f[0], d_f[1], d_f[2], d_f[3]},
+                      {d_f[4], d_f[5], d_f[6], d_f[7]},
+                      {d_f[8], -d_p.x, -d_p.y, -d_p.z},
+                      {d_tint.x, d_tint.y, d_tint.z, 0}};
+    float w[3] = {ray.weight.x, ray.weight.y, ray.weight.z}, d_w[3];
+    for (int i = 0; i < 3; i++) {
+      size_t at = control(ray, m.moving, i);
+      d_w[i] = 0;
+      for (int j = 0; j < 4; j++) {
+        if (j == 3 && !TINTED) continue;
+        float4 k = scene.keyed[at + j], s = grad[j];
+        d_w[i] += k.x * s.x + k.y * s.y + k.z * s.z + k.w * s.w;
+        if (w[i] != 0)
+          add(slope->keyed + 4 * (at + j), {w[i] * s.x, w[i] * s.y, w[i] * s.z, w[i] * s.w});
+      }
+    }
+    slope->d_weight = slope->d_weight + Vector{d_w[0], d_w[1], d_w[2]};
+  }
 }
 
 // The hits of a lane that are still to be blended, nearest first; equally distant ones in the order
@@ -896,11 +953,13 @@ __device__ __forceinline__ Rank least_of_ray(Rank v) {
   return v;
 }
 
-// Sixteen bytes on their way to shared memory, and how to wait for all of them.
-__device__ __forceinline__ void copy(float4 *to, const float4 *from) {
+// Four or sixteen bytes on their way to shared memory, and how to wait for all of them.
+template <class T>
+__device__ __forceinline__ void copy(T *to, const T *from) {
 #if __CUDA_ARCH__ >= 800
   u32 place = (u32)__cvta_generic_to_shared(to);
-  asm volatile("cp.async.ca.shared.global [%0], [%1], 16;" ::"r"(place), "l"(from));
+  asm volatile("cp.async.ca.shared.global [%0], [%1], %2;" ::"r"(place), "l"(from), "n"(sizeof(T))
+               : "memory");
 #else
   *to = *from;
 #endif
@@ -912,33 +971,34 @@ __device__ __forceinline__ void arrive() {
   __syncwarp();
 }
 
-// The entries of a group's list that a warp may meet, in order: read ahead, 32 at a time. Rows are
-// padded, so that lanes can read different ones at once.
+// The entries of a group's list that a warp may meet, in order: a ring, read ahead. Rows are padded,
+// so that lanes can read different ones at once.
+#define RING 128
 struct Queue {
-  int id[96], place[96];
-  float bound[96];
+  int id[RING], place[RING];
+  float bound[RING];
   float4 row[2][32][5];
 };
 
 // A warp takes neighbouring rays through their group's list, 32 entries at a time. The lanes of a
 // ray share the entries among them; each meets its own, then takes its hits in.
 //
-// Every lane keeps its K nearest pending hits in order. The nearest hit of a ray is blended once no
-// later entry of the list can be nearer. Hits that a full lane has no room for are left to another
-// pass over the list: `limit` is the nearest of them, and everything nearer is taken in this pass.
+// Every lane keeps its K nearest pending hits in order. The nearest one is blended once no later
+// entry of the list and no second one of another lane can be nearer, so that the lanes of a ray often
+// blend together. Hits that a full lane has no room for are left to another pass over the list:
+// `limit` is the nearest of them, and everything nearer is taken in this pass.
 template <bool BACK>
-__device__ void march(const Scene &scene, const int *list, const float *bounds, const int *masks,
+__device__ void march(const Scene &scene, const int *list, const float *bounds, const u32 *words,
                       const int *count, size_t group, int sample, int part, const Ray &ray,
                       Path &path, Slope *slope) {
   __shared__ Queue queues[WARPS];
   __shared__ float distance[WARPS][WIDE][32], alphas[WARPS][WIDE][32];
   const int lane = threadIdx.x & 31, warp = threadIdx.x >> 5, own = lane % LANES;
   Queue &queue = queues[warp];
-  const u32 bit = 1u << (part / SPAN);
   const int entries = min(count[group], SLOTS);
   list += group * SLOTS;
   bounds += group * SLOTS;
-  masks += (sample * (size_t)(RAYS / GROUP) + group) * SLOTS;
+  words += (sample * (size_t)(RAYS / GROUP) + group) * WORDS * PARTS + part / SPAN;
 
   // All rays at the same time: what moves is brought there once for all.
   bool steady = false;
@@ -956,38 +1016,55 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
   int oldest = 0x7fffffff, start = 0;
   bool live = ray.d.x != 0 || ray.d.y != 0 || ray.d.z != 0;
   while (true) {
-    int head = start, have = 0, turned = 0, mask = 0, id = 0;
-    float bound = 0;
+    // Each lane holds a word of 1024 entries from `base` on; `have` of the ring are from `first` on.
+    int base = start & ~1023, first = 0, have = 0, turned = 0;
+    u32 word = 0;
     bool open = live;
-    auto ahead = [&](int at) {
-      mask = at < entries ? masks[at] : 0;
-      id = at < entries ? list[at] : 0;
-      bound = at < entries ? bounds[at] : 0;
+    auto window = [&]() {
+      int at = base / 32 + lane;
+      word = 32 * at < entries ? words[at * PARTS] : 0;
     };
     auto fill = [&]() {
-      while (have < 64 && head < entries) {
-        bool met = mask & bit;
-        u32 met_by = __ballot_sync(ALL, met);
-        int slot = have + __popc(met_by & ((1u << lane) - 1));
-        if (met) {
-          queue.id[slot] = id;
-          queue.place[slot] = head + lane;
-          queue.bound[slot] = bound;
+      while (have < 64) {
+        if (!__any_sync(ALL, word)) {
+          base += 1024;
+          if (base >= entries) break;
+          window();
+          continue;
         }
-        have += __popc(met_by);
-        head += 32;
-        ahead(head + lane);
+        // As many words as there is room for.
+        const int own = __popc(word);
+        int scan = own;
+        for (int i = 1; i < 32; i <<= 1) {
+          int other = __shfl_up_sync(ALL, scan, i);
+          if (lane >= i) scan += other;
+        }
+        const bool fits = have + scan <= RING;
+        const int total = __shfl_sync(ALL, scan, 31 - __clz(__ballot_sync(ALL, fits)));
+        int at = first + have + scan - own;
+        if (fits)
+          for (; word; word &= word - 1)
+            queue.place[at++ % RING] = base + 32 * lane + __ffs(word) - 1;
+        __syncwarp();
+        for (int i = lane; i < total; i += 32) {
+          int slot = (first + have + i) % RING, place = queue.place[slot];
+          copy(&queue.id[slot], list + place);
+          copy(&queue.bound[slot], bounds + place);
+        }
+        have += total;
       }
-      __syncwarp();
     };
-    // Rows of the queue's entries from `first` on.
-    auto stage = [&](int first, int buffer) {
-      for (int i = lane; i < 4 * min(have - first, 32); i += 32)
+    // Rows of the ring's entries, 32 of them from `begin` on.
+    auto stage = [&](int begin, int buffer) {
+      for (int i = lane; i < 4 * min(have - begin, 32); i += 32)
         copy(&queue.row[buffer][i >> 2][i & 3],
-             scene.state + 4 * (size_t)queue.id[first + (i >> 2)] + (i & 3));
+             scene.state + 4 * (size_t)queue.id[(first + begin + (i >> 2)) % RING] + (i & 3));
     };
-    ahead(head + lane);
+    window();
+    const int before = start - base - 32 * lane;
+    if (before > 0) word = before < 32 ? word & ALL << before : 0;
     fill();
+    arrive();
     stage(0, 0);
     while (true) {
       arrive();
@@ -1023,7 +1100,7 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
       if (!open) hits = 0;
       while (__any_sync(ALL, hits)) {
         int j = hits ? __ffs(hits) - 1 : 0;
-        Rank mine = {distance[warp][j][lane], queue.place[j * LANES + own]};
+        Rank mine = {distance[warp][j][lane], queue.place[(first + j * LANES + own) % RING]};
         if (hits && !(mine < floor) && mine < limit) {
           if (pending.t[0] == INFINITE) oldest = min(oldest, mine.place);
           Rank dropped = {pending.t[K - 1], pending.place[K - 1]};
@@ -1034,60 +1111,74 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
       }
       // No later entry is met before this. Hits are blended when half the rays have one, or where
       // room or the list comes to an end.
-      const float bar = have > 32 ? queue.bound[32] : INFINITE;
+      const float bar = have > 32 ? queue.bound[(first + 32) % RING] : INFINITE;
       const bool last = have <= 32;
       const Rank end = least_of_ray(limit);
       while (true) {
-        float nearest = least_of_ray(pending.t[0]);
-        bool ready = open && nearest < bar && nearest <= end.t;
-        bool crowded = pending.t[K - 1 - K / 4] < INFINITE;
-        bool first = ready && pending.t[0] == nearest;
-        u32 some = __ballot_sync(ALL, first);
-        if (!some) break;
-        // Of hits at the same distance, the first of the list.
-        u32 rivals = some >> (lane - own) & ((1u << LANES) - 1);
-        if (LANES > 1 && __any_sync(ALL, rivals & (rivals - 1))) {
-          int least = least_of_ray(first ? pending.place[0] : 0x7fffffff);
-          first = first && pending.place[0] == least;
-          rivals = __ballot_sync(ALL, first) >> (lane - own) & ((1u << LANES) - 1);
-        }
+        const float t = pending.t[0], nearest = least_of_ray(t);
+        const float second = K > 1 ? least_of_ray(pending.t[K > 1]) : INFINITE;
+        const bool ready = open && nearest < bar && nearest <= end.t;
+        const bool crowded = pending.t[K - 1 - K / 4] < INFINITE;
+        const bool urgent = ready && (last || crowded || end.t <= bar);
         // Beyond the limit there are hits that were not taken in.
-        bool stopped = first && !(Rank{pending.t[0], pending.place[0]} < end);
-        first = first && !stopped;
-        bool urgent = ready && (last || crowded || end.t <= bar);
-        if (!__any_sync(ALL, first)) break;
-        if (2 * __popc(some) * LANES < __popc(__ballot_sync(ALL, open)) &&
+        bool next = open && t < bar && (t < second || t == nearest) &&
+                    Rank{t, pending.place[0]} < end;
+        if (!__any_sync(ALL, next)) break;
+        if (2 * __popc(__ballot_sync(ALL, ready)) < __popc(__ballot_sync(ALL, open)) &&
             !__any_sync(ALL, urgent))
           break;
-        float2 got = {0, 0};
-        if (first)
-          got = shade<BACK>(scene, ray, list[pending.place[0]], pending.t[0], pending.alpha[0],
-                            path, slope);
-        if (LANES > 1) {
-          int from = lane - own + (rivals ? __ffs(rivals) - 1 : 0);
-          got.x = __shfl_sync(ALL, got.x, from);
-          if (BACK) got.y = __shfl_sync(ALL, got.y, from);
+        // Of hits at the same distance, the first of the list.
+        float others[LANES];
+        bool tie = next && second <= t;
+        for (int i = 1; i < LANES; i++) {
+          others[i] = __shfl_xor_sync(ALL, next ? t : INFINITE, i);
+          tie = tie || (next && others[i] == t);
         }
-        if (rivals) {
-          path.transmittance *= 1 - got.x;
-          if (BACK) slope->rest -= got.y;
-          if (path.transmittance <= TRANSMITTANCE_MIN) open = live = false;
+        if (LANES > 1 && __any_sync(ALL, tie)) {
+          int least = least_of_ray(next && t == nearest ? pending.place[0] : 0x7fffffff);
+          next = next && t == nearest && pending.place[0] == least;
+          for (int i = 1; i < LANES; i++)
+            others[i] = __shfl_xor_sync(ALL, next ? t : INFINITE, i);
         }
-        pending.pop(first);
+        float front = path.transmittance, clear = next ? 1 - pending.alpha[0] : 1;
+        for (int i = 1; i < LANES; i++) {
+          float other = __shfl_xor_sync(ALL, clear, i);
+          if (others[i] < t) front *= other;
+        }
+        const bool blended = next && front > TRANSMITTANCE_MIN;
+        const int id = blended ? list[pending.place[0]] : 0;
+        Look hit;
+        float added = 0;
+        if (blended) {
+          hit = look<BACK>(scene, ray, id, pending.alpha[0]);
+          const float weight = front * hit.alpha;
+          path.sum.x += weight * hit.seen.x;
+          path.sum.y += weight * hit.seen.y;
+          path.sum.z += weight * hit.seen.z;
+          path.sum.w += weight * t;
+          path.hits++;
+          if (BACK)
+            added = weight * (slope->g.x * hit.seen.x + slope->g.y * hit.seen.y +
+                              slope->g.z * hit.seen.z + slope->g.w * t);
+        }
+        if (BACK) {
+          float rest = slope->rest;
+          for (int i = 1; i < LANES; i++) {
+            float other = __shfl_xor_sync(ALL, added, i);
+            if (others[i] < t) rest -= other;
+          }
+          if (blended) learn(scene, ray, id, t, hit, front, added, rest, slope);
+          slope->rest -= sum_of_ray(added);
+        }
+        path.transmittance = least_of_ray(blended ? front * clear : path.transmittance);
+        if (path.transmittance <= TRANSMITTANCE_MIN) open = live = false;
+        pending.pop(next);
       }
       if (pending.t[0] == INFINITE && limit.t == INFINITE) oldest = 0x7fffffff;
       if (end.t <= bar) open = false;
       if (last || !__any_sync(ALL, open)) break;
-      // The entries that are left move up.
-      for (int i = lane; i < 64; i += 32) {
-        int moved_id = queue.id[i + 32], moved_place = queue.place[i + 32];
-        float moved_bound = queue.bound[i + 32];
-        __syncwarp();
-        queue.id[i] = moved_id;
-        queue.place[i] = moved_place;
-        queue.bound[i] = moved_bound;
-        __syncwarp();
-      }
+      __syncwarp();
+      first += 32;
       have -= 32;
       turned ^= 1;
       fill();
@@ -1134,9 +1225,9 @@ __device__ __forceinline__ Ray ray_at(const float *origin, const float *directio
   return ray;
 }
 
-extern "C" __global__ void __launch_bounds__(32 * WARPS, KEYS == 1 && K <= 8 ? 6 : 1)
+extern "C" __global__ void __launch_bounds__(32 * WARPS, KEYS == 1 && K <= 8 ? 5 : 1)
 forward(const float *origin, const float *direction, const float4 *weight, const int *list,
-        const float *bounds, const int *masks, const int *count, const int *turn,
+        const float *bounds, const u32 *words, const int *count, const int *turn,
         const float4 *state, const float4 *keyed, const float *color, float4 *sum,
         float *transmittance, int *hits) {
   if ((size_t)blockIdx.x * WARPS + (threadIdx.x >> 5) >= JOBS) return;
@@ -1144,7 +1235,7 @@ forward(const float *origin, const float *direction, const float4 *weight, const
   const Ray ray = ray_at(origin, direction, weight, job.ray, job.there);
   Path path = {{0, 0, 0, 0}, 1, 0};
   const Scene scene = {state, keyed, color};
-  march<false>(scene, list, bounds, masks, count, job.group, job.sample, job.part, ray, path,
+  march<false>(scene, list, bounds, words, count, job.group, job.sample, job.part, ray, path,
                nullptr);
   float4 total = {sum_of_ray(path.sum.x), sum_of_ray(path.sum.y), sum_of_ray(path.sum.z),
                   sum_of_ray(path.sum.w)};
@@ -1158,7 +1249,7 @@ forward(const float *origin, const float *direction, const float4 *weight, const
 // The gradients of the Gaussians are added to what `d_state`, `d_color` and `d_keyed` hold.
 extern "C" __global__ void __launch_bounds__(32 * WARPS)
 backward(const float *origin, const float *direction, const float4 *weight, const int *list,
-         const float *bounds, const int *masks, const int *count, const int *turn,
+         const float *bounds, const u32 *words, const int *count, const int *turn,
          const float4 *state, const float4 *keyed, const float *color, const float4 *sum,
          const float *transmittance, const float4 *g_sum, const float *g_transmittance,
          float *d_state, float *d_color, float *d_keyed, float *d_origin, float *d_direction,
@@ -1178,7 +1269,7 @@ backward(const float *origin, const float *direction, const float4 *weight, cons
                  g_transmittance[job.ray] * transmittance[job.ray];
   }
   const Scene scene = {state, keyed, color};
-  march<true>(scene, list, bounds, masks, count, job.group, job.sample, job.part, ray, path,
+  march<true>(scene, list, bounds, words, count, job.group, job.sample, job.part, ray, path,
               &slope);
   Vector o = slope.d_origin, d = slope.d_direction, w = slope.d_weight;
   o = {sum_of_ray(o.x), sum_of_ray(o.y), sum_of_ray(o.z)};

@@ -1,7 +1,8 @@
 """Candidates to pixels on a CUDA device: what grid, traverse and march do, in three kernels.
 
 `gather` gives every 16 x 16 pixels one list of what they may meet, in the order of the least
-distance, and `sift` marks which of their warps may meet it. In `forward` a warp takes eight
+distance, and `sift` marks which of their warps may meet it: those of the
+columns and rows of pixels that do. In `forward` a warp takes eight
 neighbouring rays through the list, four lanes to a ray: the lanes share the entries among them and
 each keeps its nearest pending hits in registers. A hit is blended once nothing further down the
 list can be nearer, so the order is exact, and the walk ends where the rays are spent. Hits without
@@ -43,20 +44,18 @@ _WARPS = 4
 _LANES = 4
 # Bundles that share a list: with 8 x 8 pixels in each, a bit of a mask stands for one warp.
 _BUNDLES = 4
-# Parts of a mask that are tested together first.
-_FEW = 8
 # Bytes of lists at once; larger pictures are traced in strips.
 _MEMORY = 2 * 1024**3
 
 
 class Lists(NamedTuple):
     """What every group of rays may meet, `slots` places each: Gaussians in the order of the least
-    distance, that distance, which warps of rays may meet it (a bit each), how many there are (more
-    than `slots`: some are missing), and the groups in turn, longest lists first."""
+    distance, that distance, for every warp of rays which of them it may meet (a bit each), how many
+    there are (more than `slots`: some are missing), and the groups in turn, longest lists first."""
 
     index: Int[Array, "groups slots"]
     bound: Float[Array, "groups slots"]
-    mask: Int[Array, "samples groups slots"]
+    met: Int[Array, "samples groups words parts"]
     count: Int[Array, " groups"]
     turn: Int[Array, " groups"]
 
@@ -82,8 +81,39 @@ class Program(NamedTuple):
     def code(self) -> str:
         """PTX of the kernels."""
         macros = {name.upper(): value for name, value in self._asdict().items()}
-        macros |= {"WARPS": _WARPS, "LANES": _LANES, "FEW": _FEW}
+        macros |= {"WARPS": _WARPS, "LANES": _LANES, "BROAD": self.broad, "ACROSS": self.across}
         return ptx(_SOURCE, macros | {"K": -(-2 * self.k // _LANES)})
+
+    @property
+    def warps(self) -> int:
+        """Warps of the march to a group."""
+        return -(-self.group * _LANES // 32)
+
+    @property
+    def parts(self) -> int:
+        """Parts of a group that have a bit, at most 32: a warp each, or several."""
+        return -(-self.warps // -(-self.warps // 32))
+
+    @property
+    def across(self) -> int:
+        """Bundles of a group side by side."""
+        return 2 if self.group == _BUNDLES * self.side**2 else 1
+
+    @property
+    def broad(self) -> int:
+        """Pixels in a row of a warp: of 8 x 8 pixels it takes 4 x 2, which are met by less than
+        8 x 1; with key states those, which a rolling shutter reads at once. 0 where bundles are of
+        another size."""
+        if self.side != 8 or _LANES != 4:
+            return 0
+        return 4 if self.keys == 1 else 8
+
+    @property
+    def bands(self) -> int:
+        """Columns and rows of parts."""
+        if not self.broad:
+            return self.parts
+        return self.across * (8 // self.broad + self.broad)
 
 
 class Strip(NamedTuple):
@@ -149,20 +179,17 @@ def candidates(stage: Stage, strip: Strip) -> Lists:
     """The lists of one strip. No gradient."""
     program, (order, cell, super_) = stage.program, stage.boxes
     groups, code = program.rays // program.group, program.code
-    warps = -(-program.group * _LANES // 32)
-    parts = -(-warps // -(-warps // 32))
-    clumps = -(-parts // _FEW)
     size = groups, program.slots
     integers, numbers = (jax.ShapeDtypeStruct(size, t) for t in (jnp.int32, jnp.float32))
     rows, strip = jax.lax.stop_gradient((stage.rows, strip))
-    found, bound, bounds, count, _, _ = launch(
+    index, bound, bands, count, _, _ = launch(
         "gather",
         code,
         (*strip, order, super_, cell, rows.extent, rows.state, rows.keyed),
         (
             integers,
             numbers,
-            jax.ShapeDtypeStruct((program.samples, groups, parts + clumps, 24), jnp.float32),
+            jax.ShapeDtypeStruct((program.samples, groups, program.bands, 24), jnp.float32),
             jax.ShapeDtypeStruct((groups,), jnp.int32),
             integers,
             numbers,
@@ -170,15 +197,16 @@ def candidates(stage: Stage, strip: Strip) -> Lists:
         blocks=groups,
         threads=256,
     )
-    index, mask = launch(
+    words = program.samples, groups, -(-program.slots // 32), program.parts
+    (met,) = launch(
         "sift",
         code,
-        (found, bound, bounds, count, rows.extent, rows.state, rows.keyed),
-        (integers, jax.ShapeDtypeStruct((program.samples, *size), jnp.int32)),
-        blocks=program.samples * groups * -(-program.slots // 128),
+        (index, bands, count, rows.extent, rows.state, rows.keyed),
+        (jax.ShapeDtypeStruct(words, jnp.int32),),
+        blocks=groups * -(-program.slots // 128),
         threads=128,
     )
-    return Lists(index, bound, mask, count, jnp.argsort(-count).astype(jnp.int32))
+    return Lists(index, bound, met, count, jnp.argsort(-count).astype(jnp.int32))
 
 
 def _march(
@@ -231,5 +259,4 @@ march.defvjp(_march_forward, _march_backward)
 
 
 def _blocks(program: Program) -> int:
-    warps = program.rays // program.group * program.samples * -(-program.group * _LANES // 32)
-    return -(-warps // _WARPS)
+    return -(-program.rays // program.group * program.samples * program.warps // _WARPS)
