@@ -6,13 +6,17 @@ Frames of the dynamic room, made as by `bench_render --room`; each axis is varie
 Gaussians, --side pixels across and one ray a pixel. `samples` is rays a pixel through an aperture,
 `hits` how many Gaussians a ray meets before it is spent, raised by `--spread` times larger and
 fainter ones.
-`devices` is the frames per second of a video (`Renderer.film`: pictures fetched, no files).
+`devices` is the frames per second of a video: a pinhole's and, with 16 rays a pixel, depth of field
+(`Renderer.film`: pictures fetched, no files), and the latter as a data set (`render_dataset`:
+pictures compressed and written, lists, a video for each of 8 cameras).
 Exponents are least squares on logarithms.
 """
 
+import tempfile
 import time
 from collections.abc import Iterator, Sequence
 from functools import partial
+from itertools import product
 
 import equinox as eqx
 import jax
@@ -23,12 +27,17 @@ from benchmarks import exact
 from benchmarks.frames import Shot, filmed, true_pixels
 from benchmarks.problem import cameras, dynamic_room, film_of
 from benchmarks.record import backend, begin, record, show
+from gaussray.camera.camera import Camera
+from gaussray.dataset.manifest import FrameRecord
+from gaussray.filming import render_dataset
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
 
 
 AXES = ("gaussians", "pixels", "samples", "hits", "devices")
+# Cameras of a data set.
+CAMERAS = 8
 # Which figure of a line is the axis.
 ALONG = {"gaussians": "gaussians", "pixels": "rays", "samples": "samples", "hits": "hits_per_ray"}
 
@@ -106,40 +115,60 @@ def spread(scene: Scene, times: float) -> Scene:
 
 
 def on_devices(chosen, trace: TraceOptions) -> Iterator[dict]:
-    """A video on 1, 2, ... devices: seconds a frame, pictures fetched."""
-    scene, camera = dynamic_room(chosen.base), cameras(chosen.side)["pinhole"]
-    there = len(jax.local_devices())
-    views = list(film_of(camera, chosen.frames))
-    where, truth = true_pixels(scene, views[0], 1)
-    for devices in chosen.devices or [n for n in (1, 2, 4, 8) if n <= there]:
-        renderer = Renderer(scene, options=RenderOptions(samples=1), trace=trace, devices=devices)
-        began = time.perf_counter()
-        first = next(iter(list(renderer.film(views))))
-        compiling = time.perf_counter() - began
-        seconds = []
-        for _ in range(3):
+    """Videos and a data set on 1, 2, ... devices: seconds a frame."""
+    scene, there = dynamic_room(chosen.base), len(jax.local_devices())
+    numbers = chosen.devices or [n for n in (1, 2, 4, 8) if n <= there]
+    for effect, samples in (("pinhole", 1), ("depth_of_field", 16)):
+        views = list(film_of(cameras(chosen.side)[effect], chosen.frames))
+        where, truth = true_pixels(scene, views[0], samples)
+        rays = chosen.side**2 * samples
+        for devices, written in product(numbers, (False, True)):
+            if written and effect == "pinhole":
+                continue
+            options = RenderOptions(samples=samples)
+            renderer = Renderer(scene, options=options, trace=trace, devices=devices)
             began = time.perf_counter()
-            hits = sum(frame.hits for frame in renderer.film(views))
-            seconds.append((time.perf_counter() - began) / len(views))
-        yield record(
-            "scaling",
-            axis="devices",
-            setting=devices,
-            effect="pinhole",
-            scene="dynamic_room",
-            gaussians=chosen.base,
-            rays=chosen.side**2,
-            samples=1,
-            k=trace.k,
-            backend=backend(trace.backend),
-            direction="forward",
-            compile_s=round(compiling - seconds[0] * len(views), 3),
-            run_s_median=float(np.median(seconds)),
-            run_s_min=min(seconds),
-            **exact.errors(first.color.reshape(-1, 3)[where], truth),
-            hits_per_ray=hits / len(views) / chosen.side**2,
-            dropped=0,
-            devices=devices,
+            first = list(renderer.film(views))[0]
+            compiling = time.perf_counter() - began
+            seconds = []
+            for _ in range(3):
+                began = time.perf_counter()
+                if written:
+                    _write(scene, views, options, trace, devices)
+                else:
+                    hits = [frame.hits for frame in renderer.film(views)]
+                seconds.append((time.perf_counter() - began) / len(views))
+            yield record(
+                "scaling",
+                axis="data_set" if written else "devices",
+                setting=devices,
+                effect=effect,
+                scene="dynamic_room",
+                gaussians=chosen.base,
+                rays=rays,
+                samples=samples,
+                k=trace.k,
+                backend=backend(trace.backend),
+                direction="forward",
+                compile_s=None if written else round(compiling - seconds[0] * len(views), 3),
+                run_s_median=float(np.median(seconds)),
+                run_s_min=min(seconds),
+                **exact.errors(first.color.reshape(-1, 3)[where], truth),
+                hits_per_ray=None if written else sum(hits) / len(views) / rays,
+                dropped=0,
+                devices=devices,
+            )
+
+
+def _write(scene: Scene, views: list[Camera], options, trace: TraceOptions, devices: int) -> None:
+    each = -(-len(views) // CAMERAS)
+    records = [
+        FrameRecord(f"images/{i // each}/{i % each:04d}.png", view, f"camera_{i // each}", "test")
+        for i, view in enumerate(views)
+    ]
+    with tempfile.TemporaryDirectory() as out:
+        render_dataset(
+            scene, records, out, options=options, trace=trace, devices=devices, quiet=True
         )
 
 

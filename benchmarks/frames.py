@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from benchmarks import exact
@@ -27,7 +28,7 @@ class Bench(Renderer):
     def launch(self, camera: Camera) -> list[tuple]:
         """(first row, values, report) of a frame's parts, under way on the device; whether lists
         were long enough is not asked."""
-        return self._begin([camera], alone=True).parts
+        return self._begin(list(self._views([camera])), alone=True).parts
 
     def settled(self, camera: Camera) -> Frame:
         """A whole frame, after which lists have the sizes that it needs."""
@@ -94,9 +95,9 @@ def _judged(frame: Frame, truth: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndar
 
 
 def _figures(shot: Shot, renderer: Bench, frame: Frame, truth) -> dict[str, Any]:
-    film, samples = shot.camera.film, shot.options.samples
-    figures = timed(renderer.launch, shot.camera)
-    lost = [int(np.sum(report.dropped)) for _, _, report in renderer.launch(shot.camera)]
+    film, samples, camera = shot.camera.film, shot.options.samples, jax.device_get(shot.camera)
+    figures = timed(renderer.launch, camera)
+    lost = [int(np.sum(report.dropped)) for _, _, report in renderer.launch(camera)]
     rays = film.width * film.height * samples
     return {
         "gaussians": shot.scene.static.count + shot.scene.moving.count,

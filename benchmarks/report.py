@@ -44,7 +44,8 @@ WORDS = {
     "pixels": "pixels",
     "samples": "rays per pixel",
     "hits": "hits per ray",
-    "devices": "devices",
+    "devices": "devices, pictures fetched",
+    "data_set": "devices, a data set written",
 }
 # What the panels of the trade compare with.
 PANELS = {
@@ -66,7 +67,7 @@ COLUMNS = {
     "reconstruct_step": ("effect", "gaussians", "rays", "backend", "ms", "dropped"),
     "render": ("effect", "scene", "gaussians", "rays", "samples", "k", "backend", "fps", "ms",
                "latency ms", "psnr_vs_exact", "max_error", "dropped"),
-    "scaling": ("axis", "gaussians", "rays", "samples", "hits_per_ray", "devices", "ms", "fps",
+    "scaling": ("axis", "effect", "gaussians", "rays", "samples", "hits_per_ray", "devices", "ms", "fps",
                 "peak GB", "psnr_vs_exact", "dropped"),
     "trade": ("axis", "setting", "effect", "gaussians", "backend", "fps", "psnr_vs_exact",
               "max_error", "psnr_same_cutoff", "dropped"),
@@ -181,16 +182,22 @@ def scaling(lines: list[dict[str, Any]]):
         panel.remove()
     for panel, axis in zip(panels.flat, axes, strict=False):
         own = _of(lines, axis=axis)
-        x = np.array([line[ALONG.get(axis, axis)] for line in own], float)
+        series = list(dict.fromkeys(line["effect"] for line in own))
+        for color, effect in zip(COLORS, series, strict=False):
+            some = _of(own, effect=effect)
+            x = np.array([line[ALONG.get(axis, "setting")] for line in some], float)
+            y = np.array([1e3 * line["run_s_median"] for line in some])
+            order = np.argsort(x)
+            x, y = x[order], y[order]
+            panel.plot(x, y, "o", color=color)
+            if len(set(x)) > 1:
+                power = exponent(x, y)
+                level = np.exp(np.mean(np.log(y) - power * np.log(x)))
+                name = f"{effect.replace('_', ' ')} " if len(series) > 1 else ""
+                label = f"{name}~ x$^{{{power:.2f}}}$"
+                panel.plot(x, level * x**power, color=color, alpha=0.5, label=label)
+        panel.legend(fontsize=8)
         y = np.array([1e3 * line["run_s_median"] for line in own])
-        order = np.argsort(x)
-        x, y = x[order], y[order]
-        panel.plot(x, y, "o", color=COLORS[0])
-        if len(set(x)) > 1:
-            power = exponent(x, y)
-            level = np.exp(np.mean(np.log(y) - power * np.log(x)))
-            panel.plot(x, level * x**power, color="0.5", label=f"~ x$^{{{power:.2f}}}$")
-            panel.legend()
         panel.set(xscale="log", yscale="log", xlabel=WORDS[axis], ylabel="ms per frame")
         _plain(panel.xaxis, x)
         _plain(panel.yaxis, y)

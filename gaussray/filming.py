@@ -1,8 +1,11 @@
 """A data set of pictures: what cameras see of a scene, as a paired capture in a folder."""
 
 import hashlib
+import os
 import time as clock
-from collections.abc import Sequence
+from collections import deque
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import jax
@@ -15,13 +18,15 @@ from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.dataset.video import write_video
 from gaussray.devices import agreed, leads, share, wait
 from gaussray.progress import Progress
-from gaussray.render import Renderer, RenderOptions
+from gaussray.render import Frame, Renderer, RenderOptions
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
 
 
 # Seconds within which a shared folder shows what another host has written.
 PATIENCE = 90.0
+# Bytes of pictures that wait to be written.
+BACKLOG = 2 * 1024**3
 
 
 def render_dataset(
@@ -49,8 +54,7 @@ def render_dataset(
     render = Renderer(scene, options=options, trace=trace, devices=devices)
     progress = Progress("render", len(own), quiet=quiet or not leads())
     frames = render.film(record.camera for record in own)
-    for done, (record, frame) in enumerate(zip(own, frames, strict=True), 1):
-        write_image(out / record.file_path, frame.color)
+    for done, record in enumerate(_written(out, own, frames), 1):
         progress.report(done, record.effect)
     wait("pictures")
     if leads():
@@ -58,6 +62,25 @@ def render_dataset(
         _write_lists_and_videos(out, records, fps)
     wait("videos")
     return out
+
+
+def _written(
+    out: Path, records: Sequence[FrameRecord], frames: Iterator[Frame]
+) -> Iterator[FrameRecord]:
+    """The records whose pictures are written, in order: each core compresses one while the devices
+    go on. What waits for a core is bounded in number and in bytes."""
+    cores, waiting = os.cpu_count() or 1, deque()
+    with ThreadPoolExecutor(cores) as pool:
+        for record, frame in zip(records, frames, strict=True):
+            writing = pool.submit(write_image, out / record.file_path, frame.color)
+            waiting.append((record, writing))
+            while len(waiting) > min(2 * cores, BACKLOG // frame.color.nbytes):
+                record, writing = waiting.popleft()
+                writing.result()
+                yield record
+        for record, writing in waiting:
+            writing.result()
+            yield record
 
 
 def _demand_all(out: Path, records: Sequence[FrameRecord]) -> None:
@@ -73,19 +96,21 @@ def _demand_all(out: Path, records: Sequence[FrameRecord]) -> None:
 
 
 def _write_lists_and_videos(out: Path, records: Sequence[FrameRecord], fps: float) -> None:
-    shown: dict[str, list[Path]] = {}
+    shown: dict[str, list[FrameRecord]] = {}
     for record in records:
-        name = f"{record.effect}_{record.camera_name}"
-        shown.setdefault(name, []).append(out / record.file_path)
+        shown.setdefault(f"{record.effect}_{record.camera_name}", []).append(record)
     for effect in dict.fromkeys(record.effect for record in records):
         name = "transforms" if effect == "pinhole" else effect
         chosen = [record for record in records if record.effect == effect]
         write_manifest(out / f"{name}.json", chosen)
-    for name, paths in shown.items():
-        film = next(r.camera.film for r in records if out / r.file_path == paths[0])
-        size = film.width, film.height
-        if len(paths) > 1:
-            write_video(out / f"{name}.mp4", (read_image(path, *size) for path in paths), fps)
+
+    def film(name: str) -> None:
+        own, size = shown[name], shown[name][0].camera.film
+        pictures = (read_image(out / r.file_path, size.width, size.height) for r in own)
+        write_video(out / f"{name}.mp4", pictures, fps)
+
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        list(pool.map(film, [name for name, own in shown.items() if len(own) > 1]))
 
 
 def _claim(out: Path, scene: Scene, records: Sequence[FrameRecord], options, trace) -> None:

@@ -4,6 +4,8 @@ import math
 import time as clock
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import islice
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,11 +15,14 @@ from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
+from gaussray.camera.film import Film
 from gaussray.picture import (
+    Layout,
     Pace,
     Part,
     RenderOptions as RenderOptions,
     about_to_trace,
+    packed,
     render_frames,
     render_part,
 )
@@ -68,37 +73,38 @@ class Renderer:
 
     def __call__(self, camera: Camera) -> Frame:
         """One frame, its rays spread over the devices."""
-        return self._finish(self._begin([jax.device_get(camera)], alone=True))[0]
+        return self._finish(self._begin(list(self._views([camera])), alone=True))[0]
 
     def film(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
         """Frame after frame, one on each device, begun before the last ones are finished. A frame's
         `seconds` are those since it was begun."""
         waiting: _Batch | None = None
-        # Small numbers are the host's business: a device is not asked for them frame by frame.
-        for cameras_of_batch in self._batches(jax.device_get(camera) for camera in cameras):
-            following = self._begin(cameras_of_batch, alone=self.mesh.size == 1)
+        for views in self._batches(self._views(cameras)):
+            following = self._begin(views, alone=self.mesh.size == 1)
             if waiting:
                 yield from self._finish(waiting)
             waiting = following
         if waiting:
             yield from self._finish(waiting)
 
-    def _batches(self, cameras: Iterable[Camera]) -> Iterator[list[Camera]]:
+    def _views(self, cameras: Iterable[Camera]) -> Iterator["_View"]:
+        """Cameras on the host, whose business small numbers are: a device is asked for many of them
+        at once."""
+        cameras = iter(cameras)
+        while some := list(islice(cameras, 64)):
+            for camera in jax.device_get(some):
+                yield _View(camera, *packed(camera), self._keys(camera))
+
+    def _batches(self, views: Iterable["_View"]) -> Iterator[list["_View"]]:
         """Neighbours that can be compiled as one, as many as there are devices."""
-        batch: list[Camera] = []
-        for camera in cameras:
-            if batch and (
-                len(batch) == self.mesh.size or self._kind(batch[0]) != self._kind(camera)
-            ):
+        batch: list[_View] = []
+        for view in views:
+            if batch and (len(batch) == self.mesh.size or not batch[0].is_like(view)):
                 yield batch
                 batch = []
-            batch.append(camera)
+            batch.append(view)
         if batch:
             yield batch
-
-    def _kind(self, camera: Camera) -> tuple:
-        shapes = tuple(x.shape for x in jax.tree.leaves(camera))
-        return jax.tree.structure(camera), self._keys(camera), shapes
 
     def _keys(self, camera: Camera) -> int:
         """Key states for a frame; 0 where chunks of rows are called for."""
@@ -116,36 +122,38 @@ class Renderer:
             )
         return 0
 
-    def _begin(self, cameras: list[Camera], *, alone: bool) -> "_Batch":
+    def _begin(self, views: list["_View"], *, alone: bool) -> "_Batch":
         """Frames that are being rendered, in one part or in chunks of rows."""
-        began, film, keys = clock.monotonic(), cameras[0].film, self._keys(cameras[0])
-        rows = film.height if keys else min(self.options.chunk_rows, film.height)
-        batch = _Batch(cameras, alone, keys, rows, began)
+        film = views[0].camera.film
+        rows = film.height if views[0].keys else min(self.options.chunk_rows, film.height)
+        batch = _Batch(views, alone, rows)
         for top in (min(y, film.height - rows) for y in range(0, film.height, rows)):
             values, report = self._launch(batch, top)
-            values.copy_to_host_async()
+            for array in (values, report.dropped, report.hits):
+                array.copy_to_host_async()
             batch.parts.append((top, values, report))
         return batch
 
     def _launch(self, batch: "_Batch", top: int):
         """Values and report of a part, under way."""
-        cameras, size = batch.cameras, batch.size
-        part, trace = self._part(cameras[0], top, batch)
+        size = batch.size
+        part, trace = self._part(top, batch)
         if size not in self._capacity:
             self._capacity[size] = self._measure(batch, part, trace)
         pace = Pace(self._capacity[size], batch.keys, self.options, trace, self.mesh)
         batch.compiled |= (size, pace.capacity) not in self._ready
         self._ready.add((size, pace.capacity))
+        rows, layout = [view.row for view in batch.views], batch.views[0].layout
         if batch.alone:
-            return render_part(self._structure, pace)(self._leaves, cameras[0], part)
-        filled = cameras + cameras[-1:] * (self.mesh.size - len(cameras))
-        stacked = jax.tree.map(lambda *x: np.stack(x), *filled)
-        return render_frames(self._structure, pace)(self._leaves, stacked, part)
+            return render_part(self._structure, layout, pace)(self._leaves, rows[0], part)
+        # A device without a frame of its own repeats the last.
+        rows = np.stack(rows + rows[-1:] * (self.mesh.size - len(rows)))
+        return render_frames(self._structure, layout, pace)(self._leaves, rows, part)
 
     def _finish(self, batch: "_Batch") -> list[Frame]:
         """The frames of a batch; parts whose lists were too short are rendered again."""
-        film, hits, count = batch.cameras[0].film, 0, len(batch.cameras)
-        flat = np.empty((count, film.height, film.width, 5), np.float32)
+        film, hits, count = batch.film, 0, len(batch.views)
+        pieces = []
         for top, values, report in batch.parts:
             while np.any(report.dropped):
                 needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1])
@@ -153,20 +161,17 @@ class Renderer:
                 held = self._capacity[batch.size]
                 self._capacity[batch.size] = enlarge(held, wanted, headroom=1.5)
                 values, report = self._launch(batch, top)
-            seen = np.asarray(values).reshape(-1, batch.rows, film.width, 5)[:count]
-            if len(batch.parts) == 1:
-                flat = seen
-            else:
-                flat[:, top : top + batch.rows] = seen
+            seen = [x.reshape(batch.rows, film.width, 5) for x in _pictures(values, count)]
+            pieces.append((top, seen))
             hits += int(np.sum(report.hits))
         seconds = (clock.monotonic() - batch.began) / count
         return [
             Frame(x[..., :3], x[..., 3], x[..., 4], seconds, hits // count, batch.compiled)
-            for x in flat
+            for x in (_joined(film, [(top, seen[i]) for top, seen in pieces]) for i in range(count))
         ]
 
-    def _part(self, camera: Camera, top: int, batch: "_Batch") -> tuple[Part, TraceOptions]:
-        film, trace = camera.film, self.trace
+    def _part(self, top: int, batch: "_Batch") -> tuple[Part, TraceOptions]:
+        film, trace = batch.film, self.trace
         key = film.width, film.height, top, batch.rows, batch.keys == 0
         if key not in self._parts:
             if batch.keys:
@@ -192,7 +197,8 @@ class Renderer:
     def _measure(self, batch: "_Batch", part: Part, trace: TraceOptions) -> Capacity:
         unknown = Pace(Capacity((), 0, 0), batch.keys, self.options, trace, None)
         part = jax.device_get(part)
-        motion, rays = about_to_trace(self.scene, batch.cameras[0], part, pace=unknown)
+        camera = batch.views[0].camera
+        motion, rays = about_to_trace(self.scene, camera, part, pace=unknown)
         found = measure(motion, rays, options=trace, headroom=1.5)
         # A device sees its share of the bundles, but any one device may get the fullest.
         share = self.mesh.size if batch.alone else 1
@@ -203,15 +209,46 @@ class Renderer:
         )
 
 
+class _View(NamedTuple):
+    """A camera, its numbers in a row, and the key states of its frame."""
+
+    camera: Camera
+    row: Float[np.ndarray, " numbers"]
+    layout: Layout
+    keys: int
+
+    def is_like(self, other: "_View") -> bool:
+        """Whether one program serves both."""
+        return self.layout == other.layout and self.keys == other.keys
+
+
 class _Batch:
     """Frames under way: one whose rays are spread over the devices (`alone`), or one on each."""
 
-    def __init__(self, cameras: list[Camera], alone: bool, keys: int, rows: int, began: float):
-        self.cameras, self.alone, self.keys, self.rows = cameras, alone, keys, rows
-        self.began, self.compiled = began, False
+    def __init__(self, views: list[_View], alone: bool, rows: int):
+        self.views, self.alone, self.rows = views, alone, rows
+        self.film, self.keys = views[0].camera.film, views[0].keys
+        self.began, self.compiled = clock.monotonic(), False
         self.parts: list[tuple] = []
-        film = cameras[0].film
-        self.size = (film.width, rows, keys, jax.tree.structure(cameras[0]), alone)
+        self.size = (self.film.width, rows, self.keys, views[0].layout, alone)
+
+
+def _joined(film: Film, pieces: list[tuple[int, np.ndarray]]) -> Float[np.ndarray, "h w 5"]:
+    """A picture from chunks of rows, which may overlap."""
+    if len(pieces) == 1:
+        return pieces[0][1]
+    whole = np.empty((film.height, film.width, 5), np.float32)
+    for top, piece in pieces:
+        whole[top : top + len(piece)] = piece
+    return whole
+
+
+def _pictures(values: Array, count: int) -> list[np.ndarray]:
+    """The frames of a batch, one from each device, as they came: nothing is copied once more."""
+    if values.ndim == 2:
+        return [np.asarray(values)]
+    shards = sorted(values.addressable_shards, key=lambda shard: shard.index[0].start)
+    return [np.asarray(shard.data) for shard in shards[:count]]
 
 
 def key_count(scene: Scene, span: float) -> int:

@@ -129,6 +129,8 @@ def _with_texts(sheet, texts, font):
 def _write(path, image, kind):
     image = np.ascontiguousarray(image if image.ndim == 3 else image[..., None])
     spec = oiio.ImageSpec(image.shape[1], image.shape[0], image.shape[2], kind)
+    # Half the time of the usual 6, and within 2 % of its size.
+    spec["png:compressionLevel"] = 4
     spec["oiio:ColorSpace"] = "srgb_rec709_scene" if kind == "uint8" else "lin_rec709_scene"
     with whole(path) as partial:
         file = oiio.ImageOutput.create(str(partial))

@@ -204,6 +204,10 @@ def _sizes(motion, rays, *, options, capacity) -> tuple[Int[Array, " sizes"], In
     return lists.needed, lists.dropped
 
 
+# Compiled once for all who measure alike.
+_search = eqx.filter_jit(_sizes)
+
+
 def measure(
     motion: Motion,
     rays: Rays,
@@ -216,7 +220,6 @@ def measure(
 
     Starts from a small guess (or from `capacity`) and grows whatever overflowed until nothing does.
     """
-    search = eqx.filter_jit(_sizes)
     if capacity is None:
         bundles = -(-rays.time.shape[-1] // options.bundle**2)
         capacity = Capacity((256 * bundles,) * (options.levels + 1), 512 * bundles, 1024)
@@ -224,7 +227,7 @@ def measure(
     else:
         trial = capacity
     while True:
-        needed, dropped = search(motion, rays, options=options, capacity=trial)
+        needed, dropped = _search(motion, rays, options=options, capacity=trial)
         needed = [int(n) for n in needed]
         wanted = enlarge(trial, needed, headroom=headroom)
         if int(dropped) == 0:
