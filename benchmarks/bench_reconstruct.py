@@ -72,17 +72,19 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def _stepped(fit, state, stage: str, steps: int):
     """State, seconds a step of every block, the last one's terms, and entries dropped."""
+    from gaussray.devices import everywhere
     from gaussray.training import train_block
 
     trial, seconds, lost = fit.trial(state, fit.batches(stage, 0, BLOCK)), [], 0
+    seen = everywhere(fit.footage, fit.mesh)
     for block in range(steps // BLOCK + 1):
-        state = fit.placed(state)
-        batches = fit.batches(stage, BLOCK * block, BLOCK)
+        state = everywhere(state, fit.mesh)
+        batches = everywhere(fit.batches(stage, BLOCK * block, BLOCK), fit.mesh)
         began = time.perf_counter()
         state, terms, _, dropped = jax.block_until_ready(
             train_block(
                 state,
-                fit.footage,
+                seen,
                 batches,
                 fit.extent,
                 options=fit.step,

@@ -67,8 +67,8 @@ COLUMNS = {
     "reconstruct_step": ("effect", "gaussians", "rays", "backend", "ms", "dropped"),
     "render": ("effect", "scene", "gaussians", "rays", "samples", "k", "backend", "fps", "ms",
                "latency ms", "psnr_vs_exact", "max_error", "dropped"),
-    "scaling": ("axis", "effect", "gaussians", "rays", "samples", "hits_per_ray", "devices", "ms", "fps",
-                "peak GB", "psnr_vs_exact", "dropped"),
+    "scaling": ("axis", "effect", "gaussians", "rays", "samples", "hits_per_ray", "devices", "ms",
+                "fps", "peak GB", "psnr_vs_exact", "dropped"),
     "trade": ("axis", "setting", "effect", "gaussians", "backend", "fps", "psnr_vs_exact",
               "max_error", "psnr_same_cutoff", "dropped"),
 }  # fmt: skip

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from gaussray.atomic import whole
-from gaussray.capture.frames import read_image
+from gaussray.capture.frames import read_stored
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.dataset.video import write_video
@@ -106,7 +106,7 @@ def _write_lists_and_videos(out: Path, records: Sequence[FrameRecord], fps: floa
 
     def film(name: str) -> None:
         own, size = shown[name], shown[name][0].camera.film
-        pictures = (read_image(out / r.file_path, size.width, size.height) for r in own)
+        pictures = (read_stored(out / r.file_path, size.width, size.height) for r in own)
         write_video(out / f"{name}.mp4", pictures, fps)
 
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:

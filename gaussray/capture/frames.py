@@ -44,7 +44,7 @@ def read_image(
     Gray becomes three equal channels. Alpha is dropped with a warning where it is below 1: the
     colours are taken as the file stores them.
     """
-    stored = _read(path, width, height)
+    stored = read_stored(path, width, height)
     if not np.issubdtype(stored.dtype, np.integer):
         return stored.astype(np.float32)
     codes = np.arange(np.iinfo(stored.dtype).max + 1, dtype=np.float64) / np.iinfo(stored.dtype).max
@@ -54,7 +54,7 @@ def read_image(
 
 def read_encoded(view: Picture) -> np.ndarray:
     """sRGB values [h, w, 3] of a view: the bytes of an 8-bit sRGB file, else float32 (0..1)."""
-    stored = _read(view.image, view.width, view.height)
+    stored = read_stored(view.image, view.width, view.height)
     integers = np.issubdtype(stored.dtype, np.integer)
     if integers and _checked(view.color_space) == "srgb":
         if stored.dtype == np.uint8:
@@ -112,7 +112,7 @@ def load_encoded(
 def read_mask(path: Path | str, width: int, height: int) -> Bool[np.ndarray, "h w"]:
     """True where the mask is white (at least half of full scale in its brightest channel): pixels
     that count. Black is ignored, as in nerfstudio."""
-    stored = _read(path, width, height)
+    stored = read_stored(path, width, height)
     full = np.iinfo(stored.dtype).max if np.issubdtype(stored.dtype, np.integer) else 1
     return stored.max(axis=-1) >= full / 2
 
@@ -161,7 +161,7 @@ def _check_size(path, spec, width, height):
         )
 
 
-def _read(path, width, height):
+def read_stored(path: Path | str, width: int, height: int) -> np.ndarray:
     """Stored values [h, w, 3]: uint8 and uint16 as they are, everything else float32."""
     file = _open(path)
     spec = file.spec()

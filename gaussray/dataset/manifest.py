@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from gaussray.atomic import whole
@@ -14,7 +16,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
 from gaussray.camera.trajectory import pose_at
-from gaussray.geometry import BLENDER_AXES, RigidTransform, rotation_matrix
+from gaussray.geometry import BLENDER_AXES, rotation_matrix
 
 
 _OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split")
@@ -50,7 +52,10 @@ def write_manifest(
     path = Path(path)
     if not views:
         raise ValueError(f"{path}: a manifest must list at least one frame, got none.")
-    frames = [_frame(view) for view in views]
+    # On the host, whatever the default device is: these are few numbers, and many small steps.
+    with jax.default_device(jax.local_devices(backend="cpu")[0]):
+        cameras = jax.device_get([view.camera for view in views])
+        frames = [_frame(*pair) for pair in zip(views, cameras, strict=True)]
     first = frames[0]
     shared = {
         key: value
@@ -74,14 +79,13 @@ def write_manifest(
         partial.write_text(text, encoding="utf-8")
 
 
-def _frame(view):
+def _frame(view, camera):
     if view.split not in ("train", "test"):
         raise ValueError(f"split must be one of train, test, got {view.split!r}.")
-    camera, film = view.camera, view.camera.film
-    pose = pose_at(camera.trajectory, camera.time)
+    film, pose = camera.film, _pose(camera.trajectory, camera.time)
     frame = {
         **{"file_path": view.file_path, "camera": view.camera_name, "split": view.split},
-        **{"time": _plain(camera.time), "transform_matrix": _matrix(pose)},
+        **{"time": _plain(camera.time), "transform_matrix": _matrix(*pose)},
         **{"w": film.width, "h": film.height},
         **_lens(camera.lens),
     }
@@ -159,8 +163,8 @@ def _shutter(shutter):
 def _trajectory(trajectory):
     if trajectory.time.shape[0] == 1:
         return None
-    poses = zip(trajectory.quat, trajectory.translation, strict=True)
-    matrices = [_matrix(RigidTransform(quat, translation)) for quat, translation in poses]
+    rotations = np.asarray(rotation_matrix(jnp.asarray(trajectory.quat)))
+    matrices = [_matrix(*pose) for pose in zip(rotations, trajectory.translation, strict=True)]
     times = _plain(trajectory.time)
     return [
         {"time": time, "transform_matrix": matrix}
@@ -168,11 +172,17 @@ def _trajectory(trajectory):
     ]
 
 
-def _matrix(pose):
+@jax.jit
+def _pose(trajectory, time):
+    pose = pose_at(trajectory, time)
+    return rotation_matrix(pose.quat), pose.translation
+
+
+def _matrix(rotation, translation):
     """Camera-to-world 4x4 in OpenGL axes."""
-    rotation = np.asarray(rotation_matrix(pose.quat))
+    rotation = np.asarray(rotation)
     rotation = rotation * np.asarray(BLENDER_AXES, rotation.dtype)[None]
-    linear, place = _plain(rotation), _plain(pose.translation)
+    linear, place = _plain(rotation), _plain(translation)
     return [[*row, x] for row, x in zip(linear, place, strict=True)] + [[0.0, 0.0, 0.0, 1.0]]
 
 
