@@ -14,6 +14,7 @@ import numpy as np
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import samples as sample_numbers
+from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene, at
 from gaussray.tracer.motion import Motion, still
 
@@ -103,8 +104,24 @@ def _rays(camera: Camera, pixel, u) -> Rays:
 _state = jax.jit(at)
 
 
-@jax.jit
 def _traced(motion: Motion, rays: Rays, alpha_min):
+    # What no ray meets counts for nothing: it need not be sorted. The number is rounded up, that
+    # few programs have to be compiled.
+    some = np.asarray(_met(motion, rays, alpha_min))
+    count = -(-max(int(some.sum()), 1) // 1024) * 1024
+    chosen = np.argsort(~some, kind="stable")[:count]
+    g = motion.gaussians
+    keyed = (None if x is None else x[:, chosen] for x in (g.mean, g.quat, g.scale, g.tint))
+    mean, quat, scale, tint = keyed
+    few = Gaussians(mean, quat, scale, g.opacity[chosen], g.harmonics[chosen], tint)
+    return _dense(Motion(motion.time, few), rays, alpha_min)
+
+
+_met = jax.jit(reference.met)
+
+
+@jax.jit
+def _dense(motion: Motion, rays: Rays, alpha_min):
     return reference.dense(motion, rays, alpha_min)[0]
 
 

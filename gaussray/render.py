@@ -1,8 +1,11 @@
 """Stage 2: a scene and a camera in, pictures out."""
 
 import math
+import threading
 import time as clock
+from collections import deque
 from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from itertools import islice
 from typing import NamedTuple
@@ -31,6 +34,10 @@ from gaussray.tracer.bundle import tiles
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import TraceOptions, enlarge, measure
 from gaussray.tracer.traverse import Capacity
+
+
+# Batches of frames that are begun before the first of them has been fetched, and their bytes.
+_IN_FLIGHT, _BYTES = 8, 2 * 1024**3
 
 
 class Frame(eqx.Module):
@@ -68,6 +75,7 @@ class Renderer:
         self._capacity: dict[tuple, Capacity] = {}
         self._parts: dict[tuple, tuple[Part, TraceOptions]] = {}
         self._ready: set = set()
+        self._repairing = threading.Lock()
         # Key states by span: a frame shall not ask the device for the instants of the capture.
         self._counts: dict[float, int] = {}
 
@@ -77,15 +85,21 @@ class Renderer:
 
     def film(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
         """Frame after frame, one on each device, begun before the last ones are finished. A frame's
-        `seconds` are those since it was begun."""
-        waiting: _Batch | None = None
-        for views in self._batches(self._views(cameras)):
-            following = self._begin(views, alone=self.mesh.size == 1)
-            if waiting:
-                yield from self._finish(waiting)
-            waiting = following
-        if waiting:
-            yield from self._finish(waiting)
+        `seconds` are those since it was begun.
+
+        Threads fetch the pictures: pages of memory for a picture take the host longer than a GPU
+        takes to make it.
+        """
+        waiting: deque[Future[list[Frame]]] = deque()
+        with ThreadPoolExecutor(_IN_FLIGHT) as pool:
+            for views in self._batches(self._views(cameras)):
+                batch = self._begin(views, alone=self.mesh.size == 1)
+                waiting.append(pool.submit(self._finish, batch))
+                # After a compilation lists may turn out too short: better for one frame than eight.
+                while waiting and (len(waiting) > batch.in_flight or batch.compiled):
+                    yield from waiting.popleft().result()
+            for following in waiting:
+                yield from following.result()
 
     def _views(self, cameras: Iterable[Camera]) -> Iterator["_View"]:
         """Cameras on the host, whose business small numbers are: a device is asked for many of them
@@ -158,9 +172,10 @@ class Renderer:
             while np.any(report.dropped):
                 needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1])
                 wanted = [int(n) for n in needed.max(axis=0)]
-                held = self._capacity[batch.size]
-                self._capacity[batch.size] = enlarge(held, wanted, headroom=1.5)
-                values, report = self._launch(batch, top)
+                with self._repairing:
+                    held = self._capacity[batch.size]
+                    self._capacity[batch.size] = enlarge(held, wanted, headroom=1.5)
+                    values, report = self._launch(batch, top)
             seen = [x.reshape(batch.rows, film.width, 5) for x in _pictures(values, count)]
             pieces.append((top, seen))
             hits += int(np.sum(report.hits))
@@ -231,6 +246,14 @@ class _Batch:
         self.began, self.compiled = clock.monotonic(), False
         self.parts: list[tuple] = []
         self.size = (self.film.width, rows, self.keys, views[0].layout, alone)
+
+    @property
+    def in_flight(self) -> int:
+        """Batches like this that may be under way before one is fetched; a CPU fetches nothing."""
+        if jax.default_backend() == "cpu":
+            return 1
+        size = len(self.views) * self.film.width * self.film.height * 5 * 4
+        return min(max(_BYTES // size, 1), _IN_FLIGHT)
 
 
 def _joined(film: Film, pieces: list[tuple[int, np.ndarray]]) -> Float[np.ndarray, "h w 5"]:

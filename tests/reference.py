@@ -120,35 +120,11 @@ def trace(motion, rays, **options):
 
 def dense(motion, rays, alpha_min=ALPHA_MIN, alpha_max=ALPHA_MAX):
     """`trace` in plain jnp, differentiable by JAX alone: (colour, transmittance, depth)."""
-    g = motion.gaussians
-    q = jnp.where(jnp.any(g.quat != 0, axis=-1, keepdims=True), g.quat, jnp.eye(4)[None, :1])
-    q = q / jnp.sqrt(jnp.sum(q * q, axis=-1, keepdims=True))
-    w, v = q[..., :1], q[..., 1:]
-    turn = []
-    for axis in jnp.eye(3):
-        cross = jnp.cross(v, jnp.broadcast_to(axis, v.shape))
-        turn.append(jnp.broadcast_to(axis, v.shape) + 2 * w * cross + 2 * jnp.cross(v, cross))
-    turn = jnp.stack(turn, axis=-1)
+    g, turn = motion.gaussians, _turns(motion.gaussians.quat)
 
     def one(ray):
-        if len(motion.time) == 1:
-            mean, frame = g.mean[0], jnp.swapaxes(turn[0], -1, -2) / g.scale[0][:, :, None]
-        else:
-            shares = key_shares(motion.time, ray.time, jnp)
-            mean = jnp.einsum("k,kni->ni", shares, g.mean)
-            axes = jnp.einsum("k,knij->nij", shares, turn * g.scale[..., None, :])
-            # The inverse by cross products compiles in a fraction of the time of LAPACK's.
-            a, b, c = jnp.moveaxis(axes, -1, 0)
-            rows = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)], axis=1)
-            frame = rows / jnp.sum(a * rows[:, 0], axis=-1)[:, None, None]
-        o = jnp.einsum("nij,nj->ni", frame, ray.origin[None] - mean)
-        real = jnp.any(ray.direction != 0)
-        direction = jnp.where(real, ray.direction, jnp.ones(3))
-        d = jnp.einsum("nij,j->ni", frame, direction)
-        square = jnp.sum(d * d, axis=-1)
-        t = -jnp.sum(o * d, axis=-1) / square
-        raw = g.opacity * jnp.exp(-0.5 * jnp.sum(jnp.cross(o, d) ** 2, axis=-1) / square)
-        met = (t > 0) & (raw > alpha_min) & real
+        direction = jnp.where(jnp.any(ray.direction != 0), ray.direction, jnp.ones(3))
+        t, raw, met = _met(motion, turn, ray, alpha_min)
         order = jnp.argsort(jax.lax.stop_gradient(jnp.where(met, t, jnp.inf)))
         alpha = jnp.where(met, jnp.minimum(raw, alpha_max), 0)[order]
         clear = jnp.cumprod(jnp.concatenate([jnp.ones(1), 1 - alpha]))
@@ -160,3 +136,47 @@ def dense(motion, rays, alpha_min=ALPHA_MIN, alpha_max=ALPHA_MAX):
         return weight @ color, clear[-1], weight @ t[order]
 
     return jax.lax.map(one, rays, batch_size=16)
+
+
+def met(motion, rays, alpha_min=ALPHA_MIN):
+    """Which Gaussians any of the rays meets."""
+    turn = _turns(motion.gaussians.quat)
+
+    def look(seen, ray):
+        return seen | _met(motion, turn, ray, alpha_min)[2], None
+
+    return jax.lax.scan(look, jnp.zeros(motion.gaussians.opacity.shape, bool), rays)[0]
+
+
+def _turns(quat):
+    q = jnp.where(jnp.any(quat != 0, axis=-1, keepdims=True), quat, jnp.eye(4)[None, :1])
+    q = q / jnp.sqrt(jnp.sum(q * q, axis=-1, keepdims=True))
+    w, v = q[..., :1], q[..., 1:]
+    turn = []
+    for axis in jnp.eye(3):
+        cross = jnp.cross(v, jnp.broadcast_to(axis, v.shape))
+        turn.append(jnp.broadcast_to(axis, v.shape) + 2 * w * cross + 2 * jnp.cross(v, cross))
+    return jnp.stack(turn, axis=-1)
+
+
+def _met(motion, turn, ray, alpha_min):
+    """Distance, opacity on the ray, and whether it counts, of every Gaussian."""
+    g = motion.gaussians
+    if len(motion.time) == 1:
+        mean, frame = g.mean[0], jnp.swapaxes(turn[0], -1, -2) / g.scale[0][:, :, None]
+    else:
+        shares = key_shares(motion.time, ray.time, jnp)
+        mean = jnp.einsum("k,kni->ni", shares, g.mean)
+        axes = jnp.einsum("k,knij->nij", shares, turn * g.scale[..., None, :])
+        # The inverse by cross products compiles in a fraction of the time of LAPACK's.
+        a, b, c = jnp.moveaxis(axes, -1, 0)
+        rows = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)], axis=1)
+        frame = rows / jnp.sum(a * rows[:, 0], axis=-1)[:, None, None]
+    o = jnp.einsum("nij,nj->ni", frame, ray.origin[None] - mean)
+    real = jnp.any(ray.direction != 0)
+    direction = jnp.where(real, ray.direction, jnp.ones(3))
+    d = jnp.einsum("nij,j->ni", frame, direction)
+    square = jnp.sum(d * d, axis=-1)
+    t = -jnp.sum(o * d, axis=-1) / square
+    raw = g.opacity * jnp.exp(-0.5 * jnp.sum(jnp.cross(o, d) ** 2, axis=-1) / square)
+    return t, raw, (t > 0) & (raw > alpha_min) & real

@@ -70,6 +70,8 @@ def side_by_side(
 def enlarge(image: np.ndarray, least: int) -> np.ndarray:
     """Every pixel repeated by the smallest whole factor that makes both sides at least `least`."""
     factor = max(1, math.ceil(least / min(image.shape[:2])))
+    if factor == 1:
+        return image
     return image.repeat(factor, axis=0).repeat(factor, axis=1)
 
 

@@ -72,4 +72,6 @@ def _stream(container, size, fps):
 
 def _even(image):
     height, width = image.shape[:2]
+    if not (height % 2 or width % 2):
+        return image
     return np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), mode="edge")
