@@ -142,10 +142,7 @@ class Renderer:
         rows = film.height if views[0].keys else min(self.options.chunk_rows, film.height)
         batch = _Batch(views, alone, rows)
         for top in (min(y, film.height - rows) for y in range(0, film.height, rows)):
-            values, report = self._launch(batch, top)
-            for array in (values, report.dropped, report.hits):
-                array.copy_to_host_async()
-            batch.parts.append((top, values, report))
+            batch.parts.append((top, *self._launch(batch, top)))
         return batch
 
     def _launch(self, batch: "_Batch", top: int):
