@@ -1,11 +1,21 @@
 """Double precision for every test, shapes checked at run time, ranks never promoted in silence."""
 
 import gc
+import importlib.metadata
 import importlib.util
+import os
 import pathlib
 
-import jax
-import pytest
+
+# XLA's older way to emit code for a CPU compiles in half the time. A version that does not know a
+# flag ends the process, so only those that were tried are told.
+if importlib.metadata.version("jaxlib").startswith("0.10."):
+    os.environ["XLA_FLAGS"] = (
+        f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
+    )
+
+import jax  # noqa: E402
+import pytest  # noqa: E402
 
 
 if importlib.util.find_spec("beartype"):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import toy
 
+from gaussray import filming
 from gaussray.camera.camera import camera_rays
 from gaussray.capture.calibration import read_capture
 from gaussray.evaluate import EvaluateOptions, evaluate
@@ -18,6 +19,8 @@ from gaussray.render import RenderOptions
 pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 ONE = RenderOptions(samples=1)
+# Room for one picture that waits to be written.
+SCARCE = toy.SIZE**2 * 3 * 4
 
 shoot = jax.jit(camera_rays)
 
@@ -58,3 +61,22 @@ def test_a_data_set_reads_back_is_kept_and_scores_against_itself(tmp_path):
         assert row["psnr"] is None or row["psnr"] > 45
     text = (tmp_path / "scores" / "report.json").read_text()
     json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+def test_what_cannot_be_written_stops_the_run_and_what_was_written_stays(tmp_path, monkeypatch):
+    records, write = toy.records()[:4], filming.write_image
+
+    def refuse(path, color):
+        if path == tmp_path / records[2].file_path:
+            raise OSError(f"{path}: the picture cannot be written: no space left")
+        write(path, color)
+
+    monkeypatch.setattr(filming, "write_image", refuse)
+    monkeypatch.setattr(filming, "BACKLOG", SCARCE)
+    with pytest.raises(OSError, match="the picture cannot be written: no space left"):
+        render_dataset(toy.scene(), records, tmp_path, options=ONE, trace=toy.TRACE, quiet=True)
+    assert all((tmp_path / record.file_path).exists() for record in records[:2])
+    assert not (tmp_path / "transforms.json").exists()
+    monkeypatch.setattr(filming, "write_image", write)
+    render_dataset(toy.scene(), records, tmp_path, options=ONE, trace=toy.TRACE, quiet=True)
+    assert len(read_capture(tmp_path).views) == 4
