@@ -21,7 +21,7 @@ from scipy.ndimage import gaussian_filter
 from gaussray.camera.camera import Camera, project
 from gaussray.camera.trajectory import pose_at
 from gaussray.color import srgb_decode
-from gaussray.geometry import multiply, normalize_quaternion, rotation_matrix, turning
+from gaussray.geometry import multiply, normalize_quaternion, product, rotation_matrix, turning
 from gaussray.scene.bodies import Bodies
 
 
@@ -236,14 +236,14 @@ def _changed(pose: Pose, change: Float[Array, "6"]) -> Pose:
 
 
 def _place(pose: Pose, own: Known) -> Float[Array, "points 3"]:
-    arm = (own.place - own.pivot[None]) @ rotation_matrix(pose.turn).T
+    arm = product("ij,pj->pi", rotation_matrix(pose.turn), own.place - own.pivot[None])
     return (own.pivot + pose.path)[None] + arm
 
 
 def _sight(pose, own, body, known, start, views, layer, shrink) -> Sight:
     """What is seen of a body at a pose, the others being where they start."""
     place = _place(pose, own)
-    normal = own.normal @ rotation_matrix(pose.turn).T
+    normal = product("ij,pj->pi", rotation_matrix(pose.turn), own.normal)
     others = known.pivot + start.path
     size = jnp.asarray(layer.shape[2:0:-1], place.dtype)
 
@@ -275,7 +275,7 @@ def _sight(pose, own, body, known, start, views, layer, shrink) -> Sight:
 def _cost(change, pose, own, sight: Sight, layer) -> Float[Array, ""]:
     """Mean difference between the points and the pixels they fall on after a change of pose."""
     shift = _place(_changed(pose, change), own) - sight.place
-    pixel = sight.pixel + jnp.einsum("vpij,pj->vpi", sight.slope, shift)
+    pixel = sight.pixel + product("vpij,pj->vpi", sight.slope, shift)
     last = jnp.asarray(layer.shape[2:0:-1]) - 1
     column, row = jnp.moveaxis(jnp.clip(pixel.astype(jnp.int32), 0, last[None, None]), -1, 0)
     found = layer[jnp.arange(layer.shape[0])[:, None], row, column]

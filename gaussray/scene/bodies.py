@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from gaussray.geometry import normalize_quaternion
+from gaussray.geometry import normalize_quaternion, product
 
 
 class Bodies(eqx.Module):
@@ -53,8 +53,8 @@ def pose_at(
     them, so that rows read between two instants see the body on its way.
     """
     share = _shares(bodies.time, time)
-    path = jnp.einsum("t,btc->bc", share, bodies.path)
-    turn = jnp.einsum("t,btc->bc", share, bodies.turn)
+    path = product("t,btc->bc", share, bodies.path)
+    turn = product("t,btc->bc", share, bodies.turn)
     return path, normalize_quaternion(turn)
 
 

@@ -5,7 +5,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
-from gaussray.geometry import multiply, normalize_quaternion, rotation_matrix
+from gaussray.geometry import multiply, normalize_quaternion, product, rotation_matrix
 from gaussray.scene.bodies import Bodies, body_of, pose_at
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import basis
@@ -49,7 +49,7 @@ class Layer(eqx.Module):
     bias: Float[Array, " outputs"]
 
     def __call__(self, x: Float[Array, "gaussians inputs"]) -> Float[Array, "gaussians outputs"]:
-        return x @ self.weight + self.bias[None]
+        return product("ni,io->no", x, self.weight) + self.bias[None]
 
 
 class Deformation(eqx.Module):
@@ -104,14 +104,14 @@ def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""
         return last(jax.nn.relu(first(jax.nn.relu(hidden))))
 
     pivot, path, turn = _carried(deformation.bodies, place, time)
-    arm = jnp.einsum("nij,nj->ni", rotation_matrix(turn), gaussians.mean - pivot)
+    arm = product("nij,nj->ni", rotation_matrix(turn), gaussians.mean - pivot)
     carried = multiply(turn, normalize_quaternion(gaussians.quat))
     # The disc's axis, outwards: the light on a surface depends on where it faces.
     facing = rotation_matrix(jax.lax.stop_gradient(gaussians.quat))[:, :, 2]
     inward = jnp.sum(facing * (place - pivot), axis=-1, keepdims=True) < 0
-    facing = jnp.einsum("nij,nj->ni", rotation_matrix(jax.lax.stop_gradient(turn)), facing)
+    facing = product("nij,nj->ni", rotation_matrix(jax.lax.stop_gradient(turn)), facing)
     facing = jnp.where(inward, -facing, facing)
-    shade = jnp.stack(basis(facing.T, 9), axis=-1) @ deformation.light
+    shade = product("nh,hc->nc", jnp.stack(basis(facing.T, 9), axis=-1), deformation.light)
     stretch = STRETCH * jnp.tanh(residual(deformation.scale) / STRETCH)
     return Gaussians(
         mean=pivot + path + arm + residual(deformation.mean),

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.camera.rays import Rays
-from gaussray.geometry import normalize
+from gaussray.geometry import normalize, product
 from gaussray.tracer.motion import active_controls
 
 
@@ -53,18 +53,18 @@ def _bound_one(rays: Rays, key_time: Array) -> Bundles:
     v = jnp.cross(axis, u)
     # Unit rays differ from their float values by rounding: a slack keeps the bound conservative.
     slack = 16 * jnp.finfo(d.dtype).eps
-    depth = d @ axis
+    depth = product("ri,i->r", d, axis)
     narrow = jnp.all((depth > _WIDEST) | ~real)
     depth = jnp.where(depth > _WIDEST, depth, 1)
     normals = [axis]
     for side in (u, v):
-        slope = (d @ side) / depth
+        slope = product("ri,i->r", d, side) / depth
         low = jnp.min(jnp.where(real, slope, jnp.inf)) - slack
         high = jnp.max(jnp.where(real, slope, -jnp.inf)) + slack
         normals += [side - low * axis, high * axis - side]
     normal = normalize(jnp.stack(normals))
     normal = jnp.where(narrow & some, normal, 0)
-    reach = jnp.where(real, normal @ o.T, jnp.inf)
+    reach = jnp.where(real, product("si,ri->sr", normal, o), jnp.inf)
     magnitude = jnp.max(jnp.where(real[:, None], jnp.abs(o), 0))
     offset = jnp.min(reach, axis=1) - slack * magnitude
     earliest = jnp.min(jnp.where(real, rays.time, jnp.inf))

@@ -1119,7 +1119,7 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
         const float second = K > 1 ? least_of_ray(pending.t[K > 1]) : INFINITE;
         const bool ready = open && nearest < bar && nearest <= end.t;
         const bool crowded = pending.t[K - 1 - K / 4] < INFINITE;
-        const bool urgent = ready && (last || crowded || end.t <= bar);
+        const bool urgent = ready && (last || crowded || end.t < bar);
         // Beyond the limit there are hits that were not taken in.
         bool next = open && t < bar && (t < second || t == nearest) &&
                     Rank{t, pending.place[0]} < end;
@@ -1175,7 +1175,7 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
         pending.pop(next);
       }
       if (pending.t[0] == INFINITE && limit.t == INFINITE) oldest = 0x7fffffff;
-      if (end.t <= bar) open = false;
+      if (end.t < bar) open = false;
       if (last || !__any_sync(ALL, open)) break;
       __syncwarp();
       first += 32;
