@@ -211,6 +211,9 @@ def effects(lines: list[dict[str, Any]]):
     own = [line for line in lines if line["scene"] == "dynamic_room" and line["effect"] in WORDS]
     if not own:
         return None
+    sizes = [line["rays"] // line["samples"] for line in own]
+    usual = max(sizes, key=sizes.count)
+    own = [line for line, size in zip(own, sizes, strict=True) if size == usual]
     counts = sorted({(line["gaussians"], line["k"], line["backend"]) for line in own})
     names = [name for name in WORDS if _of(own, effect=name)]
     figure, panel = plt.subplots(
@@ -227,13 +230,12 @@ def effects(lines: list[dict[str, Any]]):
     label = "4D-GRT as published: its own scenes, RTX 4090"
     bars = panel.barh(place - len(counts) * height, fps, height, color="0.7", label=label)
     panel.bar_label(bars, [_short(v) for v in fps], padding=3, fontsize=8)
-    rays = own[-1]["rays"] / own[-1]["samples"]
     taken = {line["effect"]: line["samples"] for line in own}
     panel.set_yticks(
         place - len(counts) * height / 2,
         [WORDS[n] + (f" ({taken[n]} rays a pixel)" if taken[n] > 1 else "") for n in names],
     )
-    panel.set(xscale="log", xlabel=f"frames per second, {rays**0.5:.0f} x {rays**0.5:.0f} pixels")
+    panel.set(xscale="log", xlabel=f"frames per second, {usual**0.5:.0f} x {usual**0.5:.0f} pixels")
     panel.margins(x=0.15)
     panel.xaxis.set_major_formatter(lambda v, _: _tick(v))
     panel.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.12))

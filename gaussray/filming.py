@@ -3,9 +3,9 @@
 import hashlib
 import os
 import time as clock
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
 import jax
@@ -54,33 +54,40 @@ def render_dataset(
     render = Renderer(scene, options=options, trace=trace, devices=devices)
     progress = Progress("render", len(own), quiet=quiet or not leads())
     frames = render.film(record.camera for record in own)
-    for done, record in enumerate(_written(out, own, frames), 1):
-        progress.report(done, record.effect)
-    wait("pictures")
-    if leads():
-        _demand_all(out, records)
-        _write_lists_and_videos(out, records, fps)
+    missing = Counter(_video(record) for record, old in zip(records, there, strict=True) if not old)
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        videos = _Videos(out, records, fps, pool)
+        for done, record in enumerate(_written(out, own, frames, pool), 1):
+            progress.report(done, record.effect)
+            missing[_video(record)] -= 1
+            # What other hosts have a part in waits for them.
+            if leads() and not missing[_video(record)]:
+                videos.begin(_video(record))
+        wait("pictures")
+        if leads():
+            _demand_all(out, records)
+            _write_lists(out, records)
+            videos.finish()
     wait("videos")
     return out
 
 
 def _written(
-    out: Path, records: Sequence[FrameRecord], frames: Iterator[Frame]
+    out: Path, records: Sequence[FrameRecord], frames: Iterator[Frame], pool: ThreadPoolExecutor
 ) -> Iterator[FrameRecord]:
     """The records whose pictures are written, in order: each core compresses one while the devices
     go on. What waits for a core is bounded in number and in bytes."""
     cores, waiting = os.cpu_count() or 1, deque()
-    with ThreadPoolExecutor(cores) as pool:
-        for record, frame in zip(records, frames, strict=True):
-            writing = pool.submit(write_image, out / record.file_path, frame.color)
-            waiting.append((record, writing))
-            while len(waiting) > min(2 * cores, BACKLOG // frame.color.nbytes):
-                record, writing = waiting.popleft()
-                writing.result()
-                yield record
-        for record, writing in waiting:
+    for record, frame in zip(records, frames, strict=True):
+        writing = pool.submit(write_image, out / record.file_path, frame.color)
+        waiting.append((record, writing))
+        while len(waiting) > min(2 * cores, BACKLOG // frame.color.nbytes):
+            record, writing = waiting.popleft()
             writing.result()
             yield record
+    for record, writing in waiting:
+        writing.result()
+        yield record
 
 
 def _demand_all(out: Path, records: Sequence[FrameRecord]) -> None:
@@ -95,22 +102,45 @@ def _demand_all(out: Path, records: Sequence[FrameRecord]) -> None:
         clock.sleep(0.5)
 
 
-def _write_lists_and_videos(out: Path, records: Sequence[FrameRecord], fps: float) -> None:
-    shown: dict[str, list[FrameRecord]] = {}
-    for record in records:
-        shown.setdefault(f"{record.effect}_{record.camera_name}", []).append(record)
+def _write_lists(out: Path, records: Sequence[FrameRecord]) -> None:
     for effect in dict.fromkeys(record.effect for record in records):
         name = "transforms" if effect == "pinhole" else effect
-        chosen = [record for record in records if record.effect == effect]
-        write_manifest(out / f"{name}.json", chosen)
+        write_manifest(out / f"{name}.json", [r for r in records if r.effect == effect])
 
-    def film(name: str) -> None:
-        own, size = shown[name], shown[name][0].camera.film
-        pictures = (read_stored(out / r.file_path, size.width, size.height) for r in own)
-        write_video(out / f"{name}.mp4", pictures, fps)
 
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        list(pool.map(film, [name for name, own in shown.items() if len(own) > 1]))
+def _video(record: FrameRecord) -> str:
+    return f"{record.effect}_{record.camera_name}"
+
+
+class _Videos:
+    """A video of every effect and camera, from the pictures that are written."""
+
+    def __init__(
+        self, out: Path, records: Sequence[FrameRecord], fps: float, pool: ThreadPoolExecutor
+    ):
+        self._out, self._fps, self._pool = out, fps, pool
+        self._shown: dict[str, list[FrameRecord]] = {}
+        for record in records:
+            self._shown.setdefault(_video(record), []).append(record)
+        self._begun: dict[str, Future[None]] = {}
+
+    def begin(self, name: str) -> None:
+        """Make one whose pictures are all there, while others are rendered."""
+        if name not in self._begun:
+            self._begun[name] = self._pool.submit(self._film, name)
+
+    def finish(self) -> None:
+        """Make those that are not begun, and wait for all."""
+        for name in self._shown:
+            self.begin(name)
+        for video in self._begun.values():
+            video.result()
+
+    def _film(self, name: str) -> None:
+        own, film = self._shown[name], self._shown[name][0].camera.film
+        if len(own) > 1:
+            pictures = (read_stored(self._out / r.file_path, film.width, film.height) for r in own)
+            write_video(self._out / f"{name}.mp4", pictures, self._fps)
 
 
 def _claim(out: Path, scene: Scene, records: Sequence[FrameRecord], options, trace) -> None:
