@@ -40,7 +40,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     options = ReconstructOptions(trace=trace)
     rows = []
     with tempfile.TemporaryDirectory() as out:
-        journal = Journal(Path(out), resume=False, interval=60)
+        journal = Journal(Path(out), resume=False, interval=60.0)
         fit = Fit(capture, journal, options, True)
         state = fit.begin()
         for stage in chosen.stages:

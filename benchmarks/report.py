@@ -196,7 +196,8 @@ def scaling(lines: list[dict[str, Any]]):
                 name = f"{effect.replace('_', ' ')} " if len(series) > 1 else ""
                 label = f"{name}~ x$^{{{power:.2f}}}$"
                 panel.plot(x, level * x**power, color=color, alpha=0.5, label=label)
-        panel.legend(fontsize=8)
+        if panel.lines[-1].get_label()[0] != "_":
+            panel.legend(fontsize=8)
         y = np.array([1e3 * line["run_s_median"] for line in own])
         panel.set(xscale="log", yscale="log", xlabel=WORDS[axis], ylabel="ms per frame")
         _plain(panel.xaxis, x)
