@@ -24,6 +24,8 @@ VERBS = {
     "reconstruct": "multi-view video in, a scene out",
     "render": "a scene and cameras in, a paired capture and videos out",
     "evaluate": "score a scene against a paired capture",
+    "import": "a 3D Gaussian Splatting model in, a scene that stands still out",
+    "export": "a scene at one instant as a 3D Gaussian Splatting model",
 }
 USAGE = "usage: gaussray <verb> [key=value ...]\n\n" + "\n".join(
     f"  {verb:<12} {text}" for verb, text in VERBS.items()
@@ -156,12 +158,13 @@ def _reconstruct_options(cfg: DictConfig) -> Any:
 
 
 def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
-    from gaussray.capture.calibration import read_capture
+    from gaussray.capture.formats import open_capture
     from gaussray.fit.journal import refuse
     from gaussray.reconstruct import reconstruct
 
     chosen = _reconstruct_options(cfg)
-    capture = read_capture(cfg.capture.path)
+    names = (_as(str, cfg.capture[key], f"capture.{key}") for key in ("format", "background"))
+    capture = open_capture(cfg.capture.path, *names)
     refuse(Path(cfg.out), resume=cfg.resume)
     out = _run_folder(cfg)
     scene = reconstruct(
@@ -211,7 +214,7 @@ def _render(cfg: DictConfig, devices: int | None) -> None:
 
 
 def _evaluate(cfg: DictConfig, devices: int | None) -> None:
-    from gaussray.capture.calibration import read_capture
+    from gaussray.capture.formats import open_capture
     from gaussray.evaluate import EvaluateOptions, evaluate, table
     from gaussray.render import RenderOptions
     from gaussray.scene.store import load_scene
@@ -219,7 +222,8 @@ def _evaluate(cfg: DictConfig, devices: int | None) -> None:
 
     chosen, trace = options(EvaluateOptions, cfg.evaluate), options(TraceOptions, cfg.trace)
     render = options(RenderOptions, cfg.render)
-    scene, truth = load_scene(cfg.scene), read_capture(cfg.truth)
+    names = (_as(str, cfg[key], key) for key in ("truth_format", "truth_background"))
+    scene, truth = load_scene(cfg.scene), open_capture(cfg.truth, *names)
     if cfg.out == f"{cfg.scene}/evaluation" and Path(cfg.scene).is_file():
         cfg.out = str(Path(cfg.scene).parent / "evaluation")
     out = _run_folder(cfg)
@@ -234,6 +238,26 @@ def _evaluate(cfg: DictConfig, devices: int | None) -> None:
         quiet=cfg.quiet,
     )
     _say(table(report))
+
+
+def _import(cfg: DictConfig, devices: int | None) -> None:
+    from gaussray.exchange import import_model
+
+    scene, assumed = import_model(cfg.source, cfg.out, color=_as(str, cfg.color, "color"))
+    out = _run_folder(cfg)
+    _say(f"{out / 'scene.npz'}: {scene.static.count} Gaussians.\n{assumed}")
+
+
+def _export(cfg: DictConfig, devices: int | None) -> None:
+    from gaussray.exchange import export_model
+    from gaussray.scene.store import load_scene
+
+    if cfg.format != "ply":
+        raise ValueError(f"format must be ply, got {cfg.format!r}.")
+    time = None if cfg.time is None else _as(float, cfg.time, "time")
+    color, degree = _as(str, cfg.color, "color"), _as(int, cfg.degree, "degree")
+    _, said = export_model(load_scene(cfg.scene), cfg.out, time, color=color, degree=degree)
+    _say(f"{cfg.out}: {said}")
 
 
 def _demo(cfg: DictConfig, devices: int | None) -> None:
@@ -272,6 +296,8 @@ RUN: dict[str, Callable[[DictConfig, int | None], None]] = {
     "reconstruct": _reconstruct,
     "render": _render,
     "evaluate": _evaluate,
+    "import": _import,
+    "export": _export,
 }
 
 

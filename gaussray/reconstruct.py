@@ -136,12 +136,16 @@ class Fit:
         moves = np.array(agreed(moves))
         if len(self.sampler.times) == 1:
             moves[:] = False
-        elif points is None:
+        elif points is None or not self._watched():
             moves[:] = True
         growth = self.options.density.growth
         self.journal.info["limit"] = [int(side.sum() * growth) for side in (~moves, moves)]
         parts = [self._room(take(start, np.flatnonzero(side))) for side in (~moves, moves)]
         return begin_state(Parameters(parts[0], parts[1], None))
+
+    def _watched(self) -> bool:
+        """Whether any camera has several frames: only those tell what moves."""
+        return len(np.unique(self.camera)) < len(self.camera)
 
     def _room(self, gaussians: Gaussians) -> Unconstrained:
         """Rows for the Gaussians and for those that density control may add at first."""
@@ -177,10 +181,11 @@ class Fit:
     def _tracked(self, moving: Gaussians) -> Bodies:
         """The bodies among the moving Gaussians, with their poses at all instants.
 
-        Random points say nothing of what belongs together: then there are no bodies.
+        Random points say nothing of what belongs together, nor do cameras that looked but once:
+        then there are no bodies.
         """
         place, instants = np.asarray(moving.mean), self.sampler.times
-        known = self.capture.points is not None
+        known = self.capture.points is not None and self._watched()
         groups = bodies(place if known else place[:0], instants)
         progress = Progress("track", len(instants) - 1, quiet=self.quiet)
         return track(

@@ -46,6 +46,8 @@ GIVEN = {
     "reconstruct": ["capture.path=x", "out=x"],
     "render": ["scene=x", "out=x"],
     "evaluate": ["scene=x", "truth=x"],
+    "import": ["source=x", "out=x"],
+    "export": ["scene=x", "out=x"],
 }
 
 

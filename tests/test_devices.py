@@ -28,8 +28,8 @@ CODE = 1
 DECIBEL = 0.01
 # Parameters after the fine stage from one state: the same sums in another order.
 SAME = 1e-5
-# After both stages: what hardly matters at first, Adam moves by the sign of sums that nearly vanish:
-# a step of it.
+# After both stages: what hardly matters at first, Adam moves by the sign of sums that nearly
+# vanish, a step of it.
 NEAR = 2e-2
 # The Gaussians start as round discs, whose turn about their axis matters not at all.
 FREE = ("static.quat", "moving.quat", "header")

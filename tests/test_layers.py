@@ -13,7 +13,7 @@ LEVELS = [
     {"tracer", "capture", "fit", "dataset"},
     {"picture", "training"},
     {"reconstruct", "render"},
-    {"evaluate", "filming", "rig"},
+    {"evaluate", "filming", "rig", "exchange"},
     {"demo"},
     {"cli"},
     {"__main__"},

@@ -165,6 +165,17 @@ def test_without_points_random_ones_in_view_are_the_start(bare, tmp_path):
     assert np.abs(place).max() < 4
 
 
+def test_where_every_camera_looked_but_once_everything_may_move(capture, tmp_path):
+    views = [
+        View(**(vars(view) | {"camera_name": f"{view.camera_name}_{view.time}"}))
+        for view in capture.views
+    ]
+    once = type(capture)(**(vars(capture) | {"views": views}))
+    state = Fit(once, Journal(tmp_path, resume=False, interval=0.0), OPTIONS, True).begin()
+    assert alive(state.parameters.static).sum() == 0
+    assert alive(state.parameters.moving).sum() == len(capture.points.position)
+
+
 def test_without_points_the_field_alone_moves_what_is_no_body(bare, tmp_path):
     scene = reconstruct(bare, tmp_path, options=toy.SHORT, quiet=True)
     assert [line["stage"] for line in lines(tmp_path)] == ["coarse", "fine"]

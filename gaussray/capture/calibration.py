@@ -2,7 +2,7 @@
 
 import dataclasses
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,7 @@ _QUIET = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class View:
-    """One picture of a capture and the camera that took it."""
+    """One picture of a capture and the camera that took it; alpha is seen over `background`."""
 
     camera: Camera
     image: Path
@@ -59,6 +59,7 @@ class View:
     effect: str
     samples: int | None
     color_space: str
+    background: str = "none"
 
     @property
     def width(self) -> int:
@@ -95,9 +96,8 @@ def read_capture(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
         )
     pinhole = [name for name, path in files.items() if path.name == PINHOLE_FILE]
     views = {name: read_views(path, dtype) for name, path in files.items()}
-    main = _document(files[pinhole[0]] if pinhole else next(iter(files.values())))
-    ply = main.path("ply_file_path") or folder / "points3d.ply"
-    points = read_points(ply) if main.has("ply_file_path") or ply.exists() else None
+    main = document(files[pinhole[0]] if pinhole else next(iter(files.values())))
+    points = points_of(main)
     listed = views.pop(pinhole[0]) if pinhole else []
     times = [view.time for view in listed or [view for some in views.values() for view in some]]
     unit = main.text("time_unit", "normalised")
@@ -132,7 +132,12 @@ def effect_files(folder: Path | str) -> dict[str, Path]:
 
 def read_views(path: Path | str, dtype: DTypeLike = jnp.float32) -> list[View]:
     """Every frame of one JSON file, in its order. Paths are taken from the file's own folder."""
-    top = _document(Path(path))
+    top = document(Path(path))
+    return views_of(top, frames_of(top), dtype)
+
+
+def frames_of(top: Keys) -> list[Keys]:
+    """The keys of each frame of a document, those of the top level among them."""
     listed = top.values["frames"]
     _warn_unknown(top, listed)
     shared = {key: value for key, value in top.values.items() if key not in _TOP}
@@ -141,6 +146,11 @@ def read_views(path: Path | str, dtype: DTypeLike = jnp.float32) -> list[View]:
         if not isinstance(frame, dict):
             raise CaptureError(f"{top.file}: frames[{k}] must be a block of keys, got {frame!r}.")
         frames.append(Keys(top.file, {**shared, **frame}, k))
+    return frames
+
+
+def views_of(top: Keys, frames: list[Keys], dtype: DTypeLike = jnp.float32) -> list[View]:
+    """The views that the frames of a document describe, in their order."""
     _warn_assumed(top, frames)
     still = [None if frame.has("trajectory") else frame.pose() for frame in frames]
     poses = np.array([pose for pose in still if pose is not None]).reshape(-1, 3, 4)
@@ -150,6 +160,18 @@ def read_views(path: Path | str, dtype: DTypeLike = jnp.float32) -> list[View]:
         _view(frame, pose, None if pose is None else next(turns), made, dtype)
         for frame, pose in zip(frames, still, strict=True)
     ]
+
+
+def points_of(top: Keys, names: Sequence[str] = ("points3d.ply",)) -> Points | None:
+    """Starting points: what `ply_file_path` names (it must exist), else the first of `names` that
+    lies beside the document, else None."""
+    named = top.path("ply_file_path")
+    if named is not None:
+        return read_points(named)
+    found = [name for name in names if (top.file.parent / name).exists()]
+    if len(found) > 1:
+        top.warn(f"{found[0]} holds the starting points; {', '.join(found[1:])} is not read.")
+    return read_points(top.file.parent / found[0]) if found else None
 
 
 def _view(keys, pose, turn, made, dtype):
@@ -242,7 +264,8 @@ def _warn_unknown(top, frames):
         Keys(top.file, {}, where[0]).warn(f"the key {key} is unknown and ignored{more}.")
 
 
-def _document(path):
+def document(path: Path) -> Keys:
+    """The top level of a JSON file, which must list at least one frame."""
     content = _json(path)
     if not isinstance(content, dict):
         raise CaptureError(

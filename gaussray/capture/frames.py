@@ -16,6 +16,8 @@ from gaussray.color import srgb_decode, srgb_encode
 
 
 COLOR_SPACES = ("srgb", "linear")
+# What a picture with alpha is composited over; "none" drops alpha with a warning.
+BACKGROUNDS = {"none": None, "black": 0.0, "white": 1.0}
 _PNG_END = b"IEND\xaeB`\x82"
 
 
@@ -53,8 +55,12 @@ def read_image(
 
 
 def read_encoded(view: Picture) -> np.ndarray:
-    """sRGB values [h, w, 3] of a view: the bytes of an 8-bit sRGB file, else float32 (0..1)."""
-    stored = read_stored(view.image, view.width, view.height)
+    """sRGB values [h, w, 3] of a view: the bytes of an 8-bit sRGB file, else float32 (0..1).
+
+    A view may also have a `background`, one of BACKGROUNDS (see `read_stored`).
+    """
+    background = getattr(view, "background", "none")
+    stored = read_stored(view.image, view.width, view.height, background)
     integers = np.issubdtype(stored.dtype, np.integer)
     if integers and _checked(view.color_space) == "srgb":
         if stored.dtype == np.uint8:
@@ -133,6 +139,12 @@ def check_images(views: Sequence[Picture]) -> None:
         )
 
 
+def picture_size(path: Path | str) -> tuple[int, int]:
+    """Width and height of a picture in pixels, from its header."""
+    spec = _open(path).spec()
+    return spec.width, spec.height
+
+
 def _checked(color_space):
     if color_space not in COLOR_SPACES:
         raise CaptureError(
@@ -161,8 +173,12 @@ def _check_size(path, spec, width, height):
         )
 
 
-def read_stored(path: Path | str, width: int, height: int) -> np.ndarray:
-    """Stored values [h, w, 3]: uint8 and uint16 as they are, everything else float32."""
+def read_stored(path: Path | str, width: int, height: int, background: str = "none") -> np.ndarray:
+    """Stored values [h, w, 3]: uint8 and uint16 as they are, everything else float32.
+
+    A picture with alpha is composited over the `background`, one of BACKGROUNDS, in the values that
+    the file stores (sRGB codes in PNG), as NeRF's and 4DGaussians' readers do.
+    """
     file = _open(path)
     spec = file.spec()
     _check_size(path, spec, width, height)
@@ -175,16 +191,31 @@ def read_stored(path: Path | str, width: int, height: int) -> np.ndarray:
     if file.format_name() == "png" and _PNG_END not in Path(path).read_bytes()[-4096:]:
         raise OSError(f"{path}: the picture is truncated or corrupt: its PNG end chunk is missing")
     pixels = np.asarray(pixels).reshape(height, width, -1)
+    color = np.ascontiguousarray(pixels[..., _color_channels(spec)])
     if spec.alpha_channel >= 0:
         full = np.iinfo(pixels.dtype).max if np.issubdtype(pixels.dtype, np.integer) else 1
-        if (pixels[..., spec.alpha_channel] < full).any():
+        alpha = pixels[..., spec.alpha_channel, None]
+        light = BACKGROUNDS[background]
+        if light is not None:
+            straight = bool(spec.get_int_attribute("oiio:UnassociatedAlpha"))
+            return _over(color, alpha / full, light * full, straight)
+        if (alpha < full).any():
             warnings.warn(
-                f"{path}: the alpha channel is ignored, and some of it is below 1. "
-                "Composite the picture over its background to make it count.",
+                f"{path}: the alpha channel is ignored, and some of it is below 1. Composite the "
+                "picture over its background (capture.background=black or white) to make it count.",
                 CaptureWarning,
                 stacklevel=3,
             )
-    return np.ascontiguousarray(pixels[..., _color_channels(spec)])
+    return color
+
+
+def _over(color, alpha, light, straight):
+    """The colours over an even background, in their own type; `straight` are not yet times alpha,
+    as in PNG, while EXR holds products."""
+    result = (alpha if straight else 1) * color.astype(np.float64) + (1 - alpha) * light
+    if np.issubdtype(color.dtype, np.integer):
+        result = np.clip(np.round(result), 0, np.iinfo(color.dtype).max)
+    return result.astype(color.dtype)
 
 
 def _color_channels(spec):

@@ -1,0 +1,90 @@
+"""The door for captures of every layout: which reader a folder is for."""
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import jax.numpy as jnp
+from jaxtyping import DTypeLike
+
+from gaussray.capture.calibration import (
+    PINHOLE_FILE,
+    Capture,
+    View,
+    effect_files,
+    read_capture,
+)
+from gaussray.capture.errors import CaptureError
+from gaussray.capture.frames import BACKGROUNDS
+from gaussray.capture.splits import FILES, VALIDATION, read_splits
+
+
+FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
+    "paired": read_capture,
+    "splits": read_splits,
+}
+# What a folder of each format holds, for who has to make one.
+NEEDS = {
+    "paired": f"{PINHOLE_FILE} (or another JSON file with frames per effect)",
+    "splits": f"{FILES['train']} and, to score against, {FILES['test']}",
+}
+
+
+def open_capture(
+    folder: Path | str,
+    format: str = "auto",
+    background: str = "none",
+    *,
+    dtype: DTypeLike = jnp.float32,
+) -> Capture:
+    """Everything a capture folder says, by the reader of its format; pictures are not decoded.
+
+    `format` is a name of FORMATS, or auto: what the folder holds decides (see `format_of`).
+    Pictures with alpha are composited over the `background`: black or white, or none, which drops
+    alpha with a warning. The cameras have numbers of `dtype`. Errors are the reader's, ValueError
+    for an unknown format or background.
+    """
+    if format not in ("auto", *FORMATS):
+        raise ValueError(
+            f"capture.format (truth_format) must be one of auto, {', '.join(FORMATS)}, "
+            f"got {format!r}."
+        )
+    if background not in BACKGROUNDS:
+        raise ValueError(
+            f"capture.background (truth_background) must be one of {', '.join(BACKGROUNDS)}, "
+            f"got {background!r}."
+        )
+    capture = FORMATS[format_of(folder) if format == "auto" else format](folder, dtype)
+
+    def over(views: list[View]) -> list[View]:
+        return [dataclasses.replace(view, background=background) for view in views]
+
+    effects = {name: over(views) for name, views in capture.effects.items()}
+    return dataclasses.replace(capture, views=over(capture.views), effects=effects)
+
+
+def format_of(folder: Path | str) -> str:
+    """Name of the format that a folder's JSON files are of.
+
+    A folder that could be of two is an error, and one of none is another that lists what each
+    format needs. Both are CaptureError; a folder that does not exist is FileNotFoundError.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileNotFoundError(f"{folder}: the capture folder does not exist.")
+    paired = (folder / PINHOLE_FILE).is_file()
+    split = [name for name in (*FILES.values(), VALIDATION) if (folder / name).is_file()]
+    if paired and split:
+        raise CaptureError(
+            f"{folder}: capture.format (truth_format) must be given for a folder that holds both "
+            f"{PINHOLE_FILE} and {split[0]}, got auto. Choose one of {', '.join(FORMATS)}."
+        )
+    if split:
+        return "splits"
+    if paired or effect_files(folder):
+        return "paired"
+    needs = "; ".join(f"{name} needs {what}" for name, what in NEEDS.items())
+    raise CaptureError(
+        f"{folder}: a capture must hold the files of one format, got none of them: {needs}. "
+        "Name the folder that has them."
+    )
