@@ -235,7 +235,7 @@ def test_an_import_that_cannot_be_leaves_nothing(tmp_path, capsys):
     (tmp_path / "a.ply").write_text("a text")
     for words, message in (
         (["source=none.ply"], "none.ply: no such file"),
-        ([f"source={tmp_path}/a.ply"], "is not a PLY file"),
+        ([f"source={tmp_path}/a.ply"], "must begin with the line 'ply'"),
         ([f"source={tmp_path}/a.ply", "color=red"], "color must be one of"),
     ):
         with pytest.raises(SystemExit):

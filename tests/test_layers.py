@@ -8,7 +8,7 @@ import gaussray
 
 PACKAGE = pathlib.Path(gaussray.__file__).parent
 LEVELS = [
-    {"geometry", "color", "atomic", "progress", "devices"},
+    {"geometry", "color", "atomic", "ply", "progress", "devices"},
     {"scene", "camera"},
     {"tracer", "capture", "fit", "dataset"},
     {"picture", "training"},

@@ -2,7 +2,6 @@
 
 import warnings
 from pathlib import Path
-from typing import BinaryIO
 
 import equinox as eqx
 import numpy as np
@@ -10,14 +9,9 @@ from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.color import srgb_decode
+from gaussray.ply import read_vertices
 
 
-_TYPES = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
-    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
-    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
-}
-_ORDERS = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}
 _COLORS = ("red", "green", "blue")
 
 
@@ -35,9 +29,10 @@ def read_points(path: Path | str) -> Points:
     are 0.5. Points that are not finite are dropped; both are warned of, with the count.
     """
     path = Path(path)
-    with path.open("rb") as file:
-        order, elements = _header(path, file)
-        table = _vertices(path, file, order, elements)
+    try:
+        table = read_vertices(path)
+    except ValueError as error:
+        raise CaptureError(str(error)) from None
     names = table.dtype.names or ()
     absent = [name for name in "xyz" if name not in names]
     if absent:
@@ -72,107 +67,3 @@ def _colors(path, table, names):
 
 def _warn(message):
     warnings.warn(message, CaptureWarning, stacklevel=4)
-
-
-def _header(path: Path, file: BinaryIO):
-    """Byte order and the elements [(name, count, [(property, type, length type or None)])]."""
-    if file.readline(64).strip() != b"ply":
-        raise CaptureError(
-            f"{path}: a PLY file must begin with the line 'ply', got something else."
-        )
-    order, elements = "", []
-    while True:
-        raw = file.readline(4096)
-        if not raw:
-            raise CaptureError(
-                f"{path}: the PLY header must end with 'end_header'; it is truncated."
-            )
-        words = raw.decode("ascii", "replace").split()
-        try:
-            match words:
-                case ["end_header"]:
-                    break
-                case ["format", name, _]:
-                    order = name
-                case ["element", name, count]:
-                    elements.append((name, int(count), []))
-                case ["property", "list", length, kind, name]:
-                    elements[-1][2].append((name, _TYPES[kind], _TYPES[length]))
-                case ["property", kind, name]:
-                    elements[-1][2].append((name, _TYPES[kind], None))
-                case [] | ["comment" | "obj_info", *_]:
-                    pass
-                case _:
-                    raise ValueError
-        except (ValueError, KeyError, IndexError):
-            line = " ".join(words)
-            raise CaptureError(f"{path}: the PLY header has a malformed line: {line!r}.") from None
-    if order not in _ORDERS:
-        raise CaptureError(
-            f"{path}: the PLY format must be one of {', '.join(_ORDERS)}, got {order!r}."
-        )
-    return _ORDERS[order], elements
-
-
-def _vertices(path, file, order, elements) -> np.ndarray:
-    for name, count, properties in elements:
-        if name == "vertex":
-            if any(length for _, _, length in properties):
-                raise CaptureError(f"{path}: element vertex must not have list properties.")
-            kinds = np.dtype([(name, (order or "<") + kind) for name, kind, _ in properties])
-            read = _ascii_table if order is None else _binary_table
-            return read(path, file, kinds, count)
-        _skip(path, file, order, count, properties)
-    raise CaptureError(f"{path}: the PLY file must have an element vertex, got none.")
-
-
-def _binary_table(path, file, kinds, count):
-    data = file.read(count * kinds.itemsize)
-    if len(data) < count * kinds.itemsize:
-        raise _truncated(path, len(data) // max(kinds.itemsize, 1), count)
-    return np.frombuffer(data, kinds, count)
-
-
-def _ascii_table(path, file, kinds, count):
-    table = np.empty(count, kinds)
-    for row in range(count):
-        words = file.readline().split()
-        if not words:
-            raise _truncated(path, row, count)
-        try:
-            if len(words) != len(kinds):
-                raise ValueError
-            table[row] = tuple(
-                int(word) if kinds[k].kind in "iu" else float(word) for k, word in enumerate(words)
-            )
-        except (ValueError, OverflowError):
-            raise CaptureError(
-                f"{path}: vertex {row} must hold the {len(kinds)} numbers of the header, "
-                f"got {b' '.join(words).decode('ascii', 'replace')!r}."
-            ) from None
-    return table
-
-
-def _skip(path, file, order, count, properties):
-    """Pass over an element that stands before the vertices."""
-    for row in range(count):
-        if order is None:
-            if not file.readline():
-                raise _truncated(path, row, count)
-            continue
-        for _, kind, length in properties:
-            times = 1
-            if length:
-                size = np.dtype(order + length)
-                raw = file.read(size.itemsize)
-                if len(raw) < size.itemsize:
-                    raise _truncated(path, row, count)
-                times = int(np.frombuffer(raw, size)[0])
-            file.seek(times * np.dtype(kind).itemsize, 1)
-
-
-def _truncated(path, got, count):
-    return CaptureError(
-        f"{path}: the PLY data must hold the {count} rows of the header, got {got}; "
-        "the file is truncated. Copy it again."
-    )

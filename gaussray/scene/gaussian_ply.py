@@ -11,15 +11,14 @@ Normals are dummies.
 
 import re
 import warnings
-from itertools import islice
 from pathlib import Path
-from typing import BinaryIO
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from gaussray.atomic import whole
+from gaussray.ply import read_vertices
 from gaussray.scene.gaussians import Gaussians
 
 
@@ -29,12 +28,6 @@ SCALE, QUAT = ("scale_0", "scale_1", "scale_2"), ("rot_0", "rot_1", "rot_2", "ro
 # Numbers of f_rest for the harmonics of degree 0 to 3.
 RESTS = (0, 9, 24, 45)
 
-_KINDS = {
-    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
-    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
-    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
-}
-_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _FLOAT = np.finfo(np.float32)
 # A rounding step above what JAX takes for 0, and below 1.
 _ABOVE_ZERO, _BELOW_ONE = 2 * _FLOAT.tiny, 1 - _FLOAT.epsneg
@@ -50,7 +43,9 @@ def read_gaussians(path: Path | str) -> Gaussians:
     of degree 0 to 3, if data are missing, or if no Gaussian is left.
     """
     path = Path(path)
-    table = _read_table(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: no such file. Name the PLY file of a model.")
+    table = read_vertices(path)
     rest = _rest_names(path, table.dtype.names or ())
     mean = _columns(table, MEAN, np.float32)
     quat = _unit(_columns(table, QUAT))
@@ -184,99 +179,3 @@ def _rest_names(path: Path, names: tuple[str, ...]) -> tuple[str, ...]:
             f"{missing[0]}. Export the model again."
         )
     return rest
-
-
-def _read_table(path: Path) -> np.ndarray:
-    """The vertices, one record each."""
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file. Name the PLY file of a model.")
-    with path.open("rb") as file:
-        order, elements = _header(path, file)
-        for name, count, kinds in elements:
-            read = _binary if order else _ascii
-            try:
-                kind = np.dtype([(key, (order or "<") + code) for key, code in kinds])
-            except ValueError as error:
-                raise ValueError(f"{path}: element {name} is malformed: {error}.") from None
-            table = read(path, file, kind, count)
-            if name == "vertex":
-                return table
-    raise ValueError(f"{path}: the PLY file must have an element vertex, got none.")
-
-
-def _header(path: Path, file: BinaryIO) -> tuple[str, list[tuple[str, int, list]]]:
-    """Byte order ('' for ASCII) and the elements up to the vertices: name, rows, properties."""
-    if file.readline(64).strip() != b"ply":
-        raise ValueError(f"{path}: is not a PLY file, which begins with the line 'ply'.")
-    order, elements = None, []
-    while raw := file.readline(4096):
-        words = raw.decode("ascii", "replace").split()
-        try:
-            match words:
-                case ["end_header"]:
-                    break
-                case ["format", name, _]:
-                    order = _ORDERS[name]
-                case ["element", name, count] if count.isdigit():
-                    elements.append((name, int(count), []))
-                case ["property", kind, name]:
-                    elements[-1][2].append((name, _KINDS[kind]))
-                case ["property", "list", *_] if _after_vertices(elements):
-                    pass
-                case [] | ["comment" | "obj_info", *_]:
-                    pass
-                case _:
-                    raise ValueError
-        except (ValueError, KeyError, IndexError):
-            raise ValueError(
-                f"{path}: the PLY header has a line that no Gaussian model has: {' '.join(words)!r}"
-                ". Export the model again."
-            ) from None
-    else:
-        raise ValueError(f"{path}: the PLY header is truncated: no 'end_header'. Copy it again.")
-    if order is None:
-        raise ValueError(f"{path}: the PLY header must have a line 'format', got none.")
-    return order, elements
-
-
-def _after_vertices(elements: list[tuple[str, int, list]]) -> bool:
-    """Whether the element at hand, such as faces made of lists, is never read."""
-    return "vertex" in [name for name, _, _ in elements[:-1]]
-
-
-def _binary(path: Path, file: BinaryIO, kind: np.dtype, count: int) -> np.ndarray:
-    here = file.tell()
-    left = (file.seek(0, 2) - here) // max(kind.itemsize, 1)
-    file.seek(here)
-    if left < count:
-        raise _truncated(path, left, count)
-    return np.frombuffer(file.read(count * kind.itemsize), kind, count)
-
-
-def _ascii(path: Path, file: BinaryIO, kind: np.dtype, count: int) -> np.ndarray:
-    lines = list(islice(file, count))
-    if len(lines) < count:
-        raise _truncated(path, len(lines), count)
-    table, names = np.empty(count, kind), kind.names or ()
-    if not count:
-        return table
-    try:
-        numbers = np.loadtxt(lines, np.float64, comments=None, ndmin=2, encoding="ascii")
-        if numbers.shape != (count, len(names)):
-            raise ValueError(f"{numbers.shape[0]} rows of {numbers.shape[1]}")
-    except ValueError as error:
-        raise ValueError(
-            f"{path}: the PLY data must be {count} rows of {len(names)} numbers, got other "
-            f"text ({error}). Export the model again."
-        ) from None
-    with np.errstate(over="ignore", invalid="ignore"):
-        for i, name in enumerate(names):
-            table[name] = numbers[:, i]
-    return table
-
-
-def _truncated(path: Path, got: int, count: int) -> ValueError:
-    return ValueError(
-        f"{path}: the PLY data must hold the {count} rows of the header, got {got}; the file is "
-        "truncated. Copy it again."
-    )

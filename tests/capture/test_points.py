@@ -126,30 +126,14 @@ def test_truncated_data_says_how_many_rows_there_are(tmp_path, form):
         read_points(path)
 
 
-@pytest.mark.parametrize(
-    ("header", "says"),
-    [
-        (b"plx\n", "must begin with the line 'ply'"),
-        (b"ply\nformat ascii 1.0\nelement vertex 3\n", "must end with 'end_header'"),
-        (b"ply\nformat zip 1.0\nend_header\n", "must be one of ascii, .*got 'zip'"),
-        (b"ply\nformat ascii 1.0\nend_header\n", "must have an element vertex"),
-        (
-            b"ply\nformat ascii 1.0\nelement vertex three\nend_header\n",
-            "line: 'element vertex three'",
-        ),
-        (b"ply\nproperty float x\nend_header\n", "malformed line: 'property float x'"),
-        (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty quad x\nend_header\n", "quad x"),
-        (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", "no y"),
-        (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\nabc\n", "'abc'"),
-        (
-            b"ply\nformat ascii 1.0\nelement vertex 1\nproperty list uchar int x\nend_header\n",
-            "must not have list properties",
-        ),
-    ],
-)
-def test_a_malformed_file_says_what_is_wrong(tmp_path, header, says):
-    (tmp_path / "bad.ply").write_bytes(header)
-    with pytest.raises(CaptureError, match=f"bad.ply: .*{says}"):
+def test_a_malformed_file_is_an_error_of_the_capture(tmp_path):
+    (tmp_path / "bad.ply").write_bytes(
+        b"ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n"
+    )
+    with pytest.raises(CaptureError, match="bad.ply: .*no y"):
+        read_points(tmp_path / "bad.ply")
+    (tmp_path / "bad.ply").write_bytes(b"plx\n")
+    with pytest.raises(CaptureError, match="bad.ply: .*must begin with the line 'ply'"):
         read_points(tmp_path / "bad.ply")
 
 
