@@ -20,6 +20,8 @@ from gaussray.camera.lens import (
 from gaussray.camera.shutter import Shutter, global_shutter
 from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.capture.calibration import PINHOLE_FILE, View, read_views
+from gaussray.capture.formats import format_of
+from gaussray.capture.splits import read_splits
 from gaussray.dataset.manifest import FrameRecord
 
 
@@ -257,7 +259,11 @@ def cameras_of(scene: Path | str, cameras: Path | str | None) -> list[View]:
     """The views of a capture, or those noted beside a reconstructed scene (cameras.json)."""
     if cameras is not None:
         folder = Path(cameras)
-        return read_views(folder / PINHOLE_FILE if folder.is_dir() else folder)
+        if not folder.is_dir():
+            return read_views(folder)
+        if format_of(folder) == "splits":
+            return read_splits(folder).views
+        return read_views(folder / PINHOLE_FILE)
     path = Path(scene)
     path = (path if path.is_dir() else path.parent) / "cameras.json"
     if not path.is_file():

@@ -1,5 +1,7 @@
 """Every option of the rig exchanges what it names and nothing else."""
 
+import json
+
 import numpy as np
 import pytest
 import toy
@@ -7,6 +9,7 @@ import toy
 from gaussray import rig
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
 from gaussray.capture.calibration import read_views
+from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 
 
@@ -83,3 +86,15 @@ def test_pictures_are_png_or_exr(views):
     assert all(record.file_path.endswith(".exr") for record in records)
     with pytest.raises(ValueError, match="format must be png .* or exr .*, got 'jpg'"):
         rig.rig(views, options=rig.RigOptions(), samples=1, format="jpg")
+
+
+def test_cameras_of_a_capture_in_splits(tmp_path):
+    pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]
+    for split in ("train", "test"):
+        write_image(tmp_path / split / "r_0.png", np.full((12, 16, 3), 0.5))
+        frame = {"file_path": f"./{split}/r_0", "time": 0.5, "transform_matrix": pose}
+        content = {"camera_angle_x": 0.8, "frames": [frame]}
+        (tmp_path / f"transforms_{split}.json").write_text(json.dumps(content))
+    views = rig.cameras_of(tmp_path / "none", tmp_path)
+    assert [view.split for view in views] == ["train", "test"]
+    assert (views[0].width, views[0].height, views[0].time) == (16, 12, 0.5)
