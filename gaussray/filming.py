@@ -146,7 +146,7 @@ class _Videos:
 def _claim(out: Path, scene: Scene, records: Sequence[FrameRecord], options, trace) -> None:
     """Note in `out` what its pictures are made of, unless another note is there already."""
     digest = hashlib.sha256()
-    for leaf in jax.tree.leaves((scene, [record.camera for record in records])):
+    for leaf in jax.tree.leaves(jax.device_get((scene, [record.camera for record in records]))):
         digest.update(np.asarray(leaf).tobytes())
     files = [record.file_path for record in records]
     static = [jax.tree.structure(record.camera) for record in records]

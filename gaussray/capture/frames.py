@@ -23,7 +23,8 @@ _PNG_END = b"IEND\xaeB`\x82"
 
 @runtime_checkable
 class Picture(Protocol):
-    """What is read from a view: where its picture lies, and how large it has to be."""
+    """What is read from a view: where its picture lies, how large it has to be, and what is behind
+    it (one of BACKGROUNDS)."""
 
     @property
     def image(self) -> Path: ...
@@ -33,6 +34,8 @@ class Picture(Protocol):
     def height(self) -> int: ...
     @property
     def color_space(self) -> str: ...
+    @property
+    def background(self) -> str: ...
 
 
 def read_image(
@@ -55,12 +58,8 @@ def read_image(
 
 
 def read_encoded(view: Picture) -> np.ndarray:
-    """sRGB values [h, w, 3] of a view: the bytes of an 8-bit sRGB file, else float32 (0..1).
-
-    A view may also have a `background`, one of BACKGROUNDS (see `read_stored`).
-    """
-    background = getattr(view, "background", "none")
-    stored = read_stored(view.image, view.width, view.height, background)
+    """sRGB values [h, w, 3] of a view: the bytes of an 8-bit sRGB file, else float32 (0..1)."""
+    stored = read_stored(view.image, view.width, view.height, view.background)
     integers = np.issubdtype(stored.dtype, np.integer)
     if integers and _checked(view.color_space) == "srgb":
         if stored.dtype == np.uint8:

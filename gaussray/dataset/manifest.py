@@ -52,10 +52,8 @@ def write_manifest(
     path = Path(path)
     if not views:
         raise ValueError(f"{path}: a manifest must list at least one frame, got none.")
-    # On the host, whatever the default device is: these are few numbers, and many small steps.
-    with jax.default_device(jax.local_devices(backend="cpu")[0]):
-        cameras = jax.device_get([view.camera for view in views])
-        frames = [_frame(*pair) for pair in zip(views, cameras, strict=True)]
+    cameras = jax.device_get([view.camera for view in views])
+    frames = [_frame(*pair) for pair in zip(views, cameras, strict=True)]
     first = frames[0]
     shared = {
         key: value
@@ -163,13 +161,17 @@ def _shutter(shutter):
 def _trajectory(trajectory):
     if trajectory.time.shape[0] == 1:
         return None
-    rotations = np.asarray(rotation_matrix(jnp.asarray(trajectory.quat)))
-    matrices = [_matrix(*pose) for pose in zip(rotations, trajectory.translation, strict=True)]
+    poses = zip(_rotations(jnp.asarray(trajectory.quat)), trajectory.translation, strict=True)
+    matrices = [_matrix(*pose) for pose in poses]
     times = _plain(trajectory.time)
     return [
         {"time": time, "transform_matrix": matrix}
         for time, matrix in zip(times, matrices, strict=True)
     ]
+
+
+# Compiled: step by step these few numbers would take a GPU milliseconds for each frame.
+_rotations = jax.jit(rotation_matrix)
 
 
 @jax.jit

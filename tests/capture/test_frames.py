@@ -25,6 +25,7 @@ class Picture:
     width: int
     height: int
     color_space: str = "srgb"
+    background: str = "none"
 
 
 def write(path, pixels):

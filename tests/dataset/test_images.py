@@ -25,6 +25,7 @@ class Picture:
     width: int
     height: int
     color_space: str = "srgb"
+    background: str = "none"
 
 
 ALL_CODES = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=-1)
