@@ -1,19 +1,21 @@
 """Candidates to pixels on a CUDA device: what grid, traverse and march do, in three kernels.
 
 `gather` gives every 16 x 16 pixels one list of what they may meet, in the order of the least
-distance, and `sift` marks which of their warps may meet it: those of the
-columns and rows of pixels that do. In `forward` a warp takes eight
-neighbouring rays through the list, four lanes to a ray: the lanes share the entries among them and
-each keeps its nearest pending hits in registers. A hit is blended once nothing further down the
-list can be nearer, so the order is exact, and the walk ends where the rays are spent. Hits without
-room wait for another pass: k is a matter of speed alone. Hits at equal distance are taken in the
-order of their Gaussians. `backward` walks again and adds up the gradients as it goes, in no fixed
-order: they differ by rounding from run to run.
+distance, and `sift` marks which of their warps may meet it: those where a column and a row of
+pixels cross that both do. In `forward` a warp takes eight neighbouring rays through the list, four
+lanes to a ray: the lanes share the entries among them and each keeps its nearest pending hits in
+registers. Hits are blended once nothing further down the list can be nearer, so the order is exact,
+and the walk ends where the rays are spent. Hits without room wait for another pass: k is a matter
+of speed alone. Hits at equal distance are taken in the order of their Gaussians. `backward` walks
+again and adds up the gradients as it goes, in no fixed order: they differ by rounding from run to
+run.
 
 What was measured on the way (H200, 512 x 512, room of 200,000, the march alone): a ray to a lane
 2.2 ms, bound by the longest walk; entries met first, hits sorted in afterwards 1.1; four lanes to a
-ray 0.64; lists for 16 x 16 pixels instead of 32 x 32, with a bit for every warp 0.45. What is
-wanted by one warp alone decides: 2,000 small discs before 32 pixels, where the mean is a hundred.
+ray 0.64; lists for 16 x 16 pixels instead of 32 x 32, with a bit for every warp 0.45. With 16
+samples of a lens: the lanes of a ray blending what they hold together, colours read 16 bytes at a
+time and words of bits instead of a mask for each entry, 9.2 to 6.7 ms; columns and rows tested
+instead of warps, 1.2 to 0.37 ms for `sift`. What is wanted by one warp alone decides: 2,000 small discs before 32 pixels, where the mean is a hundred.
 
 Why CUDA C++ through NVRTC and XLA's PTX call. Pallas' Triton lowering says itself that it will be
 removed; its tensor programs cannot end one ray's work while others go on, and a prototype of this
