@@ -15,7 +15,8 @@ What was measured on the way (H200, 512 x 512, room of 200,000, the march alone)
 ray 0.64; lists for 16 x 16 pixels instead of 32 x 32, with a bit for every warp 0.45. With 16
 samples of a lens: the lanes of a ray blending what they hold together, colours read 16 bytes at a
 time and words of bits instead of a mask for each entry, 9.2 to 6.7 ms; columns and rows tested
-instead of warps, 1.2 to 0.37 ms for `sift`. What is wanted by one warp alone decides: 2,000 small discs before 32 pixels, where the mean is a hundred.
+instead of warps, 1.2 to 0.37 ms for `sift`. What is wanted by one warp alone decides: 2,000 small
+discs before 32 pixels, where the mean is a hundred.
 
 Why CUDA C++ through NVRTC and XLA's PTX call. Pallas' Triton lowering says itself that it will be
 removed; its tensor programs cannot end one ray's work while others go on, and a prototype of this
