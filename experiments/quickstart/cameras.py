@@ -1,12 +1,12 @@
-"""The cameras: where they stand, and what Blender must be told for each optical effect."""
+"""The cameras: where they stand, and the blocks of each optical effect."""
 
 import math
 
-import bpy
 import numpy as np
 
+from experiments.blender.effects import SENSOR_MM, row_times
 
-SENSOR_MM = 36.0
+
 FOV = math.radians(65)  # pinhole, horizontal
 LENS_MM = SENSOR_MM / (2 * math.tan(FOV / 2))
 LOOK_AT = (0.0, 0.0, 1.0)
@@ -70,20 +70,6 @@ def intrinsics(size):
     return {"w": size, "h": size, "fl_x": focal, "fl_y": focal, "cx": size / 2, "cy": size / 2}
 
 
-def shutter(size, frames):
-    """Row times of Blender's rolling shutter, in units of the whole clip.
-
-    Row i, from the top, sees frame F + READOUT ((i + 1) / size - 1/2): position CENTER, duration 0.
-    """
-    clip = frames - 1
-    return {
-        "row_offset": READOUT * (1 / size - 0.5) / clip,
-        "row_step": READOUT / size / clip,
-        "exposure": 0.0,
-        "direction": "top_to_bottom",
-    }
-
-
 def effects(size, frames, count=8):
     """Name -> (blocks of its file, frames rendered). Every row time lies inside the clip."""
     every = list(range(0, frames, 2))
@@ -92,37 +78,5 @@ def effects(size, frames, count=8):
     return {
         "fisheye": ({"lens": LENS}, every),
         "depth_of_field": ({"aperture": APERTURE}, every),
-        "rolling_shutter": ({"shutter": shutter(size, frames)}, inside),
+        "rolling_shutter": ({"shutter": row_times(size, frames, READOUT)}, inside),
     }
-
-
-def new_camera():
-    camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
-    bpy.context.collection.objects.link(camera)
-    bpy.context.scene.camera = camera
-    data = camera.data
-    data.sensor_fit, data.sensor_width, data.lens = "HORIZONTAL", SENSOR_MM, LENS_MM
-    data.clip_start = 0.01
-    return camera
-
-
-def configure(scene, camera, effect, moving):
-    """Set the camera to one effect; None is the pinhole."""
-    data = camera.data
-    data.type = "PANO" if effect == "fisheye" else "PERSP"
-    if effect == "fisheye":
-        data.panorama_type, data.fisheye_fov = "FISHEYE_LENS_POLYNOMIAL", LENS["fov"]
-        for k, value in enumerate(LENS["k"]):
-            setattr(data, f"fisheye_polynomial_k{k}", value)
-    data.dof.use_dof = effect == "depth_of_field"
-    data.dof.focus_distance = APERTURE["focus_distance"]
-    data.dof.aperture_fstop = LENS_MM * 1e-3 / (2 * APERTURE["radius"])
-    data.dof.aperture_blades = APERTURE["blades"]
-    scene.cycles.denoising_prefilter = "ACCURATE" if effect == "depth_of_field" else "NONE"
-    scene.render.use_motion_blur = effect == "rolling_shutter"
-    scene.render.motion_blur_shutter = READOUT
-    scene.render.motion_blur_position = "CENTER"
-    scene.cycles.rolling_shutter_type = "TOP"
-    scene.cycles.rolling_shutter_duration = 0.0
-    for thing in moving:
-        thing.cycles.motion_steps = 7

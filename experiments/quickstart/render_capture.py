@@ -1,35 +1,28 @@
 """Render the sample capture: thrown objects in a room, seen by pinhole and by real cameras.
 
-    python experiments/quickstart/render_capture.py --out DIR
-    python experiments/quickstart/render_capture.py --out DIR --check
+    python -m experiments.quickstart.render_capture --out DIR
+    python -m experiments.quickstart.render_capture --out DIR --check
 
 Needs nothing but Blender as a Python module, `bpy` 4.5, and its numpy. If stopped, it resumes.
 """
 
 import argparse
-import contextlib
 import json
-import os
 import sys
 import time
-import zlib
 from pathlib import Path
 from typing import NamedTuple
 
-import bpy
-import cameras
-import motion
 import numpy as np
-import points
-import room
+
+from experiments.blender import effects, physics, points
+from experiments.blender.session import quality, read, render
+from experiments.quickstart import cameras, room
 
 
-# The wheel of bpy carries OpenImageIO in a folder of its own.
-for folder in Path(bpy.utils.resource_path("LOCAL")).glob("python/lib/python3*/site-packages"):
-    sys.path.append(str(folder))
-import OpenImageIO as oiio  # noqa: E402
-
-
+FPS = 20
+MARGIN = 2  # frames simulated before the first and after the last
+TOTAL, PER_BODY = 12000, 700  # starting points, and those on each moving object
 KIND = {"train": "jpg", "test": "png"}  # what is scored stays lossless
 MOVING = 0.1  # a pixel moves if a channel is this far from its camera's temporal median
 
@@ -38,7 +31,7 @@ class Image(NamedTuple):
     """One image to render, and what its JSON file says of it."""
 
     path: str
-    effect: str | None
+    blocks: dict
     frame: int
     camera: str
     split: str
@@ -84,7 +77,7 @@ def plan(args):
         "color_space": "srgb",
     }
     pinhole = [
-        Image(f"images/{name}/{frame:04d}.{KIND[split]}", None, frame, name, split, pose)
+        Image(f"images/{name}/{frame:04d}.{KIND[split]}", {}, frame, name, split, pose)
         for name, split, pose in rig
         for frame in range(args.frames)
     ]
@@ -98,7 +91,7 @@ def plan(args):
     }
     for effect, (blocks, frames) in cameras.effects(args.size, args.frames).items():
         made = [
-            Image(f"{effect}/{name}/{frame:04d}.png", effect, frame, name, split, pose)
+            Image(f"{effect}/{name}/{frame:04d}.png", blocks, frame, name, split, pose)
             for name, split, pose in rig
             if split == "test"
             for frame in frames
@@ -134,13 +127,16 @@ def write_json(path, content):
 
 def render_all(args, images):
     fixed, moving = room.build()
-    motion.bake(fixed, moving, room.BODIES, args.frames)
-    camera = cameras.new_camera()
-    quality(args)
+    thrown = [room.thrown(*pair) for pair in zip(moving, room.BODIES, strict=True)]
+    physics.bake(fixed, thrown, args.frames, fps=FPS, margin=MARGIN)
+    camera = effects.new_camera(cameras.LENS_MM)
+    quality(args.size, args.size, args.samples)
     missing = [image for image in images if not (args.out / image.path).exists()]
     started = time.monotonic()
     for done, image in enumerate(missing):
-        render(args, image, camera, moving)
+        effects.configure(camera, image.blocks, cameras.READOUT, moving)
+        camera.matrix_world = image.pose.T.tolist()
+        render(args.out / image.path, image.frame, f"{args.seed} {image.path}")
         passed = time.monotonic() - started
         left = passed / (done + 1) * (len(missing) - done - 1)
         progress = f"{done + 1}/{len(missing)} {image.path}"
@@ -150,92 +146,12 @@ def render_all(args, images):
         views = [
             (image.pose, read(args.out / image.path))
             for image in images
-            if image.effect is None and image.frame == 0 and image.split == "train"
+            if not image.blocks and image.frame == 0 and image.split == "train"
         ]
         focal = cameras.intrinsics(args.size)["fl_x"]
         rng = np.random.default_rng(args.seed)
-        points.write_ply(start, *points.sample(fixed, moving, views, focal, rng))
-
-
-def quality(args):
-    scene = bpy.context.scene
-    scene.render.engine = "CYCLES"
-    scene.render.resolution_x = scene.render.resolution_y = args.size
-    scene.render.resolution_percentage = 100
-    scene.render.use_persistent_data = False  # else Cycles ignores a change of motion_steps
-    scene.render.dither_intensity = 0.0
-    scene.render.use_file_extension = False
-    scene.render.image_settings.file_format = "PNG"
-    scene.render.image_settings.color_mode = "RGB"
-    scene.render.image_settings.compression = 100
-    for stamp in [key for key in dir(scene.render) if key.startswith("use_stamp")]:
-        setattr(scene.render, stamp, False)  # no dates or paths in the files
-    scene.view_settings.view_transform = "Standard"
-    scene.cycles.device = "CPU"
-    scene.cycles.samples = args.samples
-    scene.cycles.use_adaptive_sampling = False
-    scene.cycles.use_light_tree = False
-    scene.cycles.max_bounces = scene.cycles.diffuse_bounces = 4
-    scene.cycles.use_denoising = True
-    scene.cycles.denoiser = "OPENIMAGEDENOISE"
-
-
-def render(args, image, camera, moving):
-    """Render to a temporary name, so that a file which exists is complete."""
-    scene = bpy.context.scene
-    cameras.configure(scene, camera, image.effect, moving)
-    camera.matrix_world = image.pose.T.tolist()
-    scene.cycles.seed = zlib.crc32(f"{args.seed} {image.path}".encode()) >> 1
-    scene.frame_set(image.frame)
-    path = args.out / image.path
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".part")
-    scene.render.filepath = str(partial.resolve())
-    with silence():
-        bpy.ops.render.render(write_still=True)
-    store(partial, path.suffix)
-    partial.replace(path)
-
-
-def store(path, suffix):
-    """Rewrite Blender's PNG in place: no render times in it, and JPEG with full chroma."""
-    array = oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)
-    height, width, channels = array.shape
-    spec = oiio.ImageSpec(width, height, channels, oiio.UINT8)
-    if suffix == ".jpg":
-        spec.attribute("Compression", "jpeg:95")
-        spec.attribute("jpeg:subsampling", "4:4:4")
-    else:
-        spec.attribute("png:compressionLevel", 9)
-    made = oiio.ImageBuf(spec)
-    made.set_pixels(oiio.ROI(0, width, 0, height, 0, 1, 0, channels), array)
-    if not made.write(str(path), oiio.UINT8, "jpeg" if suffix == ".jpg" else "png"):
-        raise OSError(f"{path}: {made.geterror()}")
-
-
-@contextlib.contextmanager
-def silence():
-    """Keep Blender's own lines off the screen."""
-    sys.stdout.flush()
-    screen = os.dup(1)
-    with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
-    try:
-        yield
-    finally:
-        os.dup2(screen, 1)
-        os.close(screen)
-
-
-def read(path):
-    """sRGB values in 0..1, top row first."""
-    image = bpy.data.images.load(str(path.resolve()))
-    width, height = image.size
-    flat = np.empty(width * height * image.channels, np.float32)
-    image.pixels.foreach_get(flat)
-    pixels = flat.reshape(height, width, image.channels)[::-1, :, :3].copy()
-    bpy.data.images.remove(image)
-    return pixels
+        found = points.sample(fixed, moving, views, focal, rng, total=TOTAL, per_body=PER_BODY)
+        points.write_ply(start, *found)
 
 
 def verify(out):

@@ -6,20 +6,17 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 
-PER_BODY = 700
-TOTAL = 12000
-
-
-def sample(fixed, moving, views, focal, rng):
-    """(points, colours), uniform by area: PER_BODY on each moving object, the rest on fixed ones.
+def sample(fixed, moving, views, focal, rng, *, total, per_body):
+    """(points, colours), uniform by area: `per_body` on each moving object, the rest of `total` on
+    fixed ones.
 
     `views` are (world_from_camera, image) of the first frame; a point that none sees is dropped.
     """
     bpy.context.scene.frame_set(0)
     meshes = {thing.name: world_triangles(thing) for thing in fixed + moving}
     solid = BVHTree.FromPolygons(*soup(meshes.values()))
-    groups = [([meshes[thing.name]], PER_BODY) for thing in moving]
-    groups.append(([meshes[thing.name] for thing in fixed], TOTAL - PER_BODY * len(moving)))
+    groups = [([meshes[thing.name]], per_body) for thing in moving]
+    groups.append(([meshes[thing.name] for thing in fixed], total - per_body * len(moving)))
     found = [seen(group, count, solid, views, focal, rng) for group, count in groups]
     return tuple(np.concatenate(column) for column in zip(*found, strict=True))
 
