@@ -13,8 +13,8 @@ MOSS = ["#56713f", "#8da35f", "#cdd3a2", "#3f5636"]
 TOYS = ["#d33f3a", "#f0c541", "#2f6db5", "#e9e2cf", "#3c9a5f", "#e8833a"]
 
 
-def material(name, pattern):
-    """Matte paint: the pattern under a soft mottling."""
+def material(name, pattern, shine=0.0, roughness=0.15):
+    """Paint: the pattern under a soft mottling; `shine` of the light is mirrored, 0 is matte."""
     made = bpy.data.materials.new(name)
     made.use_nodes = True
     tree = made.node_tree
@@ -30,7 +30,12 @@ def material(name, pattern):
         operation="SCALE",
     )
     matte = node(tree, "ShaderNodeBsdfDiffuse", {"Color": paint.outputs["Vector"]})
-    node(tree, "ShaderNodeOutputMaterial", {"Surface": matte.outputs["BSDF"]})
+    surface = matte.outputs["BSDF"]
+    if shine:
+        mirror = node(tree, "ShaderNodeBsdfGlossy", {"Roughness": roughness})
+        both = {"Fac": shine, 1: surface, 2: mirror.outputs["BSDF"]}
+        surface = node(tree, "ShaderNodeMixShader", both).outputs["Shader"]
+    node(tree, "ShaderNodeOutputMaterial", {"Surface": surface})
     return made
 
 

@@ -8,26 +8,72 @@ from mathutils import Vector
 from experiments.blender.paint import material
 
 
-def add(name, vertices, faces, position, rotation, pattern):
+def add(name, vertices, faces, position, rotation, pattern, *, smooth=False, **finish):
+    """A mesh object in its paint; `finish` is what `paint.material` takes beside the pattern."""
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(vertices, [], faces)
-    mesh.materials.append(material(name, pattern))
+    mesh.materials.append(material(name, pattern, **finish))
+    mesh.polygons.foreach_set("use_smooth", [smooth] * len(mesh.polygons))
     made = bpy.data.objects.new(name, mesh)
     made.location, made.rotation_euler = position, rotation
     bpy.context.collection.objects.link(made)
     return made
 
 
-def plane(name, size, position, rotation, pattern):
+def plane(name, size, position, rotation, pattern, **finish):
     x, y = size[0] / 2, size[1] / 2
     corners = [(-x, -y, 0), (x, -y, 0), (x, y, 0), (-x, y, 0)]
-    return add(name, corners, [(0, 1, 2, 3)], position, rotation, pattern)
+    return add(name, corners, [(0, 1, 2, 3)], position, rotation, pattern, **finish)
 
 
 def box(size):
     x, y, z = (side / 2 for side in size)
     corners = [(i * x, j * y, k * z) for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+    return corners, faces
+
+
+def lathe(profile, sectors=32):
+    """A surface of revolution about z of the (radius, height) points, lowest first; ends at radius
+    0 are closed."""
+    corners, faces, rings = [], [], []
+    for radius, height in profile:
+        count = sectors if radius > 0 else 1
+        rings.append(list(range(len(corners), len(corners) + count)))
+        for k in range(count):
+            turn = 2 * math.pi * k / sectors
+            corners.append((radius * math.cos(turn), radius * math.sin(turn), height))
+    for low, high in zip(rings, rings[1:], strict=False):
+        for k in range(sectors):
+            n = (k + 1) % sectors
+            if len(low) == 1 and len(high) > 1:
+                faces.append((low[0], high[n], high[k]))
+            elif len(high) == 1 and len(low) > 1:
+                faces.append((low[k], low[n], high[0]))
+            elif len(low) > 1:
+                faces.append((low[k], low[n], high[n], high[k]))
+    return corners, faces
+
+
+def cylinder(radius, height, sectors=32):
+    """Closed, about z, centred."""
+    low, high = -height / 2, height / 2
+    return lathe([(0, low), (radius, low), (radius, high), (0, high)], sectors)
+
+
+def ring(radius, thickness, sectors=48, sides=12):
+    """A torus about z: `radius` to the middle of the tube, which is `thickness` in radius."""
+    corners, faces = [], []
+    for k in range(sectors):
+        turn = 2 * math.pi * k / sectors
+        for j in range(sides):
+            roll = 2 * math.pi * j / sides
+            out = radius + thickness * math.cos(roll)
+            up = thickness * math.sin(roll)
+            corners.append((out * math.cos(turn), out * math.sin(turn), up))
+            a, b = k * sides, (k + 1) % sectors * sides
+            n = (j + 1) % sides
+            faces.append((a + j, b + j, b + n, a + n))
     return corners, faces
 
 
@@ -55,3 +101,22 @@ def lamp(name, power, position, rotation, colour, side=1.6):
     lit = bpy.data.objects.new(name, data)
     lit.location, lit.rotation_euler, lit.visible_camera = position, rotation, False
     bpy.context.collection.objects.link(lit)
+
+
+def pivot(name, position, parent=None):
+    """An invisible point that others hang on."""
+    made = bpy.data.objects.new(name, None)
+    made.location, made.parent = position, parent
+    bpy.context.collection.objects.link(made)
+    return made
+
+
+def animate(thing, path, keys, interpolation="BEZIER"):
+    """Key a property: frame -> value."""
+    for frame, value in keys.items():
+        setattr(thing, path, value)
+        thing.keyframe_insert(path, frame=frame)
+    for curve in thing.animation_data.action.fcurves:
+        if curve.data_path == path:
+            for point in curve.keyframe_points:
+                point.interpolation = interpolation
