@@ -6,18 +6,19 @@ from mathutils import Vector
 from mathutils.bvhtree import BVHTree
 
 
-def sample(fixed, moving, views, focal, rng, *, total, per_body):
-    """(points, colours), uniform by area: `per_body` on each moving object, the rest of `total` on
-    fixed ones.
+def sample(groups, views, focal, rng):
+    """(points, colours) of groups of objects, uniform by area: [(objects, number of points), ...].
 
     `views` are (world_from_camera, image) of the first frame; a point that none sees is dropped.
     """
     bpy.context.scene.frame_set(0)
-    meshes = {thing.name: world_triangles(thing) for thing in fixed + moving}
+    things = {thing.name: thing for some, _ in groups for thing in some}
+    meshes = {name: world_triangles(thing) for name, thing in things.items()}
     solid = BVHTree.FromPolygons(*soup(meshes.values()))
-    groups = [([meshes[thing.name]], per_body) for thing in moving]
-    groups.append(([meshes[thing.name] for thing in fixed], total - per_body * len(moving)))
-    found = [seen(group, count, solid, views, focal, rng) for group, count in groups]
+    found = [
+        seen([meshes[thing.name] for thing in some], count, solid, views, focal, rng)
+        for some, count in groups
+    ]
     return tuple(np.concatenate(column) for column in zip(*found, strict=True))
 
 

@@ -72,6 +72,34 @@ def render(path, frame, label):
     partial.replace(path)
 
 
+def render_depth(path, frame):
+    """Depth along the optical axis at the pixels' middles, in whole millimetres of 16 bits; what is
+    farther than they reach, or empty, is 0."""
+    scene, layer = bpy.context.scene, bpy.context.view_layer
+    kept = scene.cycles.samples, scene.cycles.filter_width, scene.cycles.use_denoising
+    form = scene.render.image_settings
+    scene.cycles.samples, scene.cycles.filter_width, scene.cycles.use_denoising = 1, 0.01, False
+    layer.use_pass_z, form.file_format = True, "OPEN_EXR_MULTILAYER"
+    scene.frame_set(int(frame // 1), subframe=frame % 1)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    passes, partial = path.with_name(path.name + ".exr"), path.with_name(path.name + ".part")
+    scene.render.filepath = str(passes.resolve())
+    with silence():
+        bpy.ops.render.render(write_still=True)
+    layer.use_pass_z, form.file_format, form.color_mode = False, "PNG", "RGB"
+    scene.cycles.samples, scene.cycles.filter_width, scene.cycles.use_denoising = kept
+    buffer = oiio.ImageBuf(str(passes))
+    names = list(buffer.spec().channelnames)
+    z = buffer.get_pixels(oiio.FLOAT)[..., names.index(f"{layer.name}.Depth.Z")]
+    codes = np.where(z < 65.5, np.round(1000 * z), 0).astype(np.uint16)
+    made = oiio.ImageBuf(oiio.ImageSpec(codes.shape[1], codes.shape[0], 1, oiio.UINT16))
+    made.set_pixels(oiio.ROI(0, codes.shape[1], 0, codes.shape[0], 0, 1, 0, 1), codes[..., None])
+    if not made.write(str(partial), oiio.UINT16, "png"):
+        raise OSError(f"{path}: {made.geterror()}")
+    passes.unlink()
+    partial.replace(path)
+
+
 def store(path, suffix):
     """Rewrite Blender's PNG in place: no render times in it, and JPEG with full chroma."""
     array = oiio.ImageBuf(str(path)).get_pixels(oiio.UINT8)

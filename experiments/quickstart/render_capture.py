@@ -7,8 +7,6 @@ Needs nothing but Blender as a Python module, `bpy` 4.5, and its numpy. If stopp
 """
 
 import argparse
-import json
-import sys
 import time
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from experiments.blender import effects, physics, points
+from experiments.blender.checks import report, verify, write_json
 from experiments.blender.session import quality, read, render
 from experiments.quickstart import cameras, room
 
@@ -24,7 +23,6 @@ FPS = 20
 MARGIN = 2  # frames simulated before the first and after the last
 TOTAL, PER_BODY = 12000, 700  # starting points, and those on each moving object
 KIND = {"train": "jpg", "test": "png"}  # what is scored stays lossless
-MOVING = 0.1  # a pixel moves if a channel is this far from its camera's temporal median
 
 
 class Image(NamedTuple):
@@ -117,14 +115,6 @@ def listed(image, frames):
     }
 
 
-def write_json(path, content):
-    """Write once; a folder that holds another capture is refused, so that no two are mixed."""
-    text = json.dumps(content, indent=1) + "\n"
-    if path.exists() and path.read_text() != text:
-        sys.exit(f"{path} was written with other settings. Choose another --out, or remove it.")
-    path.write_text(text)
-
-
 def render_all(args, images):
     fixed, moving = room.build()
     thrown = [room.thrown(*pair) for pair in zip(moving, room.BODIES, strict=True)]
@@ -150,49 +140,9 @@ def render_all(args, images):
         ]
         focal = cameras.intrinsics(args.size)["fl_x"]
         rng = np.random.default_rng(args.seed)
-        found = points.sample(fixed, moving, views, focal, rng, total=TOTAL, per_body=PER_BODY)
-        points.write_ply(start, *found)
-
-
-def verify(out):
-    """Every listed file is there, and nothing half-written."""
-    listed_paths = ["points3d.ply"]
-    for file in sorted(out.glob("*.json")):
-        listed_paths += [frame["file_path"] for frame in json.loads(file.read_text())["frames"]]
-    absent = [path for path in listed_paths if not (out / path).is_file()]
-    if absent:
-        sys.exit(
-            f"{len(absent)} of {len(listed_paths)} files are missing, first {out / absent[0]}."
-        )
-    size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
-    print(f"{len(listed_paths)} files present, {size / 1e6:.2f} MB in all")
-
-
-def report(out):
-    """How well a still picture, the temporal median of each camera, explains the frames."""
-    views = {}
-    for frame in json.loads((out / "transforms.json").read_text())["frames"]:
-        videos = views.setdefault(frame["split"], {})
-        videos.setdefault(frame["camera"], []).append(read(out / frame["file_path"]))
-    print("temporal median against the frames, PSNR in dB:")
-    for split, videos in views.items():
-        whole, squared, share = zip(*map(still, videos.values()), strict=True)
-        print(
-            f"  {split:5s} whole image {np.mean(whole):.2f}, "
-            f"moving pixels {psnr(np.concatenate(squared)):.2f} ({np.mean(share):.1%} of the image)"
-        )
-
-
-def still(frames):
-    """Mean PSNR of the median picture, squared errors of the moving pixels, and their share."""
-    frames = np.stack(frames)
-    error = frames - np.median(frames, axis=0)
-    moves = np.abs(error).max(axis=-1) > MOVING
-    return np.mean([psnr(e**2) for e in error]), (error[moves] ** 2).ravel(), moves.mean()
-
-
-def psnr(squared):
-    return -10 * np.log10(np.mean(squared))
+        groups = [([thing], PER_BODY) for thing in moving]
+        groups.append((fixed, TOTAL - PER_BODY * len(moving)))
+        points.write_ply(start, *points.sample(groups, views, focal, rng))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,60 @@
+"""A capture that is whole, and how still it is."""
+
+import json
+import sys
+
+import numpy as np
+
+from experiments.blender.session import read
+
+
+MOVING = 0.1  # a pixel moves if a channel is this far from its camera's temporal median
+
+
+def write_json(path, content):
+    """Write once; a folder that holds another capture is refused, so that no two are mixed."""
+    text = json.dumps(content, indent=1) + "\n"
+    if path.exists() and path.read_text() != text:
+        sys.exit(f"{path} was written with other settings. Choose another --out, or remove it.")
+    path.write_text(text)
+
+
+def verify(out):
+    """Every listed file is there, and nothing half-written."""
+    listed_paths = ["points3d.ply"]
+    for file in sorted(out.glob("*.json")):
+        listed_paths += [frame["file_path"] for frame in json.loads(file.read_text())["frames"]]
+    absent = [path for path in listed_paths if not (out / path).is_file()]
+    if absent:
+        sys.exit(
+            f"{len(absent)} of {len(listed_paths)} files are missing, first {out / absent[0]}."
+        )
+    size = sum(path.stat().st_size for path in out.rglob("*") if path.is_file())
+    print(f"{len(listed_paths)} files present, {size / 1e6:.2f} MB in all")
+
+
+def report(out):
+    """How well a still picture, the temporal median of each camera, explains the frames."""
+    views = {}
+    for frame in json.loads((out / "transforms.json").read_text())["frames"]:
+        videos = views.setdefault(frame["split"], {})
+        videos.setdefault(frame["camera"], []).append(read(out / frame["file_path"]))
+    print("temporal median against the frames, PSNR in dB:")
+    for split, videos in views.items():
+        whole, squared, share = zip(*map(still, videos.values()), strict=True)
+        print(
+            f"  {split:5s} whole image {np.mean(whole):.2f}, "
+            f"moving pixels {psnr(np.concatenate(squared)):.2f} ({np.mean(share):.1%} of the image)"
+        )
+
+
+def still(frames):
+    """Mean PSNR of the median picture, squared errors of the moving pixels, and their share."""
+    frames = np.stack(frames)
+    error = frames - np.median(frames, axis=0)
+    moves = np.abs(error).max(axis=-1) > MOVING
+    return np.mean([psnr(e**2) for e in error]), (error[moves] ** 2).ravel(), moves.mean()
+
+
+def psnr(squared):
+    return -10 * np.log10(np.mean(squared))
