@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.capture.calibration import read_capture
+from gaussray.dataset.scores import table
 from gaussray.devices import leads
-from gaussray.evaluate import EvaluateOptions, evaluate, table, write_report
+from gaussray.evaluate import EvaluateOptions, evaluate, write_report
 from gaussray.reconstruct import ReconstructOptions, reconstruct
 from gaussray.render import RenderOptions
 from gaussray.tracer.trace import TraceOptions

@@ -19,6 +19,8 @@ from gaussray.capture.calibration import Capture, View
 from gaussray.capture.frames import read_encoded
 from gaussray.dataset.images import codes, contact_sheet, side_by_side, write_image
 from gaussray.dataset.metrics import moving_mask, psnr, ssim
+from gaussray.dataset.perceptual import perceptual_metrics
+from gaussray.dataset.scores import summary
 from gaussray.dataset.video import write_video
 from gaussray.devices import agreed, leads
 from gaussray.progress import Progress
@@ -73,9 +75,12 @@ def evaluate(
     """Render every listed frame with its recorded camera and score it.
 
     Returns what is also written to `out`/report.json: PSNR and SSIM per effect (means over
-    pictures), the same inside the lens's field of view, PSNR over moving pixels, frames per second
-    without compilation. Pictures side by side go to `out`/<effect>/. Of several hosts the first one
-    does all of it, on so many `devices` (None is all), and the others are told the report.
+    pictures), the same inside the lens's field of view, PSNR over moving pixels, FLIP and LPIPS
+    where their packages are installed, frames per second without compilation; under `parts` the
+    same for training views, held-out cameras and held-out times (of cameras that were learnt
+    from), if an effect has more than one of them. Pictures side by side go to `out`/<effect>/. Of
+    several hosts the first one does all of it, on so many `devices` (None is all), and the others
+    are told the report.
     """
     if not leads():
         return _told(None)
@@ -90,6 +95,8 @@ def evaluate(
         )
     progress = Progress("evaluate", sum(map(len, chosen.values())), quiet=quiet)
     report: dict[str, Any] = {"frames": 0, "effects": {}}
+    learnt = {view.camera_name for view in truth.views if view.split == "train"}
+    perceived = perceptual_metrics()
     sheet, done = [], 0
     for effect, views in chosen.items():
         samples = options.samples(effect)
@@ -101,7 +108,9 @@ def evaluate(
             frame = renderer(view.camera)
             ours, real = codes(frame.color), _codes(view)
             rows.append(_score(real, ours, _visible(view.camera), moving.get(view.image)))
+            rows[-1] |= {name: measure(real, ours) for name, measure in perceived.items()}
             rows[-1]["seconds"] = None if frame.compiled else frame.seconds
+            rows[-1]["part"] = _part(view, learnt)
             if options.images:
                 name = f"{view.camera_name}_{view.time:.4f}.png"
                 write_image(out / effect / name, side_by_side(real, ours))
@@ -112,7 +121,7 @@ def evaluate(
             progress.report(done, f"{effect} {np.mean([r['psnr'] for r in rows]):.2f} dB")
         for camera, film in films.items():
             write_video(out / effect / f"{camera}.mp4", film, fps=8)
-        report["effects"][effect] = _summary(rows, samples)
+        report["effects"][effect] = summary(rows, samples)
         report["frames"] += len(views)
     report["scene"] = scene_facts(scene)
     report["versions"] = versions()
@@ -192,22 +201,10 @@ def _score(real: np.ndarray, ours: np.ndarray, visible, moving) -> dict[str, Any
     return score
 
 
-def _summary(rows: list[dict[str, Any]], samples: int) -> dict[str, Any]:
-    """Means over the pictures; PSNR of moving pixels from their mean squared error."""
-    summary: dict[str, Any] = {}
-    for name in ("psnr", "ssim", "psnr_masked", "ssim_masked"):
-        values = [row[name] for row in rows if name in row]
-        if values:
-            mean = float(np.mean(values))
-            # Equal pictures have an infinite PSNR, for which JSON has no word.
-            summary[name] = round(mean, 4) if np.isfinite(mean) else None
-    error = [row["moving"] for row in rows if "moving" in row]
-    if error:
-        mse = sum(e for e, _ in error) / sum(n for _, n in error)
-        summary["psnr_moving"] = round(-10 * float(np.log10(mse)), 4) if mse else None
-    seconds = [row["seconds"] for row in rows if row["seconds"] is not None]
-    summary["fps"] = round(1 / float(np.median(seconds)), 2) if seconds else None
-    return summary | {"samples": samples, "frames": len(rows)}
+def _part(view: View, learnt: set[str]) -> str:
+    if view.split == "train":
+        return "train"
+    return "held_out_times" if view.camera_name in learnt else "held_out_cameras"
 
 
 def scene_facts(scene: Scene) -> dict[str, int]:
@@ -232,23 +229,3 @@ def write_report(path: Path, report: dict[str, Any]) -> None:
     """report.json, whole or not at all."""
     with whole(path) as partial:
         partial.write_text(json.dumps(report, indent=2) + "\n")
-
-
-def table(report: dict[str, Any]) -> str:
-    """The effects of a report as text."""
-    head = ("effect", "PSNR", "SSIM", "masked PSNR", "masked SSIM", "moving PSNR", "FPS", "frames")
-    lines = ["{:<16}{:>8}{:>8}{:>13}{:>13}{:>13}{:>8}{:>8}".format(*head)]
-    for name, row in report["effects"].items():
-        values = [
-            _figure(row.get(key), digits)
-            for key, digits in (
-                ("psnr", 2), ("ssim", 3), ("psnr_masked", 2), ("ssim_masked", 3),
-                ("psnr_moving", 2), ("fps", 1), ("frames", 0),
-            )
-        ]  # fmt: skip
-        lines.append("{:<16}{:>8}{:>8}{:>13}{:>13}{:>13}{:>8}{:>8}".format(name, *values))
-    return "\n".join(lines)
-
-
-def _figure(value: float | int | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
