@@ -32,12 +32,14 @@ from gaussray.tracer.trace import TraceOptions
 class EvaluateOptions(eqx.Module):
     """Which pictures are scored and how finely they are sampled.
 
-    `split` is train, test or all. At most `frames` pictures per effect, evenly spread (0 = all).
+    `split` is train, test or all; `effects` names those to score (none named = all). At most
+    `frames` pictures per effect, evenly spread (0 = all).
     Rays per pixel by effect: `pinhole`, `rolling_shutter`, `fisheye`, `depth_of_field`; other
     effects take `other`. `images` writes truth, ours and the difference side by side.
     """
 
     split: str = eqx.field(static=True, default="test")
+    effects: tuple[str, ...] = eqx.field(static=True, default=())
     frames: int = eqx.field(static=True, default=0)
     pinhole: int = eqx.field(static=True, default=1)
     rolling_shutter: int = eqx.field(static=True, default=1)
@@ -75,7 +77,8 @@ def evaluate(
     """Render every listed frame with its recorded camera and score it.
 
     Returns what is also written to `out`/report.json: PSNR and SSIM per effect (means over
-    pictures), the same inside the lens's field of view, PSNR over moving pixels, FLIP and LPIPS
+    pictures), the same inside the lens's field of view (`masked`) and inside the paper's disc
+    (`circle`) where that is not the whole picture, PSNR over moving pixels, FLIP and LPIPS
     where their packages are installed, frames per second without compilation; under `parts` the
     same for training views, held-out cameras and held-out times (of cameras that were learnt
     from), if an effect has more than one of them. Pictures side by side go to `out`/<effect>/. Of
@@ -86,6 +89,13 @@ def evaluate(
         return _told(None)
     out = Path(out)
     groups = {"pinhole": truth.views, **truth.effects}
+    unknown = [name for name in options.effects if name not in groups]
+    if unknown:
+        raise ValueError(
+            f"evaluate.effects must be among {', '.join(groups)} of {truth.folder}, "
+            f"got {unknown[0]!r}."
+        )
+    groups = {name: views for name, views in groups.items() if name in (options.effects or groups)}
     chosen = {name: _chosen(views, options) for name, views in groups.items()}
     chosen = {name: views for name, views in chosen.items() if views}
     if not chosen:
@@ -177,6 +187,12 @@ def _sees(camera: Camera, pixel: Array) -> Array:
     return jax.vmap(camera.lens.sees)(pixel)
 
 
+def _circle(shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
+    """The centred disc in which the paper scores fisheye pictures: 409.6 of 512 pixels across."""
+    y, x = (np.arange(n) + 0.5 - n / 2 for n in shape)
+    return np.hypot(x, y[:, None]) < 0.4 * min(shape)
+
+
 def _moving(views: Sequence[View]) -> dict[Path, Bool[np.ndarray, "h w"]]:
     """Mask of what moves in each picture, from all pictures of the same camera."""
     masks = {}
@@ -191,10 +207,9 @@ def _moving(views: Sequence[View]) -> dict[Path, Bool[np.ndarray, "h w"]]:
 def _score(real: np.ndarray, ours: np.ndarray, visible, moving) -> dict[str, Any]:
     score: dict[str, Any] = {"psnr": psnr(real, ours), "ssim": ssim(real, ours)}
     if visible is not None:
-        score |= {
-            "psnr_masked": psnr(real, ours, visible),
-            "ssim_masked": ssim(real, ours, visible),
-        }
+        for name, mask in (("masked", visible), ("circle", _circle(visible.shape))):
+            score[f"psnr_{name}"] = psnr(real, ours, mask)
+            score[f"ssim_{name}"] = ssim(real, ours, mask)
     if moving is not None and moving.any():
         error = (real.astype(np.float64) - ours)[moving] / 255
         score["moving"] = (float(np.sum(error**2)), error.size)

@@ -18,6 +18,10 @@ COLUMNS = (
     ("FPS", "fps", 1),
     ("frames", "frames", 0),
 )
+MEANS = (
+    *("psnr", "ssim", "psnr_masked", "ssim_masked", "psnr_circle", "ssim_circle"),
+    *("flip", "lpips"),
+)
 
 
 def summary(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
@@ -47,7 +51,7 @@ def table(report: dict[str, Any]) -> str:
 
 def _means(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
     means: dict[str, Any] = {}
-    for name in ("psnr", "ssim", "psnr_masked", "ssim_masked", "flip", "lpips"):
+    for name in MEANS:
         values = [row[name] for row in rows if name in row]
         if values:
             mean = float(np.mean(values))
