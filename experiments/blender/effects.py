@@ -2,8 +2,7 @@
 
 import bpy
 
-
-SENSOR_MM = 36.0
+from experiments.blender.blocks import SENSOR_MM
 
 
 def new_camera(lens_mm):
@@ -15,21 +14,6 @@ def new_camera(lens_mm):
     data.sensor_fit, data.sensor_width, data.lens = "HORIZONTAL", SENSOR_MM, lens_mm
     data.clip_start = 0.01
     return camera
-
-
-def row_times(height, frames, readout):
-    """The shutter block of Blender's rolling shutter, in units of a clip of `frames` frames.
-
-    Row i, from the top, sees frame F + readout ((i + 1) / height - 1/2): position CENTER, one
-    instant per row.
-    """
-    clip = frames - 1
-    return {
-        "row_offset": readout * (1 / height - 0.5) / clip,
-        "row_step": readout / height / clip,
-        "exposure": 0.0,
-        "direction": "top_to_bottom",
-    }
 
 
 def configure(camera, blocks, readout, moving):

@@ -12,74 +12,23 @@ import argparse
 import subprocess
 import sys
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
 
 import bpy
 import numpy as np
 
 from experiments.blender import points
+from experiments.blender.blocks import SENSOR_MM
 from experiments.blender.checks import report, verify, write_json
-from experiments.blender.effects import SENSOR_MM, configure, new_camera, row_times
+from experiments.blender.effects import configure, new_camera
 from experiments.blender.session import gpu, quality, read, render, render_depth
+from experiments.paired_benchmark.plan import EFFECTS, PRESETS, plan
 from experiments.paired_benchmark.scenes import SCENES
-from experiments.paired_benchmark.stage import FRAMES, READOUT, cameras
+from experiments.paired_benchmark.stage import READOUT
 
 
-EFFECTS = ("pinhole", "fisheye", "depth_of_field", "rolling_shutter")
-KIND = {"train": "jpg", "test": "png"}  # what is scored stays lossless
-FISHEYE = {
-    "model": "blender_fisheye_polynomial",
-    "k": [0.0, -0.0745, -1.5e-4, -2.5e-5, 2.0e-7],
-    "sensor_width_mm": SENSOR_MM,
-    "sensor_height_mm": SENSOR_MM,
-    "fov": 2.9,
-}
 POINTS, ON_MOVING = 12000, 3000  # starting points, and those of them on what moves
-
-
-@dataclass(frozen=True)
-class Preset:
-    """How much is filmed; `held_cameras` and `held_frames` are for scoring alone.
-
-    `samples` are those of training pictures; what is scored gets `truth_samples`. `paired`: all
-    cameras film the effects, not only those held out.
-    """
-
-    size: int
-    cameras: int
-    frames: int
-    held_cameras: int
-    held_frames: int
-    samples: int
-    truth_samples: int
-    paired: bool
-
-
-PRESETS = {
-    "tiny": Preset(128, 14, 14, 3, 2, samples=16, truth_samples=32, paired=False),
-    "small": Preset(256, 24, 24, 4, 3, samples=32, truth_samples=64, paired=False),
-    "paper": Preset(512, 50, 50, 5, 5, samples=64, truth_samples=64, paired=True),
-}
-
-
-class Image(NamedTuple):
-    """One picture to render, and what its JSON file says of it. `time` runs from 0 to 1."""
-
-    path: str
-    blocks: dict
-    samples: int
-    camera: str
-    split: str
-    pose: np.ndarray
-    time: float
-    depth: str | None
-
-    @property
-    def frame(self):
-        """Where Blender's clock stands."""
-        return self.time * (FRAMES - 1)
 
 
 def main():
@@ -89,7 +38,8 @@ def main():
     preset = PRESETS[chosen.preset]
     given = {name: getattr(chosen, name) for name in vars(preset) if hasattr(chosen, name)}
     preset = replace(preset, **{name: value for name, value in given.items() if value is not None})
-    check(preset)
+    if problem := preset.problem():
+        sys.exit(problem)
     kind = gpu()
     print(f"Cycles renders on {kind or 'the CPU: it finds no GPU'}.", flush=True)
     for number, name in enumerate(chosen.scenes):
@@ -127,13 +77,6 @@ def arguments():
     return chosen
 
 
-def check(preset):
-    if preset.frames < 4 or preset.cameras - preset.held_cameras < 4:
-        sys.exit("--frames must be at least 4, and so many cameras must be left to learn from.")
-    if preset.held_frames > preset.frames // 2:
-        sys.exit("--held-frames must be at most half of --frames.")
-
-
 def on_processes(chosen):
     """This command once for each process, with a share of the pictures."""
     own = [word for word in sys.argv[1:]]
@@ -156,13 +99,13 @@ def film(chosen, preset, name):
     out.mkdir(parents=True, exist_ok=True)
     # Cameras are known only when the room is built; so is what is missing.
     stage = SCENES[name]()
-    focal = 0.5 / np.tan(np.radians(stage.rig.fov) / 2)
-    images, files = plan(chosen, preset, name, stage.rig, focal)
+    info = {"scene": name, "preset": vars(preset), "blender": bpy.app.version_string}
+    images, files = plan(preset, stage.rig, chosen.effects, info, chosen.seed)
     for file, content in files.items():
         write_json(out / file, content)
     own = images[chosen.part :: chosen.parts]
     missing = [image for image in own if not whole(out, image)]
-    camera = new_camera(SENSOR_MM * focal)
+    camera = new_camera(SENSOR_MM * stage.rig.focal)
     quality(preset.size, preset.size, preset.samples)
     begun = time.monotonic()
     for done, image in enumerate(missing, 1):
@@ -177,7 +120,7 @@ def film(chosen, preset, name):
         print(f"{out}: other shards have pictures to render yet.", flush=True)
         return
     if not (out / "points3d.ply").exists():
-        start(out, images, stage, focal * preset.size, chosen.seed)
+        start(out, images, stage, stage.rig.focal * preset.size, chosen.seed)
     verify(out)
     report(out)
 
@@ -206,88 +149,6 @@ def start(out, images, stage, focal, seed):
     groups = [(stage.moving, ON_MOVING), (stage.fixed, POINTS - ON_MOVING)]
     found = points.sample(groups, views, focal, np.random.default_rng(seed))
     points.write_ply(out / "points3d.ply", *found)
-
-
-def plan(chosen, preset, name, rig, focal):
-    """Every picture of a scene and the JSON files that list them."""
-    size = preset.size
-    blocks = {
-        "pinhole": {},
-        "fisheye": {"lens": FISHEYE},
-        "depth_of_field": {"aperture": aperture(rig)},
-        "rolling_shutter": {"shutter": row_times(size, FRAMES, READOUT)},
-    }
-    common = {
-        **{"w": size, "h": size, "fl_x": focal * size, "fl_y": focal * size},
-        **{"cx": size / 2, "cy": size / 2, "camera_model": "PINHOLE"},
-        **{"time_unit": "normalised", "color_space": "srgb"},
-    }
-    info = {"scene": name, "preset": vars(preset), "blender": bpy.app.version_string}
-    placed = cameras(rig, preset.cameras, preset.held_cameras, chosen.seed)
-    images, files = [], {}
-    for effect in chosen.effects:
-        made = [
-            picture(preset, effect, blocks[effect], index, *camera)
-            for camera in placed
-            for index in times(preset, effect)
-            if effect == "pinhole" or preset.paired or camera[1] == "test"
-        ]
-        images += made
-        head = {"ply_file_path": "points3d.ply", "info": info}
-        if effect != "pinhole":
-            head = {"effect": effect, **blocks[effect], "samples": preset.truth_samples}
-        file = "transforms.json" if effect == "pinhole" else f"{effect}.json"
-        files[file] = {**common, **head, "frames": [listed(image) for image in made]}
-    return images, files
-
-
-def times(preset, effect):
-    """Indices of the frames that an effect is filmed at: all whose rows see within the clip."""
-    every = range(preset.frames)
-    if effect != "rolling_shutter":
-        return every
-    step = (FRAMES - 1) / (preset.frames - 1)
-    return [i for i in every if READOUT / 2 <= i * step <= FRAMES - 1 - READOUT / 2]
-
-
-def held(preset):
-    """Indices of the frames that no camera learns from, evenly spread, ends excluded."""
-    place = np.linspace(0, preset.frames - 1, preset.held_frames + 2)[1:-1]
-    return set(np.round(place).astype(int).tolist())
-
-
-def picture(preset, effect, blocks, index, camera, split, pose):
-    split = "test" if index in held(preset) else split
-    folder = "images" if effect == "pinhole" else effect
-    scored = split == "test" or effect != "pinhole"
-    return Image(
-        path=f"{folder}/{camera}/{index:04d}.{KIND['test' if scored else 'train']}",
-        blocks=blocks,
-        samples=preset.truth_samples if scored else preset.samples,
-        camera=camera,
-        split=split,
-        pose=pose,
-        time=index / (preset.frames - 1),
-        depth=f"depth/{camera}/{index:04d}.png" if not blocks and split == "test" else None,
-    )
-
-
-def aperture(rig):
-    return {
-        **{"radius": rig.aperture_radius, "focus_distance": rig.focus_distance},
-        **{"focus": "plane", "blades": 0, "rotation": 0.0, "ratio": 1.0},
-    }
-
-
-def listed(image):
-    return {
-        "file_path": image.path,
-        "transform_matrix": image.pose.round(9).tolist(),
-        "time": image.time,
-        "camera": image.camera,
-        "split": image.split,
-        **({"depth_file_path": image.depth} if image.depth else {}),
-    }
 
 
 if __name__ == "__main__":

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.blender.effects import SENSOR_MM, configure, new_camera
+from experiments.blender.blocks import SENSOR_MM
+from experiments.blender.effects import configure, new_camera
 from experiments.blender.session import quality, render
 from experiments.paired_benchmark.scenes import SCENES
 from experiments.paired_benchmark.stage import FRAMES, READOUT, cameras

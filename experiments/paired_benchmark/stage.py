@@ -27,6 +27,11 @@ class Rig(NamedTuple):
     aperture_radius: float
     focus_distance: float
 
+    @property
+    def focal(self):
+        """Focal length in units of the picture's width."""
+        return 0.5 / math.tan(math.radians(self.fov) / 2)
+
 
 class Stage(NamedTuple):
     """Mesh objects that rest and mesh objects that move, all of them, and the cameras' rig.

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from experiments.blender.effects import SENSOR_MM, row_times
+from experiments.blender.blocks import SENSOR_MM, row_times
 
 
 FOV = math.radians(65)  # pinhole, horizontal
