@@ -20,8 +20,7 @@ from gaussray.camera.lens import (
 from gaussray.camera.shutter import Shutter, global_shutter
 from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.capture.calibration import PINHOLE_FILE, View, read_views
-from gaussray.capture.formats import format_of
-from gaussray.capture.splits import read_splits
+from gaussray.capture.formats import FORMATS, format_of
 from gaussray.dataset.manifest import FrameRecord
 
 
@@ -261,8 +260,9 @@ def cameras_of(scene: Path | str, cameras: Path | str | None) -> list[View]:
         folder = Path(cameras)
         if not folder.is_dir():
             return read_views(folder)
-        if format_of(folder) == "splits":
-            return read_splits(folder).views
+        name = format_of(folder)
+        if name != "paired":
+            return FORMATS[name](folder, jnp.float32).views
         return read_views(folder / PINHOLE_FILE)
     path = Path(scene)
     path = (path if path.is_dir() else path.parent) / "cameras.json"

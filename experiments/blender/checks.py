@@ -34,10 +34,13 @@ def verify(out):
 
 
 def report(out):
-    """How well a still picture, the temporal median of each camera, explains the frames."""
+    """How well a still picture, the temporal median of each camera, explains the frames: cameras
+    that are learnt from, and those held out."""
+    frames = json.loads((out / "transforms.json").read_text())["frames"]
+    learnt = {frame["camera"] for frame in frames if frame["split"] == "train"}
     views = {}
-    for frame in json.loads((out / "transforms.json").read_text())["frames"]:
-        videos = views.setdefault(frame["split"], {})
+    for frame in frames:
+        videos = views.setdefault("train" if frame["camera"] in learnt else "test", {})
         videos.setdefault(frame["camera"], []).append(read(out / frame["file_path"]))
     print("temporal median against the frames, PSNR in dB:")
     for split, videos in views.items():

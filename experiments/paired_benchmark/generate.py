@@ -22,7 +22,7 @@ from experiments.blender import points
 from experiments.blender.blocks import SENSOR_MM
 from experiments.blender.checks import report, verify, write_json
 from experiments.blender.effects import configure, new_camera
-from experiments.blender.session import gpu, quality, read, render, render_depth
+from experiments.blender.session import gpu, quality, read, render, render_depth, silence
 from experiments.paired_benchmark.plan import EFFECTS, PRESETS, plan
 from experiments.paired_benchmark.scenes import SCENES
 from experiments.paired_benchmark.stage import READOUT
@@ -98,7 +98,8 @@ def film(chosen, preset, name):
     out = chosen.out / name
     out.mkdir(parents=True, exist_ok=True)
     # Cameras are known only when the room is built; so is what is missing.
-    stage = SCENES[name]()
+    with silence():
+        stage = SCENES[name]()
     info = {"scene": name, "preset": vars(preset), "blender": bpy.app.version_string}
     images, files = plan(preset, stage.rig, chosen.effects, info, chosen.seed)
     for file, content in files.items():

@@ -24,8 +24,8 @@ FISHEYE = {
 class Preset:
     """How much is filmed; `held_cameras` and `held_frames` are for scoring alone.
 
-    `samples` are those of training pictures; what is scored gets `truth_samples`. `paired`: all
-    cameras film the effects, not only those held out.
+    `samples` are those of training pictures; what is scored gets `truth_samples`. Effects are
+    filmed every `effect_step` frames, by the cameras held out or, if `paired`, by all.
     """
 
     size: int
@@ -35,6 +35,7 @@ class Preset:
     held_frames: int
     samples: int
     truth_samples: int
+    effect_step: int
     paired: bool
 
     def problem(self):
@@ -47,9 +48,9 @@ class Preset:
 
 
 PRESETS = {
-    "tiny": Preset(128, 14, 14, 3, 2, samples=16, truth_samples=32, paired=False),
-    "small": Preset(256, 24, 24, 4, 3, samples=32, truth_samples=64, paired=False),
-    "paper": Preset(512, 50, 50, 5, 5, samples=64, truth_samples=64, paired=True),
+    "tiny": Preset(128, 14, 14, 3, 2, 16, truth_samples=32, effect_step=2, paired=False),
+    "small": Preset(256, 24, 24, 4, 3, 32, truth_samples=64, effect_step=1, paired=False),
+    "paper": Preset(512, 50, 50, 5, 5, 64, truth_samples=64, effect_step=1, paired=True),
 }
 
 
@@ -105,7 +106,7 @@ def plan(preset, rig, effects, info, seed):
 
 def times(preset, effect):
     """Indices of the frames that an effect is filmed at: all whose rows see within the clip."""
-    every = range(preset.frames)
+    every = range(0, preset.frames, 1 if effect == "pinhole" else preset.effect_step)
     if effect != "rolling_shutter":
         return every
     step = (FRAMES - 1) / (preset.frames - 1)

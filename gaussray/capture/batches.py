@@ -50,7 +50,7 @@ def footage(views: list[View]) -> Footage:
         masks = [
             np.ones((view.height, view.width), bool)
             if view.mask is None
-            else read_mask(view.mask, view.width, view.height)
+            else read_mask(view.mask, view.width, view.height, view.window)
             for view in views
         ]
         mask = jnp.asarray(np.stack(masks))

@@ -26,6 +26,7 @@ from gaussray.capture.errors import CaptureError
 from gaussray.capture.frames import COLOR_SPACES
 from gaussray.capture.keys import Keys
 from gaussray.capture.points import Points, read_points
+from gaussray.capture.window import Window
 
 
 PINHOLE_FILE = "transforms.json"
@@ -47,7 +48,11 @@ _QUIET = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class View:
-    """One picture of a capture and the camera that took it; alpha is seen over `background`."""
+    """One picture of a capture and the camera that took it; alpha is seen over `background`.
+
+    `image` is a file or a frame of a video (`videos.frame_path`), of which the camera's film is all
+    or, smaller, what a `window` shows.
+    """
 
     camera: Camera
     image: Path
@@ -60,6 +65,7 @@ class View:
     samples: int | None
     color_space: str
     background: str = "none"
+    window: Window | None = None
 
     @property
     def width(self) -> int:
@@ -159,6 +165,21 @@ def views_of(top: Keys, frames: list[Keys], dtype: DTypeLike = jnp.float32) -> l
     return [
         _view(frame, pose, None if pose is None else next(turns), made, dtype)
         for frame, pose in zip(frames, still, strict=True)
+    ]
+
+
+def filmed(view: View, images: Sequence[Path]) -> list[View]:
+    """What a fixed camera films: picture i of n at time i / n, as 4DGaussians counts."""
+    times = [i / len(images) for i in range(len(images))]
+    dtype = view.camera.time.dtype
+    return [
+        dataclasses.replace(
+            view,
+            image=image,
+            time=time,
+            camera=dataclasses.replace(view.camera, time=jnp.array(time, dtype)),
+        )
+        for image, time in zip(images, times, strict=True)
     ]
 
 

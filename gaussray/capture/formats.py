@@ -14,19 +14,27 @@ from gaussray.capture.calibration import (
     effect_files,
     read_capture,
 )
+from gaussray.capture.colmap import read_colmap
+from gaussray.capture.colmap_model import PLACES, model_folder
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.frames import BACKGROUNDS
+from gaussray.capture.neural3d import POSES_FILE, read_neural3d, videos_of
+from gaussray.capture.selection import Selection, selected
 from gaussray.capture.splits import FILES, VALIDATION, read_splits
 
 
 FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
     "paired": read_capture,
     "splits": read_splits,
+    "neural3d": read_neural3d,
+    "colmap": read_colmap,
 }
 # What a folder of each format holds, for who has to make one.
 NEEDS = {
     "paired": f"{PINHOLE_FILE} (or another JSON file with frames per effect)",
     "splits": f"{FILES['train']} and, to score against, {FILES['test']}",
+    "neural3d": f"{POSES_FILE} and a video camNN.mp4 per camera",
+    "colmap": f"cameras and images (.bin or .txt) in one of {', '.join(PLACES)}",
 }
 
 
@@ -35,13 +43,15 @@ def open_capture(
     format: str = "auto",
     background: str = "none",
     *,
+    selection: Selection | None = None,
     dtype: DTypeLike = jnp.float32,
 ) -> Capture:
-    """Everything a capture folder says, by the reader of its format; pictures are not decoded.
+    """What a capture folder says, by the reader of its format; pictures are not decoded.
 
     `format` is a name of FORMATS, or auto: what the folder holds decides (see `format_of`).
     Pictures with alpha are composited over the `background`: black or white, or none, which drops
-    alpha with a warning. The cameras have numbers of `dtype`. Errors are the reader's, ValueError
+    alpha with a warning. A `selection` takes a part of the capture. The cameras have numbers of
+    `dtype`. Errors are the reader's, ValueError
     for an unknown format or background.
     """
     if format not in ("auto", *FORMATS):
@@ -60,14 +70,17 @@ def open_capture(
         return [dataclasses.replace(view, background=background) for view in views]
 
     effects = {name: over(views) for name, views in capture.effects.items()}
-    return dataclasses.replace(capture, views=over(capture.views), effects=effects)
+    capture = dataclasses.replace(capture, views=over(capture.views), effects=effects)
+    return selected(capture, selection or Selection())
 
 
 def format_of(folder: Path | str) -> str:
-    """Name of the format that a folder's JSON files are of.
+    """Name of the format that a folder is of.
 
-    A folder that could be of two is an error, and one of none is another that lists what each
-    format needs. Both are CaptureError; a folder that does not exist is FileNotFoundError.
+    JSON files with frames come first (a model of COLMAP beside them is what they were made from),
+    then poses_bounds.npy with videos, then COLMAP. A folder with JSON of two formats is an error,
+    and one of no format is another that lists what each needs. Both are CaptureError; a folder that
+    does not exist is FileNotFoundError.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -83,6 +96,10 @@ def format_of(folder: Path | str) -> str:
         return "splits"
     if paired or effect_files(folder):
         return "paired"
+    if (folder / POSES_FILE).is_file() and (videos_of(folder) or model_folder(folder) is None):
+        return "neural3d"
+    if model_folder(folder) is not None:
+        return "colmap"
     needs = "; ".join(f"{name} needs {what}" for name, what in NEEDS.items())
     raise CaptureError(
         f"{folder}: a capture must hold the files of one format, got none of them: {needs}. "

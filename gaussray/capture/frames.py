@@ -2,8 +2,8 @@
 
 import warnings
 from collections import deque
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -12,6 +12,8 @@ import OpenImageIO as oiio
 from jaxtyping import Bool, Float, UInt8
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.videos import frame_of, read_frame, read_frames, read_video
+from gaussray.capture.window import Window, averaged
 from gaussray.color import srgb_decode, srgb_encode
 
 
@@ -19,12 +21,15 @@ COLOR_SPACES = ("srgb", "linear")
 # What a picture with alpha is composited over; "none" drops alpha with a warning.
 BACKGROUNDS = {"none": None, "black": 0.0, "white": 1.0}
 _PNG_END = b"IEND\xaeB`\x82"
+# Pictures that are decoded or averaged at the same time, and those that wait their turn.
+_THREADS, _AHEAD = 4, 8
 
 
 @runtime_checkable
 class Picture(Protocol):
-    """What is read from a view: where its picture lies, how large it has to be, and what is behind
-    it (one of BACKGROUNDS)."""
+    """What is read from a view: where its picture lies (a file, or a frame of a video by
+    `frame_path`), how large it has to be, what is behind it (one of BACKGROUNDS), and which part of
+    the file it is (all of it if None)."""
 
     @property
     def image(self) -> Path: ...
@@ -36,6 +41,8 @@ class Picture(Protocol):
     def color_space(self) -> str: ...
     @property
     def background(self) -> str: ...
+    @property
+    def window(self) -> Window | None: ...
 
 
 def read_image(
@@ -49,24 +56,46 @@ def read_image(
     Gray becomes three equal channels. Alpha is dropped with a warning where it is below 1: the
     colours are taken as the file stores them.
     """
-    stored = read_stored(path, width, height)
+    return _light(read_stored(path, width, height), color_space)
+
+
+def read_encoded(view: Picture) -> np.ndarray:
+    """sRGB values [h, w, 3] of a view: bytes if its file is 8-bit sRGB, else float32 (0..1).
+
+    Where a view is smaller than what it shows of the file, each of its pixels is the mean over its
+    area in linear light, as a sensor of larger pixels sees it; bytes are rounded to the nearest.
+    """
+    return _encoded(view, read_stored(view.image, *_stored_size(view), view.background))
+
+
+def _stored_size(view):
+    return view.window.size if view.window else (view.width, view.height)
+
+
+def _encoded(view, stored):
+    part = view.window.cut(stored) if view.window else stored
+    integers = np.issubdtype(part.dtype, np.integer)
+    srgb = integers and _checked(view.color_space) == "srgb"
+    bytes_stay = srgb and part.dtype == np.uint8
+    if part.shape[:2] != (view.height, view.width):
+        light = averaged(_light(part, view.color_space), view.width, view.height)
+        values = srgb_encode(light.astype(np.float64))
+        if bytes_stay:
+            return np.floor(255 * values + 0.5).astype(np.uint8)
+        return values.astype(np.float32)
+    if bytes_stay:
+        return part
+    values = part / np.iinfo(part.dtype).max if integers else part.astype(np.float64)
+    return (values if srgb else srgb_encode(values)).astype(np.float32)
+
+
+def _light(stored, color_space):
+    """Linear light of what a file stores, in single precision."""
     if not np.issubdtype(stored.dtype, np.integer):
         return stored.astype(np.float32)
     codes = np.arange(np.iinfo(stored.dtype).max + 1, dtype=np.float64) / np.iinfo(stored.dtype).max
     table = codes if _checked(color_space) == "linear" else srgb_decode(codes)
     return table.astype(np.float32)[stored]
-
-
-def read_encoded(view: Picture) -> np.ndarray:
-    """sRGB values [h, w, 3] of a view: the bytes of an 8-bit sRGB file, else float32 (0..1)."""
-    stored = read_stored(view.image, view.width, view.height, view.background)
-    integers = np.issubdtype(stored.dtype, np.integer)
-    if integers and _checked(view.color_space) == "srgb":
-        if stored.dtype == np.uint8:
-            return stored
-        return (stored / np.iinfo(stored.dtype).max).astype(np.float32)
-    linear = stored / np.iinfo(stored.dtype).max if integers else stored.astype(np.float64)
-    return srgb_encode(linear).astype(np.float32)
 
 
 def read_codes(view: Picture) -> UInt8[np.ndarray, "h w 3"]:
@@ -85,6 +114,8 @@ def load_encoded(
 ) -> np.ndarray:
     """sRGB values of many views of one size, [n, h, w, 3]: uint8 if all the files are 8-bit sRGB,
     else float32 in 0..1. `progress(done, total)` is called after each.
+
+    Every video is decoded once, from its start, and few pictures are held at their files' size.
     """
     if not views:
         raise CaptureError("the views to load must be at least one, got none.")
@@ -97,15 +128,13 @@ def load_encoded(
                 f"({first.image}). Load each size by itself."
             )
     stack = np.empty((len(views), first.height, first.width, 3), np.uint8)
-    with ThreadPoolExecutor(4) as pool:
-        jobs = deque(pool.submit(read_encoded, view) for view in views)
+    with ThreadPoolExecutor(_THREADS) as pool:
         try:
-            for done in range(len(views)):
-                values = jobs.popleft().result()
+            for done, (place, values) in enumerate(_in_turn(_reading(views, pool))):
                 if values.dtype != stack.dtype and stack.dtype == np.uint8:
                     stack = (stack / 255).astype(np.float32)
                 widen = values.dtype == np.uint8 and stack.dtype != np.uint8
-                stack[done] = values / 255 if widen else values
+                stack[place] = values / 255 if widen else values
                 if progress is not None:
                     progress(done + 1, len(views))
         except BaseException:
@@ -114,12 +143,47 @@ def load_encoded(
     return stack
 
 
-def read_mask(path: Path | str, width: int, height: int) -> Bool[np.ndarray, "h w"]:
+def _reading(views, pool) -> Iterator[tuple[int, Future]]:
+    """Place and picture-to-be of every view, the frames of each video together and in order."""
+    videos: dict[Path, list[tuple[int, int]]] = {}
+    for place, view in enumerate(views):
+        found = frame_of(view.image)
+        if found is None:
+            yield place, pool.submit(read_encoded, view)
+        else:
+            videos.setdefault(found[0], []).append((found[1], place))
+    for path, frames in videos.items():
+        frames.sort()
+        pictures = read_frames(path, [index for index, _ in frames])
+        for (_, place), stored in zip(frames, pictures, strict=True):
+            view = views[place]
+            _check_size(view.image, stored.shape[1::-1], *_stored_size(view))
+            yield place, pool.submit(_encoded, view, stored)
+
+
+def _in_turn(jobs):
+    """The results of jobs in their order, while a few more are at work."""
+    waiting = deque()
+    for place, job in jobs:
+        waiting.append((place, job))
+        if len(waiting) > _AHEAD:
+            place, job = waiting.popleft()
+            yield place, job.result()
+    for place, job in waiting:
+        yield place, job.result()
+
+
+def read_mask(
+    path: Path | str, width: int, height: int, window: Window | None = None
+) -> Bool[np.ndarray, "h w"]:
     """True where the mask is white (at least half of full scale in its brightest channel): pixels
-    that count. Black is ignored, as in nerfstudio."""
-    stored = read_stored(path, width, height)
+    that count. Black is ignored, as in nerfstudio. Through a `window`, means are compared."""
+    stored = read_stored(path, *(window.size if window else (width, height)))
     full = np.iinfo(stored.dtype).max if np.issubdtype(stored.dtype, np.integer) else 1
-    return stored.max(axis=-1) >= full / 2
+    brightest = (window.cut(stored) if window else stored).max(axis=-1, keepdims=True) / full
+    if brightest.shape[:2] != (height, width):
+        brightest = averaged(brightest, width, height)
+    return brightest[..., 0] >= 0.5
 
 
 def check_images(views: Sequence[Picture]) -> None:
@@ -127,8 +191,7 @@ def check_images(views: Sequence[Picture]) -> None:
     wrong = []
     for view in views:
         try:
-            spec = _open(view.image).spec()
-            _check_size(view.image, spec, view.width, view.height)
+            _check_size(view.image, picture_size(view.image), *_stored_size(view))
         except (OSError, CaptureError) as error:
             wrong.append(str(error))
     if wrong:
@@ -139,9 +202,15 @@ def check_images(views: Sequence[Picture]) -> None:
 
 
 def picture_size(path: Path | str) -> tuple[int, int]:
-    """Width and height of a picture in pixels, from its header."""
-    spec = _open(path).spec()
-    return spec.width, spec.height
+    """Width and height in pixels of a picture, or of a frame of a video, from the file's header."""
+    found = frame_of(Path(path))
+    if found is None:
+        spec = _open(path).spec()
+        return spec.width, spec.height
+    width, height, frames = read_video(found[0])
+    if found[1] >= frames:
+        raise CaptureError(f"{path}: the video must have that frame, got {frames} frames, from 0.")
+    return width, height
 
 
 def _checked(color_space):
@@ -164,11 +233,11 @@ def _open(path):
     return file
 
 
-def _check_size(path, spec, width, height):
-    if (spec.width, spec.height) != (width, height):
+def _check_size(path, size, width, height):
+    if tuple(size) != (width, height):
         raise CaptureError(
             f"{path}: the picture must be w x h = {width} x {height} as its camera says, "
-            f"got {spec.width} x {spec.height}. Correct w and h, or resize the picture."
+            f"got {size[0]} x {size[1]}. Correct w and h, or resize the picture."
         )
 
 
@@ -178,9 +247,14 @@ def read_stored(path: Path | str, width: int, height: int, background: str = "no
     A picture with alpha is composited over the `background`, one of BACKGROUNDS, in the values that
     the file stores (sRGB codes in PNG), as NeRF's and 4DGaussians' readers do.
     """
+    found = frame_of(Path(path))
+    if found is not None:
+        pixels = read_frame(*found)
+        _check_size(path, pixels.shape[1::-1], width, height)
+        return pixels
     file = _open(path)
     spec = file.spec()
-    _check_size(path, spec, width, height)
+    _check_size(path, (spec.width, spec.height), width, height)
     kind = {oiio.UINT8: "uint8", oiio.UINT16: "uint16"}.get(spec.format.basetype, "float")
     pixels = file.read_image(kind)
     # A truncated JPEG still returns pixels, invented below the cut: only the message tells.

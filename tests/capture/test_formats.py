@@ -35,7 +35,7 @@ def lay(folder, name, content):
 
 
 def test_every_format_has_a_reader_and_says_what_it_needs():
-    assert FORMATS.keys() == NEEDS.keys() == {"paired", "splits"}
+    assert FORMATS.keys() == NEEDS.keys() == {"paired", "splits", "neural3d", "colmap"}
 
 
 @pytest.mark.parametrize("format", ["auto", "paired"])
@@ -65,6 +65,22 @@ def test_the_type_of_number_is_handed_on(folder):
         assert view.camera.time.dtype == jnp.dtype(kind)
 
 
+def test_what_a_capture_was_made_of_may_lie_beside_it(folder):
+    """JSON comes before poses with videos, and these before a model of COLMAP."""
+    for name in ("cameras", "images"):
+        lay(folder, f"{name}.txt", "")
+    assert format_of(folder) == "colmap"
+    (folder / "poses_bounds.npy").write_bytes(b"")
+    assert format_of(folder) == "colmap"
+    (folder / "cam00.mp4").write_bytes(b"")
+    assert format_of(folder) == "neural3d"
+    lay(folder, "fisheye.json", {**PAIRED, "split": "test"})
+    assert format_of(folder) == "paired"
+    (folder / "fisheye.json").unlink()
+    lay(folder, "transforms_train.json", SPLIT)
+    assert format_of(folder) == "splits"
+
+
 def test_a_folder_of_both_formats_must_be_told_which(folder):
     lay(folder, "transforms.json", {**PAIRED, "split": "test"})
     lay(folder, "transforms_train.json", SPLIT)
@@ -90,7 +106,7 @@ def test_a_test_split_without_its_training_split_is_named(folder):
 
 
 def test_a_format_that_there_is_not_lists_those_that_are(folder):
-    with pytest.raises(ValueError, match="capture.format .* one of auto, paired, splits, got 'ns'"):
+    with pytest.raises(ValueError, match="capture.format .* one of auto, paired, .* got 'ns'"):
         open_capture(folder, "ns")
 
 
@@ -165,10 +181,15 @@ def test_a_background_that_there_is_not_lists_those_that_are(folder):
 @pytest.mark.parametrize(
     ("word", "says"),
     [
-        ("capture.format=ns", "must be one of auto, paired, splits, got 'ns'"),
+        ("capture.format=ns", "must be one of auto, paired, splits, neural3d, colmap, got 'ns'"),
         ("capture.format=null", "capture.format must be a text, got None"),
         ("capture.format=paired", "w must be a whole number"),
         ("capture.background=pink", "must be one of none, black, white, got 'pink'"),
+        ("capture.scale=2", "capture.scale (truth_scale) must be in (0, 1], got 2.0"),
+        ("capture.scale=half", "capture.scale must be a number, got 'half'"),
+        ("capture.crop=8", "capture.crop must be a list, got 8"),
+        ("capture.frames=[0,1.5,1]", "three whole numbers: first, last, step"),
+        ("capture.test=[cam7]", "a list of the capture's cameras (c), got ['cam7']"),
     ],
 )
 @pytest.mark.filterwarnings("ignore::gaussray.capture.errors.CaptureWarning")

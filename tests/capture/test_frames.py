@@ -16,6 +16,7 @@ from gaussray.capture.frames import (
     read_image,
     read_mask,
 )
+from gaussray.capture.window import Window
 from gaussray.color import srgb_decode, srgb_encode
 
 
@@ -26,6 +27,7 @@ class Picture:
     height: int
     color_space: str = "srgb"
     background: str = "none"
+    window: Window | None = None
 
 
 def write(path, pixels):

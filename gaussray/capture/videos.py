@@ -1,0 +1,200 @@
+"""Frames of video files: decoded once, in order, one at a time."""
+
+import contextlib
+import functools
+import threading
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import av
+import av.error
+import numpy as np
+from jaxtyping import UInt8
+
+from gaussray.capture.errors import CaptureError
+
+
+SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm")
+# Transfer characteristics of ITU-T H.273 whose codes are no sRGB codes: PQ and HLG.
+_HIGH_DYNAMIC_RANGE = {16: "PQ", 18: "HLG"}
+
+
+class Video(NamedTuple):
+    """Size of the upright picture in pixels, and how many frames there are."""
+
+    width: int
+    height: int
+    frames: int
+
+
+def frame_path(video: Path, index: int) -> Path:
+    """The path that stands for a frame of a video, as if the video were a folder of pictures."""
+    return video / f"{index:04d}"
+
+
+def frame_of(path: Path) -> tuple[Path, int] | None:
+    """Video and index of a `frame_path`; None for any other path."""
+    number = path.name.isascii() and path.name.isdigit()
+    return (path.parent, int(path.name)) if number and is_video(path.parent) else None
+
+
+def is_video(path: Path) -> bool:
+    """Whether the name is that of a video."""
+    return path.suffix.lower() in SUFFIXES
+
+
+def read_video(path: Path | str) -> Video:
+    """What there is to know of a video before its frames are decoded.
+
+    All packets are looked at, and one frame is decoded. Frames must be evenly spaced in time, to a
+    quarter of their interval. CaptureError if they are not, or for a file without pictures, one
+    in high dynamic range, or turned by other than quarters; OSError for a file that is absent,
+    damaged, or shorter than its header says.
+    """
+    return _facts(*_identity(Path(path)))
+
+
+def read_frames(path: Path | str, indices: Sequence[int]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+    """The frames of these `indices` (from 0, ascending), upright sRGB codes, one at a time.
+
+    The file's own matrix and range of colours count; BT.601 and limited range where it names none,
+    as in ffmpeg. Errors are those of `read_video`, and CaptureError for an index beyond the end.
+    """
+    player = _Player(Path(path))
+    for index in indices:
+        yield player.show(index)
+
+
+def read_frame(path: Path | str, index: int) -> UInt8[np.ndarray, "h w 3"]:
+    """One frame, as `read_frames` gives it. A frame that follows the last one asked for is decoded
+    from there on; for an earlier one the video starts again."""
+    return _player(*_identity(Path(path))).show(index)
+
+
+def _identity(path):
+    try:
+        stat = path.stat()
+    except OSError:
+        raise FileNotFoundError(f"{path}: the video does not exist.") from None
+    return path, stat.st_mtime_ns, stat.st_size
+
+
+@functools.lru_cache(maxsize=256)
+def _facts(path: Path, changed: int, size: int) -> Video:
+    with _opened(path) as container:
+        stream = _stream(path, container)
+        times, listed, first = [], 0, None
+        for packet in container.demux(stream):
+            if packet.is_corrupt:
+                raise _broken(path, f"packet {listed} is incomplete")
+            if packet.size:
+                listed += 1
+            if packet.size and not packet.is_discard:
+                times.append(packet.dts if packet.pts is None else packet.pts)
+            if first is None:
+                first = next(iter(packet.decode()), None)
+        if first is None or listed < stream.frames:
+            more = f" of {stream.frames}" if stream.frames else ""
+            raise _broken(path, f"it holds {listed}{more} frames")
+        _check_even(path, times)
+        if not stream.frames and len(container.streams) == 1 and container.duration:
+            last, step = max(times), (max(times) - min(times)) / max(len(times) - 1, 1)
+            if float((last + 3 * step) * stream.time_base) < container.duration / av.time_base:
+                raise _broken(path, "it ends before its header says")
+        height, width = _upright(path, first).shape[:2]
+        return Video(width, height, len(times))
+
+
+def _check_even(path, times):
+    if None in times:
+        raise _broken(path, "its frames have no times")
+    steps = np.diff(np.sort(np.array(times, np.float64)))
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    uneven = np.abs(steps - usual)
+    if len(steps) and uneven.max() > usual / 4:
+        k = int(np.argmax(uneven))
+        raise CaptureError(
+            f"{path}: the frames of a video must be evenly spaced in time, got {steps[k]:g} ticks "
+            f"after frame {k} and {usual:g} elsewhere. Make the rate constant, e.g. "
+            "`ffmpeg -i IN -vf fps=30 OUT`."
+        )
+
+
+class _Player:
+    """Goes forward through a video, and starts again for an earlier frame."""
+
+    def __init__(self, path: Path):
+        self._path, self._video, self._lock = path, read_video(path), threading.Lock()
+        self._frames, self._place, self._last = iter(()), -1, None
+
+    def show(self, index: int) -> UInt8[np.ndarray, "h w 3"]:
+        if not 0 <= index < self._video.frames:
+            raise CaptureError(
+                f"{self._path}: the index of a frame must be in 0 ... {self._video.frames - 1}, "
+                f"got {index}."
+            )
+        with self._lock:
+            if self._last is None or index < self._place:
+                self._frames, self._place = _decoded(self._path), -1
+            while self._place < index:
+                self._last = next(self._frames, None)
+                if self._last is None:
+                    raise _broken(self._path, f"frame {self._place + 1} cannot be decoded")
+                self._place += 1
+            return _upright(self._path, self._last)
+
+
+@functools.lru_cache(maxsize=4)
+def _player(path: Path, changed: int, size: int) -> _Player:
+    return _Player(path)
+
+
+def _decoded(path):
+    with _opened(path) as container:
+        stream = _stream(path, container)
+        stream.thread_type = "AUTO"
+        for place, frame in enumerate(container.decode(stream)):
+            if frame.is_corrupt:
+                raise _broken(path, f"frame {place} is damaged")
+            yield frame
+
+
+@contextlib.contextmanager
+def _opened(path):
+    try:
+        with av.open(str(path)) as container:
+            yield container
+    except av.error.FFmpegError as error:
+        raise _broken(path, error.strerror or type(error).__name__) from error
+
+
+def _stream(path, container):
+    if not container.streams.video:
+        raise CaptureError(
+            f"{path}: a video must hold a stream of pictures, got none: it is truncated, or no "
+            "video. Copy it again."
+        )
+    stream = container.streams.video[0]
+    curve = _HIGH_DYNAMIC_RANGE.get(stream.codec_context.color_trc)
+    if curve:
+        raise CaptureError(
+            f"{path}: a video must hold sRGB codes, got high dynamic range ({curve}). "
+            "Map it to BT.709 first, e.g. with ffmpeg's tonemap filter."
+        )
+    return stream
+
+
+def _upright(path, frame):
+    pixels = frame.to_ndarray(format="rgb24")
+    if frame.rotation % 90:
+        raise CaptureError(
+            f"{path}: a video must be turned by quarters of a turn, got {frame.rotation} degrees "
+            "in its metadata. Encode it upright."
+        )
+    # Counterclockwise, as `rot90`.
+    return np.ascontiguousarray(np.rot90(pixels, frame.rotation // 90))
+
+
+def _broken(path, reason):
+    return OSError(f"{path}: the video is truncated or corrupt: {reason}. Copy or encode it again.")

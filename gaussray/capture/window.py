@@ -1,0 +1,45 @@
+"""The part of a stored picture that a view shows, and its averages over larger pixels."""
+
+import functools
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import csr_array
+
+
+class Window(NamedTuple):
+    """A `box` (left, top, width, height) in the pixels of a stored picture of `size` (width,
+    height)."""
+
+    size: tuple[int, int]
+    box: tuple[int, int, int, int]
+
+    def cut(self, picture: np.ndarray) -> np.ndarray:
+        """What of a stored picture [h, w, ...] is in the box."""
+        left, top, width, height = self.box
+        return picture[top : top + height, left : left + width]
+
+
+def averaged(
+    picture: Float[np.ndarray, "rows columns c"], width: int, height: int
+) -> Float[np.ndarray, "h w c"]:
+    """The means of a picture over the areas of `width` x `height` even pixels.
+
+    Source pixels that lie in two areas count in each by their share, so that every edge and the
+    mean of the picture stay exactly where they were. Equal sizes give the picture back.
+    """
+    rows, columns, channels = picture.shape
+    lower = _shares(rows, height).astype(picture.dtype) @ picture.reshape(rows, -1)
+    lower = lower.reshape(height, columns, channels).swapaxes(0, 1).reshape(columns, -1)
+    both = _shares(columns, width).astype(picture.dtype) @ lower
+    return np.ascontiguousarray(both.reshape(width, height, channels).swapaxes(0, 1))
+
+
+@functools.lru_cache(maxsize=16)
+def _shares(fine: int, coarse: int) -> csr_array:
+    """Share of each of `fine` source pixels in the mean over each of `coarse` areas."""
+    area, pixel = np.arange(coarse)[:, None], np.arange(fine)[None, :]
+    # Whole numbers: in units of 1/coarse of a source pixel an area is `fine` long.
+    end = np.minimum((area + 1) * fine, (pixel + 1) * coarse)
+    return csr_array(np.maximum(end - np.maximum(area * fine, pixel * coarse), 0) / fine)
