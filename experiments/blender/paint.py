@@ -117,3 +117,33 @@ def linear(code):
     """Linear RGBA of an sRGB hex code."""
     srgb = [int(code[k : k + 2], 16) / 255 for k in (1, 3, 5)]
     return [v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4 for v in srgb] + [1.0]
+
+
+def blotches_of(palette, size):
+    """Cloudy patches, `size` across, whose edges follow the noise."""
+
+    def pattern(tree, where):
+        cloud = {"Vector": where, "Scale": 0.6 / size, "Detail": 1.5}
+        soft = node(tree, "ShaderNodeTexNoise", cloud)
+        return ramp(tree, soft.outputs["Fac"], palette, 0.32, 0.68)
+
+    return pattern
+
+
+def bricks_of(one, other, joint_colour, length, width, joint):
+    """Courses of bricks between two colours."""
+
+    def pattern(tree, where):
+        return brickwork(tree, where, one, other, joint_colour, length, width, joint)
+
+    return pattern
+
+
+def wedges_of(palette):
+    """Gores of a ball from pole to pole, about z."""
+
+    def pattern(tree, where):
+        turn = node(tree, "ShaderNodeTexGradient", {"Vector": where}, gradient_type="RADIAL")
+        return ramp(tree, turn.outputs["Fac"], palette)
+
+    return pattern

@@ -120,3 +120,38 @@ def animate(thing, path, keys, interpolation="BEZIER"):
         if curve.data_path == path:
             for point in curve.keyframe_points:
                 point.interpolation = interpolation
+
+
+def joined(parts):
+    """One mesh of several, each moved by an offset: (mesh, offset) pairs."""
+    corners, faces = [], []
+    for (some, polygons), offset in parts:
+        faces += [tuple(len(corners) + k for k in polygon) for polygon in polygons]
+        corners += [tuple(Vector(corner) + Vector(offset)) for corner in some]
+    return corners, faces
+
+
+def shell(size, patterns, **finish):
+    """Floor, ceiling and four walls about the origin, facing inwards, in the paint of `patterns`
+    by name; `finish` is that of the floor."""
+    wide, deep, high = size
+    right = math.pi / 2
+    sides = {
+        "floor": ((wide, deep), (0, 0, 0), (0, 0, 0)),
+        "ceiling": ((wide, deep), (0, 0, high), (math.pi, 0, 0)),
+        "north": ((wide, high), (0, deep / 2, high / 2), (right, 0, 0)),
+        "south": ((wide, high), (0, -deep / 2, high / 2), (right, 0, math.pi)),
+        "east": ((deep, high), (wide / 2, 0, high / 2), (right, 0, -right)),
+        "west": ((deep, high), (-wide / 2, 0, high / 2), (right, 0, right)),
+    }
+    return [
+        plane(name, *place, patterns[name], **(finish if name == "floor" else {}))
+        for name, place in sides.items()
+    ]
+
+
+def hung(carrier, name, mesh, place, rotation, pattern, **finish):
+    """A mesh object that follows `carrier`, within which its place and rotation are."""
+    made = add(name, *mesh, place, rotation, pattern, **finish)
+    made.parent = carrier
+    return made
