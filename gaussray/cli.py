@@ -24,7 +24,7 @@ VERBS = {
     "reconstruct": "multi-view video in, a scene out",
     "render": "a scene and cameras in, a paired capture and videos out",
     "evaluate": "score a scene against a paired capture",
-    "import": "a 3D Gaussian Splatting model in, a scene that stands still out",
+    "import": "a model of 3D Gaussian Splatting or 4DGaussians in, a scene out",
     "export": "a scene at one instant as a 3D Gaussian Splatting model",
 }
 USAGE = "usage: gaussray <verb> [key=value ...]\n\n" + "\n".join(
@@ -157,14 +157,29 @@ def _reconstruct_options(cfg: DictConfig) -> Any:
     )
 
 
-def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
+def _capture(path: str, node: DictConfig, label: str, prefix: str = "") -> Any:
+    """The capture at a path, as the keys of a node say that begin with `prefix`; `label` stands
+    before them in messages."""
     from gaussray.capture.formats import open_capture
+    from gaussray.capture.selection import Selection
+
+    def told(kind: type, name: str) -> Any:
+        value = node[prefix + name]
+        plain = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
+        return _as(kind, plain, f"{label}{name}")
+
+    fields = Selection.__dataclass_fields__.items()
+    chosen = {name: told(type(field.default), name) for name, field in fields}
+    names = told(str, "format"), told(str, "background")
+    return open_capture(path, *names, selection=Selection(**chosen))
+
+
+def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
     from gaussray.fit.journal import refuse
     from gaussray.reconstruct import reconstruct
 
     chosen = _reconstruct_options(cfg)
-    names = (_as(str, cfg.capture[key], f"capture.{key}") for key in ("format", "background"))
-    capture = open_capture(cfg.capture.path, *names)
+    capture = _capture(cfg.capture.path, cfg.capture, "capture.")
     refuse(Path(cfg.out), resume=cfg.resume)
     out = _run_folder(cfg)
     scene = reconstruct(
@@ -214,16 +229,15 @@ def _render(cfg: DictConfig, devices: int | None) -> None:
 
 
 def _evaluate(cfg: DictConfig, devices: int | None) -> None:
-    from gaussray.capture.formats import open_capture
-    from gaussray.evaluate import EvaluateOptions, evaluate, table
+    from gaussray.dataset.scores import table
+    from gaussray.evaluate import EvaluateOptions, evaluate
     from gaussray.render import RenderOptions
     from gaussray.scene.store import load_scene
     from gaussray.tracer.trace import TraceOptions
 
     chosen, trace = options(EvaluateOptions, cfg.evaluate), options(TraceOptions, cfg.trace)
     render = options(RenderOptions, cfg.render)
-    names = (_as(str, cfg[key], key) for key in ("truth_format", "truth_background"))
-    scene, truth = load_scene(cfg.scene), open_capture(cfg.truth, *names)
+    scene, truth = load_scene(cfg.scene), _capture(cfg.truth, cfg, "truth_", "truth_")
     if cfg.out == f"{cfg.scene}/evaluation" and Path(cfg.scene).is_file():
         cfg.out = str(Path(cfg.scene).parent / "evaluation")
     out = _run_folder(cfg)
@@ -243,9 +257,11 @@ def _evaluate(cfg: DictConfig, devices: int | None) -> None:
 def _import(cfg: DictConfig, devices: int | None) -> None:
     from gaussray.exchange import import_model
 
-    scene, assumed = import_model(cfg.source, cfg.out, color=_as(str, cfg.color, "color"))
+    color = _as(str, cfg.color, "color")
+    iteration = None if cfg.iteration is None else _as(int, cfg.iteration, "iteration")
+    scene, assumed = import_model(cfg.source, cfg.out, color=color, iteration=iteration)
     out = _run_folder(cfg)
-    _say(f"{out / 'scene.npz'}: {scene.static.count} Gaussians.\n{assumed}")
+    _say(f"{out / 'scene.npz'}: {scene.static.count + scene.moving.count} Gaussians.\n{assumed}")
 
 
 def _export(cfg: DictConfig, devices: int | None) -> None:

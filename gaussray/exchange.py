@@ -1,6 +1,7 @@
-"""Models of others in, ours out: Gaussians that stand still, as other programs keep them."""
+"""Models of others in, ours out: Gaussians as other programs keep them."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -10,45 +11,65 @@ from jaxtyping import Array, Float
 
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.devices import leads, wait
-from gaussray.scene.gaussian_ply import read_gaussians, write_gaussians
+from gaussray.scene.codes import directions, projection
+from gaussray.scene.gaussian_folder import read_model
+from gaussray.scene.gaussian_ply import write_gaussians
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import C0, basis
+from gaussray.scene.harmonics import C0
+from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene, at
 from gaussray.scene.store import save_scene
 
 
 # What a light can be kept as: codes of sRGB, which fits to 8-bit pictures hold, or linear.
 COLORS = ("srgb", "linear")
-# Rings of directions: with twice as many on each, polynomials of degree 11 are summed exactly.
-RINGS = 6
 # Gaussians whose colours are converted at a time: bounds the memory.
 BLOCK = 1 << 16
 
 
-def import_model(source: Path | str, out: Path | str, *, color: str = "srgb") -> tuple[Scene, str]:
-    """A 3D Gaussian Splatting model (PLY) as a scene that stands still, left in `out`/scene.npz.
+def import_model(
+    source: Path | str, out: Path | str, *, color: str = "srgb", iteration: int | None = None
+) -> tuple[Scene, str]:
+    """A trained model of others as a scene, left in `out`/scene.npz.
 
-    `color` says what the model's colours are: srgb, the codes of the 8-bit pictures that it was
-    fitted to, which are converted to linear light (`converted`), or linear, taken as they are. The
-    time range is 0 to 1. Returns the scene and what had to be assumed. ValueError if `out` holds a
-    scene already, or the file no model (`read_gaussians`).
+    `source` is a PLY file of 3D Gaussian Splatting, which stands still, or the folder of a model of
+    4DGaussians or of one of its iterations (`read_model`; `iteration` chooses one, None the
+    newest). `color` says what the model's colours are: srgb, the codes of the 8-bit pictures that
+    it was fitted to, which are converted to linear light (`converted`; at every time anew if they
+    change), or linear, taken as they are. The time range is 0 to 1. Returns the scene and what had
+    to be assumed. ValueError if `out` holds a scene already, or the source no model.
     """
     _check_color(color)
     out = Path(out)
     if (out / "scene.npz").exists():
         raise ValueError(f"out={out} holds a scene already. Choose another folder.")
-    gaussians, error = read_gaussians(source), 0.0
+    gaussians, field, file = read_model(source, iteration)
+    error = 0.0
     if color == "srgb":
-        harmonics, error = converted(gaussians.harmonics, encode=False)
-        gaussians = _with_harmonics(gaussians, harmonics)
+        gaussians, field, error = _decoded(gaussians, field)
     none = jax.tree.map(lambda x: x[:0], gaussians)
-    scene = Scene(gaussians, none, None, jnp.asarray([0, 1], jnp.float32))
+    static, moving = (gaussians, none) if field is None else (none, gaussians)
+    scene = Scene(static, moving, field, jnp.asarray([0, 1], jnp.float32))
     # No process shall find what another has just written.
     wait("import")
     if leads():
-        info = {"source": Path(source).name, "color": color}
+        info = {"source": file.name, "color": color}
         save_scene(out / "scene.npz", scene, info=info)
-    return scene, _assumed(color, error)
+    return scene, _assumed(file, field, color, error)
+
+
+def _decoded(
+    gaussians: Gaussians, field: ResidualField | None
+) -> tuple[Gaussians, ResidualField | None, float]:
+    """The same in linear light, and the error of the harmonics (`converted`), at first if they
+    change."""
+    if field is None or field.harmonics is None:
+        harmonics, error = converted(gaussians.harmonics, encode=False)
+        return _with_harmonics(gaussians, harmonics), field, error
+    zero = jnp.zeros((), gaussians.mean.dtype)
+    first = jax.jit(lambda field, rest, time: field(rest, time))(field, gaussians, zero)
+    _, error = converted(first.harmonics, encode=False)
+    return gaussians, replace(field, encoded=True), error
 
 
 def export_model(
@@ -108,16 +129,15 @@ def converted(
     Exact for a colour that is the same from everywhere; the error is the root mean square of what
     the harmonics cannot follow, over directions, channels and Gaussians, in sRGB codes 0 to 1.
     """
-    way, weight = _directions()
     count, coefficients, _ = harmonics.shape
-    values = np.stack(basis(jnp.asarray(way.T), coefficients), axis=-1).astype(np.float32)
-    projection = (4 * np.pi * weight[:, None] * values).astype(np.float32)
+    _, weight = directions()
+    values, sums = (np.asarray(x, np.float32) for x in projection(coefficients))
     result, square = np.empty(harmonics.shape, np.float32), 0.0
     for begin in range(0, count, BLOCK):
         part = np.asarray(harmonics[begin : begin + BLOCK], np.float32)
         seen = _seen(values, part)
         wanted = srgb_encode(seen) if encode else srgb_decode(seen)
-        fitted = np.einsum("dc,dnk->nck", projection, wanted - 0.5, optimize=True)
+        fitted = np.einsum("dc,dnk->nck", sums, wanted - 0.5, optimize=True)
         result[begin : begin + BLOCK] = fitted
         shown = _seen(values, fitted)
         off = shown - wanted if encode else srgb_encode(shown) - seen
@@ -131,16 +151,6 @@ def _seen(
 ) -> Float[np.ndarray, "directions gaussians 3"]:
     """The colours from all directions."""
     return np.maximum(np.einsum("dc,nck->dnk", values, harmonics, optimize=True) + 0.5, 0)
-
-
-def _directions() -> tuple[Float[np.ndarray, "directions 3"], Float[np.ndarray, " directions"]]:
-    """Directions all around and their shares of the sphere: Gauss-Legendre in z, even rings."""
-    z, share = np.polynomial.legendre.leggauss(RINGS)
-    angle = np.pi * np.arange(2 * RINGS) / RINGS
-    across = np.sqrt(1 - z * z)[:, None]
-    x, y = across * np.cos(angle), across * np.sin(angle)
-    way = np.stack([x, y, np.broadcast_to(z[:, None], x.shape)], axis=-1).reshape(-1, 3)
-    return way, np.repeat(share / 2, 2 * RINGS) / (2 * RINGS)
 
 
 def _with_harmonics(gaussians: Gaussians, harmonics: Array) -> Gaussians:
@@ -170,11 +180,32 @@ def _off(error: float) -> str:
     return f"off by {255 * error:.2g} of 255 (root mean square) for the degree of the harmonics"
 
 
-def _assumed(color: str, error: float) -> str:
+def _assumed(file: Path, field: ResidualField | None, color: str, error: float) -> str:
     light = f"sRGB codes, now linear light, {_off(error)}" if color == "srgb" else "linear light"
     return (
+        f"{file}: {_moves(field)}\n"
         f"assumed, as the file does not say: colours are {light}; harmonics are seen along each "
         "ray, not from the camera's centre to the Gaussian's; light is blended linearly;\nno "
         "variance of 0.3 square pixels is added on the screen; alpha below trace.alpha_min counts "
         "as nothing; scene units and world axes are the model's own."
     )
+
+
+def _moves(field: ResidualField | None) -> str:
+    if field is None:
+        return "stands still."
+    heads = {
+        "place": field.mean,
+        "rotation": field.rotation,
+        "size": field.scale,
+        "opacity": field.opacity,
+        "colour": field.harmonics,
+    }
+    changing = [name for name, head in heads.items() if head is not None]
+    text = f"what changes over the times 0 to 1: {', '.join(changing) or 'nothing'}."
+    if field.opacity is not None or field.harmonics is not None:
+        text += (
+            " Opacity and colour are those in the middle of a frame's times; render.chunk_rows=1 "
+            "takes them at every row's."
+        )
+    return text

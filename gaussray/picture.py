@@ -177,7 +177,8 @@ def _rays(camera: Camera, pixel: Array, u: Float[Array, "samples 5"]) -> Rays:
 def _motion(scene: Scene, key_time: Float[Array, " keys"]) -> Motion:
     if key_time.shape[0] == 1 or scene.deformation is None:
         return still(at(scene, key_time[0]))
-    return Motion(key_time, moving_at(scene, key_time), scene.static)
+    rest = scene.static if scene.static.count else None
+    return Motion(key_time, moving_at(scene, key_time), rest)
 
 
 def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:

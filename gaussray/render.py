@@ -276,7 +276,7 @@ def key_count(scene: Scene, span: float) -> int:
     instants that it may touch, so that each arc is as short as the motion was sampled."""
     if scene.deformation is None:
         return 1
-    instants = np.asarray(scene.deformation.bodies.time)
+    instants = np.asarray(scene.deformation.instants)
     if len(instants) < 2:
         return 3
     # Rounding of single precision shall not cost an arc.

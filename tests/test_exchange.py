@@ -3,6 +3,7 @@
 import math
 
 import equinox as eqx
+import foreign
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +15,7 @@ import toy
 from gaussray.cli import main
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.exchange import converted, export_model, folded, import_model
+from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.gaussian_ply import read_gaussians, write_gaussians
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import at
@@ -33,6 +35,10 @@ CURVE = 12.92 * SINGLE
 SMOOTH = 1.3 * 0.034**2
 # The same from directions by chance instead of all, and terms of higher order.
 CHANCE = 0.3
+# What was asked of an imported network: single precision leaves a few times 1e-6 after its layers.
+LAYERS = 1e-5
+# Single precision in the network, the harmonics and the sum of a few Gaussians.
+SHADED = 1e-4
 # A pixel between two of the 255 steps of a PNG may fall to either side.
 CODE = 1
 
@@ -68,6 +74,17 @@ def same(a, b, rtol=STORED):
         np.testing.assert_allclose(getattr(a, name), getattr(b, name), rtol=rtol)
     units = (np.asarray(x.quat) / np.linalg.norm(x.quat, axis=1, keepdims=True) for x in (a, b))
     np.testing.assert_allclose(*units, atol=SINGLE)
+
+
+MODEL_TIMES = (0.0, 0.4, 1.0)
+
+
+def imported(tmp_path, *words, **how):
+    """A model of 4DGaussians on disk, and the scene that the verb makes of it."""
+    tensors, table = foreign.state(), foreign.cloud()
+    folder = foreign.write_model(tmp_path / "model", tensors, table, **how)
+    main(["import", f"source={folder}", f"out={tmp_path}/run", *words])
+    return load_scene(tmp_path / "run"), tensors, table
 
 
 @pytest.fixture
@@ -150,6 +167,66 @@ def test_codes_become_light(tmp_path):
     scene, said = import_model(tmp_path / "model.ply", tmp_path / "run")
     np.testing.assert_allclose(colors(scene.static), srgb_decode(np.array(0.5)), atol=CURVE)
     assert "sRGB codes, now linear light, off by" in said
+
+
+def test_an_imported_model_of_4dgaussians_moves_as_it_did(tmp_path, capsys):
+    scene, tensors, table = imported(tmp_path, "color=linear")
+    for time in MODEL_TIMES:
+        found, expected = at(scene, toy.single(time)), foreign.forward(tensors, table, time)
+        for name in ("mean", "scale", "opacity", "harmonics"):
+            np.testing.assert_allclose(getattr(found, name), expected[name], atol=LAYERS)
+    out = capsys.readouterr().out
+    assert "12 Gaussians" in out and "iteration_20/point_cloud.ply" in out
+    assert "what changes over the times 0 to 1: place, rotation, size, opacity, colour." in out
+    assert "render.chunk_rows=1" in out
+
+
+def test_codes_that_change_become_light_at_every_time(tmp_path):
+    scene, tensors, table = imported(tmp_path)
+    assert scene.deformation.encoded
+    for time in MODEL_TIMES:
+        codes = toy.single(foreign.forward(tensors, table, time)["harmonics"])
+        expected, _ = converted(codes, encode=False)
+        # The curve's slope reaches 4 where the codes reach 2.
+        np.testing.assert_allclose(at(scene, toy.single(time)).harmonics, expected, atol=4 * LAYERS)
+    assert np.abs(expected - codes).max() > 0.1
+
+
+def test_codes_that_stay_become_light_once(tmp_path):
+    scene, _, table = imported(tmp_path, no_dshs=True)
+    assert not scene.deformation.encoded and scene.deformation.harmonics is None
+    expected, _ = converted(toy.single(foreign.columns(table)["shs"]), encode=False)
+    for time in MODEL_TIMES:
+        np.testing.assert_array_equal(at(scene, toy.single(time)).harmonics, expected)
+
+
+def test_a_frame_of_a_model_goes_out_again(tmp_path):
+    """What a viewer reads is the model's own forward at that time."""
+    scene, tensors, table = imported(tmp_path, "color=linear", "iteration=20")
+    for time in MODEL_TIMES:
+        words = [f"scene={tmp_path}/run", f"time={time}", f"out={tmp_path}/a.ply"]
+        main(["export", *words, "color=linear"])
+        found, expected = read_gaussians(tmp_path / "a.ply"), foreign.forward(tensors, table, time)
+        for name in ("mean", "scale", "quat", "opacity", "harmonics"):
+            np.testing.assert_allclose(getattr(found, name), expected[name], atol=LAYERS)
+
+
+def test_a_model_is_filmed_row_by_row_or_with_the_light_of_the_middle_row(tmp_path):
+    scene, _, _ = imported(tmp_path)
+    readout, last = 0.4, 14
+
+    def renderer(**options):
+        return Renderer(scene, options=RenderOptions(samples=1, **options), trace=toy.TRACE)
+
+    rolling = toy.rolling(toy.camera(time=0.5, height=last + 1), readout)
+    by_row, by_key = (renderer(**how)(rolling).color for how in ({"chunk_rows": 1}, {"keys": 3}))
+    film = renderer()
+    for row in (0, last // 2):
+        still = film(toy.camera(time=0.3 + readout * row / last, height=last + 1)).color[row]
+        assert np.ptp(still) > 100 * SHADED
+        np.testing.assert_allclose(by_row[row], still, atol=SHADED)
+    np.testing.assert_allclose(by_key[last // 2], still, atol=SHADED)
+    assert np.abs(by_row - by_key).max() > 100 * SHADED
 
 
 def test_an_export_is_the_scene_at_an_instant(moving, tmp_path, capsys):
@@ -237,6 +314,9 @@ def test_an_import_that_cannot_be_leaves_nothing(tmp_path, capsys):
         (["source=none.ply"], "none.ply: no such file"),
         ([f"source={tmp_path}/a.ply"], "must begin with the line 'ply'"),
         ([f"source={tmp_path}/a.ply", "color=red"], "color must be one of"),
+        ([f"source={tmp_path}"], "holds no point_cloud.ply"),
+        ([f"source={tmp_path}/a.ply", "iteration=2"], "iteration must be null unless"),
+        ([f"source={tmp_path}/a.ply", "iteration=new"], "iteration must be a whole number"),
     ):
         with pytest.raises(SystemExit):
             main(["import", f"out={tmp_path}/run", *words])

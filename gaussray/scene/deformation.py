@@ -65,6 +65,23 @@ class Deformation(eqx.Module):
     tint: tuple[Layer, Layer]
     light: Float[Array, "9 3"]
 
+    @property
+    def instants(self) -> Float[Array, " instants"]:
+        """The times between which the motion was sampled."""
+        return self.bodies.time
+
+    def __call__(self, gaussians: Gaussians, time: Float[Array, ""]) -> Gaussians:
+        """The Gaussians at a time (`deform`)."""
+        return deform(gaussians, self, time)
+
+
+def head_output(
+    head: tuple[Layer, Layer], hidden: Float[Array, "gaussians width"]
+) -> Float[Array, "gaussians outputs"]:
+    """What a head makes of the trunk's features."""
+    first, last = head
+    return last(jax.nn.relu(first(jax.nn.relu(hidden))))
+
 
 def initial_deformation(
     key: PRNGKeyArray, planes: Planes, bodies: Bodies, *, width: int
@@ -100,8 +117,7 @@ def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""
     hidden = deformation.trunk(features(deformation.planes, place, time))
 
     def residual(head: tuple[Layer, Layer]) -> Array:
-        first, last = head
-        return last(jax.nn.relu(first(jax.nn.relu(hidden))))
+        return head_output(head, hidden)
 
     pivot, path, turn = _carried(deformation.bodies, place, time)
     arm = product("nij,nj->ni", rotation_matrix(turn), gaussians.mean - pivot)

@@ -19,7 +19,7 @@ from jaxtyping import Float
 
 from gaussray.atomic import whole
 from gaussray.ply import read_vertices
-from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.gaussians import Gaussians, Unconstrained
 
 
 MEAN, NORMAL = ("x", "y", "z"), ("nx", "ny", "nz")
@@ -42,27 +42,45 @@ def read_gaussians(path: Path | str) -> Gaussians:
     them. ValueError names file, property and remedy if a property is missing, if f_rest is not that
     of degree 0 to 3, if data are missing, or if no Gaussian is left.
     """
+    mean, quat, scale, logit, harmonics = _columns_of(path)
+    with np.errstate(over="ignore"):
+        opacity = 1 / (1 + np.exp(-logit))
+    parts = mean, _unit(quat), np.exp(scale), opacity, harmonics
+    return Gaussians(*(jnp.asarray(part, jnp.float32) for part in parts))
+
+
+def read_unconstrained(path: Path | str) -> Unconstrained:
+    """The same Gaussians as the file holds them: log scale, logit of opacity, quaternions of any
+    length, also of none."""
+    return Unconstrained(*(jnp.asarray(part, jnp.float32) for part in _columns_of(path)))
+
+
+def _columns_of(path: Path | str) -> tuple[np.ndarray, ...]:
+    """What the file holds of the Gaussians that can be used: mean, quaternion, log scale, logit of
+    opacity, harmonics."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file. Name the PLY file of a model.")
     table = read_vertices(path)
     rest = _rest_names(path, table.dtype.names or ())
-    mean = _columns(table, MEAN, np.float32)
-    quat = _unit(_columns(table, QUAT))
-    # Beyond the range of single precision values become infinite, and are counted below.
-    with np.errstate(over="ignore", under="ignore"):
-        scale = np.exp(_columns(table, SCALE)).astype(np.float32)
-        logit = _columns(table, ("opacity",))[:, 0]
-        opacity = (1 / (1 + np.exp(-logit))).astype(np.float32)
     first = _columns(table, CONSTANT, np.float32)[:, None, :]
     others = _columns(table, rest, np.float32).reshape(len(table), 3, len(rest) // 3).swapaxes(1, 2)
-    harmonics = np.concatenate([first, others], axis=1)
-    parts = mean, quat.astype(np.float32), scale, opacity, harmonics
-    good = (scale.min(axis=1) >= _FLOAT.tiny) & np.isfinite(logit)
+    scale = _columns(table, SCALE)
+    parts = (
+        _columns(table, MEAN, np.float32),
+        _columns(table, QUAT),
+        scale,
+        _columns(table, ("opacity",))[:, 0],
+        np.concatenate([first, others], axis=1),
+    )
+    # Beyond the range of single precision scales become infinite, and are counted.
+    with np.errstate(over="ignore", under="ignore"):
+        size = np.exp(scale).astype(np.float32)
+    good = (size.min(axis=1) >= _FLOAT.tiny) & np.isfinite(size).all(axis=1)
     for part in parts:
         good &= np.isfinite(part).all(axis=tuple(range(1, part.ndim)))
     _demand_some(path, good)
-    return Gaussians(*(jnp.asarray(part[good]) for part in parts))
+    return tuple(part[good] for part in parts)
 
 
 def write_gaussians(path: Path | str, gaussians: Gaussians) -> None:
@@ -153,7 +171,7 @@ def _demand_some(path: Path, good: np.ndarray) -> None:
         warnings.warn(
             f"{path}: {bad} of {len(good)} Gaussians are not finite in single precision and are "
             "dropped.",
-            stacklevel=3,
+            stacklevel=4,
         )
 
 

@@ -7,6 +7,11 @@ deformation.bodies.{pivot,radius,time,path,turn}, deformation.planes.space.<scal
 deformation.planes.time.<scale>, deformation.planes.{lower,upper,begin,end},
 deformation.trunk.weight and .bias, deformation.{mean,rotation,scale,tint}.{0,1}.{weight,bias},
 deformation.light. No pickle: the file cannot carry code.
+
+Version 2 is for scenes that move by a `ResidualField`: deformation.planes as above,
+deformation.trunk.<layer>.{weight,bias}, deformation.<head>.{0,1}.{weight,bias} of those of the
+heads mean, rotation, scale, opacity and harmonics that there are, deformation.logit_opacity with
+the head opacity, and deformation.encoded (true or false).
 """
 
 import json
@@ -23,15 +28,19 @@ from gaussray.scene.bodies import Bodies
 from gaussray.scene.deformation import Deformation, Layer
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.planes import Planes
+from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene
 
 
-FORMAT, VERSION = "gaussray-scene", 1
+FORMAT = "gaussray-scene"
+# A scene is written in the first version that has a place for it.
+VERSION, RESIDUALS = 1, 2
 
 
 def save_scene(path: Path | str, scene: Scene, *, info: dict[str, Any] | None = None) -> None:
     """Write a scene; `info` (anything JSON) is kept in the header."""
-    header = {"format": FORMAT, "version": VERSION, "info": info or {}}
+    version = RESIDUALS if isinstance(scene.deformation, ResidualField) else VERSION
+    header = {"format": FORMAT, "version": version, "info": info or {}}
     write_arrays(path, header, named(scene))
 
 
@@ -39,12 +48,12 @@ def load_scene(path: Path | str) -> Scene:
     """Read a scene; a folder means its scene.npz."""
     path = Path(path)
     path = path / "scene.npz" if path.is_dir() else path
-    _, array = read_arrays(path, FORMAT, VERSION)
-    return scene_from(array, path)
+    header, array = read_arrays(path, FORMAT, VERSION, RESIDUALS)
+    return scene_from(array, path, residuals=header["version"] == RESIDUALS)
 
 
-def scene_from(array: dict[str, np.ndarray], path: Path) -> Scene:
-    """The scene in a table of named arrays."""
+def scene_from(array: dict[str, np.ndarray], path: Path, *, residuals: bool = False) -> Scene:
+    """The scene in a table of named arrays, which moves by a `ResidualField` or not."""
 
     def take(name: str) -> Array:
         return _take(array, name, path)
@@ -57,7 +66,7 @@ def scene_from(array: dict[str, np.ndarray], path: Path) -> Scene:
             raise ValueError(f"{path}: the arrays of '{prefix}' differ in length: {rows}.")
         return Gaussians(**values)
 
-    deformation = deformation_from(array, "deformation", path)
+    deformation = (_residuals if residuals else deformation_from)(array, "deformation", path)
     return Scene(gaussians("static"), gaussians("moving"), deformation, take("time_range"))
 
 
@@ -66,33 +75,57 @@ def deformation_from(array: dict[str, np.ndarray], prefix: str, path: Path) -> D
     if not any(name.startswith(f"{prefix}.") for name in array):
         return None
 
-    def take(name: str) -> Array:
-        return _take(array, f"{prefix}.{name}", path)
-
     def layer(name: str) -> Layer:
-        return Layer(take(f"{name}.weight"), take(f"{name}.bias"))
+        return _layer(array, f"{prefix}.{name}", path)
 
     def head(name: str) -> tuple[Layer, Layer]:
         return layer(f"{name}.0"), layer(f"{name}.1")
 
-    scales = sum(name.startswith(f"{prefix}.planes.space.") for name in array)
-    planes = Planes(
-        space=tuple(take(f"planes.space.{i}") for i in range(scales)),
-        time=tuple(take(f"planes.time.{i}") for i in range(scales)),
-        **{k: take(f"planes.{k}") for k in ("lower", "upper", "begin", "end")},
-    )
     names = ("pivot", "radius", "time", "path", "turn")
-    bodies = Bodies(*(take(f"bodies.{name}") for name in names))
+    bodies = Bodies(*(_take(array, f"{prefix}.bodies.{name}", path) for name in names))
     return Deformation(
         bodies,
-        planes,
+        _planes(array, f"{prefix}.planes", path),
         layer("trunk"),
         mean=head("mean"),
         rotation=head("rotation"),
         scale=head("scale"),
         tint=head("tint"),
-        light=take("light"),
+        light=_take(array, f"{prefix}.light", path),
     )
+
+
+def _residuals(array: dict[str, np.ndarray], prefix: str, path: Path) -> ResidualField:
+    depth = len({x.split(".")[2] for x in array if x.startswith(f"{prefix}.trunk.")})
+
+    def head(name: str) -> tuple[Layer, Layer] | None:
+        if not any(x.startswith(f"{prefix}.{name}.") for x in array):
+            return None
+        first, last = (_layer(array, f"{prefix}.{name}.{i}", path) for i in range(2))
+        return first, last
+
+    heads = (head(name) for name in ("mean", "rotation", "scale", "opacity", "harmonics"))
+    logit = f"{prefix}.logit_opacity"
+    return ResidualField(
+        _planes(array, f"{prefix}.planes", path),
+        tuple(_layer(array, f"{prefix}.trunk.{i}", path) for i in range(max(depth, 1))),
+        *heads,
+        logit_opacity=_take(array, logit, path) if logit in array else None,
+        encoded=bool(_take(array, f"{prefix}.encoded", path)),
+    )
+
+
+def _planes(array: dict[str, np.ndarray], prefix: str, path: Path) -> Planes:
+    scales = sum(name.startswith(f"{prefix}.space.") for name in array)
+    return Planes(
+        space=tuple(_take(array, f"{prefix}.space.{i}", path) for i in range(scales)),
+        time=tuple(_take(array, f"{prefix}.time.{i}", path) for i in range(scales)),
+        **{k: _take(array, f"{prefix}.{k}", path) for k in ("lower", "upper", "begin", "end")},
+    )
+
+
+def _layer(array: dict[str, np.ndarray], prefix: str, path: Path) -> Layer:
+    return Layer(*(_take(array, f"{prefix}.{name}", path) for name in ("weight", "bias")))
 
 
 def _take(array: dict[str, np.ndarray], name: str, path: Path) -> Array:
@@ -107,7 +140,7 @@ def named(tree: Any, prefix: str = "") -> dict[str, np.ndarray]:
     """Every array of a tree of modules and tuples, under its path."""
     if tree is None:
         return {}
-    if hasattr(tree, "shape"):
+    if hasattr(tree, "shape") or isinstance(tree, bool):
         return {prefix: np.asarray(tree)}
     fields = getattr(tree, "_fields", None)
     if fields is not None:
@@ -130,9 +163,10 @@ def write_arrays(path: Path | str, header: dict[str, Any], array: dict[str, np.n
 
 
 def read_arrays(
-    path: Path | str, kind: str, version: int
+    path: Path | str, kind: str, *versions: int
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Header and arrays of a file of this kind and version; anything else is one clear error."""
+    """Header and arrays of a file of this kind and of one of the versions; anything else is one
+    clear error."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file. `gaussray reconstruct` writes one.")
@@ -144,9 +178,10 @@ def read_arrays(
         raise ValueError(f"{path}: is not a {kind} file or is damaged ({error}).") from error
     if header.get("format") != kind:
         raise ValueError(f"{path}: is a {header.get('format')!r} file, not a {kind} file.")
-    if header.get("version") != version:
+    if header.get("version") not in versions:
+        known = " and ".join(str(version) for version in versions)
         raise ValueError(
-            f"{path}: is of version {header.get('version')}, this gaussray reads {version}. "
+            f"{path}: is of version {header.get('version')}, this gaussray reads {known}. "
             "Reconstruct the scene again or read it with the gaussray that wrote it."
         )
     return header, array

@@ -1,14 +1,18 @@
 """A scene that was written is read back bit by bit, or not at all."""
 
+import dataclasses
 import os
 import pickle
 
 import equinox as eqx
+import foreign
 import jax
 import numpy as np
 import pytest
 import toy
 
+from gaussray.scene.gaussian_folder import read_model
+from gaussray.scene.scene import Scene
 from gaussray.scene.store import load_scene, named, read_arrays, save_scene, write_arrays
 
 
@@ -20,9 +24,9 @@ def same(a, b):
         np.testing.assert_array_equal(x, y)
 
 
-def rewritten(path, **changes):
+def rewritten(path, version=1, **changes):
     """The file with some arrays exchanged, or removed (None)."""
-    header, array = read_arrays(path, "gaussray-scene", 1)
+    header, array = read_arrays(path, "gaussray-scene", version)
     array = {name: x for name, x in (array | changes).items() if x is not None}
     write_arrays(path, header, array)
 
@@ -47,6 +51,45 @@ def test_the_documented_names_are_the_names(path):
     assert {"static.mean", "moving.harmonics", "time_range", "deformation.planes.space.0",
             "deformation.planes.begin", "deformation.trunk.weight",
             "deformation.rotation.1.bias"} <= set(array)  # fmt: skip
+
+
+def residual_scene(folder, *, encoded=False, **how):
+    """A scene that moves by residuals."""
+    gaussians, field, _ = read_model(foreign.write_model(folder, **how))
+    field = dataclasses.replace(field, encoded=encoded)
+    none = jax.tree.map(lambda x: x[:0], gaussians)
+    return Scene(none, gaussians, field, toy.single([0, 1]))
+
+
+@pytest.mark.parametrize(
+    "how",
+    [{}, {"encoded": True}, {"no_do": True, "no_dshs": True}, dict.fromkeys(foreign.FLAGS, True)],
+    ids=str,
+)
+def test_round_trip_is_exact_with_residuals(tmp_path, how):
+    scene = residual_scene(tmp_path / "model", tensors=foreign.state(layers=2), **how)
+    save_scene(tmp_path / "scene.npz", scene)
+    same(load_scene(tmp_path), scene)
+
+
+def test_residuals_are_kept_in_the_version_that_documents_them(tmp_path):
+    save_scene(tmp_path / "scene.npz", residual_scene(tmp_path / "model", no_dr=True))
+    header, array = read_arrays(tmp_path / "scene.npz", "gaussray-scene", 2)
+    assert header["version"] == 2 and not any("rotation" in name for name in array)
+    assert {"deformation.trunk.0.weight", "deformation.harmonics.1.bias", "deformation.encoded",
+            "deformation.logit_opacity", "deformation.planes.time.1"} <= set(array)  # fmt: skip
+    with pytest.raises(ValueError, match="is of version 2, this gaussray reads 1"):
+        read_arrays(tmp_path / "scene.npz", "gaussray-scene", 1)
+
+
+@pytest.mark.parametrize(
+    "name", ["trunk.0.weight", "harmonics.0.bias", "mean.1.weight", "encoded", "planes.end"]
+)
+def test_a_missing_array_of_residuals_is_named(tmp_path, name):
+    save_scene(tmp_path / "scene.npz", residual_scene(tmp_path / "model"))
+    rewritten(tmp_path / "scene.npz", 2, **{f"deformation.{name}": None})
+    with pytest.raises(ValueError, match=f"'deformation.{name}' is missing"):
+        load_scene(tmp_path)
 
 
 def test_a_write_that_fails_leaves_the_old_file(path, monkeypatch):

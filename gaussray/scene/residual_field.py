@@ -1,0 +1,70 @@
+"""How Gaussians of 4DGaussians (Wu et al. 2024) move: residuals of what their optimiser moves."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from gaussray.scene.codes import decoded
+from gaussray.scene.deformation import Layer, head_output
+from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.planes import Planes, features
+
+
+Head = tuple[Layer, Layer]
+
+
+class ResidualField(eqx.Module):
+    """Features of place and time become residuals of mean, quaternion, log scale, logit of opacity,
+    and harmonics; a head that is None leaves its own as it is at rest.
+
+    Times run from 0 to 1; beyond them everything rests. `logit_opacity` is that at rest, which the
+    opacity of a Gaussian near 1 no longer tells; None without a head. If the field is `encoded`,
+    the harmonics at rest and their residuals are those of sRGB codes, and their sum is decoded to
+    linear light at every time (`codes.decoded`).
+    """
+
+    planes: Planes
+    trunk: tuple[Layer, ...]
+    mean: Head | None
+    rotation: Head | None
+    scale: Head | None
+    opacity: Head | None
+    harmonics: Head | None
+    logit_opacity: Float[Array, " gaussians"] | None
+    encoded: bool = eqx.field(static=True, default=False)
+
+    def __check_init__(self):
+        if (self.opacity is None) != (self.logit_opacity is None):
+            raise ValueError("a residual of opacity and logit_opacity must be given both, or none.")
+        if self.encoded and self.harmonics is None:
+            raise ValueError("harmonics without a residual must be decoded once, not be encoded.")
+
+    @property
+    def instants(self) -> Float[Array, " instants"]:
+        """The times between which features are linear."""
+        planes = self.planes
+        return jnp.linspace(planes.begin, planes.end, max(len(x[0]) for x in planes.time))
+
+    def __call__(self, gaussians: Gaussians, time: Float[Array, ""]) -> Gaussians:
+        """The Gaussians at a time, from those at rest."""
+        hidden = features(self.planes, gaussians.mean, jnp.clip(time, 0, 1))
+        for i, layer in enumerate(self.trunk):
+            hidden = layer(jax.nn.relu(hidden) if i else hidden)
+
+        def moved(rest: Array, head: Head | None) -> Array:
+            return rest if head is None else rest + head_output(head, hidden).reshape(rest.shape)
+
+        scale, opacity = gaussians.scale, gaussians.opacity
+        if self.scale is not None:
+            scale = scale * jnp.exp(head_output(self.scale, hidden))
+        if self.logit_opacity is not None:
+            opacity = jax.nn.sigmoid(moved(self.logit_opacity, self.opacity))
+        harmonics = moved(gaussians.harmonics, self.harmonics)
+        return Gaussians(
+            mean=moved(gaussians.mean, self.mean),
+            quat=moved(gaussians.quat, self.rotation),
+            scale=scale,
+            opacity=opacity,
+            harmonics=decoded(harmonics) if self.encoded else harmonics,
+        )
