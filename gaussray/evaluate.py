@@ -1,6 +1,7 @@
 """Our pictures against the truth, effect by effect, through the recorded cameras."""
 
 import contextlib
+import dataclasses
 import importlib.metadata
 import json
 from collections.abc import Sequence
@@ -110,7 +111,7 @@ def evaluate(
     sheet, done = [], 0
     for effect, views in chosen.items():
         samples = options.samples(effect)
-        sampling = _with_samples(render, samples)
+        sampling = dataclasses.replace(render, samples=samples)
         renderer = Renderer(scene, options=sampling, trace=trace, devices=devices)
         moving = _moving(groups[effect])
         rows, films = [], {}
@@ -154,10 +155,6 @@ def _chosen(views: Sequence[View], options: EvaluateOptions) -> list[View]:
         place = np.linspace(0, len(picked) - 1, options.frames).round().astype(int)
         picked = [picked[i] for i in place]
     return picked
-
-
-def _with_samples(render: RenderOptions, samples: int) -> RenderOptions:
-    return RenderOptions(samples=samples, keys=render.keys, chunk_rows=render.chunk_rows)
 
 
 def _codes(view: View) -> np.ndarray:

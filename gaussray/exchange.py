@@ -184,10 +184,11 @@ def _assumed(file: Path, field: ResidualField | None, color: str, error: float) 
     light = f"sRGB codes, now linear light, {_off(error)}" if color == "srgb" else "linear light"
     return (
         f"{file}: {_moves(field)}\n"
-        f"assumed, as the file does not say: colours are {light}; harmonics are seen along each "
-        "ray, not from the camera's centre to the Gaussian's; light is blended linearly;\nno "
-        "variance of 0.3 square pixels is added on the screen; alpha below trace.alpha_min counts "
-        "as nothing; scene units and world axes are the model's own."
+        f"assumed, as the file does not say: colours are {light}; light is blended linearly; "
+        "scene units and world axes are the model's own.\nIts own rasteriser saw harmonics from "
+        "the camera's center, added 0.3 square pixels on the screen and left out alpha below "
+        "1/255: render.harmonics=center render.dilation=0.3 trace.alpha_min=0.00392 do so too; "
+        "by default each ray sees its own colour, and nothing is added."
     )
 
 

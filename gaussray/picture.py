@@ -16,6 +16,8 @@ from jaxtyping import Array, Float, Int
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import samples as sample_numbers
+from gaussray.raster import dilated, seen_from_center
+from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene, at, moving_at
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, still
@@ -32,11 +34,16 @@ class RenderOptions(eqx.Module):
     for every interval between the capture's instants (they share their ends), and a frame whose
     rays share one time needs and takes only one. `chunk_rows` > 0 is the paper's way instead: one
     state for so many rows (1 = a state for every row).
+
+    `dilation` (square pixels) and `harmonics` (along each ray, or from the camera's center to a
+    Gaussian's) show a model as the rasteriser that it was fitted through: 3DGS has 0.3 and center.
     """
 
     samples: int = eqx.field(static=True, default=4)
     keys: int = eqx.field(static=True, default=0)
     chunk_rows: int = eqx.field(static=True, default=0)
+    dilation: float = eqx.field(static=True, default=0.0)
+    harmonics: str = eqx.field(static=True, default="ray")
 
     def __check_init__(self):
         if self.samples < 1:
@@ -47,6 +54,10 @@ class RenderOptions(eqx.Module):
             )
         if self.chunk_rows < 0:
             raise ValueError(f"render.chunk_rows must be at least 0, got {self.chunk_rows}.")
+        if not 0 <= self.dilation < math.inf:
+            raise ValueError(f"render.dilation must be at least 0, got {self.dilation}.")
+        if self.harmonics not in ("ray", "center"):
+            raise ValueError(f"render.harmonics must be ray or center, got {self.harmonics!r}.")
 
 
 class Part(eqx.Module):
@@ -143,7 +154,7 @@ def render_frames(
 
 
 def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, Report]:
-    motion = _motion(scene, _key_times(camera, part, pace.keys))
+    motion = _motion(scene, camera, part, pace)
     u = sample_numbers(pace.options.samples).astype(part.pixel.dtype)
     shared = _together(pace)
 
@@ -174,11 +185,22 @@ def _rays(camera: Camera, pixel: Array, u: Float[Array, "samples 5"]) -> Rays:
     return jax.vmap(sample)(u)
 
 
-def _motion(scene: Scene, key_time: Float[Array, " keys"]) -> Motion:
+def _motion(scene: Scene, camera: Camera, part: Part, pace: Pace) -> Motion:
+    key_time, options = _key_times(camera, part, pace.keys), pace.options
+
+    def shown(gaussians: Gaussians) -> Gaussians:
+        if options.dilation:
+            gaussians = dilated(gaussians, camera, options.dilation)
+        if options.harmonics == "center":
+            mean = gaussians.mean
+            mean = mean if mean.ndim == 2 else mean[mean.shape[0] // 2]
+            gaussians = seen_from_center(gaussians, camera, mean)
+        return gaussians
+
     if key_time.shape[0] == 1 or scene.deformation is None:
-        return still(at(scene, key_time[0]))
-    rest = scene.static if scene.static.count else None
-    return Motion(key_time, moving_at(scene, key_time), rest)
+        return still(shown(at(scene, key_time[0])))
+    rest = shown(scene.static) if scene.static.count else None
+    return Motion(key_time, shown(moving_at(scene, key_time)), rest)
 
 
 def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
@@ -198,7 +220,7 @@ def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
 def about_to_trace(scene: Scene, camera: Camera, part: Part, *, pace: Pace) -> tuple[Motion, Rays]:
     """What is traced at once, to measure list sizes with."""
     u = sample_numbers(pace.options.samples).astype(part.pixel.dtype)
-    motion = _motion(scene, _key_times(camera, part, pace.keys))
+    motion = _motion(scene, camera, part, pace)
     return motion, _rays(camera, part.pixel, u[: _together(pace)])
 
 

@@ -157,7 +157,7 @@ def test_an_imported_model_is_the_scene_that_is_loaded(tmp_path, capsys):
     same(found, plain)
     out = capsys.readouterr().out
     assert "9 Gaussians" in out and (tmp_path / "run" / "config.yaml").is_file()
-    for assumed in ("linear light", "along each ray", "0.3 square pixels", "trace.alpha_min"):
+    for assumed in ("linear light", "harmonics=center", "dilation=0.3", "trace.alpha_min"):
         assert assumed in out.replace("\n", " ")
 
 

@@ -10,7 +10,7 @@ PACKAGE = pathlib.Path(gaussray.__file__).parent
 LEVELS = [
     {"geometry", "color", "atomic", "ply", "progress", "devices"},
     {"scene", "camera"},
-    {"tracer", "capture", "fit", "dataset"},
+    {"tracer", "capture", "fit", "dataset", "raster"},
     {"picture", "training"},
     {"reconstruct", "render"},
     {"evaluate", "filming", "rig", "exchange"},
