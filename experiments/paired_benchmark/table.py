@@ -68,6 +68,7 @@ def main():
     parser.add_argument("--captures", type=Path, required=True, help="folder of the captures")
     parser.add_argument("--out", type=Path, required=True, help="folder of the reconstructions")
     parser.add_argument("--scenes", nargs="+", help="folders in it; all, if none is named")
+    parser.add_argument("--no-pictures", action="store_true", help="figures alone, no pictures")
     parser.add_argument("overrides", nargs="*", help="key=value for gaussray reconstruct")
     chosen = parser.parse_args()
     found = sorted(path.parent.name for path in chosen.captures.glob("*/transforms.json"))
@@ -79,20 +80,23 @@ def main():
         )
     reports = {}
     for name in chosen.scenes or found:
-        reports[name] = report(chosen.captures / name, chosen.out / name, chosen.overrides)
+        pictures = not chosen.no_pictures
+        reports[name] = report(
+            chosen.captures / name, chosen.out / name, chosen.overrides, pictures=pictures
+        )
         text = tables(reports)
         (chosen.out / "table.md").write_text(text)
         (chosen.out / "table.json").write_text(json.dumps(reports, indent=1) + "\n")
     print(text)
 
 
-def report(capture: Path, out: Path, overrides: list[str]) -> dict[str, Any]:
+def report(capture: Path, out: Path, overrides: list[str], *, pictures: bool) -> dict[str, Any]:
     """Figures of one scene, made unless they are there."""
     if not (out / "scene.npz").exists():
         resume = ["resume=true"] if (out / "checkpoint.npz").exists() else []
         gaussray("reconstruct", f"capture.path={capture}", f"out={out}", *resume, *overrides)
     common = ["evaluate", f"scene={out}", f"truth={capture}", "evaluate.split=all"]
-    whole = scored(out / "evaluation", *common)
+    whole = scored(out / "evaluation", *common, f"evaluate.images={str(pictures).lower()}")
     rows = [effect for effect in whole["effects"] if effect == "rolling_shutter"]
     for chunk in CHUNKS if rows else ():
         only = "evaluate.effects=[rolling_shutter]", "evaluate.images=false"
