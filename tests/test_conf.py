@@ -9,6 +9,8 @@ import pytest
 
 from benchmarks.trade import PRESETS
 from gaussray import reconstruct as stage, rig
+from gaussray.capture.formats import FORMATS
+from gaussray.capture.selection import Selection
 from gaussray.cli import VERBS, conf_folder, configuration, options
 from gaussray.devices import DevicesOptions
 from gaussray.evaluate import EvaluateOptions
@@ -64,7 +66,20 @@ def leaf(group, choice):
 
 
 def test_every_group_has_a_class():
-    assert {path.name for path in conf_folder().iterdir() if path.is_dir()} == set(GROUPS)
+    groups = {path.name for path in conf_folder().iterdir() if path.is_dir()}
+    assert groups == {*GROUPS, "capture"}
+
+
+def test_every_format_of_captures_is_a_choice_that_differs_in_nothing_else():
+    choices = {path.stem for path in (conf_folder() / "capture").glob("*.yaml")}
+    assert choices == {"auto", *FORMATS}
+    auto = configuration("reconstruct", GIVEN["reconstruct"]).capture
+    for name in choices:
+        chosen = configuration("reconstruct", [*GIVEN["reconstruct"], f"capture={name}"]).capture
+        assert chosen == {**auto, "format": name}
+    assert set(auto) == {"path", "format", "background", *Selection.__dataclass_fields__}
+    plain = {key: auto[key] for key in Selection.__dataclass_fields__}
+    assert Selection(**{k: tuple(v) if k != "scale" else v for k, v in plain.items()}) == Selection()
 
 
 @pytest.mark.parametrize("group", GROUPS)
