@@ -78,8 +78,9 @@ def test_every_format_of_captures_is_a_choice_that_differs_in_nothing_else():
         chosen = configuration("reconstruct", [*GIVEN["reconstruct"], f"capture={name}"]).capture
         assert chosen == {**auto, "format": name}
     assert set(auto) == {"path", "format", "background", *Selection.__dataclass_fields__}
-    plain = {key: auto[key] for key in Selection.__dataclass_fields__}
-    assert Selection(**{k: tuple(v) if k != "scale" else v for k, v in plain.items()}) == Selection()
+    plain = {key: auto[key] for key in ("frames", "crop", "test")}
+    lists = {key: tuple(value) for key, value in plain.items()}
+    assert Selection(**lists, scale=auto.scale) == Selection()
 
 
 @pytest.mark.parametrize("group", GROUPS)
