@@ -26,6 +26,7 @@ class Picture:
     height: int
     color_space: str = "srgb"
     background: str = "none"
+    window: None = None
 
 
 ALL_CODES = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=-1)
