@@ -68,6 +68,12 @@ def test_rows_of_a_rolling_shutter_see_blenders_instants_and_only_the_clip(name,
         assert expected.min() >= 0 and expected.max() <= 1 + 1e-12
 
 
+def test_a_capture_is_described_by_its_pinhole_pictures(tmp_path):
+    preset = few_cameras("tiny")
+    capture(tmp_path, preset)
+    assert table.described(tmp_path) == {"width": 128, "height": 128, "pictures": 5 * 14}
+
+
 def test_a_preset_that_leaves_nothing_to_learn_from_is_refused():
     tiny = PRESETS["tiny"]
     assert tiny.problem() is None

@@ -133,14 +133,9 @@ def seconds(metrics: Path) -> float:
 
 
 def described(capture: Path) -> dict[str, Any]:
+    """Size of the pictures and how many a reconstruction has."""
     content = json.loads((capture / "transforms.json").read_text())
-    preset = content.get("info", {}).get("preset", {})
-    return {
-        "width": content["w"],
-        "height": content["h"],
-        "frames": len(content["frames"]),
-        **preset,
-    }
+    return {"width": content["w"], "height": content["h"], "pictures": len(content["frames"])}
 
 
 def tables(reports: dict[str, dict[str, Any]]) -> str:
