@@ -142,11 +142,11 @@ class Renderer:
         rows = film.height if views[0].keys else min(self.options.chunk_rows, film.height)
         batch = _Batch(views, alone, rows)
         for top in (min(y, film.height - rows) for y in range(0, film.height, rows)):
-            batch.parts.append((top, *self._launch(batch, top)))
-            if jax.default_backend() == "cpu":
+            if batch.parts and jax.default_backend() == "cpu":
                 # Parts under way together share the cores' threads, where the sums over devices of
                 # one can wait for those of another without end.
                 jax.block_until_ready(batch.parts[-1][1])
+            batch.parts.append((top, *self._launch(batch, top)))
         return batch
 
     def _launch(self, batch: "_Batch", top: int):
