@@ -103,7 +103,8 @@ def report(shift):
 
 
 def test_the_table_has_means_and_the_worst_scene_beside_the_papers_figures():
-    text = table.tables({"one": report(0), "two": report(-2)})
+    reports = {"one": report(0), "two": report(-2)}
+    text = table.tables(reports)
     lines = {
         tuple(cell.strip() for cell in line.split("|")[1:3]): line for line in text.split("\n")
     }
@@ -115,6 +116,9 @@ def test_the_table_has_means_and_the_worst_scene_beside_the_papers_figures():
     assert "32.80" in lines["pinhole", "*4D-GRT*"]
     assert "28.89" in lines["fisheye, inside the disc", "*4D-GRT*"]
     assert "| gaussray | 1.5 min | 2.0 |" in text
+    del reports["two"]["effects"]["rolling_shutter, 1 row a chunk"]
+    text = table.tables(reports)
+    assert "| rolling shutter, 1 row a chunk | gaussray (1 of 2 scenes) | 25.00 |" in text
 
 
 def test_seconds_of_fitting_count_every_run(tmp_path):

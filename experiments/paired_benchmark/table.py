@@ -155,10 +155,10 @@ def tables(reports: dict[str, dict[str, Any]]) -> str:
         named = effect.replace("_", " ")
         for part, label in split_of(per_scene):
             own = {n: row.get("parts", {part: row}).get(part, {}) for n, row in per_scene.items()}
-            lines.append(ours(named, label, own))
+            lines.append(ours(named, label, own, len(reports)))
             if effect == "fisheye":
                 disc = {n: inside(row, "circle") for n, row in own.items()}
-                lines.append(ours("fisheye, inside the disc", label, disc))
+                lines.append(ours("fisheye, inside the disc", label, disc, len(reports)))
         lines += theirs(effect)
         lines += theirs("fisheye, inside the disc") if effect == "fisheye" else []
     lines += ["", *costs(reports), "", *scenes(reports), "", DIFFERS, ""]
@@ -175,14 +175,16 @@ def inside(row, mask):
     return {"psnr": row.get(f"psnr_{mask}"), "ssim": row.get(f"ssim_{mask}")}
 
 
-def ours(effect, label, own):
+def ours(effect, label, own, scenes):
+    named = f"gaussray, {label}" if label else "gaussray"
+    named += f" ({len(own)} of {scenes} scenes)" if len(own) < scenes else ""
     means = [mean(own, key) for key in ("psnr", "ssim", "lpips", "flip", "psnr_moving", "fps")]
     digits = (2, 3, 3, 3, 2, 1)
     shown = " | ".join(figure(m, d) for m, d in zip(means, digits, strict=True))
     known = {name: row["psnr"] for name, row in own.items() if row.get("psnr") is not None}
     worst = min(known, key=known.__getitem__) if known else None
     last = f"{known[worst]:.2f} {worst}" if worst else "-"
-    return f"| {effect} | gaussray{f', {label}' if label else ''} | {shown} | {last} |"
+    return f"| {effect} | {named} | {shown} | {last} |"
 
 
 def theirs(effect):
