@@ -6,11 +6,9 @@ python -m experiments.paired_benchmark.overview --captures DIR [--out scenes.png
 import argparse
 from pathlib import Path
 
-import numpy as np
-
 from experiments.paired_benchmark.plan import EFFECTS
 from gaussray.capture.calibration import read_capture
-from gaussray.capture.frames import read_encoded
+from gaussray.capture.frames import read_codes
 from gaussray.dataset.images import contact_sheet, write_image
 
 
@@ -32,12 +30,7 @@ def main():
 def picture(views):
     """Of the last camera, two thirds into the clip."""
     own = [view for view in views if view.camera_name == views[-1].camera_name]
-    view = min(own, key=lambda view: abs(view.time - 2 / 3))
-    return np.round(255 * to_unit(read_encoded(view))).astype(np.uint8)
-
-
-def to_unit(values):
-    return values / 255 if values.dtype == np.uint8 else values
+    return read_codes(min(own, key=lambda view: abs(view.time - 2 / 3)))
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 import math
 from typing import Any, NamedTuple
 
-import numpy as np
+from experiments.blender.rig import aimed, on_walls
 
 
 # The clip that scenes are animated for, whatever the number of frames that a preset films of it.
@@ -49,31 +49,10 @@ def cameras(rig, count, held, seed):
     upper = (count - held + 1) // 2
     lower = count - held - upper
     low, high = rig.heights
-    rng = np.random.default_rng(seed)
-    places = [_place(rig, k / upper + 0.02, high) for k in range(upper)]
-    places += [_place(rig, (k + 0.5) / lower, low) for k in range(lower)]
+    places = [on_walls(k / upper + 0.02, high, rig.reach) for k in range(upper)]
+    places += [on_walls((k + 0.5) / lower, low, rig.reach) for k in range(lower)]
     for k in range(held):
         height = high + (low - high) * (k + 1) / (held + 1)
-        places.append(_place(rig, (k + 0.4) / held, height, 0.86))
+        places.append(on_walls((k + 0.4) / held, height, rig.reach, 0.86))
     splits = ["train"] * (upper + lower) + ["test"] * held
-    views = []
-    for k, (place, split) in enumerate(zip(places, splits, strict=True)):
-        aim = np.array(rig.look_at) + rng.uniform(-0.15, 0.15, 3)
-        views.append((f"cam{k:02d}", split, _look_at(np.array(place), aim)))
-    return views
-
-
-def _place(rig, turn, height, reach=1.0):
-    """A place at `turn` of a full circle on the rounded rectangle."""
-    x, y = math.cos(2 * math.pi * turn), math.sin(2 * math.pi * turn)
-    radius = reach / (x**6 + y**6) ** (1 / 6)
-    return radius * x * rig.reach[0], radius * y * rig.reach[1], height
-
-
-def _look_at(place, aim):
-    back = (place - aim) / np.linalg.norm(place - aim)
-    right = np.cross((0, 0, 1), back)
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3] = np.stack([right, np.cross(back, right), back, place], axis=1)
-    return pose
+    return aimed(places, splits, rig.look_at, seed)

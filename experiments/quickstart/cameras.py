@@ -5,10 +5,12 @@ import math
 import numpy as np
 
 from experiments.blender.blocks import SENSOR_MM, row_times
+from experiments.blender.rig import aimed, on_walls
 
 
 FOV = math.radians(65)  # pinhole, horizontal
 LENS_MM = SENSOR_MM / (2 * math.tan(FOV / 2))
+REACH = (2.85, 2.85)  # just inside the walls
 LOOK_AT = (0.0, 0.0, 1.0)
 
 LENS = {
@@ -37,32 +39,11 @@ def rig(count, seed):
     held = max(1, round(count * 3 / 16))
     upper = (count - held + 1) // 2
     lower = count - held - upper
-    rng = np.random.default_rng(seed)
-    places = [wall(k / upper + 0.02, 2.45) for k in range(upper)]
-    places += [wall((k + 0.5) / lower, 0.85) for k in range(lower)]
-    places += [wall((k + 0.4) / held, 1.95 - 0.35 * k, 0.86) for k in range(held)]
+    places = [on_walls(k / upper + 0.02, 2.45, REACH) for k in range(upper)]
+    places += [on_walls((k + 0.5) / lower, 0.85, REACH) for k in range(lower)]
+    places += [on_walls((k + 0.4) / held, 1.95 - 0.35 * k, REACH, 0.86) for k in range(held)]
     splits = ["train"] * (upper + lower) + ["test"] * held
-    views = []
-    for k, (place, split) in enumerate(zip(places, splits, strict=True)):
-        aim = np.array(LOOK_AT) + rng.uniform(-0.15, 0.15, 3)
-        views.append((f"cam{k:02d}", split, look_at(np.array(place), aim)))
-    return views
-
-
-def wall(turn, height, reach=1.0):
-    """A place at `turn` of a full circle on a rounded square just inside the walls."""
-    x, y = math.cos(2 * math.pi * turn), math.sin(2 * math.pi * turn)
-    radius = 2.85 * reach / (x**6 + y**6) ** (1 / 6)
-    return radius * x, radius * y, height
-
-
-def look_at(place, aim):
-    back = (place - aim) / np.linalg.norm(place - aim)
-    right = np.cross((0, 0, 1), back)
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3] = np.stack([right, np.cross(back, right), back, place], axis=1)
-    return pose
+    return aimed(places, splits, LOOK_AT, seed)
 
 
 def intrinsics(size):
