@@ -76,15 +76,15 @@ def _stepped(fit, state, stage: str, steps: int):
     from gaussray.training import train_block
 
     trial, seconds, lost = fit.trial(state, fit.batches(stage, 0, BLOCK)), [], 0
-    seen = everywhere(fit.footage, fit.mesh)
+    cameras = everywhere(fit.footage.camera, fit.mesh)
     for block in range(steps // BLOCK + 1):
         state = everywhere(state, fit.mesh)
         batches = everywhere(fit.batches(stage, BLOCK * block, BLOCK), fit.mesh)
         began = time.perf_counter()
-        state, terms, _, dropped = jax.block_until_ready(
+        state, terms, _, _, dropped = jax.block_until_ready(
             train_block(
                 state,
-                seen,
+                cameras,
                 batches,
                 fit.extent,
                 options=fit.step,

@@ -1,16 +1,20 @@
 """Stage 1: multi-view video in, a dynamic scene out."""
 
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from gaussray.capture.activity import moved_pixels, point_activity, tile_activity
-from gaussray.capture.batches import Footage, Sampler, footage
+from gaussray.capture.activity import activity, moved_pixels, point_activity
+from gaussray.capture.batches import Batch, gather
 from gaussray.capture.calibration import Capture, View
+from gaussray.capture.footage import Footage, footage
+from gaussray.capture.sampler import Sampler, TileErrors
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.devices import agreed, everywhere, leads, wait
 from gaussray.fit.course import FitOptions
@@ -20,7 +24,7 @@ from gaussray.fit.journal import Journal, decibel
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters
 from gaussray.fit.state import State, begin_state, refine_state, take
-from gaussray.fit.tracking import TrackOptions, track
+from gaussray.fit.tracking import Shown, TrackOptions, track
 from gaussray.geometry import rotation_matrix
 from gaussray.progress import Progress
 from gaussray.scene.bodies import Bodies, body_of
@@ -69,7 +73,7 @@ def reconstruct(
     out = Path(out)
     journal = Journal(out, resume=resume, interval=options.fit.checkpoint, writes=leads())
     fit = Fit(capture, journal, options, quiet or not leads(), devices)
-    state, stage = journal.resumed() if resume else (fit.begin(), "coarse")
+    state, stage = fit.resumed() if resume else (fit.begin(), "coarse")
     if stage == "coarse":
         state = fit.run("coarse", state)
         state = fit.with_deformation(state)
@@ -107,17 +111,34 @@ class Fit:
         views = [view for view in capture.views if view.split == "train"]
         self.capture, self.journal, self.options, self.quiet = capture, journal, options, quiet
         self.step = StepOptions(options.loss, options.optimizer, options.trace)
-        self.camera = np.array([view.camera_name for view in views])
-        self.footage = footage(views)
-        self.moved = moved_pixels(self.footage, self.camera)
+        self.footage = footage(
+            views,
+            side=options.trace.bundle,
+            memory=options.fit.memory,
+            folder=journal.out,
+            report=Progress("read", len(views), quiet=quiet).report,
+        )
+        self.activity = activity(self.footage)
         self.extent = _extent(views)
+        _, camera = np.unique(self.footage.name, return_inverse=True)
+        self.errors = TileErrors(camera, self.footage.pixel.shape[1])
         self.sampler = Sampler(
             self.footage.times,
-            tile_activity(self.footage, self.moved, side=options.trace.bundle),
+            self.activity.moved,
+            self.footage.visible_tiles(),
             tiles=options.fit.tiles,
             balance=options.fit.balance,
+            error=options.fit.error,
+            errors=self.errors,
         )
         self.mesh = mesh_of_hosts(devices)
+
+    def resumed(self) -> tuple[State, str]:
+        """The state of an interrupted run, and its stage."""
+        found = self.journal.resumed()
+        if self.options.fit.error and self.journal.notes:
+            self.errors.restore(self.journal.notes)
+        return found
 
     def begin(self) -> State:
         """Gaussians on the capture's points, or on random ones; which move is decided at once, so
@@ -132,7 +153,7 @@ class Fit:
         start = on_points(
             position, color, degree=fit.degree, opacity=fit.opacity, spread=fit.spread
         )
-        moves = point_activity(self.footage, self.camera, position) > fit.moving
+        moves = point_activity(self.footage, position) > fit.moving
         moves = np.array(agreed(moves))
         if len(self.sampler.times) == 1:
             moves[:] = False
@@ -145,7 +166,7 @@ class Fit:
 
     def _watched(self) -> bool:
         """Whether any camera has several frames: only those tell what moves."""
-        return len(np.unique(self.camera)) < len(self.camera)
+        return len(np.unique(self.footage.name)) < len(self.footage.name)
 
     def _room(self, gaussians: Gaussians) -> Unconstrained:
         """Rows for the Gaussians and for those that density control may add at first."""
@@ -194,14 +215,18 @@ class Fit:
             place,
             np.asarray(rotation_matrix(moving.quat))[:, :, 2],
             np.asarray(moving.harmonics[:, 0] * C0 + 0.5),
-            np.asarray(self.footage.picture),
-            self.moved,
-            None if self.footage.mask is None else np.asarray(self.footage.mask),
+            self._shown,
             self.footage.camera,
             options=self.options.track,
             seed=self.options.fit.seed,
             report=progress.report,
         )
+
+    def _shown(self, frames: Int[np.ndarray, " frames"]) -> Shown:
+        """What tracking has to know of some frames."""
+        seen = self.footage
+        moved = moved_pixels(seen, self.activity, frames)
+        return Shown(seen.pictures(frames), moved, seen.masks(frames))
 
     def run(self, stage: str, state: State) -> State:
         """All steps of a stage, in blocks; between blocks density control, files, progress."""
@@ -209,46 +234,68 @@ class Fit:
         steps = fit.coarse if stage == "coarse" else fit.fine
         progress = Progress(stage, steps, quiet=self.quiet)
         trial: Trial | None = None
-        seen, state = everywhere(self.footage, self.mesh), agreed(state)
-        while (done := int(state.step)) < steps:
-            size = min(fit.block, steps - done)
-            batches = self.batches(stage, done, size)
-            trial = trial or self.trial(state, batches)
-            # Steps that leave the state anywhere else would compile twice.
-            state = everywhere(state, self.mesh)
-            block, terms, needed, dropped = train_block(
-                state,
-                seen,
-                everywhere(batches, self.mesh),
-                self.extent,
-                options=self.step,
-                steps=steps,
-                trial=trial,
-            )
-            if int(dropped):
-                # Nothing is lost: the block is thrown away and run again with room enough.
-                trial = trial.enlarged(needed)
-                continue
-            self.journal.demand_finite(terms, state, block, stage)
-            state = self._densified(stage, block, steps, done)
-            self.journal.record(stage, done + size, terms)
-            progress.report(done + size, f"{decibel(terms['mse']):.2f} dB")
-            self.journal.save_in_time(state, stage)
+        cameras, state = everywhere(self.footage.camera, self.mesh), agreed(state)
+        with ThreadPoolExecutor(1) as thread:
+            for done, batches in self._blocks(thread, stage, int(state.step), steps):
+                trial = trial or self.trial(state, batches)
+                # Steps that leave the state anywhere else would compile twice.
+                state, looked = everywhere((state, batches), self.mesh)
+                while True:
+                    block, terms, error, needed, dropped = train_block(
+                        state,
+                        cameras,
+                        looked,
+                        self.extent,
+                        options=self.step,
+                        steps=steps,
+                        trial=trial,
+                    )
+                    if not int(dropped):
+                        break
+                    # Nothing is lost: the block is thrown away and run again with room enough.
+                    trial = trial.enlarged(needed)
+                self.journal.demand_finite(terms, state, block, stage)
+                if fit.error:
+                    told = jax.tree.map(np.asarray, (batches.frame, batches.tile, error))
+                    self.errors.tell(*told)
+                    self.journal.notes |= self.errors.arrays()
+                after = done + len(batches.time)
+                state = self._densified(stage, block, steps, done)
+                self.journal.record(stage, after, terms)
+                progress.report(after, f"{decibel(terms['mse']):.2f} dB")
+                self.journal.save_in_time(state, stage)
         return agreed(state)
 
-    def batches(self, stage: str, done: int, size: int):
-        """Frames, tiles and times of a block; they depend on seed and step alone."""
-        dice = np.random.default_rng([self.options.fit.seed, stage == "fine", done])
-        count = len(self.sampler.times) if stage == "fine" else 1
-        instant = dice.integers(count, size=size)
-        frame, tile = self.sampler.draw(instant, dice)
-        time = jnp.asarray(self.sampler.times[instant], self.footage.camera.time.dtype)
-        return jnp.asarray(frame), jnp.asarray(tile), time
+    def _blocks(
+        self, thread: Executor, stage: str, done: int, steps: int
+    ) -> Iterator[tuple[int, Batch]]:
+        """What each block looks at, with the steps done before. Each is prepared while the one
+        before is at work, so it knows the errors of the last block but one."""
+        block = self.options.fit.block
+        sizes = {at: min(block, steps - at) for at in range(done, steps, block)}
+        ahead = None
+        for done, size in sizes.items():
+            batches = ahead.result() if ahead else self.batches(stage, done, size)
+            self.errors.learn()
+            after = done + size
+            ahead = after in sizes and thread.submit(self.batches, stage, after, sizes[after])
+            yield done, batches
 
-    def trial(self, state: State, batches) -> Trial:
+    def batches(self, stage: str, done: int, size: int) -> Batch:
+        """What a block looks at; it depends on seed, step and the errors learned."""
+        dice = np.random.default_rng([self.options.fit.seed, stage == "fine", done])
+        among = self.sampler.instants if stage == "fine" else self.sampler.instants[:1]
+        instant = among[dice.integers(len(among), size=size)]
+        frame, tile = self.sampler.draw(instant, dice)
+        time = self.sampler.times[instant].astype(self.footage.times.dtype)
+        return gather(self.footage, frame, tile, time)
+
+    def trial(self, state: State, batches: Batch) -> Trial:
         """Sizes to compile the steps of a stage for."""
         trace = self.options.trace
-        found = first_trial(state, self.footage, batches, trace=trace, mesh=self.mesh).capacity
+        found = first_trial(
+            state, self.footage.camera, batches, trace=trace, mesh=self.mesh
+        ).capacity
         *cells, pairs, slots = agreed(np.array([*found.cells, found.pairs, found.slots]))
         return Trial(Capacity(tuple(map(int, cells)), int(pairs), int(slots)), self.mesh)
 

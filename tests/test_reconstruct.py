@@ -139,7 +139,7 @@ def test_what_is_not_finite_stops_the_run_and_is_named(capture, tmp_path, monkey
             terms["l1"] = jnp.asarray(jnp.nan)
         mean = state.parameters.static.mean.at[0, 0].set(jnp.nan)
         after = eqx.tree_at(lambda s: s.parameters.static.mean, state, mean)
-        return after, terms, jnp.zeros(3, int), jnp.asarray(0)
+        return after, terms, jnp.zeros((10, 4)), jnp.zeros(3, int), jnp.asarray(0)
 
     monkeypatch.setattr(stage, "train_block", broken)
     monkeypatch.setattr(Fit, "trial", lambda *_: True)
