@@ -1,5 +1,6 @@
 """Stage 1: multi-view video in, a dynamic scene out."""
 
+import warnings
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
@@ -13,13 +14,15 @@ from jaxtyping import Float, Int
 from gaussray.capture.activity import activity, moved_pixels, point_activity
 from gaussray.capture.batches import Batch, gather
 from gaussray.capture.calibration import Capture, View
+from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.footage import Footage, footage
+from gaussray.capture.points import Points
 from gaussray.capture.sampler import Sampler, TileErrors
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.devices import agreed, everywhere, leads, wait
 from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions, alive, with_rows
-from gaussray.fit.initial import bodies, in_common_view, on_points
+from gaussray.fit.initial import bodies, in_common_view, inliers, merged, on_points
 from gaussray.fit.journal import Journal, decibel
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters
@@ -145,7 +148,7 @@ class Fit:
         that both sets keep their place."""
         fit, points = self.options.fit, self.capture.points
         if points is not None:
-            position, color = np.asarray(points.position), np.asarray(points.color)
+            position, color = self._cleaned(points)
         else:
             pose = self.footage.camera.trajectory
             origin, axis = np.asarray(pose.translation)[:, 0], _axes_of_view(self.footage)
@@ -163,6 +166,21 @@ class Fit:
         self.journal.info["limit"] = [int(side.sum() * growth) for side in (~moves, moves)]
         parts = [self._room(take(start, np.flatnonzero(side))) for side in (~moves, moves)]
         return begin_state(Parameters(parts[0], parts[1], None))
+
+    def _cleaned(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Places and colours of the points without duplicates and outliers; says how many went."""
+        limit, count = self.options.fit.outliers, len(points.position)
+        position, color = merged(np.asarray(points.position), np.asarray(points.color))
+        keep = inliers(position, limit) if limit else np.ones(len(position), bool)
+        if not keep.all() or len(keep) < count:
+            warnings.warn(
+                f"ply_file_path: of {count} points {count - len(keep)} are at the place of another "
+                f"and {int((~keep).sum())} far from all others; they are left out. fit.outliers=0 "
+                "keeps the latter.",
+                CaptureWarning,
+                stacklevel=3,
+            )
+        return position[keep], color[keep]
 
     def _watched(self) -> bool:
         """Whether any camera has several frames: only those tell what moves."""

@@ -1,5 +1,6 @@
 """From pictures to a scene: it learns, repeats, can be interrupted, and says what fails."""
 
+import dataclasses
 import json
 
 import equinox as eqx
@@ -11,6 +12,7 @@ import toy
 
 from gaussray import reconstruct as stage, training
 from gaussray.capture.calibration import View, read_capture
+from gaussray.capture.errors import CaptureWarning
 from gaussray.evaluate import EvaluateOptions, evaluate
 from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions, alive
@@ -129,6 +131,73 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(
     assert (tmp_path / "metrics.jsonl").read_bytes() == before
     reconstruct(capture, tmp_path, options=OPTIONS, resume=True, quiet=True)
     assert_same(fitted[0], tmp_path)
+
+
+def test_drawing_by_error_learns_and_goes_on_after_an_interruption_to_the_same_bytes(
+    capture, tmp_path, monkeypatch
+):
+    fit = dataclasses.replace(OPTIONS.fit, coarse=20, fine=40, error=0.5)
+    options = dataclasses.replace(OPTIONS, fit=fit, track=TrackOptions(poses=0))
+    drawn, batches = [], Fit.batches
+
+    def seen(self, *arguments):
+        found = batches(self, *arguments)
+        drawn.append(np.asarray(found.tile))
+        return found
+
+    reconstruct(capture, tmp_path / "whole", options=options, quiet=True)
+    record, count = Journal.record, []
+
+    def stop(self, *arguments):
+        record(self, *arguments)
+        count.append(1)
+        if len(count) == 5:  # of 2 + 4 blocks
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Journal, "record", stop)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(capture, tmp_path / "two", options=options, quiet=True)
+    monkeypatch.setattr(Journal, "record", record)
+    monkeypatch.setattr(Fit, "batches", seen)
+    reconstruct(capture, tmp_path / "two", options=options, resume=True, quiet=True)
+    assert_same(tmp_path / "whole", tmp_path / "two")
+    # What was drawn depends on what was learned before the interruption.
+    blind = Fit(capture, Journal(tmp_path / "x", resume=False, interval=0.0), options, True)
+    assert (np.asarray(blind.batches("fine", 20, 10).tile) != drawn[0]).any()
+
+
+def test_an_error_while_a_block_is_prepared_reaches_the_caller(capture, tmp_path, monkeypatch):
+    batches = Fit.batches
+
+    def fails(self, stage, done, size):
+        if done:
+            raise OSError("the disk is gone")
+        return batches(self, stage, done, size)
+
+    monkeypatch.setattr(Fit, "batches", fails)
+    with pytest.raises(OSError, match="the disk is gone"):
+        reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+
+
+def test_footage_in_a_file_gives_the_same_bytes(capture, tmp_path):
+    for memory in (0.0, 4.0):
+        fit = dataclasses.replace(toy.SHORT.fit, memory=memory)
+        options = dataclasses.replace(toy.SHORT, fit=fit)
+        reconstruct(capture, tmp_path / str(memory), options=options, quiet=True)
+    assert_same(tmp_path / "0.0", tmp_path / "4.0")
+
+
+def test_points_that_are_twice_there_or_far_away_are_left_out_with_a_warning(capture, tmp_path):
+    points = capture.points
+    dense = np.random.default_rng(0).uniform(-1, 1, (200, 3)).astype(np.float32)
+    position = np.concatenate([dense, dense[:3], np.float32([[0, 0, 40]])])
+    noisy = type(points)(position, np.full_like(position, 0.5))
+    spoilt = type(capture)(**(vars(capture) | {"points": noisy}))
+    fit = Fit(spoilt, Journal(tmp_path, resume=False, interval=0.0), OPTIONS, True)
+    with pytest.warns(CaptureWarning, match="of 204 points 3 are at the place of .* 1 far"):
+        state = fit.begin()
+    alive_ones = [alive(p).sum() for p in (state.parameters.static, state.parameters.moving)]
+    assert sum(map(int, alive_ones)) == 200
 
 
 @pytest.mark.parametrize("where", ["term", "parameter"])

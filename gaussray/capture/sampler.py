@@ -113,24 +113,28 @@ class Sampler:
         u = dice.random(frame.shape)
         level = (np.arange(self._tiles)[None] + u) / self._tiles
         for instant in np.unique(instants):
-            rows, total = instants == instant, np.cumsum(self._share(int(instant)))
+            rows, total = instants == instant, self._levels(int(instant))
             # Rounding must not lead beyond the last tile.
-            wanted = np.minimum(level[rows] * total[-1], np.nextafter(total[-1], 0))
+            wanted = np.minimum(level[rows], np.nextafter(total[-1], 0))
             place = np.searchsorted(total, wanted, side="right")
             frame[rows], tile[rows] = self._own[instant][place // count], place % count
         return frame, tile
 
-    def _share(self, instant: int) -> Float[np.ndarray, " tiles"]:
-        """Probability of every tile of every camera at an instant."""
+    def _levels(self, instant: int) -> Float[np.ndarray, " tiles"]:
+        """Cumulative probability of the tiles of all cameras at an instant."""
         own = self._own[instant]
-        visible = 1.0 if self._visible is None else self._visible[own]
-        even = np.broadcast_to(visible, (len(own), self._moved.shape[1]))
-        share = even / even.sum()
+        visible = np.ones((1, 1)) if self._visible is None else self._visible[own]
+        level = _cumulative(np.broadcast_to(visible, (len(own), self._moved.shape[1])))
         moved = self._moved[own]
         if self._balance and moved.any():
-            share = (1 - self._balance) * share + self._balance / moved.sum() * moved
+            level = (1 - self._balance) * level + self._balance * _cumulative(moved)
         if self._error and self._errors is not None:
             wrong = self._errors.of(own) * visible
             if wrong.any():
-                share = (1 - self._error) * share + self._error / wrong.sum() * wrong
-        return share.reshape(-1)
+                level = (1 - self._error) * level + self._error * _cumulative(wrong)
+        return level
+
+
+def _cumulative(weight: np.ndarray) -> Float[np.ndarray, " tiles"]:
+    total = np.cumsum(weight, dtype=np.float64)
+    return total / total[-1]

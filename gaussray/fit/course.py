@@ -8,13 +8,13 @@ class FitOptions(eqx.Module):
 
     `coarse` steps on the first instant, without deformation; `fine` steps on all. A step sees
     `tiles` tiles of trace.bundle^2 pixels, a share `error` of them in proportion to the errors last
-    seen there, and of the others a share `balance` where things move. Gaussians
-    whose pixels change more than a share `moving` of the time get a deformation. `points` random
-    points are the start if the capture has none; of those it has, `outliers` (`initial.inliers`; 0
-    keeps all) go. Gaussians start with harmonics of this `degree`,
-    this `opacity`, and `spread` gaps between points as scale. A block of `block` steps runs without
-    the host; `checkpoint` is the interval in seconds between saved states. Pictures of more than
-    `memory` gigabytes are kept in a file.
+    seen there, and of the others a share `balance` where things move. Gaussians whose pixels change
+    more than a share `moving` of the time get a deformation. `points` random points are the start
+    if the capture has none; of those that it has, points go that are further from their neighbours
+    than usual by more than `outliers` standard deviations (0 keeps all, see `initial.inliers`).
+    Gaussians start with harmonics of this `degree`, this `opacity`, and `spread` gaps between
+    points as scale. A block of `block` steps runs without the host; `checkpoint` is the interval in
+    seconds between saved states. Pictures of more than `memory` gigabytes are kept in a file.
     """
 
     coarse: int = eqx.field(static=True, default=300)
@@ -28,7 +28,7 @@ class FitOptions(eqx.Module):
     opacity: float = eqx.field(static=True, default=0.9)
     spread: float = eqx.field(static=True, default=0.6)
     points: int = eqx.field(static=True, default=10000)
-    outliers: float = eqx.field(static=True, default=0.0)
+    outliers: float = eqx.field(static=True, default=5.0)
     memory: float = eqx.field(static=True, default=4.0)
     checkpoint: float = eqx.field(static=True, default=60.0)
     seed: int = eqx.field(static=True, default=0)
