@@ -1,8 +1,6 @@
 """Stage 1: multi-view video in, a dynamic scene out."""
 
 import warnings
-from collections.abc import Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
 from pathlib import Path
 
 import equinox as eqx
@@ -12,12 +10,12 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gaussray.capture.activity import activity, moved_pixels, point_activity
-from gaussray.capture.batches import Batch, gather
+from gaussray.capture.batches import Batch
 from gaussray.capture.calibration import Capture, View
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.footage import Footage, footage
+from gaussray.capture.loader import Loader
 from gaussray.capture.points import Points
-from gaussray.capture.sampler import Sampler, TileErrors
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.devices import agreed, everywhere, leads, wait
 from gaussray.fit.course import FitOptions
@@ -80,7 +78,7 @@ def reconstruct(
     if stage == "coarse":
         state = fit.run("coarse", state)
         state = fit.with_deformation(state)
-    if len(fit.sampler.times) > 1:
+    if len(fit.times) > 1:
         state = fit.run("fine", state)
     scene = finished(state, capture.time_range)
     if leads():
@@ -122,25 +120,22 @@ class Fit:
             report=Progress("read", len(views), quiet=quiet).report,
         )
         self.activity = activity(self.footage)
-        self.extent = _extent(views)
-        _, camera = np.unique(self.footage.name, return_inverse=True)
-        self.errors = TileErrors(camera, self.footage.pixel.shape[1])
-        self.sampler = Sampler(
-            self.footage.times,
-            self.activity.moved,
-            self.footage.visible_tiles(),
+        self.loader = Loader(
+            self.footage,
+            self.activity,
             tiles=options.fit.tiles,
             balance=options.fit.balance,
             error=options.fit.error,
-            errors=self.errors,
+            seed=options.fit.seed,
         )
+        self.times = self.loader.sampler.times
+        self.extent = _extent(views)
         self.mesh = mesh_of_hosts(devices)
 
     def resumed(self) -> tuple[State, str]:
         """The state of an interrupted run, and its stage."""
         found = self.journal.resumed()
-        if self.options.fit.error and self.journal.notes:
-            self.errors.restore(self.journal.notes)
+        self.loader.restore(self.journal.notes)
         return found
 
     def begin(self) -> State:
@@ -158,7 +153,7 @@ class Fit:
         )
         moves = point_activity(self.footage, position) > fit.moving
         moves = np.array(agreed(moves))
-        if len(self.sampler.times) == 1:
+        if len(self.times) == 1:
             moves[:] = False
         elif points is None or not self._watched():
             moves[:] = True
@@ -174,9 +169,9 @@ class Fit:
         keep = inliers(position, limit) if limit else np.ones(len(position), bool)
         if not keep.all() or len(keep) < count:
             warnings.warn(
-                f"ply_file_path: of {count} points {count - len(keep)} are at the place of another "
-                f"and {int((~keep).sum())} far from all others; they are left out. fit.outliers=0 "
-                "keeps the latter.",
+                f"of {count} starting points, {count - len(keep)} at the place of another and "
+                f"{int((~keep).sum())} far from all others are left out. fit.outliers=0 keeps the "
+                "latter.",
                 CaptureWarning,
                 stacklevel=3,
             )
@@ -210,7 +205,7 @@ class Fit:
             jnp.asarray(upper + margin),
             self.capture.time_range,
             sides=field.sides,
-            instants=field.instants or max(len(self.sampler.times), 2),
+            instants=field.instants or max(len(self.times), 2),
             channels=field.channels,
         )
         tracked = self._tracked(constrain(moving))
@@ -223,7 +218,7 @@ class Fit:
         Random points say nothing of what belongs together, nor do cameras that looked but once:
         then there are no bodies.
         """
-        place, instants = np.asarray(moving.mean), self.sampler.times
+        place, instants = np.asarray(moving.mean), self.times
         known = self.capture.points is not None and self._watched()
         groups = bodies(place if known else place[:0], instants)
         progress = Progress("track", len(instants) - 1, quiet=self.quiet)
@@ -253,60 +248,33 @@ class Fit:
         progress = Progress(stage, steps, quiet=self.quiet)
         trial: Trial | None = None
         cameras, state = everywhere(self.footage.camera, self.mesh), agreed(state)
-        with ThreadPoolExecutor(1) as thread:
-            for done, batches in self._blocks(thread, stage, int(state.step), steps):
-                trial = trial or self.trial(state, batches)
-                # Steps that leave the state anywhere else would compile twice.
-                state, looked = everywhere((state, batches), self.mesh)
-                while True:
-                    block, terms, error, needed, dropped = train_block(
-                        state,
-                        cameras,
-                        looked,
-                        self.extent,
-                        options=self.step,
-                        steps=steps,
-                        trial=trial,
-                    )
-                    if not int(dropped):
-                        break
-                    # Nothing is lost: the block is thrown away and run again with room enough.
-                    trial = trial.enlarged(needed)
-                self.journal.demand_finite(terms, state, block, stage)
-                if fit.error:
-                    told = jax.tree.map(np.asarray, (batches.frame, batches.tile, error))
-                    self.errors.tell(*told)
-                    self.journal.notes |= self.errors.arrays()
-                after = done + len(batches.time)
-                state = self._densified(stage, block, steps, done)
-                self.journal.record(stage, after, terms)
-                progress.report(after, f"{decibel(terms['mse']):.2f} dB")
-                self.journal.save_in_time(state, stage)
+        for done, batches in self.loader.blocks(stage, int(state.step), steps, fit.block):
+            trial = trial or self.trial(state, batches)
+            # Steps that leave the state anywhere else would compile twice.
+            state, looked = everywhere((state, batches), self.mesh)
+            while True:
+                block, terms, error, needed, dropped = train_block(
+                    state,
+                    cameras,
+                    looked,
+                    self.extent,
+                    options=self.step,
+                    steps=steps,
+                    trial=trial,
+                )
+                if not int(dropped):
+                    break
+                # Nothing is lost: the block is thrown away and run again with room enough.
+                trial = trial.enlarged(needed)
+            self.journal.demand_finite(terms, state, block, stage)
+            self.loader.tell(batches, np.asarray(error))
+            self.journal.notes |= self.loader.notes()
+            after = done + len(batches.time)
+            state = self._densified(stage, block, steps, done)
+            self.journal.record(stage, after, terms)
+            progress.report(after, f"{decibel(terms['mse']):.2f} dB")
+            self.journal.save_in_time(state, stage)
         return agreed(state)
-
-    def _blocks(
-        self, thread: Executor, stage: str, done: int, steps: int
-    ) -> Iterator[tuple[int, Batch]]:
-        """What each block looks at, with the steps done before. Each is prepared while the one
-        before is at work, so it knows the errors of the last block but one."""
-        block = self.options.fit.block
-        sizes = {at: min(block, steps - at) for at in range(done, steps, block)}
-        ahead = None
-        for done, size in sizes.items():
-            batches = ahead.result() if ahead else self.batches(stage, done, size)
-            self.errors.learn()
-            after = done + size
-            ahead = after in sizes and thread.submit(self.batches, stage, after, sizes[after])
-            yield done, batches
-
-    def batches(self, stage: str, done: int, size: int) -> Batch:
-        """What a block looks at; it depends on seed, step and the errors learned."""
-        dice = np.random.default_rng([self.options.fit.seed, stage == "fine", done])
-        among = self.sampler.instants if stage == "fine" else self.sampler.instants[:1]
-        instant = among[dice.integers(len(among), size=size)]
-        frame, tile = self.sampler.draw(instant, dice)
-        time = self.sampler.times[instant].astype(self.footage.times.dtype)
-        return gather(self.footage, frame, tile, time)
 
     def trial(self, state: State, batches: Batch) -> Trial:
         """Sizes to compile the steps of a stage for."""

@@ -13,6 +13,7 @@ import toy
 from gaussray import reconstruct as stage, training
 from gaussray.capture.calibration import View, read_capture
 from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.loader import Loader
 from gaussray.evaluate import EvaluateOptions, evaluate
 from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions, alive
@@ -138,7 +139,7 @@ def test_drawing_by_error_learns_and_goes_on_after_an_interruption_to_the_same_b
 ):
     fit = dataclasses.replace(OPTIONS.fit, coarse=20, fine=40, error=0.5)
     options = dataclasses.replace(OPTIONS, fit=fit, track=TrackOptions(poses=0))
-    drawn, batches = [], Fit.batches
+    drawn, batches = [], Loader.batches
 
     def seen(self, *arguments):
         found = batches(self, *arguments)
@@ -158,23 +159,23 @@ def test_drawing_by_error_learns_and_goes_on_after_an_interruption_to_the_same_b
     with pytest.raises(KeyboardInterrupt):
         reconstruct(capture, tmp_path / "two", options=options, quiet=True)
     monkeypatch.setattr(Journal, "record", record)
-    monkeypatch.setattr(Fit, "batches", seen)
+    monkeypatch.setattr(Loader, "batches", seen)
     reconstruct(capture, tmp_path / "two", options=options, resume=True, quiet=True)
     assert_same(tmp_path / "whole", tmp_path / "two")
     # What was drawn depends on what was learned before the interruption.
     blind = Fit(capture, Journal(tmp_path / "x", resume=False, interval=0.0), options, True)
-    assert (np.asarray(blind.batches("fine", 20, 10).tile) != drawn[0]).any()
+    assert (np.asarray(blind.loader.batches("fine", 20, 10).tile) != drawn[0]).any()
 
 
 def test_an_error_while_a_block_is_prepared_reaches_the_caller(capture, tmp_path, monkeypatch):
-    batches = Fit.batches
+    batches = Loader.batches
 
     def fails(self, stage, done, size):
         if done:
             raise OSError("the disk is gone")
         return batches(self, stage, done, size)
 
-    monkeypatch.setattr(Fit, "batches", fails)
+    monkeypatch.setattr(Loader, "batches", fails)
     with pytest.raises(OSError, match="the disk is gone"):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
 
@@ -194,7 +195,7 @@ def test_points_that_are_twice_there_or_far_away_are_left_out_with_a_warning(cap
     noisy = type(points)(position, np.full_like(position, 0.5))
     spoilt = type(capture)(**(vars(capture) | {"points": noisy}))
     fit = Fit(spoilt, Journal(tmp_path, resume=False, interval=0.0), OPTIONS, True)
-    with pytest.warns(CaptureWarning, match="of 204 points 3 are at the place of .* 1 far"):
+    with pytest.warns(CaptureWarning, match="of 204 starting points, 3 at the place of .* 1 far"):
         state = fit.begin()
     alive_ones = [alive(p).sum() for p in (state.parameters.static, state.parameters.moving)]
     assert sum(map(int, alive_ones)) == 200

@@ -136,8 +136,9 @@ def _on_disk(folder: Path | str | None) -> Callable[[tuple[int, ...], np.dtype],
 
     def empty(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
         size = int(np.prod(shape)) * dtype.itemsize
-        where = folder or tempfile.gettempdir()
+        where = Path(folder or tempfile.gettempdir())
         try:
+            where.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=where) as file:
                 # Otherwise a full disk would end the process while pictures are written.
                 if hasattr(os, "posix_fallocate"):
