@@ -75,16 +75,16 @@ def _stepped(fit, state, stage: str, steps: int):
     from gaussray.devices import everywhere
     from gaussray.training import train_block
 
-    trial, seconds, lost = fit.trial(state, fit.batches(stage, 0, BLOCK)), [], 0
-    seen = everywhere(fit.footage, fit.mesh)
+    trial, seconds, lost = fit.trial(state, fit.loader.batches(stage, 0, BLOCK)), [], 0
+    cameras = everywhere(fit.footage.camera, fit.mesh)
     for block in range(steps // BLOCK + 1):
         state = everywhere(state, fit.mesh)
-        batches = everywhere(fit.batches(stage, BLOCK * block, BLOCK), fit.mesh)
+        batches = everywhere(fit.loader.batches(stage, BLOCK * block, BLOCK), fit.mesh)
         began = time.perf_counter()
-        state, terms, _, dropped = jax.block_until_ready(
+        state, terms, _, _, dropped = jax.block_until_ready(
             train_block(
                 state,
-                seen,
+                cameras,
                 batches,
                 fit.extent,
                 options=fit.step,

@@ -1,26 +1,31 @@
 """Stage 1: multi-view video in, a dynamic scene out."""
 
+import warnings
 from pathlib import Path
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
-from gaussray.capture.activity import moved_pixels, point_activity, tile_activity
-from gaussray.capture.batches import Footage, Sampler, footage
+from gaussray.capture.activity import activity, moved_pixels, point_activity
+from gaussray.capture.batches import Batch
 from gaussray.capture.calibration import Capture, View
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.footage import Footage, footage
+from gaussray.capture.loader import Loader
+from gaussray.capture.points import Points
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.devices import agreed, everywhere, leads, wait
 from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions, alive, with_rows
-from gaussray.fit.initial import bodies, in_common_view, on_points
+from gaussray.fit.initial import bodies, in_common_view, inliers, merged, on_points
 from gaussray.fit.journal import Journal, decibel
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters
 from gaussray.fit.state import State, begin_state, refine_state, take
-from gaussray.fit.tracking import TrackOptions, track
+from gaussray.fit.tracking import Shown, TrackOptions, track
 from gaussray.geometry import rotation_matrix
 from gaussray.progress import Progress
 from gaussray.scene.bodies import Bodies, body_of
@@ -69,11 +74,11 @@ def reconstruct(
     out = Path(out)
     journal = Journal(out, resume=resume, interval=options.fit.checkpoint, writes=leads())
     fit = Fit(capture, journal, options, quiet or not leads(), devices)
-    state, stage = journal.resumed() if resume else (fit.begin(), "coarse")
+    state, stage = fit.resumed() if resume else (fit.begin(), "coarse")
     if stage == "coarse":
         state = fit.run("coarse", state)
         state = fit.with_deformation(state)
-    if len(fit.sampler.times) > 1:
+    if len(fit.times) > 1:
         state = fit.run("fine", state)
     scene = finished(state, capture.time_range)
     if leads():
@@ -107,24 +112,38 @@ class Fit:
         views = [view for view in capture.views if view.split == "train"]
         self.capture, self.journal, self.options, self.quiet = capture, journal, options, quiet
         self.step = StepOptions(options.loss, options.optimizer, options.trace)
-        self.camera = np.array([view.camera_name for view in views])
-        self.footage = footage(views)
-        self.moved = moved_pixels(self.footage, self.camera)
-        self.extent = _extent(views)
-        self.sampler = Sampler(
-            self.footage.times,
-            tile_activity(self.footage, self.moved, side=options.trace.bundle),
+        self.footage = footage(
+            views,
+            side=options.trace.bundle,
+            memory=options.fit.memory,
+            folder=journal.out,
+            report=Progress("read", len(views), quiet=quiet).report,
+        )
+        self.activity = activity(self.footage)
+        self.loader = Loader(
+            self.footage,
+            self.activity,
             tiles=options.fit.tiles,
             balance=options.fit.balance,
+            error=options.fit.error,
+            seed=options.fit.seed,
         )
+        self.times = self.loader.sampler.times
+        self.extent = _extent(views)
         self.mesh = mesh_of_hosts(devices)
+
+    def resumed(self) -> tuple[State, str]:
+        """The state of an interrupted run, and its stage."""
+        found = self.journal.resumed()
+        self.loader.restore(self.journal.notes)
+        return found
 
     def begin(self) -> State:
         """Gaussians on the capture's points, or on random ones; which move is decided at once, so
         that both sets keep their place."""
         fit, points = self.options.fit, self.capture.points
         if points is not None:
-            position, color = np.asarray(points.position), np.asarray(points.color)
+            position, color = self._cleaned(points)
         else:
             pose = self.footage.camera.trajectory
             origin, axis = np.asarray(pose.translation)[:, 0], _axes_of_view(self.footage)
@@ -132,9 +151,9 @@ class Fit:
         start = on_points(
             position, color, degree=fit.degree, opacity=fit.opacity, spread=fit.spread
         )
-        moves = point_activity(self.footage, self.camera, position) > fit.moving
+        moves = point_activity(self.footage, position) > fit.moving
         moves = np.array(agreed(moves))
-        if len(self.sampler.times) == 1:
+        if len(self.times) == 1:
             moves[:] = False
         elif points is None or not self._watched():
             moves[:] = True
@@ -143,9 +162,24 @@ class Fit:
         parts = [self._room(take(start, np.flatnonzero(side))) for side in (~moves, moves)]
         return begin_state(Parameters(parts[0], parts[1], None))
 
+    def _cleaned(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Places and colours of the points without duplicates and outliers; says how many went."""
+        limit, count = self.options.fit.outliers, len(points.position)
+        position, color = merged(np.asarray(points.position), np.asarray(points.color))
+        keep = inliers(position, limit) if limit else np.ones(len(position), bool)
+        if not keep.all() or len(keep) < count:
+            warnings.warn(
+                f"of {count} starting points, {count - len(keep)} at the place of another and "
+                f"{int((~keep).sum())} far from all others are left out. fit.outliers=0 keeps the "
+                "latter.",
+                CaptureWarning,
+                stacklevel=3,
+            )
+        return position[keep], color[keep]
+
     def _watched(self) -> bool:
         """Whether any camera has several frames: only those tell what moves."""
-        return len(np.unique(self.camera)) < len(self.camera)
+        return len(np.unique(self.footage.name)) < len(self.footage.name)
 
     def _room(self, gaussians: Gaussians) -> Unconstrained:
         """Rows for the Gaussians and for those that density control may add at first."""
@@ -171,7 +205,7 @@ class Fit:
             jnp.asarray(upper + margin),
             self.capture.time_range,
             sides=field.sides,
-            instants=field.instants or max(len(self.sampler.times), 2),
+            instants=field.instants or max(len(self.times), 2),
             channels=field.channels,
         )
         tracked = self._tracked(constrain(moving))
@@ -184,7 +218,7 @@ class Fit:
         Random points say nothing of what belongs together, nor do cameras that looked but once:
         then there are no bodies.
         """
-        place, instants = np.asarray(moving.mean), self.sampler.times
+        place, instants = np.asarray(moving.mean), self.times
         known = self.capture.points is not None and self._watched()
         groups = bodies(place if known else place[:0], instants)
         progress = Progress("track", len(instants) - 1, quiet=self.quiet)
@@ -194,14 +228,18 @@ class Fit:
             place,
             np.asarray(rotation_matrix(moving.quat))[:, :, 2],
             np.asarray(moving.harmonics[:, 0] * C0 + 0.5),
-            np.asarray(self.footage.picture),
-            self.moved,
-            None if self.footage.mask is None else np.asarray(self.footage.mask),
+            self._shown,
             self.footage.camera,
             options=self.options.track,
             seed=self.options.fit.seed,
             report=progress.report,
         )
+
+    def _shown(self, frames: Int[np.ndarray, " frames"]) -> Shown:
+        """What tracking has to know of some frames."""
+        seen = self.footage
+        moved = moved_pixels(seen, self.activity, frames)
+        return Shown(seen.pictures(frames), moved, seen.masks(frames))
 
     def run(self, stage: str, state: State) -> State:
         """All steps of a stage, in blocks; between blocks density control, files, progress."""
@@ -209,46 +247,41 @@ class Fit:
         steps = fit.coarse if stage == "coarse" else fit.fine
         progress = Progress(stage, steps, quiet=self.quiet)
         trial: Trial | None = None
-        seen, state = everywhere(self.footage, self.mesh), agreed(state)
-        while (done := int(state.step)) < steps:
-            size = min(fit.block, steps - done)
-            batches = self.batches(stage, done, size)
+        cameras, state = everywhere(self.footage.camera, self.mesh), agreed(state)
+        for done, batches in self.loader.blocks(stage, int(state.step), steps, fit.block):
             trial = trial or self.trial(state, batches)
             # Steps that leave the state anywhere else would compile twice.
-            state = everywhere(state, self.mesh)
-            block, terms, needed, dropped = train_block(
-                state,
-                seen,
-                everywhere(batches, self.mesh),
-                self.extent,
-                options=self.step,
-                steps=steps,
-                trial=trial,
-            )
-            if int(dropped):
+            state, looked = everywhere((state, batches), self.mesh)
+            while True:
+                block, terms, error, needed, dropped = train_block(
+                    state,
+                    cameras,
+                    looked,
+                    self.extent,
+                    options=self.step,
+                    steps=steps,
+                    trial=trial,
+                )
+                if not int(dropped):
+                    break
                 # Nothing is lost: the block is thrown away and run again with room enough.
                 trial = trial.enlarged(needed)
-                continue
             self.journal.demand_finite(terms, state, block, stage)
+            self.loader.tell(batches, np.asarray(error))
+            self.journal.notes |= self.loader.notes()
+            after = done + len(batches.time)
             state = self._densified(stage, block, steps, done)
-            self.journal.record(stage, done + size, terms)
-            progress.report(done + size, f"{decibel(terms['mse']):.2f} dB")
+            self.journal.record(stage, after, terms)
+            progress.report(after, f"{decibel(terms['mse']):.2f} dB")
             self.journal.save_in_time(state, stage)
         return agreed(state)
 
-    def batches(self, stage: str, done: int, size: int):
-        """Frames, tiles and times of a block; they depend on seed and step alone."""
-        dice = np.random.default_rng([self.options.fit.seed, stage == "fine", done])
-        count = len(self.sampler.times) if stage == "fine" else 1
-        instant = dice.integers(count, size=size)
-        frame, tile = self.sampler.draw(instant, dice)
-        time = jnp.asarray(self.sampler.times[instant], self.footage.camera.time.dtype)
-        return jnp.asarray(frame), jnp.asarray(tile), time
-
-    def trial(self, state: State, batches) -> Trial:
+    def trial(self, state: State, batches: Batch) -> Trial:
         """Sizes to compile the steps of a stage for."""
         trace = self.options.trace
-        found = first_trial(state, self.footage, batches, trace=trace, mesh=self.mesh).capacity
+        found = first_trial(
+            state, self.footage.camera, batches, trace=trace, mesh=self.mesh
+        ).capacity
         *cells, pairs, slots = agreed(np.array([*found.cells, found.pairs, found.slots]))
         return Trial(Capacity(tuple(map(int, cells)), int(pairs), int(slots)), self.mesh)
 

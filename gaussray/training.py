@@ -4,8 +4,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array, Float
 
-from gaussray.capture.batches import Footage, tile_rays
+from gaussray.camera.camera import Camera
+from gaussray.capture.batches import Batch, tile_colors, tile_rays
 from gaussray.color import srgb_encode
 from gaussray.fit import loss as losses, regularizer
 from gaussray.fit.loss import LossOptions
@@ -37,26 +39,30 @@ class Trial(eqx.Module):
         return Trial(enlarge(self.capacity, [int(n) for n in needed], headroom=1.5), self.mesh)
 
 
-def first_trial(state: State, seen: Footage, batches, *, trace: TraceOptions, mesh: Mesh) -> Trial:
+def first_trial(
+    state: State, cameras: Camera, batches: Batch, *, trace: TraceOptions, mesh: Mesh
+) -> Trial:
     """Sizes measured on the first step of a block, doubled: steps differ in what they look at."""
 
     @eqx.filter_jit
-    def looked_at(parameters, seen, frame, tile, time):
-        rays, _, _ = tile_rays(seen, frame, tile, side=trace.bundle)
+    def looked_at(parameters, cameras, batch):
+        rays = tile_rays(cameras, batch.frame, batch.tile, side=trace.bundle)
         part = jax.tree.map(lambda x: x[: -(-x.shape[0] // mesh.size)], rays)
-        return still(at(scene_of(parameters, jnp.zeros(2)), time)), part
+        return still(at(scene_of(parameters, jnp.zeros(2)), batch.time)), part
 
-    motion, rays = looked_at(state.parameters, seen, *(x[0] for x in batches))
+    motion, rays = looked_at(state.parameters, cameras, jax.tree.map(lambda x: x[0], batches))
     return Trial(measure(motion, rays, options=trace, headroom=2.0), mesh)
 
 
-def loss_of(parameters: Parameters, seen: Footage, batch, *, options: StepOptions, trial: Trial):
+def loss_of(
+    parameters: Parameters, cameras: Camera, batch: Batch, *, options: StepOptions, trial: Trial
+):
     """Weighted sum of the terms of one step's loss, the terms, and what there is to report."""
-    frame, tile, time = batch
-    rays, truth, weight = tile_rays(seen, frame, tile, side=options.trace.bundle)
+    rays = tile_rays(cameras, batch.frame, batch.tile, side=options.trace.bundle)
+    truth, weight = tile_colors(batch)
     scene = _dealt_out(scene_of(parameters, jnp.zeros(2)), trial.mesh)
     pixels, report = trace_sharded(
-        still(at(scene, time)),
+        still(at(scene, batch.time)),
         rays,
         options=options.trace,
         capacity=trial.capacity,
@@ -68,25 +74,33 @@ def loss_of(parameters: Parameters, seen: Footage, batch, *, options: StepOption
     if parameters.deformation is not None:
         terms |= regularizer.terms(parameters.deformation.planes)
     total = sum(getattr(options.loss, name) * term for name, term in terms.items())
-    terms["mse"] = jnp.mean((image - truth) ** 2)
-    return total, (terms, report, rays.origin)
+    terms["mse"] = jnp.sum((image - truth) ** 2) / (3 * jnp.maximum(jnp.sum(weight), 1))
+    return total, (terms, report, rays.origin, _tile_errors(image, truth, weight, batch))
 
 
 @eqx.filter_jit
 def train_block(
-    state: State, seen: Footage, batches, extent, *, options: StepOptions, steps: int, trial: Trial
+    state: State,
+    cameras: Camera,
+    batches: Batch,
+    extent,
+    *,
+    options: StepOptions,
+    steps: int,
+    trial: Trial,
 ):
-    """The state after a block of steps, mean terms, largest list sizes, entries dropped.
+    """The state after a block of steps, mean terms, errors of all tiles, largest list sizes,
+    entries dropped.
 
-    `batches` are frames and tiles (steps x tiles) and times (steps); `steps` is the length of the
-    stage, over which the rates fall. If anything was dropped, the block is void: run it again with
-    an enlarged trial.
+    `cameras` are those of all frames, `batches` what each step looks at; `steps` is the length of
+    the stage, over which the rates fall. A tile's error is its mean absolute difference. If
+    anything was dropped, the block is void: run it again with an enlarged trial.
     """
 
-    def step(state: State, batch):
+    def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)
-        (_, (terms, report, eye)), gradient = slope(
-            state.parameters, seen, batch, options=options, trial=trial
+        (_, (terms, report, eye, error)), gradient = slope(
+            state.parameters, cameras, batch, options=options, trial=trial
         )
         rate = rates(
             state.parameters, state.step, options=options.optimizer, extent=extent, steps=steps
@@ -94,12 +108,20 @@ def train_block(
         static, moving = watch(state, gradient, eye)
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)
         state = State(parameters, adam, static, moving, state.step + 1)
-        return state, (terms, report.needed, report.dropped)
+        return state, (terms, error, report.needed, report.dropped)
 
-    state, (terms, needed, dropped) = jax.lax.scan(step, state, batches)
-    found = state, jax.tree.map(jnp.mean, terms), jnp.max(needed, axis=0), jnp.sum(dropped)
+    state, (terms, error, needed, dropped) = jax.lax.scan(step, state, batches)
+    terms, needed = jax.tree.map(jnp.mean, terms), jnp.max(needed, axis=0)
+    found = state, terms, error, needed, jnp.sum(dropped)
     # Every host reads them.
     return jax.lax.with_sharding_constraint(found, NamedSharding(trial.mesh, PartitionSpec()))
+
+
+def _tile_errors(image: Array, truth: Array, weight: Array, batch: Batch) -> Float[Array, " tiles"]:
+    """Mean absolute difference over the visible pixels of every tile."""
+    tiles = batch.tile.shape[0]
+    difference = jnp.sum(jnp.abs(image - truth).reshape(tiles, -1), axis=1)
+    return difference / (3 * jnp.maximum(jnp.sum(weight.reshape(tiles, -1), axis=1), 1))
 
 
 def _dealt_out(scene: Scene, mesh: Mesh) -> Scene:

@@ -1,5 +1,6 @@
 """From pictures to a scene: it learns, repeats, can be interrupted, and says what fails."""
 
+import dataclasses
 import json
 
 import equinox as eqx
@@ -11,6 +12,8 @@ import toy
 
 from gaussray import reconstruct as stage, training
 from gaussray.capture.calibration import View, read_capture
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.loader import Loader
 from gaussray.evaluate import EvaluateOptions, evaluate
 from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions, alive
@@ -131,6 +134,71 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(
     assert_same(fitted[0], tmp_path)
 
 
+def test_drawing_by_error_goes_on_after_an_interruption_to_the_same_bytes(
+    fitted, capture, tmp_path, monkeypatch
+):
+    options = dataclasses.replace(OPTIONS, fit=dataclasses.replace(OPTIONS.fit, error=0.5))
+    record, batches, count, drawn = Journal.record, Loader.batches, [], []
+
+    def stop(self, *arguments):
+        record(self, *arguments)
+        count.append(1)
+        if len(count) == 13:  # 3 of the 20 blocks of the fine stage
+            raise KeyboardInterrupt
+
+    def seen(self, *arguments):
+        found = batches(self, *arguments)
+        drawn.append(np.asarray(found.tile))
+        return found
+
+    reconstruct(capture, tmp_path / "whole", options=options, quiet=True)
+    monkeypatch.setattr(Journal, "record", stop)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(capture, tmp_path / "two", options=options, quiet=True)
+    monkeypatch.setattr(Journal, "record", record)
+    monkeypatch.setattr(Loader, "batches", seen)
+    reconstruct(capture, tmp_path / "two", options=options, resume=True, quiet=True)
+    assert_same(tmp_path / "whole", tmp_path / "two")
+    # What is drawn depends on what was learned before the interruption.
+    blind = Fit(capture, Journal(tmp_path / "x", resume=False, interval=0.0), options, True)
+    assert (np.asarray(batches(blind.loader, "fine", 30, 10).tile) != drawn[0]).any()
+
+
+def test_an_error_while_a_block_is_prepared_reaches_the_caller(capture, tmp_path, monkeypatch):
+    batches = Loader.batches
+
+    def fails(self, stage, done, size):
+        if done:
+            raise OSError("the disk is gone")
+        return batches(self, stage, done, size)
+
+    monkeypatch.setattr(Loader, "batches", fails)
+    with pytest.raises(OSError, match="the disk is gone"):
+        reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+
+
+def test_footage_in_a_file_gives_the_same_batches(capture, tmp_path):
+    blocks = []
+    for memory in (0.0, 4.0):
+        options = dataclasses.replace(OPTIONS, fit=dataclasses.replace(OPTIONS.fit, memory=memory))
+        fit = Fit(capture, Journal(tmp_path, resume=False, interval=0.0), options, True)
+        assert isinstance(fit.footage.pixel, np.memmap) == (memory == 0)
+        blocks.append(fit.loader.batches("fine", 30, 10))
+    for a, b in zip(*map(jax.tree.leaves, blocks), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_points_that_are_twice_there_or_far_away_are_left_out_with_a_warning(capture, tmp_path):
+    dense = np.random.default_rng(0).uniform(-1, 1, (200, 3)).astype(np.float32)
+    position = np.concatenate([dense, dense[:3], np.float32([[0, 0, 40]])])
+    noisy = type(capture.points)(position, np.full_like(position, 0.5))
+    fit = Fit(capture, Journal(tmp_path, resume=False, interval=0.0), OPTIONS, True)
+    with pytest.warns(CaptureWarning, match="of 204 starting points, 3 at the place of .* 1 far"):
+        place, color = fit._cleaned(noisy)
+    np.testing.assert_array_equal(place, dense)
+    assert len(color) == 200
+
+
 @pytest.mark.parametrize("where", ["term", "parameter"])
 def test_what_is_not_finite_stops_the_run_and_is_named(capture, tmp_path, monkeypatch, where):
     def broken(state, *_, options, steps, trial):
@@ -139,7 +207,7 @@ def test_what_is_not_finite_stops_the_run_and_is_named(capture, tmp_path, monkey
             terms["l1"] = jnp.asarray(jnp.nan)
         mean = state.parameters.static.mean.at[0, 0].set(jnp.nan)
         after = eqx.tree_at(lambda s: s.parameters.static.mean, state, mean)
-        return after, terms, jnp.zeros(3, int), jnp.asarray(0)
+        return after, terms, jnp.zeros((10, 4)), jnp.zeros(3, int), jnp.asarray(0)
 
     monkeypatch.setattr(stage, "train_block", broken)
     monkeypatch.setattr(Fit, "trial", lambda *_: True)

@@ -1,140 +1,69 @@
-"""Training footage on the device, and the tiles of it that one step looks at."""
+"""What a step looks at: tiles of pictures, and their rays."""
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Shaped
 
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.rays import Rays
-from gaussray.capture.calibration import View
-from gaussray.capture.errors import CaptureError
-from gaussray.capture.frames import load_encoded, read_mask
+from gaussray.capture.footage import Footage
+from gaussray.capture.tiles import tile_grid
 
 
-class Footage(eqx.Module):
-    """Every training picture (sRGB-encoded) with its camera; the leading axis is the frame.
+class Batch(eqx.Module):
+    """Tiles of one instant, or with a leading axis those of many steps.
 
-    `mask` is False where a picture is to be ignored, None if no view has a mask.
+    `pixel` holds their sRGB-encoded values, bytes or fractions; `visible` is False where a pixel is
+    to be ignored, None if all count.
     """
 
-    picture: Array
-    camera: Camera
-    mask: Bool[Array, "frames h w"] | None
-
-    @property
-    def times(self) -> np.ndarray:
-        """Time of every picture."""
-        return np.asarray(self.camera.time)
+    frame: Int[Array, "*steps tiles"]
+    tile: Int[Array, "*steps tiles"]
+    time: Float[Array, "*steps"]
+    pixel: Shaped[Array, "*steps tiles pixels 3"]
+    visible: Bool[Array, "*steps tiles pixels"] | None
 
 
-def footage(views: list[View]) -> Footage:
-    """Pictures of the views in memory (8 bit where the files are) and their cameras, stacked."""
-    if not views:
-        raise CaptureError(
-            "capture.path holds no view of split 'train'. Mark some frames with "
-            '"split": "train" in transforms.json.'
-        )
-    first = _kind(views[0].camera)
-    for view in views:
-        if _kind(view.camera) != first:
-            raise CaptureError(
-                f"{view.image}: training views must share one size, lens model, film and number of "
-                f"poses, but this one differs from {views[0].image}. Resize the pictures or use "
-                "one kind of camera."
-            )
-    camera = jax.tree.map(lambda *x: jnp.stack(x), *(view.camera for view in views))
-    mask = None
-    if any(view.mask is not None for view in views):
-        masks = [
-            np.ones((view.height, view.width), bool)
-            if view.mask is None
-            else read_mask(view.mask, view.width, view.height, view.window)
-            for view in views
-        ]
-        mask = jnp.asarray(np.stack(masks))
-    return Footage(jnp.asarray(load_encoded(views)), camera, mask)
-
-
-def _kind(camera: Camera) -> tuple:
-    """What must be alike for cameras to be stacked."""
-    return jax.tree.structure(camera), [leaf.shape for leaf in jax.tree.leaves(camera)]
-
-
-def tile_grid(footage: Footage, side: int) -> tuple[int, int]:
-    """Columns and rows of tiles; the last ones overlap their neighbours where nothing divides."""
-    height, width = footage.picture.shape[1:3]
-    if min(height, width) < side:
-        raise CaptureError(
-            f"trace.bundle must be at most the picture's smaller side, got {side} for a picture of "
-            f"{width} x {height}."
-        )
-    return -(-width // side), -(-height // side)
+def gather(
+    footage: Footage,
+    frame: Int[np.ndarray, "steps tiles"],
+    tile: Int[np.ndarray, "steps tiles"],
+    time: Float[np.ndarray, " steps"],
+) -> Batch:
+    """The tiles of many steps, from the host to the device."""
+    parts = (frame, tile, time, footage.pixel[frame, tile], footage.visible(frame, tile))
+    return Batch(*(None if x is None else jnp.asarray(x) for x in parts))  # type: ignore[arg-type]
 
 
 def tile_rays(
-    footage: Footage, frame: Int[Array, " tiles"], tile: Int[Array, " tiles"], *, side: int
-) -> tuple[Rays, Float[Array, "rays 3"], Float[Array, " rays"]]:
-    """Centre rays of the tiles' pixels, tile after tile, their encoded colours in [0, 1], and the
-    weight of each (0 where masked)."""
-    height, width = footage.picture.shape[1:3]
-    columns, _ = tile_grid(footage, side)
+    cameras: Camera, frame: Int[Array, " tiles"], tile: Int[Array, " tiles"], *, side: int
+) -> Rays:
+    """Centre rays of the tiles' pixels, tile after tile; `cameras` are stacked, one per frame."""
+    width, height = cameras.film.width, cameras.film.height
+    columns, _ = tile_grid(cameras.film, side)
     dy, dx = jnp.mgrid[:side, :side]
 
-    def one(frame: Array, tile: Array) -> tuple[Rays, Array, Array]:
+    def one(frame: Array, tile: Array) -> Rays:
         left = jnp.minimum(tile % columns * side, width - side)
         top = jnp.minimum(tile // columns * side, height - side)
         x, y = (left + dx).reshape(-1), (top + dy).reshape(-1)
-        camera = jax.tree.map(lambda leaf: leaf[frame], footage.camera)
+        camera = jax.tree.map(lambda leaf: leaf[frame], cameras)
         dtype = camera.time.dtype
         pixel = jnp.stack([x, y], axis=-1).astype(dtype)
-        rays = camera_rays(camera, pixel, jnp.full((pixel.shape[0], 5), 0.5, dtype))
-        color = footage.picture[frame, y, x]
-        scale = 255 if footage.picture.dtype == jnp.uint8 else 1
-        weight = jnp.ones(x.shape, dtype)
-        if footage.mask is not None:
-            weight = footage.mask[frame, y, x].astype(dtype)
-        return rays, color.astype(dtype) / scale, weight
+        return camera_rays(camera, pixel, jnp.full((pixel.shape[0], 5), 0.5, dtype))
 
     parts = jax.vmap(one)(frame, tile)
     return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), parts)
 
 
-class Sampler:
-    """Draws the tiles of each step, more of them where things move. Same seed, same tiles."""
-
-    def __init__(
-        self,
-        times: np.ndarray,
-        activity: Float[np.ndarray, "frames tiles"],
-        *,
-        tiles: int,
-        balance: float,
-    ):
-        self.times = np.unique(times)
-        self._own = [np.flatnonzero(times == t) for t in self.times]
-        self._tiles, self._count = tiles, activity.shape[1]
-        self._share = []
-        for own in self._own:
-            active = activity[own].reshape(-1).astype(np.float64)
-            even = np.full(active.size, 1 / active.size)
-            moving = active / active.sum() if active.sum() > 0 else even
-            self._share.append((1 - balance) * even + balance * moving)
-
-    def draw(
-        self, instants: Int[np.ndarray, " steps"], dice: np.random.Generator
-    ) -> tuple[Int[np.ndarray, "steps tiles"], Int[np.ndarray, "steps tiles"]]:
-        """Frame and tile of every bundle, for steps at the given instants (indices of `times`).
-
-        Each step sees one instant from all cameras. A share `balance` of the tiles is drawn in
-        proportion to the pixels that move in them, the rest evenly.
-        """
-        frame = np.empty((len(instants), self._tiles), np.int32)
-        tile = np.empty_like(frame)
-        for row, instant in enumerate(instants):
-            share = self._share[instant]
-            picked = dice.choice(share.size, self._tiles, replace=self._tiles > share.size, p=share)
-            frame[row] = self._own[instant][picked // self._count]
-            tile[row] = picked % self._count
-        return frame, tile
+def tile_colors(batch: Batch) -> tuple[Float[Array, "rays 3"], Float[Array, " rays"]]:
+    """Encoded colours in [0, 1] of one step's pixels, in the order of `tile_rays`, and the weight
+    of each: 0 where it is to be ignored, else 1."""
+    dtype = batch.time.dtype
+    scale = 255 if batch.pixel.dtype == jnp.uint8 else 1
+    color = jnp.asarray(batch.pixel, dtype).reshape(-1, 3) / scale
+    if batch.visible is None:
+        return color, jnp.ones(color.shape[0], dtype)
+    return color, jnp.asarray(batch.visible, dtype).reshape(-1)

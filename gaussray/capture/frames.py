@@ -112,10 +112,24 @@ def read_codes(view: Picture) -> UInt8[np.ndarray, "h w 3"]:
 def load_encoded(
     views: Sequence[Picture], progress: Callable[[int, int], object] | None = None
 ) -> np.ndarray:
-    """sRGB values of many views of one size, [n, h, w, 3]: uint8 if all the files are 8-bit sRGB,
-    else float32 in 0..1. `progress(done, total)` is called after each.
+    """All pictures of `stream_encoded` in one array [n, h, w, 3]; `progress(done, total)` is called
+    after each."""
+    dtype, pictures = stream_encoded(views)
+    stack = np.empty((len(views), views[0].height, views[0].width, 3), dtype)
+    for done, (place, picture) in enumerate(pictures):
+        stack[place] = picture
+        if progress is not None:
+            progress(done + 1, len(views))
+    return stack
 
-    Every video is decoded once, from its start, and few pictures are held at their files' size.
+
+def stream_encoded(
+    views: Sequence[Picture],
+) -> tuple[np.dtype, Iterator[tuple[int, np.ndarray]]]:
+    """Type and, one at a time, place among the views and sRGB values [h, w, 3] of many views of one
+    size: uint8 if all the files are 8-bit sRGB, else float32 in 0..1.
+
+    Every video is decoded once, from its start, and few pictures are held at any time.
     """
     if not views:
         raise CaptureError("the views to load must be at least one, got none.")
@@ -127,20 +141,26 @@ def load_encoded(
                 f"got {view.width} x {view.height} after {first.width} x {first.height} "
                 f"({first.image}). Load each size by itself."
             )
-    stack = np.empty((len(views), first.height, first.width, 3), np.uint8)
+    dtype = np.dtype(np.uint8 if all(map(_holds_codes, views)) else np.float32)
+    return dtype, _streamed(views, dtype)
+
+
+def _holds_codes(view):
+    """Whether `read_encoded` gives bytes, from the file's header."""
+    if view.color_space != "srgb":
+        return False
+    return bool(frame_of(view.image)) or _open(view.image).spec().format.basetype == oiio.UINT8
+
+
+def _streamed(views, dtype):
     with ThreadPoolExecutor(_THREADS) as pool:
         try:
-            for done, (place, values) in enumerate(_in_turn(_reading(views, pool))):
-                if values.dtype != stack.dtype and stack.dtype == np.uint8:
-                    stack = (stack / 255).astype(np.float32)
-                widen = values.dtype == np.uint8 and stack.dtype != np.uint8
-                stack[place] = values / 255 if widen else values
-                if progress is not None:
-                    progress(done + 1, len(views))
+            for place, values in _in_turn(_reading(views, pool)):
+                widen = values.dtype == np.uint8 and dtype != np.uint8
+                yield place, (values / 255).astype(dtype) if widen else values
         except BaseException:
             pool.shutdown(cancel_futures=True)
             raise
-    return stack
 
 
 def _reading(views, pool) -> Iterator[tuple[int, Future]]:

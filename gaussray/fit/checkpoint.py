@@ -15,15 +15,18 @@ from gaussray.scene.store import deformation_from, named, read_arrays, write_arr
 
 
 FORMAT, VERSION = "gaussray-checkpoint", 1
+NOTE = "note."
 
 
-def save_checkpoint(path: Path, state: State, *, info: dict[str, Any]) -> None:
+def save_checkpoint(
+    path: Path, state: State, *, info: dict[str, Any], notes: dict[str, np.ndarray]
+) -> None:
     """Write the state, whole or not at all."""
     header = {"format": FORMAT, "version": VERSION, "info": info}
-    write_arrays(path, header, named(state))
+    write_arrays(path, header, named(state) | {NOTE + name: x for name, x in notes.items()})
 
 
-def load_checkpoint(path: Path) -> tuple[State, dict[str, Any]]:
+def load_checkpoint(path: Path) -> tuple[State, dict[str, Any], dict[str, np.ndarray]]:
     """Read a state and what was noted with it."""
     header, found = read_arrays(path, FORMAT, VERSION)
     array = _Whole(path, found)
@@ -50,7 +53,8 @@ def load_checkpoint(path: Path) -> tuple[State, dict[str, Any]]:
         pull("moving_pull"),
         jnp.asarray(array["step"]),
     )
-    return state, header["info"]
+    notes = {name.removeprefix(NOTE): x for name, x in found.items() if name.startswith(NOTE)}
+    return state, header["info"], notes
 
 
 class _Whole(dict):

@@ -7,11 +7,14 @@ class FitOptions(eqx.Module):
     """The course of a reconstruction.
 
     `coarse` steps on the first instant, without deformation; `fine` steps on all. A step sees
-    `tiles` tiles of trace.bundle^2 pixels, a share `balance` of them where things move. Gaussians
-    whose pixels change more than a share `moving` of the time get a deformation. `points` random
-    points are the start if the capture has none. Gaussians start with harmonics of this `degree`,
-    this `opacity`, and `spread` gaps between points as scale. A block of `block` steps runs without
-    the host; `checkpoint` is the interval in seconds between saved states.
+    `tiles` tiles of trace.bundle^2 pixels, a share `error` of them in proportion to the errors last
+    seen there, and of the others a share `balance` where things move. Gaussians whose pixels change
+    more than a share `moving` of the time get a deformation. `points` random points are the start
+    if the capture has none; of those that it has, points go that are further from their neighbours
+    than usual by more than `outliers` standard deviations (0 keeps all, see `initial.inliers`).
+    Gaussians start with harmonics of this `degree`, this `opacity`, and `spread` gaps between
+    points as scale. A block of `block` steps runs without the host; `checkpoint` is the interval in
+    seconds between saved states. Pictures of more than `memory` gigabytes are kept in a file.
     """
 
     coarse: int = eqx.field(static=True, default=300)
@@ -19,11 +22,14 @@ class FitOptions(eqx.Module):
     tiles: int = eqx.field(static=True, default=64)
     block: int = eqx.field(static=True, default=25)
     balance: float = eqx.field(static=True, default=0.5)
+    error: float = eqx.field(static=True, default=0.0)
     moving: float = eqx.field(static=True, default=0.6)
     degree: int = eqx.field(static=True, default=0)
     opacity: float = eqx.field(static=True, default=0.9)
     spread: float = eqx.field(static=True, default=0.6)
     points: int = eqx.field(static=True, default=10000)
+    outliers: float = eqx.field(static=True, default=5.0)
+    memory: float = eqx.field(static=True, default=4.0)
     checkpoint: float = eqx.field(static=True, default=60.0)
     seed: int = eqx.field(static=True, default=0)
 
@@ -31,10 +37,10 @@ class FitOptions(eqx.Module):
         for name in ("coarse", "tiles", "block", "points"):
             if getattr(self, name) < 1:
                 raise ValueError(f"fit.{name} must be at least 1, got {getattr(self, name)}.")
-        for name in ("fine", "checkpoint", "spread", "seed"):
+        for name in ("fine", "checkpoint", "spread", "seed", "outliers", "memory"):
             if getattr(self, name) < 0:
                 raise ValueError(f"fit.{name} must be at least 0, got {getattr(self, name)}.")
-        for name in ("balance", "moving", "opacity"):
+        for name in ("balance", "error", "moving", "opacity"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"fit.{name} must be in [0, 1], got {getattr(self, name)}.")
         if self.degree not in (0, 1, 2, 3):

@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -12,6 +12,43 @@ from gaussray.geometry import quaternion
 from gaussray.scene.bodies import Bodies, resting
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant
+
+
+# Neighbours by which a point is judged, and the least spread of the logarithm of their distance: in
+# a regular grid all distances but those at the border are equal.
+_AROUND, _SPREAD = 16, 0.2
+
+
+def merged(
+    position: Float[np.ndarray, "points 3"], color: Float[np.ndarray, "points 3"]
+) -> tuple[Float[np.ndarray, "merged 3"], Float[np.ndarray, "merged 3"]]:
+    """The points in their order, those of the same place as one of their mean colour."""
+    _, first, same = np.unique(position, axis=0, return_index=True, return_inverse=True)
+    if len(first) == len(position):
+        return position, color
+    total = np.zeros((len(first), 3))
+    np.add.at(total, same.reshape(-1), color)
+    mean = (total / np.bincount(same.reshape(-1))[:, None]).astype(color.dtype)
+    order = np.argsort(first)
+    return position[first[order]], mean[order]
+
+
+def inliers(position: Float[np.ndarray, "points 3"], limit: float) -> Bool[np.ndarray, " points"]:
+    """Which points are not much further from their neighbours than usual.
+
+    Statistical outlier removal (Rusu and Cousins 2011, as in PCL and Open3D) on a robust scale: a
+    point goes if the logarithm of the mean distance to its 16 nearest neighbours is more than
+    `limit` standard deviations above the median, these estimated by the median absolute deviation
+    (at least 0.2). Mean and deviation themselves are spoilt by the outliers, and without any they
+    always cut some. A far group of more than 16 points stays. Clouds of up to 32 points are kept.
+    """
+    if len(position) <= 2 * _AROUND:
+        return np.ones(len(position), bool)
+    distance, _ = KDTree(position).query(position, k=_AROUND + 1)
+    gap = np.log(np.maximum(distance[:, 1:].mean(axis=1), 1e-30))
+    usual = np.median(gap)
+    spread = max(1.4826 * float(np.median(np.abs(gap - usual))), _SPREAD)
+    return gap <= usual + limit * spread
 
 
 def on_points(

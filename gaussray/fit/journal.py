@@ -34,7 +34,8 @@ def refuse(out: Path, *, resume: bool) -> None:
 
 
 class Journal:
-    """metrics.jsonl and checkpoint.npz in the folder `out`; `info` is saved with every state.
+    """metrics.jsonl and checkpoint.npz in the folder `out`; `info` and the arrays `notes` are saved
+    with every state.
 
     A folder with an unfinished run is open to `resume` alone, and `resume` to no other folder; what
     does not fit is refused before anything is written. Of several processes one `writes`.
@@ -43,6 +44,7 @@ class Journal:
     def __init__(self, out: Path, *, resume: bool, interval: float, writes: bool = True):
         self.out, self.interval, self.writes = out, interval, writes
         self.info: dict[str, Any] = {}
+        self.notes: dict[str, np.ndarray] = {}
         self.began = self.saved = clock.monotonic()
         self.checkpoint = out / "checkpoint.npz"
         refuse(out, resume=resume)
@@ -56,7 +58,7 @@ class Journal:
 
     def resumed(self) -> tuple[State, str]:
         """The state of an interrupted run, and its stage."""
-        state, self.info = load_checkpoint(self.checkpoint)
+        state, self.info, self.notes = load_checkpoint(self.checkpoint)
         return state, self.info.pop("stage")
 
     def record(self, stage: str, step: int, terms: dict[str, Array]) -> None:
@@ -73,7 +75,8 @@ class Journal:
         """Write the state, whole or not at all."""
         if not self.writes:
             return
-        save_checkpoint(self.checkpoint, state, info=self.info | {"stage": stage})
+        info = self.info | {"stage": stage}
+        save_checkpoint(self.checkpoint, state, info=info, notes=self.notes)
         self.saved = clock.monotonic()
 
     def save_in_time(self, state: State, stage: str) -> None:

@@ -15,7 +15,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, Shaped
 from scipy.ndimage import gaussian_filter
 
 from gaussray.camera.camera import Camera, project
@@ -87,6 +87,15 @@ class Known(NamedTuple):
     size: Float[Array, "*bodies"]
 
 
+class Shown(NamedTuple):
+    """What some frames show: sRGB-encoded values, which pixels differ from what they show most of
+    the time, and which count (None if all do)."""
+
+    picture: Shaped[np.ndarray, "frames h w 3"]
+    moved: Bool[np.ndarray, "frames h w"]
+    visible: Bool[np.ndarray, "frames h w"] | None
+
+
 class Sight(NamedTuple):
     """How every view sees the points of a body near a pose: where they are, their pixels, the
     pixels' slopes, how much they face the view, and whether it sees them."""
@@ -104,9 +113,7 @@ def track(
     place: Float[np.ndarray, "gaussians 3"],
     normal: Float[np.ndarray, "gaussians 3"],
     color: Float[np.ndarray, "gaussians 3"],
-    picture: np.ndarray,
-    moved: Bool[np.ndarray, "frames h w"],
-    mask: Bool[np.ndarray, "frames h w"] | None,
+    look: Callable[[Int[np.ndarray, " frames"]], Shown],
     camera: Camera,
     *,
     options: TrackOptions,
@@ -116,24 +123,22 @@ def track(
     """The bodies with path and turn set to the poses that explain the pictures best.
 
     `member` is the body of each Gaussian, `normal` its disc's axis (of either sign), `color` its
-    linear-light colour at the first instant; `picture` (frames x height x width x 3, sRGB-encoded),
-    `moved` (which pixels ever change), `mask` (False where a picture says nothing) and `camera`
-    (stacked) are the training frames. What one body hides of another is left out. Poses are
+    linear-light colour at the first instant; `look` shows those of the training frames that it is
+    asked for, `camera` (stacked) took them. What one body hides of another is left out. Poses are
     approximate (a tenth of a radian, a tenth of a size): a start for the fit.
     """
     count, instants = bodies.pivot.shape[0], np.asarray(bodies.time)
     if not count or len(instants) < 2 or not options.poses:
         return bodies
     known = _known(bodies, member, place, normal, color, options.points, seed)
-    shrink = max(1, min(picture.shape[1:3]) // options.side)
+    shrink = max(1, min(camera.film.width, camera.film.height) // options.side)
     identity = jnp.zeros((count, 4), jnp.float32).at[:, 0].set(1)
     poses = [Pose(jnp.zeros((count, 3), jnp.float32), identity)]
     time, key = np.asarray(camera.time), jax.random.key(seed)
     for i in range(1, len(instants)):
         own = np.flatnonzero(time == instants[i].astype(time.dtype))
         views = jax.tree.map(lambda x, own=own: x[own], camera)
-        hidden = None if mask is None else ~mask[own]
-        layers = _layers(picture[own], moved[own], hidden, shrink, options.blur)
+        layers = _layers(look(own), shrink, options.blur)
         starts = (_ahead(poses, instants[: i + 1]), poses[-1])
         keys = jax.random.split(jax.random.fold_in(key, i), count)
         poses.append(_search(keys, known, starts, views, layers, options, shrink))
@@ -286,25 +291,30 @@ def _cost(change, pose, own, sight: Sight, layer) -> Float[Array, ""]:
     return jnp.sum(sight.weight * difference) / jnp.sum(sight.weight)
 
 
-def _layers(picture, moved, hidden, shrink: int, blur: tuple[float, ...]) -> list[Array]:
+def _layers(shown: Shown, shrink: int, blur: tuple[float, ...]) -> list[Array]:
     """What the pixels look like, at every blur; NaN where they are hidden."""
-    scale = 255 if picture.dtype == np.uint8 else 1
-    light = srgb_decode(_shrunk(picture, shrink) / scale)
-    changes = CHANGES * _shrunk(moved[..., None], shrink)
+    scale = 255 if shown.picture.dtype == np.uint8 else 1
+    light = srgb_decode(_shrunk(shown.picture, shrink) / scale)
+    changes = CHANGES * _shrunk(shown.moved[..., None], shrink)
     sharp = np.concatenate([_look(light), changes], axis=-1)
     layers = [gaussian_filter(sharp, (0, sigma, sigma, 0)) for sigma in blur]
-    if hidden is not None:
-        some = _shrunk(hidden[..., None], shrink) > 0
+    if shown.visible is not None:
+        some = _shrunk(~shown.visible[..., None], shrink) > 0
         layers = [np.where(some, np.nan, layer) for layer in layers]
     return [jnp.asarray(layer, jnp.float32) for layer in layers]
 
 
 def _shrunk(picture: np.ndarray, factor: int) -> np.ndarray:
     """Means of blocks of factor x factor pixels."""
-    frames, height, width, channels = picture.shape
+    _, height, width, channels = picture.shape
     height, width = height // factor, width // factor
-    block = picture[:, : height * factor, : width * factor].astype(np.float32)
-    return block.reshape(frames, height, factor, width, factor, channels).mean(axis=(2, 4))
+
+    # One by one: in single precision all would take four times their own room.
+    def one(frame: np.ndarray) -> np.ndarray:
+        block = frame[: height * factor, : width * factor].astype(np.float32)
+        return block.reshape(height, factor, width, factor, channels).mean(axis=(1, 3))
+
+    return np.stack([one(frame) for frame in picture])
 
 
 def _look(light: np.ndarray) -> np.ndarray:

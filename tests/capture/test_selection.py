@@ -11,9 +11,9 @@ import pytest
 
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import DIRECTIONS, sample_time
-from gaussray.capture.batches import footage
 from gaussray.capture.calibration import read_capture
 from gaussray.capture.errors import CaptureError
+from gaussray.capture.footage import footage
 from gaussray.capture.formats import open_capture
 from gaussray.capture.frames import check_images, load_encoded, read_encoded, read_mask
 from gaussray.capture.selection import Selection, selected
@@ -209,7 +209,8 @@ def test_frames_of_videos_are_loaded_in_any_order_and_at_any_size(tmp_path):
     assert [films.index_of(p) for p in pictures] == [4, 4, 0, 0, 2, 2]
     for view, picture in zip(capture.views, pictures, strict=True):
         np.testing.assert_array_equal(read_encoded(view), picture)
-    assert footage(capture.views).picture.shape == pictures.shape
+    shown = footage(capture.views, side=8)
+    np.testing.assert_array_equal(shown.pictures(np.arange(6)), pictures)
 
 
 def test_wrong_frames_of_videos_are_named_before_and_while_they_are_read(tmp_path):

@@ -111,9 +111,11 @@ def test_a_checkpoint_gives_back_the_same_bits(parameters, tmp_path, moves):
     noise = lambda x: jnp.asarray(dice.integers(1, 99, x.shape).astype(x.dtype) / 7, x.dtype)  # noqa: E731
     state = jax.tree.map(noise, state)
     info = {"stage": "fine", "limit": [3, 4]}
-    save_checkpoint(tmp_path / "checkpoint.npz", state, info=info)
-    found, noted = load_checkpoint(tmp_path / "checkpoint.npz")
-    assert noted == info
+    notes = {"errors.mean": np.float32([[0.5, np.nan]])}
+    save_checkpoint(tmp_path / "checkpoint.npz", state, info=info, notes=notes)
+    found, noted, arrays = load_checkpoint(tmp_path / "checkpoint.npz")
+    assert noted == info and arrays.keys() == notes.keys()
+    np.testing.assert_array_equal(arrays["errors.mean"], notes["errors.mean"])
     assert jax.tree.structure(found) == jax.tree.structure(state)
     for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(state), strict=True):
         assert a.dtype == b.dtype
@@ -123,7 +125,7 @@ def test_a_checkpoint_gives_back_the_same_bits(parameters, tmp_path, moves):
 @pytest.mark.parametrize("name", ["step", "adam.mu.static.mean", "parameters.moving.quat"])
 def test_a_checkpoint_without_an_array_is_refused(parameters, tmp_path, name):
     path = tmp_path / "checkpoint.npz"
-    save_checkpoint(path, begin_state(parameters), info={})
+    save_checkpoint(path, begin_state(parameters), info={}, notes={})
     header, array = read_arrays(path, "gaussray-checkpoint", 1)
     del array[name]
     write_arrays(path, header, array)

@@ -8,7 +8,7 @@ import toy
 from scipy.spatial.transform import Rotation
 
 from gaussray.color import srgb_encode
-from gaussray.fit.tracking import TrackOptions, track
+from gaussray.fit.tracking import Shown, TrackOptions, track
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.bodies import resting
 from gaussray.scene.gaussians import Gaussians
@@ -78,9 +78,7 @@ def tracked(picture, camera, mask=None, **options):
         place,
         normal * sign,
         color,
-        picture,
-        moved,
-        mask,
+        lambda own: Shown(picture[own], moved[own], None if mask is None else mask[own]),
         camera,
         options=TrackOptions(**(parts | options)),
         seed=0,

@@ -1,0 +1,53 @@
+"""Points that a reconstruction starts from: outliers go, duplicates merge, all else stays."""
+
+import numpy as np
+import pytest
+
+from gaussray.fit.initial import inliers, merged
+
+
+LIMIT = 5.0
+# Outliers that may stay, because others are near or their part of the cloud is thin.
+STAY = 0.05
+
+
+def sphere(count, dice):
+    """Points spread at random on the unit sphere, denser towards one side."""
+    place = dice.normal(size=(count, 3)) + [0, 0, 1]
+    return (place / np.linalg.norm(place, axis=1, keepdims=True)).astype(np.float32)
+
+
+def grid():
+    """A regular grid, whose border has neighbours on one side alone."""
+    return np.stack(np.meshgrid(*[np.arange(12.0)] * 3), axis=-1).reshape(-1, 3).astype(np.float32)
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])
+def test_clean_clouds_of_any_scale_are_kept_whole(scale):
+    assert inliers(scale * sphere(2000, np.random.default_rng(0)), LIMIT).all()
+    assert inliers(scale * grid(), LIMIT).all()
+
+
+def test_nearly_all_points_far_from_a_surface_go_and_no_other():
+    dice = np.random.default_rng(0)
+    clean = sphere(2000, dice)
+    # Several times further from the sphere than its points from each other.
+    far = dice.uniform(-3, 3, (100, 3)).astype(np.float32)
+    far = far[np.abs(np.linalg.norm(far, axis=1) - 1) > 0.7]
+    keep = inliers(np.concatenate([clean, far]), LIMIT)
+    assert len(far) > 60 and keep[: len(clean)].all()
+    assert keep[len(clean) :].mean() < STAY
+
+
+def test_a_few_points_are_kept_wherever_they_are():
+    assert inliers(np.eye(3, dtype=np.float32)[[0, 1, 2] * 10] * 1e6, LIMIT).all()
+
+
+def test_points_of_one_place_become_one_of_their_mean_colour():
+    position = np.float32([[1, 0, 0], [0, 0, 0], [1, 0, 0], [2, 0, 0], [1, 0, 0]])
+    color = np.float32([[0.3, 0, 0], [1, 1, 1], [0.6, 0, 0.3], [0, 1, 0], [0, 0.6, 0]])
+    place, mean = merged(position, color)
+    np.testing.assert_array_equal(place, position[[0, 1, 3]])
+    np.testing.assert_allclose(mean, [[0.3, 0.2, 0.1], [1, 1, 1], [0, 1, 0]], rtol=1e-6)
+    # Without any, nothing is touched, nor put in another order.
+    np.testing.assert_array_equal(merged(place[::-1], mean)[0], place[::-1])
