@@ -74,31 +74,47 @@ def tile_grid(footage: Footage, side: int) -> tuple[int, int]:
 
 
 def tile_rays(
+    camera: Camera, tile: Int[Array, " tiles"], u: Float[Array, "samples 5"], *, side: int
+) -> Rays:
+    """Rays through the tiles' pixels, tile after tile, for every sample `u` (see `camera_ray`).
+
+    `camera` is a stack: the camera that sees each tile.
+    """
+    x, y = _tile_pixels(tile, camera.film.width, camera.film.height, side)
+    pixel = jnp.stack([x, y], axis=-1).astype(camera.time.dtype)
+
+    def one(camera: Camera, pixel: Array, u: Array) -> Rays:
+        return camera_rays(camera, pixel, jnp.broadcast_to(u, (pixel.shape[0], u.shape[0])))
+
+    each = jax.vmap(jax.vmap(one, in_axes=(0, 0, None)), in_axes=(None, None, 0))
+    rays = each(camera, pixel, u.astype(pixel.dtype))
+    return jax.tree.map(lambda x: x.reshape(x.shape[0], -1, *x.shape[3:]), rays)
+
+
+def tile_colors(
     footage: Footage, frame: Int[Array, " tiles"], tile: Int[Array, " tiles"], *, side: int
-) -> tuple[Rays, Float[Array, "rays 3"], Float[Array, " rays"]]:
-    """Centre rays of the tiles' pixels, tile after tile, their encoded colours in [0, 1], and the
-    weight of each (0 where masked)."""
+) -> tuple[Float[Array, "rays 3"], Float[Array, " rays"]]:
+    """Encoded colours in [0, 1] of the tiles' pixels, tile after tile, and the weight of each (0
+    where masked)."""
     height, width = footage.picture.shape[1:3]
-    columns, _ = tile_grid(footage, side)
-    dy, dx = jnp.mgrid[:side, :side]
+    x, y = (part.reshape(-1) for part in _tile_pixels(tile, width, height, side))
+    frame, dtype = jnp.repeat(frame, side**2), footage.camera.time.dtype
+    scale = 255 if footage.picture.dtype == jnp.uint8 else 1
+    color = footage.picture[frame, y, x].astype(dtype) / scale
+    if footage.mask is None:
+        return color, jnp.ones(x.shape, dtype)
+    return color, footage.mask[frame, y, x].astype(dtype)
 
-    def one(frame: Array, tile: Array) -> tuple[Rays, Array, Array]:
-        left = jnp.minimum(tile % columns * side, width - side)
-        top = jnp.minimum(tile // columns * side, height - side)
-        x, y = (left + dx).reshape(-1), (top + dy).reshape(-1)
-        camera = jax.tree.map(lambda leaf: leaf[frame], footage.camera)
-        dtype = camera.time.dtype
-        pixel = jnp.stack([x, y], axis=-1).astype(dtype)
-        rays = camera_rays(camera, pixel, jnp.full((pixel.shape[0], 5), 0.5, dtype))
-        color = footage.picture[frame, y, x]
-        scale = 255 if footage.picture.dtype == jnp.uint8 else 1
-        weight = jnp.ones(x.shape, dtype)
-        if footage.mask is not None:
-            weight = footage.mask[frame, y, x].astype(dtype)
-        return rays, color.astype(dtype) / scale, weight
 
-    parts = jax.vmap(one)(frame, tile)
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), parts)
+def _tile_pixels(
+    tile: Int[Array, " tiles"], width: int, height: int, side: int
+) -> tuple[Int[Array, "tiles pixels"], Int[Array, "tiles pixels"]]:
+    """Columns and rows of the pixels of tiles, row after row."""
+    columns = -(-width // side)
+    left = jnp.minimum(tile % columns * side, width - side)
+    top = jnp.minimum(tile // columns * side, height - side)
+    dy, dx = (x.reshape(-1)[None] for x in jnp.mgrid[:side, :side])
+    return left[:, None] + dx, top[:, None] + dy
 
 
 class Sampler:

@@ -2,6 +2,8 @@
 
 import equinox as eqx
 
+from gaussray.fit.refinement import REFINABLE
+
 
 class FitOptions(eqx.Module):
     """The course of a reconstruction.
@@ -11,7 +13,9 @@ class FitOptions(eqx.Module):
     whose pixels change more than a share `moving` of the time get a deformation. `points` random
     points are the start if the capture has none. Gaussians start with harmonics of this `degree`,
     this `opacity`, and `spread` gaps between points as scale. A block of `block` steps runs without
-    the host; `checkpoint` is the interval in seconds between saved states.
+    the host; `checkpoint` is the interval in seconds between saved states. Every pixel is seen by
+    `samples` rays over film, lens and exposure (0: 1, and 4 if a camera has an aperture or an
+    exposure). `refine` names what of the cameras is learnt too (`refinement.REFINABLE`).
     """
 
     coarse: int = eqx.field(static=True, default=300)
@@ -24,6 +28,8 @@ class FitOptions(eqx.Module):
     opacity: float = eqx.field(static=True, default=0.9)
     spread: float = eqx.field(static=True, default=0.6)
     points: int = eqx.field(static=True, default=10000)
+    samples: int = eqx.field(static=True, default=0)
+    refine: tuple[str, ...] = eqx.field(static=True, default=())
     checkpoint: float = eqx.field(static=True, default=60.0)
     seed: int = eqx.field(static=True, default=0)
 
@@ -31,11 +37,16 @@ class FitOptions(eqx.Module):
         for name in ("coarse", "tiles", "block", "points"):
             if getattr(self, name) < 1:
                 raise ValueError(f"fit.{name} must be at least 1, got {getattr(self, name)}.")
-        for name in ("fine", "checkpoint", "spread", "seed"):
+        for name in ("fine", "samples", "checkpoint", "spread", "seed"):
             if getattr(self, name) < 0:
                 raise ValueError(f"fit.{name} must be at least 0, got {getattr(self, name)}.")
         for name in ("balance", "moving", "opacity"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"fit.{name} must be in [0, 1], got {getattr(self, name)}.")
+        if len(set(self.refine)) < len(self.refine) or not set(self.refine) <= set(REFINABLE):
+            raise ValueError(
+                f"fit.refine must name some of {', '.join(REFINABLE)}, each once, got "
+                f"{list(self.refine)}."
+            )
         if self.degree not in (0, 1, 2, 3):
             raise ValueError(f"fit.degree must be 0, 1, 2 or 3, got {self.degree}.")

@@ -13,7 +13,7 @@ from gaussray.camera.camera import camera_rays
 from gaussray.camera.film import Film
 from gaussray.camera.lens import KannalaBrandt
 from gaussray.camera.trajectory import Trajectory
-from gaussray.capture.batches import Sampler, footage, tile_grid, tile_rays
+from gaussray.capture.batches import Sampler, footage, tile_colors, tile_grid, tile_rays
 from gaussray.capture.calibration import read_views
 from gaussray.capture.errors import CaptureError
 from gaussray.dataset.images import write_image, write_mask
@@ -31,7 +31,17 @@ SAME = 1e-6
 DRAWS = 4000
 SHARE = 4 * (0.25 / DRAWS) ** 0.5
 
-look = jax.jit(tile_rays, static_argnames="side")
+MIDDLE = jnp.full((1, 5), 0.5)
+
+colors = jax.jit(tile_colors, static_argnames="side")
+cast = jax.jit(tile_rays, static_argnames="side")
+
+
+def look(shown, frame, tile, *, side):
+    """Chief rays of tiles, encoded colours and weights."""
+    camera = jax.tree.map(lambda x: x[frame], shown.camera)
+    rays = jax.tree.map(lambda x: x[0], cast(camera, tile, MIDDLE, side=side))
+    return rays, *colors(shown, frame, tile, side=side)
 
 
 def picture(frame):
@@ -150,6 +160,24 @@ def test_rays_are_those_of_the_pixels_centres_and_of_their_own_frame(seen, views
         for name in ("origin", "direction", "time"):
             found = getattr(rays, name)[own]
             np.testing.assert_allclose(found, getattr(expected, name), atol=SAME, err_msg=name)
+
+
+def test_every_sample_has_the_rays_that_its_numbers_mean(views):
+    lens, film = toy.rolling(views[1].camera), Film(WIDTH, HEIGHT)
+    camera = type(lens)(**(vars(lens) | {"film": film}))
+    u = toy.single(np.random.default_rng(0).random((3, 5)))
+    stack = jax.tree.map(lambda x: jnp.stack([x, x]), camera)
+    rays = cast(stack, jnp.array([0, 5], jnp.int32), u, side=SIDE)
+    assert rays.time.shape == (3, 2 * SIDE**2)
+    y, x = np.mgrid[:SIDE, :SIDE]
+    for tile, (left, top) in enumerate([(0, 0), (WIDTH - SIDE, HEIGHT - SIDE)]):
+        pixel = toy.single(np.stack([x + left, y + top], axis=-1).reshape(-1, 2))
+        for i in range(3):
+            expected = camera_rays(camera, pixel, jnp.broadcast_to(u[i], (SIDE**2, 5)))
+            for name in ("origin", "direction", "time"):
+                found = getattr(rays, name)[i].reshape(2, SIDE**2, -1)[tile]
+                wanted = getattr(expected, name).reshape(SIDE**2, -1)
+                np.testing.assert_allclose(found, wanted, atol=SAME, err_msg=name)
 
 
 def test_what_is_masked_has_weight_0_and_all_else_weight_1(seen):
