@@ -86,8 +86,8 @@ def _stepped(fit, state, stage: str, steps: int):
                 state,
                 cameras,
                 batches,
-                fit.extent,
-                options=fit.step,
+                fit.cameras,
+                options=fit.step(stage),
                 steps=10_000,
                 trial=trial,
             )

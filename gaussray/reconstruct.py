@@ -1,5 +1,6 @@
 """Stage 1: multi-view video in, a dynamic scene out."""
 
+import sys
 import warnings
 from pathlib import Path
 
@@ -18,22 +19,30 @@ from gaussray.capture.loader import Loader
 from gaussray.capture.points import Points
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.devices import agreed, everywhere, leads, wait
+from gaussray.fit.cameras import camera_set, rays_per_pixel
 from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions, alive, with_rows
 from gaussray.fit.initial import bodies, in_common_view, inliers, merged, on_points
 from gaussray.fit.journal import Journal, decibel
 from gaussray.fit.loss import LossOptions
-from gaussray.fit.optimizer import OptimizerOptions, Parameters
+from gaussray.fit.optimizer import OptimizerOptions, Parameters, scene_of
+from gaussray.fit.refinement import (
+    found,
+    gains,
+    no_corrections,
+    refined_frames,
+    refined_kinds,
+)
 from gaussray.fit.state import State, begin_state, refine_state, take
 from gaussray.fit.tracking import Shown, TrackOptions, track
 from gaussray.geometry import rotation_matrix
 from gaussray.progress import Progress
-from gaussray.scene.bodies import Bodies, body_of
+from gaussray.scene.bodies import Bodies, body_of, reaching
 from gaussray.scene.deformation import FieldOptions, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 from gaussray.scene.harmonics import C0
 from gaussray.scene.planes import initial_planes
-from gaussray.scene.scene import Scene
+from gaussray.scene.scene import Scene, key_count
 from gaussray.scene.store import save_scene
 from gaussray.tracer.shard import mesh_of_hosts
 from gaussray.tracer.trace import TraceOptions
@@ -75,6 +84,12 @@ def reconstruct(
     journal = Journal(out, resume=resume, interval=options.fit.checkpoint, writes=leads())
     fit = Fit(capture, journal, options, quiet or not leads(), devices)
     state, stage = fit.resumed() if resume else (fit.begin(), "coarse")
+    held = refined_kinds(state.parameters.corrections)
+    if set(held) != set(options.fit.refine):
+        raise ValueError(
+            f"fit.refine must be {list(held)}, as in the run that is gone on with, got "
+            f"{list(options.fit.refine)}."
+        )
     if stage == "coarse":
         state = fit.run("coarse", state)
         state = fit.with_deformation(state)
@@ -83,13 +98,23 @@ def reconstruct(
     scene = finished(state, capture.time_range)
     if leads():
         save_scene(out / "scene.npz", scene)
+        corrections = state.parameters.corrections
+        known = fit.cameras, fit.names
+        frames = [(view.camera_name, view.camera) for view in capture.views]
+        gain = gains(corrections, *known)
         write_manifest(
             out / "cameras.json",
             [
-                FrameRecord(str(v.image.resolve()), v.camera, v.camera_name, v.split)
-                for v in capture.views
+                FrameRecord(str(v.image.resolve()), camera, v.camera_name, v.split)
+                for v, camera in zip(
+                    capture.views, refined_frames(corrections, *known, frames), strict=True
+                )
             ],
+            extra={"info": {"gain": gain}} if gain else None,
         )
+        if corrections is not None and not quiet:
+            shutter, unit = fit.footage.camera.shutter, capture.time_unit
+            print(found(corrections, fit.cameras, shutter, unit), file=sys.stderr)
         journal.checkpoint.unlink(missing_ok=True)
     wait("reconstructed")
     return scene
@@ -111,13 +136,17 @@ class Fit:
     ):
         views = [view for view in capture.views if view.split == "train"]
         self.capture, self.journal, self.options, self.quiet = capture, journal, options, quiet
-        self.step = StepOptions(options.loss, options.optimizer, options.trace)
         self.footage = footage(
             views,
             side=options.trace.bundle,
             memory=options.fit.memory,
             folder=journal.out,
             report=Progress("read", len(views), quiet=quiet).report,
+        )
+        names, owner = np.unique(self.footage.name, return_inverse=True)
+        self.names, self.extent = names.tolist(), _extent(views)
+        self.cameras = camera_set(
+            owner, self.footage.camera, extent=self.extent, refine=options.fit.refine
         )
         self.activity = activity(self.footage)
         self.loader = Loader(
@@ -129,7 +158,6 @@ class Fit:
             seed=options.fit.seed,
         )
         self.times = self.loader.sampler.times
-        self.extent = _extent(views)
         self.mesh = mesh_of_hosts(devices)
 
     def resumed(self) -> tuple[State, str]:
@@ -160,7 +188,8 @@ class Fit:
         growth = self.options.density.growth
         self.journal.info["limit"] = [int(side.sum() * growth) for side in (~moves, moves)]
         parts = [self._room(take(start, np.flatnonzero(side))) for side in (~moves, moves)]
-        return begin_state(Parameters(parts[0], parts[1], None))
+        corrections = no_corrections(fit.refine, len(self.names), self.footage.camera)
+        return begin_state(Parameters(parts[0], parts[1], None, corrections))
 
     def _cleaned(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
         """Places and colours of the points without duplicates and outliers; says how many went."""
@@ -195,6 +224,7 @@ class Fit:
         moving = take(parameters.moving, np.flatnonzero(alive(parameters.moving)))
         if not len(moving.mean):
             return begin_state(parameters)
+        begin, end = self.capture.time_range
         # Stray points must not stretch the box: beyond it the field continues its border.
         lower, upper = np.quantile(moving.mean, (0.02, 0.98), axis=0).astype(np.float32)
         margin = 0.1 * (upper - lower).max() + 1e-6
@@ -203,14 +233,16 @@ class Fit:
             planes_key,
             jnp.asarray(lower - margin),
             jnp.asarray(upper + margin),
-            self.capture.time_range,
+            (begin - self.cameras.earlier, end + self.cameras.later),
             sides=field.sides,
             instants=field.instants or max(len(self.times), 2),
             channels=field.channels,
         )
         tracked = self._tracked(constrain(moving))
         deformation = initial_deformation(network_key, planes, tracked, width=field.width)
-        return begin_state(Parameters(parameters.static, parameters.moving, deformation))
+        return begin_state(
+            Parameters(parameters.static, parameters.moving, deformation, parameters.corrections)
+        )
 
     def _tracked(self, moving: Gaussians) -> Bodies:
         """The bodies among the moving Gaussians, with their poses at all instants.
@@ -222,7 +254,7 @@ class Fit:
         known = self.capture.points is not None and self._watched()
         groups = bodies(place if known else place[:0], instants)
         progress = Progress("track", len(instants) - 1, quiet=self.quiet)
-        return track(
+        tracked = track(
             groups,
             np.asarray(body_of(groups, moving.mean)),
             place,
@@ -234,6 +266,10 @@ class Fit:
             seed=self.options.fit.seed,
             report=progress.report,
         )
+        # A body is found where it is in the middle of a readout.
+        half = (self.cameras.earlier + self.cameras.later) / 2
+        moment = tracked.time + jnp.asarray(self.cameras.later - half, tracked.time.dtype)
+        return reaching(eqx.tree_at(lambda b: b.time, tracked, moment), half, half)
 
     def _shown(self, frames: Int[np.ndarray, " frames"]) -> Shown:
         """What tracking has to know of some frames."""
@@ -247,7 +283,8 @@ class Fit:
         steps = fit.coarse if stage == "coarse" else fit.fine
         progress = Progress(stage, steps, quiet=self.quiet)
         trial: Trial | None = None
-        cameras, state = everywhere(self.footage.camera, self.mesh), agreed(state)
+        views, cameras = everywhere((self.footage.camera, self.cameras), self.mesh)
+        state = agreed(state)
         for done, batches in self.loader.blocks(stage, int(state.step), steps, fit.block):
             trial = trial or self.trial(state, batches)
             # Steps that leave the state anywhere else would compile twice.
@@ -255,10 +292,10 @@ class Fit:
             while True:
                 block, terms, error, needed, dropped = train_block(
                     state,
-                    cameras,
+                    views,
                     looked,
-                    self.extent,
-                    options=self.step,
+                    cameras,
+                    options=self.step(stage),
                     steps=steps,
                     trial=trial,
                 )
@@ -278,12 +315,26 @@ class Fit:
 
     def trial(self, state: State, batches: Batch) -> Trial:
         """Sizes to compile the steps of a stage for."""
-        trace = self.options.trace
-        found = first_trial(
-            state, self.footage.camera, batches, trace=trace, mesh=self.mesh
+        options, mesh, keys = self.step("fine"), self.mesh, self._keys(state)
+        wanted = first_trial(
+            state, self.footage.camera, batches, self.cameras, options=options, mesh=mesh, keys=keys
         ).capacity
-        *cells, pairs, slots = agreed(np.array([*found.cells, found.pairs, found.slots]))
-        return Trial(Capacity(tuple(map(int, cells)), int(pairs), int(slots)), self.mesh)
+        *cells, pairs, slots = agreed(np.array([*wanted.cells, wanted.pairs, wanted.slots]))
+        return Trial(Capacity(tuple(map(int, cells)), int(pairs), int(slots)), mesh, keys)
+
+    def step(self, stage: str) -> StepOptions:
+        """What the steps of a stage are told. Before the scene moves, cameras are taken as they
+        are, but for their exposure: it has not formed yet, and would form around their errors."""
+        o, refine = self.options, self.options.fit.refine
+        if stage == "coarse" and len(self.times) > 1:
+            refine = tuple(kind for kind in refine if kind == "exposure")
+        samples = o.fit.samples or rays_per_pixel(self.footage.camera)
+        return StepOptions(o.loss, o.optimizer, o.trace, samples, refine)
+
+    def _keys(self, state: State) -> int:
+        """Key states of the scene across a step: one where all its rays share the time."""
+        span = self.cameras.earlier + self.cameras.later
+        return key_count(scene_of(state.parameters, jnp.zeros(2)), span) if span > 0 else 1
 
     def _densified(self, stage: str, state: State, steps: int, before: int) -> State:
         density, done = self.options.density, int(state.step)

@@ -1,6 +1,5 @@
 """Stage 2: a scene and a camera in, pictures out."""
 
-import math
 import threading
 import time as clock
 from collections import deque
@@ -19,6 +18,7 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
+from gaussray.camera.shutter import time_window
 from gaussray.picture import (
     Layout,
     Pace,
@@ -29,7 +29,7 @@ from gaussray.picture import (
     render_frames,
     render_part,
 )
-from gaussray.scene.scene import Scene
+from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.bundle import tiles
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import TraceOptions, enlarge, measure
@@ -275,19 +275,6 @@ def _pictures(values: Array, count: int) -> list[np.ndarray]:
     return [np.asarray(shard.data) for shard in shards[:count]]
 
 
-def key_count(scene: Scene, span: float) -> int:
-    """Key states for a frame that lasts for `span`: three for every interval between the capture's
-    instants that it may touch, so that each arc is as short as the motion was sampled."""
-    if scene.deformation is None:
-        return 1
-    instants = np.asarray(scene.deformation.instants)
-    if len(instants) < 2:
-        return 3
-    # Rounding of single precision shall not cost an arc.
-    intervals = math.ceil(span / float(np.median(np.diff(instants))) - 1e-3)
-    return 2 * min(max(intervals, 1), len(instants) - 1) + 1
-
-
 def _pixels(order: np.ndarray, width: int) -> Float[Array, "slots 2"]:
     """Indices (column, row); padding repeats the first pixel and is in no one's slot."""
     index = np.maximum(order, 0)
@@ -296,7 +283,6 @@ def _pixels(order: np.ndarray, width: int) -> Float[Array, "slots 2"]:
 
 def _time_span(camera: Camera) -> float:
     """How long the camera looks, from the first ray's time to the last one's."""
-    shutter, film = camera.shutter, camera.film
-    step, exposure = jax.device_get((shutter.row_step, shutter.exposure))
-    sideways = shutter.direction in ("left_to_right", "right_to_left")
-    return float(abs(step) * ((film.width if sideways else film.height) - 1) + exposure)
+    film = camera.film
+    earliest, latest = time_window(jax.device_get(camera.shutter), (film.width, film.height))
+    return latest - earliest

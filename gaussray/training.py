@@ -4,86 +4,148 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from gaussray.camera.camera import Camera
+from gaussray.camera.rays import Rays
+from gaussray.camera.sampling import step_samples
 from gaussray.capture.batches import Batch, tile_colors, tile_rays
 from gaussray.color import srgb_encode
 from gaussray.fit import loss as losses, regularizer
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, descend, rates, scene_of
+from gaussray.fit.refinement import CameraSet, refined, settled
 from gaussray.fit.state import State, watch
-from gaussray.scene.scene import Scene, at
-from gaussray.tracer.motion import still
+from gaussray.scene.scene import Scene, at, moving_at
+from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.shard import trace_sharded
 from gaussray.tracer.trace import TraceOptions, enlarge, measure
 from gaussray.tracer.traverse import Capacity
 
 
 class StepOptions(eqx.Module):
-    """What a training step can be told."""
+    """What a training step can be told: also how many `samples` a pixel takes and what of the
+    cameras the stage refines."""
 
     loss: LossOptions
     optimizer: OptimizerOptions
     trace: TraceOptions
+    samples: int = eqx.field(static=True, default=1)
+    refine: tuple[str, ...] = eqx.field(static=True, default=())
 
 
 class Trial(eqx.Module):
-    """Static sizes a block of steps is compiled for: list capacities and devices."""
+    """Static sizes a block of steps is compiled for: list capacities, devices, and the key states
+    of the scene across a step (1: all its rays share one time)."""
 
     capacity: Capacity
     mesh: Mesh = eqx.field(static=True)
+    keys: int = eqx.field(static=True, default=1)
 
     def enlarged(self, needed) -> "Trial":
         """Room for lists of the sizes that a block turned out to need."""
-        return Trial(enlarge(self.capacity, [int(n) for n in needed], headroom=1.5), self.mesh)
+        capacity = enlarge(self.capacity, [int(n) for n in needed], headroom=1.5)
+        return Trial(capacity, self.mesh, self.keys)
 
 
 def first_trial(
-    state: State, cameras: Camera, batches: Batch, *, trace: TraceOptions, mesh: Mesh
+    state: State,
+    views: Camera,
+    batches: Batch,
+    cameras: CameraSet,
+    *,
+    options: StepOptions,
+    mesh: Mesh,
+    keys: int = 1,
 ) -> Trial:
     """Sizes measured on the first step of a block, doubled: steps differ in what they look at."""
 
     @eqx.filter_jit
-    def looked_at(parameters, cameras, batch):
-        rays = tile_rays(cameras, batch.frame, batch.tile, side=trace.bundle)
-        part = jax.tree.map(lambda x: x[: -(-x.shape[0] // mesh.size)], rays)
-        return still(at(scene_of(parameters, jnp.zeros(2)), batch.time)), part
+    def looked_at(state, views, batch, cameras):
+        rays, _ = _rays(state.parameters, views, batch, cameras, state.step, options)
+        scene = scene_of(state.parameters, jnp.zeros(2))
+        part = jax.tree.map(lambda x: x[:, : -(-x.shape[1] // mesh.size)], rays)
+        return _motion(scene, rays, batch.time, cameras, keys), part
 
-    motion, rays = looked_at(state.parameters, cameras, jax.tree.map(lambda x: x[0], batches))
-    return Trial(measure(motion, rays, options=trace, headroom=2.0), mesh)
+    motion, rays = looked_at(state, views, jax.tree.map(lambda x: x[0], batches), cameras)
+    return Trial(measure(motion, rays, options=options.trace, headroom=2.0), mesh, keys)
 
 
 def loss_of(
-    parameters: Parameters, cameras: Camera, batch: Batch, *, options: StepOptions, trial: Trial
+    parameters: Parameters,
+    views: Camera,
+    batch: Batch,
+    cameras: CameraSet,
+    step: Int[Array, ""],
+    *,
+    options: StepOptions,
+    trial: Trial,
 ):
     """Weighted sum of the terms of one step's loss, the terms, and what there is to report."""
-    rays = tile_rays(cameras, batch.frame, batch.tile, side=options.trace.bundle)
+    rays, gain = _rays(parameters, views, batch, cameras, step, options)
     truth, weight = tile_colors(batch)
     scene = _dealt_out(scene_of(parameters, jnp.zeros(2)), trial.mesh)
     pixels, report = trace_sharded(
-        still(at(scene, batch.time)),
+        _motion(scene, rays, batch.time, cameras, trial.keys),
         rays,
         options=options.trace,
         capacity=trial.capacity,
         mesh=trial.mesh,
     )
-    image = losses.developed(srgb_encode(pixels.color), truth)
+    color = jnp.mean(pixels.color, axis=0)
+    image = losses.developed(srgb_encode(color if gain is None else gain * color), truth)
+    # Where the lens forms no ray there is nothing to learn.
+    weight = weight * jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
     image = jnp.where(weight[:, None] > 0, image, truth)
     terms = losses.terms(image, truth, options=options.loss, side=options.trace.bundle)
     if parameters.deformation is not None:
         terms |= regularizer.terms(parameters.deformation.planes)
     total = sum(getattr(options.loss, name) * term for name, term in terms.items())
     terms["mse"] = jnp.sum((image - truth) ** 2) / (3 * jnp.maximum(jnp.sum(weight), 1))
-    return total, (terms, report, rays.origin, _tile_errors(image, truth, weight, batch))
+    error = _tile_errors(image, truth, weight, batch)
+    return total, (terms, report, rays.origin.reshape(-1, 3), error)
+
+
+def _rays(
+    parameters: Parameters,
+    views: Camera,
+    batch: Batch,
+    cameras: CameraSet,
+    step: Int[Array, ""],
+    options: StepOptions,
+) -> tuple[Rays, Float[Array, "rays 3"] | None]:
+    """Rays of a step (samples x rays) from the cameras as they are refined, and the gain of each
+    pixel, None if none is."""
+    camera = jax.tree.map(lambda x: x[batch.frame], views)
+    gain, side = None, options.trace.bundle
+    if parameters.corrections is not None:
+        rows = settled(parameters.corrections, cameras)
+        own = jax.tree.map(lambda x: x[cameras.owner[batch.frame]], rows)
+        camera = jax.vmap(refined, in_axes=(0, 0, None))(camera, own, cameras)
+        if own.exposure is not None:
+            gain = jnp.repeat(jnp.exp(own.exposure), side**2, axis=0)
+    u = step_samples(options.samples, step)
+    return tile_rays(camera, batch.tile, u, side=side), gain
+
+
+def _motion(scene: Scene, rays: Rays, time: Array, cameras: CameraSet, keys: int) -> Motion:
+    """The scene across the times of a step's rays, or at the step's own time for a single key."""
+    if keys == 1 or scene.deformation is None:
+        return still(at(scene, time))
+    # Rays that happen to share one time still need an interval to be in.
+    first = jnp.min(rays.time)
+    last = jnp.maximum(jnp.max(rays.time), first + 1e-3 * cameras.interval)
+    key_time = jax.lax.stop_gradient(jnp.linspace(first, last, keys, dtype=first.dtype))
+    rest = scene.static if scene.static.count else None
+    return Motion(key_time, moving_at(scene, key_time), rest)
 
 
 @eqx.filter_jit
 def train_block(
     state: State,
-    cameras: Camera,
+    views: Camera,
     batches: Batch,
-    extent,
+    cameras: CameraSet,
     *,
     options: StepOptions,
     steps: int,
@@ -92,18 +154,23 @@ def train_block(
     """The state after a block of steps, mean terms, errors of all tiles, largest list sizes,
     entries dropped.
 
-    `cameras` are those of all frames, `batches` what each step looks at; `steps` is the length of
-    the stage, over which the rates fall. A tile's error is its mean absolute difference. If
-    anything was dropped, the block is void: run it again with an enlarged trial.
+    `views` are the cameras of all frames as recorded, `batches` what each step looks at; `steps` is
+    the length of the stage, over which the rates fall. A tile's error is its mean absolute
+    difference. If anything was dropped, the block is void: run it again with an enlarged trial.
     """
 
     def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)
         (_, (terms, report, eye, error)), gradient = slope(
-            state.parameters, cameras, batch, options=options, trial=trial
+            state.parameters, views, batch, cameras, state.step, options=options, trial=trial
         )
         rate = rates(
-            state.parameters, state.step, options=options.optimizer, extent=extent, steps=steps
+            state.parameters,
+            state.step,
+            options=options.optimizer,
+            extent=cameras.extent,
+            steps=steps,
+            refine=options.refine,
         )
         static, moving = watch(state, gradient, eye)
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)

@@ -12,8 +12,8 @@ from gaussray.camera.film import Film
 from gaussray.camera.lens import KannalaBrandt
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
-from gaussray.render import Renderer, RenderOptions, key_count
-from gaussray.scene.scene import Scene
+from gaussray.render import Renderer, RenderOptions
+from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.traverse import Capacity
 
 

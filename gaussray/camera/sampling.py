@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Num, UInt32
+from jaxtyping import Array, Float, Int, Num, UInt32
 
 
 # Film x, film y, lens x, lens y, shutter.
@@ -11,6 +11,8 @@ DIMENSIONS = 5
 # (2008), "new-joe-kuo-6", for dimensions 2 to 5; dimension 1 is van der Corput's.
 _SOBOL = ((0, (1,)), (1, (1, 3)), (1, (1, 3, 1)), (2, (1, 1, 1)))
 _BITS = 24
+# Positive root of x^6 = x + 1: the golden ratio of five dimensions.
+_R_RATIO = 1.1347241384015194
 
 
 def samples(count: int) -> Float[Array, "samples 5"]:
@@ -43,6 +45,23 @@ def sample_points(count: int, pixel: Num[Array, "2"]) -> Float[Array, "samples 5
     shift = _hash(dimension + _hash(column + _hash(row)))
     # 24 bits are exact in single precision, so the shift is below 1 in any.
     shift = (shift >> 8).astype(point.dtype) / 2**24
+    moved = point + shift[None, :]
+    return jnp.where(moved >= 1, moved - 1, moved)
+
+
+def step_samples(count: int, step: Int[Array, ""]) -> Float[Array, "samples 5"]:
+    """`samples` shifted by an amount of the step's own, wrapping around: what one step of a fit
+    leaves out, others see. A single one stays the centre.
+
+    The shifts are multiples of the R sequence's (Roberts 2018), which fill the cube evenly.
+    """
+    point = samples(count)
+    if count == 1:
+        return point
+    ratio = _R_RATIO ** -np.arange(1.0, DIMENSIONS + 1)
+    # Multiples of 2^-32 wrap around by themselves, however many steps there are.
+    stride = jnp.asarray((ratio * 2**32).astype(np.uint32))
+    shift = (stride * step.astype(jnp.uint32) >> 8).astype(point.dtype) / 2**_BITS
     moved = point + shift[None, :]
     return jnp.where(moved >= 1, moved - 1, moved)
 

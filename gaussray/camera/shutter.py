@@ -52,6 +52,18 @@ def row_number(
     return column if shutter.direction == "left_to_right" else width - 1 - column
 
 
+def time_window(shutter: Shutter, resolution: tuple[int, int]) -> tuple[float, float]:
+    """Earliest and latest moment, counted from the frame's time, at which any row looks: of one
+    shutter, or of all of a stack. On the host."""
+    sideways = shutter.direction in ("left_to_right", "right_to_left")
+    rows = resolution[0] if sideways else resolution[1]
+    values = shutter.row_offset, shutter.row_step, shutter.exposure
+    first, step, exposure = (np.asarray(x, np.float64) for x in values)
+    last = first + step * (rows - 1)
+    earliest = np.minimum(first, last) - exposure / 2
+    return float(earliest.min()), float((np.maximum(first, last) + exposure / 2).max())
+
+
 def sample_time(
     shutter: Shutter,
     pixel: Num[Array, "2"],

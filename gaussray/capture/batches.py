@@ -38,24 +38,26 @@ def gather(
 
 
 def tile_rays(
-    cameras: Camera, frame: Int[Array, " tiles"], tile: Int[Array, " tiles"], *, side: int
+    camera: Camera, tile: Int[Array, " tiles"], u: Float[Array, "samples 5"], *, side: int
 ) -> Rays:
-    """Centre rays of the tiles' pixels, tile after tile; `cameras` are stacked, one per frame."""
-    width, height = cameras.film.width, cameras.film.height
-    columns, _ = tile_grid(cameras.film, side)
+    """Rays through the tiles' pixels, tile after tile, for every sample `u` (see `camera_ray`).
+
+    `camera` is a stack: the camera that sees each tile.
+    """
+    width, height = camera.film.width, camera.film.height
+    columns, _ = tile_grid(camera.film, side)
     dy, dx = jnp.mgrid[:side, :side]
 
-    def one(frame: Array, tile: Array) -> Rays:
+    def one(camera: Camera, tile: Array, u: Array) -> Rays:
         left = jnp.minimum(tile % columns * side, width - side)
         top = jnp.minimum(tile // columns * side, height - side)
-        x, y = (left + dx).reshape(-1), (top + dy).reshape(-1)
-        camera = jax.tree.map(lambda leaf: leaf[frame], cameras)
-        dtype = camera.time.dtype
-        pixel = jnp.stack([x, y], axis=-1).astype(dtype)
-        return camera_rays(camera, pixel, jnp.full((pixel.shape[0], 5), 0.5, dtype))
+        pixel = jnp.stack([(left + dx).reshape(-1), (top + dy).reshape(-1)], axis=-1)
+        pixel = pixel.astype(camera.time.dtype)
+        return camera_rays(camera, pixel, jnp.broadcast_to(u, (side * side, u.shape[0])))
 
-    parts = jax.vmap(one)(frame, tile)
-    return jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), parts)
+    each = jax.vmap(jax.vmap(one, in_axes=(0, 0, None)), in_axes=(None, None, 0))
+    rays = each(camera, tile, u.astype(camera.time.dtype))
+    return jax.tree.map(lambda x: x.reshape(x.shape[0], -1, *x.shape[3:]), rays)
 
 
 def tile_colors(batch: Batch) -> tuple[Float[Array, "rays 3"], Float[Array, " rays"]]:

@@ -9,6 +9,7 @@ import optax
 
 from gaussray.fit.density import Pull
 from gaussray.fit.optimizer import Parameters
+from gaussray.fit.refinement import Corrections
 from gaussray.fit.state import State
 from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.store import deformation_from, named, read_arrays, write_arrays
@@ -36,6 +37,7 @@ def load_checkpoint(path: Path) -> tuple[State, dict[str, Any], dict[str, np.nda
             _unconstrained(array, f"{prefix}.static"),
             _unconstrained(array, f"{prefix}.moving"),
             deformation_from(array, f"{prefix}.deformation", path),
+            _corrections(array, f"{prefix}.corrections"),
         )
 
     def pull(name: str) -> Pull:
@@ -71,3 +73,10 @@ class _Whole(dict):
 def _unconstrained(array: dict[str, np.ndarray], prefix: str) -> Unconstrained:
     names = ("mean", "quat", "log_scale", "logit_opacity", "harmonics")
     return Unconstrained(*(jnp.asarray(array[f"{prefix}.{name}"]) for name in names))
+
+
+def _corrections(array: dict[str, np.ndarray], prefix: str) -> Corrections | None:
+    """The corrections of cameras among named arrays, None if nothing is refined."""
+    names = [name.removeprefix(f"{prefix}.") for name in array if name.startswith(f"{prefix}.")]
+    held = {name: jnp.asarray(array[f"{prefix}.{name}"]) for name in names}
+    return Corrections(**held) if held else None

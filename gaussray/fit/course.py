@@ -2,6 +2,8 @@
 
 import equinox as eqx
 
+from gaussray.fit.refinement import REFINABLE
+
 
 class FitOptions(eqx.Module):
     """The course of a reconstruction.
@@ -14,7 +16,10 @@ class FitOptions(eqx.Module):
     than usual by more than `outliers` standard deviations (0 keeps all, see `initial.inliers`).
     Gaussians start with harmonics of this `degree`, this `opacity`, and `spread` gaps between
     points as scale. A block of `block` steps runs without the host; `checkpoint` is the interval in
-    seconds between saved states. Pictures of more than `memory` gigabytes are kept in a file.
+    seconds between saved states. Pictures of more than `memory` gigabytes are kept in a file. Every
+    pixel is seen by `samples` rays over film, lens and exposure (0: 1, and 4 if a camera has an
+    aperture or an exposure). `refine` names what of the cameras is learnt too
+    (`refinement.REFINABLE`).
     """
 
     coarse: int = eqx.field(static=True, default=300)
@@ -30,6 +35,8 @@ class FitOptions(eqx.Module):
     points: int = eqx.field(static=True, default=10000)
     outliers: float = eqx.field(static=True, default=5.0)
     memory: float = eqx.field(static=True, default=4.0)
+    samples: int = eqx.field(static=True, default=0)
+    refine: tuple[str, ...] = eqx.field(static=True, default=())
     checkpoint: float = eqx.field(static=True, default=60.0)
     seed: int = eqx.field(static=True, default=0)
 
@@ -37,11 +44,16 @@ class FitOptions(eqx.Module):
         for name in ("coarse", "tiles", "block", "points"):
             if getattr(self, name) < 1:
                 raise ValueError(f"fit.{name} must be at least 1, got {getattr(self, name)}.")
-        for name in ("fine", "checkpoint", "spread", "seed", "outliers", "memory"):
+        for name in ("fine", "samples", "checkpoint", "spread", "seed", "outliers", "memory"):
             if getattr(self, name) < 0:
                 raise ValueError(f"fit.{name} must be at least 0, got {getattr(self, name)}.")
         for name in ("balance", "error", "moving", "opacity"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"fit.{name} must be in [0, 1], got {getattr(self, name)}.")
+        if len(set(self.refine)) < len(self.refine) or not set(self.refine) <= set(REFINABLE):
+            raise ValueError(
+                f"fit.refine must name some of {', '.join(REFINABLE)}, each once, got "
+                f"{list(self.refine)}."
+            )
         if self.degree not in (0, 1, 2, 3):
             raise ValueError(f"fit.degree must be 0, 1, 2 or 3, got {self.degree}.")

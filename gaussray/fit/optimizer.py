@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import optax
 from jaxtyping import Array, Float, Int
 
+from gaussray.fit.refinement import REFINABLE, Corrections, refined_kinds
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Unconstrained, constrain
 from gaussray.scene.scene import Scene
@@ -24,6 +25,7 @@ class Parameters(eqx.Module):
     static: Unconstrained
     moving: Unconstrained
     deformation: Deformation | None
+    corrections: Corrections | None = None
 
 
 def scene_of(parameters: Parameters, time_range: Float[Array, "2"]) -> Scene:
@@ -42,7 +44,8 @@ class OptimizerOptions(eqx.Module):
 
     `decay` is the share of every rate that is left at the end of a stage (exponential schedule);
     everything follows it. In the fine stage `static` and `moving` are further factors for the
-    Gaussians of either kind, which look nearly right after the coarse stage.
+    Gaussians of either kind, which look nearly right after the coarse stage. `pose`, `lens`,
+    `shutter`, `exposure` and `offset` are those of `Corrections`, in its units.
     """
 
     mean: float = eqx.field(static=True, default=1e-3)
@@ -56,6 +59,11 @@ class OptimizerOptions(eqx.Module):
     light: float = eqx.field(static=True, default=2e-2)
     planes: float = eqx.field(static=True, default=1e-2)
     network: float = eqx.field(static=True, default=1e-3)
+    pose: float = eqx.field(static=True, default=3e-4)
+    lens: float = eqx.field(static=True, default=3e-4)
+    shutter: float = eqx.field(static=True, default=5e-3)
+    exposure: float = eqx.field(static=True, default=5e-3)
+    offset: float = eqx.field(static=True, default=5e-3)
     decay: float = eqx.field(static=True, default=0.1)
     static: float = eqx.field(static=True, default=0.5)
     moving: float = eqx.field(static=True, default=0.5)
@@ -73,6 +81,7 @@ class OptimizerOptions(eqx.Module):
             "light",
             "planes",
             "network",
+            *REFINABLE,
         ):
             if getattr(self, name) < 0:
                 raise ValueError(f"optimizer.{name} must be at least 0, got {getattr(self, name)}.")
@@ -88,10 +97,12 @@ def rates(
     step: Int[Array, ""],
     *,
     options: OptimizerOptions,
-    extent: float,
+    extent: float | Float[Array, ""],
     steps: int,
+    refine: tuple[str, ...] = (),
 ) -> Parameters:
-    """Learning rate of every array at a step, as a tree of the parameters' shape."""
+    """Learning rate of every array at a step, as a tree of the parameters' shape. Corrections of
+    cameras rest unless `refine` names them."""
     fall = jnp.asarray(optax.exponential_decay(1.0, max(steps, 1), options.decay)(step))
 
     def gaussians(free: Unconstrained, fall: Array) -> Unconstrained:
@@ -124,7 +135,13 @@ def rates(
     fine = parameters.deformation is not None
     static = gaussians(parameters.static, fall * (options.static if fine else 1))
     moving = gaussians(parameters.moving, fall * (options.moving if fine else 1))
-    return Parameters(static, moving, deformation)
+    corrections, held = parameters.corrections, refined_kinds(parameters.corrections)
+    if held:
+        kinds = {kind: getattr(options, kind) * fall * (kind in refine) for kind in held}
+        corrections = eqx.tree_at(
+            lambda c: tuple(getattr(c, kind) for kind in kinds), corrections, tuple(kinds.values())
+        )
+    return Parameters(static, moving, deformation, corrections)
 
 
 def descend(

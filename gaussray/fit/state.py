@@ -59,14 +59,15 @@ def refine_state(
         parts[name], fresh[name] = refine(
             free, pull, options=options, extent=extent, limit=limit[i], seed=2 * seed + i
         )
-    parameters = Parameters(parts["static"], parts["moving"], state.parameters.deformation)
+    kept = state.parameters
+    parameters = Parameters(parts["static"], parts["moving"], kept.deformation, kept.corrections)
 
     def move(moment: Parameters) -> Parameters:
         rows = {
             name: jax.tree.map(lambda x, f=fresh[name]: refreshed(x, f), getattr(moment, name))
             for name in fresh
         }
-        return Parameters(rows["static"], rows["moving"], moment.deformation)
+        return Parameters(rows["static"], rows["moving"], moment.deformation, moment.corrections)
 
     mu, nu = (move(x) for x in (state.adam.mu, state.adam.nu))  # type: ignore[arg-type]
     adam = state.adam._replace(mu=mu, nu=nu)

@@ -33,6 +33,22 @@ def resting(
     return Bodies(pivot, radius, time, jnp.zeros((count, instants, 3), pivot.dtype), turn)
 
 
+def reaching(bodies: Bodies, earlier: float, later: float) -> Bodies:
+    """The same bodies with one more pose so much `earlier` than the first instant, and one so much
+    `later` than the last (0 is none): on the way there they go on at steady speed."""
+    values = bodies.time[None], bodies.path, bodies.turn
+    if values[0].shape[1] < 2:
+        return bodies
+    for end, inner, by in ((0, 1, earlier), (-1, -2, later)):
+        if by > 0:
+            share = by / abs(float(values[0][0, end] - values[0][0, inner]))
+            onward = [x[:, end] + share * (x[:, end] - x[:, inner]) for x in values]
+            pairs = [(x, n[:, None].astype(x.dtype)) for x, n in zip(values, onward, strict=True)]
+            values = [jnp.concatenate(p if end else p[::-1], axis=1) for p in pairs]
+    time, path, turn = values
+    return Bodies(bodies.pivot, bodies.radius, time[0], path, turn)
+
+
 def body_of(bodies: Bodies, place: Float[Array, "gaussians 3"]) -> Int[Array, " gaussians"]:
     """Index of the body that holds each place, or the number of bodies where none does."""
     if not bodies.pivot.shape[0]:

@@ -1,7 +1,10 @@
 """A scene in space and time: what stands still, what moves, and how."""
 
+import math
+
 import equinox as eqx
 import jax
+import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.scene.deformation import Deformation
@@ -43,6 +46,19 @@ def moving_at(scene: Scene, time: Float[Array, " keys"]) -> Gaussians:
     mean, quat, scale, tint = jax.vmap(lambda t: _state(deformation(scene.moving, t)))(time)
     middle = deformation(scene.moving, (time[0] + time[-1]) / 2)
     return Gaussians(mean, quat, scale, middle.opacity, middle.harmonics, tint)
+
+
+def key_count(scene: Scene, span: float) -> int:
+    """Key states for a frame that lasts for `span`: three for every interval between the capture's
+    instants that it may touch, so that each arc is as short as the motion was sampled."""
+    if scene.deformation is None:
+        return 1
+    instants = np.asarray(scene.deformation.instants)
+    if len(instants) < 2:
+        return 3
+    # Rounding of single precision shall not cost an arc.
+    intervals = math.ceil(span / float(np.median(np.diff(instants))) - 1e-3)
+    return 2 * min(max(intervals, 1), len(instants) - 1) + 1
 
 
 def _state(gaussians: Gaussians) -> tuple[Array, Array, Array, Array | None]:

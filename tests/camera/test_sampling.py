@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaussray.camera.sampling import sample_points, samples
+from gaussray.camera.sampling import sample_points, samples, step_samples
 
 
 def test_one_sample_is_the_centre():
@@ -63,3 +63,22 @@ def test_the_shift_of_a_pixel_keeps_the_points_spread():
 def test_no_samples_are_refused():
     with pytest.raises(ValueError, match="samples must be at least 1, got 0"):
         samples(0)
+
+
+def test_a_sharp_step_looks_through_the_centre():
+    np.testing.assert_array_equal(step_samples(1, jnp.asarray(7)), np.full((1, 5), 0.5))
+
+
+def test_steps_fill_the_cube_evenly_together():
+    """Of 256 steps with 4 points each, every eighth of every coordinate holds an eighth, and every
+    pair of coordinates fills 8 x 8 cells; shifts drawn at random would leave a root of the count
+    more or less."""
+    steps = jnp.arange(256) + 100_000
+    points = np.array(jax.vmap(lambda s: step_samples(4, s))(steps)).reshape(-1, 5)
+    assert (points >= 0).all() and (points < 1).all()
+    share = [np.histogram(x, 8, (0, 1))[0] / len(points) for x in points.T]
+    np.testing.assert_allclose(share, 1 / 8, atol=0.01)
+    for i in range(5):
+        for j in range(i):
+            cells = np.histogram2d(points[:, i], points[:, j], 8, ((0, 1), (0, 1)))[0]
+            assert cells.min() > 0

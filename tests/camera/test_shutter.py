@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from gaussray.camera.shutter import Shutter, global_shutter, row_number, sample_time
+from gaussray.camera.shutter import (
+    DIRECTIONS,
+    Shutter,
+    global_shutter,
+    row_number,
+    sample_time,
+    time_window,
+)
 
 
 RESOLUTION = (8, 6)
@@ -73,6 +80,18 @@ def test_samples_spread_evenly_over_the_exposure_around_the_row_time():
     times = jax.vmap(lambda u: sample_time(rolling, pixel, RESOLUTION, time, u))(u)
     np.testing.assert_allclose(np.mean(times), 3.12, rtol=EXACT)
     np.testing.assert_allclose(np.diff(times), 0.5 / 64, rtol=1e-10)
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+@pytest.mark.parametrize("step", [0.02, -0.02])
+def test_the_window_is_that_of_the_times_of_all_samples(direction, step):
+    rolling = shutter(0.1, step, 0.3, direction=direction)
+    corners = [(c, r) for c in (0, RESOLUTION[0] - 1) for r in (0, RESOLUTION[1] - 1)]
+    times = [time_of(rolling, *c, u=u, time=0.0) for c in corners for u in (0.0, 1.0)]
+    found = time_window(rolling, RESOLUTION)
+    np.testing.assert_allclose(found, (min(times), max(times)), rtol=EXACT)
+    both = jax.tree.map(lambda *x: jnp.stack(x), rolling, shutter(direction=direction))
+    np.testing.assert_allclose(time_window(both, RESOLUTION), (min(times), max(max(times), 0)))
 
 
 def test_gradients_are_right_in_every_parameter():

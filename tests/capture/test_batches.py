@@ -7,6 +7,7 @@ import pytest
 import toy
 
 from gaussray.camera.camera import camera_rays
+from gaussray.camera.film import Film
 from gaussray.capture.batches import gather, tile_colors, tile_rays
 from gaussray.capture.footage import Footage
 from gaussray.capture.tiles import cut, tile_pixels
@@ -21,6 +22,10 @@ TILES = 6
 SAME = 1e-6
 
 CAMERAS = [toy.camera(0.2 * i, time, WIDTH, HEIGHT) for i, time in enumerate((0.0, 0.5, 1.0))]
+
+MIDDLE = jnp.full((1, 5), 0.5)
+
+cast = jax.jit(tile_rays, static_argnames="side")
 
 
 def picture(frame):
@@ -81,16 +86,35 @@ def test_colours_are_those_of_the_tiles_drawn(seen):
 
 def test_rays_are_those_of_the_pixels_centres_and_of_their_own_frame(batch, seen):
     color, _ = seen
-    look = jax.jit(tile_rays, static_argnames="side")
+    views = filmed().camera
     middle = jnp.full((color.shape[1], 5), 0.5, jnp.float32)
     for own, camera in enumerate(CAMERAS):
-        rays = look(filmed().camera, batch.frame[own], batch.tile[own], side=SIDE)
+        stack = jax.tree.map(lambda x, own=own: x[batch.frame[own]], views)
+        rays = cast(stack, batch.tile[own], MIDDLE, side=SIDE)
         frame, y, x = places(color[own])
         assert (frame == own).all()
         expected = camera_rays(camera, toy.single(np.stack([x, y], axis=-1)), middle)
         for name in ("origin", "direction", "time"):
-            found = getattr(rays, name)
+            found = getattr(rays, name)[0]
             np.testing.assert_allclose(found, getattr(expected, name), atol=SAME, err_msg=name)
+
+
+def test_every_sample_has_the_rays_that_its_numbers_mean():
+    lens, film = toy.rolling(CAMERAS[1]), Film(WIDTH, HEIGHT)
+    camera = type(lens)(**(vars(lens) | {"film": film}))
+    u = toy.single(np.random.default_rng(0).random((3, 5)))
+    stack = jax.tree.map(lambda x: jnp.stack([x, x]), camera)
+    rays = cast(stack, jnp.array([0, 5], jnp.int32), u, side=SIDE)
+    assert rays.time.shape == (3, 2 * SIDE**2)
+    y, x = np.mgrid[:SIDE, :SIDE]
+    for tile, (left, top) in enumerate([(0, 0), (WIDTH - SIDE, HEIGHT - SIDE)]):
+        pixel = toy.single(np.stack([x + left, y + top], axis=-1).reshape(-1, 2))
+        for i in range(3):
+            expected = camera_rays(camera, pixel, jnp.broadcast_to(u[i], (SIDE**2, 5)))
+            for name in ("origin", "direction", "time"):
+                found = getattr(rays, name)[i].reshape(2, SIDE**2, -1)[tile]
+                wanted = getattr(expected, name).reshape(SIDE**2, -1)
+                np.testing.assert_allclose(found, wanted, atol=SAME, err_msg=name)
 
 
 def test_what_is_masked_has_weight_0_and_all_else_weight_1(seen):

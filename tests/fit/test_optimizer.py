@@ -11,6 +11,7 @@ from gaussray.fit import optimizer
 from gaussray.fit.checkpoint import load_checkpoint, save_checkpoint
 from gaussray.fit.initial import in_common_view, on_points
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, scene_of
+from gaussray.fit.refinement import no_corrections
 from gaussray.fit.state import begin_state
 from gaussray.scene.gaussians import unconstrain
 from gaussray.scene.store import read_arrays, write_arrays
@@ -19,6 +20,7 @@ from gaussray.scene.store import read_arrays, write_arrays
 pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 OPTIONS = OptimizerOptions()
+SCENE = ("static", "moving", "deformation")
 FIXED = ("lower", "upper", "begin", "end")
 
 rates, descend = eqx.filter_jit(optimizer.rates), eqx.filter_jit(optimizer.descend)
@@ -103,9 +105,24 @@ def test_a_scene_holds_physical_values(parameters):
     np.testing.assert_allclose(scene.moving.opacity, expected.moving.opacity, rtol=1e-5)
 
 
-@pytest.mark.parametrize("moves", [True, False])
-def test_a_checkpoint_gives_back_the_same_bits(parameters, tmp_path, moves):
-    kept = parameters if moves else Parameters(parameters.static, parameters.moving, None)
+def test_cameras_learn_what_is_named_and_nothing_else(parameters):
+    corrections = no_corrections(("pose", "shutter", "exposure"), 3, toy.rolling(toy.camera()))
+    kept = Parameters(parameters.static, parameters.moving, parameters.deformation, corrections)
+    rate = eqx.filter_jit(optimizer.rates)(
+        kept, jnp.asarray(0), options=OPTIONS, extent=3.0, steps=100, refine=("pose", "exposure")
+    ).corrections
+    assert (rate.pose, rate.shutter, rate.exposure) == pytest.approx(
+        (OPTIONS.pose, 0, OPTIONS.exposure), rel=1e-6
+    )
+    assert rate.lens is None and rate.offset is None
+
+
+@pytest.mark.parametrize("kind", ["moves", "stands", "refines"])
+def test_a_checkpoint_gives_back_the_same_bits(parameters, tmp_path, kind):
+    kept = parameters if kind == "moves" else Parameters(parameters.static, parameters.moving, None)
+    if kind == "refines":
+        corrections = no_corrections(("lens", "shutter", "offset"), 3, toy.rolling(toy.camera()))
+        kept = Parameters(*(getattr(parameters, n) for n in SCENE), corrections)
     state = begin_state(kept)
     dice = np.random.default_rng(0)
     noise = lambda x: jnp.asarray(dice.integers(1, 99, x.shape).astype(x.dtype) / 7, x.dtype)  # noqa: E731

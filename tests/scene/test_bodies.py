@@ -7,7 +7,7 @@ from jax.test_util import check_grads
 
 from gaussray.fit.initial import bodies as found_bodies
 from gaussray.geometry import rotation_matrix
-from gaussray.scene.bodies import body_of, pose_at, resting
+from gaussray.scene.bodies import body_of, pose_at, reaching, resting
 
 
 # Rounding of float64 sums of a few terms.
@@ -42,6 +42,20 @@ def test_a_parabola_is_followed_exactly_between_inner_instants():
     time = jnp.asarray(0.4)
     path, _ = pose_at(thrown(), time)
     assert np.allclose(path[0], [0.4, 0.8 - 4 * 0.16, 0], atol=EXACT)
+
+
+def test_bodies_that_reach_further_go_on_at_steady_speed():
+    body = thrown()
+    further = reaching(body, 0.1, 0.2)
+    assert np.allclose(further.time, [-0.1, *body.time, 1.2], atol=EXACT)
+    # The first and the last quarter's speeds are (1, 1) and (1, -5).
+    for time, place in ((-0.1, [-0.1, -0.1, 0]), (1.2, [1.2, -2 - 1, 0])):
+        path, turn = pose_at(further, jnp.asarray(time))
+        assert np.allclose(path, [place, [0, 0, 0]], atol=EXACT)
+        assert np.allclose(rotation_matrix(turn), np.eye(3), atol=EXACT)
+    assert np.allclose(further.path[:, 1:-1], body.path, atol=EXACT)
+    same = reaching(body, 0.0, 0.0)
+    assert np.array_equal(same.time, body.time) and np.array_equal(same.path, body.path)
 
 
 def test_gaussians_belong_to_the_nearest_body_in_reach():

@@ -1,0 +1,77 @@
+"""The training cameras together: whose each frame is, in which units they err, when they look."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.shutter import time_window
+
+
+class CameraSet(eqx.Module):
+    """The number of each frame's camera, the `extent` of the cameras' places (the scene's unit),
+    the `interval` between instants, and which joint poses are `free`: the projector that takes a
+    similarity of all cameras out of their turns and shifts (`refinement.Corrections`, flattened by
+    camera). No camera looks `earlier` than its instant by more than that, nor `later`, in the
+    capture's unit of time.
+    """
+
+    owner: Int[Array, " frames"]
+    extent: Float[Array, ""]
+    interval: Float[Array, ""]
+    free: Float[Array, "poses poses"]
+    earlier: float = eqx.field(static=True)
+    later: float = eqx.field(static=True)
+
+    @property
+    def count(self) -> int:
+        """How many cameras there are."""
+        return self.free.shape[0] // 6
+
+
+def camera_set(
+    owner: Int[np.ndarray, " frames"],
+    camera: Camera,
+    *,
+    extent: float,
+    refine: tuple[str, ...] = (),
+) -> CameraSet:
+    """The cameras of frames (`camera`, stacked); times leave room for what is refined of them."""
+    dtype, film = camera.time.dtype, camera.film
+    place = np.asarray(camera.trajectory.translation, np.float64).mean(axis=1)
+    place = np.stack([place[owner == i].mean(axis=0) for i in range(owner.max() + 1)])
+    times = np.unique(np.asarray(camera.time))
+    interval = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    first, last = time_window(camera.shutter, (film.width, film.height))
+    room = 1.5 if "shutter" in refine else 1.0
+    delay = interval / 2 if "offset" in refine else 0.0
+    return CameraSet(
+        jnp.asarray(owner, jnp.int32),
+        jnp.asarray(extent, dtype),
+        jnp.asarray(interval, dtype),
+        jnp.asarray(_free(place / extent), dtype),
+        earlier=delay - room * first,
+        later=delay + room * last,
+    )
+
+
+def rays_per_pixel(camera: Camera) -> int:
+    """One where every picture is sharp, four where an aperture or an exposure blurs."""
+    blur = camera.aperture.radius, camera.shutter.exposure
+    return 4 if any(np.any(np.asarray(x)) for x in blur) else 1
+
+
+def _free(place: Float[np.ndarray, "cameras 3"]) -> Float[np.ndarray, "poses poses"]:
+    """Projector along the small turns, shifts and scalings of the whole set."""
+    place = place - place.mean(axis=0, keepdims=True)
+    axes = np.eye(3)
+    whole = np.zeros((len(place), 6, 7))
+    for k in range(3):
+        whole[:, k, k] = 1
+        whole[:, 3:, k] = np.cross(axes[k][None], place)
+        whole[:, 3 + k, 3 + k] = 1
+    whole[:, 3:, 6] = place
+    basis, size, _ = np.linalg.svd(whole.reshape(-1, 7), full_matrices=False)
+    basis = basis[:, size > 1e-6 * size[0]]
+    return np.eye(len(basis)) - basis @ basis.T

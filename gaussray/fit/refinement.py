@@ -1,0 +1,203 @@
+"""What may be wrong with the recorded training cameras, learnt along with the scene."""
+
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.lens import AbstractLens, FisheyePolynomial, KannalaBrandt, Pinhole
+from gaussray.camera.shutter import Shutter
+from gaussray.camera.trajectory import Trajectory
+from gaussray.fit.cameras import CameraSet
+from gaussray.geometry import multiply, product, turning
+
+
+# What fit.refine can name: the fields of `Corrections`.
+REFINABLE = ("pose", "lens", "shutter", "exposure", "offset")
+
+
+class Corrections(eqx.Module):
+    """Corrections of every training camera: all zero is the cameras as recorded, None is not
+    refined.
+
+    `pose` is a rotation vector about the camera's own place and a shift, along the world's axes, in
+    radians and extents. `lens` is the logarithm of a factor of both focal lengths, a shift of the
+    principal point in focal lengths, and what is added to the lens's coefficients (those that are
+    not zero). `shutter` is the logarithm of a factor of row step and row offset: a single one, for
+    cameras of one make read alike, and what one of them sees says little. `exposure` is the
+    logarithm of exposure times white balance, by channel of linear light. `offset` is how much
+    later than recorded a camera looks, in intervals between the capture's instants.
+    """
+
+    pose: Float[Array, "*cameras 6"] | None = None
+    lens: Float[Array, "*cameras parameters"] | None = None
+    shutter: Float[Array, "..."] | None = None
+    exposure: Float[Array, "*cameras 3"] | None = None
+    offset: Float[Array, "*cameras"] | None = None
+
+
+def no_corrections(refine: Sequence[str], count: int, camera: Camera) -> Corrections | None:
+    """Zeros for what is refined of so many cameras like these; None if nothing is."""
+    if not refine:
+        return None
+    if "shutter" in refine and not np.any(np.asarray(camera.shutter.row_step)):
+        raise ValueError(
+            "fit.refine=[shutter] scales the recorded readout, but every shutter.row_step of the "
+            "capture is 0. Write an estimate into transforms.json, or leave shutter out."
+        )
+    shape = {
+        "pose": (count, 6),
+        "lens": (count, 3 + coefficients(camera.lens).shape[-1]),
+        "shutter": (),
+        "exposure": (count, 3),
+        "offset": (count,),
+    }
+    return Corrections(**{kind: jnp.zeros(shape[kind], camera.time.dtype) for kind in refine})
+
+
+def refined_kinds(corrections: Corrections | None) -> tuple[str, ...]:
+    """What of `REFINABLE` the corrections hold."""
+    return tuple(kind for kind in REFINABLE if getattr(corrections, kind, None) is not None)
+
+
+def coefficients(lens: AbstractLens) -> Float[Array, "*cameras coefficients"]:
+    """The coefficients that bend a lens's rays; an ideal pinhole has none."""
+    if isinstance(lens, Pinhole):
+        return lens.distortion if lens.distorted else lens.distortion[..., :0]
+    if isinstance(lens, KannalaBrandt | FisheyePolynomial):
+        return lens.coefficients
+    raise TypeError(f"fit.refine has no words for a lens of type {type(lens).__name__}.")
+
+
+def settled(corrections: Corrections, cameras: CameraSet) -> Corrections:
+    """The corrections without what the scene can make up for, a row for every camera.
+
+    A scene that is moved, turned or scaled, brightened or delayed with all its cameras looks the
+    same. So a similarity is taken out of the poses, and the mean out of exposures and offsets:
+    cameras that are held out keep what was recorded for them, and the mean of many recorded errors
+    is nearer to none than that of one camera which stays as it is.
+    """
+    pose, shutter, exposure, offset = (
+        corrections.pose,
+        corrections.shutter,
+        corrections.exposure,
+        corrections.offset,
+    )
+    if pose is not None:
+        pose = product("ij,j->i", cameras.free, pose.reshape(-1)).reshape(pose.shape)
+    if shutter is not None:
+        shutter = jnp.broadcast_to(shutter, (cameras.count,))
+    if exposure is not None:
+        exposure = exposure - jnp.mean(exposure, axis=0, keepdims=True)
+    if offset is not None:
+        offset = offset - jnp.mean(offset)
+    return Corrections(pose, corrections.lens, shutter, exposure, offset)
+
+
+def refined(camera: Camera, own: Corrections, cameras: CameraSet) -> Camera:
+    """One camera with its own row of the `settled` corrections; its exposure is no part of it."""
+    trajectory, shutter, lens = camera.trajectory, camera.shutter, camera.lens
+    if own.pose is not None:
+        turn = turning(own.pose[:3])
+        quat = jax.vmap(multiply, in_axes=(None, 0))(turn, trajectory.quat)
+        place = trajectory.translation + cameras.extent * own.pose[None, 3:]
+        trajectory = Trajectory(trajectory.time, quat, place)
+    if own.lens is not None:
+        lens = _lens(lens, own.lens)
+    if own.shutter is not None:
+        factor = jnp.exp(own.shutter)
+        row_offset, row_step = factor * shutter.row_offset, factor * shutter.row_step
+        shutter = Shutter(row_offset, row_step, shutter.exposure, shutter.direction)
+    if own.offset is not None:
+        late = shutter.row_offset + cameras.interval * own.offset
+        shutter = Shutter(late, shutter.row_step, shutter.exposure, shutter.direction)
+    return Camera(camera.film, lens, camera.aperture, shutter, trajectory, camera.time)
+
+
+def _lens(lens: AbstractLens, own: Float[Array, " parameters"]) -> AbstractLens:
+    scale, center, bent = jnp.exp(own[0]), own[1:3], coefficients(lens)
+    change = jnp.where(bent != 0, own[3:], 0)
+    match lens:
+        case Pinhole():
+            return Pinhole(
+                scale * lens.focal,
+                lens.center + lens.focal * center,
+                bent + change if lens.distorted else lens.distortion,
+                lens.distorted,
+            )
+        case KannalaBrandt():
+            focal, center = scale * lens.focal, lens.center + lens.focal * center
+            return KannalaBrandt(focal, center, bent + change, lens.max_angle)
+        case FisheyePolynomial():
+            # Its focal length is 1/|k1|; at half the sensor's width all changes are angles.
+            power = jnp.arange(bent.shape[0])
+            slope = jnp.where(bent[1] != 0, jnp.abs(bent[1]), 1)
+            shift = center / (slope * lens.sensor) * jnp.array([-1, 1], bent.dtype)
+            return FisheyePolynomial(
+                (bent + change / (lens.sensor[0] / 2) ** power) / scale**power,
+                lens.sensor,
+                lens.resolution,
+                lens.shift + shift,
+                lens.fov,
+            )
+        case _:
+            raise TypeError(f"fit.refine has no words for a lens of type {type(lens).__name__}.")
+
+
+_refined = jax.jit(refined)
+
+
+def refined_frames(
+    corrections: Corrections | None,
+    cameras: CameraSet,
+    names: Sequence[str],
+    frames: Sequence[tuple[str, Camera]],
+) -> list[Camera]:
+    """The cameras of frames, each with the name of its camera: those in `names`, the set's, as
+    they are refined, all others as they are."""
+    if corrections is None:
+        return [camera for _, camera in frames]
+    rows = settled(corrections, cameras)
+    own = {name: jax.tree.map(lambda x, i=i: x[i], rows) for i, name in enumerate(names)}
+    return [
+        _refined(camera, own[name], cameras) if name in own else camera for name, camera in frames
+    ]
+
+
+def gains(
+    corrections: Corrections | None, cameras: CameraSet, names: Sequence[str]
+) -> dict[str, list[float]]:
+    """Red, green and blue of every camera over the scene's, in linear light; empty if exposures are
+    not refined."""
+    exposure = None if corrections is None else settled(corrections, cameras).exposure
+    if exposure is None:
+        return {}
+    gain = np.exp(np.asarray(exposure, np.float64)).round(6)
+    return dict(zip(names, gain.tolist(), strict=True))
+
+
+def found(corrections: Corrections, cameras: CameraSet, shutter: Shutter, unit: str) -> str:
+    """One line of what the corrections amount to; `shutter` is the training frames', stacked."""
+    c, said = jax.tree.map(np.asarray, settled(corrections, cameras)), []
+    if c.pose is not None:
+        turn, shift = (np.linalg.norm(x, axis=1).max() for x in (c.pose[:, :3], c.pose[:, 3:]))
+        way = float(cameras.extent) * shift
+        said.append(f"poses turned by up to {np.degrees(turn):.3g} degrees, moved by {way:.3g}")
+    if c.lens is not None:
+        factor = np.exp(c.lens[:, 0])
+        said.append(f"focal lengths x {factor.min():.4f} to {factor.max():.4f}")
+    if c.shutter is not None:
+        step = np.asarray(shutter.row_step, np.float64)
+        step = step[np.argmax(np.abs(step))]
+        said.append(f"time of a row {step:.4g} -> {step * np.exp(c.shutter[0]):.4g} ({unit})")
+    if c.exposure is not None:
+        gain = np.exp(c.exposure)
+        said.append(f"exposures x {gain.min():.3f} to {gain.max():.3f}")
+    if c.offset is not None:
+        late = float(cameras.interval) * c.offset
+        said.append(f"offsets {late.min():.4g} to {late.max():.4g} ({unit})")
+    return f"refined cameras: {'; '.join(said)}"
