@@ -22,7 +22,7 @@ from gaussray.devices import agreed, everywhere, leads, wait
 from gaussray.fit.cameras import camera_set, rays_per_pixel
 from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions, alive, with_rows
-from gaussray.fit.initial import bodies, in_common_view, inliers, merged, on_points
+from gaussray.fit.initial import bodies, in_common_view, inliers, merged, on_points, surrounding
 from gaussray.fit.journal import Journal, decibel
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, scene_of
@@ -185,6 +185,11 @@ class Fit:
             moves[:] = False
         elif points is None or not self._watched():
             moves[:] = True
+        if fit.surround and points is not None:
+            around = surrounding(position, count=fit.surround, seed=fit.seed)
+            more = on_points(*around, degree=fit.degree, opacity=0.5, flat=1.0)
+            start = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), start, more)
+            moves = np.concatenate([moves, np.zeros(fit.surround, bool)])
         growth = self.options.density.growth
         self.journal.info["limit"] = [int(side.sum() * growth) for side in (~moves, moves)]
         parts = [self._room(take(start, np.flatnonzero(side))) for side in (~moves, moves)]
@@ -329,7 +334,7 @@ class Fit:
         if stage == "coarse" and len(self.times) > 1:
             refine = tuple(kind for kind in refine if kind == "exposure")
         samples = o.fit.samples or rays_per_pixel(self.footage.camera)
-        return StepOptions(o.loss, o.optimizer, o.trace, samples, refine)
+        return StepOptions(o.loss, o.optimizer, o.trace, samples, o.fit.footprint, refine)
 
     def _keys(self, state: State) -> int:
         """Key states of the scene across a step: one where all its rays share the time."""

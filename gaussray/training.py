@@ -12,10 +12,12 @@ from gaussray.camera.sampling import step_samples
 from gaussray.capture.batches import Batch, tile_colors, tile_rays
 from gaussray.color import srgb_encode
 from gaussray.fit import loss as losses, regularizer
+from gaussray.fit.cameras import CameraSet, resolved
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, descend, rates, scene_of
-from gaussray.fit.refinement import CameraSet, refined, settled
+from gaussray.fit.refinement import refined, settled
 from gaussray.fit.state import State, watch
+from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.scene import Scene, at, moving_at
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.shard import trace_sharded
@@ -23,14 +25,19 @@ from gaussray.tracer.trace import TraceOptions, enlarge, measure
 from gaussray.tracer.traverse import Capacity
 
 
+# Logarithm of how much flatter than wide a Gaussian of least size may be.
+FLAT = 1.1
+
+
 class StepOptions(eqx.Module):
-    """What a training step can be told: also how many `samples` a pixel takes and what of the
-    cameras the stage refines."""
+    """What a training step can be told: also how many `samples` a pixel takes, how many pixels'
+    `footprint` a Gaussian has at least, and what of the cameras the stage refines."""
 
     loss: LossOptions
     optimizer: OptimizerOptions
     trace: TraceOptions
     samples: int = eqx.field(static=True, default=1)
+    footprint: float = eqx.field(static=True, default=0.0)
     refine: tuple[str, ...] = eqx.field(static=True, default=())
 
 
@@ -159,6 +166,8 @@ def train_block(
     difference. If anything was dropped, the block is void: run it again with an enlarged trial.
     """
 
+    shortest = _shortest(state.parameters, cameras, options.footprint)
+
     def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)
         (_, (terms, report, eye, error)), gradient = slope(
@@ -174,6 +183,7 @@ def train_block(
         )
         static, moving = watch(state, gradient, eye)
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)
+        parameters = _widened(parameters, shortest)
         state = State(parameters, adam, static, moving, state.step + 1)
         return state, (terms, error, report.needed, report.dropped)
 
@@ -182,6 +192,44 @@ def train_block(
     found = state, terms, error, needed, jnp.sum(dropped)
     # Every host reads them.
     return jax.lax.with_sharding_constraint(found, NamedSharding(trial.mesh, PartitionSpec()))
+
+
+def _shortest(
+    parameters: Parameters, cameras: CameraSet, footprint: float
+) -> tuple[Float[Array, " static"], Float[Array, " moving"]] | None:
+    """Logarithm of the least scale of Gaussians of either kind; None if there is no bound.
+
+    What is smaller than the pixels is met by some of the rays that should see it and missed by
+    others: it fits the training pixels one by one, and flickers in all other pictures
+    (Mip-Splatting's three-dimensional filter, as a bound). A block of steps changes no distance
+    much.
+    """
+    if not footprint:
+        return None
+    static, moving = (
+        jnp.log(footprint * resolved(cameras, free.mean) + 1e-30)
+        for free in (parameters.static, parameters.moving)
+    )
+    return static, moving
+
+
+def _widened(parameters: Parameters, shortest) -> Parameters:
+    """Scales of at least these; a third of them along the shortest axis, for what is flat."""
+    if shortest is None:
+        return parameters
+
+    def wide(scale: Float[Array, "gaussians 3"], least: Array) -> Float[Array, "gaussians 3"]:
+        flat = scale <= jnp.min(scale, axis=1, keepdims=True)
+        return jnp.maximum(scale, jnp.where(flat, least[:, None] - FLAT, least[:, None]))
+
+    scales = [
+        wide(free.log_scale, least) for free, least in zip(_both(parameters), shortest, strict=True)
+    ]
+    return eqx.tree_at(lambda p: [free.log_scale for free in _both(p)], parameters, scales)
+
+
+def _both(parameters: Parameters) -> tuple[Unconstrained, Unconstrained]:
+    return parameters.static, parameters.moving
 
 
 def _tile_errors(image: Array, truth: Array, weight: Array, batch: Batch) -> Float[Array, " tiles"]:

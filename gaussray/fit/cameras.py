@@ -1,6 +1,7 @@
 """The training cameras together: whose each frame is, in which units they err, when they look."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
@@ -10,14 +11,17 @@ from gaussray.camera.shutter import time_window
 
 
 class CameraSet(eqx.Module):
-    """The number of each frame's camera, the `extent` of the cameras' places (the scene's unit),
-    the `interval` between instants, and which joint poses are `free`: the projector that takes a
+    """The number of each frame's camera, every camera's `place` (its mean) and the angle of a
+    `pixel` in its middle (radians), the `extent` of the places (the scene's unit), the `interval`
+    between instants, and which joint poses are `free`: the projector that takes a
     similarity of all cameras out of their turns and shifts (`refinement.Corrections`, flattened by
     camera). No camera looks `earlier` than its instant by more than that, nor `later`, in the
     capture's unit of time.
     """
 
     owner: Int[Array, " frames"]
+    place: Float[Array, "cameras 3"]
+    pixel: Float[Array, " cameras"]
     extent: Float[Array, ""]
     interval: Float[Array, ""]
     free: Float[Array, "poses poses"]
@@ -41,6 +45,8 @@ def camera_set(
     dtype, film = camera.time.dtype, camera.film
     place = np.asarray(camera.trajectory.translation, np.float64).mean(axis=1)
     place = np.stack([place[owner == i].mean(axis=0) for i in range(owner.max() + 1)])
+    _, first_frame = np.unique(owner, return_index=True)
+    pixel = _pixel_angle(jax.tree.map(lambda x: x[first_frame], camera))
     times = np.unique(np.asarray(camera.time))
     interval = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     first, last = time_window(camera.shutter, (film.width, film.height))
@@ -48,6 +54,8 @@ def camera_set(
     delay = interval / 2 if "offset" in refine else 0.0
     return CameraSet(
         jnp.asarray(owner, jnp.int32),
+        jnp.asarray(place, dtype),
+        pixel,
         jnp.asarray(extent, dtype),
         jnp.asarray(interval, dtype),
         jnp.asarray(_free(place / extent), dtype),
@@ -56,10 +64,33 @@ def camera_set(
     )
 
 
+def resolved(cameras: CameraSet, mean: Float[Array, "gaussians 3"]) -> Float[Array, " gaussians"]:
+    """How far apart the pixels of the camera are that sees each place most finely."""
+
+    def nearest(place: Float[Array, "3"]) -> Float[Array, ""]:
+        away = cameras.place - place[None]
+        return jnp.min(cameras.pixel * jnp.sqrt(jnp.sum(away * away, axis=-1)))
+
+    return jax.vmap(nearest)(mean)
+
+
 def rays_per_pixel(camera: Camera) -> int:
     """One where every picture is sharp, four where an aperture or an exposure blurs."""
     blur = camera.aperture.radius, camera.shutter.exposure
     return 4 if any(np.any(np.asarray(x)) for x in blur) else 1
+
+
+@jax.jit
+def _pixel_angle(cameras: Camera) -> Float[Array, " cameras"]:
+    """Angle between the rays of two neighbouring pixels in the middle of the picture."""
+    film = cameras.film
+    middle = jnp.asarray([film.width / 2, film.height / 2], cameras.time.dtype)
+
+    def one(camera: Camera) -> Float[Array, ""]:
+        left, right = (camera.lens.direction(middle + jnp.array([x, 0.0])) for x in (-0.5, 0.5))
+        return jnp.sqrt(jnp.sum((right - left) ** 2))
+
+    return jax.vmap(one)(cameras)
 
 
 def _free(place: Float[np.ndarray, "cameras 3"]) -> Float[np.ndarray, "poses poses"]:

@@ -11,14 +11,19 @@ class FitOptions(eqx.Module):
     `coarse` steps on the first instant, without deformation; `fine` steps on all. A step sees
     `tiles` tiles of trace.bundle^2 pixels, a share `error` of them in proportion to the errors last
     seen there, and of the others a share `balance` where things move. Gaussians whose pixels change
-    more than a share `moving` of the time get a deformation. `points` random points are the start
-    if the capture has none; of those that it has, points go that are further from their neighbours
-    than usual by more than `outliers` standard deviations (0 keeps all, see `initial.inliers`).
-    Gaussians start with harmonics of this `degree`, this `opacity`, and `spread` gaps between
-    points as scale. A block of `block` steps runs without the host; `checkpoint` is the interval in
-    seconds between saved states. Pictures of more than `memory` gigabytes are kept in a file. Every
-    pixel is seen by `samples` rays over film, lens and exposure (0: 1, and 4 if a camera has an
-    aperture or an exposure). `refine` names what of the cameras is learnt too
+    more than a share `moving` of the time get a deformation. A block of `block` steps runs without
+    the host; `checkpoint` is the interval in seconds between saved states. Pictures of more than
+    `memory` gigabytes are kept in a file.
+
+    `points` random points are the start if the capture has none; of those that it has, points go
+    that are further from their neighbours than usual by more than `outliers` standard deviations (0
+    keeps all, see `initial.inliers`), and around them `surround` random ones are added
+    (`initial.surrounding`): what is far, and what mirrors show. Gaussians start with harmonics of
+    this `degree`, this `opacity`, and `spread` gaps between points as scale; none gets smaller than
+    `footprint` pixels of the camera that sees it most finely.
+
+    Every pixel is seen by `samples` rays over film, lens and exposure (0: 1, and 4 if a camera has
+    an aperture or an exposure). `refine` names what of the cameras is learnt too
     (`refinement.REFINABLE`).
     """
 
@@ -33,6 +38,8 @@ class FitOptions(eqx.Module):
     opacity: float = eqx.field(static=True, default=0.9)
     spread: float = eqx.field(static=True, default=0.6)
     points: int = eqx.field(static=True, default=10000)
+    surround: int = eqx.field(static=True, default=1500)
+    footprint: float = eqx.field(static=True, default=0.35)
     outliers: float = eqx.field(static=True, default=5.0)
     memory: float = eqx.field(static=True, default=4.0)
     samples: int = eqx.field(static=True, default=0)
@@ -44,7 +51,10 @@ class FitOptions(eqx.Module):
         for name in ("coarse", "tiles", "block", "points"):
             if getattr(self, name) < 1:
                 raise ValueError(f"fit.{name} must be at least 1, got {getattr(self, name)}.")
-        for name in ("fine", "samples", "checkpoint", "spread", "seed", "outliers", "memory"):
+        for name in (
+            *("fine", "samples", "checkpoint", "spread", "seed"),
+            *("surround", "footprint", "outliers", "memory"),
+        ):
             if getattr(self, name) < 0:
                 raise ValueError(f"fit.{name} must be at least 0, got {getattr(self, name)}.")
         for name in ("balance", "error", "moving", "opacity"):

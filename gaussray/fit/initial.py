@@ -92,6 +92,24 @@ def on_points(
     )
 
 
+def surrounding(
+    position: Float[np.ndarray, "points 3"], *, count: int, seed: int
+) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count 3"]]:
+    """Random points and grey colours in the six boxes that adjoin, face to face, the box of the
+    points (strays left out), each as large as it.
+
+    Every ray that leaves the box passes one of them. They take up what is far, and what mirrors
+    show: the image of a lamp in a floor is where the lamp would be below it.
+    """
+    lower, upper = np.quantile(position, (0.005, 0.995), axis=0)
+    size = np.maximum(upper - lower, 1e-6)
+    dice = np.random.default_rng(seed)
+    unit = dice.random((count, 3))
+    axis = dice.integers(3, size=count)
+    unit[np.arange(count), axis] += np.where(dice.random(count) < 0.5, -1, 1)
+    return (lower + size * unit).astype(np.float32), np.full((count, 3), 0.2, np.float32)
+
+
 def bodies(
     position: Float[np.ndarray, "points 3"],
     times: Float[np.ndarray, " instants"],
