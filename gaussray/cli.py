@@ -154,6 +154,7 @@ def _reconstruct_options(cfg: DictConfig) -> Any:
         optimizer=options(stage.OptimizerOptions, cfg.optimizer),
         density=options(stage.DensityOptions, cfg.density),
         trace=options(stage.TraceOptions, cfg.trace),
+        need=options(stage.NeedOptions, cfg.need),
     )
 
 

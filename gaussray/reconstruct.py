@@ -1,5 +1,6 @@
 """Stage 1: multi-view video in, a dynamic scene out."""
 
+import json
 from pathlib import Path
 
 import equinox as eqx
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from gaussray.atomic import whole
 from gaussray.capture.activity import moved_pixels, point_activity, tile_activity
 from gaussray.capture.batches import Footage, Sampler, footage
 from gaussray.capture.calibration import Capture, View
@@ -23,6 +25,7 @@ from gaussray.fit.state import State, begin_state, refine_state, take
 from gaussray.fit.tracking import TrackOptions, track
 from gaussray.geometry import rotation_matrix
 from gaussray.progress import Progress
+from gaussray.requirement import NeedOptions, required, sentence
 from gaussray.scene.bodies import Bodies, body_of
 from gaussray.scene.deformation import FieldOptions, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
@@ -48,6 +51,7 @@ class ReconstructOptions(eqx.Module):
     trace: TraceOptions = eqx.field(
         default_factory=lambda: TraceOptions(levels=0, transmittance_min=1e-2)
     )
+    need: NeedOptions = eqx.field(default_factory=NeedOptions)
 
 
 def reconstruct(
@@ -62,8 +66,10 @@ def reconstruct(
     """Fit a scene to the training views of a capture and leave it in `out`/scene.npz.
 
     A coarse stage on the first instant; then the bodies are tracked, and a fine stage with
-    deformation fits all instants. `out` also gets metrics.jsonl and, at intervals, checkpoint.npz,
-    from which `resume` goes on exactly as if nothing had happened. The rays of a step are dealt out
+    deformation fits all instants. The scene that is left and returned is what of it the pictures
+    require (`required`), which requirement.json tells and, unless `quiet`, a printed line. `out`
+    also gets metrics.jsonl and, at intervals, checkpoint.npz, from which `resume` goes on exactly
+    as if nothing had happened. The rays of a step are dealt out
     to so many `devices` (None is all) of every host; the first host alone writes.
     """
     out = Path(out)
@@ -75,9 +81,16 @@ def reconstruct(
         state = fit.with_deformation(state)
     if len(fit.sampler.times) > 1:
         state = fit.run("fine", state)
-    scene = finished(state, capture.time_range)
+    scene, report = required(
+        finished(state, capture.time_range),
+        fit.footage,
+        options=options.need,
+        trace=options.trace,
+        seed=options.fit.seed,
+        devices=devices,
+    )
     if leads():
-        save_scene(out / "scene.npz", scene)
+        save_scene(out / "scene.npz", scene, info=report, precision=report["precision"])
         write_manifest(
             out / "cameras.json",
             [
@@ -85,7 +98,12 @@ def reconstruct(
                 for v in capture.views
             ],
         )
+        report["file"] = (out / "scene.npz").stat().st_size
+        with whole(out / "requirement.json") as partial:
+            partial.write_text(json.dumps(report, indent=2) + "\n")
         journal.checkpoint.unlink(missing_ok=True)
+        if not quiet and "steps" in report:
+            print(sentence(report))
     wait("reconstructed")
     return scene
 
