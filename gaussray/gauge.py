@@ -77,7 +77,7 @@ class Gauge:
     def psnr(self, draft: Draft) -> float:
         """PSNR on the rays, encoded colours, in dB."""
         square, weight = np.sum([self._run(_error, draft, x) for x in self.looks], axis=0)
-        return decibel(agreed(square / weight))
+        return decibel(agreed(jnp.asarray(square / weight)))
 
     def weights(self, draft: Draft, looks: Sequence[Look]) -> Float[np.ndarray, " gaussians"]:
         """What every Gaussian adds to the rays of these looks: the sum of its blending weights."""
@@ -131,5 +131,6 @@ def _weights(
         )
         return jnp.sum(look.weight * pixels.color[:, 0]), (report.needed, report.dropped)
 
-    slope, found = jax.grad(light, has_aux=True)(jnp.zeros_like(every.opacity))
+    # The slope is the same wherever colours are not clamped; zeros would be folded at compile time.
+    slope, found = jax.grad(light, has_aux=True)(every.opacity)
     return slope / C0, *found

@@ -37,7 +37,7 @@ class NeedOptions(eqx.Module):
     """
 
     loss: float = eqx.field(static=True, default=0.02)
-    tiles: int = eqx.field(static=True, default=64)
+    tiles: int = eqx.field(static=True, default=32)
     instants: int = eqx.field(static=True, default=16)
     weigh: int = eqx.field(static=True, default=4096)
     precision: str = eqx.field(static=True, default="compact")
@@ -59,8 +59,9 @@ class _Trials:
 
     def __init__(self, draft: Draft, gauge: Gauge, bound: float):
         self.draft, self.gauge, self.bound = draft, gauge, bound
-        self.psnr = gauge.psnr(draft)
+        self.psnr, self.facts = gauge.psnr(draft), facts(draft.scene)
         self.steps: list[dict[str, Any]] = []
+        self._record("what does nothing", draft, self.psnr, True)
 
     def take(self, step: str, without: Draft) -> bool:
         """Take one thing away, if that costs little enough."""
@@ -86,12 +87,12 @@ class _Trials:
             self._record(step, *best, True)
 
     def _record(self, step: str, draft: Draft, psnr: float, taken: bool) -> None:
-        before, after = facts(finish_draft(self.draft)), facts(finish_draft(draft))
+        before, after = self.facts, facts(finish_draft(draft))
         changed = {k: [before[k], after[k]] for k in before if before[k] != after[k]}
         lost = round(self.psnr - psnr, 4)
         self.steps.append({"step": step, "taken": taken, "loss": lost, **changed})
         if taken:
-            self.draft, self.psnr = draft, psnr
+            self.draft, self.psnr, self.facts = draft, psnr, after
 
 
 def facts(scene: Scene) -> dict[str, int]:
@@ -181,11 +182,10 @@ def _rest(trials: _Trials, change: Float[np.ndarray, " moving"]) -> None:
 def _reduce(trials: _Trials, times: Float[np.ndarray, " instants"]) -> None:
     """Without what the deformation field does not need: heads, scales, change of planes in time."""
     for head in HEADS:
-        if _parts(trials.draft, "heads"):
+        if trials.facts["heads"]:
             trials.take(f"head {head}", without_head(trials.draft, head))
-    scales = range(_parts(trials.draft, "scales"))
-    for scale in scales:
-        if _parts(trials.draft, "scales") and not trials.take(
+    for scale in range(facts(trials.draft.scene)["scales"]):
+        if trials.facts["scales"] and not trials.take(
             f"scale {scale}", without_scale(trials.draft, scale, times)
         ):
             trials.take(f"change of scale {scale} in time", with_steady(trials.draft, scale))
@@ -197,10 +197,6 @@ def _lower(trials: _Trials, part: str) -> None:
     for degree in range(int(np.sqrt(coefficients)) - 1):
         if trials.take(f"degree above {degree}, {part}", with_degree(trials.draft, part, degree)):
             break
-
-
-def _parts(draft: Draft, name: str) -> int:
-    return facts(finish_draft(draft))[name]
 
 
 def sentence(report: dict[str, Any]) -> str:

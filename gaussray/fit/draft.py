@@ -98,13 +98,40 @@ def at_time(draft: Draft, time: Float[Array, ""]) -> Gaussians:
 
 
 def finish_draft(draft: Draft) -> Scene:
-    """The scene that a draft stands for, without all that does nothing (`simplified`)."""
-    scene, kept, resting = draft.scene, np.asarray(draft.kept), np.asarray(draft.resting)
-    static, moving = np.split(kept, [scene.static.count])
-    still = take(draft.rest, np.flatnonzero(moving & resting))
-    part = concatenate(take(scene.static, np.flatnonzero(static)), still)
-    moved = take(scene.moving, np.flatnonzero(moving & ~resting))
-    return simplified(Scene(part, moved, scene.deformation, scene.time_range))
+    """The scene that a draft stands for, without all that does nothing.
+
+    That are harmonics of the highest degrees that are zero; a deformation of nothing; bodies that
+    hold nothing; heads whose last layer is zero, and scales of the planes that the trunk does not
+    look at, or the whole field if no head is left; rows of time planes that are all the same.
+    """
+    scene, deformation = draft.scene, draft.scene.deformation
+    # On the host: nothing shall be compiled for every number of rows.
+    parts = scene.static, scene.moving, draft.rest, draft.kept, draft.resting
+    static, moving, rest, kept, resting = jax.device_get(parts)
+    stay, move = np.split(kept, [len(static.mean)])
+    still = _joined(take(static, np.flatnonzero(stay)), take(rest, np.flatnonzero(move & resting)))
+    moved = np.flatnonzero(move & ~resting)
+    if not len(moved):
+        deformation = None
+    elif isinstance(deformation, Deformation):
+        held = np.asarray(body_of(deformation.bodies, scene.moving.mean))[moved]
+        deformation = _simplified(deformation, held)
+    still, mobile = (
+        jax.tree.map(jnp.asarray, _without_zeros(x)) for x in (still, take(moving, moved))
+    )
+    return Scene(still, mobile, deformation, scene.time_range)
+
+
+def _joined(first: Gaussians, second: Gaussians) -> Gaussians:
+    """Both sets of rows, on the host."""
+    most = max(x.harmonics.shape[1] for x in (first, second))
+
+    def padded(x: Gaussians) -> Gaussians:
+        missing = most - x.harmonics.shape[1]
+        harmonics = np.pad(x.harmonics, ((0, 0), (0, missing), (0, 0)))
+        return eqx.tree_at(lambda g: g.harmonics, x, harmonics)
+
+    return jax.tree.map(lambda a, b: np.concatenate([a, b]), padded(first), padded(second))
 
 
 def without_head(draft: Draft, name: str) -> Draft:
@@ -124,10 +151,15 @@ def without_scale(draft: Draft, scale: int, times: Float[np.ndarray, " instants"
     field = _field(draft)
     own = scale_rows(field.planes)[scale]
     place, weight = draft.scene.moving.mean, field.trunk.weight
-    every = [features(field.planes, place, jnp.asarray(t, place.dtype)) for t in times]
-    mean = jnp.mean(jnp.stack(every), axis=(0, 1))[own]
+    mean = _mean_features(field.planes, place, jnp.asarray(times, place.dtype))[own]
     trunk = Layer(weight.at[own].set(0), field.trunk.bias + product("i,io->o", mean, weight[own]))
     return eqx.tree_at(lambda d: d.scene.deformation.trunk, draft, trunk)
+
+
+@eqx.filter_jit
+def _mean_features(planes: Planes, place: Array, times: Array) -> Float[Array, " features"]:
+    every = jax.lax.map(lambda time: jnp.mean(features(planes, place, time), axis=0), times)
+    return jnp.mean(every, axis=0)
 
 
 def with_steady(draft: Draft, scale: int) -> Draft:
@@ -160,25 +192,10 @@ def scale_rows(planes: Planes) -> list[np.ndarray]:
     return np.split(np.arange(sum(widths)), np.cumsum(widths)[:-1]) if widths else []
 
 
-def simplified(scene: Scene) -> Scene:
-    """The same scene at all times, without what does nothing.
-
-    That are harmonics of the highest degrees that are zero; a deformation of nothing; bodies that
-    hold nothing; heads whose last layer is zero, and scales of the planes that the trunk does not
-    look at, or all of it if no head is left; rows of time planes that are all the same.
-    """
-    deformation = scene.deformation
-    static, moving = (_without_zeros(x) for x in (scene.static, scene.moving))
-    if not moving.count:
-        deformation = None
-    elif isinstance(deformation, Deformation):
-        deformation = _simplified(deformation, moving)
-    return Scene(static, moving, deformation, scene.time_range)
-
-
-def _simplified(deformation: Deformation, moving: Gaussians) -> Deformation:
+def _simplified(deformation: Deformation, held: np.ndarray) -> Deformation:
+    """The deformation for Gaussians that these bodies hold, without what does nothing."""
     bodies, planes, trunk = deformation.bodies, deformation.planes, deformation.trunk
-    held = np.unique(np.asarray(body_of(bodies, moving.mean)))
+    held = np.unique(held)
     held = held[held < len(bodies.pivot)]
     bodies = eqx.tree_at(
         lambda b: (b.pivot, b.radius, b.path, b.turn),
