@@ -33,7 +33,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     # They read pictures: not needed to know what the script is for.
     from gaussray.capture.calibration import read_capture
     from gaussray.fit.journal import Journal
-    from gaussray.reconstruct import Fit, ReconstructOptions
+    from gaussray.fitting import Fit, ReconstructOptions
 
     capture = read_capture(chosen.capture or SAMPLE)
     trace = replace(ReconstructOptions().trace, backend=backend(chosen.backend))

@@ -144,7 +144,7 @@ def _raise(error: Exception) -> None:
 
 
 def _reconstruct_options(cfg: DictConfig) -> Any:
-    from gaussray import reconstruct as stage
+    from gaussray import fitting as stage
 
     return stage.ReconstructOptions(
         fit=options(stage.FitOptions, cfg.fit),
@@ -154,6 +154,7 @@ def _reconstruct_options(cfg: DictConfig) -> Any:
         optimizer=options(stage.OptimizerOptions, cfg.optimizer),
         density=options(stage.DensityOptions, cfg.density),
         trace=options(stage.TraceOptions, cfg.trace),
+        need=options(stage.NeedOptions, cfg.need),
     )
 
 

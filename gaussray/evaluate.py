@@ -18,6 +18,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
 from gaussray.capture.calibration import Capture, View
 from gaussray.capture.frames import read_encoded
+from gaussray.dataset.flicker import Flicker
 from gaussray.dataset.images import codes, contact_sheet, side_by_side, write_image
 from gaussray.dataset.metrics import moving_mask, psnr, ssim
 from gaussray.dataset.perceptual import perceptual_metrics
@@ -79,8 +80,9 @@ def evaluate(
 
     Returns what is also written to `out`/report.json: PSNR and SSIM per effect (means over
     pictures), the same inside the lens's field of view (`masked`) and inside the paper's disc
-    (`circle`) where that is not the whole picture, PSNR over moving pixels, FLIP and LPIPS
-    where their packages are installed, frames per second without compilation; under `parts` the
+    (`circle`) where that is not the whole picture, PSNR over moving pixels, `flicker` of the pixels
+    that never move beside the truth's own (`dataset.flicker`), FLIP and LPIPS where their packages
+    are installed, frames per second without compilation; under `parts` the
     same for training views, held-out cameras and held-out times (of cameras that were learnt
     from), if an effect has more than one of them. Pictures side by side go to `out`/<effect>/. Of
     several hosts the first one does all of it, on so many `devices` (None is all), and the others
@@ -114,14 +116,19 @@ def evaluate(
         sampling = dataclasses.replace(render, samples=samples)
         renderer = Renderer(scene, options=sampling, trace=trace, devices=devices)
         moving = _moving(groups[effect])
+        still, flicker = _still(groups[effect], moving), Flicker()
         rows, films = [], {}
         for view in views:
             frame = renderer(view.camera)
             ours, real = codes(frame.color), _codes(view)
-            rows.append(_score(real, ours, _visible(view.camera), moving.get(view.image)))
+            visible = _visible(view.camera)
+            rows.append(_score(real, ours, visible, moving.get(view.image)))
             rows[-1] |= {name: measure(real, ours) for name, measure in perceived.items()}
             rows[-1]["seconds"] = None if frame.compiled else frame.seconds
             rows[-1]["part"] = _part(view, learnt)
+            if view.camera_name in still:
+                steady = still[view.camera_name] & (True if visible is None else visible)
+                flicker.add(rows[-1]["part"], view.camera_name, steady, real, ours)
             if options.images:
                 name = f"{view.camera_name}_{view.time:.4f}.png"
                 write_image(out / effect / name, side_by_side(real, ours))
@@ -132,7 +139,7 @@ def evaluate(
             progress.report(done, f"{effect} {np.mean([r['psnr'] for r in rows]):.2f} dB")
         for camera, film in films.items():
             write_video(out / effect / f"{camera}.mp4", film, fps=8)
-        report["effects"][effect] = summary(rows, samples)
+        report["effects"][effect] = summary(rows, samples, flicker)
         report["frames"] += len(views)
     report["scene"] = scene_facts(scene)
     report["versions"] = versions()
@@ -199,6 +206,18 @@ def _moving(views: Sequence[View]) -> dict[Path, Bool[np.ndarray, "h w"]]:
             frames = np.stack([_codes(view) for view in own])
             masks |= dict(zip([v.image for v in own], moving_mask(frames), strict=True))
     return masks
+
+
+def _still(
+    views: Sequence[View], moving: dict[Path, Bool[np.ndarray, "h w"]]
+) -> dict[str, Bool[np.ndarray, "h w"]]:
+    """Where nothing ever moves in the pictures of each camera of which that is known."""
+    still: dict[str, Bool[np.ndarray, "h w"]] = {}
+    for view in views:
+        if view.image in moving:
+            mask = ~moving[view.image]
+            still[view.camera_name] = still.get(view.camera_name, mask) & mask
+    return still
 
 
 def _score(real: np.ndarray, ours: np.ndarray, visible, moving) -> dict[str, Any]:

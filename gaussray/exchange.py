@@ -14,8 +14,7 @@ from gaussray.devices import leads, wait
 from gaussray.scene.codes import directions, projection
 from gaussray.scene.gaussian_folder import read_model
 from gaussray.scene.gaussian_ply import write_gaussians
-from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import C0
+from gaussray.scene.gaussians import Gaussians, folded
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene, at
 from gaussray.scene.store import save_scene
@@ -103,20 +102,6 @@ def export_model(
         write_gaussians(out, gaussians)
     kept = f"sRGB codes, {_off(error)}" if color == "srgb" else "linear light"
     return gaussians, f"{gaussians.count} Gaussians, colours as {kept}."
-
-
-def folded(gaussians: Gaussians) -> Gaussians:
-    """The same colours without a tint.
-
-    (1/2 + sum c_i Y_i) tint is 1/2 + sum c'_i Y_i with c'_i = tint c_i, and in the constant one
-    another (tint - 1) / (2 Y_0); a tint is positive, so the clamp at black stays where it was.
-    """
-    if gaussians.tint is None:
-        return gaussians
-    tint = gaussians.tint[:, None, :]
-    harmonics = (gaussians.harmonics * tint).at[:, :1].add((tint - 1) * (0.5 / C0))
-    parts = gaussians.mean, gaussians.quat, gaussians.scale, gaussians.opacity
-    return Gaussians(*parts, harmonics)
 
 
 def converted(

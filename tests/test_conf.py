@@ -8,7 +8,7 @@ import jax
 import pytest
 
 from benchmarks.trade import PRESETS
-from gaussray import reconstruct as stage, rig
+from gaussray import fitting as stage, rig
 from gaussray.capture.formats import FORMATS
 from gaussray.capture.selection import Selection
 from gaussray.cli import VERBS, conf_folder, configuration, options
@@ -26,6 +26,7 @@ GROUPS = {
     "loss": (stage.LossOptions, "default"),
     "optimizer": (stage.OptimizerOptions, "default"),
     "density": (stage.DensityOptions, "default"),
+    "need": (stage.NeedOptions, "default"),
     "trace": (TraceOptions, "default"),
     "devices": (DevicesOptions, "default"),
     "render": (RenderOptions, "default"),
@@ -57,7 +58,7 @@ def leaf(group, choice):
     """The options of one YAML file."""
     verb = (
         "render"
-        if group not in ("fit", "track", "field", "loss", "optimizer", "density")
+        if group not in ("fit", "track", "field", "loss", "optimizer", "density", "need")
         else "demo"
     )
     verb = "evaluate" if group == "evaluate" else verb

@@ -14,10 +14,10 @@ import toy
 
 from gaussray.cli import main
 from gaussray.color import srgb_decode, srgb_encode
-from gaussray.exchange import converted, export_model, folded, import_model
+from gaussray.exchange import converted, export_model, import_model
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.gaussian_ply import read_gaussians, write_gaussians
-from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.gaussians import Gaussians, folded
 from gaussray.scene.scene import at
 from gaussray.scene.store import load_scene, save_scene
 

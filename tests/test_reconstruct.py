@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray import reconstruct as stage, training
+from gaussray import fitting as stage, training
 from gaussray.capture.calibration import View, read_capture
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.loader import Loader
@@ -19,7 +19,8 @@ from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions, alive
 from gaussray.fit.journal import Journal, NonFiniteLoss
 from gaussray.fit.tracking import TrackOptions
-from gaussray.reconstruct import Fit, ReconstructOptions, reconstruct
+from gaussray.fitting import Fit, ReconstructOptions
+from gaussray.reconstruct import reconstruct
 from gaussray.render import RenderOptions
 from gaussray.scene.store import load_scene
 

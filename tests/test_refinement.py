@@ -19,8 +19,8 @@ from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters
 from gaussray.fit.refinement import REFINABLE, no_corrections, settled
 from gaussray.fit.state import begin_state
+from gaussray.fitting import Fit
 from gaussray.geometry import multiply, turning
-from gaussray.reconstruct import Fit
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.gaussians import unconstrain
 

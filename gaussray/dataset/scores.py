@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from gaussray.dataset.flicker import Flicker
+
 
 # Heading, key of the report, digits.
 COLUMNS = (
@@ -13,33 +15,44 @@ COLUMNS = (
     ("masked PSNR", "psnr_masked", 2),
     ("masked SSIM", "ssim_masked", 3),
     ("moving PSNR", "psnr_moving", 2),
+    ("flicker", "flicker", 2),
+    ("truth's", "flicker_truth", 2),
     ("FLIP", "flip", 3),
     ("LPIPS", "lpips", 3),
     ("FPS", "fps", 1),
     ("frames", "frames", 0),
 )
+OPTIONAL = ("flicker", "flicker_truth", "flip", "lpips")
 MEANS = (
     *("psnr", "ssim", "psnr_masked", "ssim_masked", "psnr_circle", "ssim_circle"),
     *("flip", "lpips"),
 )
 
 
-def summary(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
-    """Means over the pictures, PSNR of moving pixels from their mean squared error, and the same of
-    every `part` under `parts`, if there are several."""
+def summary(
+    rows: Sequence[dict[str, Any]], samples: int, flicker: Flicker | None = None
+) -> dict[str, Any]:
+    """Means over the pictures, PSNR of moving pixels from their mean squared error, the `flicker`,
+    and the same of every `part` under `parts`, if there are several."""
     names = sorted({row["part"] for row in rows})
-    parts = {n: _means([row for row in rows if row["part"] == n], samples) for n in names}
-    return _means(rows, samples) | ({"parts": parts} if len(parts) > 1 else {})
+    flicker = flicker or Flicker()
+    parts = {
+        name: _means([row for row in rows if row["part"] == name], samples) | flicker.figures(name)
+        for name in names
+    }
+    own = _means(rows, samples) | flicker.figures()
+    return own | ({"parts": parts} if len(parts) > 1 else {})
 
 
 def table(report: dict[str, Any]) -> str:
-    """The effects of a report as text, with their parts below them; FLIP and LPIPS if measured."""
+    """The effects of a report as text, with their parts below them; flicker, FLIP and LPIPS if
+    measured."""
     rows = []
     for name, row in report["effects"].items():
         rows.append((name, row))
         rows += [("  " + part.replace("_", " "), own) for part, own in row.get("parts", {}).items()]
     measured = {key for _, row in rows for key in row}
-    columns = [c for c in COLUMNS if c[1] in measured or c[1] not in ("flip", "lpips")]
+    columns = [c for c in COLUMNS if c[1] in measured or c[1] not in OPTIONAL]
     lines = [("effect", [head for head, _, _ in columns])]
     lines += [(n, [_figure(row.get(key), digits) for _, key, digits in columns]) for n, row in rows]
     widths = [max(len(head) + 2, 8) for head, _, _ in columns]

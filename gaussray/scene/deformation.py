@@ -54,15 +54,15 @@ class Layer(eqx.Module):
 
 class Deformation(eqx.Module):
     """Rigid bodies first, then what bends: planes, one hidden layer, and a two-layer head per
-    residual (4DGaussians, 4D-GRT)."""
+    residual (4DGaussians, 4D-GRT). A head that is None adds nothing."""
 
     bodies: Bodies
     planes: Planes
     trunk: Layer
-    mean: tuple[Layer, Layer]
-    rotation: tuple[Layer, Layer]
-    scale: tuple[Layer, Layer]
-    tint: tuple[Layer, Layer]
+    mean: tuple[Layer, Layer] | None
+    rotation: tuple[Layer, Layer] | None
+    scale: tuple[Layer, Layer] | None
+    tint: tuple[Layer, Layer] | None
     light: Float[Array, "9 3"]
 
     @property
@@ -116,8 +116,8 @@ def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""
     place = jax.lax.stop_gradient(gaussians.mean)
     hidden = deformation.trunk(features(deformation.planes, place, time))
 
-    def residual(head: tuple[Layer, Layer]) -> Array:
-        return head_output(head, hidden)
+    def residual(head: tuple[Layer, Layer] | None) -> Array:
+        return jnp.zeros((), hidden.dtype) if head is None else head_output(head, hidden)
 
     pivot, path, turn = _carried(deformation.bodies, place, time)
     arm = product("nij,nj->ni", rotation_matrix(turn), gaussians.mean - pivot)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from gaussray.geometry import rotation_matrix
+from gaussray.scene.harmonics import C0
 
 
 class Gaussians(eqx.Module):
@@ -92,6 +93,20 @@ def concatenate(first: Gaussians, second: Gaussians) -> Gaussians:
 def _pad(harmonics: Array, coefficients: int) -> Array:
     missing = coefficients - harmonics.shape[1]
     return jnp.pad(harmonics, ((0, 0), (0, missing), (0, 0)))
+
+
+def folded(gaussians: Gaussians) -> Gaussians:
+    """The same colours without a tint.
+
+    (1/2 + sum c_i Y_i) tint is 1/2 + sum c'_i Y_i with c'_i = tint c_i, and in the constant one
+    another (tint - 1) / (2 Y_0); a tint is positive, so the clamp at black stays where it was.
+    """
+    if gaussians.tint is None:
+        return gaussians
+    tint = gaussians.tint[:, None, :]
+    harmonics = (gaussians.harmonics * tint).at[:, :1].add((tint - 1) * (0.5 / C0))
+    parts = gaussians.mean, gaussians.quat, gaussians.scale, gaussians.opacity
+    return Gaussians(*parts, harmonics)
 
 
 def whitening(

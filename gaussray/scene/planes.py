@@ -61,7 +61,7 @@ def initial_planes(
 def features(
     planes: Planes, position: Float[Array, "gaussians 3"], time: Float[Array, ""]
 ) -> Float[Array, "gaussians features"]:
-    """Product of the six bilinear samples, scales side by side.
+    """Product of the six bilinear samples, scales side by side; of no scale, nothing.
 
     The time is the same for all positions, so each time plane is first reduced to a line.
     """
@@ -69,7 +69,7 @@ def features(
     unit = jnp.clip(unit, 0, 1)
     span = planes.end - planes.begin
     moment = jnp.clip((time - planes.begin) / jnp.where(span > 0, span, 1), 0, 1)
-    parts = []
+    parts = [jnp.zeros((len(position), 0), position.dtype)]
     for space, instants in zip(planes.space, planes.time, strict=True):
         product = jnp.ones((), position.dtype)
         for plane, (a, b) in zip(space, SPACE_PAIRS, strict=True):

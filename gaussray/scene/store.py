@@ -1,4 +1,4 @@
-"""Scenes on disk: one .npz file of plain arrays, versioned, written whole or not at all.
+"""Scenes on disk: one .npz file of arrays, versioned, written whole or not at all.
 
 Layout (version 1): `header` is a JSON text {"format": "gaussray-scene", "version": 1, ...}; every
 other entry is one array, named by its path in the `Scene`: static.mean, static.quat, static.scale,
@@ -12,10 +12,16 @@ Version 2 is for scenes that move by a `ResidualField`: deformation.planes as ab
 deformation.trunk.<layer>.{weight,bias}, deformation.<head>.{0,1}.{weight,bias} of those of the
 heads mean, rotation, scale, opacity and harmonics that there are, deformation.logit_opacity with
 the head opacity, and deformation.encoded (true or false).
+
+Version 3 is for scenes of either kind that are kept compactly, or whose `Deformation` lacks a head
+(and its arrays) or every scale. Its header also lists all `arrays`, and under `codes` those that
+are kept as bytes, each with what `compact.Code` says of it.
 """
 
 import json
 import zipfile
+import zlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +31,7 @@ from jaxtyping import Array
 
 from gaussray.atomic import whole
 from gaussray.scene.bodies import Bodies
+from gaussray.scene.compact import compressed, restored
 from gaussray.scene.deformation import Deformation, Layer
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.planes import Planes
@@ -34,26 +41,83 @@ from gaussray.scene.scene import Scene
 
 FORMAT = "gaussray-scene"
 # A scene is written in the first version that has a place for it.
-VERSION, RESIDUALS = 1, 2
+VERSION, RESIDUALS, LISTED = 1, 2, 3
+# What is kept of the arrays: every bit, or what `compact` says.
+PRECISIONS = ("full", "compact")
+HEADS = ("mean", "rotation", "scale", "tint")
 
 
-def save_scene(path: Path | str, scene: Scene, *, info: dict[str, Any] | None = None) -> None:
-    """Write a scene; `info` (anything JSON) is kept in the header."""
-    version = RESIDUALS if isinstance(scene.deformation, ResidualField) else VERSION
-    header = {"format": FORMAT, "version": version, "info": info or {}}
-    write_arrays(path, header, named(scene))
+def save_scene(
+    path: Path | str, scene: Scene, *, info: dict[str, Any] | None = None, precision: str = "full"
+) -> None:
+    """Write a scene; `info` (anything JSON) is kept in the header.
+
+    A `precision` of full keeps every bit; compact what `compact` says, in about a quarter of the
+    bytes, and loses nothing more of a scene that was read from such a file. ValueError if it is
+    another, or if a scene to be kept compactly is not finite.
+    """
+    header, array = _contents(scene, info or {}, precision)
+    write_arrays(path, header, array, deflated=precision == "compact")
 
 
 def load_scene(path: Path | str) -> Scene:
     """Read a scene; a folder means its scene.npz."""
     path = Path(path)
     path = path / "scene.npz" if path.is_dir() else path
-    header, array = read_arrays(path, FORMAT, VERSION, RESIDUALS)
-    return scene_from(array, path, residuals=header["version"] == RESIDUALS)
+    return _scene(*read_arrays(path, FORMAT, VERSION, RESIDUALS, LISTED), path)
 
 
-def scene_from(array: dict[str, np.ndarray], path: Path, *, residuals: bool = False) -> Scene:
-    """The scene in a table of named arrays, which moves by a `ResidualField` or not."""
+def as_stored(scene: Scene, *, precision: str) -> Scene:
+    """What `load_scene` returns of what `save_scene` writes."""
+    return _scene(*_contents(scene, {}, precision), Path("scene.npz"))
+
+
+def _contents(
+    scene: Scene, info: dict[str, Any], precision: str
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """Header and arrays of a scene's file."""
+    if precision not in PRECISIONS:
+        raise ValueError(f"precision must be one of {', '.join(PRECISIONS)}, got {precision!r}.")
+    array, codes = named(scene), {}
+    if precision == "compact":
+        codes, array = compressed(array)
+    header: dict[str, Any] = {"format": FORMAT, "version": _version(scene), "info": info}
+    if codes or header["version"] == LISTED:
+        header |= {"version": LISTED, "arrays": sorted(array), "codes": codes}
+    return header, array
+
+
+def _version(scene: Scene) -> int:
+    moved = scene.deformation
+    if isinstance(moved, ResidualField):
+        return RESIDUALS
+    complete = moved is None or (moved.planes.space and all(getattr(moved, x) for x in HEADS))
+    return VERSION if complete else LISTED
+
+
+def _scene(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> Scene:
+    """The scene in a file."""
+    if header["version"] != LISTED:
+        return scene_from(array, path, residuals=header["version"] == RESIDUALS)
+    listed, codes = header.get("arrays"), header.get("codes")
+    if not isinstance(listed, list) or not isinstance(codes, dict):
+        raise ValueError(f"{path}: the header does not list its arrays; the scene is damaged.")
+    for name in listed:
+        if name not in array:
+            raise ValueError(f"{path}: the array '{name}' is missing; the file is not whole.")
+    array = restored(codes, array, path)
+    return scene_from(array, path, residuals="deformation.encoded" in array, demanded=())
+
+
+def scene_from(
+    array: dict[str, np.ndarray],
+    path: Path,
+    *,
+    residuals: bool = False,
+    demanded: Sequence[str] = HEADS,
+) -> Scene:
+    """The scene in a table of named arrays, which moves by a `ResidualField` or not; the heads that
+    a `Deformation` must have are `demanded`."""
 
     def take(name: str) -> Array:
         return _take(array, name, path)
@@ -64,21 +128,37 @@ def scene_from(array: dict[str, np.ndarray], path: Path, *, residuals: bool = Fa
         rows = {field: value.shape[:1] for field, value in values.items()}
         if len(set(rows.values())) != 1:
             raise ValueError(f"{path}: the arrays of '{prefix}' differ in length: {rows}.")
+        wanted = {"mean": (3,), "quat": (4,), "scale": (3,), "opacity": ()}
+        wanted["harmonics"] = (*values["harmonics"].shape[1:2], 3)
+        for field, value in values.items():
+            if value.shape[1:] != wanted[field]:
+                raise ValueError(
+                    f"{path}: the array '{prefix}.{field}' has the shape {value.shape} instead of "
+                    f"{value.shape[:1] + wanted[field]}; the scene is damaged."
+                )
         return Gaussians(**values)
 
-    deformation = (_residuals if residuals else deformation_from)(array, "deformation", path)
+    if residuals:
+        deformation = _residuals(array, "deformation", path)
+    else:
+        deformation = deformation_from(array, "deformation", path, demanded)
     return Scene(gaussians("static"), gaussians("moving"), deformation, take("time_range"))
 
 
-def deformation_from(array: dict[str, np.ndarray], prefix: str, path: Path) -> Deformation | None:
-    """The deformation among named arrays, None if there is none."""
+def deformation_from(
+    array: dict[str, np.ndarray], prefix: str, path: Path, demanded: Sequence[str] = HEADS
+) -> Deformation | None:
+    """The deformation among named arrays, None if there is none; a head that is not `demanded` may
+    be missing."""
     if not any(name.startswith(f"{prefix}.") for name in array):
         return None
 
     def layer(name: str) -> Layer:
         return _layer(array, f"{prefix}.{name}", path)
 
-    def head(name: str) -> tuple[Layer, Layer]:
+    def head(name: str) -> tuple[Layer, Layer] | None:
+        if name not in demanded and not any(x.startswith(f"{prefix}.{name}.") for x in array):
+            return None
         return layer(f"{name}.0"), layer(f"{name}.1")
 
     names = ("pivot", "radius", "time", "path", "turn")
@@ -87,10 +167,7 @@ def deformation_from(array: dict[str, np.ndarray], prefix: str, path: Path) -> D
         bodies,
         _planes(array, f"{prefix}.planes", path),
         layer("trunk"),
-        mean=head("mean"),
-        rotation=head("rotation"),
-        scale=head("scale"),
-        tint=head("tint"),
+        **{name: head(name) for name in HEADS},
         light=_take(array, f"{prefix}.light", path),
     )
 
@@ -131,6 +208,11 @@ def _layer(array: dict[str, np.ndarray], prefix: str, path: Path) -> Layer:
 def _take(array: dict[str, np.ndarray], name: str, path: Path) -> Array:
     if name not in array:
         raise ValueError(f"{path}: the array '{name}' is missing; the file is not whole.")
+    if array[name].dtype.kind not in "fb":
+        raise ValueError(
+            f"{path}: the array '{name}' must hold real numbers, got {array[name].dtype}; the "
+            "scene is damaged."
+        )
     if not np.isfinite(array[name]).all():
         raise ValueError(f"{path}: the array '{name}' must be finite; the scene is damaged.")
     return jnp.asarray(array[name])
@@ -153,11 +235,18 @@ def named(tree: Any, prefix: str = "") -> dict[str, np.ndarray]:
     return {k: v for name, part in parts.items() for k, v in named(part, dot + name).items()}
 
 
-def write_arrays(path: Path | str, header: dict[str, Any], array: dict[str, np.ndarray]) -> None:
-    """A versioned .npz, moved into place when complete."""
+def write_arrays(
+    path: Path | str,
+    header: dict[str, Any],
+    array: dict[str, np.ndarray],
+    *,
+    deflated: bool = False,
+) -> None:
+    """A versioned .npz, `deflated` or not, moved into place when complete."""
+    save = np.savez_compressed if deflated else np.savez
     try:
         with whole(path) as partial, open(partial, "wb") as file:
-            np.savez(file, **{"header": np.array(json.dumps(header)), **array})  # type: ignore[arg-type]
+            save(file, **{"header": np.array(json.dumps(header)), **array})  # type: ignore[arg-type]
     except OSError as error:
         raise OSError(f"{path}: cannot be written: {error}") from error
 
@@ -174,7 +263,7 @@ def read_arrays(
         with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
             array = {name: file[name] for name in file.files}
         header = json.loads(str(array.pop("header")))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
         raise ValueError(f"{path}: is not a {kind} file or is damaged ({error}).") from error
     if header.get("format") != kind:
         raise ValueError(f"{path}: is a {header.get('format')!r} file, not a {kind} file.")

@@ -1,0 +1,330 @@
+"""The host's side of a reconstruction: what is looked at, and in which order."""
+
+import warnings
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, Int
+
+from gaussray.camera.camera import Camera
+from gaussray.capture.activity import activity, moved_pixels, point_activity
+from gaussray.capture.batches import Batch
+from gaussray.capture.calibration import Capture, View
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.footage import Footage, footage
+from gaussray.capture.loader import Loader
+from gaussray.capture.points import Points
+from gaussray.devices import agreed, everywhere
+from gaussray.fit.cameras import camera_set, rays_per_pixel
+from gaussray.fit.course import FitOptions
+from gaussray.fit.density import DensityOptions, alive, with_rows
+from gaussray.fit.initial import bodies, in_common_view, inliers, merged, on_points, surrounding
+from gaussray.fit.journal import Journal, decibel
+from gaussray.fit.loss import LossOptions
+from gaussray.fit.optimizer import OptimizerOptions, Parameters, scene_of
+from gaussray.fit.refinement import gains, no_corrections, refined_frames, refined_kinds
+from gaussray.fit.state import State, begin_state, refine_state, take
+from gaussray.fit.tracking import Shown, TrackOptions, track
+from gaussray.geometry import rotation_matrix
+from gaussray.progress import Progress
+from gaussray.requirement import NeedOptions
+from gaussray.scene.bodies import Bodies, body_of, reaching
+from gaussray.scene.deformation import FieldOptions, initial_deformation
+from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
+from gaussray.scene.harmonics import C0
+from gaussray.scene.planes import initial_planes
+from gaussray.scene.scene import Scene, key_count
+from gaussray.tracer.shard import mesh_of_hosts
+from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.traverse import Capacity
+from gaussray.training import StepOptions, Trial, first_trial, train_block
+
+
+class ReconstructOptions(eqx.Module):
+    """Everything `reconstruct` can be told, one class per config group."""
+
+    fit: FitOptions = eqx.field(default_factory=FitOptions)
+    track: TrackOptions = eqx.field(default_factory=TrackOptions)
+    field: FieldOptions = eqx.field(default_factory=FieldOptions)
+    loss: LossOptions = eqx.field(default_factory=LossOptions)
+    optimizer: OptimizerOptions = eqx.field(default_factory=OptimizerOptions)
+    density: DensityOptions = eqx.field(default_factory=DensityOptions)
+    trace: TraceOptions = eqx.field(
+        default_factory=lambda: TraceOptions(levels=0, transmittance_min=1e-2)
+    )
+    need: NeedOptions = eqx.field(default_factory=NeedOptions)
+
+
+class Fit:
+    """The host's side of a reconstruction: what is looked at, and in which order.
+
+    Several hosts do the same with the same values; only within `run` are these on all devices.
+    """
+
+    def __init__(
+        self,
+        capture: Capture,
+        journal: Journal,
+        options: ReconstructOptions,
+        quiet: bool,
+        devices: int | None = None,
+    ):
+        views = [view for view in capture.views if view.split == "train"]
+        self.capture, self.journal, self.options, self.quiet = capture, journal, options, quiet
+        self.footage = footage(
+            views,
+            side=options.trace.bundle,
+            memory=options.fit.memory,
+            folder=journal.out,
+            report=Progress("read", len(views), quiet=quiet).report,
+        )
+        names, owner = np.unique(self.footage.name, return_inverse=True)
+        self.names, self.extent = names.tolist(), _extent(views)
+        self.cameras = camera_set(
+            owner, self.footage.camera, extent=self.extent, refine=options.fit.refine
+        )
+        self.activity = activity(self.footage)
+        self.loader = Loader(
+            self.footage,
+            self.activity,
+            tiles=options.fit.tiles,
+            balance=options.fit.balance,
+            error=options.fit.error,
+            seed=options.fit.seed,
+        )
+        self.times = self.loader.sampler.times
+        self.mesh = mesh_of_hosts(devices)
+
+    def resumed(self) -> tuple[State, str]:
+        """The state of an interrupted run, and its stage."""
+        state, stage = self.journal.resumed()
+        held = refined_kinds(state.parameters.corrections)
+        if set(held) != set(self.options.fit.refine):
+            raise ValueError(
+                f"fit.refine must be {list(held)}, as in the run that is gone on with, got "
+                f"{list(self.options.fit.refine)}."
+            )
+        self.loader.restore(self.journal.notes)
+        return state, stage
+
+    def begin(self) -> State:
+        """Gaussians on the capture's points, or on random ones; which move is decided at once, so
+        that both sets keep their place."""
+        fit, points = self.options.fit, self.capture.points
+        if points is not None:
+            position, color = self._cleaned(points)
+        else:
+            pose = self.footage.camera.trajectory
+            origin, axis = np.asarray(pose.translation)[:, 0], _axes_of_view(self.footage)
+            position, color = in_common_view(origin, axis, count=fit.points, seed=fit.seed)
+        start = on_points(
+            position, color, degree=fit.degree, opacity=fit.opacity, spread=fit.spread
+        )
+        moves = point_activity(self.footage, position) > fit.moving
+        moves = np.array(agreed(moves))
+        if len(self.times) == 1:
+            moves[:] = False
+        elif points is None or not self._watched():
+            moves[:] = True
+        if fit.surround and points is not None:
+            around = surrounding(position, count=fit.surround, seed=fit.seed)
+            more = on_points(*around, degree=fit.degree, opacity=0.5, flat=1.0)
+            start = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), start, more)
+            moves = np.concatenate([moves, np.zeros(fit.surround, bool)])
+        growth = self.options.density.growth
+        self.journal.info["limit"] = [int(side.sum() * growth) for side in (~moves, moves)]
+        parts = [self._room(take(start, np.flatnonzero(side))) for side in (~moves, moves)]
+        corrections = no_corrections(fit.refine, len(self.names), self.footage.camera)
+        return begin_state(Parameters(parts[0], parts[1], None, corrections))
+
+    def _cleaned(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
+        """Places and colours of the points without duplicates and outliers; says how many went."""
+        limit, count = self.options.fit.outliers, len(points.position)
+        position, color = merged(np.asarray(points.position), np.asarray(points.color))
+        keep = inliers(position, limit) if limit else np.ones(len(position), bool)
+        if not keep.all() or len(keep) < count:
+            warnings.warn(
+                f"of {count} starting points, {count - len(keep)} at the place of another and "
+                f"{int((~keep).sum())} far from all others are left out. fit.outliers=0 keeps the "
+                "latter.",
+                CaptureWarning,
+                stacklevel=3,
+            )
+        return position[keep], color[keep]
+
+    def _watched(self) -> bool:
+        """Whether any camera has several frames: only those tell what moves."""
+        return len(np.unique(self.footage.name)) < len(self.footage.name)
+
+    def _room(self, gaussians: Gaussians) -> Unconstrained:
+        """Rows for the Gaussians and for those that density control may add at first."""
+        density = self.options.density
+        growth = density.growth if density.interval else 1.0
+        step = 8 * self.mesh.size
+        rows = -(-int(gaussians.count * growth) // step) * step
+        return with_rows(unconstrain(gaussians), rows)
+
+    def with_deformation(self, state: State) -> State:
+        """The fine stage's start: tracked bodies, and a field that leaves them as they are."""
+        parameters, field = state.parameters, self.options.field
+        moving = take(parameters.moving, np.flatnonzero(alive(parameters.moving)))
+        if not len(moving.mean):
+            return begin_state(parameters)
+        begin, end = self.capture.time_range
+        # Stray points must not stretch the box: beyond it the field continues its border.
+        lower, upper = np.quantile(moving.mean, (0.02, 0.98), axis=0).astype(np.float32)
+        margin = 0.1 * (upper - lower).max() + 1e-6
+        planes_key, network_key = jax.random.split(jax.random.key(self.options.fit.seed))
+        planes = initial_planes(
+            planes_key,
+            jnp.asarray(lower - margin),
+            jnp.asarray(upper + margin),
+            (begin - self.cameras.earlier, end + self.cameras.later),
+            sides=field.sides,
+            instants=field.instants or max(len(self.times), 2),
+            channels=field.channels,
+        )
+        tracked = self._tracked(constrain(moving))
+        deformation = initial_deformation(network_key, planes, tracked, width=field.width)
+        return begin_state(
+            Parameters(parameters.static, parameters.moving, deformation, parameters.corrections)
+        )
+
+    def _tracked(self, moving: Gaussians) -> Bodies:
+        """The bodies among the moving Gaussians, with their poses at all instants.
+
+        Random points say nothing of what belongs together, nor do cameras that looked but once:
+        then there are no bodies.
+        """
+        place, instants = np.asarray(moving.mean), self.times
+        known = self.capture.points is not None and self._watched()
+        groups = bodies(place if known else place[:0], instants)
+        progress = Progress("track", len(instants) - 1, quiet=self.quiet)
+        tracked = track(
+            groups,
+            np.asarray(body_of(groups, moving.mean)),
+            place,
+            np.asarray(rotation_matrix(moving.quat))[:, :, 2],
+            np.asarray(moving.harmonics[:, 0] * C0 + 0.5),
+            self._shown,
+            self.footage.camera,
+            options=self.options.track,
+            seed=self.options.fit.seed,
+            report=progress.report,
+        )
+        # A body is found where it is in the middle of a readout.
+        half = (self.cameras.earlier + self.cameras.later) / 2
+        moment = tracked.time + jnp.asarray(self.cameras.later - half, tracked.time.dtype)
+        return reaching(eqx.tree_at(lambda b: b.time, tracked, moment), half, half)
+
+    def _shown(self, frames: Int[np.ndarray, " frames"]) -> Shown:
+        """What tracking has to know of some frames."""
+        seen = self.footage
+        moved = moved_pixels(seen, self.activity, frames)
+        return Shown(seen.pictures(frames), moved, seen.masks(frames))
+
+    def run(self, stage: str, state: State) -> State:
+        """All steps of a stage, in blocks; between blocks density control, files, progress."""
+        fit = self.options.fit
+        steps = fit.coarse if stage == "coarse" else fit.fine
+        progress = Progress(stage, steps, quiet=self.quiet)
+        trial: Trial | None = None
+        views, cameras = everywhere((self.footage.camera, self.cameras), self.mesh)
+        state = agreed(state)
+        for done, batches in self.loader.blocks(stage, int(state.step), steps, fit.block):
+            trial = trial or self.trial(state, batches)
+            # Steps that leave the state anywhere else would compile twice.
+            state, looked = everywhere((state, batches), self.mesh)
+            while True:
+                block, terms, error, needed, dropped = train_block(
+                    state,
+                    views,
+                    looked,
+                    cameras,
+                    options=self.step(stage),
+                    steps=steps,
+                    trial=trial,
+                )
+                if not int(dropped):
+                    break
+                # Nothing is lost: the block is thrown away and run again with room enough.
+                trial = trial.enlarged(needed)
+            self.journal.demand_finite(terms, state, block, stage)
+            self.loader.tell(batches, np.asarray(error))
+            self.journal.notes |= self.loader.notes()
+            after = done + len(batches.time)
+            state = self._densified(stage, block, steps, done)
+            self.journal.record(stage, after, terms)
+            progress.report(after, f"{decibel(terms['mse']):.2f} dB")
+            self.journal.save_in_time(state, stage)
+        return agreed(state)
+
+    def trial(self, state: State, batches: Batch) -> Trial:
+        """Sizes to compile the steps of a stage for."""
+        options, mesh, keys = self.step("fine"), self.mesh, self.keys(state)
+        wanted = first_trial(
+            state, self.footage.camera, batches, self.cameras, options=options, mesh=mesh, keys=keys
+        ).capacity
+        *cells, pairs, slots = agreed(np.array([*wanted.cells, wanted.pairs, wanted.slots]))
+        return Trial(Capacity(tuple(map(int, cells)), int(pairs), int(slots)), mesh, keys)
+
+    def step(self, stage: str) -> StepOptions:
+        """What the steps of a stage are told. Before the scene moves, cameras are taken as they
+        are, but for their exposure: it has not formed yet, and would form around their errors."""
+        o, refine = self.options, self.options.fit.refine
+        if stage == "coarse" and len(self.times) > 1:
+            refine = tuple(kind for kind in refine if kind == "exposure")
+        samples = o.fit.samples or rays_per_pixel(self.footage.camera)
+        return StepOptions(o.loss, o.optimizer, o.trace, samples, o.fit.footprint, refine)
+
+    def keys(self, state: State) -> int:
+        """Key states of the scene across a step: one where all its rays share the time."""
+        span = self.cameras.earlier + self.cameras.later
+        return key_count(scene_of(state.parameters, jnp.zeros(2)), span) if span > 0 else 1
+
+    def _densified(self, stage: str, state: State, steps: int, before: int) -> State:
+        density, done = self.options.density, int(state.step)
+        if not density.interval or not density.start * steps <= done <= density.stop * steps:
+            return state
+        if done // density.interval == before // density.interval:
+            return state
+        seed = self.options.fit.seed + 2 * done + (stage == "fine")
+        limit = tuple(self.journal.info["limit"])
+        return refine_state(
+            agreed(state), options=density, extent=self.extent, limit=limit, seed=seed
+        )
+
+    def training_cameras(self, state: State) -> tuple[Camera, Float[np.ndarray, "frames 3"] | None]:
+        """The frames' cameras and exposures as they are refined by now."""
+        corrections, seen = state.parameters.corrections, self.footage
+        if corrections is None:
+            return seen.camera, None
+        recorded = [jax.tree.map(lambda x, i=i: x[i], seen.camera) for i in range(len(seen.name))]
+        frames = list(zip(seen.name, recorded, strict=True))
+        cameras = refined_frames(corrections, self.cameras, self.names, frames)
+        gain = gains(corrections, self.cameras, self.names)
+        exposure = np.array([gain[name] for name in seen.name], np.float32) if gain else None
+        return jax.tree.map(lambda *x: jnp.stack(x), *cameras), exposure
+
+    def scene(self, state: State) -> Scene:
+        """What a state stands for, without empty rows."""
+        p = state.parameters
+        static, moving = (
+            constrain(take(free, np.flatnonzero(alive(free)))) for free in (p.static, p.moving)
+        )
+        time_range = jnp.asarray(self.capture.time_range, static.mean.dtype)
+        return Scene(static, moving, p.deformation, time_range)
+
+
+def _extent(views: list[View]) -> float:
+    """Half the diagonal of the cameras' bounding box (at least a little): the scene's unit."""
+    eye = np.concatenate([np.asarray(view.camera.trajectory.translation) for view in views])
+    return max(float(np.linalg.norm(np.ptp(eye, axis=0))) / 2, 1e-3)
+
+
+def _axes_of_view(footage: Footage) -> Float[np.ndarray, "frames 3"]:
+    """Where each frame's camera looks, in the world."""
+    quat = footage.camera.trajectory.quat[:, 0]
+    return np.asarray(rotation_matrix(quat)[:, :, 2])

@@ -1,0 +1,207 @@
+"""Arrays as whole numbers of a step: a scene in a quarter of its bytes, off by what the file says.
+
+Every array that is worth it goes through a curve on which equal steps look alike and is rounded
+there to multiples of a power of two. These are exact in floating point, so a scene that was read is
+written again without another loss. Gaussians come in Morton order, where neighbours are alike; the
+numbers, or what they differ by from their neighbours if that is shorter, are cut into planes of
+bytes, the low ones apart from the high ones, for the deflation of the file.
+
+    array            curve                                  step
+    mean             x                                      1/16 to 1/32 of the least extent of all
+                                                            but the thinnest twentieth
+    quat             x, of unit length                      1/1024
+    scale            log2 x                                 1/64
+    opacity          x                                      1/128
+    harmonics        sRGB code of C0 x + 1/2; x             1/256; 1/128
+    planes           x                                      1/128 of the largest number
+    weight, bias     x                                      1/256 of the largest number
+
+The largest number counts as the next power of two. An array is off by half a step on its curve at
+most, and by the rounding of its own precision. The steps cost pictures about equally much, and all
+of them together 57 dB of PSNR against the scene as it was, for scenes that were fitted. All else is
+exact: instants and boxes, bodies, whose turns move what is far from their pivots, and what a
+`ResidualField` adds to (quat, logit_opacity).
+"""
+
+import math
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gaussray.color import srgb_decode, srgb_encode
+from gaussray.scene.harmonics import C0
+
+
+# Logarithms to base 2 of the steps: in themselves,
+QUAT, SCALE, OPACITY, COLOR, HARMONICS = -10, -6, -7, -8, -7
+# and in units of the largest number,
+PLANES, NETWORK = -7, -8
+# and of the least extent that all but a share THIN of the Gaussians exceed.
+MEAN, THIN = -4, 0.05
+
+
+class Code(NamedTuple):
+    """How an array became bytes: curve, logarithm of the step to base 2, axis along which
+    neighbours were subtracted (None for none), shape and type."""
+
+    curve: str
+    exponent: int
+    difference: int | None
+    shape: list[int]
+    dtype: str
+
+
+def _to_color(x: np.ndarray) -> np.ndarray:
+    return np.concatenate([srgb_encode(C0 * x[:, :1] + 0.5), x[:, 1:] * _REST], axis=1)
+
+
+def _from_color(x: np.ndarray) -> np.ndarray:
+    return np.concatenate([(srgb_decode(x[:, :1]) - 0.5) / C0, x[:, 1:] / _REST], axis=1)
+
+
+# So that one step does for all harmonics.
+_REST = 2.0 ** (COLOR - HARMONICS)
+CURVES: dict[str, tuple[Callable, Callable]] = {
+    "linear": (lambda x: x, lambda x: x),
+    "log2": (lambda x: np.log2(np.maximum(x, np.finfo(np.float32).tiny)), np.exp2),
+    "color": (_to_color, _from_color),
+}
+
+
+def compressed(
+    array: dict[str, np.ndarray],
+) -> tuple[dict[str, dict[str, Any]], dict[str, np.ndarray]]:
+    """The named arrays of a scene (`store.named`) as they are kept: fields of the `Code` of those
+    that became bytes, and all arrays, Gaussians in Morton order. ValueError where one is not
+    finite."""
+    array, numbers, steps = dict(array), {}, {}
+    for name, (curve, exponent) in _steps(array).items():
+        if not np.isfinite(array[name]).all():
+            raise ValueError(f"the array '{name}' must be finite to be kept compactly.")
+        x = CURVES[curve][0](_unit(name, array[name].astype(np.float64)))
+        numbers[name] = np.rint(np.ldexp(x, -exponent)).astype(np.int64)
+        steps[name] = curve, exponent
+    for prefix in ("static", "moving"):
+        order = _morton(numbers[f"{prefix}.mean"])
+        for table in (array, numbers):
+            for name in table:
+                if name.startswith(f"{prefix}.") or (prefix, name) == ("moving", _LOGIT):
+                    table[name] = table[name][order]
+    codes = {}
+    for name, x in numbers.items():
+        dtype = array[name].dtype.name
+        array[name], difference = _packed(x)
+        curve, exponent = steps[name]
+        codes[name] = Code(curve, exponent, difference, list(x.shape), dtype)._asdict()
+    return codes, array
+
+
+def restored(
+    codes: dict[str, Any], array: dict[str, np.ndarray], path: Path
+) -> dict[str, np.ndarray]:
+    """The named arrays from what is kept. ValueError where code and bytes do not fit."""
+    found = dict(array)
+    for name, code in codes.items():
+        try:
+            found[name] = _restored(Code(**code), array[name])
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise ValueError(f"{path}: the code of '{name}' is damaged ({error}).") from error
+    return found
+
+
+def _restored(code: Code, planes: np.ndarray) -> np.ndarray:
+    curve, dtype = CURVES[code.curve][1], {"float32": np.float32, "float64": np.float64}[code.dtype]
+    if planes.dtype != np.uint8 or planes.ndim != 2 or not 0 < len(planes) <= 8:
+        raise ValueError(f"bytes of type {planes.dtype} and shape {planes.shape}")
+    if min(code.shape, default=0) < 0:
+        raise ValueError(f"a shape of {code.shape}")
+    if abs(code.exponent) > 1000:
+        raise ValueError(f"a step of 2^{code.exponent}")
+    number = np.zeros(planes.shape[1], np.uint64)
+    for i, plane in enumerate(planes):
+        number |= plane.astype(np.uint64) << np.uint64(8 * i)
+    x = (number >> np.uint64(1)).astype(np.int64) ^ -(number & np.uint64(1)).astype(np.int64)
+    x = x.reshape(code.shape[::-1]).T
+    if code.difference is not None:
+        x = np.cumsum(x, axis=code.difference)
+    # What overflows is not finite, and refused as such.
+    with np.errstate(all="ignore"):
+        return curve(np.ldexp(x.astype(np.float64), code.exponent)).astype(dtype)
+
+
+_LOGIT = "deformation.logit_opacity"
+
+
+def _steps(array: dict[str, np.ndarray]) -> dict[str, tuple[str, int]]:
+    """Curve and logarithm of the step of every array that is rounded."""
+    steps = {}
+    residual = "deformation.encoded" in array
+    for prefix in ("static", "moving"):
+        scale = array[f"{prefix}.scale"]
+        steps[f"{prefix}.mean"] = "linear", MEAN + _thin(scale)
+        steps[f"{prefix}.scale"] = "log2", SCALE
+        steps[f"{prefix}.opacity"] = "linear", OPACITY
+        steps[f"{prefix}.harmonics"] = "color", COLOR
+        if prefix == "static" or not residual:
+            steps[f"{prefix}.quat"] = "linear", QUAT
+    for name, x in array.items():
+        if name.startswith(("deformation.planes.space.", "deformation.planes.time.")):
+            steps[name] = "linear", PLANES + _largest(x)
+        elif name.endswith((".weight", ".bias")):
+            steps[name] = "linear", NETWORK + _largest(x)
+    return steps
+
+
+def _thin(scale: np.ndarray) -> int:
+    """Logarithm of the extent that a share THIN of the Gaussians does not have, rounded down.
+
+    Of extents that are rounded already, so that it comes out the same the next time.
+    """
+    least = np.sort(np.rint(np.ldexp(CURVES["log2"][0](scale.astype(np.float64)), -SCALE)).min(1))
+    return math.floor(math.ldexp(least[int(THIN * len(least))], SCALE)) if len(least) else 0
+
+
+def _largest(x: np.ndarray) -> int:
+    """Logarithm of the largest number, rounded up."""
+    largest = float(np.abs(x).max(initial=0))
+    return math.ceil(math.log2(largest)) if largest else 0
+
+
+def _unit(name: str, x: np.ndarray) -> np.ndarray:
+    """Quaternions of unit length; rounded ones, whose length is nearly 1, stay as they are."""
+    if not name.endswith(".quat"):
+        return x
+    length = np.linalg.norm(x, axis=1, keepdims=True)
+    number = np.ldexp(x, -QUAT)
+    rounded = (abs(length - 1) <= 2.0**QUAT) & (number == np.rint(number)).all(1, keepdims=True)
+    return np.where(rounded, x, x / np.where(length > 0, length, 1))
+
+
+def _morton(number: np.ndarray) -> np.ndarray:
+    """Order along the Z-curve of places given as whole numbers."""
+    if not len(number):
+        return np.arange(0)
+    place = number - number.min(axis=0)
+    place = (place >> max(int(place.max()).bit_length() - 21, 0)).astype(np.uint64)
+    key = np.zeros(len(place), np.uint64)
+    for bit in range(21):
+        for axis in range(3):
+            key |= (place[:, axis] >> np.uint64(bit) & np.uint64(1)) << np.uint64(3 * bit + axis)
+    return np.argsort(key, kind="stable")
+
+
+def _packed(number: np.ndarray) -> tuple[np.ndarray, int | None]:
+    """Planes of bytes, the lowest first, and the axis of the differences that deflate best."""
+    tried = []
+    for axis in (None, *range(number.ndim)):
+        x = number if axis is None else np.diff(number, axis=axis, prepend=0)
+        # The sign goes into the lowest bit: small numbers have empty high bytes.
+        folded = (x.T.reshape(-1) << 1 ^ x.T.reshape(-1) >> 63).astype(np.uint64)
+        count = max((int(folded.max(initial=0)).bit_length() + 7) // 8, 1)
+        planes = np.stack([(folded >> np.uint64(8 * i)).astype(np.uint8) for i in range(count)])
+        tried.append((len(zlib.compress(planes.tobytes())), planes, axis))
+    _, planes, axis = min(tried, key=lambda found: found[0])
+    return planes, axis
