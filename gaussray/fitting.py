@@ -128,11 +128,12 @@ class Fit:
             moves[:] = False
         elif points is None or not self._watched():
             moves[:] = True
-        if fit.surround and points is not None:
-            around = surrounding(position, count=fit.surround, seed=fit.seed)
+        count = round(fit.surround * len(position)) if points is not None else 0
+        if count:
+            around = surrounding(position, count=count, seed=fit.seed)
             more = on_points(*around, degree=fit.degree, opacity=0.5, flat=1.0)
             start = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), start, more)
-            moves = np.concatenate([moves, np.zeros(fit.surround, bool)])
+            moves = np.concatenate([moves, np.zeros(count, bool)])
         growth = self.options.density.growth
         self.journal.info["limit"] = [int(side.sum() * growth) for side in (~moves, moves)]
         parts = [self._room(take(start, np.flatnonzero(side))) for side in (~moves, moves)]

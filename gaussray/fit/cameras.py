@@ -84,10 +84,11 @@ def rays_per_pixel(camera: Camera) -> int:
 def _pixel_angle(cameras: Camera) -> Float[Array, " cameras"]:
     """Angle between the rays of two neighbouring pixels in the middle of the picture."""
     film = cameras.film
-    middle = jnp.asarray([film.width / 2, film.height / 2], cameras.time.dtype)
+    dtype = cameras.time.dtype
+    pair = jnp.asarray([[film.width / 2 + x, film.height / 2] for x in (-0.5, 0.5)], dtype)
 
     def one(camera: Camera) -> Float[Array, ""]:
-        left, right = (camera.lens.direction(middle + jnp.array([x, 0.0])) for x in (-0.5, 0.5))
+        left, right = (camera.lens.direction(place) for place in pair)
         return jnp.sqrt(jnp.sum((right - left) ** 2))
 
     return jax.vmap(one)(cameras)

@@ -17,10 +17,10 @@ class FitOptions(eqx.Module):
 
     `points` random points are the start if the capture has none; of those that it has, points go
     that are further from their neighbours than usual by more than `outliers` standard deviations (0
-    keeps all, see `initial.inliers`), and around them `surround` random ones are added
-    (`initial.surrounding`): what is far, and what mirrors show. Gaussians start with harmonics of
-    this `degree`, this `opacity`, and `spread` gaps between points as scale; none gets smaller than
-    `footprint` pixels of the camera that sees it most finely.
+    keeps all, see `initial.inliers`), and around them `surround` times as many random ones are
+    added (`initial.surrounding`): for what is far, and what mirrors show. Gaussians start with
+    harmonics of this `degree`, this `opacity`, and `spread` gaps between points as scale; none gets
+    smaller than `footprint` pixels of the camera that sees it most finely.
 
     Every pixel is seen by `samples` rays over film, lens and exposure (0: 1, and 4 if a camera has
     an aperture or an exposure). `refine` names what of the cameras is learnt too
@@ -38,7 +38,7 @@ class FitOptions(eqx.Module):
     opacity: float = eqx.field(static=True, default=0.9)
     spread: float = eqx.field(static=True, default=0.6)
     points: int = eqx.field(static=True, default=10000)
-    surround: int = eqx.field(static=True, default=1500)
+    surround: float = eqx.field(static=True, default=0.15)
     footprint: float = eqx.field(static=True, default=0.35)
     outliers: float = eqx.field(static=True, default=5.0)
     memory: float = eqx.field(static=True, default=4.0)
