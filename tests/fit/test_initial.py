@@ -1,9 +1,10 @@
-"""Points that a reconstruction starts from: outliers go, duplicates merge, all else stays."""
+"""Points that a reconstruction starts from: outliers go, duplicates merge, all else stays; and
+what is put around them."""
 
 import numpy as np
 import pytest
 
-from gaussray.fit.initial import inliers, merged
+from gaussray.fit.initial import inliers, merged, surrounding
 
 
 LIMIT = 5.0
@@ -51,3 +52,26 @@ def test_points_of_one_place_become_one_of_their_mean_colour():
     np.testing.assert_allclose(mean, [[0.3, 0.2, 0.1], [1, 1, 1], [0, 1, 0]], rtol=1e-6)
     # Without any, nothing is touched, nor put in another order.
     np.testing.assert_array_equal(merged(place[::-1], mean)[0], place[::-1])
+
+
+def test_around_a_box_are_six_alike_that_every_ray_out_of_it_passes():
+    dice = np.random.default_rng(0)
+    lower, size = np.array([1.0, -2.0, 3.0]), np.array([4.0, 2.0, 1.0])
+    cloud = (lower + size * dice.random((20_000, 3))).astype(np.float32)
+    place, color = surrounding(cloud, count=6000, seed=0)
+    assert place.shape == color.shape == (6000, 3)
+    np.testing.assert_array_equal(place, surrounding(cloud, count=6000, seed=0)[0])
+    unit = (place - lower) / size
+    # Half a per cent of the points is left out at either side as strays.
+    beyond = ((unit < 0) | (unit > 1)).sum(axis=1)
+    assert beyond.max() == 1 and beyond.mean() > 0.98 and np.abs(unit - 0.5).max() < 1.52
+    faces = [(unit[:, axis] < 0).sum() for axis in range(3)]
+    faces += [(unit[:, axis] > 1).sum() for axis in range(3)]
+    # A sixth each, within four standard deviations of the count; few fall between box and face.
+    assert np.abs(np.array(faces) - 1000).max() < 4 * np.sqrt(1000 * 5 / 6) + 30
+
+
+def test_strays_do_not_stretch_the_box_that_is_surrounded():
+    cloud = np.random.default_rng(0).random((1000, 3)).astype(np.float32)
+    cloud[:3] = 1e6
+    assert np.abs(surrounding(cloud, count=100, seed=1)[0]).max() < 2.1
