@@ -38,26 +38,28 @@ class Look(NamedTuple):
 def looks(
     seen: Footage, side: int, *, tiles: int, instants: int, weigh: int, seed: int
 ) -> tuple[list[Look], list[Look]]:
-    """Looks at random tiles, `tiles` at each of so many instants, evenly spread; and further ones
-    at `weigh` tiles in all.
+    """Looks at random tiles, `tiles` (at most all) at each of so many instants, evenly spread; and
+    further ones at about `weigh` tiles in all.
 
-    Of the further ones each instant gets its share of all tiles, so that together they see all of
-    what stands still if their number allows. Those of one instant may repeat some, to be as many.
+    The further ones go through all tiles from instant to instant, so that together they see all of
+    what stands still if their number allows.
     """
     columns, rows = tile_grid(seen, side)
-    times = np.unique(seen.times)
+    each = columns * rows
+    times, frames = np.unique(seen.times, return_counts=True)
+    tiles = min(tiles, each * int(frames.max()))
     chosen = np.unique(np.linspace(0, len(times) - 1, instants).round().astype(int))
+    batches = -(-weigh // (tiles * len(chosen)))
     some, further = [], []
     for i, time in enumerate(times[chosen]):
-        frames = np.flatnonzero(seen.times == time)
-        count = len(frames) * columns * rows
-        dealt = np.random.default_rng(seed).permutation(count)[i :: len(chosen)]
-        dealt = dealt[: -(-weigh // len(chosen))]
-        dealt = np.resize(dealt, -(-len(dealt) // tiles) * tiles)
-        dice = np.random.default_rng([seed, i])
-        for found, cells in ((some, dice.integers(count, size=tiles)), (further, dealt)):
-            for cell in cells.reshape(-1, tiles):
-                frame, tile = frames[cell // (columns * rows)], cell % (columns * rows)
+        own = np.flatnonzero(seen.times == time)
+        count = len(own) * each
+        order = np.random.default_rng(seed).permutation(count)
+        passed = np.roll(order, -(i * count // len(chosen)))
+        drawn = np.random.default_rng([seed, i]).permutation(count)
+        for found, cells, size in ((some, drawn, tiles), (further, passed, batches * tiles)):
+            for cell in np.resize(cells, size).reshape(-1, tiles):
+                frame, tile = own[cell // each], cell % each
                 parts = _tile_rays(seen, jnp.asarray(frame), jnp.asarray(tile), side=side)
                 found.append(Look(jnp.asarray(time, parts[1].dtype), *parts))
     return some, further
