@@ -49,27 +49,29 @@ def looks(
     weigh: int,
     seed: int,
 ) -> tuple[list[Look], list[Look]]:
-    """Looks at random tiles, `tiles` at each of so many instants, evenly spread; and further ones
-    at `weigh` tiles in all. `views` and `gain` are the frames' cameras and exposures, as refined.
+    """Looks at random tiles, `tiles` (at most all) at each of so many instants, evenly spread; and
+    further ones at about `weigh` tiles in all. `views` and `gain` are the frames' cameras and
+    exposures, as refined.
 
-    Of the further ones each instant gets its share of all tiles, so that together they see all of
-    what stands still if their number allows. Those of one instant may repeat some, to be as many.
+    The further ones go through all tiles from instant to instant, so that together they see all of
+    what stands still if their number allows.
     """
     each = seen.pixel.shape[1]
-    times = np.unique(seen.times)
+    times, frames = np.unique(seen.times, return_counts=True)
+    tiles = min(tiles, each * int(frames.max()))
     chosen = np.unique(np.linspace(0, len(times) - 1, instants).round().astype(int))
+    batches = -(-weigh // (tiles * len(chosen)))
     gain = np.ones((len(seen.times), 3), seen.times.dtype) if gain is None else gain
     some, further = [], []
     for i, time in enumerate(times[chosen]):
-        frames = np.flatnonzero(seen.times == time)
-        count = len(frames) * each
-        dealt = np.random.default_rng(seed).permutation(count)[i :: len(chosen)]
-        dealt = dealt[: -(-weigh // len(chosen))]
-        dealt = np.resize(dealt, -(-len(dealt) // tiles) * tiles)
-        dice = np.random.default_rng([seed, i])
-        for found, cells in ((some, dice.integers(count, size=tiles)), (further, dealt)):
-            for cell in cells.reshape(-1, tiles):
-                frame, tile = frames[cell // each], cell % each
+        own = np.flatnonzero(seen.times == time)
+        count = len(own) * each
+        order = np.random.default_rng(seed).permutation(count)
+        passed = np.roll(order, -(i * count // len(chosen)))
+        drawn = np.random.default_rng([seed, i]).permutation(count)
+        for found, cells, size in ((some, drawn, tiles), (further, passed, batches * tiles)):
+            for cell in np.resize(cells, size).reshape(-1, tiles):
+                frame, tile = own[cell // each], cell % each
                 found.append(_look(seen, views, gain[frame], frame, tile, time))
     return some, further
 

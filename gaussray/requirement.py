@@ -33,14 +33,14 @@ class NeedOptions(eqx.Module):
 
     Each thing is taken away if that costs at most `loss` dB of PSNR on training rays; 0 takes
     nothing away. The loss is measured on `tiles` tiles of trace.bundle^2 pixels at each of
-    `instants` instants; what every Gaussian adds to the pictures, on other tiles, at most `weigh`
-    of them. The scene is kept in a `precision` of full, every bit, or compact (`scene.compact`).
+    `instants` instants; what every Gaussian adds to the pictures, on about `weigh` other tiles.
+    The scene is kept in a `precision` of full, every bit, or compact (`scene.compact`).
     """
 
     loss: float = eqx.field(static=True, default=0.02)
-    tiles: int = eqx.field(static=True, default=32)
+    tiles: int = eqx.field(static=True, default=256)
     instants: int = eqx.field(static=True, default=16)
-    weigh: int = eqx.field(static=True, default=4096)
+    weigh: int = eqx.field(static=True, default=8192)
     precision: str = eqx.field(static=True, default="compact")
 
     def __check_init__(self):

@@ -21,6 +21,7 @@ from gaussray.fit.tracking import TrackOptions
 from gaussray.geometry import quaternion
 from gaussray.reconstruct import ReconstructOptions
 from gaussray.render import Renderer, RenderOptions
+from gaussray.requirement import NeedOptions
 from gaussray.scene.bodies import resting
 from gaussray.scene.deformation import Deformation, FieldOptions, Layer, deform, initial_deformation
 from gaussray.scene.gaussians import Gaussians
@@ -41,6 +42,7 @@ SHORT = ReconstructOptions(
     track=TrackOptions(poses=0),
     field=FieldOptions(sides=(4, 6), channels=4, width=8),
     trace=TraceOptions(levels=0, group=2, chunk=8, transmittance_min=1e-2),
+    need=NeedOptions(loss=0.0),
 )
 
 
