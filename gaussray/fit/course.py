@@ -28,7 +28,7 @@ class FitOptions(eqx.Module):
     """
 
     coarse: int = eqx.field(static=True, default=300)
-    fine: int = eqx.field(static=True, default=1000)
+    fine: int = eqx.field(static=True, default=2500)
     tiles: int = eqx.field(static=True, default=64)
     block: int = eqx.field(static=True, default=25)
     balance: float = eqx.field(static=True, default=0.5)

@@ -43,12 +43,11 @@ class OptimizerOptions(eqx.Module):
     multiplied by the extent.
 
     `decay` is the share of every rate that is left at the end of a stage (exponential schedule);
-    everything follows it. In the fine stage `static` and `moving` are further factors for the
-    Gaussians of either kind, which look nearly right after the coarse stage. `pose`, `lens`,
+    everything follows it. `pose`, `lens`,
     `shutter`, `exposure` and `offset` are those of `Corrections`, in its units.
     """
 
-    mean: float = eqx.field(static=True, default=1e-3)
+    mean: float = eqx.field(static=True, default=2e-3)
     quat: float = eqx.field(static=True, default=1e-2)
     scale: float = eqx.field(static=True, default=2e-2)
     opacity: float = eqx.field(static=True, default=0.05)
@@ -65,8 +64,6 @@ class OptimizerOptions(eqx.Module):
     exposure: float = eqx.field(static=True, default=5e-3)
     offset: float = eqx.field(static=True, default=5e-3)
     decay: float = eqx.field(static=True, default=0.1)
-    static: float = eqx.field(static=True, default=0.5)
-    moving: float = eqx.field(static=True, default=0.5)
 
     def __check_init__(self):
         for name in (
@@ -85,9 +82,6 @@ class OptimizerOptions(eqx.Module):
         ):
             if getattr(self, name) < 0:
                 raise ValueError(f"optimizer.{name} must be at least 0, got {getattr(self, name)}.")
-        for name in ("static", "moving"):
-            if not 0 <= getattr(self, name) <= 1:
-                raise ValueError(f"optimizer.{name} must be in [0, 1], got {getattr(self, name)}.")
         if not 0 < self.decay <= 1:
             raise ValueError(f"optimizer.decay must be in (0, 1], got {self.decay}.")
 
@@ -105,7 +99,7 @@ def rates(
     cameras rest unless `refine` names them."""
     fall = jnp.asarray(optax.exponential_decay(1.0, max(steps, 1), options.decay)(step))
 
-    def gaussians(free: Unconstrained, fall: Array) -> Unconstrained:
+    def gaussians(free: Unconstrained) -> Unconstrained:
         # The constant harmonic is the colour; the others learn more slowly.
         coefficients = jnp.arange(free.harmonics.shape[1])[None, :, None]
         color = jnp.where(coefficients == 0, options.color, options.harmonics) * fall
@@ -132,9 +126,7 @@ def rates(
             (planes, *bodies),
         )
         deformation = eqx.tree_at(lambda d: d.light, deformation, options.light * fall)
-    fine = parameters.deformation is not None
-    static = gaussians(parameters.static, fall * (options.static if fine else 1))
-    moving = gaussians(parameters.moving, fall * (options.moving if fine else 1))
+    static, moving = gaussians(parameters.static), gaussians(parameters.moving)
     corrections, held = parameters.corrections, refined_kinds(parameters.corrections)
     if held:
         kinds = {kind: getattr(options, kind) * fall * (kind in refine) for kind in held}
