@@ -37,7 +37,9 @@ pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 SIDE, TIMES, READOUT = 32, (0.2, 0.5, 0.8), 0.3
 ANGLES = dict(zip(toy.CAMERAS[:3], (-0.45, 0.0, 0.45), strict=True))
+# The bodies as far apart as the picture is high: rows that see nothing move say nothing of time.
 SCENE = toy.scene()
+SCENE = eqx.tree_at(lambda s: s.moving.mean, SCENE, SCENE.moving.mean * toy.single([[1, 2, 1]]))
 # Errors of the recording: factors of linear light, of the readout and of the focal lengths, delays
 # of half an interval, and poses of half a degree and a hundredth of the extent.
 GAIN = dict(zip(ANGLES, ([1.2, 1, 0.9], [0.8, 1, 1], [1 / 0.96, 1, 1 / 0.9]), strict=True))
@@ -133,7 +135,7 @@ def options(*refine, steps=100):
     """Nothing learns but what is refined."""
     known = OptimizerOptions.__dataclass_fields__
     still = {name: 0.0 for name in known if name not in ("decay", *REFINABLE)}
-    fast = {"pose": 2e-3, "lens": 2e-3, "shutter": 2e-2, "exposure": 2e-2, "offset": 2e-2}
+    fast = {"pose": 2e-3, "lens": 2e-3, "shutter": 4e-2, "exposure": 4e-2, "offset": 4e-2}
     return dataclasses.replace(
         toy.SHORT,
         fit=FitOptions(fine=steps, tiles=12, block=25, balance=0.8, refine=refine),
@@ -185,8 +187,8 @@ def assert_found(folder, pictures, kinds, steps=100):
         assert off(fit, corrections) < LEFT * off(fit)
 
 
-def test_when_and_how_brightly_cameras_look_is_found_at_once(tmp_path, pictures):
-    assert_found(tmp_path, pictures, ("shutter", "exposure", "offset"), steps=50)
+def test_a_wrong_readout_and_wrong_exposures_are_found_together(tmp_path, pictures):
+    assert_found(tmp_path, pictures, ("shutter", "exposure"), steps=60)
 
 
 @pytest.mark.slow
