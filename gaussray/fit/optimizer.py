@@ -43,8 +43,8 @@ class OptimizerOptions(eqx.Module):
     multiplied by the extent.
 
     `decay` is the share of every rate that is left at the end of a stage (exponential schedule);
-    everything follows it. `pose`, `lens`,
-    `shutter`, `exposure` and `offset` are those of `Corrections`, in its units.
+    everything follows it. `pose`, `lens`, `shutter`, `exposure` and `offset` are for `Corrections`
+    of cameras, in their units: largest in the middle of a stage, to which they rise from 0.
     """
 
     mean: float = eqx.field(static=True, default=2e-3)
@@ -60,9 +60,9 @@ class OptimizerOptions(eqx.Module):
     network: float = eqx.field(static=True, default=1e-3)
     pose: float = eqx.field(static=True, default=3e-4)
     lens: float = eqx.field(static=True, default=3e-4)
-    shutter: float = eqx.field(static=True, default=5e-3)
+    shutter: float = eqx.field(static=True, default=1e-2)
     exposure: float = eqx.field(static=True, default=5e-3)
-    offset: float = eqx.field(static=True, default=5e-3)
+    offset: float = eqx.field(static=True, default=1e-2)
     decay: float = eqx.field(static=True, default=0.1)
 
     def __check_init__(self):
@@ -129,7 +129,10 @@ def rates(
     static, moving = gaussians(parameters.static), gaussians(parameters.moving)
     corrections, held = parameters.corrections, refined_kinds(parameters.corrections)
     if held:
-        kinds = {kind: getattr(options, kind) * fall * (kind in refine) for kind in held}
+        # A scene that has not formed yet would lead them astray.
+        half = 2 * step / max(steps, 1)
+        late = jnp.minimum(half, 1) * options.decay ** jnp.maximum(half - 1, 0)
+        kinds = {kind: getattr(options, kind) * late * (kind in refine) for kind in held}
         corrections = eqx.tree_at(
             lambda c: tuple(getattr(c, kind) for kind in kinds), corrections, tuple(kinds.values())
         )
