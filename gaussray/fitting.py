@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 
 from gaussray.camera.camera import Camera
 from gaussray.capture.activity import activity, moved_pixels, point_activity
@@ -128,6 +128,7 @@ class Fit:
             moves[:] = False
         elif points is None or not self._watched():
             moves[:] = True
+        given = [int(side.sum()) if points is not None else 0 for side in (~moves, moves)]
         count = round(fit.surround * len(position)) if points is not None else 0
         if count:
             around = surrounding(position, count=count, seed=fit.seed)
@@ -135,7 +136,10 @@ class Fit:
             start = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), start, more)
             moves = np.concatenate([moves, np.zeros(count, bool)])
         growth = self.options.density.growth
-        self.journal.info["limit"] = [int(side.sum() * growth) for side in (~moves, moves)]
+        self.journal.info |= {
+            "limit": [int(side.sum() * growth) for side in (~moves, moves)],
+            "given": given,
+        }
         parts = [self._room(take(start, np.flatnonzero(side))) for side in (~moves, moves)]
         corrections = no_corrections(fit.refine, len(self.names), self.footage.camera)
         return begin_state(Parameters(parts[0], parts[1], None, corrections))
@@ -309,14 +313,22 @@ class Fit:
         exposure = np.array([gain[name] for name in seen.name], np.float32) if gain else None
         return jax.tree.map(lambda *x: jnp.stack(x), *cameras), exposure
 
-    def scene(self, state: State) -> Scene:
-        """What a state stands for, without empty rows."""
-        p = state.parameters
-        static, moving = (
-            constrain(take(free, np.flatnonzero(alive(free)))) for free in (p.static, p.moving)
-        )
-        time_range = jnp.asarray(self.capture.time_range, static.mean.dtype)
-        return Scene(static, moving, p.deformation, time_range)
+    def scene(self, state: State) -> tuple[Scene, Bool[np.ndarray, " gaussians"]]:
+        """What a state stands for, without empty rows, and which Gaussians no ray has met.
+
+        Of these the capture's own stay, for other cameras may see them; random ones go.
+        """
+        p, second, sides, blind = state.parameters, state.adam.nu, [], []
+        for name, given in zip(("static", "moving"), self.journal.info["given"], strict=True):
+            free = getattr(p, name)
+            # What was never seen was never moved, nor split: it is in its first row.
+            unmet = ~np.any(np.asarray(getattr(second, name).mean), axis=1)
+            kept = alive(free) & ~(unmet & (np.arange(len(unmet)) >= given))
+            sides.append(constrain(take(free, np.flatnonzero(kept))))
+            blind.append(unmet[kept])
+        time_range = jnp.asarray(self.capture.time_range, sides[0].mean.dtype)
+        scene = Scene(sides[0], sides[1], p.deformation, time_range)
+        return scene, np.concatenate(blind)
 
 
 def _extent(views: list[View]) -> float:

@@ -45,10 +45,12 @@ def reconstruct(
         state = fit.with_deformation(state)
     if len(fit.times) > 1:
         state = fit.run("fine", state)
+    whole_scene, unmet = fit.scene(state)
     scene, report = required(
-        fit.scene(state),
+        whole_scene,
         fit.footage,
         *fit.training_cameras(state),
+        unmet=unmet,
         options=options.need,
         trace=options.trace,
         seed=options.fit.seed,

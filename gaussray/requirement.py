@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gaussray.camera.camera import Camera
 from gaussray.capture.footage import Footage
@@ -121,6 +121,7 @@ def required(
     views: Camera,
     gain: Float[np.ndarray, "frames 3"] | None = None,
     *,
+    unmet: Bool[np.ndarray, " gaussians"] | None = None,
     options: NeedOptions,
     trace: TraceOptions,
     seed: int,
@@ -130,7 +131,8 @@ def required(
     """The scene without what training pictures do not miss, as it is kept, and a report.
 
     `views` and `gain` are the cameras and the exposures of the pictures as they are by now, `keys`
-    the states of the scene across the times of one picture.
+    the states of the scene across the times of one picture. Of Gaussians that are `unmet` by
+    any training ray the pictures say nothing: they stay, for other cameras may see them.
     In this order: the Gaussians that add least to the pictures, the motion of those that change
     least (`begin_draft`), the heads of the field, its scales or the change of their planes in time,
     harmonics of the higher degrees, and the bits that a compact file does not keep. Each is taken
@@ -148,7 +150,7 @@ def required(
     draft, change = begin_draft(scene, times)
     trials = _Trials(draft, Gauge(some, trace=trace, mesh=mesh(devices), keys=keys), options.loss)
     report: dict[str, Any] = {"before": facts(scene) | {"psnr": round(trials.psnr, 4)}}
-    _prune(trials, further)
+    _prune(trials, further, unmet)
     if isinstance(field, Deformation):
         _rest(trials, change)
         _reduce(trials, times)
@@ -162,10 +164,13 @@ def required(
     return scene, report | {"steps": trials.steps, "precision": precision}
 
 
-def _prune(trials: _Trials, further: Sequence[Look]) -> None:
+def _prune(
+    trials: _Trials, further: Sequence[Look], unmet: Bool[np.ndarray, " gaussians"] | None
+) -> None:
     """Without the Gaussians that add least to the pictures."""
     draft = trials.draft
     order = np.argsort(trials.gauge.weights(draft, further), kind="stable")
+    order = order if unmet is None else order[~unmet[order]]
 
     def without(count: int) -> Draft:
         return eqx.tree_at(lambda d: d.kept, draft, draft.kept.at[order[:count]].set(False))

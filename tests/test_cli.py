@@ -138,7 +138,7 @@ def test_a_scene_of_another_version_or_kind(fails, tmp_path):
     path = tmp_path / "scene.npz"
     write_arrays(path, {"format": "gaussray-scene", "version": 99}, {})
     assert "version 99" in fails("render", f"scene={path}", f"out={tmp_path}/out")
-    write_arrays(path, {"format": "gaussray-checkpoint", "version": 1}, {})
+    write_arrays(path, {"format": "gaussray-checkpoint", "version": 2}, {})
     assert "gaussray-checkpoint" in fails("render", f"scene={path}", f"out={tmp_path}/out")
 
 

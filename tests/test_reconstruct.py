@@ -220,6 +220,25 @@ def test_points_that_are_twice_there_or_far_away_are_left_out_with_a_warning(cap
     assert len(color) == 200
 
 
+def test_of_what_no_ray_has_met_the_captures_points_stay_and_random_ones_go(capture, tmp_path):
+    around = dataclasses.replace(OPTIONS.fit, surround=0.5)
+    options = dataclasses.replace(OPTIONS, fit=around)
+    journal = Journal(tmp_path, resume=False, interval=0.0)
+    fit = Fit(capture, journal, options, True)
+    state = fit.begin()
+    points = len(capture.points.position)
+    assert sum(alive(x).sum() for x in (state.parameters.static, state.parameters.moving)) == round(
+        1.5 * points
+    )
+    scene, unmet = fit.scene(state)
+    assert scene.static.count + scene.moving.count == len(unmet) == points and unmet.all()
+    met = eqx.tree_at(
+        lambda s: s.adam.nu.static.mean, state, jnp.ones_like(state.parameters.static.mean)
+    )
+    scene, unmet = fit.scene(met)
+    assert len(unmet) == round(1.5 * points) and unmet.sum() == scene.moving.count
+
+
 @pytest.mark.parametrize("where", ["term", "parameter"])
 def test_what_is_not_finite_stops_the_run_and_is_named(capture, tmp_path, monkeypatch, where):
     def broken(state, *_, options, steps, trial):

@@ -75,6 +75,15 @@ def test_what_nobody_sees_goes_and_what_does_not_move_rests(told, lavish):
     assert scene.static.harmonics.shape[1] == 1
 
 
+def test_what_no_ray_has_met_stays_where_the_capture_has_it(seen, lavish):
+    hidden = np.zeros(lavish.static.count + lavish.moving.count, bool)
+    hidden[: lavish.static.count] = np.asarray(lavish.static.mean)[:, 2] > 30
+    assert hidden.sum() == HIDDEN
+    options = {"options": OPTIONS, "trace": TRACE, "seed": 0, "devices": 1}
+    scene, _ = required(lavish, seen, seen.camera, unmet=hidden, **options)
+    assert (np.asarray(scene.static.mean)[:, 2] > 30).sum() == HIDDEN
+
+
 def test_the_field_goes_and_the_body_stays(told):
     scene, _ = told
     field = scene.deformation

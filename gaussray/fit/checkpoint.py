@@ -15,7 +15,7 @@ from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.store import deformation_from, named, read_arrays, write_arrays
 
 
-FORMAT, VERSION = "gaussray-checkpoint", 1
+FORMAT, VERSION = "gaussray-checkpoint", 2
 NOTE = "note."
 
 

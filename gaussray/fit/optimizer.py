@@ -47,7 +47,7 @@ class OptimizerOptions(eqx.Module):
     of cameras, in their units: largest in the middle of a stage, to which they rise from 0.
     """
 
-    mean: float = eqx.field(static=True, default=2e-3)
+    mean: float = eqx.field(static=True, default=1e-3)
     quat: float = eqx.field(static=True, default=1e-2)
     scale: float = eqx.field(static=True, default=2e-2)
     opacity: float = eqx.field(static=True, default=0.05)
