@@ -78,7 +78,7 @@ class Fit:
             side=options.trace.bundle,
             memory=options.fit.memory,
             folder=journal.out,
-            report=Progress("read", len(views), quiet=quiet).report,
+            report=Progress("read", len(views), quiet=quiet, patience=2.0).report,
         )
         names, owner = np.unique(self.footage.name, return_inverse=True)
         self.names, self.extent = names.tolist(), _extent(views)

@@ -7,15 +7,22 @@ from collections.abc import Callable
 
 class Progress:
     """One line per unit of work: rewritten in place on a terminal, every few seconds elsewhere.
+    Nothing is said of work of less than `patience` seconds.
 
     The estimate is the elapsed time times what is left over what is done, leaving out the first
     report, in which compilation hides.
     """
 
     def __init__(
-        self, name: str, total: int, *, quiet: bool = False, write: Callable | None = None
+        self,
+        name: str,
+        total: int,
+        *,
+        quiet: bool = False,
+        patience: float = 0.0,
+        write: Callable | None = None,
     ):
-        self.name, self.total, self.quiet = name, total, quiet
+        self.name, self.total, self.quiet, self.patience = name, total, quiet, patience
         self.begin = time.monotonic()
         self.first: tuple[int, float] | None = None
         self.shown = -float("inf")
@@ -28,7 +35,8 @@ class Progress:
         if self.first is None:
             self.first = (done, now)
         last = done >= self.total
-        if self.quiet or (now - self.shown < (0.2 if self.live else 5) and not last):
+        soon = now - self.shown < (0.2 if self.live else 5) and not last
+        if self.quiet or soon or now - self.begin < self.patience:
             return
         self.shown = now
         start, since = self.first

@@ -56,11 +56,8 @@ GIVEN = {
 
 def leaf(group, choice):
     """The options of one YAML file."""
-    verb = (
-        "render"
-        if group not in ("fit", "track", "field", "loss", "optimizer", "density", "need")
-        else "demo"
-    )
+    fitted = "fit", "track", "field", "loss", "optimizer", "density", "need"
+    verb = "reconstruct" if group in fitted else "render"
     verb = "evaluate" if group == "evaluate" else verb
     cfg = configuration(verb, [*GIVEN[verb], f"{group}={choice}"])
     return options(GROUPS[group][0], cfg[group])

@@ -13,6 +13,7 @@ LEVELS = [
     {"tracer", "capture", "fit", "dataset", "raster"},
     {"picture", "training", "gauge"},
     {"requirement"},
+    {"fitting"},
     {"reconstruct", "render"},
     {"evaluate", "filming", "rig", "exchange"},
     {"demo"},

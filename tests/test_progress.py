@@ -33,3 +33,8 @@ def test_quiet_says_nothing(monkeypatch):
 
 def test_long_times_have_hours(monkeypatch):
     assert "2:00:00 spent" in spoken(monkeypatch, [(7200, 10)])[0]
+
+
+def test_nothing_is_said_of_what_is_soon_over(monkeypatch):
+    assert spoken(monkeypatch, [(1, 1), (1.9, 10)], patience=2.0) == []
+    assert len(spoken(monkeypatch, [(1, 1), (2.1, 5), (3, 10)], patience=2.0)) == 2

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray import fitting as stage, training
+from gaussray import fitting as stage, reconstruct as recipe, training
 from gaussray.capture.calibration import View, read_capture
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.loader import Loader
@@ -29,7 +29,9 @@ from gaussray.scene.store import load_scene
 pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 OPTIONS = ReconstructOptions(
-    fit=FitOptions(coarse=100, fine=200, tiles=4, block=10, checkpoint=0.0, points=60),
+    fit=FitOptions(
+        coarse=100, fine=200, tiles=4, block=10, checkpoint=0.0, points=60, surround=0.0
+    ),
     track=TrackOptions(poses=8, points=4, elite=2, rounds=1, blur=(0.5,)),
     field=toy.SHORT.field,
     density=DensityOptions(interval=20),
@@ -119,8 +121,8 @@ def test_what_the_scene_requires_is_told(fitted):
 
 def test_a_run_ends_with_a_line_about_the_file(capture, tmp_path, capsys, monkeypatch):
     report = {"precision": "compact", "steps": []}
-    monkeypatch.setattr(stage, "required", lambda scene, *_, **__: (scene, dict(report)))
-    monkeypatch.setattr(stage, "sentence", lambda told: f"it has {told['file']} bytes")
+    monkeypatch.setattr(recipe, "required", lambda scene, *_, **__: (scene, dict(report)))
+    monkeypatch.setattr(recipe, "sentence", lambda told: f"it has {told['file']} bytes")
     reconstruct(capture, tmp_path, options=toy.SHORT)
     size = (tmp_path / "scene.npz").stat().st_size
     assert capsys.readouterr().out == f"it has {size} bytes\n"
@@ -227,16 +229,16 @@ def test_of_what_no_ray_has_met_the_captures_points_stay_and_random_ones_go(capt
     fit = Fit(capture, journal, options, True)
     state = fit.begin()
     points = len(capture.points.position)
-    assert sum(alive(x).sum() for x in (state.parameters.static, state.parameters.moving)) == round(
-        1.5 * points
-    )
+    started = state.parameters.static, state.parameters.moving
+    whole = points + round(0.5 * points)
+    assert sum(alive(free).sum() for free in started) == whole
     scene, unmet = fit.scene(state)
     assert scene.static.count + scene.moving.count == len(unmet) == points and unmet.all()
     met = eqx.tree_at(
         lambda s: s.adam.nu.static.mean, state, jnp.ones_like(state.parameters.static.mean)
     )
     scene, unmet = fit.scene(met)
-    assert len(unmet) == round(1.5 * points) and unmet.sum() == scene.moving.count
+    assert len(unmet) == whole and unmet.sum() == scene.moving.count
 
 
 @pytest.mark.parametrize("where", ["term", "parameter"])
@@ -287,7 +289,8 @@ def test_where_every_camera_looked_but_once_everything_may_move(capture, tmp_pat
 def test_without_points_the_field_alone_moves_what_is_no_body(bare, tmp_path):
     scene = reconstruct(bare, tmp_path, options=toy.SHORT, quiet=True)
     assert [line["stage"] for line in lines(tmp_path)] == ["coarse", "fine"]
-    assert scene.static.count == 0 and scene.moving.count == 60
+    # Of the 60 points some may be where no ray comes by.
+    assert scene.static.count == 0 and 50 < scene.moving.count <= 60
     assert scene.deformation is not None and scene.deformation.bodies.pivot.shape == (0, 3)
     assert scene.deformation.bodies.path.shape == (0, len(toy.TIMES), 3)
     found = load_scene(tmp_path)
