@@ -30,8 +30,6 @@ from gaussray.tracer.trace import TraceOptions
 
 # Readout of the rolling shutter in intervals between instants, and how wrong it is recorded.
 READOUT, WRONG = 1.0, 1.3
-# Errors of the other recordings: exposure (logarithm), offset (intervals), pose (degrees).
-GAIN, LATE, TURN = 0.2, 0.3, 0.5
 WAYS = {
     # film, recorded readout, what is refined
     "global": ("global", 0.0, ()),

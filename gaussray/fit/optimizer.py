@@ -60,9 +60,9 @@ class OptimizerOptions(eqx.Module):
     network: float = eqx.field(static=True, default=1e-3)
     pose: float = eqx.field(static=True, default=3e-4)
     lens: float = eqx.field(static=True, default=3e-4)
-    shutter: float = eqx.field(static=True, default=1e-2)
+    shutter: float = eqx.field(static=True, default=3e-2)
     exposure: float = eqx.field(static=True, default=5e-3)
-    offset: float = eqx.field(static=True, default=1e-2)
+    offset: float = eqx.field(static=True, default=2e-2)
     decay: float = eqx.field(static=True, default=0.1)
 
     def __check_init__(self):
