@@ -143,7 +143,8 @@ def _raise(error: Exception) -> None:
     leave(1)
 
 
-def _reconstruct_options(cfg: DictConfig) -> Any:
+def reconstruct_options(cfg: DictConfig) -> Any:
+    """ReconstructOptions of a configuration."""
     from gaussray import fitting as stage
 
     return stage.ReconstructOptions(
@@ -179,7 +180,7 @@ def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
     from gaussray.fit.journal import refuse
     from gaussray.reconstruct import reconstruct
 
-    chosen = _reconstruct_options(cfg)
+    chosen = reconstruct_options(cfg)
     capture = _capture(cfg.capture.path, cfg.capture, "capture.")
     refuse(Path(cfg.out), resume=cfg.resume)
     out = _run_folder(cfg)
@@ -283,7 +284,7 @@ def _demo(cfg: DictConfig, devices: int | None) -> None:
     from gaussray.render import RenderOptions
 
     chosen = {
-        "reconstruction": _reconstruct_options(cfg),
+        "reconstruction": reconstruct_options(cfg),
         "render": options(RenderOptions, cfg.render),
         "evaluation": options(EvaluateOptions, cfg.evaluate),
     }

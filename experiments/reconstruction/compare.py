@@ -66,7 +66,7 @@ def _run(work):
 def run(job: tuple[Path, Path, list[str]], end: float) -> None:
     """One way on one capture: reconstruct, then score."""
     from gaussray.capture.formats import open_capture
-    from gaussray.cli import _reconstruct_options, configuration
+    from gaussray.cli import configuration, reconstruct_options
     from gaussray.evaluate import EvaluateOptions, evaluate
     from gaussray.reconstruct import reconstruct
     from gaussray.render import RenderOptions
@@ -79,7 +79,7 @@ def run(job: tuple[Path, Path, list[str]], end: float) -> None:
     (out / "checkpoint.npz").unlink(missing_ok=True)
     capture = open_capture(folder)
     began = time.monotonic()
-    scene = reconstruct(capture, out, options=_reconstruct_options(cfg), quiet=True)
+    scene = reconstruct(capture, out, options=reconstruct_options(cfg), quiet=True)
     seconds = time.monotonic() - began
     report = evaluate(
         scene,
