@@ -190,6 +190,7 @@ def assert_found(folder, pictures, kinds, steps=100):
         assert off(fit, corrections) < LEFT * off(fit)
 
 
+@pytest.mark.slow
 def test_a_wrong_readout_and_wrong_exposures_are_found_together(tmp_path, pictures):
     assert_found(tmp_path, pictures, ("shutter", "exposure"), steps=60)
 
