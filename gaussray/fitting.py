@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.camera.camera import Camera
 from gaussray.capture.activity import activity, moved_pixels, point_activity
@@ -24,7 +24,7 @@ from gaussray.fit.initial import bodies, in_common_view, inliers, merged, on_poi
 from gaussray.fit.journal import Journal, decibel
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, scene_of
-from gaussray.fit.refinement import gains, no_corrections, refined_frames, refined_kinds
+from gaussray.fit.refinement import no_corrections, refined_kinds, refined_views
 from gaussray.fit.state import State, begin_state, refine_state, take
 from gaussray.fit.tracking import Shown, TrackOptions, track
 from gaussray.geometry import rotation_matrix
@@ -301,28 +301,22 @@ class Fit:
             agreed(state), options=density, extent=self.extent, limit=limit, seed=seed
         )
 
-    def training_cameras(self, state: State) -> tuple[Camera, Float[np.ndarray, "frames 3"] | None]:
+    def training_cameras(self, state: State) -> tuple[Camera, Float[Array, "frames 3"] | None]:
         """The frames' cameras and exposures as they are refined by now."""
-        corrections, seen = state.parameters.corrections, self.footage
-        if corrections is None:
-            return seen.camera, None
-        recorded = [jax.tree.map(lambda x, i=i: x[i], seen.camera) for i in range(len(seen.name))]
-        frames = list(zip(seen.name, recorded, strict=True))
-        cameras = refined_frames(corrections, self.cameras, self.names, frames)
-        gain = gains(corrections, self.cameras, self.names)
-        exposure = np.array([gain[name] for name in seen.name], np.float32) if gain else None
-        return jax.tree.map(lambda *x: jnp.stack(x), *cameras), exposure
+        known = self.cameras, self.footage.camera, self.cameras.owner
+        return eqx.filter_jit(refined_views)(state.parameters.corrections, *known)
 
     def scene(self, state: State) -> tuple[Scene, Bool[np.ndarray, " gaussians"]]:
         """What a state stands for, without empty rows, and which Gaussians no ray has met.
 
-        Of these the capture's own stay, for other cameras may see them; random ones go.
+        Of these the capture's own stay, for other cameras may see them; random ones go. Before the
+        first step of a stage nothing is known of any.
         """
         p, second, sides, blind = state.parameters, state.adam.nu, [], []
         for name, given in zip(("static", "moving"), self.journal.info["given"], strict=True):
             free = getattr(p, name)
             # What was never seen was never moved, nor split: it is in its first row.
-            unmet = ~np.any(np.asarray(getattr(second, name).mean), axis=1)
+            unmet = ~np.any(np.asarray(getattr(second, name).mean), axis=1) & bool(state.step)
             kept = alive(free) & ~(unmet & (np.arange(len(unmet)) >= given))
             sides.append(constrain(take(free, np.flatnonzero(kept))))
             blind.append(unmet[kept])

@@ -42,7 +42,7 @@ class Look(NamedTuple):
 def looks(
     seen: Footage,
     views: Camera,
-    gain: Float[np.ndarray, "frames 3"] | None = None,
+    gain: Float[Array, "frames 3"] | None = None,
     *,
     tiles: int,
     instants: int,
@@ -61,7 +61,7 @@ def looks(
     tiles = min(tiles, each * int(frames.max()))
     chosen = np.unique(np.linspace(0, len(times) - 1, instants).round().astype(int))
     batches = -(-weigh // (tiles * len(chosen)))
-    gain = np.ones((len(seen.times), 3), seen.times.dtype) if gain is None else gain
+    light = np.ones((len(seen.times), 3), seen.times.dtype) if gain is None else np.asarray(gain)
     some, further = [], []
     for i, time in enumerate(times[chosen]):
         own = np.flatnonzero(seen.times == time)
@@ -72,7 +72,7 @@ def looks(
         for found, cells, size in ((some, drawn, tiles), (further, passed, batches * tiles)):
             for cell in np.resize(cells, size).reshape(-1, tiles):
                 frame, tile = own[cell // each], cell % each
-                found.append(_look(seen, views, gain[frame], frame, tile, time))
+                found.append(_look(seen, views, light[frame], frame, tile, time))
     return some, further
 
 

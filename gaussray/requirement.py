@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 
 from gaussray.camera.camera import Camera
 from gaussray.capture.footage import Footage
@@ -119,7 +119,7 @@ def required(
     scene: Scene,
     seen: Footage,
     views: Camera,
-    gain: Float[np.ndarray, "frames 3"] | None = None,
+    gain: Float[Array, "frames 3"] | None = None,
     *,
     unmet: Bool[np.ndarray, " gaussians"] | None = None,
     options: NeedOptions,

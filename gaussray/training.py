@@ -15,7 +15,7 @@ from gaussray.fit import loss as losses, regularizer
 from gaussray.fit.cameras import CameraSet, resolved
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, descend, rates, scene_of
-from gaussray.fit.refinement import refined, settled
+from gaussray.fit.refinement import refined_views
 from gaussray.fit.state import State, watch
 from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.scene import Scene, at, moving_at
@@ -123,14 +123,11 @@ def _rays(
 ) -> tuple[Rays, Float[Array, "rays 3"] | None]:
     """Rays of a step (samples x rays) from the cameras as they are refined, and the gain of each
     pixel, None if none is."""
-    camera = jax.tree.map(lambda x: x[batch.frame], views)
-    gain, side = None, options.trace.bundle
-    if parameters.corrections is not None:
-        rows = settled(parameters.corrections, cameras)
-        own = jax.tree.map(lambda x: x[cameras.owner[batch.frame]], rows)
-        camera = jax.vmap(refined, in_axes=(0, 0, None))(camera, own, cameras)
-        if own.exposure is not None:
-            gain = jnp.repeat(jnp.exp(own.exposure), side**2, axis=0)
+    seen, owner = jax.tree.map(lambda x: x[batch.frame], (views, cameras.owner))
+    camera, gain = refined_views(parameters.corrections, cameras, seen, owner)
+    side = options.trace.bundle
+    if gain is not None:
+        gain = jnp.repeat(gain, side**2, axis=0)
     u = step_samples(options.samples, step)
     return tile_rays(camera, batch.tile, u, side=side), gain
 

@@ -224,6 +224,8 @@ def test_of_what_no_ray_has_met_the_captures_points_stay_and_random_ones_go(capt
     started = state.parameters.static, state.parameters.moving
     whole = points + round(0.5 * points)
     assert sum(alive(free).sum() for free in started) == whole
+    assert len(fit.scene(state)[1]) == whole
+    state = eqx.tree_at(lambda s: s.step, state, jnp.asarray(1))
     scene, unmet = fit.scene(state)
     assert scene.static.count + scene.moving.count == len(unmet) == points and unmet.all()
     met = eqx.tree_at(

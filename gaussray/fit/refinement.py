@@ -6,7 +6,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.lens import AbstractLens, FisheyePolynomial, KannalaBrandt, Pinhole
@@ -146,6 +146,21 @@ def _lens(lens: AbstractLens, own: Float[Array, " parameters"]) -> AbstractLens:
             )
         case _:
             raise TypeError(f"fit.refine has no words for a lens of type {type(lens).__name__}.")
+
+
+def refined_views(
+    corrections: Corrections | None,
+    cameras: CameraSet,
+    views: Camera,
+    owner: Int[Array, " frames"],
+) -> tuple[Camera, Float[Array, "frames 3"] | None]:
+    """Stacked views as they are refined, and what their linear light is multiplied by, None if
+    exposures are not; `owner` is the number of each view's camera."""
+    if corrections is None:
+        return views, None
+    own = jax.tree.map(lambda x: x[owner], settled(corrections, cameras))
+    views = jax.vmap(refined, in_axes=(0, 0, None))(views, own, cameras)
+    return views, None if own.exposure is None else jnp.exp(own.exposure)
 
 
 _refined = jax.jit(refined)
