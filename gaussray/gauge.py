@@ -1,5 +1,6 @@
 """How well drafts of a scene match the training pictures, and which Gaussians do it."""
 
+import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -102,11 +103,17 @@ class Gauge:
     def __init__(self, looks: Sequence[Look], *, trace: TraceOptions, mesh: Mesh, keys: int = 1):
         self.looks, self.trace, self.mesh, self.keys = looks, trace, mesh, keys
         self.capacity: Capacity | None = None
+        self.weight = 3 * float(np.sum([np.sum(look.weight) for look in looks]))
 
-    def psnr(self, draft: Draft) -> float:
-        """PSNR on the rays, encoded colours, in dB."""
-        square, weight = np.sum([self._run(_error, draft, x) for x in self.looks], axis=0)
-        return decibel(agreed(jnp.asarray(square / weight)))
+    def psnr(self, draft: Draft, *, least: float = -math.inf) -> float:
+        """PSNR on the rays, encoded colours, in dB; -inf as soon as it is sure to be below `least`,
+        which saves the rest of the looks."""
+        square, most = 0.0, self.weight * 10 ** (-least / 10)
+        for look in self.looks:
+            square += float(agreed(self._run(_error, draft, look)))
+            if square > most:
+                return -math.inf
+        return decibel(square / self.weight)
 
     def weights(self, draft: Draft, looks: Sequence[Look]) -> Float[np.ndarray, " gaussians"]:
         """What every Gaussian adds to the rays of these looks: the sum of its blending weights."""
@@ -142,12 +149,11 @@ def _motion(draft: Draft, look: Look, *, keys: int) -> Motion:
 def _error(
     draft: Draft, look: Look, *, trace: TraceOptions, capacity: Capacity, mesh: Mesh, keys: int
 ) -> tuple[Array, Array, Array]:
-    """Sum of squared errors and of their weights, list sizes and how many entries were dropped."""
+    """Sum of squared errors, list sizes and how many entries were dropped."""
     motion = _motion(draft, look, keys=keys)
     pixels, report = trace_sharded(motion, look.rays, options=trace, capacity=capacity, mesh=mesh)
     error = developed(srgb_encode(look.gain * pixels.color), look.truth) - look.truth
-    square = jnp.sum(look.weight[:, None] * error * error)
-    return jnp.stack([square, 3 * jnp.sum(look.weight)]), report.needed, report.dropped
+    return jnp.sum(look.weight[:, None] * error * error), report.needed, report.dropped
 
 
 @eqx.filter_jit

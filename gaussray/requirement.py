@@ -78,7 +78,7 @@ class _Trials:
         tried = count
         while count and high - low > max(count // 100, 1):
             draft = without(tried)
-            psnr = self.gauge.psnr(draft)
+            psnr = self.gauge.psnr(draft, least=self.psnr - self.bound)
             if self.psnr - psnr <= self.bound:
                 low, best = tried, (draft, psnr)
             else:

@@ -94,3 +94,15 @@ def test_the_psnr_is_that_of_the_pictures(seen):
     square = [10 ** (-psnr(a, x) / 10) for a, x in zip(truth, ours, strict=True)]
     # Tiles are drawn at random, each about 400 times.
     assert found == pytest.approx(-10 * np.log10(np.mean(square)), abs=0.2)
+
+
+def test_a_psnr_that_is_not_reached_is_not_measured_to_the_end(whole):
+    gauge, draft = Gauge(whole[0], trace=TRACE, mesh=mesh(1)), whole_draft(toy.scene())
+    faint = eqx.tree_at(lambda d: d.kept, draft, draft.kept & False)
+    exact, low = gauge.psnr(draft), gauge.psnr(faint)
+    assert gauge.psnr(draft, least=exact - 0.01) == exact
+    assert gauge.psnr(faint, least=low + 0.01) == gauge.psnr(draft, least=exact + 0.01) == -np.inf
+    looked = []
+    gauge._run = lambda *x, run=gauge._run: looked.append(x) or run(*x)
+    gauge.psnr(faint, least=exact)
+    assert len(looked) == 1 < len(gauge.looks)

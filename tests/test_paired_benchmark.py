@@ -88,6 +88,7 @@ def scores(psnr, **more):
 
 def report(shift):
     parts = {"train": scores(30 + shift), "held_out_cameras": scores(28 + shift, psnr_moving=20.0)}
+    parts["train"] |= {"flicker": 0.5 + shift, "flicker_truth": 0.25}
     return {
         "effects": {
             "pinhole": scores(29 + shift, parts=parts),
@@ -110,6 +111,7 @@ def test_the_table_has_means_and_the_worst_scene_beside_the_papers_figures():
     }
     own = lines["pinhole", "gaussray, training views"]
     assert "29.00" in own and "28.00 two" in own
+    assert "| -0.50 (0.25) |" in own
     assert "27.00 | 0.900" in lines["pinhole", "gaussray, held-out cameras"]
     assert "26.00 | 0.800" in lines["fisheye, inside the disc", "gaussray"]
     assert "24.00" in lines["rolling shutter, 1 row a chunk", "gaussray"]

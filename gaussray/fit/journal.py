@@ -99,7 +99,7 @@ class Journal:
             )
 
 
-def decibel(mse: Array) -> float:
+def decibel(mse: Array | float) -> float:
     """PSNR of a mean squared error of values in [0, 1]."""
     return -10 * float(np.log10(max(float(mse), 1e-12)))
 
