@@ -80,6 +80,7 @@ def render_depth(path, frame):
     form = scene.render.image_settings
     scene.cycles.samples, scene.cycles.filter_width, scene.cycles.use_denoising = 1, 0.01, False
     layer.use_pass_z, form.file_format = True, "OPEN_EXR_MULTILAYER"
+    scene.render.use_persistent_data = False
     scene.frame_set(int(frame // 1), subframe=frame % 1)
     path.parent.mkdir(parents=True, exist_ok=True)
     passes, partial = path.with_name(path.name + ".exr"), path.with_name(path.name + ".part")

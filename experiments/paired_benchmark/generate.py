@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import bpy
@@ -109,7 +110,8 @@ def film(chosen, preset, name):
     camera = new_camera(SENSOR_MM * stage.rig.focal)
     quality(preset.size, preset.size, preset.samples)
     begun = time.monotonic()
-    for done, image in enumerate(missing, 1):
+    for done, (last, image) in enumerate(pairwise([None, *missing]), 1):
+        bpy.context.scene.render.use_persistent_data = like(last, image)
         shoot(out, image, camera, stage.moving, f"{chosen.seed} {name}/{image.path}")
         passed = time.monotonic() - begun
         left = passed / done * (len(missing) - done)
@@ -128,6 +130,16 @@ def film(chosen, preset, name):
 
 def whole(out, image):
     return (out / image.path).exists() and (not image.depth or (out / image.depth).exists())
+
+
+def like(last, image):
+    """Whether Cycles may keep what it built for the last picture. To build it anew takes a GPU
+    longer than to render; but what is kept hides a change of motion steps, or of passes."""
+    return last is not None and not last.depth and effect_of(last) == effect_of(image)
+
+
+def effect_of(image):
+    return image.path.split("/")[0]
 
 
 def shoot(out, image, camera, moving, label):
