@@ -18,7 +18,10 @@ def picture_key(seed: int, name: str) -> PRNGKeyArray:
 
 
 def noisy(
-    key: PRNGKeyArray, light: Float[Array, "*n"], full_well: float, read_noise: float
+    key: PRNGKeyArray,
+    light: Float[Array, "*n"],
+    full_well: Float[Array, ""] | float,
+    read_noise: Float[Array, ""] | float,
 ) -> Float[Array, "*n"]:
     """(Poisson(full_well light) + Gaussian(read_noise)) / full_well: light as photosites count it,
     each on its own.

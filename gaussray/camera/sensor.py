@@ -44,7 +44,7 @@ class SensorOptions(eqx.Module):
     seed: int = eqx.field(static=True, default=0)
 
     def __check_init__(self):
-        _demand(self, "chromatic", _numbers(self.chromatic, 3, above=0), "3 numbers above 0")
+        _demand(self, "chromatic", _numbers(self.chromatic, 3, above=0.0), "3 numbers above 0")
         _demand(self, "vignetting", _numbers(self.vignetting, 3), "3 numbers")
         _demand(
             self,
