@@ -95,9 +95,11 @@ def options(kind: type[T], node: DictConfig) -> T:
     for name, value in values.items():
         if name not in known:
             raise ValueError(f"{group}.{name} is unknown; known are {', '.join(known)}.")
-        default = known[name].default
+        default, kinds = known[name].default, get_args(known[name].type)
+        if isinstance(value, list) and float in kinds:
+            value = [float(x) if type(x) is int else x for x in value]
         if default is None and value is not None:
-            values[name] = _as(get_args(known[name].type)[0], value, f"{group}.{name}")
+            values[name] = _as(kinds[0], value, f"{group}.{name}")
         else:
             values[name] = _as(type(default), value, f"{group}.{name}")
     return kind(**values)

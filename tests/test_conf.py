@@ -156,6 +156,17 @@ def test_a_bad_value_fails_with_key_rule_and_value(verb, override, message):
 def test_a_whole_number_does_for_a_fraction():
     cfg = configuration("demo", ["fit.opacity=1"])
     assert options(stage.FitOptions, cfg.fit).opacity == 1.0
+    cfg = configuration("render", [*GIVEN["render"], "physical.sensor=[36,24.0]"])
+    sensor = options(PhysicalOptions, cfg.physical).sensor
+    assert sensor == (36.0, 24.0) and {type(x) for x in sensor} == {float}
+
+
+def test_null_is_for_what_may_be_left_out():
+    given = [*GIVEN["render"], "physical.readout=0", "physical.f_number=null"]
+    read = options(
+        PhysicalOptions, configuration("render", [*given, "physical.seconds_per_unit=2"]).physical
+    )
+    assert (read.readout, read.f_number, read.seconds_per_unit) == (0.0, None, 2.0)
 
 
 def test_the_wheel_carries_the_configuration():

@@ -16,8 +16,9 @@ def toned(
 
     `srgb` is the standard curve (IEC 61966-2-1), `linear` stores the light itself. Of the others
     neither is a standard: `filmic` rolls highlights off, the rational fit of Narkowicz (2015) to
-    the look of ACES, x (2.51 x + 0.03) / (x (2.43 x + 0.59) + 0.14), then encoded as sRGB; `table`
-    is a camera's own response, stored values at even steps of light from 0 to 1, straight between.
+    the look of ACES, x (2.51 x + 0.03) / (x (2.43 x + 0.59) + 0.14), then encoded as sRGB (for
+    ACES' own exposure let 0.6 of the light in); `table` is a camera's own response, stored values
+    at even steps of light from 0 to 1, straight between.
     """
     if curve == "linear":
         return light
