@@ -113,9 +113,11 @@ def test_noise_is_that_of_a_picture_whatever_is_filmed_before_it(tmp_path):
     assert np.mean(other[records[0].file_path] == still[0]) < 0.5
 
 
-def test_a_sensor_is_noted_and_none_leaves_everything_as_it_was(tmp_path):
+def test_a_sensor_is_noted_and_none_leaves_everything_as_it_was(tmp_path, monkeypatch):
     records = toy.records()[:2]
-    filmed(tmp_path / "none", records, SensorOptions())
+    with monkeypatch.context() as patch:
+        patch.setattr(filming, "_developed", lambda *_, **__: pytest.fail("there is no sensor"))
+        filmed(tmp_path / "none", records, SensorOptions())
     document = json.loads((tmp_path / "none" / "transforms.json").read_text())
     assert "info" not in document and "color_space" not in document
     note = (tmp_path / "none" / "render.sha256").read_text()

@@ -16,10 +16,14 @@ WELL = 4000.0
 SIGMAS = 5
 
 
-def electrons(mean, read_noise=0.0, name="a", seed=0):
-    light = jnp.full(COUNT, mean / WELL)
-    counted = jax.jit(noisy)(picture_key(seed, name), light, WELL, read_noise)
-    return np.asarray(counted) * WELL
+count = jax.jit(noisy)
+
+
+def electrons(mean, read_noise=0.0, name="a", seed=0, dtype=jnp.float64):
+    light = jnp.full(COUNT, mean / WELL, dtype)
+    counted = count(picture_key(seed, name), light, dtype(WELL), dtype(read_noise))
+    assert counted.dtype == dtype
+    return np.asarray(counted, np.float64) * WELL
 
 
 def near(estimate, expected, variance):
@@ -27,10 +31,11 @@ def near(estimate, expected, variance):
     return abs(estimate - expected) < SIGMAS * np.sqrt(variance / COUNT)
 
 
-@pytest.mark.parametrize("mean", [0.0, 0.3, 4.0, 60.0, 3000.0])
+@pytest.mark.parametrize("mean", [0.0, 0.3, 4.0, 60.0, 3000.0, 50_000.0])
 @pytest.mark.parametrize("read_noise", [0.0, 2.5])
-def test_mean_and_variance_are_those_of_light_and_reading(mean, read_noise):
-    found, read = electrons(mean, read_noise), read_noise**2
+@pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
+def test_mean_and_variance_are_those_of_light_and_reading(mean, read_noise, dtype):
+    found, read = electrons(mean, read_noise, dtype=dtype), read_noise**2
     variance = mean + read
     if variance == 0:
         np.testing.assert_array_equal(found, 0)

@@ -40,6 +40,8 @@ def developed(light=LIGHT, **chosen):
 def test_by_default_light_stays_what_it_is():
     np.testing.assert_array_equal(developed(), LIGHT)
     assert not jax.tree.leaves(SensorOptions())
+    program = jax.make_jaxpr(lambda x: develop(x, CAMERA, KEY, options=SensorOptions()))(LIGHT)
+    assert not program.eqns
 
 
 def test_stops_double_light_and_add():
@@ -144,7 +146,8 @@ def test_a_manifest_records_every_key():
         ({"vignetting": (-1.5, 0.0, 0.0)}, "sensor.vignetting must be a1, a2, a3 with"),
         ({"falloff": -1.0}, "sensor.falloff must be at least 0, got -1.0"),
         ({"exposure": np.inf}, "sensor.exposure must be finite"),
-        ({"full_well": -5.0}, "sensor.full_well must be at least 0"),
+        ({"full_well": -5.0}, "sensor.full_well must be in 0 ... 100000 electrons"),
+        ({"full_well": 2e5}, "sensor.full_well must be in 0 ... 100000 electrons"),
         ({"gain": 0.5}, "sensor.gain must be at least 1, got 0.5"),
         ({"bits": 17, "white": 1.0}, "sensor.bits must be in 0 ... 16, got 17"),
         ({"bits": 8}, "sensor.bits needs sensor.white above 0"),
