@@ -5,7 +5,7 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 
 import equinox as eqx
 from hydra import compose, initialize_config_dir
@@ -87,14 +87,21 @@ def configuration(verb: str, overrides: Sequence[str]) -> DictConfig:
 
 
 def options(kind: type[T], node: DictConfig) -> T:
-    """One YAML leaf becomes one options object; an unknown key is an error."""
+    """One YAML leaf becomes one options object; an unknown key is an error. `null` is for keys
+    that are `X | None`."""
     values: dict[str, Any] = OmegaConf.to_container(node, resolve=True)  # type: ignore[assignment]
     known = kind.__dataclass_fields__  # type: ignore[attr-defined]
     group = node._key() or kind.__name__
     for name, value in values.items():
         if name not in known:
             raise ValueError(f"{group}.{name} is unknown; known are {', '.join(known)}.")
-        values[name] = _as(type(known[name].default), value, f"{group}.{name}")
+        default, kinds = known[name].default, get_args(known[name].type)
+        if isinstance(value, list) and float in kinds:
+            value = [float(x) if type(x) is int else x for x in value]
+        if default is None and value is not None:
+            values[name] = _as(kinds[0], value, f"{group}.{name}")
+        else:
+            values[name] = _as(type(default), value, f"{group}.{name}")
     return kind(**values)
 
 
@@ -194,7 +201,8 @@ def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
 
 
 def _render(cfg: DictConfig, devices: int | None) -> None:
-    from gaussray import rig as rigs
+    from gaussray import physical, rig as rigs
+    from gaussray.camera.sensor import SensorOptions
     from gaussray.filming import render_dataset
     from gaussray.render import RenderOptions
     from gaussray.scene.store import load_scene
@@ -208,21 +216,27 @@ def _render(cfg: DictConfig, devices: int | None) -> None:
         trajectory=options(rigs.TrajectoryOptions, cfg.trajectory),
         film=options(rigs.FilmOptions, cfg.film),
     )
+    given = options(physical.PhysicalOptions, cfg.physical)
+    sensor = options(SensorOptions, cfg.sensor)
     sampling, trace = options(RenderOptions, cfg.render), options(TraceOptions, cfg.trace)
     fps = _as(float, cfg.fps, "fps")
     if not fps > 0:
         raise ValueError(f"fps must be above 0, got {fps}.")
     scene = load_scene(cfg.scene)
     views = rigs.cameras_of(cfg.scene, cfg.cameras)
+    film = physical.applied(wanted, given)
     records = rigs.rig(
-        views, options=wanted, samples=sampling.samples, format=_as(str, cfg.format, "format")
+        views, options=film, samples=sampling.samples, format=_as(str, cfg.format, "format")
     )
+    physical.check_shape(given, (record.camera.film for record in records))
     out = render_dataset(
         scene,
         records,
         _run_folder(cfg),
         options=sampling,
         trace=trace,
+        sensor=sensor,
+        info=physical.described(wanted, given),
         fps=fps,
         devices=devices,
         quiet=cfg.quiet,

@@ -4,16 +4,22 @@ import hashlib
 import os
 import time as clock
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
+import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from gaussray.atomic import whole
+from gaussray.camera.chromatic import dispersed
+from gaussray.camera.noise import picture_key
+from gaussray.camera.sensor import SensorOptions, check_sensor, described, develop, encode
 from gaussray.capture.frames import read_stored
-from gaussray.dataset.images import write_image
+from gaussray.dataset.images import codes, write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.dataset.video import write_video
 from gaussray.devices import agreed, leads, share, wait
@@ -27,6 +33,10 @@ from gaussray.tracer.trace import TraceOptions
 PATIENCE = 90.0
 # Bytes of pictures that wait to be written.
 BACKLOG = 2 * 1024**3
+# Light is written as it is.
+NO_SENSOR = SensorOptions()
+# A half float holds the numbers of so many bits apart.
+HALF_BITS = 10
 
 
 def render_dataset(
@@ -36,28 +46,34 @@ def render_dataset(
     *,
     options: RenderOptions,
     trace: TraceOptions,
+    sensor: SensorOptions = NO_SENSOR,
+    info: Mapping[str, Any] | None = None,
     fps: float = 8.0,
     devices: int | None = None,
     quiet: bool = False,
 ) -> Path:
     """Write every recorded frame as a picture, each effect's manifest, and a video per camera.
 
-    The folder is a paired capture: it can be read back, reconstructed and evaluated. A picture that
+    A `sensor` develops the light before it is written; manifests record it, beside `info`. The
+    folder is a paired capture: it can be read back, reconstructed and evaluated. A picture that
     is already there is kept, so an interrupted run goes on; a folder that was begun with another
     scene, camera or option is refused. Each host renders its share of what is missing, on so many
     `devices` (None is all); the first one writes the rest when all pictures are there.
     """
     out = Path(out)
-    _claim(out, scene, records, options, trace)
+    for record in {id(r.camera.lens): r for r in records}.values():
+        check_sensor(sensor, record.camera, Path(record.file_path).suffix[1:])
+    made_with = (options, trace) if sensor == NO_SENSOR else (options, trace, sensor)
+    _claim(out, scene, records, made_with)
     there = agreed(np.array([(out / record.file_path).exists() for record in records]))
     own = share([record for record, old in zip(records, there, strict=True) if not old])
     render = Renderer(scene, options=options, trace=trace, devices=devices)
     progress = Progress("render", len(own), quiet=quiet or not leads())
-    frames = render.film(record.camera for record in own)
+    frames = render.film(dispersed(record.camera, sensor.chromatic) for record in own)
     missing = Counter(_video(record) for record, old in zip(records, there, strict=True) if not old)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         videos = _Videos(out, records, fps, pool)
-        for done, record in enumerate(_written(out, own, frames, pool), 1):
+        for done, record in enumerate(_written(out, own, frames, sensor, pool), 1):
             progress.report(done, record.effect)
             missing[_video(record)] -= 1
             # What other hosts have a part in waits for them.
@@ -66,20 +82,24 @@ def render_dataset(
         wait("pictures")
         if leads():
             _demand_all(out, records)
-            _write_lists(out, records)
+            _write_lists(out, records, sensor, info or {})
             videos.finish()
     wait("videos")
     return out
 
 
 def _written(
-    out: Path, records: Sequence[FrameRecord], frames: Iterator[Frame], pool: ThreadPoolExecutor
+    out: Path,
+    records: Sequence[FrameRecord],
+    frames: Iterator[Frame],
+    sensor: SensorOptions,
+    pool: ThreadPoolExecutor,
 ) -> Iterator[FrameRecord]:
     """The records whose pictures are written, in order: each core compresses one while the devices
     go on. What waits for a core is bounded in number and in bytes."""
     cores, waiting = os.cpu_count() or 1, deque()
     for record, frame in zip(records, frames, strict=True):
-        writing = pool.submit(write_image, out / record.file_path, frame.color)
+        writing = pool.submit(_write, out, record, frame.color, sensor)
         waiting.append((record, writing))
         while len(waiting) > min(2 * cores, BACKLOG // frame.color.nbytes):
             record, writing = waiting.popleft()
@@ -88,6 +108,25 @@ def _written(
     for record, writing in waiting:
         writing.result()
         yield record
+
+
+def _write(out: Path, record: FrameRecord, light: np.ndarray, sensor: SensorOptions) -> None:
+    """A picture's file: the light itself, or what a sensor makes of it."""
+    path = out / record.file_path
+    if sensor == NO_SENSOR:
+        write_image(path, light)
+        return
+    key = picture_key(sensor.seed, str(Path(record.file_path).with_suffix("")))
+    light = np.asarray(_developed(jnp.asarray(light), record.camera, key, options=sensor))
+    if path.suffix == ".exr":
+        write_image(path, light, depth="float" if sensor.bits > HALF_BITS else "half")
+    elif sensor.tone == "srgb":
+        write_image(path, light)
+    else:
+        write_image(path, codes(light, lambda x: encode(jnp.asarray(x), options=sensor)))
+
+
+_developed = eqx.filter_jit(develop)
 
 
 def _demand_all(out: Path, records: Sequence[FrameRecord]) -> None:
@@ -102,10 +141,20 @@ def _demand_all(out: Path, records: Sequence[FrameRecord]) -> None:
         clock.sleep(0.5)
 
 
-def _write_lists(out: Path, records: Sequence[FrameRecord]) -> None:
+def _write_lists(
+    out: Path, records: Sequence[FrameRecord], sensor: SensorOptions, info: Mapping[str, Any]
+) -> None:
+    extra: dict[str, Any] = {}
+    if sensor != NO_SENSOR:
+        info = {**info, "sensor": described(sensor)}
+    if sensor.tone == "linear":
+        extra["color_space"] = "linear"
+    if info:
+        extra["info"] = info
     for effect in dict.fromkeys(record.effect for record in records):
         name = "transforms" if effect == "pinhole" else effect
-        write_manifest(out / f"{name}.json", [r for r in records if r.effect == effect])
+        listed = [r for r in records if r.effect == effect]
+        write_manifest(out / f"{name}.json", listed, extra=extra)
 
 
 def _video(record: FrameRecord) -> str:
@@ -143,14 +192,14 @@ class _Videos:
             write_video(self._out / f"{name}.mp4", pictures, self._fps)
 
 
-def _claim(out: Path, scene: Scene, records: Sequence[FrameRecord], options, trace) -> None:
+def _claim(out: Path, scene: Scene, records: Sequence[FrameRecord], made_with: tuple) -> None:
     """Note in `out` what its pictures are made of, unless another note is there already."""
     digest = hashlib.sha256()
     for leaf in jax.tree.leaves(jax.device_get((scene, [record.camera for record in records]))):
         digest.update(np.asarray(leaf).tobytes())
     files = [record.file_path for record in records]
     static = [jax.tree.structure(record.camera) for record in records]
-    digest.update(repr((files, static, options, trace)).encode())
+    digest.update(repr((files, static, *made_with)).encode())
     note, own = out / "render.sha256", digest.hexdigest() + "\n"
     try:
         if note.exists() and note.read_text() != own:

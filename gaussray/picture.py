@@ -14,6 +14,7 @@ from jax.tree_util import PyTreeDef
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.camera import Camera, camera_rays
+from gaussray.camera.chromatic import Chromatic, achromatic, magnified
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import samples as sample_numbers
 from gaussray.raster import dilated, seen_from_center
@@ -155,8 +156,25 @@ def render_frames(
 
 def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, Report]:
     motion = _motion(scene, camera, part, pace)
+    if isinstance(camera.lens, Chromatic):
+
+        def channel(magnification: Float[Array, ""]) -> tuple[Pixels, Report]:
+            return _traced(motion, magnified(camera, magnification), part, pace)
+
+        seen, reports = over(channel, camera.lens.magnification)
+        color = jnp.stack([seen.color[i, :, i] for i in range(3)], axis=-1)
+        pixels = Pixels(color, jnp.mean(seen.transmittance, axis=0), jnp.mean(seen.depth, axis=0))
+        report = _all_of(reports)
+    else:
+        pixels, report = _traced(motion, camera, part, pace)
+    alpha = 1 - pixels.transmittance
+    depth = pixels.depth / jnp.maximum(alpha, 1e-6)
+    return jnp.concatenate([pixels.color, alpha[:, None], depth[:, None]], axis=1), report
+
+
+def _traced(motion: Motion, camera: Camera, part: Part, pace: Pace) -> tuple[Pixels, Report]:
+    """The part's pixels, each the mean of its samples."""
     u = sample_numbers(pace.options.samples).astype(part.pixel.dtype)
-    shared = _together(pace)
 
     def trace_some(u: Float[Array, "samples 5"]) -> tuple[Pixels, Report]:
         rays = _rays(camera, part.pixel, u)
@@ -165,12 +183,12 @@ def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, 
         )
         return jax.tree.map(lambda x: jnp.mean(x, axis=0), pixels), report
 
-    pixels, reports = over(trace_some, u.reshape(-1, shared, 5))
-    pixels = jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], pixels)
-    alpha = 1 - pixels.transmittance
-    depth = pixels.depth / jnp.maximum(alpha, 1e-6)
-    values = jnp.concatenate([pixels.color, alpha[:, None], depth[:, None]], axis=1)
-    return values, Report(
+    pixels, reports = over(trace_some, u.reshape(-1, _together(pace), 5))
+    return jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], pixels), _all_of(reports)
+
+
+def _all_of(reports: Report) -> Report:
+    return Report(
         needed=jnp.max(reports.needed, axis=0),
         dropped=jnp.sum(reports.dropped),
         skipped=jnp.max(reports.skipped),
@@ -186,6 +204,7 @@ def _rays(camera: Camera, pixel: Array, u: Float[Array, "samples 5"]) -> Rays:
 
 
 def _motion(scene: Scene, camera: Camera, part: Part, pace: Pace) -> Motion:
+    camera = achromatic(camera)
     key_time, options = _key_times(camera, part, pace.keys), pace.options
 
     def shown(gaussians: Gaussians) -> Gaussians:

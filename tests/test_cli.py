@@ -175,6 +175,17 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ("camera.split=validation", "camera.split"),
         ("render.samples=0", "render.samples must be at least 1"),
         ("fps=0", "fps"),
+        ("sensor.tone=filmic format=exr", "sensor.tone must be srgb with format=exr"),
+        ("sensor.bits=8", "sensor.bits needs sensor.white above 0"),
+        ("physical.f_number=2", "physical.f_number needs physical.focal_length"),
+        (
+            "physical.focal_length=50 physical.sensor=[36,24]",
+            "physical.sensor must have the shape of the picture",
+        ),
+        (
+            "shutter=rolling physical.readout=10 physical.seconds_per_unit=1",
+            "shutter.readout = 0.25 and physical.readout = 10.0 both say what it is",
+        ),
     ],
 )
 def test_a_camera_that_cannot_be(fails, tmp_path, scene_file, override, named):

@@ -9,11 +9,13 @@ import pytest
 
 from benchmarks.trade import PRESETS
 from gaussray import fitting as stage, rig
+from gaussray.camera.sensor import SensorOptions
 from gaussray.capture.formats import FORMATS
 from gaussray.capture.selection import Selection
 from gaussray.cli import VERBS, conf_folder, configuration, options
 from gaussray.devices import DevicesOptions
 from gaussray.evaluate import EvaluateOptions
+from gaussray.physical import PhysicalOptions
 from gaussray.render import RenderOptions
 from gaussray.tracer.trace import TraceOptions
 
@@ -37,6 +39,8 @@ GROUPS = {
     "shutter": (rig.ShutterOptions, "keep"),
     "trajectory": (rig.TrajectoryOptions, "keep"),
     "film": (rig.FilmOptions, "keep"),
+    "physical": (PhysicalOptions, "none"),
+    "sensor": (SensorOptions, "none"),
 }
 CHOICES = [
     (group, path.stem)
@@ -135,6 +139,10 @@ def test_an_unknown_key_fails_and_is_named(override):
         ("demo", "loss.l1=-1", "loss.l1 must be at least 0, got -1"),
         ("demo", "optimizer.decay=0", "optimizer.decay must be in"),
         ("render", "render.keys=1", "render.keys must be 0 (as many"),
+        ("render", "sensor.gain=0.5", "sensor.gain must be at least 1, got 0.5"),
+        ("render", "sensor.gain=null", "sensor.gain must be a number, got None"),
+        ("render", "physical.f_number=0", "physical.f_number must be above 0, got 0"),
+        ("render", "physical.readout=fast", "physical.readout must be a number, got 'fast'"),
         ("evaluate", "evaluate.split=both", "evaluate.split must be train, test or all"),
     ],
 )
@@ -148,6 +156,17 @@ def test_a_bad_value_fails_with_key_rule_and_value(verb, override, message):
 def test_a_whole_number_does_for_a_fraction():
     cfg = configuration("demo", ["fit.opacity=1"])
     assert options(stage.FitOptions, cfg.fit).opacity == 1.0
+    cfg = configuration("render", [*GIVEN["render"], "physical.sensor=[36,24.0]"])
+    sensor = options(PhysicalOptions, cfg.physical).sensor
+    assert sensor == (36.0, 24.0) and {type(x) for x in sensor} == {float}
+
+
+def test_null_is_for_what_may_be_left_out():
+    given = [*GIVEN["render"], "physical.readout=0", "physical.f_number=null"]
+    read = options(
+        PhysicalOptions, configuration("render", [*given, "physical.seconds_per_unit=2"]).physical
+    )
+    assert (read.readout, read.f_number, read.seconds_per_unit) == (0.0, None, 2.0)
 
 
 def test_the_wheel_carries_the_configuration():

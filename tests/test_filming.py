@@ -10,7 +10,11 @@ import toy
 
 from gaussray import filming
 from gaussray.camera.camera import camera_rays
+from gaussray.camera.sensor import SensorOptions
+from gaussray.camera.vignetting import transmission
 from gaussray.capture.calibration import read_capture
+from gaussray.capture.frames import read_stored
+from gaussray.color import srgb_decode
 from gaussray.evaluate import EvaluateOptions, evaluate
 from gaussray.filming import render_dataset
 from gaussray.render import RenderOptions
@@ -19,6 +23,8 @@ from gaussray.render import RenderOptions
 pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 ONE = RenderOptions(samples=1)
+# Half a code of each picture; sRGB codes are up to 2.3 times as far apart in light.
+CODES = (0.5 + 0.5 * 2.3) / 255
 # Room for one picture that waits to be written.
 SCARCE = toy.SIZE**2 * 3 * 4
 
@@ -80,3 +86,64 @@ def test_what_cannot_be_written_stops_the_run_and_what_was_written_stays(tmp_pat
     monkeypatch.setattr(filming, "write_image", write)
     render_dataset(toy.scene(), records, tmp_path, options=ONE, trace=toy.TRACE, quiet=True)
     assert len(read_capture(tmp_path).views) == 4
+
+
+def filmed(folder, records, sensor, info=None):
+    """The stored values of each record's picture, filmed with a sensor."""
+    render_dataset(
+        toy.scene(speed=0), records, folder, options=ONE, trace=toy.TRACE, sensor=sensor, info=info,
+        quiet=True,
+    )  # fmt: skip
+    size = toy.SIZE, toy.SIZE
+    return {r.file_path: read_stored(folder / r.file_path, *size) for r in records}
+
+
+def test_noise_is_that_of_a_picture_whatever_is_filmed_before_it(tmp_path):
+    noise = SensorOptions(full_well=500.0, read_noise=4.0, seed=2)
+    records = toy.records()[:4]
+    first = filmed(tmp_path / "a", records, noise)
+    again = filmed(tmp_path / "b", records[:0:-1], noise)
+    assert len(again) == 3
+    for path, picture in again.items():
+        np.testing.assert_array_equal(picture, first[path])
+    # Two pictures of one camera of what stands still, and one picture with another seed.
+    still = [first[r.file_path] for r in records[:2]]
+    assert np.mean(still[0] == still[1]) < 0.5
+    other = filmed(tmp_path / "c", records[:1], SensorOptions(full_well=500.0, read_noise=4.0))
+    assert np.mean(other[records[0].file_path] == still[0]) < 0.5
+
+
+def test_a_sensor_is_noted_and_none_leaves_everything_as_it_was(tmp_path, monkeypatch):
+    records = toy.records()[:2]
+    with monkeypatch.context() as patch:
+        patch.setattr(filming, "_developed", lambda *_, **__: pytest.fail("there is no sensor"))
+        filmed(tmp_path / "none", records, SensorOptions())
+    document = json.loads((tmp_path / "none" / "transforms.json").read_text())
+    assert "info" not in document and "color_space" not in document
+    note = (tmp_path / "none" / "render.sha256").read_text()
+    render_dataset(
+        toy.scene(speed=0), records, tmp_path / "none", options=ONE, trace=toy.TRACE, quiet=True
+    )
+    assert (tmp_path / "none" / "render.sha256").read_text() == note
+
+    sensor = SensorOptions(exposure=-1.0, vignetting=(-0.2, 0.0, 0.0), tone="linear", seed=9)
+    filmed(tmp_path / "sensor", records, sensor, {"physical": {"given": {"f_number": 2.0}}})
+    capture = read_capture(tmp_path / "sensor")
+    info = json.loads((tmp_path / "sensor" / "transforms.json").read_text())["info"]
+    assert info["physical"] == {"given": {"f_number": 2.0}}
+    assert (info["sensor"]["exposure"], info["sensor"]["seed"]) == (-1.0, 9)
+    # Codes in proportion to the light are read back as the light they are.
+    light, dark = (decoded(read_capture(tmp_path / name).views[0]) for name in ("none", "sensor"))
+    assert capture.views[0].color_space == "linear"
+    share = 0.5 * transmission(
+        records[0].camera.lens, records[0].camera.film, toy.single(0), toy.single(sensor.vignetting)
+    )
+    np.testing.assert_allclose(dark, light * np.asarray(share)[..., None], atol=CODES)
+    with pytest.raises(ValueError, match="holds pictures of another scene, camera or option"):
+        filmed(tmp_path / "sensor", records, SensorOptions())
+
+
+def decoded(view):
+    """The linear light of a picture."""
+    stored = read_stored(view.image, toy.SIZE, toy.SIZE) / 255
+    return stored if view.color_space == "linear" else srgb_decode(stored)

@@ -16,7 +16,7 @@ LEVELS = [
     {"fitting"},
     {"reconstruct", "render"},
     {"evaluate", "filming", "rig", "exchange"},
-    {"demo"},
+    {"demo", "physical"},
     {"cli"},
     {"__main__"},
 ]

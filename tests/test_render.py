@@ -8,6 +8,7 @@ import toy
 
 from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
+from gaussray.camera.chromatic import dispersed, magnified
 from gaussray.camera.film import Film
 from gaussray.camera.lens import KannalaBrandt
 from gaussray.camera.shutter import Shutter
@@ -21,6 +22,8 @@ pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 # Quadratic between the keys against exact rows, for motion of the third order (measured: 3e-4).
 ROWS = 1e-3
+# Sums of the same hits in single precision.
+SAME = 1e-5
 ONE = RenderOptions(samples=1)
 
 
@@ -98,6 +101,22 @@ def test_states_at_key_times_agree_with_a_state_for_every_row(scene, render):
     np.testing.assert_allclose(render(camera).color, exact.color, atol=ROWS)
     frozen = render(toy.camera(time=0.5))
     assert np.abs(frozen.color - exact.color).max() > 30 * ROWS
+
+
+def test_each_colour_is_seen_through_a_lens_of_its_own(still, render_still):
+    plain, sizes = toy.camera(0.2), (1.1, 1.0, 0.9)
+    fringed = render_still(dispersed(plain, sizes))
+    alone = [render_still(magnified(plain, toy.single(m))) for m in sizes]
+    for channel, frame in enumerate(alone):
+        # The same rays, over lists of other lengths.
+        np.testing.assert_allclose(
+            fringed.color[..., channel], frame.color[..., channel], atol=SAME
+        )
+    usual = render_still(plain)
+    np.testing.assert_allclose(fringed.color[..., 1], usual.color[..., 1], atol=SAME)
+    assert np.abs(fringed.color - usual.color).max() > 0.01
+    np.testing.assert_allclose(fringed.alpha, np.mean([f.alpha for f in alone], axis=0), atol=SAME)
+    assert render_still(dispersed(plain, (1.0, 1.0, 1.0))).compiled is False
 
 
 def test_a_time_outside_the_clip_is_its_border(render):

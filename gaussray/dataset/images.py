@@ -1,7 +1,7 @@
 """Pictures to disk, and pictures of pictures: comparisons and contact sheets."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +12,11 @@ from gaussray.atomic import whole
 from gaussray.color import srgb_encode
 
 
-def codes(image: np.ndarray | Array) -> np.ndarray:
-    """8-bit sRGB codes of linear light, clipped to 0..1, rounded to nearest; codes stay."""
+def codes(
+    image: np.ndarray | Array, encode: Callable[[np.ndarray], np.ndarray | Array] = srgb_encode
+) -> np.ndarray:
+    """8-bit codes of linear light, by default sRGB: values cut to 0..1, rounded to nearest; codes
+    stay."""
     image = np.asarray(image)
     if image.dtype == np.uint8:
         return image
@@ -22,7 +25,7 @@ def codes(image: np.ndarray | Array) -> np.ndarray:
         raise ValueError(
             f"a picture stored in 8 bits must be finite, got {bad} values that are not."
         )
-    encoded = srgb_encode(np.clip(image.astype(np.float64), 0, 1))
+    encoded = np.clip(encode(image.astype(np.float64)), 0, 1)
     return np.floor(255 * encoded + 0.5).astype(np.uint8)
 
 

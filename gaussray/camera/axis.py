@@ -1,0 +1,21 @@
+"""Where the optical axis of a lens meets the picture."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, DTypeLike, Float
+
+from gaussray.camera.lens import AbstractLens
+
+
+def axis_of(lens: AbstractLens, dtype: DTypeLike) -> Float[Array, "2"]:
+    """Pixel (column, row) of what lies straight ahead, which may be outside the picture."""
+    return lens.project(jnp.asarray([0, 0, 1], dtype))
+
+
+def require_axis(key: str, lens: AbstractLens) -> None:
+    """Raise a ValueError that names `key` unless the lens images its axis."""
+    if not np.all(np.isfinite(axis_of(lens, jnp.float32))):
+        raise ValueError(
+            f"{key} counts from the optical axis, which this lens does not image: its theta(r) "
+            "does not reach 0. Leave the key off, or give lens.k a first coefficient of 0."
+        )
