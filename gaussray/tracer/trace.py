@@ -236,13 +236,15 @@ def measure(
 
 
 def enlarge(capacity: Capacity, needed: list[int], *, headroom: float = 1.3) -> Capacity:
-    """The capacity with every size that `needed` exceeds (nearly) raised, with head-room.
+    """The capacity with every size that `needed` exceeds, or nearly (0.8 of it), raised, with
+    head-room: where lists grow, one new compilation serves them all.
 
-    Sizes are rounded up to an eighth of a power of two, so that growth recompiles rarely.
+    Sizes are rounded up to an eighth of a power of two, so that growth recompiles rarely; slots to
+    a power of two, which is room enough.
     """
 
-    def size(held: int, wanted: int) -> int:
-        if wanted <= held:
+    def size(held: int, wanted: int, near: float = 0.8) -> int:
+        if wanted <= near * held:
             return held
         target = max(int(wanted * headroom), 16)
         step = max(1 << (target.bit_length() - 3), 1)
@@ -252,7 +254,7 @@ def enlarge(capacity: Capacity, needed: list[int], *, headroom: float = 1.3) -> 
     return Capacity(
         cells=tuple(size(h, w) for h, w in zip(capacity.cells, cells, strict=True)),
         pairs=size(capacity.pairs, pairs),
-        slots=1 << max(size(capacity.slots, slots) - 1, 1).bit_length(),
+        slots=1 << max(size(capacity.slots, slots, near=1.0) - 1, 1).bit_length(),
     )
 
 
