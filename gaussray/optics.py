@@ -18,6 +18,8 @@ from gaussray.camera.lens import (
     FTheta,
     KannalaBrandt,
     RadialLens,
+    RayTable,
+    ThinPrismFisheye,
     UnifiedSphere,
     check_lens,
     limit_of,
@@ -72,13 +74,16 @@ def mounted(film: Film, options: LensOptions) -> AbstractLens:
     return lens
 
 
-def sees_behind(lens: AbstractLens) -> bool:
-    """Whether the lens is one that looks 90 degrees aside and beyond."""
+def sees_aside(lens: AbstractLens) -> bool:
+    """Whether the lens forms rays at 90 degrees from its axis and beyond."""
     match lens:
-        case RadialLens():
+        case RadialLens() | ThinPrismFisheye():
             return float(lens.max_angle) >= np.pi / 2
         case FisheyePolynomial():
             return float(lens.fov) >= np.pi
+        case RayTable():
+            lit = jnp.any(lens.rays != 0, axis=-1)
+            return bool(jnp.any(lit & (lens.rays[..., 2] <= 0)))
         case _:
             return isinstance(lens, Equirectangular)
 

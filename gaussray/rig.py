@@ -16,7 +16,7 @@ from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.capture.calibration import PINHOLE_FILE, View, read_views
 from gaussray.capture.formats import FORMATS, format_of
 from gaussray.dataset.manifest import FrameRecord
-from gaussray.optics import LensOptions as LensOptions, lens_label, mounted, sees_behind
+from gaussray.optics import LensOptions as LensOptions, lens_label, mounted, sees_aside
 
 
 class CameraOptions(eqx.Module):
@@ -177,7 +177,7 @@ def _aperture(camera: Camera, lens: AbstractLens, options: ApertureOptions) -> A
         return camera.aperture
     if options.radius == 0:
         return no_aperture()
-    if options.focus == "plane" and sees_behind(lens):
+    if options.focus == "plane" and sees_aside(lens):
         raise ValueError(
             "aperture.focus must be sphere for a lens that sees 90 degrees aside and beyond, where "
             "no plane in front is met, got plane."

@@ -48,6 +48,10 @@ def lens_keys(lens: AbstractLens) -> dict[str, Any]:
             return {"camera_model": "THIN_PRISM_FISHEYE", **_intrinsics(lens), **k, "lens": block}
         case FisheyePolynomial():
             return {"lens": _polynomial(lens)}
+        case RayTable():
+            first, every = plain(lens.center), plain(lens.focal)
+            table = {"model": "table", "file": _table(lens), "first": first, "every": every}
+            return {"lens": table}
         case FocalLens():
             return {**_intrinsics(lens), "lens": _block(lens)}
         case _:
@@ -74,9 +78,6 @@ def _block(lens: FocalLens) -> dict[str, Any]:
         case DoubleSphere():
             k, fov = plain(lens.coefficients), plain(2 * lens.max_angle)
             return {"model": "double_sphere", "k": k, "fov": fov}
-        case RayTable():
-            first, every = plain(lens.center), plain(lens.focal)
-            return {"model": "table", "file": _table(lens), "first": first, "every": every}
         case _:
             raise TypeError(f"the manifest has no words for a lens of type {type(lens).__name__}.")
 
