@@ -25,8 +25,8 @@ class RayTable(FocalLens):
     `rays` are unit vectors in camera axes (+x right, +y down, +z forward), zero where the lens
     forms none. Between them: bicubic (Catmull and Rom; in the outermost cells the cubic through the
     same four samples), made unit; black where one of these sixteen samples is zero, so a table
-    should go on for a sample beyond the rim. The outermost samples are continued by one cell. The
-    inverse begins at the nearest sample and is found by Newton's steps.
+    should go on for two samples beyond the rim. The outermost samples are continued by one cell.
+    The inverse begins at the nearest sample and is found by Newton's steps.
     """
 
     focal: Float[Array, "2"]
