@@ -122,7 +122,9 @@ def stacked(views: Sequence[View]) -> Camera:
                 f"poses, but this one differs from {views[0].image}. Resize the pictures or use "
                 "one kind of camera."
             )
-    return jax.tree.map(lambda *x: jnp.stack(x), *(view.camera for view in views))
+    # On the host: a device takes long to join thousands of small arrays.
+    cameras = jax.device_get([view.camera for view in views])
+    return jax.tree.map(lambda *x: jnp.asarray(np.stack(x)), *cameras)
 
 
 def _kind(camera: Camera) -> tuple:

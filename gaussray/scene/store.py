@@ -190,7 +190,13 @@ def scene_from(
         deformation = _residuals(array, "deformation", path)
     else:
         deformation = deformation_from(array, "deformation", path, demanded)
-    return Scene(gaussians("static"), gaussians("moving"), deformation, take("time_range"))
+    time_range = take("time_range")
+    if time_range.shape != (2,):
+        raise ValueError(
+            f"{path}: the array 'time_range' must hold two times, got the shape "
+            f"{time_range.shape}; the scene is damaged."
+        )
+    return Scene(gaussians("static"), gaussians("moving"), deformation, time_range)
 
 
 def deformation_from(
