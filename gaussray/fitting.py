@@ -31,8 +31,8 @@ from gaussray.fit.tracking import Shown, TrackOptions, track
 from gaussray.geometry import rotation_matrix
 from gaussray.progress import Progress
 from gaussray.requirement import NeedOptions
-from gaussray.scene.bodies import Bodies, body_of, reaching
-from gaussray.scene.deformation import FieldOptions, initial_deformation
+from gaussray.scene.bodies import Bodies, body_of, pose_at, reaching
+from gaussray.scene.deformation import Deformation, FieldOptions, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, folded, unconstrain
 from gaussray.scene.harmonics import C0
 from gaussray.scene.planes import initial_planes
@@ -240,7 +240,9 @@ class Fit:
         """
         place, instants = np.asarray(moving.mean), self.times
         known = self.capture.points is not None and self._watched()
-        groups = bodies(place if known else place[:0], instants)
+        held = self.journal.info.get("bodies")
+        before = held and (np.float32(held["pivot"]).reshape(-1, 3), np.float32(held["radius"]))
+        groups = bodies(place if known else place[:0], instants, known=before)
         progress = self._progress("track", len(instants) - 1)
         tracked = track(
             groups,
@@ -365,9 +367,16 @@ class Fit:
 
     def handed_on(self, state: State) -> State:
         """What the next segment starts from: all Gaussians as they stand at the instant that both
-        share, and the cameras as they were found. It can be kept like any other state."""
+        share, and the cameras as they were found. It can be kept like any other state; where the
+        bodies are then is noted with it."""
         scene, _ = self.scene(state)
         last = jnp.asarray(self.times[-1], scene.time_range.dtype)
+        self.journal.info["bodies"] = None
+        if isinstance(scene.deformation, Deformation):
+            held = scene.deformation.bodies
+            pivot = np.asarray(held.pivot + pose_at(held, last)[0])
+            told = {"pivot": pivot.tolist(), "radius": np.asarray(held.radius).tolist()}
+            self.journal.info["bodies"] = told
         shared = unconstrain(folded(eqx.filter_jit(at)(scene, last)))
         none = jax.tree.map(lambda x: x[:0], shared)
         return begin_state(Parameters(shared, none, None, state.parameters.corrections))

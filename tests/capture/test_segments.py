@@ -1,6 +1,7 @@
 """A capture is cut evenly, and neighbours share the instant between them."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,16 +11,19 @@ from gaussray.capture.calibration import Capture, View
 from gaussray.capture.segments import segments
 
 
+HERE = Path(__file__)
+
+
 def capture(times, held_out=()):
     """Two cameras that see each of the times, and a third that sees those held out."""
     seen = [(time, name, "train") for name in ("a", "b") for time in times]
     seen += [(time, "c", "test") for time in held_out]
     views = [
-        View(toy.camera(time=time), None, None, None, name, split, time, "pinhole", None, "srgb")
+        View(toy.camera(time=time), HERE, None, None, name, split, time, "pinhole", None, "srgb")
         for time, name, split in seen
     ]
     every = [view.time for view in views]
-    return Capture(None, views, {}, None, (min(every), max(every)), "normalised")
+    return Capture(HERE, views, {}, None, (min(every), max(every)), "normalised")
 
 
 @pytest.mark.parametrize("most", [2, 3, 4, 5, 8])
@@ -56,5 +60,5 @@ def test_what_is_held_out_is_in_no_segment_but_inside_of_their_times():
 
 def test_a_capture_without_training_views_is_left_to_those_who_say_so():
     views = [dataclasses.replace(view, split="test") for view in capture([0.0, 1.0]).views]
-    (part,) = segments(Capture(None, views, {}, None, (0.0, 1.0), "normalised"), 2)
+    (part,) = segments(Capture(HERE, views, {}, None, (0.0, 1.0), "normalised"), 2)
     assert not part.views

@@ -36,7 +36,7 @@ def same(one, two):
 def test_every_time_has_its_segment(clip):
     np.testing.assert_array_equal(edges_of(clip), [0.25, 0.5])
     np.testing.assert_array_equal(clip.time_range, [0, 1])
-    shown = [segment_at(clip, time) for time in (-1, 0, 0.2, 0.25, 0.4, 0.5, 1, 2)]
+    shown = [segment_at(clip, time) for time in (-1.0, 0.0, 0.2, 0.25, 0.4, 0.5, 1.0, 2.0)]
     expected = [clip.segments[i] for i in (0, 0, 0, 1, 1, 2, 2, 2)]
     assert all(a is b for a, b in zip(shown, expected, strict=True))
 
@@ -86,7 +86,7 @@ def test_a_header_that_lists_no_segments_is_refused(path, segments):
 def test_a_header_that_lists_too_many_or_none_is_refused(path):
     header, array = read_arrays(path, "gaussray-scene", 4)
     write_arrays(path, header | {"segments": header["segments"] + [{"version": 1}]}, array)
-    with pytest.raises(ValueError, match="segment 4: the array 'static.mean' is missing"):
+    with pytest.raises(ValueError, match="segment 4: the array 'time_range' is missing"):
         load_scene(path)
     write_arrays(path, header | {"segments": []}, array)
     with pytest.raises(ValueError, match="at least one segment, got none. The scene is damaged"):
