@@ -11,10 +11,7 @@ import toy
 from gaussray.evaluate import scene_facts
 from gaussray.exchange import export_model
 from gaussray.render import Renderer, RenderOptions
-from gaussray.scene.bodies import resting
 from gaussray.scene.clip import Clip
-from gaussray.scene.harmonics import C0
-from gaussray.scene.scene import Scene
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -22,26 +19,7 @@ pytestmark = pytest.mark.usefixtures("quick_compilation")
 ONE = RenderOptions(samples=1)
 # Where bodies go at steady speed, arcs through key states are exact but for rounding.
 ROUNDING = 2e-4
-EDGE, SPEED = 0.5, 0.8
-
-
-def carried(begin, end, light=1.0):
-    """The toy's wall, and its two bodies on their way along +x at steady speed; how they move is
-    known from `begin` to `end` alone."""
-    scene = toy.scene(speed=0)
-    times = toy.single(np.linspace(begin, end, 3))
-    bodies = resting(toy.single([[0, 0, 0]]), toy.single([0.7]), times)
-    path = toy.single(np.stack([SPEED * np.asarray(times), 0 * times, 0 * times], axis=-1)[None])
-    field = eqx.tree_at(
-        lambda d: (d.bodies, d.mean, d.rotation, d.scale, d.tint),
-        toy.deformation(),
-        (eqx.tree_at(lambda b: b.path, bodies, path), None, None, None, None),
-        is_leaf=lambda x: x is None,
-    )
-    # The light is 1/2 + C0 x of the constant harmonic x.
-    harmonics = light * (scene.static.harmonics + 0.5 / C0) - 0.5 / C0
-    static = eqx.tree_at(lambda g: g.harmonics, scene.static, harmonics)
-    return Scene(static, scene.moving, field, toy.single([begin, end]))
+EDGE = 0.5
 
 
 def filmer(scene, options=ONE):
@@ -50,13 +28,13 @@ def filmer(scene, options=ONE):
 
 @pytest.fixture(scope="module")
 def whole(quick_compilation):
-    return filmer(carried(0.0, 1.0))
+    return filmer(toy.carried(0.0, 1.0))
 
 
 @pytest.fixture(scope="module")
 def cut(quick_compilation):
     """The same in two segments, each of which knows its own times alone."""
-    return filmer(Clip((carried(0.0, EDGE), carried(EDGE, 1.0))))
+    return filmer(Clip((toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0))))
 
 
 @pytest.mark.parametrize("time", [0.0, 0.3, EDGE, 0.7, 1.0])
@@ -70,13 +48,13 @@ def test_a_clip_shows_at_every_time_what_the_whole_scene_shows(whole, cut, time)
 def test_without_division_a_frame_across_the_edge_would_be_wrong(whole):
     """What the test above can tell."""
     camera = toy.rolling(toy.camera(time=EDGE), readout=0.4)
-    alone = filmer(carried(0.0, EDGE))(camera)
+    alone = filmer(toy.carried(0.0, EDGE))(camera)
     assert np.abs(alone.color - whole(camera).color).max() > 100 * ROUNDING
 
 
 @pytest.mark.parametrize("chunk_rows", [0, 1])
 def test_each_row_across_the_edge_is_that_of_a_picture_at_its_time(whole, chunk_rows):
-    scene = Clip((carried(0.0, EDGE), carried(EDGE, 1.0, light=0.5)))
+    scene = Clip((toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0, light=0.5)))
     camera = toy.rolling(toy.camera(time=EDGE + 0.03), readout=0.2)
     options = RenderOptions(samples=1, chunk_rows=chunk_rows)
     rolled, still = filmer(scene, options)(camera), filmer(scene)
@@ -90,7 +68,7 @@ def test_each_row_across_the_edge_is_that_of_a_picture_at_its_time(whole, chunk_
 
 
 def test_an_exposure_across_the_edge_is_the_mean_over_its_time():
-    scene = Clip((carried(0.0, EDGE), carried(EDGE, 1.0, light=0.5)))
+    scene = Clip((toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0, light=0.5)))
     blurred = toy.camera(time=EDGE + 0.05)
     shutter = eqx.tree_at(lambda s: s.exposure, blurred.shutter, toy.single(0.2))
     blurred = dataclasses.replace(blurred, shutter=shutter)
@@ -113,7 +91,7 @@ def test_a_film_shows_the_frames_one_by_one(cut):
 
 
 def test_an_instant_of_a_clip_is_exported_from_its_segment(tmp_path):
-    parts = carried(0.0, EDGE), carried(EDGE, 1.0, light=0.5)
+    parts = toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0, light=0.5)
     for time, own in ((0.2, parts[0]), (EDGE, parts[1]), (0.8, parts[1])):
         found, _ = export_model(Clip(parts), tmp_path / "a.ply", time, color="linear")
         expected, _ = export_model(own, tmp_path / "b.ply", time, color="linear")
@@ -124,6 +102,6 @@ def test_an_instant_of_a_clip_is_exported_from_its_segment(tmp_path):
 
 
 def test_the_facts_of_a_clip_are_those_of_all_its_segments():
-    one = carried(0.0, EDGE)
-    facts, single = scene_facts(Clip((one, carried(EDGE, 1.0)))), scene_facts(one)
+    one = toy.carried(0.0, EDGE)
+    facts, single = scene_facts(Clip((one, toy.carried(EDGE, 1.0)))), scene_facts(one)
     assert facts == {name: 2 * value for name, value in single.items()} | {"segments": 2}
