@@ -125,7 +125,7 @@ def bodies(
     points is no body, and without points there are none.
     """
     pivot, radius = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
-    least, rest = max(len(position) / 100, 2), position
+    least, rest = max(len(position) / 100, 2.0), position
     if known is not None and len(known[1]) and len(position):
         held = np.asarray(body_of(_resting(*known, times), jnp.asarray(position)))
         large = np.bincount(held, minlength=len(known[1]) + 1)[:-1] >= least
