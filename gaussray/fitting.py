@@ -241,7 +241,10 @@ class Fit:
         place, instants = np.asarray(moving.mean), self.times
         known = self.capture.points is not None and self._watched()
         held = self.journal.info.get("bodies")
-        before = held and (np.float32(held["pivot"]).reshape(-1, 3), np.float32(held["radius"]))
+        before = None
+        if held:
+            pivot, radius = (np.array(held[name], np.float32) for name in ("pivot", "radius"))
+            before = pivot.reshape(-1, 3), radius
         groups = bodies(place if known else place[:0], instants, known=before)
         progress = self._progress("track", len(instants) - 1)
         tracked = track(
