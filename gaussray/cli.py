@@ -184,6 +184,7 @@ def _capture(path: str, node: DictConfig, label: str, prefix: str = "") -> Any:
 
 
 def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
+    from gaussray.evaluate import scene_facts
     from gaussray.fit.journal import refuse
     from gaussray.reconstruct import reconstruct
 
@@ -194,10 +195,8 @@ def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
     scene = reconstruct(
         capture, out, options=chosen, resume=cfg.resume, devices=devices, quiet=cfg.quiet
     )
-    _say(
-        f"{out / 'scene.npz'}: {scene.static.count + scene.moving.count} Gaussians, of which "
-        f"{scene.moving.count} move."
-    )
+    facts = scene_facts(scene)
+    _say(f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move.")
 
 
 def _render(cfg: DictConfig, devices: int | None) -> None:

@@ -25,6 +25,7 @@ from gaussray.dataset.video import write_video
 from gaussray.devices import agreed, leads, share, wait
 from gaussray.progress import Progress
 from gaussray.render import Frame, Renderer, RenderOptions
+from gaussray.scene.clip import Clip
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
 
@@ -40,7 +41,7 @@ HALF_BITS = 10
 
 
 def render_dataset(
-    scene: Scene,
+    scene: Scene | Clip,
     records: Sequence[FrameRecord],
     out: Path | str,
     *,
@@ -192,7 +193,9 @@ class _Videos:
             write_video(self._out / f"{name}.mp4", pictures, self._fps)
 
 
-def _claim(out: Path, scene: Scene, records: Sequence[FrameRecord], made_with: tuple) -> None:
+def _claim(
+    out: Path, scene: Scene | Clip, records: Sequence[FrameRecord], made_with: tuple
+) -> None:
     """Note in `out` what its pictures are made of, unless another note is there already."""
     digest = hashlib.sha256()
     for leaf in jax.tree.leaves(jax.device_get((scene, [record.camera for record in records]))):

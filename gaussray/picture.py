@@ -11,15 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jax.tree_util import PyTreeDef
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.chromatic import Chromatic, achromatic, magnified
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import samples as sample_numbers
+from gaussray.camera.shutter import row_number
 from gaussray.raster import dilated, seen_from_center
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene, at, moving_at
+from gaussray.shares import Share
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.shard import trace_sharded
@@ -64,11 +66,12 @@ class RenderOptions(eqx.Module):
 class Part(eqx.Module):
     """What is traced at once: `pixel` index (column, row) in the order of the bundles (padding
     repeats a pixel), and the `slot` of each pixel in it. `row` is where a chunk of rows has its
-    time."""
+    time. Of a frame that several segments of a clip show, one traces its `share`."""
 
     pixel: Float[Array, "slots 2"]
     slot: Int[Array, " pixels"]
     row: Float[Array, ""]
+    share: Share | None = None
 
 
 class Pace(eqx.Module):
@@ -175,15 +178,18 @@ def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, 
 def _traced(motion: Motion, camera: Camera, part: Part, pace: Pace) -> tuple[Pixels, Report]:
     """The part's pixels, each the mean of its samples."""
     u = sample_numbers(pace.options.samples).astype(part.pixel.dtype)
+    shared = _together(pace)
+    mine = None if part.share is None else part.share.seen
 
-    def trace_some(u: Float[Array, "samples 5"]) -> tuple[Pixels, Report]:
-        rays = _rays(camera, part.pixel, u)
+    def trace_some(some: tuple[Array, Array | None]) -> tuple[Pixels, Report]:
+        rays = _rays(camera, part.pixel, *some)
         pixels, report = trace_sharded(
             motion, rays, options=pace.trace, capacity=pace.capacity, mesh=pace.mesh
         )
         return jax.tree.map(lambda x: jnp.mean(x, axis=0), pixels), report
 
-    pixels, reports = over(trace_some, u.reshape(-1, _together(pace), 5))
+    groups = jax.tree.map(lambda x: x.reshape(-1, shared, x.shape[1]), (u, mine))
+    pixels, reports = over(trace_some, groups)
     return jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], pixels), _all_of(reports)
 
 
@@ -196,11 +202,24 @@ def _all_of(reports: Report) -> Report:
     )
 
 
-def _rays(camera: Camera, pixel: Array, u: Float[Array, "samples 5"]) -> Rays:
-    def sample(one: Float[Array, "5"]) -> Rays:
-        return camera_rays(camera, pixel, jnp.broadcast_to(one, (pixel.shape[0], 5)))
+def _rays(
+    camera: Camera,
+    pixel: Array,
+    u: Float[Array, "samples 5"],
+    seen: Bool[Array, "samples rows"] | None,
+) -> Rays:
+    """Rays of all samples; those that another segment traces have no direction."""
+    size = camera.film.width, camera.film.height
 
-    return jax.vmap(sample)(u)
+    def sample(one: Float[Array, "5"], seen: Bool[Array, " rows"] | None) -> Rays:
+        rays = camera_rays(camera, pixel, jnp.broadcast_to(one, (pixel.shape[0], 5)))
+        if seen is None:
+            return rays
+        row = jax.vmap(lambda p: row_number(camera.shutter, p, size))(pixel).astype(jnp.int32)
+        direction = jnp.where(seen[row][:, None], rays.direction, 0)
+        return Rays(rays.origin, direction, rays.time)
+
+    return jax.vmap(sample)(u, seen)
 
 
 def _motion(scene: Scene, camera: Camera, part: Part, pace: Pace) -> Motion:
@@ -224,13 +243,15 @@ def _motion(scene: Scene, camera: Camera, part: Part, pace: Pace) -> Motion:
 
 def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
     dtype = camera.time.dtype
+    bounds = (None, None) if part.share is None else (part.share.span[0], part.share.span[1])
     if not keys:
         place = jnp.stack([jnp.zeros_like(part.row), part.row])
-        return camera_rays(camera, place[None], jnp.full((1, 5), 0.5, dtype)).time
+        time = camera_rays(camera, place[None], jnp.full((1, 5), 0.5, dtype)).time
+        return jnp.clip(time, *bounds)
     last = (camera.film.width - 1, camera.film.height - 1)
     corner = jnp.asarray([(0, 0), (0, 0), last, last], dtype)
     u = jnp.full((4, 5), 0.5, dtype).at[:, 4].set(jnp.asarray([0, 1, 0, 1], dtype))
-    time = camera_rays(camera, corner, u).time
+    time = jnp.clip(camera_rays(camera, corner, u).time, *bounds)
     first, last = jnp.min(time), jnp.max(time)
     return jnp.linspace(first, last, keys, dtype=dtype) if keys > 1 else first[None]
 
@@ -239,8 +260,9 @@ def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
 def about_to_trace(scene: Scene, camera: Camera, part: Part, *, pace: Pace) -> tuple[Motion, Rays]:
     """What is traced at once, to measure list sizes with."""
     u = sample_numbers(pace.options.samples).astype(part.pixel.dtype)
-    motion = _motion(scene, camera, part, pace)
-    return motion, _rays(camera, part.pixel, u[: _together(pace)])
+    motion, some = _motion(scene, camera, part, pace), _together(pace)
+    seen = None if part.share is None else part.share.seen[:some]
+    return motion, _rays(camera, part.pixel, u[:some], seen)
 
 
 def _together(pace: Pace) -> int:

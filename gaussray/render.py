@@ -29,7 +29,9 @@ from gaussray.picture import (
     render_frames,
     render_part,
 )
+from gaussray.scene.clip import Clip, edges_of, segments_of
 from gaussray.scene.scene import Scene, key_count
+from gaussray.shares import Share, shares
 from gaussray.tracer.bundle import tiles
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import TraceOptions, enlarge, measure
@@ -56,32 +58,35 @@ class Renderer:
     """Renders frame after frame of one scene; list sizes are measured once and kept.
 
     An overflow is caught, the sizes are raised, and the frame is rendered again: nothing is lost.
+    Of a clip, every ray sees the segment that shows its time: a frame that looks into several costs
+    as many.
     """
 
     def __init__(
         self,
-        scene: Scene,
+        scene: Scene | Clip,
         *,
         options: RenderOptions | None = None,
         trace: TraceOptions | None = None,
         devices: int | None = None,
     ):
-        self.scene = scene
+        self.scenes, self._edges = segments_of(scene), edges_of(scene)
         self.options = options or RenderOptions()
         self.trace = trace or TraceOptions()
         self.mesh = device_mesh(devices)
-        leaves, self._structure = jax.tree.flatten(scene)
-        self._leaves = self._everywhere(leaves)
+        flat = [jax.tree.flatten(one) for one in self.scenes]
+        self._flat = [(self._everywhere(leaves), structure) for leaves, structure in flat]
         self._capacity: dict[tuple, Capacity] = {}
         self._parts: dict[tuple, tuple[Part, TraceOptions]] = {}
         self._ready: set = set()
         self._repairing = threading.Lock()
-        # Key states by span: a frame shall not ask the device for the instants of the capture.
-        self._counts: dict[float, int] = {}
+        # Key states by segment and span: a frame shall not ask the device for the instants.
+        self._counts: dict[tuple[int, float], int] = {}
 
     def __call__(self, camera: Camera) -> Frame:
         """One frame, its rays spread over the devices."""
-        return self._finish(self._begin(list(self._views([camera])), alone=True))[0]
+        views = self._views([camera])
+        return _united([self._finish(self._begin([view], alone=True))[0] for view in views])
 
     def film(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
         """Frame after frame, one on each device, begun before the last ones are finished. A frame's
@@ -90,24 +95,38 @@ class Renderer:
         Threads fetch the pictures: pages of memory for a picture take the host longer than a GPU
         takes to make it.
         """
-        waiting: deque[Future[list[Frame]]] = deque()
+        parts: list[Frame] = []
+        for view, part in self._filmed(cameras):
+            parts.append(part)
+            if view.last:
+                yield _united(parts)
+                parts = []
+
+    def _filmed(self, cameras: Iterable[Camera]) -> Iterator[tuple["_View", Frame]]:
+        """What every segment shows of every frame."""
+        waiting: deque[tuple[list[_View], Future[list[Frame]]]] = deque()
         with ThreadPoolExecutor(_IN_FLIGHT) as pool:
             for views in self._batches(self._views(cameras)):
                 batch = self._begin(views, alone=self.mesh.size == 1)
-                waiting.append(pool.submit(self._finish, batch))
+                waiting.append((views, pool.submit(self._finish, batch)))
                 # After a compilation lists may turn out too short: better for one frame than eight.
                 while waiting and (len(waiting) > batch.in_flight or batch.compiled):
-                    yield from waiting.popleft().result()
-            for following in waiting:
-                yield from following.result()
+                    begun, frames = waiting.popleft()
+                    yield from zip(begun, frames.result(), strict=True)
+            for begun, frames in waiting:
+                yield from zip(begun, frames.result(), strict=True)
 
     def _views(self, cameras: Iterable[Camera]) -> Iterator["_View"]:
         """Cameras on the host, whose business small numbers are: a device is asked for many of them
-        at once."""
+        at once. One for every segment that a frame looks into."""
         cameras = iter(cameras)
         while some := list(islice(cameras, 64)):
             for camera in jax.device_get(some):
-                yield _View(camera, *packed(camera), self._keys(camera))
+                row, layout = packed(camera)
+                divided = shares(camera, self._edges, self.options.samples)
+                for segment, share in divided:
+                    keys, last = self._keys(camera, segment, share), segment == divided[-1][0]
+                    yield _View(camera, row, layout, keys, segment, share, last)
 
     def _batches(self, views: Iterable["_View"]) -> Iterator[list["_View"]]:
         """Neighbours that can be compiled as one, as many as there are devices."""
@@ -120,15 +139,17 @@ class Renderer:
         if batch:
             yield batch
 
-    def _keys(self, camera: Camera) -> int:
-        """Key states for a frame; 0 where chunks of rows are called for."""
-        span = _time_span(camera)
+    def _keys(self, camera: Camera, segment: int, share: Share | None) -> int:
+        """Key states for what a segment shows of a frame; 0 where chunks of rows are called for."""
+        span = _time_span(camera) if share is None else float(share.span[1] - share.span[0])
         if span == 0:
             return 1
         if not self.options.chunk_rows:
-            if span not in self._counts:
-                self._counts[span] = self.options.keys or key_count(self.scene, span)
-            return self._counts[span]
+            known = segment, span
+            if known not in self._counts:
+                counted = self.options.keys or key_count(self.scenes[segment], span)
+                self._counts[known] = counted
+            return self._counts[known]
         if camera.shutter.direction in ("left_to_right", "right_to_left"):
             raise ValueError(
                 "render.chunk_rows must be 0 for a shutter that reads columns, as "
@@ -159,11 +180,12 @@ class Renderer:
         batch.compiled |= (size, pace.capacity) not in self._ready
         self._ready.add((size, pace.capacity))
         rows, layout = [view.row for view in batch.views], batch.views[0].layout
+        leaves, structure = self._flat[batch.views[0].segment]
         if batch.alone:
-            return render_part(self._structure, layout, pace)(self._leaves, rows[0], part)
+            return render_part(structure, layout, pace)(leaves, rows[0], part)
         # A device without a frame of its own repeats the last.
         rows = np.stack(rows + rows[-1:] * (self.mesh.size - len(rows)))
-        return render_frames(self._structure, layout, pace)(self._leaves, rows, part)
+        return render_frames(structure, layout, pace)(leaves, rows, part)
 
     def _finish(self, batch: "_Batch") -> list[Frame]:
         """The frames of a batch; parts whose lists were too short are rendered again."""
@@ -202,7 +224,8 @@ class Renderer:
             middle = jnp.asarray(top + (batch.rows - 1) / 2, jnp.float32)
             part = Part(_pixels(order, film.width), jnp.asarray(slot), middle)
             self._parts[key] = self._everywhere(part), trace
-        return self._parts[key]
+        part, trace = self._parts[key]
+        return replace(part, share=self._everywhere(batch.views[0].share)), trace
 
     def _everywhere(self, tree):
         """On every device, once for all frames."""
@@ -214,7 +237,8 @@ class Renderer:
         unknown = Pace(Capacity((), 0, 0), batch.keys, self.options, trace, None)
         part = jax.device_get(part)
         camera = batch.views[0].camera
-        motion, rays = about_to_trace(self.scene, camera, part, pace=unknown)
+        scene = self.scenes[batch.views[0].segment]
+        motion, rays = about_to_trace(scene, camera, part, pace=unknown)
         found = measure(motion, rays, options=trace, headroom=1.5)
         # A device sees its share of the bundles, but any one device may get the fullest.
         share = self.mesh.size if batch.alone else 1
@@ -226,16 +250,22 @@ class Renderer:
 
 
 class _View(NamedTuple):
-    """A camera, its numbers in a row, and the key states of its frame."""
+    """A camera, its numbers in a row, and of its frame the key states, a segment, that one's share
+    (None is all of it), and whether it is the `last` to show any."""
 
     camera: Camera
     row: Float[np.ndarray, " numbers"]
     layout: Layout
     keys: int
+    segment: int = 0
+    share: Share | None = None
+    last: bool = True
 
     def is_like(self, other: "_View") -> bool:
-        """Whether one program serves both."""
-        return self.layout == other.layout and self.keys == other.keys
+        """Whether one call of one program serves both."""
+        whole = self.share is None and other.share is None
+        alike = self.layout == other.layout and self.keys == other.keys
+        return whole and alike and self.segment == other.segment
 
 
 class _Batch:
@@ -246,7 +276,8 @@ class _Batch:
         self.film, self.keys = views[0].camera.film, views[0].keys
         self.began, self.compiled = clock.monotonic(), False
         self.parts: list[tuple] = []
-        self.size = (self.film.width, rows, self.keys, views[0].layout, alone)
+        of = views[0].segment, views[0].share is None
+        self.size = (self.film.width, rows, self.keys, views[0].layout, alone, *of)
 
     @property
     def in_flight(self) -> int:
@@ -255,6 +286,22 @@ class _Batch:
             return 1
         size = len(self.views) * self.film.width * self.film.height * 5 * 4
         return min(max(_BYTES // size, 1), _IN_FLIGHT)
+
+
+def _united(parts: list[Frame]) -> Frame:
+    """A frame from what every segment shows of it: where one sees nothing, it adds nothing."""
+    if len(parts) == 1:
+        return parts[0]
+    alpha = sum(part.alpha for part in parts)
+    way = sum(part.alpha * part.depth for part in parts)
+    return Frame(
+        np.sum([part.color for part in parts], axis=0),
+        np.asarray(alpha),
+        way / np.maximum(alpha, 1e-6),
+        sum(part.seconds for part in parts),
+        sum(part.hits for part in parts),
+        any(part.compiled for part in parts),
+    )
 
 
 def _joined(film: Film, pieces: list[tuple[int, np.ndarray]]) -> Float[np.ndarray, "h w 5"]:

@@ -10,7 +10,7 @@ PACKAGE = pathlib.Path(gaussray.__file__).parent
 LEVELS = [
     {"geometry", "color", "atomic", "ply", "progress", "devices"},
     {"scene", "camera"},
-    {"tracer", "capture", "fit", "dataset", "raster"},
+    {"tracer", "capture", "fit", "dataset", "raster", "shares"},
     {"picture", "training", "gauge", "optics"},
     {"requirement"},
     {"fitting"},
