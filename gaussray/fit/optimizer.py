@@ -63,7 +63,7 @@ class OptimizerOptions(eqx.Module):
     shutter: float = eqx.field(static=True, default=3e-2)
     exposure: float = eqx.field(static=True, default=5e-3)
     offset: float = eqx.field(static=True, default=2e-2)
-    decay: float = eqx.field(static=True, default=0.1)
+    decay: float = eqx.field(static=True, default=0.03)
 
     def __check_init__(self):
         for name in (
