@@ -19,7 +19,7 @@ from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import BLENDER_AXES, rotation_matrix
 
 
-_OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split")
+_OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split", "labels")
 _DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 
 
@@ -27,7 +27,8 @@ _DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 class FrameRecord:
     """One written picture, `file_path` from the manifest's folder, and the camera that took it.
 
-    `samples` is per pixel. The time written is the camera's.
+    `samples` is per pixel. The time written is the camera's. `labels` are the files of what else is
+    known of the picture's pixels.
     """
 
     file_path: str
@@ -38,6 +39,7 @@ class FrameRecord:
     samples: int | None = None
     mask_path: str | None = None
     depth_file_path: str | None = None
+    labels: Mapping[str, str] | None = None
 
 
 def write_manifest(
@@ -96,7 +98,7 @@ def _frame(view, camera):
     frame |= {key: block for key, block in blocks.items() if block is not None}
     if view.effect != "pinhole" or len(frame.keys() & {"lens", *blocks}):
         frame["effect"] = view.effect
-    for key in ("samples", "mask_path", "depth_file_path"):
+    for key in ("samples", "mask_path", "depth_file_path", "labels"):
         if getattr(view, key) is not None:
             frame[key] = getattr(view, key)
     return frame
