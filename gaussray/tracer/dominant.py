@@ -74,7 +74,7 @@ def _walk(rows, layout: Columns, index, bundle: _Bundle, *, options: TraceOption
         found = rows[gaussian]
         row = [found[..., i] for i in range(found.shape[-1])]
         t, q = response(*state_at(row, bundle.weights), bundle.origin, bundle.direction)
-        opacity = row[layout.opacity]
+        opacity = jnp.broadcast_to(row[layout.opacity], q.shape)
         alpha = opacity_on_ray(opacity, q, alpha_max=options.alpha_max)
         return t, jnp.where((q < reach(opacity, options.alpha_min) ** 2) & (t > 0), alpha, 0)
 
@@ -102,13 +102,10 @@ def _walk(rows, layout: Columns, index, bundle: _Bundle, *, options: TraceOption
         there = kept != end
         place = jnp.where(there, kept & ((1 << bits) - 1), 0).astype(jnp.int32)
         gaussian = jnp.maximum(index.at[bundle.start + place].get(mode="clip"), 0)
-        t, alpha = met(gaussian)
+        _, alpha = met(gaussian)
         alpha = jnp.where(there, alpha, 0)
-        # Keys order hits roughly; within a round they are compared exactly, as in `composite`.
-        rank = jnp.arange(options.k)[:, None, None]
-        before = (t[None] < t[:, None]) | ((t[None] == t[:, None]) & (rank[None, :, 0] < rank))
-        front = jnp.sum(jnp.where(before, jnp.log1p(-alpha)[None], 0), axis=1)
-        share = light[None] * alpha * jnp.exp(front)
+        clear = jnp.log1p(-alpha)
+        share = light[None] * alpha * jnp.exp(jnp.cumsum(clear, axis=0) - clear)
         top = jnp.argmax(share, axis=0)[None]
         found = jnp.take_along_axis(share, top, axis=0)[0]
         better = found > weight
