@@ -51,7 +51,7 @@ def shown(name: str, label: np.ndarray) -> np.ndarray:
 
 
 def wheel(flow: np.ndarray) -> np.ndarray:
-    """Motion as colour: its direction is the hue, white is none, black is where nothing is known."""
+    """Motion as colour: its direction is the hue, white is none, black is unknown."""
     angle = np.arctan2(flow[..., 1], flow[..., 0])
     size = np.clip(np.hypot(flow[..., 0], flow[..., 1]) / FULL, 0, 1)[..., None]
     hue = 0.5 + 0.5 * np.cos(angle[..., None] - np.array([0, 2, 4]) * np.pi / 3)

@@ -23,12 +23,13 @@ def test_layers_come_back_by_name_to_the_last_bit(tmp_path):
     np.testing.assert_array_equal(found["gaussian"], index)
 
 
-@pytest.mark.parametrize(("largest", "kind"), [(255, np.uint8), (256, np.uint16)])
+@pytest.mark.parametrize(("largest", "kind"), [(255, "uint8"), (256, "uint16")])
 def test_codes_take_as_many_bits_as_they_need(tmp_path, largest, kind):
     codes = np.array([[0, 1, largest]])
     write_codes(tmp_path / "a.png", codes)
-    found = oiio.ImageBuf(str(tmp_path / "a.png")).get_pixels(oiio.UNKNOWN)
-    assert found.dtype == kind
+    image = oiio.ImageInput.open(str(tmp_path / "a.png"))
+    found = image.read_image("uint16" if kind == "uint16" else "uint8")
+    assert str(image.spec().format) == kind
     np.testing.assert_array_equal(found[..., 0], codes)
 
 
