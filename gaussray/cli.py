@@ -203,6 +203,7 @@ def _render(cfg: DictConfig, devices: int | None) -> None:
     from gaussray import physical, rig as rigs
     from gaussray.camera.sensor import SensorOptions
     from gaussray.filming import render_dataset
+    from gaussray.labels import check_labels
     from gaussray.render import RenderOptions
     from gaussray.scene.store import load_scene
     from gaussray.tracer.trace import TraceOptions
@@ -221,6 +222,9 @@ def _render(cfg: DictConfig, devices: int | None) -> None:
     fps = _as(float, cfg.fps, "fps")
     if not fps > 0:
         raise ValueError(f"fps must be above 0, got {fps}.")
+    named = OmegaConf.to_container(cfg.labels) if OmegaConf.is_config(cfg.labels) else cfg.labels
+    asked = _as(tuple, named, "labels")
+    check_labels(asked)
     scene = load_scene(cfg.scene)
     views = rigs.cameras_of(cfg.scene, cfg.cameras)
     film = physical.applied(wanted, given)
@@ -236,6 +240,7 @@ def _render(cfg: DictConfig, devices: int | None) -> None:
         trace=trace,
         sensor=sensor,
         info=physical.described(wanted, given),
+        labels=asked,
         fps=fps,
         devices=devices,
         quiet=cfg.quiet,

@@ -1,5 +1,6 @@
 """One picture, compiled: rays, the scene at their times, the trace, the film."""
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.chromatic import Chromatic, achromatic, magnified
+from gaussray.camera.film import Film
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import samples as sample_numbers
 from gaussray.camera.shutter import row_number
@@ -22,6 +24,7 @@ from gaussray.raster import dilated, seen_from_center
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene, at, moving_at
 from gaussray.shares import Share
+from gaussray.tracer.bundle import tiles
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.shard import trace_sharded
@@ -72,6 +75,28 @@ class Part(eqx.Module):
     slot: Int[Array, " pixels"]
     row: Float[Array, ""]
     share: Share | None = None
+
+
+def whole_picture(film: Film, trace: TraceOptions) -> tuple[Part, TraceOptions]:
+    """A picture traced at once, and how: small ones have no use for coarser bundles."""
+    order = tiles(film.width, film.height, trace.bundle, trace.levels)
+    return part_of(film, order, trace)
+
+
+def part_of(
+    film: Film, order: Int[np.ndarray, " slots"], trace: TraceOptions, top: int = 0
+) -> tuple[Part, TraceOptions]:
+    """The pixels of `order` (row-major indices, whole rows from `top` on; -1 is padding, which
+    repeats the first pixel and is in no one's slot) as a part."""
+    if len(order) < trace.bundle**2 * 256:
+        trace = dataclasses.replace(trace, levels=0)
+    inside = np.flatnonzero(order >= 0)
+    slot = inside[np.argsort(order[inside])].astype(np.int32)
+    index = np.maximum(order, 0)
+    pixel = np.stack([index % film.width, index // film.width], axis=-1)
+    middle = top + (len(inside) // film.width - 1) / 2
+    place = jnp.asarray(pixel, jnp.float32), jnp.asarray(slot), jnp.asarray(middle, jnp.float32)
+    return Part(*place), trace
 
 
 class Pace(eqx.Module):

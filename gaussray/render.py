@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
@@ -26,13 +25,14 @@ from gaussray.picture import (
     RenderOptions as RenderOptions,
     about_to_trace,
     packed,
+    part_of,
     render_frames,
     render_part,
+    whole_picture,
 )
 from gaussray.scene.clip import Clip, edges_of, segments_of
 from gaussray.scene.scene import Scene, key_count
 from gaussray.shares import Share, shares
-from gaussray.tracer.bundle import tiles
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import TraceOptions, enlarge, measure
 from gaussray.tracer.traverse import Capacity
@@ -213,16 +213,10 @@ class Renderer:
         key = film.width, film.height, top, batch.rows, batch.keys == 0
         if key not in self._parts:
             if batch.keys:
-                order = tiles(film.width, film.height, trace.bundle, trace.levels)
+                part, trace = whole_picture(film, trace)
             else:
                 y, x = np.mgrid[top : top + batch.rows, : film.width]
-                order = (y * film.width + x).T.reshape(-1)
-            if len(order) < trace.bundle**2 * 256:
-                trace = replace(trace, levels=0)
-            inside = np.flatnonzero(order >= 0)
-            slot = inside[np.argsort(order[inside])].astype(np.int32)
-            middle = jnp.asarray(top + (batch.rows - 1) / 2, jnp.float32)
-            part = Part(_pixels(order, film.width), jnp.asarray(slot), middle)
+                part, trace = part_of(film, (y * film.width + x).T.reshape(-1), trace, top)
             self._parts[key] = self._everywhere(part), trace
         part, trace = self._parts[key]
         return replace(part, share=self._everywhere(batch.views[0].share)), trace
@@ -320,12 +314,6 @@ def _pictures(values: Array, count: int) -> list[np.ndarray]:
         return [np.asarray(values)]
     shards = sorted(values.addressable_shards, key=lambda shard: shard.index[0].start)
     return [np.asarray(shard.data) for shard in shards[:count]]
-
-
-def _pixels(order: np.ndarray, width: int) -> Float[Array, "slots 2"]:
-    """Indices (column, row); padding repeats the first pixel and is in no one's slot."""
-    index = np.maximum(order, 0)
-    return jnp.asarray(np.stack([index % width, index // width], axis=-1), jnp.float32)
 
 
 def _time_span(camera: Camera) -> float:

@@ -10,6 +10,7 @@ import toy
 
 from gaussray.evaluate import scene_facts
 from gaussray.exchange import export_model
+from gaussray.filming import render_dataset
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.clip import Clip
 
@@ -105,3 +106,12 @@ def test_the_facts_of_a_clip_are_those_of_all_its_segments():
     one = toy.carried(0.0, EDGE)
     facts, single = scene_facts(Clip((one, toy.carried(EDGE, 1.0)))), scene_facts(one)
     assert facts == {name: 2 * value for name, value in single.items()} | {"segments": 2}
+
+
+def test_labels_of_a_clip_are_refused(tmp_path):
+    clip = Clip((toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0)))
+    with pytest.raises(ValueError, match="fit.segment=0"):
+        render_dataset(
+            clip, toy.records(), tmp_path, options=ONE, trace=toy.TRACE, labels=["flow"], quiet=True
+        )
+    assert not any(tmp_path.iterdir())

@@ -32,7 +32,7 @@ PINHOLE_FILE = "transforms.json"
 _SHARED = {*INTRINSICS, *LABELS, "film", "effect", "samples", "color_space", "time_unit"}
 _FRAME = {
     *("file_path", "transform_matrix", "time", "camera", "split"),
-    *("mask_path", "depth_file_path"),
+    *("mask_path", "depth_file_path", "labels"),
 }
 _TOP = {"frames", "ply_file_path"}
 # Keys of nerfstudio, instant-ngp and D-NeRF that say nothing of the pictures' cameras, and "info",

@@ -19,14 +19,15 @@ from gaussray.dataset.lenses import lens_keys, plain, write_tables
 from gaussray.geometry import BLENDER_AXES, rotation_matrix
 
 
-_OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split")
+_OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split", "labels")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FrameRecord:
     """One written picture, `file_path` from the manifest's folder, and the camera that took it.
 
-    `samples` is per pixel. The time written is the camera's.
+    `samples` is per pixel. The time written is the camera's. `labels` are the files of what else is
+    known of the picture's pixels.
     """
 
     file_path: str
@@ -37,6 +38,7 @@ class FrameRecord:
     samples: int | None = None
     mask_path: str | None = None
     depth_file_path: str | None = None
+    labels: Mapping[str, str] | None = None
 
 
 def write_manifest(
@@ -97,7 +99,7 @@ def _frame(view, camera):
     frame |= {key: block for key, block in blocks.items() if block is not None}
     if view.effect != "pinhole" or len(frame.keys() & {"lens", *blocks}):
         frame["effect"] = view.effect
-    for key in ("samples", "mask_path", "depth_file_path"):
+    for key in ("samples", "mask_path", "depth_file_path", "labels"):
         if getattr(view, key) is not None:
             frame[key] = getattr(view, key)
     return frame

@@ -1,0 +1,67 @@
+"""Where and when a picture sees a point that moves: rows are read one after another."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.shutter import sample_time
+from gaussray.camera.trajectory import pose_at
+
+
+# The first step goes to what is read at the guess, those that follow are secants: one is exact for
+# a uniform motion on the picture, and each further one multiplies the last two errors.
+STEPS = 4
+# Share of a row's time by which the row found may miss, a twentieth of a pixel's motion by a pixel.
+MISS = 0.05
+
+
+def place_at(camera: Camera, point: Float[Array, "3"], time: Float[Array, ""]) -> Float[Array, "2"]:
+    """Pixel (column, row; centres at + 1/2) of a point of the world, seen from the camera's pose at
+    a time; NaN where it is not imaged. The aperture is left out."""
+    return camera.lens.project(pose_at(camera.trajectory, time).inverse_apply(point))
+
+
+def reading_time(camera: Camera, place: Float[Array, "2"]) -> Float[Array, ""]:
+    """Middle of the exposure of a place in the picture, in the capture's unit: that of its row in
+    the row's middle and even in between, so that what lands between rows has a time of its own."""
+    size = camera.film.width, camera.film.height
+    return sample_time(camera.shutter, place - 0.5, size, camera.time, jnp.full_like(place[0], 0.5))
+
+
+def landing(
+    camera: Camera,
+    path: Callable[[Float[Array, ""]], Float[Array, "3"]],
+    guess: Float[Array, ""],
+) -> tuple[Float[Array, "2"], Float[Array, ""], Bool[Array, ""]]:
+    """Place and time at which a picture sees a point of the world that goes along `path` (of time),
+    and whether it does: the point is imaged, inside the picture, by a row that is read just then.
+
+    The time solves t = reading_time(place_at(path(t), t)), by the secant method from `guess`. A
+    global shutter is met at once. What runs with the readout, as fast as it or faster, may be seen
+    more than once, or never: one landing is found, or none.
+    """
+
+    def seen(time: Array) -> tuple[Array, Array]:
+        place = place_at(camera, path(time), time)
+        return place, reading_time(camera, place) - time
+
+    def secant(_: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        before, missed_before, time = state
+        missed = seen(time)[1]
+        change = missed - missed_before
+        # At first, and where nothing changes (a global shutter, the root itself), to what is read.
+        flat = (before == time) | (change == 0) | (jnp.abs(missed) <= tiny * jnp.abs(time))
+        step = jnp.where(flat, missed, -missed * (time - before) / jnp.where(flat, 1, change))
+        return time, missed, time + step
+
+    tiny = jnp.finfo(guess.dtype).eps
+    start = guess, jnp.zeros_like(guess), guess
+    _, _, time = jax.lax.fori_loop(0, STEPS, secant, start)
+    place, missed = seen(time)
+    rounding = 8 * tiny * jnp.maximum(jnp.abs(time), jnp.abs(guess))
+    met = jnp.abs(missed) <= MISS * jnp.abs(camera.shutter.row_step) + rounding
+    size = jnp.asarray([camera.film.width, camera.film.height], place.dtype)
+    return place, time, met & jnp.all((place >= 0) & (place <= size))
