@@ -174,8 +174,8 @@ def test_blur_is_the_way_on_the_picture_during_the_exposure():
 
 def test_what_is_seen_is_told_from_what_is_not_and_neighbours_that_are_not_there():
     # A wall behind the left half, a plate that glides before its middle, nothing to the right.
-    wall = plates.plate(1.6, z=4.0, x=-1.7)
-    scene = plates.moved(plates.plate(0.5, z=2.0, x=-0.5), velocity=(0.2, 0, 0), still=wall)
+    wall = plates.plate(2.0, z=4.0, x=-2.1)
+    scene = plates.moved(plates.plate(0.3, z=2.0, x=-0.5), velocity=(0.2, 0, 0), still=wall)
     found = labels(scene, plates.camera(0.0), [name for name in LABELS if name != "sharp"])
     right = np.s_[:, plates.SIDE * 3 // 4 :]
     for name in ("valid", "group", "moving"):
@@ -195,7 +195,9 @@ def test_what_is_seen_is_told_from_what_is_not_and_neighbours_that_are_not_there
     assert set(np.unique(found["group"])) == {0, 1, 3}
     standing = found["group"] == 1
     assert standing.any() and (found["gaussian"][standing] < wall.count).all()
-    np.testing.assert_allclose(found["z"][standing], 4, atol=UNITS)
+    # The upper rows are beyond the reach of the plate's discs, which elsewhere share in the mean.
+    np.testing.assert_allclose(found["z"][:2][standing[:2]], 4, atol=UNITS)
+    assert standing[:2].any()
 
 
 def test_confusion_is_the_thin_lens_s_and_nothing_in_focus():
