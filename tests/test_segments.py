@@ -19,6 +19,7 @@ from gaussray.dataset.metrics import psnr
 from gaussray.fit.course import FitOptions
 from gaussray.fit.density import alive
 from gaussray.fit.journal import Journal
+from gaussray.fit.optimizer import OptimizerOptions
 from gaussray.fit.tracking import TrackOptions
 from gaussray.fitting import Fit, ReconstructOptions
 from gaussray.reconstruct import reconstruct
@@ -44,6 +45,8 @@ OPTIONS = ReconstructOptions(
         moving=0.4,
         refine=("exposure",),
     ),
+    # So few steps shall not end in a standstill.
+    optimizer=OptimizerOptions(decay=0.1),
     track=TrackOptions(poses=8, points=4, elite=2, rounds=1, blur=(0.5,)),
     field=toy.SHORT.field,
     trace=toy.SHORT.trace,
