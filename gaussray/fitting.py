@@ -148,7 +148,9 @@ class Fit:
     def take_over(self, state: State) -> State:
         """The start from what the segment before has `handed_on`: its Gaussians, of which those
         move now whose pixels change now."""
-        start = constrain(take(state.parameters.static, alive(state.parameters.static)))
+        start = constrain(
+            take(state.parameters.static, np.flatnonzero(alive(state.parameters.static)))
+        )
         moves = self._moves(np.asarray(start.mean), formed=True)
         given = [int(side.sum()) for side in (~moves, moves)]
         return self._started(start, moves, given, state.parameters.corrections)

@@ -7,7 +7,13 @@ from jaxtyping import Array, Bool, Float
 from gaussray.camera.inverse import keeps_orientation, plane_root
 
 
-# Radial and tangential coefficients; with the thin prism's; with the sensor's tilt.
+# The coefficients in OpenCV's order: radial and tangential, the thin prism's, the sensor's tilt.
+NAMES = (
+    *("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    *("s1", "s2", "s3", "s4"),
+    *("tau_x", "tau_y"),
+)
+# How many of them a lens may have.
 COUNTS = (8, 12, 14)
 # Newton steps from the distorted point; each squares the error, which starts below 1.
 STEPS = 6

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import DTypeLike
 
+from gaussray.camera import distortion
 from gaussray.camera.lens import (
     POLYNOMIALS,
     PROJECTIONS,
@@ -25,6 +26,7 @@ from gaussray.camera.lens import (
     limit_of,
     pinhole,
     ray_table,
+    thin_prism,
 )
 from gaussray.capture.keys import Keys
 from gaussray.capture.ray_map import read_ray_map
@@ -38,12 +40,9 @@ LENS_LABELS = {
     "EQUIRECTANGULAR": "equirectangular",
 }
 CAMERA_MODELS = (*PERSPECTIVE, *LENS_LABELS)
-DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-PRISM, TILT = ("s1", "s2", "s3", "s4"), ("tau_x", "tau_y")
-THIN_PRISM_FISHEYE = ("k1", "k2", "p1", "p2", "k3", "k4", "s1", "s2")
 INTRINSICS = (
     *("w", "h", "fl_x", "fl_y", "cx", "cy", "camera_model"),
-    *(*DISTORTION, *PRISM, *TILT),
+    *distortion.NAMES,
 )
 LENS_KEYS = (
     *("model", "k", "fov", "sensor_width_mm", "sensor_height_mm", "shift"),
@@ -78,11 +77,10 @@ def _focal_and_center(keys, dtype):
 
 
 def _perspective(keys, block, dtype):
-    names = [DISTORTION, PRISM, TILT]
-    while len(names) > 1 and not any(keys.number(key, 0.0) for key in names[-1]):
-        names.pop()
-    distortion = [keys.number(key, 0.0) for some in names for key in some]
-    bent = jnp.array(distortion, dtype) if any(distortion) else None
+    k = [keys.number(key, 0.0) for key in distortion.NAMES]
+    # As few as will do.
+    count = next(n for n in distortion.COUNTS if not any(k[n:]))
+    bent = jnp.array(k[:count], dtype) if any(k) else None
     return pinhole(*_focal_and_center(keys, dtype), bent)
 
 
@@ -104,21 +102,21 @@ def _polynomial(keys, block, dtype):
 
 def _kannala_brandt(keys, block, dtype):
     k = [keys.number(key, 0.0) for key in ("k1", "k2", "k3", "k4")]
-    half = block.number("fov") / 2 if block.has("fov") else _monotone_angle(k, (3, 5, 7, 9))
+    half = block.number("fov") / 2 if block.has("fov") else _monotone_angle(k)
     return _radial(KannalaBrandt, keys, dtype, half, k)
 
 
 def _thin_prism(keys, block, dtype):
-    k = [keys.number(key, 0.0) for key in THIN_PRISM_FISHEYE]
+    k = [keys.number(key, 0.0) for key in thin_prism.NAMES]
     radial = k[0], k[1], k[4], k[5]
-    half = block.number("fov") / 2 if block.has("fov") else _monotone_angle(radial, (3, 5, 7, 9))
+    half = block.number("fov") / 2 if block.has("fov") else _monotone_angle(radial)
     return _radial(ThinPrismFisheye, keys, dtype, half, k)
 
 
-def _monotone_angle(k, powers):
+def _monotone_angle(k):
     """Half angle up to which r(theta) increases, at most pi: for a file that names no fov."""
     theta = np.linspace(0, np.pi, 4097)
-    slope = np.polynomial.polynomial.polyval(theta**2, [1, *np.multiply(k, powers)])
+    slope = np.polynomial.polynomial.polyval(theta**2, [1, *np.multiply(k, (3, 5, 7, 9))])
     falls = slope <= 1e-3
     return 0.9999 * (theta[int(np.argmax(falls))] if falls.any() else np.pi)
 

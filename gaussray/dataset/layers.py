@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio
 
-from gaussray.atomic import whole
+from gaussray.dataset.images import write_pixels
 
 
 # Last letters of the channel names of vectors.
@@ -66,10 +66,4 @@ def _write(path: Path, image: np.ndarray, names: list[str]) -> None:
     kind = {"float32": oiio.FLOAT, "uint8": oiio.UINT8, "uint16": oiio.UINT16}[image.dtype.name]
     spec = oiio.ImageSpec(image.shape[1], image.shape[0], image.shape[2], kind)
     spec.channelnames = names
-    with whole(path) as partial:
-        file = oiio.ImageOutput.create(str(partial))
-        if file is None:
-            raise OSError(f"{path}: cannot be written: {oiio.geterror()}")
-        good = file.open(str(partial), spec) and file.write_image(np.ascontiguousarray(image))
-        if not (file.close() and good):
-            raise OSError(f"{path}: cannot be written: {file.geterror()}")
+    write_pixels(path, image, spec)

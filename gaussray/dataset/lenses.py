@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gaussray.atomic import whole
+from gaussray.camera import distortion
 from gaussray.camera.lens import (
     AbstractLens,
     DoubleSphere,
@@ -21,19 +22,15 @@ from gaussray.camera.lens import (
     RayTable,
     ThinPrismFisheye,
     UnifiedSphere,
+    thin_prism,
 )
-
-
-_DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-_DISTORTION += ("s1", "s2", "s3", "s4", "tau_x", "tau_y")
-_THIN_PRISM_FISHEYE = ("k1", "k2", "p1", "p2", "k3", "k4", "s1", "s2")
 
 
 def lens_keys(lens: AbstractLens) -> dict[str, Any]:
     """The keys from which `capture` builds the same lens, bit by bit."""
     match lens:
         case Pinhole():
-            k = dict(zip(_DISTORTION, plain(lens.distortion), strict=False))
+            k = dict(zip(distortion.NAMES, plain(lens.distortion), strict=False))
             used = {key: value for key, value in k.items() if value != 0}
             return {"camera_model": "OPENCV" if used else "PINHOLE", **_intrinsics(lens), **used}
         case Equirectangular():
@@ -43,7 +40,7 @@ def lens_keys(lens: AbstractLens) -> dict[str, Any]:
             block = {"model": "kannala_brandt", "fov": plain(2 * lens.max_angle)}
             return {"camera_model": "OPENCV_FISHEYE", **_intrinsics(lens), **k, "lens": block}
         case ThinPrismFisheye():
-            k = dict(zip(_THIN_PRISM_FISHEYE, plain(lens.coefficients), strict=True))
+            k = dict(zip(thin_prism.NAMES, plain(lens.coefficients), strict=True))
             block = {"model": "thin_prism_fisheye", "fov": plain(2 * lens.max_angle)}
             return {"camera_model": "THIN_PRISM_FISHEYE", **_intrinsics(lens), **k, "lens": block}
         case FisheyePolynomial():

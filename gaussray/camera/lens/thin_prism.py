@@ -12,6 +12,8 @@ from gaussray.camera.lens.radial import polar
 from gaussray.geometry import safe_norm
 
 
+# The coefficients in COLMAP's order.
+NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "s1", "s2")
 # Newton steps, and the largest residual in focal lengths, as in `distortion.py`.
 STEPS, RESIDUAL = 8, 1e-4
 
