@@ -5,9 +5,11 @@ python -m benchmarks.bench_render --scene RUN [--frames 6]
 
 `--room` films the generated dynamic room: each frame makes its rays, deforms the scene for its
 times, builds the grid and traces, and the picture stays on the device; frames follow each other
-without waiting, and whether lists were long enough is asked at the end. Depth of field takes 16
-rays a pixel, the others one; the rolling shutter reads for one interval of the capture, with key
-states (every ray has its own time), in blocks of 16 rows and row by row (the paper's way).
+without waiting, and whether lists were long enough is asked at the end. Depth of field, motion blur
+and everything at once (a fisheye with an aperture, a rolling shutter, an exposure and a moving
+camera) take 16 rays a pixel, the others one; a pinhole of 16 tells what rays alone cost. The
+rolling shutter reads for one interval of the capture, with key states (every ray has its own time),
+in blocks of 16 rows and row by row (the paper's way).
 
 `--scene` films a trained scene at the sample capture's held-out cameras and fetches every picture.
 
@@ -37,6 +39,16 @@ ROOM = {
     "rolling_shutter": (1, 0),
     "rolling_shutter_16_rows": (1, 16),
     "rolling_shutter_1_row": (1, 1),
+    "moving_camera": (1, 0),
+    "pinhole_16_rays": (16, 0),
+    "motion_blur": (16, 0),
+    "everything": (16, 0),
+}
+# Which camera films what has no camera of its own name.
+CAMERA = {
+    "rolling_shutter_16_rows": "rolling_shutter",
+    "rolling_shutter_1_row": "rolling_shutter",
+    "pinhole_16_rays": "pinhole",
 }
 # Rays a pixel in the sample capture; what is not listed takes 16.
 SAMPLE_RAYS = {"pinhole": 1, "rolling_shutter": 1, "fisheye": 4}
@@ -63,21 +75,26 @@ def in_room(chosen) -> list[dict]:
     shots, names = [], []
     for count in chosen.room:
         scene, views = dynamic_room(count), cameras(chosen.side)
+        # One truth for all that have the same camera and rays.
         truth = {
-            name: cache(partial(true_pixels, scene, view, ROOM[name][0]))
-            for name, view in views.items()
+            (kind, samples): cache(partial(true_pixels, scene, views[kind], samples))
+            for kind, samples in {_shot(effect) for effect in chosen.effects}
         }
         for effect, k in product(chosen.effects, chosen.k):
-            samples, block = ROOM[effect]
-            kind = effect if effect in views else "rolling_shutter"
-            options = RenderOptions(samples=samples, chunk_rows=block)
+            kind, samples = _shot(effect)
+            options = RenderOptions(samples=samples, chunk_rows=ROOM[effect][1])
             trace = TraceOptions(k=k, backend=chosen.backend)
-            shots.append(Shot(scene, views[kind], options, trace, truth[kind]))
+            shots.append(Shot(scene, views[kind], options, trace, truth[kind, samples]))
             names.append(effect)
     return [
         record("render", effect=effect, scene="dynamic_room", **figures)
         for effect, (figures, _) in zip(names, filmed(shots, jobs=chosen.jobs), strict=True)
     ]
+
+
+def _shot(effect: str) -> tuple[str, int]:
+    """Name of an effect's camera, and its rays a pixel."""
+    return CAMERA.get(effect, effect), ROOM[effect][0]
 
 
 def in_capture(chosen) -> list[dict]:

@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
@@ -169,7 +170,9 @@ def cameras(side: int) -> dict[str, Camera]:
     """A camera for every effect, all at the same place, halfway through the capture.
 
     The fisheye sees 180 degrees from corner to corner; the aperture is 6 cm wide, focused 2.5 m
-    away; the rolling shutter reads for one interval of the capture.
+    away; the rolling shutter reads for one interval of the capture; rows are exposed for half of
+    one; the moving camera goes 30 cm aside and turns by 6 degrees while the capture lasts.
+    "everything" is all of it in one camera.
     """
     focal = side / 2 / np.tan(np.deg2rad(30))
     straight = pinhole(_single([focal] * 2), _single([side / 2] * 2))
@@ -185,6 +188,9 @@ def cameras(side: int) -> dict[str, Camera]:
         "fisheye": _camera(side, fisheye),
         "depth_of_field": _camera(side, straight, radius=0.03),
         "rolling_shutter": _camera(side, straight, readout=readout),
+        "motion_blur": _camera(side, straight, exposure=readout / 2),
+        "moving_camera": _camera(side, straight, aside=0.3),
+        "everything": _camera(side, fisheye, 0.03, readout, readout / 2, 0.3),
     }
 
 
@@ -194,16 +200,28 @@ def film_of(camera: Camera, frames: int) -> Iterator[Camera]:
         yield eqx.tree_at(lambda c: c.time, camera, _single(time))
 
 
-def _camera(side: int, lens: AbstractLens, radius: float = 0, readout: float = 0) -> Camera:
+def _camera(
+    side: int,
+    lens: AbstractLens,
+    radius: float = 0,
+    readout: float = 0,
+    exposure: float = 0,
+    aside: float = 0,
+) -> Camera:
     right, up, forward = _axes()
-    turn = quaternion(jnp.asarray(np.stack([right, -up, forward], axis=1)))
+    axes = np.stack([right, -up, forward], axis=1)
+    times, place, turn = [0.0], [EYE], [quaternion(_single(axes))]
+    if aside:
+        sweep = Rotation.from_rotvec(np.deg2rad(6) * up).as_matrix()
+        times, place = [0.0, 1.0], [EYE, EYE + aside * right]
+        turn.append(quaternion(_single(sweep @ axes)))
     zero = _single(0)
     return Camera(
         Film(side, side, "center"),
         lens,
         Aperture(_single(radius), _single(2.5), zero, _single(1)),
-        Shutter(_single(-readout / 2), _single(readout / max(side - 1, 1)), zero),
-        Trajectory(jnp.zeros(1, jnp.float32), _single(turn)[None], _single(EYE)[None]),
+        Shutter(_single(-readout / 2), _single(readout / max(side - 1, 1)), _single(exposure)),
+        Trajectory(_single(times), jnp.stack(turn), _single(place)),
         _single(0.5),
     )
 

@@ -18,6 +18,10 @@ from gaussray.scene.harmonics import constant
 # a regular grid all distances but those at the border are equal.
 _AROUND, _SPREAD = 16, 0.2
 
+# Typical gaps within which points belong together. Thousands of points, uniform on one surface, are
+# all connected only above 3.4 (a random geometric graph); leaves on their stems need more.
+LINK = 5.0
+
 
 def merged(
     position: Float[np.ndarray, "points 3"], color: Float[np.ndarray, "points 3"]
@@ -121,7 +125,7 @@ def bodies(
 
     Bodies that are `known`, by pivot and radius, stay what they are: two that touch by now are
     still two. Among the points that these do not hold, connected groups are bodies: points belong
-    together when they are nearer than three typical gaps. What holds less than a hundredth of the
+    together when they are nearer than LINK typical gaps. What holds less than a hundredth of the
     points is no body, and without points there are none.
     """
     pivot, radius = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
@@ -149,7 +153,7 @@ def _groups(
     gap = np.median(
         tree.query(position, k=min(2, len(position)))[0].reshape(len(position), -1)[:, -1]
     )
-    pairs = tree.query_pairs(3 * gap, output_type="ndarray")
+    pairs = tree.query_pairs(LINK * gap, output_type="ndarray")
     graph = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(position),) * 2)
     _, label = connected_components(graph, directed=False)
     size = np.bincount(label)
