@@ -1,5 +1,6 @@
 """One picture, compiled: rays, the scene at their times, the trace, the film."""
 
+import dataclasses
 import functools
 import math
 from collections.abc import Callable
@@ -17,6 +18,7 @@ from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.chromatic import Chromatic, achromatic, magnified
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import samples as sample_numbers
+from gaussray.camera.shutter import decisive_pixels
 from gaussray.raster import dilated, seen_from_center
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene, at, moving_at
@@ -181,10 +183,29 @@ def _traced(motion: Motion, camera: Camera, part: Part, pace: Pace) -> tuple[Pix
         pixels, report = trace_sharded(
             motion, rays, options=pace.trace, capacity=pace.capacity, mesh=pace.mesh
         )
-        return jax.tree.map(lambda x: jnp.mean(x, axis=0), pixels), report
+        weight = rays.weight
+        if weight is not None:
+            pixels = jax.tree.map(lambda x: x * _like(weight, x), pixels)
+        return jax.tree.map(lambda x: jnp.mean(x, axis=0), (pixels, weight)), report
 
-    pixels, reports = over(trace_some, u.reshape(-1, _together(pace), 5))
-    return jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], pixels), _all_of(reports)
+    seen, reports = over(trace_some, u.reshape(-1, _together(pace), 5))
+    pixels, weight = jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], seen)
+    return pixels if weight is None else _vignetted(pixels, weight), _all_of(reports)
+
+
+def _vignetted(pixels: Pixels, weight: Array) -> Pixels:
+    """Means of weight times value: light that is lost stays dark, and what else is told becomes the
+    mean over the light that is not."""
+    some = weight > 0
+    whole = jnp.where(some, weight, 1)
+    told = jax.tree.map(lambda x: x / _like(whole, x), pixels)
+    clear = jnp.where(some, told.transmittance, 1)
+    return dataclasses.replace(told, color=pixels.color, transmittance=clear)
+
+
+def _like(weight: Array, value: Array) -> Array:
+    """Weights of rays beside what those see, which may have channels."""
+    return weight.reshape(weight.shape + (1,) * (value.ndim - weight.ndim))
 
 
 def _all_of(reports: Report) -> Report:
@@ -227,10 +248,11 @@ def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
     if not keys:
         place = jnp.stack([jnp.zeros_like(part.row), part.row])
         return camera_rays(camera, place[None], jnp.full((1, 5), 0.5, dtype)).time
-    last = (camera.film.width - 1, camera.film.height - 1)
-    corner = jnp.asarray([(0, 0), (0, 0), last, last], dtype)
-    u = jnp.full((4, 5), 0.5, dtype).at[:, 4].set(jnp.asarray([0, 1, 0, 1], dtype))
-    time = camera_rays(camera, corner, u).time
+    pixel = decisive_pixels(camera.shutter, (camera.film.width, camera.film.height))
+    place = jnp.asarray(np.repeat(pixel, 2, axis=0), dtype)
+    u = np.full((len(place), 5), 0.5)
+    u[:, 4] = np.tile([0, 1], len(pixel))
+    time = camera_rays(camera, place, jnp.asarray(u, dtype)).time
     first, last = jnp.min(time), jnp.max(time)
     return jnp.linspace(first, last, keys, dtype=dtype) if keys > 1 else first[None]
 

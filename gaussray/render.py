@@ -134,6 +134,11 @@ class Renderer:
                 "render.chunk_rows must be 0 for a shutter that reads columns, as "
                 f"{camera.shutter.direction} does: key states suit any direction."
             )
+        if self.options.chunk_rows > 1 and camera.shutter.row_times is not None:
+            raise ValueError(
+                "render.chunk_rows must be 0 or 1 for a shutter with row_times, got "
+                f"{self.options.chunk_rows}: neighbouring rows may be read at distant times."
+            )
         return 0
 
     def _begin(self, views: list["_View"], *, alone: bool) -> "_Batch":

@@ -11,7 +11,7 @@ LEVELS = [
     {"geometry", "color", "atomic", "ply", "progress", "devices"},
     {"scene", "camera"},
     {"tracer", "capture", "fit", "dataset", "raster"},
-    {"picture", "training", "gauge"},
+    {"picture", "training", "gauge", "exposure", "journey"},
     {"requirement"},
     {"fitting"},
     {"reconstruct", "render"},

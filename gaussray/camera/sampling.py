@@ -42,7 +42,7 @@ def sample_points(count: int, pixel: Num[Array, "2"]) -> Float[Array, "samples 5
     point = samples(count)
     column, row = pixel.astype(jnp.int32).astype(jnp.uint32)
     dimension = jnp.arange(DIMENSIONS, dtype=jnp.uint32)
-    shift = _hash(dimension + _hash(column + _hash(row)))
+    shift = scrambled(dimension + scrambled(column + scrambled(row)))
     # 24 bits are exact in single precision, so the shift is below 1 in any.
     shift = (shift >> 8).astype(point.dtype) / 2**24
     moved = point + shift[None, :]
@@ -66,7 +66,7 @@ def step_samples(count: int, step: Int[Array, ""]) -> Float[Array, "samples 5"]:
     return jnp.where(moved >= 1, moved - 1, moved)
 
 
-def _hash(value: UInt32[Array, "*n"]) -> UInt32[Array, "*n"]:
+def scrambled(value: UInt32[Array, "*n"]) -> UInt32[Array, "*n"]:
     """A scrambled integer (PCG, after Jarzynski and Olano 2020)."""
     state = value * jnp.uint32(747796405) + jnp.uint32(2891336453)
     word = ((state >> ((state >> 28) + 4)) ^ state) * jnp.uint32(277803737)

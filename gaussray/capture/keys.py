@@ -93,6 +93,11 @@ class Keys:
             raise self.error(key, rule)
         return [float(v) for v in value]
 
+    def series(self, key: str) -> list[float]:
+        """A list of finite numbers, at least one."""
+        value = self.values.get(key)
+        return self.vector(key, len(value) if isinstance(value, list) and value else 1)
+
     def path(self, key: str) -> Path | None:
         """A path relative to the file's folder."""
         return self.file.parent / self.text(key) if self.has(key) else None

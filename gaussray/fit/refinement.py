@@ -1,5 +1,6 @@
 """What may be wrong with the recorded training cameras, learnt along with the scene."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
@@ -11,7 +12,6 @@ from jaxtyping import Array, Float, Int
 from gaussray.camera.camera import Camera
 from gaussray.camera.lens import AbstractLens, FisheyePolynomial, KannalaBrandt, Pinhole
 from gaussray.camera.shutter import Shutter
-from gaussray.camera.trajectory import Trajectory
 from gaussray.fit.cameras import CameraSet
 from gaussray.geometry import multiply, product, turning
 
@@ -44,7 +44,8 @@ def no_corrections(refine: Sequence[str], count: int, camera: Camera) -> Correct
     """Zeros for what is refined of so many cameras like these; None if nothing is."""
     if not refine:
         return None
-    if "shutter" in refine and not np.any(np.asarray(camera.shutter.row_step)):
+    shutter = camera.shutter
+    if "shutter" in refine and not (np.any(shutter.row_step) or shutter.row_times is not None):
         raise ValueError(
             "fit.refine=[shutter] scales the recorded readout, but every shutter.row_step of the "
             "capture is 0. Write an estimate into transforms.json, or leave shutter out."
@@ -105,16 +106,18 @@ def refined(camera: Camera, own: Corrections, cameras: CameraSet) -> Camera:
         turn = turning(own.pose[:3])
         quat = jax.vmap(multiply, in_axes=(None, 0))(turn, trajectory.quat)
         place = trajectory.translation + cameras.extent * own.pose[None, 3:]
-        trajectory = Trajectory(trajectory.time, quat, place)
+        trajectory = dataclasses.replace(trajectory, quat=quat, translation=place)
     if own.lens is not None:
         lens = _lens(lens, own.lens)
     if own.shutter is not None:
         factor = jnp.exp(own.shutter)
-        row_offset, row_step = factor * shutter.row_offset, factor * shutter.row_step
-        shutter = Shutter(row_offset, row_step, shutter.exposure, shutter.direction)
+        readout = "row_offset", "row_step", "row_times"
+        told = {key: getattr(shutter, key) for key in readout}
+        scaled = jax.tree.map(lambda x: factor * x, told)
+        shutter = dataclasses.replace(shutter, **scaled)
     if own.offset is not None:
         late = shutter.row_offset + cameras.interval * own.offset
-        shutter = Shutter(late, shutter.row_step, shutter.exposure, shutter.direction)
+        shutter = dataclasses.replace(shutter, row_offset=late)
     return Camera(camera.film, lens, camera.aperture, shutter, trajectory, camera.time)
 
 
