@@ -24,7 +24,7 @@ class FocusPull(eqx.Module):
     """
 
     time: Float[Array, " knots"]
-    distance: Float[Array, " knots"]
+    distance: Float[Array, " distances"]
     ease: str = eqx.field(static=True, default="linear")
 
     def __check_init__(self):
