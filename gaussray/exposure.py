@@ -24,6 +24,7 @@ from gaussray.camera.shutter import (
 SHUTTERS = ("keep", "global", "rolling", "interlaced", "table")
 # Which kinds of shutter a key says something about; the others refuse it.
 SHUTTER_KEYS = {
+    "readout": ("rolling", "interlaced"),
     "row_step": ("rolling", "interlaced"),
     "field_time": ("interlaced",),
     "row_times": ("table",),

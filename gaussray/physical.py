@@ -154,6 +154,12 @@ def derived(options: RigOptions, given: PhysicalOptions) -> dict[str, Any]:
     if "aperture.radius" not in values and values.pop("aperture.focus_distance", None):
         if not given.breathing:
             raise ValueError("physical.focus_distance needs physical.f_number.")
+    if "aperture.focus_distance" in values and options.aperture.focus_times:
+        raise ValueError(
+            f"aperture.focus_times = {list(options.aperture.focus_times)} and "
+            f"physical.focus_distance = {given.focus_distance} both say where the focus is: leave "
+            "one of them out."
+        )
     if "shutter.readout" in values and options.shutter.kind == "global":
         raise ValueError(
             f"physical.readout = {given.readout} and shutter.kind = global contradict each other: "

@@ -17,7 +17,7 @@ from jaxtyping import Array, Float, Int
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.chromatic import Chromatic, achromatic, magnified
 from gaussray.camera.rays import Rays
-from gaussray.camera.sampling import samples as sample_numbers
+from gaussray.camera.sampling import samples as sample_numbers, shifted_samples
 from gaussray.camera.shutter import decisive_pixels
 from gaussray.raster import dilated, seen_from_center
 from gaussray.scene.gaussians import Gaussians
@@ -29,6 +29,10 @@ from gaussray.tracer.trace import Report, TraceOptions, on_kernel, over
 from gaussray.tracer.traverse import Capacity
 
 
+# Batches of samples whose spread is a standard error.
+BATCHES = 4
+
+
 class RenderOptions(eqx.Module):
     """How a picture is sampled.
 
@@ -37,6 +41,10 @@ class RenderOptions(eqx.Module):
     for every interval between the capture's instants (they share their ends), and a frame whose
     rays share one time needs and takes only one. `chunk_rows` > 0 is the paper's way instead: one
     state for so many rows (1 = a state for every row).
+
+    With an `error` above 0, batches of `samples` are added until the standard error of the mean of
+    95 % of the pixels (linear light, the worst of three channels) is at most that, or until the
+    next batch would take more than `samples_most` rays per pixel.
 
     `dilation` (square pixels) and `harmonics` (along each ray, or from the camera's center to a
     Gaussian's) show a model as the rasteriser that it was fitted through: 3DGS has 0.3 and center.
@@ -47,6 +55,8 @@ class RenderOptions(eqx.Module):
     chunk_rows: int = eqx.field(static=True, default=0)
     dilation: float = eqx.field(static=True, default=0.0)
     harmonics: str = eqx.field(static=True, default="ray")
+    error: float = eqx.field(static=True, default=0.0)
+    samples_most: int = eqx.field(static=True, default=1024)
 
     def __check_init__(self):
         if self.samples < 1:
@@ -61,16 +71,25 @@ class RenderOptions(eqx.Module):
             raise ValueError(f"render.dilation must be at least 0, got {self.dilation}.")
         if self.harmonics not in ("ray", "center"):
             raise ValueError(f"render.harmonics must be ray or center, got {self.harmonics!r}.")
+        if not 0 <= self.error < math.inf:
+            raise ValueError(f"render.error must be at least 0, got {self.error}. 0 is off.")
+        least = BATCHES * self.samples
+        if self.error and self.samples_most < least:
+            raise ValueError(
+                f"render.samples_most must be at least {least}, which is {BATCHES} batches of "
+                f"render.samples, got {self.samples_most}."
+            )
 
 
 class Part(eqx.Module):
     """What is traced at once: `pixel` index (column, row) in the order of the bundles (padding
     repeats a pixel), and the `slot` of each pixel in it. `row` is where a chunk of rows has its
-    time."""
+    time. `batch` is the number of a batch of samples, None if there is only one."""
 
     pixel: Float[Array, "slots 2"]
     slot: Int[Array, " pixels"]
     row: Float[Array, ""]
+    batch: Int[Array, ""] | None = None
 
 
 class Pace(eqx.Module):
@@ -176,9 +195,11 @@ def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, 
 
 def _traced(motion: Motion, camera: Camera, part: Part, pace: Pace) -> tuple[Pixels, Report]:
     """The part's pixels, each the mean of its samples."""
-    u = sample_numbers(pace.options.samples).astype(part.pixel.dtype)
+    count = pace.options.samples
+    u = sample_numbers(count) if part.batch is None else shifted_samples(count, part.batch)
+    u = u.astype(part.pixel.dtype)
 
-    def trace_some(u: Float[Array, "samples 5"]) -> tuple[Pixels, Report]:
+    def trace_some(u: Float[Array, "samples 5"]) -> tuple[tuple[Pixels, Array | None], Report]:
         rays = _rays(camera, part.pixel, u)
         pixels, report = trace_sharded(
             motion, rays, options=pace.trace, capacity=pace.capacity, mesh=pace.mesh

@@ -20,6 +20,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.shutter import time_window
 from gaussray.picture import (
+    BATCHES,
     Layout,
     Pace,
     Part,
@@ -40,9 +41,14 @@ from gaussray.tracer.traverse import Capacity
 _IN_FLIGHT, _BYTES = 8, 2 * 1024**3
 
 
+# Share of the pixels whose standard error is to be reached.
+SHARE = 0.95
+
+
 class Frame(eqx.Module):
     """A finished picture: linear light, coverage (1 - transmittance) and mean distance t of what is
-    seen, with what it cost."""
+    seen, with what it cost: `samples` rays per pixel. With `render.error`, `error` is the standard
+    error of each pixel's colour, the worst of three channels."""
 
     color: Float[np.ndarray, "h w 3"]
     alpha: Float[np.ndarray, "h w"]
@@ -50,6 +56,8 @@ class Frame(eqx.Module):
     seconds: float
     hits: int
     compiled: bool
+    samples: int = 0
+    error: Float[np.ndarray, "h w"] | None = None
 
 
 class Renderer:
@@ -81,6 +89,8 @@ class Renderer:
 
     def __call__(self, camera: Camera) -> Frame:
         """One frame, its rays spread over the devices."""
+        if self.options.error:
+            return self._settled(camera)
         return self._finish(self._begin(list(self._views([camera])), alone=True))[0]
 
     def film(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
@@ -88,8 +98,11 @@ class Renderer:
         `seconds` are those since it was begun.
 
         Threads fetch the pictures: pages of memory for a picture take the host longer than a GPU
-        takes to make it.
+        takes to make it. With `render.error` one frame is finished before the next is begun.
         """
+        if self.options.error:
+            yield from map(self, cameras)
+            return
         waiting: deque[Future[list[Frame]]] = deque()
         with ThreadPoolExecutor(_IN_FLIGHT) as pool:
             for views in self._batches(self._views(cameras)):
@@ -100,6 +113,31 @@ class Renderer:
                     yield from waiting.popleft().result()
             for following in waiting:
                 yield from following.result()
+
+    def _settled(self, camera: Camera) -> Frame:
+        """A frame of as many batches of samples as `render.error` takes: running means, and sums of
+        squares about them (Welford 1962)."""
+        options, views = self.options, list(self._views([camera]))
+        most = options.samples_most // options.samples
+        mean = spread = error = np.zeros(())
+        seconds, hits, compiled = 0.0, 0, False
+        for count in range(1, most + 1):
+            frame = self._finish(self._begin(views, alone=True, number=count - 1))[0]
+            seconds, hits = seconds + frame.seconds, hits + frame.hits
+            compiled |= frame.compiled
+            depth = frame.depth * frame.alpha
+            told = np.dstack([frame.color, frame.alpha, depth]).astype(np.float64)
+            away = told - mean
+            mean = mean + away / count
+            spread = spread + (away * (told - mean))[..., :3]
+            if count >= BATCHES:
+                error = np.sqrt(spread.max(axis=-1) / (count * (count - 1)))
+                if np.quantile(error, SHARE) <= options.error:
+                    break
+        told = np.dstack([mean[..., :4], mean[..., 4] / np.maximum(mean[..., 3], 1e-6)])
+        color, alpha, depth = _split(told.astype(np.float32))
+        error, used = error.astype(np.float32), count * options.samples
+        return Frame(color, alpha, depth, seconds, hits, compiled, used, error)
 
     def _views(self, cameras: Iterable[Camera]) -> Iterator["_View"]:
         """Cameras on the host, whose business small numbers are: a device is asked for many of them
@@ -141,11 +179,11 @@ class Renderer:
             )
         return 0
 
-    def _begin(self, views: list["_View"], *, alone: bool) -> "_Batch":
+    def _begin(self, views: list["_View"], *, alone: bool, number: int | None = None) -> "_Batch":
         """Frames that are being rendered, in one part or in chunks of rows."""
         film = views[0].camera.film
         rows = film.height if views[0].keys else min(self.options.chunk_rows, film.height)
-        batch = _Batch(views, alone, rows)
+        batch = _Batch(views, alone, rows, number)
         for top in (min(y, film.height - rows) for y in range(0, film.height, rows)):
             if batch.parts and jax.default_backend() == "cpu":
                 # Parts under way together share the cores' threads, where the sums over devices of
@@ -160,6 +198,8 @@ class Renderer:
         part, trace = self._part(top, batch)
         if size not in self._capacity:
             self._capacity[size] = self._measure(batch, part, trace)
+        if batch.number is not None:
+            part = replace(part, batch=jnp.asarray(batch.number, jnp.int32))
         pace = Pace(self._capacity[size], batch.keys, self.options, trace, self.mesh)
         batch.compiled |= (size, pace.capacity) not in self._ready
         self._ready.add((size, pace.capacity))
@@ -187,7 +227,7 @@ class Renderer:
             hits += int(np.sum(report.hits))
         seconds = (clock.monotonic() - batch.began) / count
         return [
-            Frame(x[..., :3], x[..., 3], x[..., 4], seconds, hits // count, batch.compiled)
+            Frame(*_split(x), seconds, hits // count, batch.compiled, self.options.samples)
             for x in (_joined(film, [(top, seen[i]) for top, seen in pieces]) for i in range(count))
         ]
 
@@ -246,7 +286,8 @@ class _View(NamedTuple):
 class _Batch:
     """Frames under way: one whose rays are spread over the devices (`alone`), or one on each."""
 
-    def __init__(self, views: list[_View], alone: bool, rows: int):
+    def __init__(self, views: list[_View], alone: bool, rows: int, number: int | None = None):
+        self.number = number
         self.views, self.alone, self.rows = views, alone, rows
         self.film, self.keys = views[0].camera.film, views[0].keys
         self.began, self.compiled = clock.monotonic(), False
@@ -260,6 +301,11 @@ class _Batch:
             return 1
         size = len(self.views) * self.film.width * self.film.height * 5 * 4
         return min(max(_BYTES // size, 1), _IN_FLIGHT)
+
+
+def _split(values: Float[np.ndarray, "h w 5"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Colour, coverage and depth of a picture's values."""
+    return values[..., :3], values[..., 3], values[..., 4]
 
 
 def _joined(film: Film, pieces: list[tuple[int, np.ndarray]]) -> Float[np.ndarray, "h w 5"]:

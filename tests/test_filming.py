@@ -69,6 +69,18 @@ def test_a_data_set_reads_back_is_kept_and_scores_against_itself(tmp_path):
     json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
 
 
+def test_manifests_record_the_samples_that_an_error_took(tmp_path):
+    records = toy.records(times=(0.5,), cameras=("cam_3",))
+    options = RenderOptions(samples=2, error=1e-9, samples_most=8)
+    render_dataset(
+        toy.scene(speed=0), records, tmp_path, options=options, trace=toy.TRACE, quiet=True
+    )
+    (view,) = read_capture(tmp_path).views
+    assert view.samples == 8
+    told = json.loads((tmp_path / records[0].file_path).with_suffix(".json").read_text())
+    assert told["samples"] == 8 and told["error"] >= 0
+
+
 def test_what_cannot_be_written_stops_the_run_and_what_was_written_stays(tmp_path, monkeypatch):
     records, write = toy.records()[:4], filming.write_image
 

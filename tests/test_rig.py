@@ -149,7 +149,7 @@ def test_every_camera_is_held_by_a_hand_of_its_own_on_any_path(views):
         assert shake.seed == {"cam_0": 5, "cam_1": 6}[record.camera_name]
         np.testing.assert_allclose(shake.turn, np.deg2rad(0.5), rtol=1e-6)
     ride = rig.TrajectoryOptions("between", 3, interpolation="spline", **hand)
-    (path,) = {r.camera.trajectory for r in built(views, camera=options, trajectory=ride)[:1]}
+    path = built(views, camera=options, trajectory=ride)[0].camera.trajectory
     assert path.interpolation == "spline" and path.shake.seed == 5
 
 
