@@ -1,6 +1,7 @@
 """Dynamic scenes as 4D Gaussians, ray traced through real cameras."""
 
 from gaussray.camera.rays import Rays as Rays
+from gaussray.scene.clip import Clip as Clip
 from gaussray.scene.deformation import Deformation as Deformation
 from gaussray.scene.gaussians import Gaussians as Gaussians
 from gaussray.scene.planes import Planes as Planes

@@ -184,6 +184,7 @@ def _capture(path: str, node: DictConfig, label: str, prefix: str = "") -> Any:
 
 
 def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
+    from gaussray.evaluate import scene_facts
     from gaussray.fit.journal import refuse
     from gaussray.reconstruct import reconstruct
 
@@ -194,16 +195,15 @@ def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
     scene = reconstruct(
         capture, out, options=chosen, resume=cfg.resume, devices=devices, quiet=cfg.quiet
     )
-    _say(
-        f"{out / 'scene.npz'}: {scene.static.count + scene.moving.count} Gaussians, of which "
-        f"{scene.moving.count} move."
-    )
+    facts = scene_facts(scene)
+    _say(f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move.")
 
 
 def _render(cfg: DictConfig, devices: int | None) -> None:
     from gaussray import physical, rig as rigs
     from gaussray.camera.sensor import SensorOptions
     from gaussray.filming import render_dataset
+    from gaussray.labels import check_labels
     from gaussray.render import RenderOptions
     from gaussray.scene.store import load_scene
     from gaussray.tracer.trace import TraceOptions
@@ -222,6 +222,9 @@ def _render(cfg: DictConfig, devices: int | None) -> None:
     fps = _as(float, cfg.fps, "fps")
     if not fps > 0:
         raise ValueError(f"fps must be above 0, got {fps}.")
+    named = OmegaConf.to_container(cfg.labels) if OmegaConf.is_config(cfg.labels) else cfg.labels
+    asked = _as(tuple, named, "labels")
+    check_labels(asked)
     scene = load_scene(cfg.scene)
     views = rigs.cameras_of(cfg.scene, cfg.cameras)
     film = physical.applied(wanted, given)
@@ -237,6 +240,7 @@ def _render(cfg: DictConfig, devices: int | None) -> None:
         trace=trace,
         sensor=sensor,
         info=physical.described(wanted, given),
+        labels=asked,
         fps=fps,
         devices=devices,
         quiet=cfg.quiet,

@@ -27,6 +27,7 @@ from gaussray.dataset.video import write_video
 from gaussray.devices import agreed, leads
 from gaussray.progress import Progress
 from gaussray.render import Renderer, RenderOptions
+from gaussray.scene.clip import Clip, segments_of
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
 
@@ -66,7 +67,7 @@ class EvaluateOptions(eqx.Module):
 
 
 def evaluate(
-    scene: Scene,
+    scene: Scene | Clip,
     truth: Capture,
     out: Path | str,
     *,
@@ -238,11 +239,14 @@ def _part(view: View, learnt: set[str]) -> str:
     return "held_out_times" if view.camera_name in learnt else "held_out_cameras"
 
 
-def scene_facts(scene: Scene) -> dict[str, int]:
-    """How large a scene is."""
+def scene_facts(scene: Scene | Clip) -> dict[str, int]:
+    """How large a scene is; of a clip, all segments together and how many they are."""
     size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(scene))
-    total = scene.static.count + scene.moving.count
-    return {"gaussians": total, "moving": scene.moving.count, "bytes": int(size)}
+    parts = segments_of(scene)
+    moving = sum(part.moving.count for part in parts)
+    total = moving + sum(part.static.count for part in parts)
+    facts = {"gaussians": total, "moving": moving, "bytes": int(size)}
+    return facts | {"segments": len(parts)} if isinstance(scene, Clip) else facts
 
 
 def versions() -> dict[str, str]:

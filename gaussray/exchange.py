@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.devices import leads, wait
+from gaussray.scene.clip import Clip, segment_at
 from gaussray.scene.codes import directions, projection
 from gaussray.scene.gaussian_folder import read_model
 from gaussray.scene.gaussian_ply import write_gaussians
@@ -72,7 +73,7 @@ def _decoded(
 
 
 def export_model(
-    scene: Scene,
+    scene: Scene | Clip,
     out: Path | str,
     time: float | None = None,
     *,
@@ -88,7 +89,9 @@ def export_model(
     Returns what was written and a line about it. ValueError if the time is outside of the range.
     """
     _check_color(color)
-    gaussians = folded(at(scene, jnp.asarray(_instant(scene, time), scene.time_range.dtype)))
+    instant = _instant(scene, time)
+    scene = segment_at(scene, instant)
+    gaussians = folded(at(scene, jnp.asarray(instant, scene.time_range.dtype)))
     coefficients = gaussians.harmonics.shape[1]
     own = math.isqrt(coefficients) - 1
     if not own <= degree <= 3:
@@ -142,10 +145,10 @@ def _with_harmonics(gaussians: Gaussians, harmonics: Array) -> Gaussians:
     return Gaussians(gaussians.mean, gaussians.quat, gaussians.scale, gaussians.opacity, harmonics)
 
 
-def _instant(scene: Scene, time: float | None) -> float:
+def _instant(scene: Scene | Clip, time: float | None) -> float:
     begin, end = (float(x) for x in scene.time_range)
     if time is None:
-        if scene.deformation is not None:
+        if isinstance(scene, Clip) or scene.deformation is not None:
             raise ValueError(
                 f"time must be given for a scene that moves, in its range {begin:g} ... {end:g}."
             )

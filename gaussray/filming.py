@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from gaussray.annotate import SHARP, annotated, complete, described as units, write_labels
 from gaussray.atomic import whole
 from gaussray.camera.chromatic import dispersed
 from gaussray.camera.noise import picture_key
@@ -25,8 +26,11 @@ from gaussray.dataset.images import codes, write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.dataset.video import write_video
 from gaussray.devices import agreed, leads, share, wait
+from gaussray.frame import SHARE, Frame
+from gaussray.labels import Labeller
 from gaussray.progress import Progress
-from gaussray.render import SHARE, Frame, Renderer, RenderOptions
+from gaussray.render import Renderer, RenderOptions
+from gaussray.scene.clip import Clip
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
 
@@ -42,7 +46,7 @@ HALF_BITS = 10
 
 
 def render_dataset(
-    scene: Scene,
+    scene: Scene | Clip,
     records: Sequence[FrameRecord],
     out: Path | str,
     *,
@@ -50,28 +54,37 @@ def render_dataset(
     trace: TraceOptions,
     sensor: SensorOptions = NO_SENSOR,
     info: Mapping[str, Any] | None = None,
+    labels: Sequence[str] = (),
     fps: float = 8.0,
     devices: int | None = None,
     quiet: bool = False,
 ) -> Path:
     """Write every recorded frame as a picture, each effect's manifest, and a video per camera.
 
-    A `sensor` develops the light before it is written; manifests record it, beside `info`. The
-    folder is a paired capture: it can be read back, reconstructed and evaluated. A picture that
+    A `sensor` develops the light before it is written; manifests record it, beside `info`. `labels`
+    (`gaussray.labels`) are written beside the pictures; sharp twins know no sensor. The folder is a
+    paired capture: it can be read back, reconstructed and evaluated. A picture that
     is already there is kept, so an interrupted run goes on; a folder that was begun with another
     scene, camera or option is refused. Each host renders its share of what is missing, on so many
     `devices` (None is all); the first one writes the rest when all pictures are there.
     """
-    out = Path(out)
+    if labels and isinstance(scene, Clip):
+        raise ValueError(
+            f"labels need a scene of one segment, got {len(scene.segments)} segments: reconstruct "
+            "with fit.segment=0, or leave labels empty."
+        )
+    out, records = Path(out), annotated(records, labels)
     for record in {id(r.camera.lens): r for r in records}.values():
         check_sensor(sensor, record.camera, Path(record.file_path).suffix[1:])
     made_with = (options, trace) if sensor == NO_SENSOR else (options, trace, sensor)
-    _claim(out, scene, records, made_with)
+    _claim(out, scene, records, (*made_with, tuple(labels)) if labels else made_with)
     there = agreed(np.array([(out / record.file_path).exists() for record in records]))
     own = share([record for record, old in zip(records, there, strict=True) if not old])
     render = Renderer(scene, options=options, trace=trace, devices=devices)
     progress = Progress("render", len(own), quiet=quiet or not leads())
-    frames = render.film(dispersed(record.camera, sensor.chromatic) for record in own)
+    frames = render.film(
+        dispersed(record.camera, _sensor_of(record, sensor).chromatic) for record in own
+    )
     missing = Counter(_video(record) for record, old in zip(records, there, strict=True) if not old)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         videos = _Videos(out, records, fps, pool)
@@ -81,10 +94,12 @@ def render_dataset(
             # What other hosts have a part in waits for them.
             if leads() and not missing[_video(record)]:
                 videos.begin(_video(record))
+        if labels and isinstance(scene, Scene):
+            _label(out, scene, records, labels, options, trace, quiet=quiet)
         wait("pictures")
         if leads():
             _demand_all(out, records)
-            _write_lists(out, records, sensor, info or {})
+            _write_lists(out, records, sensor, labels, info or {})
             videos.finish()
     wait("videos")
     return out
@@ -103,7 +118,7 @@ def _written(
     for record, frame in zip(records, frames, strict=True):
         if frame.error is not None:
             _note_samples(out / record.file_path, frame.samples, frame.error)
-        writing = pool.submit(_write, out, record, frame.color, sensor)
+        writing = pool.submit(_write, out, record, frame.color, _sensor_of(record, sensor))
         waiting.append((record, writing))
         while len(waiting) > min(2 * cores, BACKLOG // frame.color.nbytes):
             record, writing = waiting.popleft()
@@ -133,32 +148,65 @@ def _write(out: Path, record: FrameRecord, light: np.ndarray, sensor: SensorOpti
 _developed = eqx.filter_jit(develop)
 
 
+def _sensor_of(record: FrameRecord, sensor: SensorOptions) -> SensorOptions:
+    """What develops a picture: a sharp twin is light as it is."""
+    return NO_SENSOR if record.effect == SHARP else sensor
+
+
+def _label(
+    out: Path,
+    scene: Scene,
+    records: Sequence[FrameRecord],
+    labels: Sequence[str],
+    options: RenderOptions,
+    trace: TraceOptions,
+    *,
+    quiet: bool,
+) -> None:
+    """Write this host's share of the labels that are not there."""
+    there = agreed(np.array([complete(out, record) for record in records]))
+    own = {
+        r.file_path for r in share([r for r, old in zip(records, there, strict=True) if not old])
+    }
+    progress = Progress("labels", len(own), quiet=quiet or not leads())
+    labeller = Labeller(scene, options=options, trace=trace)
+    for done, record in enumerate(write_labels(out, records, own, labels, labeller), 1):
+        progress.report(done, record.effect)
+
+
 def _demand_all(out: Path, records: Sequence[FrameRecord]) -> None:
-    """Every picture, also those that other hosts have written, which a network may show late."""
+    """Every file, also those that other hosts have written, which a network may show late."""
     patience = clock.monotonic() + PATIENCE
-    while missing := [r.file_path for r in records if not (out / r.file_path).exists()]:
+    files = [path for r in records for path in (r.file_path, *(r.labels or {}).values())]
+    while missing := [path for path in files if not (out / path).exists()]:
         if clock.monotonic() > patience:
             raise OSError(
-                f"out={out}: {len(missing)} pictures that other hosts have rendered are not here, "
+                f"out={out}: {len(missing)} files that other hosts have written are not here, "
                 f"such as {missing[0]}. Choose a folder that all hosts share."
             )
         clock.sleep(0.5)
 
 
 def _write_lists(
-    out: Path, records: Sequence[FrameRecord], sensor: SensorOptions, info: Mapping[str, Any]
+    out: Path,
+    records: Sequence[FrameRecord],
+    sensor: SensorOptions,
+    labels: Sequence[str],
+    info: Mapping[str, Any],
 ) -> None:
-    extra: dict[str, Any] = {}
     records = [_as_sampled(out, record) for record in records]
-    if sensor != NO_SENSOR:
-        info = {**info, "sensor": described(sensor)}
-    if sensor.tone == "linear":
-        extra["color_space"] = "linear"
-    if info:
-        extra["info"] = info
     for effect in dict.fromkeys(record.effect for record in records):
         name = "transforms" if effect == "pinhole" else effect
         listed = [r for r in records if r.effect == effect]
+        used, said, extra = _sensor_of(listed[0], sensor), {**info}, dict[str, Any]()
+        if used != NO_SENSOR:
+            said["sensor"] = described(used)
+        if labels and effect != SHARP:
+            said["labels"] = units(labels)
+        if used.tone == "linear":
+            extra["color_space"] = "linear"
+        if said:
+            extra["info"] = said
         write_manifest(out / f"{name}.json", listed, extra=extra)
 
 
@@ -212,7 +260,9 @@ class _Videos:
             write_video(self._out / f"{name}.mp4", pictures, self._fps)
 
 
-def _claim(out: Path, scene: Scene, records: Sequence[FrameRecord], made_with: tuple) -> None:
+def _claim(
+    out: Path, scene: Scene | Clip, records: Sequence[FrameRecord], made_with: tuple
+) -> None:
     """Note in `out` what its pictures are made of, unless another note is there already."""
     digest = hashlib.sha256()
     for leaf in jax.tree.leaves(jax.device_get((scene, [record.camera for record in records]))):

@@ -13,9 +13,10 @@ from gaussray.capture.activity import activity, moved_pixels, point_activity
 from gaussray.capture.batches import Batch
 from gaussray.capture.calibration import Capture, View
 from gaussray.capture.errors import CaptureWarning
-from gaussray.capture.footage import Footage, footage
+from gaussray.capture.footage import Footage, footage, stacked
 from gaussray.capture.loader import Loader
 from gaussray.capture.points import Points
+from gaussray.capture.segments import Segment, training_views
 from gaussray.devices import agreed, everywhere
 from gaussray.fit.cameras import camera_set, rays_per_pixel
 from gaussray.fit.course import FitOptions
@@ -24,18 +25,18 @@ from gaussray.fit.initial import bodies, in_common_view, inliers, merged, on_poi
 from gaussray.fit.journal import Journal, decibel
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, scene_of
-from gaussray.fit.refinement import no_corrections, refined_kinds, refined_views
+from gaussray.fit.refinement import Corrections, no_corrections, refined_kinds, refined_views
 from gaussray.fit.state import State, begin_state, refine_state, take
 from gaussray.fit.tracking import Shown, TrackOptions, track
 from gaussray.geometry import rotation_matrix
 from gaussray.progress import Progress
 from gaussray.requirement import NeedOptions
-from gaussray.scene.bodies import Bodies, body_of, reaching
-from gaussray.scene.deformation import FieldOptions, initial_deformation
-from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
+from gaussray.scene.bodies import Bodies, body_of, pose_at, reaching
+from gaussray.scene.deformation import Deformation, FieldOptions, initial_deformation
+from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, folded, unconstrain
 from gaussray.scene.harmonics import C0
 from gaussray.scene.planes import initial_planes
-from gaussray.scene.scene import Scene, key_count
+from gaussray.scene.scene import Scene, at, key_count
 from gaussray.tracer.shard import mesh_of_hosts
 from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
@@ -60,7 +61,9 @@ class ReconstructOptions(eqx.Module):
 class Fit:
     """The host's side of a reconstruction: what is looked at, and in which order.
 
-    Several hosts do the same with the same values; only within `run` are these on all devices.
+    Of a capture's segments it looks at one (None: all of the capture is), but the cameras are those
+    of all: what is refined of them is found in the first segment and holds for the others. Several
+    hosts do the same with the same values; only within `run` are these on all devices.
     """
 
     def __init__(
@@ -70,21 +73,26 @@ class Fit:
         options: ReconstructOptions,
         quiet: bool,
         devices: int | None = None,
+        segment: Segment | None = None,
     ):
-        views = [view for view in capture.views if view.split == "train"]
+        views = training_views(capture)
+        part = segment or Segment(views, capture.time_range)
         self.capture, self.journal, self.options, self.quiet = capture, journal, options, quiet
+        self.name, self.time_range = part.name, part.time_range
+        self.later = part.time_range[0] > capture.time_range[0]
         self.footage = footage(
-            views,
+            part.views,
             side=options.trace.bundle,
             memory=options.fit.memory,
             folder=journal.out,
-            report=Progress("read", len(views), quiet=quiet, patience=2.0).report,
+            report=self._progress("read", len(part.views), patience=2.0).report,
         )
-        names, owner = np.unique(self.footage.name, return_inverse=True)
+        every = self.footage.camera if len(part.views) == len(views) else stacked(views)
+        names, owner = np.unique([view.camera_name for view in views], return_inverse=True)
         self.names, self.extent = names.tolist(), _extent(views)
-        self.cameras = camera_set(
-            owner, self.footage.camera, extent=self.extent, refine=options.fit.refine
-        )
+        cameras = camera_set(owner, every, extent=self.extent, refine=options.fit.refine)
+        own = jnp.asarray(np.searchsorted(names, self.footage.name), jnp.int32)
+        self.cameras = eqx.tree_at(lambda c: c.owner, cameras, own)
         self.activity = activity(self.footage)
         self.loader = Loader(
             self.footage,
@@ -97,9 +105,12 @@ class Fit:
         self.times = self.loader.sampler.times
         self.mesh = mesh_of_hosts(devices)
 
-    def resumed(self) -> tuple[State, str]:
-        """The state of an interrupted run, and its stage."""
-        state, stage = self.journal.resumed()
+    def _progress(self, work: str, total: int, patience: float = 0.0) -> Progress:
+        name = f"{self.name}: {work}" if self.name else work
+        return Progress(name, total, quiet=self.quiet, patience=patience)
+
+    def resume(self, state: State) -> State:
+        """Go on with the state of an interrupted run."""
         held = refined_kinds(state.parameters.corrections)
         if set(held) != set(self.options.fit.refine):
             raise ValueError(
@@ -107,7 +118,7 @@ class Fit:
                 f"{list(self.options.fit.refine)}."
             )
         self.loader.restore(self.journal.notes)
-        return state, stage
+        return state
 
     def begin(self) -> State:
         """Gaussians on the capture's points, or on random ones; which move is decided at once, so
@@ -122,12 +133,7 @@ class Fit:
         start = on_points(
             position, color, degree=fit.degree, opacity=fit.opacity, spread=fit.spread
         )
-        moves = point_activity(self.footage, position) > fit.moving
-        moves = np.array(agreed(moves))
-        if len(self.times) == 1:
-            moves[:] = False
-        elif points is None or not self._watched():
-            moves[:] = True
+        moves = self._moves(position, formed=points is not None)
         given = [int(side.sum()) if points is not None else 0 for side in (~moves, moves)]
         count = round(fit.surround * len(position)) if points is not None else 0
         if count:
@@ -135,14 +141,46 @@ class Fit:
             more = on_points(*around, degree=fit.degree, opacity=0.5, flat=1.0)
             start = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), start, more)
             moves = np.concatenate([moves, np.zeros(count, bool)])
-        growth = self.options.density.growth
-        self.journal.info |= {
-            "limit": [int(side.sum() * growth) for side in (~moves, moves)],
-            "given": given,
-        }
-        parts = [self._room(take(start, np.flatnonzero(side))) for side in (~moves, moves)]
+        self.journal.info["most"] = int(len(moves) * self.options.density.growth)
         corrections = no_corrections(fit.refine, len(self.names), self.footage.camera)
+        return self._started(start, moves, given, corrections)
+
+    def take_over(self, state: State) -> State:
+        """The start from what the segment before has `handed_on`: its Gaussians, of which those
+        move now whose pixels change now."""
+        start = constrain(
+            take(state.parameters.static, np.flatnonzero(alive(state.parameters.static)))
+        )
+        moves = self._moves(np.asarray(start.mean), formed=True)
+        given = [int(side.sum()) for side in (~moves, moves)]
+        return self._started(start, moves, given, state.parameters.corrections)
+
+    def _started(
+        self,
+        start: Gaussians,
+        moves: Bool[np.ndarray, " gaussians"],
+        given: list[int],
+        corrections: Corrections | None,
+    ) -> State:
+        """The state before the first step; of either kind of Gaussians, so many of the first are
+        `given`."""
+        growth = max(self.journal.info["most"] / max(len(moves), 1), 1.0)
+        sides = ~moves, moves
+        limit = [int(side.sum() * growth) for side in sides]
+        self.journal.info |= {"limit": limit, "given": given}
+        parts = [self._room(take(start, np.flatnonzero(side)), growth) for side in sides]
         return begin_state(Parameters(parts[0], parts[1], None, corrections))
+
+    def _moves(
+        self, position: Float[np.ndarray, "points 3"], *, formed: bool
+    ) -> Bool[np.ndarray, " points"]:
+        """Which Gaussians may move: of those that are not `formed` yet, nothing can be told."""
+        moves = np.array(agreed(point_activity(self.footage, position) > self.options.fit.moving))
+        if len(self.times) == 1:
+            moves[:] = False
+        elif not formed or not self._watched():
+            moves[:] = True
+        return moves
 
     def _cleaned(self, points: Points) -> tuple[np.ndarray, np.ndarray]:
         """Places and colours of the points without duplicates and outliers; says how many went."""
@@ -163,10 +201,9 @@ class Fit:
         """Whether any camera has several frames: only those tell what moves."""
         return len(np.unique(self.footage.name)) < len(self.footage.name)
 
-    def _room(self, gaussians: Gaussians) -> Unconstrained:
+    def _room(self, gaussians: Gaussians, growth: float) -> Unconstrained:
         """Rows for the Gaussians and for those that density control may add at first."""
-        density = self.options.density
-        growth = density.growth if density.interval else 1.0
+        growth = growth if self.options.density.interval else 1.0
         step = 8 * self.mesh.size
         rows = -(-int(gaussians.count * growth) // step) * step
         return with_rows(unconstrain(gaussians), rows)
@@ -177,7 +214,7 @@ class Fit:
         moving = take(parameters.moving, np.flatnonzero(alive(parameters.moving)))
         if not len(moving.mean):
             return begin_state(parameters)
-        begin, end = self.capture.time_range
+        begin, end = self.time_range
         # Stray points must not stretch the box: beyond it the field continues its border.
         lower, upper = np.quantile(moving.mean, (0.02, 0.98), axis=0).astype(np.float32)
         margin = 0.1 * (upper - lower).max() + 1e-6
@@ -205,8 +242,13 @@ class Fit:
         """
         place, instants = np.asarray(moving.mean), self.times
         known = self.capture.points is not None and self._watched()
-        groups = bodies(place if known else place[:0], instants)
-        progress = Progress("track", len(instants) - 1, quiet=self.quiet)
+        held = self.journal.info.get("bodies")
+        before = None
+        if held:
+            pivot, radius = (np.array(held[name], np.float32) for name in ("pivot", "radius"))
+            before = pivot.reshape(-1, 3), radius
+        groups = bodies(place if known else place[:0], instants, known=before)
+        progress = self._progress("track", len(instants) - 1)
         tracked = track(
             groups,
             np.asarray(body_of(groups, moving.mean)),
@@ -234,7 +276,7 @@ class Fit:
         """All steps of a stage, in blocks; between blocks density control, files, progress."""
         fit = self.options.fit
         steps = fit.coarse if stage == "coarse" else fit.fine
-        progress = Progress(stage, steps, quiet=self.quiet)
+        progress = self._progress(stage, steps)
         trial: Trial | None = None
         views, cameras = everywhere((self.footage.camera, self.cameras), self.mesh)
         state = agreed(state)
@@ -277,12 +319,16 @@ class Fit:
 
     def step(self, stage: str) -> StepOptions:
         """What the steps of a stage are told. Before the scene moves, cameras are taken as they
-        are, but for their exposure: it has not formed yet, and would form around their errors."""
+        are, but for their exposure: it has not formed yet, and would form around their errors.
+        After the first segment they are known."""
         o, refine = self.options, self.options.fit.refine
-        if stage == "coarse" and len(self.times) > 1:
+        if self.later:
+            refine = ()
+        elif stage == "coarse" and len(self.times) > 1:
             refine = tuple(kind for kind in refine if kind == "exposure")
         samples = o.fit.samples or rays_per_pixel(self.footage.camera)
-        return StepOptions(o.loss, o.optimizer, o.trace, samples, o.fit.footprint, refine)
+        told = o.loss, o.optimizer, o.trace, samples, o.fit.footprint, refine
+        return StepOptions(*told, formed=self.later)
 
     def keys(self, state: State) -> int:
         """Key states of the scene across a step: one where all its rays share the time."""
@@ -320,9 +366,25 @@ class Fit:
             kept = alive(free) & ~(unmet & (np.arange(len(unmet)) >= given))
             sides.append(constrain(take(free, np.flatnonzero(kept))))
             blind.append(unmet[kept])
-        time_range = jnp.asarray(self.capture.time_range, sides[0].mean.dtype)
+        time_range = jnp.asarray(self.time_range, sides[0].mean.dtype)
         scene = Scene(sides[0], sides[1], p.deformation, time_range)
         return scene, np.concatenate(blind)
+
+    def handed_on(self, state: State) -> State:
+        """What the next segment starts from: all Gaussians as they stand at the instant that both
+        share, and the cameras as they were found. It can be kept like any other state; where the
+        bodies are then is noted with it."""
+        scene, _ = self.scene(state)
+        last = jnp.asarray(self.times[-1], scene.time_range.dtype)
+        self.journal.info["bodies"] = None
+        if isinstance(scene.deformation, Deformation):
+            held = scene.deformation.bodies
+            pivot = np.asarray(held.pivot + pose_at(held, last)[0])
+            told = {"pivot": pivot.tolist(), "radius": np.asarray(held.radius).tolist()}
+            self.journal.info["bodies"] = told
+        shared = unconstrain(folded(eqx.filter_jit(at)(scene, last)))
+        none = jax.tree.map(lambda x: x[:0], shared)
+        return begin_state(Parameters(shared, none, None, state.parameters.corrections))
 
 
 def _extent(views: list[View]) -> float:

@@ -210,22 +210,31 @@ def _lower(trials: _Trials, part: str) -> None:
             break
 
 
-def sentence(report: dict[str, Any]) -> str:
-    """What a report says in one line; `file` are the bytes of what was written."""
+def total(reports: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """What the segments of a clip require together: the report of each, and the sums of what can be
+    added up."""
+    found: dict[str, Any] = {"segments": list(reports)}
+    for when in ("before", "after"):
+        if all(when in report for report in reports):
+            sums = ("gaussians", "moving", "bytes")
+            found[when] = {name: sum(report[when][name] for report in reports) for name in sums}
+    return found
+
+
+def sentence(report: dict[str, Any], name: str = "the scene") -> str:
+    """What a report says in one line of a scene of this name, or of all segments together; `file`
+    are the bytes of what was written."""
     before, after = report["before"], report["after"]
     field = [
-        f"{after[name]} of {before[name]} {noun}"
-        for name, noun in (("heads", "heads"), ("scales", "scales of the field"))
-        if before[name]
+        f"{after[part]} of {before[part]} {noun}"
+        for part, noun in (("heads", "heads"), ("scales", "scales of the field"))
+        if before.get(part)
     ]
     moving = f"{after['moving']:,} of {before['moving']:,} move"
-    if after["bodies"]:
+    if after.get("bodies"):
         moving += f", {after['bodies']} bod{'y' if after['bodies'] == 1 else 'ies'}"
-    needs = [
-        f"{after['gaussians']:,} of {before['gaussians']:,} Gaussians ({moving})",
-        *field,
-        f"harmonics of degree {after['degree']}",
-    ]
+    needs = [f"{after['gaussians']:,} of {before['gaussians']:,} Gaussians ({moving})", *field]
+    needs += [f"harmonics of degree {after['degree']}"] if "degree" in after else []
     megabytes = " -> ".join(f"{x / 1e6:.2g}" for x in (before["bytes"], report["file"]))
-    gained = after["psnr"] - before["psnr"]
-    return f"the scene needs {', '.join(needs)}: {megabytes} MB, {gained:+.2f} dB"
+    gained = f", {after['psnr'] - before['psnr']:+.2f} dB" if "psnr" in after else ""
+    return f"{name} needs {', '.join(needs)}: {megabytes} MB{gained}"

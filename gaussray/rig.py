@@ -7,15 +7,10 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
-from gaussray.camera.lens import (
-    AbstractLens,
-    FisheyePolynomial,
-    KannalaBrandt,
-    check_lens,
-    pinhole,
-)
+from gaussray.camera.lens import AbstractLens
 from gaussray.capture.calibration import PINHOLE_FILE, View, read_views
 from gaussray.capture.formats import FORMATS, format_of
 from gaussray.dataset.manifest import FrameRecord
@@ -28,6 +23,7 @@ from gaussray.exposure import (
     shutter_of,
 )
 from gaussray.journey import TrajectoryOptions as TrajectoryOptions, moved
+from gaussray.optics import LensOptions as LensOptions, lens_label, mounted, sees_aside
 
 
 class CameraOptions(eqx.Module):
@@ -37,19 +33,6 @@ class CameraOptions(eqx.Module):
     split: str = eqx.field(static=True, default="test")
     names: tuple[str, ...] = eqx.field(static=True, default=())
     times: tuple[float, ...] = eqx.field(static=True, default=())
-
-
-class LensOptions(eqx.Module):
-    """`model`: keep (the capture's), pinhole, fisheye_polynomial or kannala_brandt.
-
-    `fov` is the whole horizontal field of view of a pinhole, or the field of view of a fisheye, in
-    degrees; `k` the coefficients; `sensor` the sensor's width and height in mm (polynomial only).
-    """
-
-    model: str = eqx.field(static=True, default="keep")
-    fov: float = eqx.field(static=True, default=65.0)
-    k: tuple[float, ...] = eqx.field(static=True, default=())
-    sensor: tuple[float, float] = eqx.field(static=True, default=(36.0, 36.0))
 
 
 class FilmOptions(eqx.Module):
@@ -78,7 +61,7 @@ def rig(
         raise ValueError(f"format must be png (sRGB) or exr (linear light), got {format!r}.")
     chosen = moved(_chosen(views, options.camera), options.trajectory)
     changed = {
-        "fisheye": options.lens.model not in ("keep", "pinhole"),
+        lens_label(options.lens): bool(lens_label(options.lens)),
         "depth_of_field": options.aperture.radius > 0,
         "rolling_shutter": rolls(options.shutter),
         "interlaced": options.shutter.kind == "interlaced",
@@ -91,11 +74,12 @@ def rig(
         film = _film(camera.film, options.film)
         size = film.width, film.height
         if size not in lenses or options.lens.model == "keep":
-            lenses[size] = _lens(camera, film, options.lens)
+            keep = options.lens.model == "keep"
+            lenses[size] = camera.lens if keep else mounted(film, options.lens)
         built = Camera(
             film,
             lenses[size],
-            aperture_of(camera, options.aperture),
+            _aperture(camera, lenses[size], options.aperture),
             shutter_of(camera, options.shutter, late.get(name)),
             camera.trajectory,
             camera.time,
@@ -132,44 +116,13 @@ def _film(film: Film, options: FilmOptions) -> Film:
     return Film(film.width, film.height, options.filter, options.width)
 
 
-def _lens(camera: Camera, film: Film, options: LensOptions) -> AbstractLens:
-    if options.model == "keep":
-        return camera.lens
-    size = np.array([film.width, film.height], np.float32)
-    angle = np.deg2rad(options.fov)
-    if options.model == "pinhole":
-        if not 0 < options.fov < 180:
-            raise ValueError(f"lens.fov must be in (0, 180) for a pinhole, got {options.fov}.")
-        focal = size[0] / 2 / np.tan(angle / 2)
-        return pinhole(jnp.full(2, focal, jnp.float32), jnp.asarray(size / 2))
-    if options.model == "fisheye_polynomial":
-        k = _coefficients(options.k, 5)
-        lens = FisheyePolynomial(
-            k,
-            jnp.asarray(options.sensor, jnp.float32),
-            jnp.asarray(size),
-            jnp.zeros(2, jnp.float32),
-            jnp.asarray(angle, jnp.float32),
-        )
-    elif options.model == "kannala_brandt":
-        k = _coefficients(options.k, 4)
-        half = angle / 2
-        reach = half * (1 + sum(float(c) * half ** (2 * i + 2) for i, c in enumerate(k)))
-        focal = jnp.full(2, size.min() / 2 / reach, jnp.float32)
-        lens = KannalaBrandt(focal, jnp.asarray(size / 2), k, jnp.asarray(half, jnp.float32))
-    else:
+def _aperture(camera: Camera, lens: AbstractLens, options: ApertureOptions) -> Aperture:
+    if options.radius > 0 and options.focus == "plane" and sees_aside(lens):
         raise ValueError(
-            "lens.model must be keep, pinhole, fisheye_polynomial or kannala_brandt, "
-            f"got {options.model!r}."
+            "aperture.focus must be sphere for a lens that sees 90 degrees aside and beyond, where "
+            "no plane in front is met, got plane."
         )
-    check_lens(lens, film.width, film.height)
-    return lens
-
-
-def _coefficients(k: tuple[float, ...], count: int):
-    if len(k) != count:
-        raise ValueError(f"lens.k must hold {count} coefficients, got {len(k)}.")
-    return jnp.asarray(k, jnp.float32)
+    return aperture_of(camera, options)
 
 
 def cameras_of(scene: Path | str, cameras: Path | str | None) -> list[View]:

@@ -31,7 +31,8 @@ FLAT = 1.1
 
 class StepOptions(eqx.Module):
     """What a training step can be told: also how many `samples` a pixel takes, how many pixels'
-    `footprint` a Gaussian has at least, and what of the cameras the stage refines."""
+    `footprint` a Gaussian has at least, what of the cameras the stage refines, and whether the
+    Gaussians are `formed` already (`rates`)."""
 
     loss: LossOptions
     optimizer: OptimizerOptions
@@ -39,6 +40,7 @@ class StepOptions(eqx.Module):
     samples: int = eqx.field(static=True, default=1)
     footprint: float = eqx.field(static=True, default=0.0)
     refine: tuple[str, ...] = eqx.field(static=True, default=())
+    formed: bool = eqx.field(static=True, default=False)
 
 
 class Trial(eqx.Module):
@@ -178,6 +180,7 @@ def train_block(
             extent=cameras.extent,
             steps=steps,
             refine=options.refine,
+            formed=options.formed,
         )
         static, moving = watch(state, gradient, eye)
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)

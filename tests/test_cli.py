@@ -84,7 +84,7 @@ def test_help_of_a_verb_prints_its_groups_with_choices(verb, capsys):
     if verb == "render":
         for group in ("lens", "aperture", "shutter", "trajectory", "film", "camera"):
             assert f"{group}." in text
-        assert "fisheye, kannala_brandt, keep, pinhole" in text
+        assert "fisheye, kannala_brandt, keep, opencv, orthographic, pinhole" in text
 
 
 def test_an_unknown_verb(fails):
@@ -165,7 +165,10 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ("shutter.kind=rolling shutter.direction=up", "shutter.direction must be one of"),
         ("lens.model=mirror", "lens.model must be"),
         ("lens=pinhole lens.fov=180", "lens.fov must be in (0, 180)"),
-        ("lens=kannala_brandt lens.k=[1.0]", "lens.k must hold 4 coefficients, got 1"),
+        (
+            "lens=kannala_brandt lens.k=[1.0]",
+            "lens.k must hold 4 coefficients for kannala_brandt, got 1",
+        ),
         ("film.filter=sharp", "film.filter must be one of"),
         ("trajectory.kind=fly", "trajectory.kind must be keep, between, path"),
         ("trajectory=between", "needs at least two cameras"),

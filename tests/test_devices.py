@@ -195,5 +195,5 @@ def test_without_a_cluster_hosts_must_be_named(tmp_path):
 
 def test_pictures_that_another_host_keeps_to_itself_are_missed(tmp_path, monkeypatch):
     monkeypatch.setattr(filming, "PATIENCE", 0.0)
-    with pytest.raises(OSError, match="12 pictures .* Choose a folder that all hosts share"):
+    with pytest.raises(OSError, match="12 files .* Choose a folder that all hosts share"):
         filming._demand_all(tmp_path, toy.records())

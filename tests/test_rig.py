@@ -2,6 +2,8 @@
 
 import json
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import toy
@@ -9,8 +11,12 @@ import toy
 from gaussray import rig
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
 from gaussray.capture.calibration import read_views
+from gaussray.cli import conf_folder, configuration, options
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
+
+
+look = jax.jit(jax.vmap(lambda lens, pixel: lens.direction(pixel), in_axes=(None, 0)))
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +55,74 @@ def test_every_lens_is_what_it_says(views):
     kannala = built(views, lens=rig.LensOptions("kannala_brandt", 150.0, (-0.02, 0.0, 0.0, 0.0)))[0]
     assert isinstance(kannala.camera.lens, KannalaBrandt)
     np.testing.assert_allclose(kannala.camera.lens.max_angle, np.deg2rad(75), rtol=1e-6)
+
+
+CHOICES = sorted(path.stem for path in (conf_folder() / "lens").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("choice", [name for name in CHOICES if name not in ("keep", "table")])
+def test_every_choice_of_lens_is_one_that_fills_the_picture_and_is_named(views, choice):
+    cfg = configuration("render", ["scene=x", "out=x", f"lens={choice}"])
+    record = built(views, lens=options(rig.LensOptions, cfg.lens))[0]
+    effects = {"pinhole": "pinhole", "opencv": "distortion", "equirectangular": choice}
+    assert record.effect == effects.get(choice, "fisheye")
+    column = jnp.arange(toy.SIZE, dtype=jnp.float32) + 0.5
+    middle = jnp.stack([column, jnp.full_like(column, toy.SIZE / 2)], -1)
+    direction = np.asarray(look(record.camera.lens, middle))
+    assert (direction != 0).any(axis=-1).all()
+    assert direction[toy.SIZE // 2 - 1 : toy.SIZE // 2 + 1, 2].min() > 0.9
+    angle = np.arctan2(direction[:, 0], direction[:, 2])
+    spanned = np.rad2deg(np.unwrap(angle))
+    # From side to side it spans the field of view, less half a pixel each; at an orthographic rim
+    # that is much, and the polynomials suit other pictures.
+    if choice not in ("fisheye", "f_theta", "opencv", "orthographic"):
+        assert spanned[-1] - spanned[0] == pytest.approx(cfg.lens.fov, rel=0.1)
+
+
+def test_a_table_of_rays_is_mounted_from_its_file(views, tmp_path):
+    mounted = built(views, lens=rig.LensOptions("double_sphere", 150.0, (-0.2, 0.6)))[0]
+    place = jnp.arange(33) + 0.5
+    pixel = jnp.stack(jnp.meshgrid(place, place), -1) * toy.SIZE / 33
+    rays = np.asarray(jax.vmap(look, in_axes=(None, 0))(mounted.camera.lens, pixel))
+    lit = np.any(rays != 0, axis=-1)
+    np.savez(tmp_path / "rays.npz", rays=rays)
+    write_image(tmp_path / "rays.exr", rays, depth="half")
+    for name, error in (("rays.npz", 1e-4), ("rays.exr", 1e-3)):
+        record = built(views, lens=rig.LensOptions("table", file=str(tmp_path / name)))[0]
+        assert record.effect == "ray_table"
+        again = np.asarray(jax.vmap(look, in_axes=(None, 0))(record.camera.lens, pixel))
+        same = np.any(again != 0, axis=-1)
+        assert lit.sum() > same.sum() > 0.6 * lit.sum()
+        np.testing.assert_allclose(again[same], rays[same], atol=error)
+
+
+@pytest.mark.parametrize(
+    "lens, message",
+    [
+        (("spherical",), "lens.model must be keep or one of pinhole, .*, got 'spherical'"),
+        (("pinhole", 180.0), r"lens.fov must be in \(0, 180\) for a pinhole, got 180.0"),
+        (("pinhole", 65.0, (0.1,)), "lens.k must hold 0 or 4 or 5 or 8 or 12 or 14 coeff.* got 1"),
+        (("orthographic", 190.0), r"lens.fov must be in \(0, 180\] for orthographic, got 190.0"),
+        (("equidistant", 400.0), r"lens.fov must be in \(0, 360\] degrees, got 400.0"),
+        (("unified_sphere", 200.0, (0.1,)), "lens.k must be monotone"),
+        (("double_sphere", 190.0, (0.1,)), "lens.k must hold 2 coefficients for double_sphere"),
+        (("f_theta", 90.0, (0.0, 0.1), (1.0, 1.0), 1.0, "x"), "lens.polynomial must be one of"),
+        (("equirectangular", 360.0, (), (1.0, 1.0), 200.0), r"lens.fov_y must be in \(0, 180\] d"),
+        (("equisolid", 90.0, (0.1,)), "lens.k must hold 0 coefficients for equisolid, got 1"),
+        (("table",), "lens.file must name a table of directions"),
+    ],
+)
+def test_impossible_lenses_are_refused_by_key_and_rule(views, lens, message):
+    with pytest.raises(ValueError, match=message):
+        built(views, lens=rig.LensOptions(*lens))
+
+
+def test_a_lens_that_sees_behind_focuses_on_a_sphere(views):
+    lens = rig.LensOptions("equidistant", 220.0)
+    with pytest.raises(ValueError, match="aperture.focus must be sphere .* got plane"):
+        built(views, lens=lens, aperture=rig.ApertureOptions(0.1))
+    sphere = built(views, lens=lens, aperture=rig.ApertureOptions(0.1, focus="sphere"))[0]
+    assert sphere.effect == "fisheye_depth_of_field"
 
 
 def test_effects_compose_and_are_named(views):

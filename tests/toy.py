@@ -25,9 +25,9 @@ from gaussray.requirement import NeedOptions
 from gaussray.scene.bodies import resting
 from gaussray.scene.deformation import Deformation, FieldOptions, Layer, deform, initial_deformation
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import constant
+from gaussray.scene.harmonics import C0, constant
 from gaussray.scene.planes import initial_planes
-from gaussray.scene.scene import Scene
+from gaussray.scene.scene import Scene, at
 from gaussray.tracer.trace import TraceOptions
 
 
@@ -99,6 +99,26 @@ def scene(*, speed: float = 1.0) -> Scene:
     )
     field = deformation(speed=speed) if speed else None
     return Scene(gaussians(wall, 0.3, shade, 0.8), bodies, field, single([0, 1]))
+
+
+def carried(begin: float, end: float, *, speed: float = 0.8, light: float = 1.0) -> Scene:
+    """The same wall, in more or less light, and the two bodies on their way along +x at a steady
+    `speed`, in the middle of which they are where the other scene begins; the motion is known from
+    `begin` to `end` alone."""
+    still = scene(speed=0)
+    times = np.linspace(begin, end, 3)
+    bodies = resting(single([[0, 0, 0]]), single([0.7]), single(times))
+    path = single(np.stack([speed * (times - 0.5), 0 * times, 0 * times], axis=-1)[None])
+    field = eqx.tree_at(
+        lambda d: (d.bodies, d.mean, d.rotation, d.scale, d.tint),
+        deformation(),
+        (eqx.tree_at(lambda b: b.path, bodies, path), None, None, None, None),
+        is_leaf=lambda x: x is None,
+    )
+    # The light is 1/2 + C0 x of the constant harmonic x.
+    harmonics = light * (still.static.harmonics + 0.5 / C0) - 0.5 / C0
+    static = eqx.tree_at(lambda g: g.harmonics, still.static, harmonics)
+    return Scene(static, still.moving, field, single([begin, end]))
 
 
 def camera(angle: float = 0.0, time: float = 0.0, width: int = SIZE, height: int = SIZE) -> Camera:
@@ -175,8 +195,7 @@ def write_capture(folder: Path, filmed: Scene, times=TIMES, points: bool = True)
 
 def write_points(path: Path, filmed: Scene) -> None:
     """The centres of the Gaussians at the first instant, as a PLY of grey points."""
-    parts = (filmed.static.mean, filmed.moving.mean)
-    place = np.concatenate([np.asarray(p) for p in parts])
+    place = np.asarray(jax.jit(at)(filmed, filmed.time_range[0]).mean)
     head = ["ply", "format ascii 1.0", f"element vertex {len(place)}"]
     head += [f"property float {axis}" for axis in "xyz"]
     head += [f"property uchar {name}" for name in ("red", "green", "blue")]

@@ -107,9 +107,14 @@ def no_aperture() -> Aperture:
 
 def focused(aperture: Aperture, time: Float[Array, ""]) -> Aperture:
     """The aperture as it is focused at a time, in the capture's unit."""
+    return dataclasses.replace(aperture, focus_distance=focus_at(aperture, time))
+
+
+def focus_at(aperture: Aperture, time: Float[Array, ""]) -> Float[Array, ""]:
+    """The distance that is in focus at a time, in scene units."""
     pull = aperture.focus_distance
     if not isinstance(pull, FocusPull):
-        return aperture
+        return pull
     closeness = 1 / pull.distance
     if pull.time.shape[0] > 1:
         before = jnp.searchsorted(pull.time, time, side="right") - 1
@@ -122,8 +127,7 @@ def focused(aperture: Aperture, time: Float[Array, ""]) -> Aperture:
     else:
         closeness = closeness[0]
     finite = closeness > 0
-    distance = jnp.where(finite, 1 / jnp.where(finite, closeness, 1), jnp.inf)
-    return dataclasses.replace(aperture, focus_distance=distance)
+    return jnp.where(finite, 1 / jnp.where(finite, closeness, 1), jnp.inf)
 
 
 def thin_lens(

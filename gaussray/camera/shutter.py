@@ -1,7 +1,6 @@
 """When each row of the sensor sees the scene."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Num
@@ -104,17 +103,23 @@ def decisive_pixels(shutter: Shutter, resolution: tuple[int, int]) -> np.ndarray
 def time_window(shutter: Shutter, resolution: tuple[int, int]) -> tuple[float, float]:
     """Earliest and latest moment, counted from the frame's time, at which any row looks: of one
     shutter, or of all of a stack. On the host."""
-    shutter = jax.tree.map(lambda x: np.asarray(x, np.float64), shutter)
-    half = shutter.exposure / 2
-    if shutter.row_times is None:
-        rows = np.array([0, row_count(shutter.direction, resolution) - 1])
-        table = np.zeros(2)
-    else:
-        table = shutter.row_times
-        rows = np.arange(table.shape[-1])
-    first = shutter.row_offset + (0 if shutter.trigger is None else shutter.trigger)
-    times = first[..., None] + shutter.row_step[..., None] * rows + table
-    return float((times.min(axis=-1) - half).min()), float((times.max(axis=-1) + half).max())
+    rows = np.arange(row_count(shutter.direction, resolution))
+    middle = _moments(shutter, rows if shutter.row_times is not None else rows[[0, -1]])
+    half = np.asarray(shutter.exposure, np.float64) / 2
+    return float((middle.min(axis=-1) - half).min()), float((middle.max(axis=-1) + half).max())
+
+
+def row_moments(shutter: Shutter, resolution: tuple[int, int]) -> Float[np.ndarray, " rows"]:
+    """Middle of the exposure of every row, as the shutter counts them, from the frame's time. On
+    the host."""
+    return _moments(shutter, np.arange(row_count(shutter.direction, resolution)))
+
+
+def _moments(shutter: Shutter, rows: np.ndarray) -> Float[np.ndarray, "*stack rows"]:
+    told = shutter.row_offset, shutter.row_step, shutter.trigger, shutter.row_times
+    offset, step, trigger, table = (np.asarray(0 if x is None else x, np.float64) for x in told)
+    middle = (offset + trigger)[..., None] + step[..., None] * rows
+    return middle if shutter.row_times is None else middle + table[..., rows]
 
 
 def sample_time(

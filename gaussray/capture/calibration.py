@@ -13,11 +13,9 @@ from jaxtyping import DTypeLike
 from gaussray.camera.camera import Camera
 from gaussray.camera.trajectory import Trajectory
 from gaussray.capture.effects import (
-    INTRINSICS,
     LABELS,
     aperture_of,
     film_of,
-    lens_of,
     quaternions,
     shutter_of,
     trajectory_of,
@@ -25,6 +23,7 @@ from gaussray.capture.effects import (
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.frames import COLOR_SPACES
 from gaussray.capture.keys import Keys
+from gaussray.capture.lenses import INTRINSICS, LENS_LABELS, lens_of
 from gaussray.capture.points import Points, read_points
 from gaussray.capture.window import Window
 
@@ -33,7 +32,7 @@ PINHOLE_FILE = "transforms.json"
 _SHARED = {*INTRINSICS, *LABELS, "film", "effect", "samples", "color_space", "time_unit"}
 _FRAME = {
     *("file_path", "transform_matrix", "time", "camera", "split"),
-    *("mask_path", "depth_file_path"),
+    *("mask_path", "depth_file_path", "labels"),
 }
 _TOP = {"frames", "ply_file_path"}
 # Keys of nerfstudio, instant-ngp and D-NeRF that say nothing of the pictures' cameras, and "info",
@@ -241,8 +240,9 @@ def _view(keys, pose, turn, made, dtype):
 def _label(keys):
     """Effect of a frame that names none, from its blocks."""
     found = [label for block, label in LABELS.items() if keys.has(block)]
-    if not keys.has("lens") and keys.values.get("camera_model") == "OPENCV_FISHEYE":
-        found.insert(0, LABELS["lens"])
+    model = keys.values.get("camera_model")
+    if not keys.has("lens") and model in LENS_LABELS:
+        found.insert(0, LENS_LABELS[model])
     return "+".join(found) or "pinhole"
 
 

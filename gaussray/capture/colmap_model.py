@@ -30,6 +30,10 @@ MODELS: dict[int, tuple[str, tuple[str, ...]]] = {
     ),
     8: ("SIMPLE_RADIAL_FISHEYE", ("f", "cx", "cy", "k1")),
     9: ("RADIAL_FISHEYE", ("f", "cx", "cy", "k1", "k2")),
+    10: (
+        "THIN_PRISM_FISHEYE",
+        ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "s1", "s2"),
+    ),
 }
 _NUMBERS = {name: number for number, (name, _) in MODELS.items()}
 
@@ -101,7 +105,7 @@ def _camera(path, number, model, size, read) -> tuple[int, dict[str, Any]]:
     values: dict[str, Any] = dict(zip(names, read(len(names)), strict=True))
     if "f" in values:
         values["fl_x"] = values["fl_y"] = values.pop("f")
-    kind = "OPENCV_FISHEYE" if name.endswith("FISHEYE") else name
+    kind = "OPENCV_FISHEYE" if name.endswith("RADIAL_FISHEYE") else name
     return number, {**values, "camera_model": kind, "w": size[0], "h": size[1]}
 
 

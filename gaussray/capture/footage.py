@@ -89,20 +89,7 @@ def footage(
     temporary files), of which the system keeps in memory what it has room for; the file goes when
     the footage goes. `report(done)` is called after each picture. OSError if the disk is full.
     """
-    if not views:
-        raise CaptureError(
-            "capture.path holds no view of split 'train'. Mark some frames with "
-            '"split": "train" in transforms.json.'
-        )
-    first = _kind(views[0].camera)
-    for view in views:
-        if _kind(view.camera) != first:
-            raise CaptureError(
-                f"{view.image}: training views must share one size, lens model, film and number of "
-                f"poses, but this one differs from {views[0].image}. Resize the pictures or use "
-                "one kind of camera."
-            )
-    camera = jax.tree.map(lambda *x: jnp.stack(x), *(view.camera for view in views))
+    camera = stacked(views)
     pixels = tile_pixels(camera.film, side)
     masked = any(view.mask is not None for view in views)
     dtype, pictures = stream_encoded(views)
@@ -118,6 +105,26 @@ def footage(
             mask[place] = np.packbits(cut(_mask_of(views[place]), pixels), axis=-1)
         report(done + 1)
     return Footage(pixel, mask, camera, np.array([view.camera_name for view in views]), side)
+
+
+def stacked(views: Sequence[View]) -> Camera:
+    """The cameras of training views, which must be of one kind."""
+    if not views:
+        raise CaptureError(
+            "capture.path holds no view of split 'train'. Mark some frames with "
+            '"split": "train" in transforms.json.'
+        )
+    first = _kind(views[0].camera)
+    for view in views:
+        if _kind(view.camera) != first:
+            raise CaptureError(
+                f"{view.image}: training views must share one size, lens model, film and number of "
+                f"poses, but this one differs from {views[0].image}. Resize the pictures or use "
+                "one kind of camera."
+            )
+    # On the host: a device takes long to join thousands of small arrays.
+    cameras = jax.device_get([view.camera for view in views])
+    return jax.tree.map(lambda *x: jnp.asarray(np.stack(x)), *cameras)
 
 
 def _kind(camera: Camera) -> tuple:

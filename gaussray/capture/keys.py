@@ -93,10 +93,10 @@ class Keys:
             raise self.error(key, rule)
         return [float(v) for v in value]
 
-    def series(self, key: str) -> list[float]:
-        """A list of finite numbers, at least one."""
-        value = self.values.get(key)
-        return self.vector(key, len(value) if isinstance(value, list) and value else 1)
+    def numbers(self, key: str) -> list[float]:
+        """A list of at least one finite number."""
+        value = self._get(key, _ABSENT, "a list of finite numbers")
+        return self.vector(key, len(value) or 1) if isinstance(value, list) else self.vector(key, 1)
 
     def path(self, key: str) -> Path | None:
         """A path relative to the file's folder."""

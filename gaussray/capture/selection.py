@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.camera.lens import AbstractLens, FisheyePolynomial, KannalaBrandt, Pinhole
+from gaussray.camera.lens import AbstractLens, FisheyePolynomial, FocalLens
 from gaussray.camera.shutter import Shutter
 from gaussray.capture.calibration import Capture, View
 from gaussray.capture.errors import CaptureError
@@ -127,7 +127,7 @@ def _lens_through(lens: AbstractLens, window: Window, size: tuple[int, ...]) -> 
     corner, box = np.array(window.box[:2]), np.array(window.box[2:])
     scale = np.array(size) / box
     match lens:
-        case Pinhole() | KannalaBrandt():
+        case FocalLens():
             focal = np.asarray(lens.focal, np.float64) * scale
             center = (np.asarray(lens.center, np.float64) - corner) * scale
             new = {"focal": focal, "center": center}

@@ -10,9 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import DTypeLike
 
 from gaussray.capture.calibration import Capture, document, frames_of, points_of, views_of
-from gaussray.capture.effects import INTRINSICS
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.frames import picture_size
+from gaussray.capture.lenses import INTRINSICS
 
 
 # split -> its file. The validation split is neither learnt from nor scored, as in the field.

@@ -15,20 +15,20 @@ from gaussray.atomic import whole
 from gaussray.camera.aperture import FocusPull
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
-from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
 from gaussray.camera.trajectory import pose_at
+from gaussray.dataset.lenses import lens_keys, plain, write_tables
 from gaussray.geometry import BLENDER_AXES, rotation_matrix
 
 
-_OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split")
-_DISTORTION = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split", "labels")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FrameRecord:
     """One written picture, `file_path` from the manifest's folder, and the camera that took it.
 
-    `samples` is per pixel. The time written is the camera's.
+    `samples` is per pixel. The time written is the camera's. `labels` are the files of what else is
+    known of the picture's pixels.
     """
 
     file_path: str
@@ -39,6 +39,7 @@ class FrameRecord:
     samples: int | None = None
     mask_path: str | None = None
     depth_file_path: str | None = None
+    labels: Mapping[str, str] | None = None
 
 
 def write_manifest(
@@ -48,7 +49,8 @@ def write_manifest(
 
     What all frames share stands at the top level, each frame on one line. Numbers are the shortest
     that give back the same bits. `extra` adds top-level keys (`ply_file_path`, `time_unit`, or
-    `info`, in which readers accept anything). The file appears whole or not at all.
+    `info`, in which readers accept anything). The file appears whole or not at all; tables of rays
+    are written beside it.
     """
     path = Path(path)
     if not views:
@@ -73,6 +75,7 @@ def write_manifest(
         ]
     except ValueError as error:
         raise ValueError(f"{path}: every number written must be finite, got {error}.") from error
+    write_tables(path.parent, [camera.lens for camera in cameras])
     text = "\n".join(["{", *lines, ' "frames": [', "  " + ",\n  ".join(listed), " ]", "}", ""])
     with whole(path) as partial:
         partial.write_text(text, encoding="utf-8")
@@ -84,9 +87,9 @@ def _frame(view, camera):
     film, pose = camera.film, _pose(camera.trajectory, camera.time)
     frame = {
         **{"file_path": view.file_path, "camera": view.camera_name, "split": view.split},
-        **{"time": _plain(camera.time), "transform_matrix": _matrix(*pose)},
+        **{"time": plain(camera.time), "transform_matrix": _matrix(*pose)},
         **{"w": film.width, "h": film.height},
-        **_lens(camera.lens),
+        **lens_keys(camera.lens),
     }
     blocks = {
         "film": _film(film),
@@ -97,40 +100,10 @@ def _frame(view, camera):
     frame |= {key: block for key, block in blocks.items() if block is not None}
     if view.effect != "pinhole" or len(frame.keys() & {"lens", *blocks}):
         frame["effect"] = view.effect
-    for key in ("samples", "mask_path", "depth_file_path"):
+    for key in ("samples", "mask_path", "depth_file_path", "labels"):
         if getattr(view, key) is not None:
             frame[key] = getattr(view, key)
     return frame
-
-
-def _lens(lens):
-    match lens:
-        case Pinhole():
-            k = dict(zip(_DISTORTION, _plain(lens.distortion), strict=True))
-            used = {key: value for key, value in k.items() if value != 0}
-            return {"camera_model": "OPENCV" if used else "PINHOLE", **_intrinsics(lens), **used}
-        case KannalaBrandt():
-            k = dict(zip(("k1", "k2", "k3", "k4"), _plain(lens.coefficients), strict=True))
-            fov = {"model": "kannala_brandt", "fov": _plain(2 * lens.max_angle)}
-            return {"camera_model": "OPENCV_FISHEYE", **_intrinsics(lens), **k, "lens": fov}
-        case FisheyePolynomial():
-            sensor = _plain(lens.sensor)
-            block = {
-                "model": "blender_fisheye_polynomial",
-                "k": _plain(lens.coefficients),
-                "sensor_width_mm": sensor[0],
-                "sensor_height_mm": sensor[1],
-                "fov": _plain(lens.fov),
-            }
-            shift = _plain(lens.shift)
-            return {"lens": {**block, "shift": shift} if any(shift) else block}
-        case _:
-            raise TypeError(f"the manifest has no words for a lens of type {type(lens).__name__}.")
-
-
-def _intrinsics(lens):
-    (fl_x, fl_y), (cx, cy) = _plain(lens.focal), _plain(lens.center)
-    return {"fl_x": fl_x, "fl_y": fl_y, "cx": cx, "cy": cy}
 
 
 def _film(film):
@@ -144,23 +117,23 @@ def _aperture(aperture):
     if float(aperture.radius) == 0:
         return None
     block = {
-        "radius": _plain(aperture.radius),
+        "radius": plain(aperture.radius),
         "focus_distance": _focus(aperture.focus_distance),
         "focus": aperture.focus,
         "blades": aperture.blades,
-        "rotation": _plain(aperture.rotation),
-        "ratio": _plain(aperture.ratio),
+        "rotation": plain(aperture.rotation),
+        "ratio": plain(aperture.ratio),
     }
     if aperture.rim is not None:
-        block["rim"] = {key: _plain(x) for key, x in vars(aperture.rim).items()}
+        block["rim"] = {key: plain(x) for key, x in vars(aperture.rim).items()}
     return block
 
 
 def _focus(distance):
     if not isinstance(distance, FocusPull):
-        return _far(_plain(distance))
-    told = [_far(x) for x in _plain(distance.distance)]
-    return {"time": _plain(distance.time), "distance": told, "ease": distance.ease}
+        return _far(plain(distance))
+    told = [_far(x) for x in plain(distance.distance)]
+    return {"time": plain(distance.time), "distance": told, "ease": distance.ease}
 
 
 def _far(distance):
@@ -168,9 +141,9 @@ def _far(distance):
 
 
 def _shutter(shutter):
-    values = {key: _plain(getattr(shutter, key)) for key in ("row_offset", "row_step", "exposure")}
+    values = {key: plain(getattr(shutter, key)) for key in ("row_offset", "row_step", "exposure")}
     more = {key: getattr(shutter, key) for key in ("row_times", "trigger")}
-    more = {key: _plain(x) for key, x in more.items() if x is not None}
+    more = {key: plain(x) for key, x in more.items() if x is not None}
     if not any(values.values()) and not more:
         return None
     return {**values, "direction": shutter.direction, **more}
@@ -182,7 +155,7 @@ def _trajectory(trajectory):
         return None
     poses = zip(_rotations(jnp.asarray(trajectory.quat)), trajectory.translation, strict=True)
     matrices = [_matrix(*pose) for pose in poses]
-    times = _plain(trajectory.time)
+    times = plain(trajectory.time)
     listed = [
         {"time": time, "transform_matrix": matrix}
         for time, matrix in zip(times, matrices, strict=True)
@@ -191,7 +164,7 @@ def _trajectory(trajectory):
         return listed
     block = {"poses": listed, "interpolation": trajectory.interpolation}
     if shake is not None:
-        block["shake"] = {key: _plain(value) for key, value in vars(shake).items()}
+        block["shake"] = {key: plain(value) for key, value in vars(shake).items()}
     return block
 
 
@@ -209,11 +182,5 @@ def _matrix(rotation, translation):
     """Camera-to-world 4x4 in OpenGL axes."""
     rotation = np.asarray(rotation)
     rotation = rotation * np.asarray(BLENDER_AXES, rotation.dtype)[None]
-    linear, place = _plain(rotation), _plain(translation)
+    linear, place = plain(rotation), plain(translation)
     return [[*row, x] for row, x in zip(linear, place, strict=True)] + [[0.0, 0.0, 0.0, 1.0]]
-
-
-def _plain(value: Any) -> Any:
-    """Python numbers, each the shortest that gives back the same bits in the value's dtype."""
-    array = np.asarray(value)
-    return [_plain(v) for v in array] if array.ndim else float(str(array[()])) + 0.0

@@ -13,7 +13,9 @@ class FitOptions(eqx.Module):
     seen there, and of the others a share `balance` where things move. Gaussians whose pixels change
     more than a share `moving` of the time get a deformation. A block of `block` steps runs without
     the host; `checkpoint` is the interval in seconds between saved states. Pictures of more than
-    `memory` gigabytes are kept in a file.
+    `memory` gigabytes are kept in a file. A capture of more than `segment` instants is cut into
+    segments of at most so many (0: into none), of which each takes `fine` steps and loads its own
+    pictures; neighbours share an instant, at which the later one starts from what the other found.
 
     `points` random points are the start if the capture has none; of those that it has, points go
     that are further from their neighbours than usual by more than `outliers` standard deviations (0
@@ -29,6 +31,7 @@ class FitOptions(eqx.Module):
 
     coarse: int = eqx.field(static=True, default=300)
     fine: int = eqx.field(static=True, default=2500)
+    segment: int = eqx.field(static=True, default=0)
     tiles: int = eqx.field(static=True, default=64)
     block: int = eqx.field(static=True, default=25)
     balance: float = eqx.field(static=True, default=0.5)
@@ -65,5 +68,7 @@ class FitOptions(eqx.Module):
                 f"fit.refine must name some of {', '.join(REFINABLE)}, each once, got "
                 f"{list(self.refine)}."
             )
+        if self.segment and self.segment < 2:
+            raise ValueError(f"fit.segment must be 0 or at least 2, got {self.segment}.")
         if self.degree not in (0, 1, 2, 3):
             raise ValueError(f"fit.degree must be 0, 1, 2 or 3, got {self.degree}.")

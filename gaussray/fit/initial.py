@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from gaussray.geometry import quaternion
-from gaussray.scene.bodies import Bodies, resting
+from gaussray.scene.bodies import Bodies, body_of, resting
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant
 
@@ -114,19 +114,37 @@ def bodies(
     position: Float[np.ndarray, "points 3"],
     times: Float[np.ndarray, " instants"],
     *,
+    known: tuple[Float[np.ndarray, "known 3"], Float[np.ndarray, " known"]] | None = None,
     most: int = 64,
 ) -> Bodies:
-    """The connected groups of points, resting: what moves as one, as far as one can tell.
+    """The bodies among points, resting: what moves as one, as far as one can tell.
 
-    Points belong together when they are nearer than three typical gaps. Groups of less than a
-    hundredth of the points are no bodies, and without points there are none.
+    Bodies that are `known`, by pivot and radius, stay what they are: two that touch by now are
+    still two. Among the points that these do not hold, connected groups are bodies: points belong
+    together when they are nearer than three typical gaps. What holds less than a hundredth of the
+    points is no body, and without points there are none.
     """
-    if not len(position):
-        return resting(
-            jnp.zeros((0, 3), jnp.float32),
-            jnp.zeros(0, jnp.float32),
-            jnp.asarray(times, jnp.float32),
-        )
+    pivot, radius = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    least, rest = max(len(position) / 100, 2.0), position
+    if known is not None and len(known[1]) and len(position):
+        held = np.asarray(body_of(_resting(*known, times), jnp.asarray(position)))
+        large = np.bincount(held, minlength=len(known[1]) + 1)[:-1] >= least
+        pivot, radius = known[0][large], known[1][large]
+        rest = position[~np.isin(held, np.flatnonzero(large))]
+    if len(rest) >= least:
+        more = _groups(rest, least, most)
+        pivot, radius = (np.concatenate(x) for x in zip((pivot, radius), more, strict=True))
+    return _resting(pivot, radius, times)
+
+
+def _resting(pivot: np.ndarray, radius: np.ndarray, times: np.ndarray) -> Bodies:
+    return resting(*(jnp.asarray(x, jnp.float32) for x in (pivot, radius, times)))
+
+
+def _groups(
+    position: Float[np.ndarray, "points 3"], least: float, most: int
+) -> tuple[Float[np.ndarray, "groups 3"], Float[np.ndarray, " groups"]]:
+    """Pivot and radius of the connected groups of so many points."""
     tree = KDTree(position)
     gap = np.median(
         tree.query(position, k=min(2, len(position)))[0].reshape(len(position), -1)[:, -1]
@@ -136,17 +154,13 @@ def bodies(
     _, label = connected_components(graph, directed=False)
     size = np.bincount(label)
     large = np.argsort(-size, kind="stable")[:most]
-    groups = [position[label == i] for i in large[size[large] >= max(len(position) / 100, 2)]]
+    groups = [position[label == i] for i in large[size[large] >= least]]
     pivot = np.array([group.mean(axis=0) for group in groups], np.float32).reshape(-1, 3)
     reach = [
         1.05 * np.linalg.norm(group - center, axis=1).max() + gap
         for group, center in zip(groups, pivot, strict=True)
     ]
-    return resting(
-        jnp.asarray(pivot),
-        jnp.asarray(reach, jnp.float32).reshape(-1),
-        jnp.asarray(times, jnp.float32),
-    )
+    return pivot, np.array(reach, np.float32).reshape(-1)
 
 
 def in_common_view(

@@ -65,7 +65,9 @@ class Journal:
         """One line of figures."""
         if not self.writes:
             return
-        line = {"stage": stage, "step": step, "seconds": round(clock.monotonic() - self.began, 3)}
+        line: dict[str, Any] = {"segment": self.info["segment"]} if "segment" in self.info else {}
+        line |= {"stage": stage, "step": step}
+        line["seconds"] = round(clock.monotonic() - self.began, 3)
         line |= {name: float(value) for name, value in terms.items()}
         line["psnr"] = decibel(terms["mse"])
         with (self.out / "metrics.jsonl").open("a") as file:
@@ -92,10 +94,11 @@ class Journal:
             wrong = ["a parameter"]
         if wrong:
             self.save(before, stage)
+            where = f" of segment {self.info['segment']}" if "segment" in self.info else ""
             raise NonFiniteLoss(
-                f"{wrong[0]} is not finite at step {int(before.step)} of the {stage} stage. The "
-                f"state before it is in {self.checkpoint}; go on with resume=true and a smaller "
-                "optimizer.mean, optimizer.network or optimizer.planes."
+                f"{wrong[0]} is not finite at step {int(before.step)} of the {stage} stage{where}. "
+                f"The state before it is in {self.checkpoint}; go on with resume=true and a "
+                "smaller optimizer.mean, optimizer.network or optimizer.planes."
             )
 
 

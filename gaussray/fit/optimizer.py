@@ -63,7 +63,7 @@ class OptimizerOptions(eqx.Module):
     shutter: float = eqx.field(static=True, default=3e-2)
     exposure: float = eqx.field(static=True, default=5e-3)
     offset: float = eqx.field(static=True, default=2e-2)
-    decay: float = eqx.field(static=True, default=0.1)
+    decay: float = eqx.field(static=True, default=0.03)
 
     def __check_init__(self):
         for name in (
@@ -94,12 +94,14 @@ def rates(
     extent: float | Float[Array, ""],
     steps: int,
     refine: tuple[str, ...] = (),
+    formed: bool = False,
 ) -> Parameters:
     """Learning rate of every array at a step, as a tree of the parameters' shape. Corrections of
-    cameras rest unless `refine` names them."""
+    cameras rest unless `refine` names them. Gaussians that stand still and are `formed` by an
+    earlier stage learn at the rate with which that ended."""
     fall = jnp.asarray(optax.exponential_decay(1.0, max(steps, 1), options.decay)(step))
 
-    def gaussians(free: Unconstrained) -> Unconstrained:
+    def gaussians(free: Unconstrained, fall: Array) -> Unconstrained:
         # The constant harmonic is the colour; the others learn more slowly.
         coefficients = jnp.arange(free.harmonics.shape[1])[None, :, None]
         color = jnp.where(coefficients == 0, options.color, options.harmonics) * fall
@@ -126,7 +128,8 @@ def rates(
             (planes, *bodies),
         )
         deformation = eqx.tree_at(lambda d: d.light, deformation, options.light * fall)
-    static, moving = gaussians(parameters.static), gaussians(parameters.moving)
+    static = gaussians(parameters.static, jnp.full_like(fall, options.decay) if formed else fall)
+    moving = gaussians(parameters.moving, fall)
     corrections, held = parameters.corrections, refined_kinds(parameters.corrections)
     if held:
         # A scene that has not formed yet would lead them astray.

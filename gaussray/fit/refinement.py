@@ -10,7 +10,16 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.camera import Camera
-from gaussray.camera.lens import AbstractLens, FisheyePolynomial, KannalaBrandt, Pinhole
+from gaussray.camera.lens import (
+    AbstractLens,
+    Equirectangular,
+    FisheyePolynomial,
+    FocalLens,
+    FTheta,
+    Pinhole,
+    RadialLens,
+    RayTable,
+)
 from gaussray.camera.shutter import Shutter
 from gaussray.fit.cameras import CameraSet
 from gaussray.geometry import multiply, product, turning
@@ -26,11 +35,12 @@ class Corrections(eqx.Module):
 
     `pose` is a rotation vector about the camera's own place and a shift, along the world's axes, in
     radians and extents. `lens` is the logarithm of a factor of both focal lengths, a shift of the
-    principal point in focal lengths, and what is added to the lens's coefficients (those that are
-    not zero). `shutter` is the logarithm of a factor of row step and row offset: a single one, for
-    cameras of one make read alike, and what one of them sees says little. `exposure` is the
-    logarithm of exposure times white balance, by channel of linear light. `offset` is how much
-    later than recorded a camera looks, in intervals between the capture's instants.
+    principal point in focal lengths (those on the axis), and what is added to the lens's
+    coefficients (those that are not zero). `shutter` is the logarithm of a factor of row step and
+    row offset: a single one, for cameras of one make read alike, and what one of them sees says
+    little. `exposure` is the logarithm of exposure times white balance, by channel of linear light.
+    `offset` is how much later than recorded a camera looks, in intervals between the capture's
+    instants.
     """
 
     pose: Float[Array, "*cameras 6"] | None = None
@@ -50,9 +60,10 @@ def no_corrections(refine: Sequence[str], count: int, camera: Camera) -> Correct
             "fit.refine=[shutter] scales the recorded readout, but every shutter.row_step of the "
             "capture is 0. Write an estimate into transforms.json, or leave shutter out."
         )
+    lens = 3 + coefficients(camera.lens).shape[-1] if "lens" in refine else 0
     shape = {
         "pose": (count, 6),
-        "lens": (count, 3 + coefficients(camera.lens).shape[-1]),
+        "lens": (count, lens),
         "shutter": (),
         "exposure": (count, 3),
         "offset": (count,),
@@ -67,11 +78,20 @@ def refined_kinds(corrections: Corrections | None) -> tuple[str, ...]:
 
 def coefficients(lens: AbstractLens) -> Float[Array, "*cameras coefficients"]:
     """The coefficients that bend a lens's rays; an ideal pinhole has none."""
-    if isinstance(lens, Pinhole):
-        return lens.distortion if lens.distorted else lens.distortion[..., :0]
-    if isinstance(lens, KannalaBrandt | FisheyePolynomial):
-        return lens.coefficients
-    raise TypeError(f"fit.refine has no words for a lens of type {type(lens).__name__}.")
+    match lens:
+        case Pinhole():
+            return lens.distortion if lens.distorted else lens.distortion[..., :0]
+        case Equirectangular() | RayTable():
+            raise ValueError(
+                "fit.refine=[lens] must be for lenses with a focal length of their own, got "
+                f"{type(lens).__name__}, whose rays are given with its pictures. Leave lens out."
+            )
+        case FisheyePolynomial():
+            return lens.coefficients
+        case FocalLens():
+            return getattr(lens, "coefficients", lens.center[..., :0])
+        case _:
+            raise TypeError(f"fit.refine has no words for a lens of type {type(lens).__name__}.")
 
 
 def settled(corrections: Corrections, cameras: CameraSet) -> Corrections:
@@ -125,16 +145,6 @@ def _lens(lens: AbstractLens, own: Float[Array, " parameters"]) -> AbstractLens:
     scale, center, bent = jnp.exp(own[0]), own[1:3], coefficients(lens)
     change = jnp.where(bent != 0, own[3:], 0)
     match lens:
-        case Pinhole():
-            return Pinhole(
-                scale * lens.focal,
-                lens.center + lens.focal * center,
-                bent + change if lens.distorted else lens.distortion,
-                lens.distorted,
-            )
-        case KannalaBrandt():
-            focal, center = scale * lens.focal, lens.center + lens.focal * center
-            return KannalaBrandt(focal, center, bent + change, lens.max_angle)
         case FisheyePolynomial():
             # Its focal length is 1/|k1|; at half the sensor's width all changes are angles.
             power = jnp.arange(bent.shape[0])
@@ -147,6 +157,17 @@ def _lens(lens: AbstractLens, own: Float[Array, " parameters"]) -> AbstractLens:
                 lens.shift + shift,
                 lens.fov,
             )
+        case FocalLens():
+            paraxial = lens.focal * (lens.slope() if isinstance(lens, RadialLens) else 1)
+            new = {"focal": scale * lens.focal, "center": lens.center + paraxial * center}
+            if isinstance(lens, FTheta):
+                # At the rim all changes are angles, or focal lengths.
+                unit = 1 if lens.polynomial == "angle_of_radius" else jnp.abs(bent[1])
+                change = change * unit / lens.limit ** jnp.arange(bent.shape[0])
+            name = "distortion" if isinstance(lens, Pinhole) else "coefficients"
+            if bent.shape[0]:
+                new[name] = bent + change
+            return dataclasses.replace(lens, **new)
         case _:
             raise TypeError(f"fit.refine has no words for a lens of type {type(lens).__name__}.")
 

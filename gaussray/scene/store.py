@@ -16,6 +16,9 @@ the head opacity, and deformation.encoded (true or false).
 Version 3 is for scenes of either kind that are kept compactly, or whose `Deformation` lacks a head
 (and its arrays) or every scale. Its header also lists all `arrays`, and under `codes` those that
 are kept as bytes, each with what `compact.Code` says of it.
+
+Version 4 is for clips. Its header lists under `segments` what the headers of their scenes would
+say; the arrays of segment i have the names that they would have there after "i.".
 """
 
 import json
@@ -31,6 +34,7 @@ from jaxtyping import Array
 
 from gaussray.atomic import whole
 from gaussray.scene.bodies import Bodies
+from gaussray.scene.clip import Clip, segments_of
 from gaussray.scene.compact import compressed, restored
 from gaussray.scene.deformation import Deformation, Layer
 from gaussray.scene.gaussians import Gaussians
@@ -41,30 +45,54 @@ from gaussray.scene.scene import Scene
 
 FORMAT = "gaussray-scene"
 # A scene is written in the first version that has a place for it.
-VERSION, RESIDUALS, LISTED = 1, 2, 3
+VERSION, RESIDUALS, LISTED, SEGMENTS = 1, 2, 3, 4
 # What is kept of the arrays: every bit, or what `compact` says.
 PRECISIONS = ("full", "compact")
 HEADS = ("mean", "rotation", "scale", "tint")
 
 
 def save_scene(
-    path: Path | str, scene: Scene, *, info: dict[str, Any] | None = None, precision: str = "full"
+    path: Path | str,
+    scene: Scene | Clip,
+    *,
+    info: dict[str, Any] | None = None,
+    precision: str | Sequence[str] = "full",
 ) -> None:
     """Write a scene; `info` (anything JSON) is kept in the header.
 
     A `precision` of full keeps every bit; compact what `compact` says, in about a quarter of the
-    bytes, and loses nothing more of a scene that was read from such a file. ValueError if it is
-    another, or if a scene to be kept compactly is not finite.
+    bytes, and loses nothing more of a scene that was read from such a file; of a clip, each segment
+    may have its own. ValueError if it is another, or if a scene to be kept compactly is not finite.
     """
-    header, array = _contents(scene, info or {}, precision)
-    write_arrays(path, header, array, deflated=precision == "compact")
+    parts = segments_of(scene)
+    each = [precision] * len(parts) if isinstance(precision, str) else list(precision)
+    contents = [_contents(one, info or {}, own) for one, own in zip(parts, each, strict=True)]
+    header, array = contents[0]
+    if isinstance(scene, Clip):
+        header = {"format": FORMAT, "version": SEGMENTS, "info": info or {}}
+        header["segments"] = [
+            {k: own[k] for k in ("version", "arrays", "codes") if k in own} for own, _ in contents
+        ]
+        array = {f"{i}.{k}": x for i, (_, own) in enumerate(contents) for k, x in own.items()}
+    write_arrays(path, header, array, deflated="compact" in each)
 
 
-def load_scene(path: Path | str) -> Scene:
+def load_scene(path: Path | str) -> Scene | Clip:
     """Read a scene; a folder means its scene.npz."""
+    path = _scene_file(path)
+    header, array = read_arrays(path, FORMAT, VERSION, RESIDUALS, LISTED, SEGMENTS)
+    return (_clip if header["version"] == SEGMENTS else _scene)(header, array, path)
+
+
+def scene_info(path: Path | str) -> dict[str, Any]:
+    """What was told `save_scene` of a scene on disk."""
+    versions = VERSION, RESIDUALS, LISTED, SEGMENTS
+    return read_arrays(_scene_file(path), FORMAT, *versions)[0].get("info", {})
+
+
+def _scene_file(path: Path | str) -> Path:
     path = Path(path)
-    path = path / "scene.npz" if path.is_dir() else path
-    return _scene(*read_arrays(path, FORMAT, VERSION, RESIDUALS, LISTED), path)
+    return path / "scene.npz" if path.is_dir() else path
 
 
 def as_stored(scene: Scene, *, precision: str) -> Scene:
@@ -109,6 +137,26 @@ def _scene(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> 
     return scene_from(array, path, residuals="deformation.encoded" in array, demanded=())
 
 
+def _clip(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> Clip:
+    """The clip in a file."""
+    listed = header.get("segments")
+    versions = VERSION, RESIDUALS, LISTED
+    if not isinstance(listed, list) or not all(
+        isinstance(own, dict) and own.get("version") in versions for own in listed
+    ):
+        raise ValueError(f"{path}: the header does not list its segments; the scene is damaged.")
+
+    def segment(i: int) -> Scene:
+        own = {k.removeprefix(f"{i}."): x for k, x in array.items() if k.startswith(f"{i}.")}
+        return _scene(listed[i], own, path / f"segment {i + 1}")
+
+    scenes = tuple(segment(i) for i in range(len(listed)))
+    try:
+        return Clip(scenes)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error} The scene is damaged.") from error
+
+
 def scene_from(
     array: dict[str, np.ndarray],
     path: Path,
@@ -142,7 +190,13 @@ def scene_from(
         deformation = _residuals(array, "deformation", path)
     else:
         deformation = deformation_from(array, "deformation", path, demanded)
-    return Scene(gaussians("static"), gaussians("moving"), deformation, take("time_range"))
+    time_range = take("time_range")
+    if time_range.shape != (2,):
+        raise ValueError(
+            f"{path}: the array 'time_range' must hold two times, got the shape "
+            f"{time_range.shape}; the scene is damaged."
+        )
+    return Scene(gaussians("static"), gaussians("moving"), deformation, time_range)
 
 
 def deformation_from(

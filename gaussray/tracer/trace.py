@@ -150,7 +150,7 @@ def _trace_arrays(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
     leading = partial(jnp.moveaxis, source=-1, destination=0)
 
     def one(rays: Rays):
-        bundled = _bundle(rays, options)
+        bundled = in_bundles(rays, options)
         weights = jax.vmap(jax.vmap(partial(control_weights, motion.time)))(bundled.time)
         channels, transmittance, hits = march(
             rows,
@@ -176,7 +176,7 @@ def find(
     """Lists of every bundle over all samples, and the number of Gaussians that were not finite."""
     motion, rays = jax.lax.stop_gradient((motion, rays))
     grid = build(motion, alpha_min=options.alpha_min)
-    each = jax.vmap(lambda one: _bundle(one, options))(_sampled(rays))
+    each = jax.vmap(lambda one: in_bundles(one, options))(_sampled(rays))
     bundled = jax.tree.map(
         lambda x: jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1, *x.shape[3:]), each
     )
@@ -258,7 +258,7 @@ def enlarge(capacity: Capacity, needed: list[int], *, headroom: float = 1.3) -> 
     )
 
 
-def _bundle(rays: Rays, options: TraceOptions) -> Rays:
+def in_bundles(rays: Rays, options: TraceOptions) -> Rays:
     """Rays as bundles x rays of one bundle; what is missing is filled with rays that meet
     nothing (direction zero)."""
     each = options.bundle**2

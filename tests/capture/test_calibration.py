@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaussray.camera.camera import camera_ray
-from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
+from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole, ThinPrismFisheye
 from gaussray.capture.calibration import effect_files, read_capture, read_views
 from gaussray.capture.errors import CaptureError, CaptureWarning
 
@@ -113,6 +113,27 @@ def test_an_opencv_fisheye_reaches_as_far_as_its_polynomial_rises(tmp_path):
     block = {"model": "kannala_brandt", "fov": 2.5}
     (view,) = read(tmp_path, camera_model="OPENCV_FISHEYE", k1=-0.1, lens=block)
     assert float(view.camera.lens.max_angle) == 1.25
+
+
+def test_a_sphere_is_nerfstudios(tmp_path):
+    """Its cameras.py: theta = -pi x, phi = pi (1/2 - y), x and y in focal lengths, y upwards."""
+    keys = {"fl_x": 32, "fl_y": 48, "cx": 32, "cy": 24}
+    (view,) = read(tmp_path, camera_model="EQUIRECTANGULAR", **keys)
+    assert view.effect == "equirectangular"
+    for column, row in ((10.0, 40.0), (60.0, 3.0)):
+        ray = jax.jit(camera_ray)(view.camera, jnp.array([column, row]), CENTER)
+        x, y = (column + 0.5 - 32) / 32, -(row + 0.5 - 24) / 48
+        theta, phi = -np.pi * x, np.pi * (0.5 - y)
+        ours = [-np.sin(theta) * np.sin(phi), np.cos(phi), -np.cos(theta) * np.sin(phi)]
+        np.testing.assert_allclose(ray.direction, np.array(POSE)[:3, :3] @ ours, atol=1e-12)
+
+
+def test_a_thin_prism_fisheye_reaches_as_far_as_its_polynomial_rises(tmp_path):
+    (view,) = read(tmp_path, camera_model="THIN_PRISM_FISHEYE", k1=-0.1, s1=0.01, p2=1e-3)
+    lens = view.camera.lens
+    assert isinstance(lens, ThinPrismFisheye) and view.effect == "fisheye"
+    np.testing.assert_array_equal(lens.coefficients, [-0.1, 0, 0, 1e-3, 0, 0, 0.01, 0])
+    assert float(lens.max_angle) == pytest.approx(np.sqrt(10 / 3), rel=2e-3)
 
 
 def test_all_effects_together_are_one_camera(tmp_path):
@@ -222,11 +243,29 @@ WRONG = [
     ({"fl_y": "55"}, "fl_y must be a finite number, got '55'"),
     ({"fl_y": -55}, r"transforms.json, frame 0: lens.focal must be above 0, got \[50.0, -55.0\]"),
     ({"cx": float("nan")}, "cx must be a finite number, got nan"),
-    ({"camera_model": "EQUIRECTANGULAR"}, "camera_model must be one of PINHOLE, .*'EQUIRECT"),
+    ({"camera_model": "ORTHOPHOTO"}, "camera_model must be one of PINHOLE, .*'ORTHOPHOTO'"),
+    ({"camera_model": "EQUIRECTANGULAR", "fl_x": 20}, "lens.focal must give every pixel a dir"),
     ({"camera_model": "OPENCV", "k1": -3.0}, "lens.distortion must give every pixel a direction"),
     ({"color_space": "aces"}, "color_space must be one of srgb, linear, got 'aces'"),
     ({"samples": -1}, "samples must be a whole number of at least 1, got -1"),
-    ({"lens": {**FISHEYE, "model": "f_theta"}}, "lens.model must be one of blender_f.*'f_theta'"),
+    ({"lens": {**FISHEYE, "model": "anamorph"}}, "lens.model must be one of blender_f.*'anamorph"),
+    ({"lens": {"model": "f_theta", "k": [0, 1]}}, "lens.polynomial must be one of angle_of_radius"),
+    (
+        {"lens": {"model": "f_theta", "polynomial": "angle_of_radius", "k": [], "fov": 2}},
+        r"lens.k must be a list of 1 finite numbers, got \[\]",
+    ),
+    (
+        {"lens": {"model": "f_theta", "polynomial": "angle_of_radius", "k": [0, 1, -9], "fov": 2}},
+        "transforms.json, frame 0: lens.k must reach half of lens.fov",
+    ),
+    ({"lens": {"model": "double_sphere", "k": [0, 0.6]}}, "lens.fov must be a number, got nothing"),
+    (
+        {"lens": {"model": "double_sphere", "k": [0, 2], "fov": 3}},
+        "lens.k .alpha. must be in .0, 1",
+    ),
+    ({"lens": {"model": "unified_sphere", "k": [0.2], "fov": 6}}, "lens.k must be monotone"),
+    ({"lens": {"model": "orthographic", "fov": 4}}, "lens.max_angle must be in .0, 1.570796. here"),
+    ({"lens": {"model": "table"}}, "lens.file must be a table of directions"),
     ({"lens": {**FISHEYE, "k": [0, -0.07]}}, "lens.k must be a list of 5 finite numbers"),
     ({"lens": "fisheye"}, "lens must be a block with the keys model, k, .*, got 'fisheye'"),
     (

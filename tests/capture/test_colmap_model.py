@@ -54,7 +54,7 @@ def test_parameters_of_every_model_go_by_their_names(tmp_path, form, number):
     if "f" in expected:
         assert camera["fl_x"] == camera["fl_y"] == expected.pop("f")
     assert {key: camera[key] for key in expected} == expected
-    assert camera["camera_model"] == ("OPENCV_FISHEYE" if "FISHEYE" in name else name)
+    assert camera["camera_model"] == ("OPENCV_FISHEYE" if "RADIAL_FISHEYE" in name else name)
 
 
 @pytest.mark.parametrize("place", ["sparse/0", "sparse", "colmap/sparse/0", "."])
@@ -86,9 +86,9 @@ def test_a_camera_that_there_is_not(tmp_path):
             read_model(tmp_path / form)
 
 
-@pytest.mark.parametrize("model", ["FOV", "THIN_PRISM_FISHEYE"])
+@pytest.mark.parametrize("model", ["FOV", "RAD_TAN_THIN_PRISM_FISHEYE"])
 def test_a_model_that_no_lens_of_ours_is(tmp_path, model):
-    numbers = {"FOV": 7, "THIN_PRISM_FISHEYE": 10}
+    numbers = {"FOV": 7, "RAD_TAN_THIN_PRISM_FISHEYE": 11}
     said = {"bin": numbers[model], "txt": model}
     for form in ("bin", "txt"):
         cameras = {3: (model, 4, 3, (1.0,) * 5)}

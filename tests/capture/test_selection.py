@@ -32,6 +32,14 @@ LENSES = {
     "pinhole": {},
     "distorted": {"camera_model": "OPENCV", "k1": 0.05, "k2": -0.01, "p1": 0.002, "p2": 0.001},
     "kannala_brandt": {"camera_model": "OPENCV_FISHEYE", "k1": 0.01, "k2": -0.002},
+    "thin_prism": {"camera_model": "OPENCV", "k1": 0.05, "s1": 0.01, "s4": -0.02, "tau_x": 0.03},
+    "sphere": {"camera_model": "EQUIRECTANGULAR", "fl_x": 12, "fl_y": 16, "cx": 12, "cy": 8},
+    "double_sphere": {"lens": {"model": "double_sphere", "k": [-0.2, 0.6], "fov": 3.6}},
+    "f_theta": {
+        "fl_x": 1,
+        "fl_y": 1,
+        "lens": {"model": "f_theta", "polynomial": "angle_of_radius", "k": [0, 0.06], "fov": 3},
+    },
     "polynomial": {
         "lens": {
             "model": "blender_fisheye_polynomial",

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from lenses import zoo
 
 from gaussray.camera.aperture import Aperture, FocusPull, Rim, no_aperture
 from gaussray.camera.camera import Camera, camera_rays
@@ -46,6 +47,7 @@ LENSES = {
         jnp.array([0.01, -0.02]),
         jnp.array(2.9),
     ),
+    **{name: lambda lens=lens: lens for name, lens in zoo(64, 48).items()},
 }
 APERTURE = Aperture(
     jnp.array(0.09), jnp.array(2.3), jnp.array(0.3), jnp.array(1.5), blades=5, focus="sphere"
@@ -186,6 +188,15 @@ def test_frames_of_all_lenses_share_one_file(tmp_path):
         assert eqx.tree_equal(view.camera.lens, camera(lens=name).lens)
 
 
+def test_a_table_of_rays_lies_beside_the_list_once(tmp_path):
+    views = [record(camera(lens="table"), name) for name in "ab"]
+    write_manifest(tmp_path / "out.json", views)
+    (file,) = tmp_path.glob("lens_*.npz")
+    assert f'"file": "{file.name}"' in (tmp_path / "out.json").read_text()
+    rays = np.asarray(LENSES["table"]().rays)
+    np.testing.assert_array_equal(np.load(file)["rays"], rays)
+
+
 def test_single_precision_is_written_as_short_as_it_is(tmp_path):
     write_manifest(tmp_path / "out.json", [record(camera(kind=jnp.float32))])
     assert '"fl_x": 50.1,' in (tmp_path / "out.json").read_text()
@@ -193,12 +204,13 @@ def test_single_precision_is_written_as_short_as_it_is(tmp_path):
 
 def test_a_written_folder_is_a_capture_that_reads_without_a_warning(tmp_path):
     write_manifest(tmp_path / "transforms.json", [record(camera())])
-    for name in ("fisheye", "kannala_brandt"):
+    names = ("fisheye", "kannala_brandt", "table", "double_sphere", "sphere", "angle_of_radius")
+    for name in names:
         write_manifest(tmp_path / f"{name}.json", [record(camera(lens=name), effect=name)])
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         capture = read_capture(tmp_path)
-    assert len(capture.views) == 1 and list(capture.effects) == ["fisheye", "kannala_brandt"]
+    assert len(capture.views) == 1 and set(capture.effects) == set(names)
 
 
 def test_what_cannot_be_written_is_said(tmp_path):

@@ -1,10 +1,12 @@
 """Points that a reconstruction starts from: outliers go, duplicates merge, all else stays; and
 what is put around them."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaussray.fit.initial import inliers, merged, surrounding
+from gaussray.fit.initial import bodies, inliers, merged, surrounding
+from gaussray.scene.bodies import body_of
 
 
 LIMIT = 5.0
@@ -75,3 +77,22 @@ def test_strays_do_not_stretch_the_box_that_is_surrounded():
     cloud = np.random.default_rng(0).random((1000, 3)).astype(np.float32)
     cloud[:3] = 1e6
     assert np.abs(surrounding(cloud, count=100, seed=1)[0]).max() < 2.1
+
+
+def test_bodies_that_are_known_stay_two_where_they_touch_and_new_ones_are_found():
+    centers = np.float32([[0, 0, 0], [1.05, 0, 0], [5, 0, 0], [9, 0, 0]])
+    # Fibonacci's lattice: as even as a scanned surface.
+    turn, height = np.pi * (1 + 5**0.5) * np.arange(300), 1 - (2 * np.arange(300) + 1) / 300
+    ring = np.sqrt(1 - height**2)
+    ball = np.stack([ring * np.cos(turn), ring * np.sin(turn), height], axis=-1)
+    balls = [(center + 0.5 * ball).astype(np.float32) for center in centers]
+    cloud, times = np.concatenate(balls[:3]), np.float32([0, 1])
+    assert len(bodies(cloud, times).pivot) == 2
+    # The last of the known ones is not among the points that move now.
+    known = centers[[0, 1, 3]], np.float32([0.55, 0.55, 0.55])
+    found = bodies(cloud, times, known=known)
+    np.testing.assert_array_equal(found.pivot[:2], centers[:2])
+    assert len(found.pivot) == 3 and np.linalg.norm(found.pivot[2] - centers[2]) < 0.5
+    member = np.asarray(body_of(found, jnp.asarray(cloud)))
+    np.testing.assert_array_equal(member, np.repeat([0, 1, 2], 300))
+    assert not np.any(found.path) and len(bodies(cloud[:0], times, known=known).pivot) == 0

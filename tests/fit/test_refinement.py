@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, pinhole
+from gaussray.camera.lens import (
+    DoubleSphere,
+    Equirectangular,
+    Fisheye,
+    FisheyePolynomial,
+    FTheta,
+    KannalaBrandt,
+    pinhole,
+)
 from gaussray.fit.cameras import camera_set, rays_per_pixel
 from gaussray.fit.refinement import (
     REFINABLE,
@@ -44,6 +52,11 @@ LENSES = {
     "polynomial": FisheyePolynomial(
         toy.single([0, -0.07, 1e-4, -2e-5, 0]), toy.single([36, 36]), SIZE,
         toy.single([0.02, -0.01]), toy.single(3.0),
+    ),
+    "equisolid": Fisheye(SIZE / 2, SIZE / 2, toy.single(1.4), "equisolid"),
+    "double_sphere": DoubleSphere(SIZE / 2, SIZE / 2, toy.single([-0.2, 0.6]), toy.single(1.8)),
+    "f_theta": FTheta(
+        jnp.ones(2, jnp.float32), SIZE / 2, toy.single([0, 0.06, 0, 1e-5]), toy.single(20)
     ),
 }  # fmt: skip
 
@@ -114,6 +127,13 @@ def test_only_coefficients_that_a_lens_has_are_refined(cameras):
         own = jnp.zeros(3 + count, jnp.float32).at[3:].set(1e-3)
         bent = coefficients(alone(cameras, lens=own)(through(lens)).lens)
         np.testing.assert_array_equal(bent != coefficients(lens), coefficients(lens) != 0, name)
+
+
+def test_a_panorama_has_no_lens_to_refine_but_a_pose():
+    camera = through(Equirectangular(SIZE, SIZE / 2))
+    assert no_corrections(("pose",), 4, camera).lens is None
+    with pytest.raises(ValueError, match=r"fit.refine=\[lens\] must be for lenses with a focal"):
+        no_corrections(("lens",), 4, camera)
 
 
 def test_poses_turn_about_their_own_place_and_move_in_extents(filmed, cameras):

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from lenses import number, zoo
 from scenes import OPTIONS, RAYS, Lines
 
 from gaussray.camera.aperture import Aperture
@@ -12,10 +13,6 @@ from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, pinhole
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
 from gaussray.tracer.bundle import tiles
-
-
-def number(value):
-    return jnp.array(float(value))
 
 
 SIDE = 8
@@ -36,6 +33,7 @@ LENSES = {
     "kannala": KannalaBrandt(
         jnp.array([2.2, 2.1]), jnp.array([4.1, 3.9]), jnp.array([0.01, 0, 0, 0]), number(1.9)
     ),
+    **zoo(SIDE, SIDE),
 }
 
 

@@ -1,0 +1,93 @@
+"""Blender's fisheye, as a polynomial of the distance on the sensor."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaussray.camera.checks import require
+from gaussray.camera.inverse import increasing_root
+from gaussray.camera.lens.abstract import AbstractLens
+from gaussray.camera.lens.radial import polar
+from gaussray.geometry import safe_norm
+
+
+class FisheyePolynomial(AbstractLens):
+    """Blender's FISHEYE_LENS_POLYNOMIAL: theta = -(k0 + k1 r + k2 r^2 + k3 r^3 + k4 r^4).
+
+    r is the distance on the sensor in millimetres, theta the angle from the axis in radians;
+    ordinary lenses have negative k1, and a negative theta looks to the opposite side (a picture
+    mirrored through its centre). `sensor` is (width, height) in mm, `resolution` the same picture
+    in pixels, `shift` Blender's (fractions of the sensor, +x right, +y up). Beyond `fov`/2 it is
+    black.
+    """
+
+    coefficients: Float[Array, "5"]
+    sensor: Float[Array, "2"]
+    resolution: Float[Array, "2"]
+    shift: Float[Array, "2"]
+    fov: Float[Array, ""]
+
+    def direction(self, pixel: Float[Array, "2"]) -> Float[Array, "3"]:
+        xy = (pixel / self.resolution - self._axis()) * self.sensor
+        r = safe_norm(xy)
+        off_axis = r > 0
+        theta = self._angle(r, self.coefficients)
+        lit = jnp.abs(theta) <= self.fov / 2
+        # No angle of azimuth: (x, y)/r is exact in all four quadrants and on the axis, where
+        # sin(theta)/r becomes -k1. The pixel exactly on the axis looks along it, whatever k0.
+        stretch = jnp.sin(theta) / jnp.where(off_axis, r, 1)
+        stretch = jnp.where(off_axis, stretch, -self.coefficients[1])
+        forward = jnp.where(off_axis, jnp.cos(theta), 1)
+        return jnp.where(lit, jnp.append(stretch * xy, forward), 0)
+
+    def project(self, point: Float[Array, "3"]) -> Float[Array, "2"]:
+        angle, axial, off_axis = polar(point)
+        reach = self._reach()
+        # Mirroring polynomials have theta < 0: solve for |theta|, then take the other side.
+        ends = self._angle(jnp.stack([jnp.zeros_like(reach), reach]), self.coefficients)
+        side = jnp.where(ends[1] < ends[0], -1, 1).astype(angle.dtype)
+        lowest, highest = side * ends
+        imaged = (angle <= self.fov / 2) & (angle >= lowest) & (angle <= highest)
+        # What lies straight behind has no side of the picture.
+        imaged &= off_axis | (point[2] > 0)
+
+        def angle_at(r, k):
+            return side * self._angle(r, k)
+
+        r = increasing_root(angle_at, jnp.where(imaged, angle, lowest), self.coefficients, reach)
+        # On the axis r/axial becomes 1/(|k1| z), guarded for points that do not need it.
+        slope = -self.coefficients[1] * point[2]
+        limit = 1 / jnp.where(off_axis | (slope == 0), 1, slope)
+        stretch = jnp.where(off_axis, side * r / axial, limit)
+        pixel = (stretch * point[:2] / self.sensor + self._axis()) * self.resolution
+        return jnp.where(imaged, pixel, jnp.nan)
+
+    def check(self) -> None:
+        for key in ("sensor", "resolution", "fov"):
+            value = getattr(self, key)
+            require(f"lens.{key}", value, lambda v: np.isfinite(v) & (v > 0), "above 0")
+        require("lens.shift", self.shift, np.isfinite, "finite")
+        require("lens.k", self.coefficients, np.isfinite, "finite")
+        r = np.linspace(0, float(self._reach()), 1025)
+        theta = -np.polynomial.polynomial.polyval(r, np.asarray(self.coefficients, float))
+        lit = np.abs(theta) <= float(self.fov) / 2
+        last = len(r) if lit.all() else int(np.argmin(lit))
+        step = np.diff(theta[:last])
+        if last < 2 or lit[last:].any() or not (np.all(step > 0) or np.all(step < 0)):
+            raise ValueError(
+                "lens.k must be monotone: theta = -(k0 + k1 r + ...) may not turn back between the "
+                f"centre and the corner (r = {r[-1]:.4g} mm) of the picture, got "
+                f"{np.asarray(self.coefficients).tolist()} with lens.fov {float(self.fov):.4g}. "
+                "Fit the polynomial to the whole picture, or lower lens.fov."
+            )
+
+    def _axis(self) -> Float[Array, "2"]:
+        """Where the optical axis meets the picture, as fractions of its width and height."""
+        return 0.5 + self.shift * jnp.array([-1, 1], self.shift.dtype)
+
+    def _angle(self, r: Float[Array, "*radii"], k: Float[Array, "5"]) -> Float[Array, "*radii"]:
+        return -(k[0] + r * (k[1] + r * (k[2] + r * (k[3] + r * k[4]))))
+
+    def _reach(self) -> Float[Array, ""]:
+        """Largest r (mm) in the picture: its farthest corner, two pixels of filter included."""
+        return safe_norm((0.5 + jnp.abs(self.shift) + 2 / self.resolution) * self.sensor)

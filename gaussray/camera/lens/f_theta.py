@@ -1,0 +1,95 @@
+"""NVIDIA's f-theta lens: any fisheye as a polynomial of degree up to six."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaussray.camera.checks import require
+from gaussray.camera.inverse import increasing_root
+from gaussray.camera.lens.radial import RadialLens
+
+
+# Which of NVIDIA's two polynomials the coefficients are: PIXELDIST_TO_ANGLE, ANGLE_TO_PIXELDIST.
+POLYNOMIALS = ("angle_of_radius", "radius_of_angle")
+
+
+class FTheta(RadialLens):
+    """theta = k0 + k1 r + k2 r^2 + ... ("angle_of_radius") or r = k0 + k1 theta + ...
+    ("radius_of_angle"), theta in radians and r in units of `focal`, which is 1 pixel in NVIDIA's
+    files.
+
+    The lowest coefficient comes first, k0 must be 0, the degree is 1 to 6, and `limit` is the r or
+    theta at the rim of the picture (`limit_of`). NVIDIA's files hold both polynomials and name the
+    one that counts (reference_poly); here the other direction is its root, by bisection and Newton.
+    Their linear_cde = (c, 0, 0) is focal = (c, 1); a shear (d, e) is left out.
+    """
+
+    focal: Float[Array, "2"]
+    center: Float[Array, "2"]
+    coefficients: Float[Array, " coefficients"]
+    limit: Float[Array, ""]
+    polynomial: str = eqx.field(static=True, default="angle_of_radius")
+
+    @property
+    def max_angle(self) -> Float[Array, ""]:
+        if self.polynomial == "radius_of_angle":
+            return self.limit
+        return _value(self.limit, self.coefficients)
+
+    def radius(self, theta: Float[Array, ""]) -> Float[Array, ""]:
+        if self.polynomial == "radius_of_angle":
+            return _value(theta, self.coefficients)
+        return increasing_root(_value, theta, self.coefficients, self.limit)
+
+    def angle(self, r: Float[Array, ""]) -> Float[Array, ""]:
+        if self.polynomial == "radius_of_angle":
+            return increasing_root(_value, r, self.coefficients, self.limit)
+        return _value(r, self.coefficients)
+
+    def slope(self) -> Float[Array, ""]:
+        k1 = self.coefficients[1]
+        return k1 if self.polynomial == "radius_of_angle" else 1 / k1
+
+    def check_image(self) -> None:
+        if self.polynomial not in POLYNOMIALS:
+            raise ValueError(
+                f"lens.polynomial must be one of {', '.join(POLYNOMIALS)}, got {self.polynomial!r}."
+            )
+        k = np.asarray(self.coefficients, float)
+        if not 2 <= len(k) <= 7:
+            raise ValueError(f"lens.k must hold 2 to 7 coefficients, k0 first, got {len(k)}.")
+        require("lens.k", k, np.isfinite, "finite")
+        require("lens.k", k, lambda k: (k[0] == 0) & (k[1] > 0), "0 first, then above 0")
+        require("lens.limit", self.limit, lambda x: np.isfinite(x) & (x > 0), "above 0")
+        rising = np.polynomial.polynomial.polyval(np.linspace(0, float(self.limit), 1025), k)
+        if not np.all(np.diff(rising) > 0):
+            raise ValueError(
+                f"lens.k must be monotone: the polynomial may not turn back below its argument "
+                f"{float(self.limit):.6g}, got {k.tolist()}. Lower lens.fov."
+            )
+        require("lens.fov", 2 * self.max_angle, lambda a: a <= 2 * np.pi * (1 + 1e-6), "<= 2 pi")
+
+
+def limit_of(k: tuple[float, ...] | list[float], max_angle: float, polynomial: str) -> float:
+    """`FTheta.limit` of a half angle of view: the angle itself, or the first radius that has it.
+
+    ValueError where the angle is not reached by an increasing theta(r).
+    """
+    if polynomial == "radius_of_angle":
+        return max_angle
+    roots = np.polynomial.polynomial.polyroots(np.subtract(k, [max_angle, *[0] * (len(k) - 1)]))
+    real = [x.real for x in roots if abs(x.imag) < 1e-9 * abs(x) and x.real > 0]
+    if not real:
+        raise ValueError(
+            f"lens.k must reach half of lens.fov ({max_angle:.6g} radians), got {list(k)}, whose "
+            "theta(r) turns back before. Lower lens.fov."
+        )
+    return min(real)
+
+
+def _value(x: Float[Array, ""], k: Float[Array, " coefficients"]) -> Float[Array, ""]:
+    total = jnp.zeros_like(x)
+    for i in reversed(range(k.shape[0])):
+        total = total * x + k[i]
+    return total

@@ -1,0 +1,65 @@
+"""Fisheyes of the four classical projections."""
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaussray.camera.lens.radial import RadialLens, root
+
+
+# Name -> largest half angle of view. Stereographic, what lies straight behind is infinitely far.
+PROJECTIONS = {
+    "equidistant": np.pi,
+    "equisolid": np.pi,
+    "stereographic": 0.99 * np.pi,
+    "orthographic": np.pi / 2,
+}
+
+
+class Fisheye(RadialLens):
+    """r(theta) in focal lengths, by the `projection`.
+
+    equidistant: theta (angles are to scale). equisolid: 2 sin(theta/2) (solid angles are: most
+    photographic fisheyes). stereographic: 2 tan(theta/2) (shapes stay). orthographic: sin(theta)
+    (no more than half of the sphere; at its rim, 90 degrees, dtheta/dr is infinite, and the
+    gradient there leaves it out).
+    """
+
+    focal: Float[Array, "2"]
+    center: Float[Array, "2"]
+    max_angle: Float[Array, ""]
+    projection: str = eqx.field(static=True, default="equidistant")
+
+    def radius(self, theta: Float[Array, ""]) -> Float[Array, ""]:
+        match self.projection:
+            case "equisolid":
+                return 2 * jnp.sin(theta / 2)
+            case "stereographic":
+                return 2 * jnp.tan(theta / 2)
+            case "orthographic":
+                # Rounding may take half angles beyond 90 degrees, where the sine turns back.
+                return jnp.sin(jnp.minimum(theta, np.pi / 2))
+            case _:
+                return theta
+
+    def angle(self, r: Float[Array, ""]) -> Float[Array, ""]:
+        match self.projection:
+            case "equisolid":
+                return 2 * jnp.arctan2(r / 2, root(1 - r * r / 4))
+            case "stereographic":
+                return 2 * jnp.arctan2(r, jnp.full_like(r, 2))
+            case "orthographic":
+                return jnp.arctan2(r, root(1 - r * r))
+            case _:
+                return r
+
+    def slope(self) -> Float[Array, ""]:
+        return jnp.ones_like(self.max_angle)
+
+    def check_image(self) -> None:
+        if self.projection not in PROJECTIONS:
+            raise ValueError(
+                f"lens.model must be one of {', '.join(PROJECTIONS)}, got {self.projection!r}."
+            )
+        self.check_radial(PROJECTIONS[self.projection], "lens.max_angle")

@@ -1,0 +1,90 @@
+"""Lenses that bend rays by their angle from the optical axis alone."""
+
+import abc
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from gaussray.camera.checks import require
+from gaussray.camera.lens.abstract import FocalLens
+from gaussray.geometry import safe_norm
+
+
+class RadialLens(FocalLens):
+    """pixel = center + focal r(theta) (x, y) / |(x, y)|, theta the angle from the optical axis.
+
+    `max_angle` is the half angle of view: r(theta) must increase up to it, and the picture is black
+    beyond it. No azimuth is formed, so that the axis is an ordinary place.
+    """
+
+    max_angle: eqx.AbstractVar[Float[Array, ""]]
+
+    @abc.abstractmethod
+    def radius(self, theta: Float[Array, ""]) -> Float[Array, ""]:
+        """r(theta) for theta in [0, max_angle]; r(0) = 0."""
+
+    @abc.abstractmethod
+    def angle(self, r: Float[Array, ""]) -> Float[Array, ""]:
+        """theta(r) for r in [0, r(max_angle)]."""
+
+    @abc.abstractmethod
+    def slope(self) -> Float[Array, ""]:
+        """dr/dtheta on the axis."""
+
+    def ray(self, xy: Float[Array, "2"]) -> Float[Array, "3"]:
+        r = safe_norm(xy)
+        lit = r <= self.radius(self.max_angle)
+        theta = self.angle(jnp.where(lit, r, 0))
+        off_axis = r > 0
+        stretch = jnp.sin(theta) / jnp.where(off_axis, r, 1)
+        stretch = jnp.where(off_axis, stretch, 1 / self.slope())
+        return jnp.where(lit, jnp.append(stretch * xy, jnp.cos(theta)), 0)
+
+    def image(self, point: Float[Array, "3"]) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
+        theta, axial, off_axis = polar(point)
+        # What lies straight behind has no side of the picture.
+        imaged = (theta <= self.max_angle) & (off_axis | (point[2] > 0))
+        r = self.radius(jnp.where(imaged, theta, 0))
+        limit = self.slope() / jnp.where(off_axis | (point[2] == 0), 1, point[2])
+        return jnp.where(off_axis, r / axial, limit) * point[:2], imaged
+
+    def check_radial(self, widest: float = np.pi, key: str = "lens.k") -> None:
+        """Raise unless `max_angle` is at most `widest` and r(theta) increases up to it; `key` is
+        what to blame if it does not."""
+        angle = self.max_angle
+        rule = "in (0, pi]" if widest == np.pi else f"in (0, {widest:.7g}]"
+        # Half angles come in single precision.
+        most = widest * (1 + 1e-6)
+        require("lens.max_angle", angle, lambda a: (a > 0) & (a <= most), f"{rule} here")
+        r = np.asarray(jax.vmap(self.radius)(jnp.linspace(0, angle, 257)))
+        if not np.all(np.diff(r) > 0):
+            raise ValueError(
+                f"{key} must be monotone: r(theta) may not turn back below lens.max_angle = "
+                f"{float(angle):.4g} (half of lens.fov, in radians), got {self._shape()}. "
+                "Lower lens.max_angle."
+            )
+
+    def _shape(self) -> list[float]:
+        return np.asarray(getattr(self, "coefficients", ())).tolist()
+
+
+def polar(
+    point: Float[Array, "3"],
+) -> tuple[Float[Array, ""], Float[Array, ""], Bool[Array, ""]]:
+    """Angle of a point from the optical axis, its distance from the axis (1 on it), and whether it
+    lies off it."""
+    away = safe_norm(point[:2])
+    off_axis = away > 0
+    axial = jnp.where(off_axis, away, 1)
+    on_axis_angle = jnp.where(point[2] < 0, jnp.pi, 0).astype(point.dtype)
+    return jnp.where(off_axis, jnp.arctan2(axial, point[2]), on_axis_angle), axial, off_axis
+
+
+def root(square: Float[Array, ""]) -> Float[Array, ""]:
+    """Square root of what is at least 0 but for rounding; at 0, the rim of a lens, its gradient is
+    0 instead of infinite."""
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)

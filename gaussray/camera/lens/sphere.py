@@ -1,0 +1,84 @@
+"""Lenses that project through the surface of one or two unit spheres, in closed form both ways."""
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaussray.camera.checks import require
+from gaussray.camera.lens.radial import RadialLens, root
+
+
+class UnifiedSphere(RadialLens):
+    """UCM and EUCM: (x, y) / (alpha sqrt(beta (x^2 + y^2) + z^2) + (1 - alpha) z).
+
+    `coefficients` are (alpha, beta) of the enhanced unified model (Khomutenko et al. 2016); beta =
+    1 is the unified one (Mei's xi is alpha / (1 - alpha), his focal lengths are (1 - alpha) times
+    smaller), alpha = 0 a pinhole. `focal` is that on the axis.
+    """
+
+    focal: Float[Array, "2"]
+    center: Float[Array, "2"]
+    coefficients: Float[Array, "2"]
+    max_angle: Float[Array, ""]
+
+    def radius(self, theta: Float[Array, ""]) -> Float[Array, ""]:
+        alpha, beta = self.coefficients
+        sine, cosine = jnp.sin(theta), jnp.cos(theta)
+        distance = jnp.sqrt(beta * sine * sine + cosine * cosine)
+        return sine / (alpha * distance + (1 - alpha) * cosine)
+
+    def angle(self, r: Float[Array, ""]) -> Float[Array, ""]:
+        alpha, beta = self.coefficients
+        square = beta * r * r
+        above = 1 - alpha * alpha * square
+        below = alpha * root(1 - (2 * alpha - 1) * square) + 1 - alpha
+        # above / below is z at distance r from the axis; below is 0 only for alpha = 1 at the rim.
+        return jnp.arctan2(r * below, above)
+
+    def slope(self) -> Float[Array, ""]:
+        return jnp.ones_like(self.max_angle)
+
+    def check_image(self) -> None:
+        alpha, beta = self.coefficients
+        require("lens.k (alpha)", alpha, lambda a: (a >= 0) & (a <= 1), "in [0, 1]")
+        require("lens.k (beta)", beta, lambda b: np.isfinite(b) & (b > 0), "above 0")
+        self.check_radial()
+
+
+class DoubleSphere(RadialLens):
+    """(x, y) / (alpha d + (1 - alpha) (xi |p| + z)), d = |(x, y, xi |p| + z)|.
+
+    Usenko, Demmel and Cremers (2018). `coefficients` are (xi, alpha); xi = 0 is the unified sphere.
+    On the axis the focal length is focal / (1 + xi). Valid up to theta where r turns back or, for
+    alpha > 1/2, cos(theta) = -w2 of the paper; such lenses see more than 180 degrees.
+    """
+
+    focal: Float[Array, "2"]
+    center: Float[Array, "2"]
+    coefficients: Float[Array, "2"]
+    max_angle: Float[Array, ""]
+
+    def radius(self, theta: Float[Array, ""]) -> Float[Array, ""]:
+        xi, alpha = self.coefficients
+        sine, z = jnp.sin(theta), xi + jnp.cos(theta)
+        return sine / (alpha * root(sine * sine + z * z) + (1 - alpha) * z)
+
+    def angle(self, r: Float[Array, ""]) -> Float[Array, ""]:
+        xi, alpha = self.coefficients
+        square = r * r
+        # The ray from the second sphere's centre is (r below, above), scaled.
+        above = 1 - alpha * alpha * square
+        below = alpha * root(1 - (2 * alpha - 1) * square) + 1 - alpha
+        across = r * below
+        length = above * above + across * across
+        reach = above * xi + root(above * above + (1 - xi * xi) * across * across)
+        return jnp.arctan2(reach * across, reach * above - xi * length)
+
+    def slope(self) -> Float[Array, ""]:
+        return 1 / (1 + self.coefficients[0])
+
+    def check_image(self) -> None:
+        xi, alpha = self.coefficients
+        require("lens.k (xi)", xi, lambda x: (x > -1) & (x <= 1), "in (-1, 1]")
+        require("lens.k (alpha)", alpha, lambda a: (a >= 0) & (a <= 1), "in [0, 1]")
+        self.check_radial()

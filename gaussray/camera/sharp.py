@@ -1,0 +1,66 @@
+"""The picture without any effect: what an ideal pinhole would have taken in an instant."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaussray.camera.aperture import no_aperture
+from gaussray.camera.camera import Camera
+from gaussray.camera.lens import AbstractLens, Pinhole, pinhole
+from gaussray.camera.shutter import Shutter, time_window
+from gaussray.camera.trajectory import fixed, pose_at
+
+
+# Degrees across that an ideal pinhole still shows: at 170 the edge is enlarged 130 times.
+WIDEST = 170.0
+
+
+def sharp(camera: Camera) -> Camera:
+    """The camera without lens distortion, aperture, exposure and readout: an ideal pinhole that
+    takes all rows at the middle of the frame's rows, from the pose of that moment.
+
+    A perspective lens keeps its focal length and center. Another one becomes a pinhole of the same
+    horizontal field of view, the wider half of it on both sides; a ValueError where that is
+    beyond `WIDEST`. On the host.
+    """
+    camera = jax.device_get(camera)
+    dtype, film = camera.time.dtype, camera.film
+    begin, end = time_window(camera.shutter, (film.width, film.height))
+    time = jnp.asarray(camera.time + (begin + end) / 2, dtype)
+    zero = jnp.zeros((), dtype)
+    none = jax.tree.map(lambda x: x.astype(dtype), no_aperture())
+    return Camera(
+        film,
+        _perspective(camera, dtype),
+        none,
+        Shutter(zero, zero, zero),
+        fixed(pose_at(jax.tree.map(jnp.asarray, camera.trajectory), time)),
+        time,
+    )
+
+
+def _perspective(camera: Camera, dtype) -> AbstractLens:
+    lens, film = camera.lens, camera.film
+    if isinstance(lens, Pinhole):
+        return pinhole(jnp.asarray(lens.focal), jnp.asarray(lens.center))
+    half = _half_angle(lens, film.width, film.height, dtype)
+    if not 0 < half <= np.deg2rad(WIDEST / 2):
+        raise ValueError(
+            f"labels: sharp needs a picture of at most {WIDEST:g} degrees across, which an ideal "
+            f"pinhole can show, got {np.rad2deg(2 * half):.4g}. Leave sharp out, or take a lens "
+            "with a narrower lens.fov."
+        )
+    focal = film.width / 2 / np.tan(half)
+    center = jnp.asarray([film.width / 2, film.height / 2], dtype)
+    return pinhole(jnp.full(2, focal, dtype), center)
+
+
+def _half_angle(lens: AbstractLens, width: int, height: int, dtype) -> float:
+    """Largest angle from the camera's axis, in radians, along the picture's middle row."""
+    column = np.linspace(0, width, 4 * width + 1)
+    row = jnp.asarray(np.stack([column, np.full_like(column, height / 2)], axis=-1), dtype)
+    direction: Float[Array, "places 3"] = jax.vmap(jax.tree.map(jnp.asarray, lens).direction)(row)
+    seen = np.asarray(direction, np.float64)
+    angle = np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2])
+    return float(np.max(angle, where=np.any(seen != 0, axis=-1), initial=0))

@@ -1,0 +1,66 @@
+"""Tables of viewing directions from disk."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+from jaxtyping import Float
+
+from gaussray.capture.errors import CaptureError
+
+
+# Unit vectors of single precision are nearer to 1 than this and stay as they are; those of half
+# precision are within the second and are made unit.
+EXACT, NEAR = 1e-6, 2e-3
+
+
+def read_ray_map(path: Path | str) -> Float[np.ndarray, "rows columns 3"]:
+    """Directions in camera axes (+x right, +y down, +z forward), zero where there is no ray.
+
+    From the array `rays` of an .npz file, or the three channels of an .exr. The table covers the
+    picture in equal cells, each direction that of a cell's middle. CaptureError or OSError, naming
+    the file, for what holds no such table; whether it is a lens, the lens itself says.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: lens.file does not exist.")
+    if path.suffix == ".npz":
+        rays = _npz(path)
+    elif path.suffix == ".exr":
+        rays = _exr(path)
+    else:
+        raise CaptureError(f"{path}: lens.file must be an .npz or .exr file.")
+    if rays.ndim != 3 or rays.shape[2] != 3 or rays.dtype.kind != "f":
+        raise CaptureError(
+            f"{path}: lens.file must hold numbers [rows, columns, 3], got {rays.dtype} "
+            f"{list(rays.shape)}."
+        )
+    if not np.isfinite(rays).all():
+        raise CaptureError(f"{path}: lens.file must be finite. Write zeros where there is no ray.")
+    length = np.linalg.norm(rays.astype(np.float64), axis=-1, keepdims=True)
+    off = np.abs(length - 1)
+    return np.where((off > EXACT) & (off < NEAR), rays / np.where(length > 0, length, 1), rays)
+
+
+def _npz(path):
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            if "rays" not in file:
+                raise CaptureError(f"{path}: lens.file must hold an array `rays`, got {[*file]}.")
+            return file["rays"]
+    except (ValueError, zipfile.BadZipFile, EOFError) as error:
+        if isinstance(error, CaptureError):
+            raise
+        raise CaptureError(f"{path}: lens.file is no .npz file: {error}") from error
+
+
+def _exr(path):
+    file = oiio.ImageInput.open(str(path))
+    if file is None:
+        raise OSError(f"{path}: lens.file cannot be read: {oiio.geterror()}")
+    rays = file.read_image("float")
+    file.close()
+    if rays is None:
+        raise OSError(f"{path}: lens.file cannot be read: {file.geterror()}")
+    return rays

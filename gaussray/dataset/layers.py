@@ -1,0 +1,69 @@
+"""Numbers of every pixel to disk: named channels in one EXR, whole numbers as a gray PNG."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio
+
+from gaussray.dataset.images import write_pixels
+
+
+# Last letters of the channel names of vectors.
+_AXES = ("x", "y", "z", "w")
+
+
+def channel_names(layers: Mapping[str, np.ndarray]) -> list[str]:
+    """The channels of layers in their order: `depth`, or `normal.x`, `normal.y`, `normal.z`."""
+    return [
+        name if image.ndim == 2 else f"{name}.{_AXES[i]}"
+        for name, image in layers.items()
+        for i in range(1 if image.ndim == 2 else image.shape[2])
+    ]
+
+
+def write_layers(path: Path | str, layers: Mapping[str, np.ndarray]) -> None:
+    """Layers [h, w] or [h, w, up to 4] of one size as the channels of an EXR of 32-bit floats.
+
+    Whole numbers must be below 2^24, which floats hold exactly. NaN and infinity are written as
+    they are. The file appears whole or not at all.
+    """
+    path, names = Path(path), channel_names(layers)
+    if path.suffix != ".exr":
+        raise ValueError(f"{path}: layers must be written as .exr, got {path.suffix!r}.")
+    for name, image in layers.items():
+        if image.dtype.kind in "iu" and np.abs(image).max(initial=0) >= 1 << 24:
+            raise ValueError(f"{path}: {name} must be below 2^24, got {np.abs(image).max()}.")
+    planes = [image.reshape(*image.shape[:2], -1) for image in layers.values()]
+    _write(path, np.concatenate(planes, axis=2).astype(np.float32), names)
+
+
+def read_layers(path: Path | str) -> dict[str, np.ndarray]:
+    """The channels of an EXR by name, [h, w] each, as 32-bit floats."""
+    image = oiio.ImageInput.open(str(path))
+    if image is None:
+        raise OSError(f"{path}: the layers cannot be read: {oiio.geterror()}")
+    names = image.spec().channelnames
+    pixels = image.read_image(oiio.FLOAT)
+    image.close()
+    if pixels is None:
+        raise OSError(f"{path}: the layers cannot be read: {image.geterror()}")
+    return {name: pixels[..., i] for i, name in enumerate(names)}
+
+
+def write_codes(path: Path | str, codes: np.ndarray) -> None:
+    """Whole numbers [h, w] from 0 on as a gray PNG: of 8 bits, or of 16 where one is above 255."""
+    path, largest = Path(path), int(codes.max(initial=0))
+    if path.suffix != ".png" or codes.min(initial=0) < 0 or largest >= 1 << 16:
+        raise ValueError(
+            f"{path}: codes must be from 0 to 65535 in a .png, got {codes.min(initial=0)} to "
+            f"{largest}."
+        )
+    _write(path, codes.astype(np.uint8 if largest < 256 else np.uint16)[..., None], ["Y"])
+
+
+def _write(path: Path, image: np.ndarray, names: list[str]) -> None:
+    kind = {"float32": oiio.FLOAT, "uint8": oiio.UINT8, "uint16": oiio.UINT16}[image.dtype.name]
+    spec = oiio.ImageSpec(image.shape[1], image.shape[0], image.shape[2], kind)
+    spec.channelnames = names
+    write_pixels(path, image, spec)

@@ -1,0 +1,120 @@
+"""Which Gaussian a ray sees most of."""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from gaussray.camera.rays import Rays
+from gaussray.tracer.motion import Columns, Motion, columns, control_weights, state_at, table, whole
+from gaussray.tracer.response import opacity_on_ray, reach, response
+from gaussray.tracer.trace import TraceOptions, find, in_bundles
+from gaussray.tracer.traverse import Capacity, nearest, pack
+
+
+class Dominant(NamedTuple):
+    """The Gaussian of the largest blending weight on every ray, static ones first (-1: nothing is
+    hit), and that `weight`; `needed` list sizes and entries `dropped` as in `trace.Report`."""
+
+    index: Int[Array, " rays"]
+    weight: Float[Array, " rays"]
+    needed: Int[Array, " sizes"]
+    dropped: Int[Array, ""]
+
+
+class _Bundle(NamedTuple):
+    """Rays of a bundle (components first) and its place in the list of candidates."""
+
+    origin: Float[Array, "3 1 rays"]
+    direction: Float[Array, "3 1 rays"]
+    weights: Float[Array, "keys 1 rays"]
+    start: Int[Array, ""]
+    count: Int[Array, ""]
+
+
+def dominant(motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Capacity) -> Dominant:
+    """The first of the largest weights alpha_i prod_{j before i} (1 - alpha_j) of every ray.
+
+    A largest weight is no sum, so no blend can tell it: bundles walk through their candidates as
+    the array backend does, on any device and in any precision, up to k hits a round, until a ray
+    has less light left than the best has weight. `capacity` is that of `trace.backend=array`.
+    Rays are in a coherent order, as for `trace`. Integers only: no gradient.
+    """
+    motion, rays = jax.lax.stop_gradient((whole(motion), rays))
+    count = rays.time.shape[0]
+    lists, _ = find(motion, rays, options=options, capacity=capacity)
+    layout = columns(motion)
+    rows = table(motion)[:, : layout.opacity + 1]
+    split = in_bundles(rays, options)
+    weights = jax.vmap(jax.vmap(partial(control_weights, motion.time)))(split.time)
+
+    def lead(x: Array) -> Array:
+        return jnp.moveaxis(x, -1, 1)[:, :, None]
+
+    origin, direction, weights = map(lead, (split.origin, split.direction, weights))
+    bundles = _Bundle(origin, direction, weights, lists.start, lists.count)
+    walk = partial(_walk, rows, layout, lists.index, options=options, slots=capacity.slots)
+    together = 4 if jax.default_backend() == "cpu" else 256
+    index, weight = jax.lax.map(walk, bundles, batch_size=together)
+    found = index.reshape(-1)[:count], weight.reshape(-1)[:count]
+    return Dominant(*found, lists.needed, lists.dropped)
+
+
+def _walk(rows, layout: Columns, index, bundle: _Bundle, *, options: TraceOptions, slots: int):
+    """Index and weight of the dominant Gaussian of each ray of a bundle."""
+    bits = max((slots - 1).bit_length(), 1)
+    dtype, rays = rows.dtype, bundle.origin.shape[-1]
+    kind = jnp.int64 if dtype == jnp.float64 else jnp.int32
+    end = jnp.iinfo(kind).max
+
+    def met(gaussian: Int[Array, "hits _"]) -> tuple[Array, Array]:
+        """Distance and alpha of Gaussians on the rays; alpha is 0 where they are not met."""
+        found = rows[gaussian]
+        row = [found[..., i] for i in range(found.shape[-1])]
+        t, q = response(*state_at(row, bundle.weights), bundle.origin, bundle.direction)
+        opacity = jnp.broadcast_to(row[layout.opacity], q.shape)
+        alpha = opacity_on_ray(opacity, q, alpha_max=options.alpha_max)
+        return t, jnp.where((q < reach(opacity, options.alpha_min) ** 2) & (t > 0), alpha, 0)
+
+    lanes = jnp.arange(options.chunk, dtype=jnp.int32)
+    chunks = -(-bundle.count // options.chunk)
+    shape = (-(-slots // options.chunk), options.chunk, rays)
+
+    def fill(i: Array, order: Array) -> Array:
+        slot = i * options.chunk + lanes
+        gaussian = jnp.maximum(index.at[bundle.start + slot].get(mode="clip"), 0)
+        t, alpha = met(gaussian[:, None])
+        there = (slot < bundle.count)[:, None] & (alpha > 0)
+        return order.at[i].set(jnp.where(there, jax.lax.bitcast_convert_type(t, kind), end))
+
+    order = jax.lax.fori_loop(0, chunks, fill, jnp.full(shape, end, kind))
+    low = jnp.min(order, axis=(0, 1))
+    high = jnp.max(jnp.where(order == end, 0, order), axis=(0, 1))
+    slot = jnp.arange(shape[0] * shape[1], dtype=jnp.int32).reshape(*shape[:2], 1)
+    key = pack(order, slot, low[None, None], high[None, None], bits)
+    key = jnp.where(order == end, end, key)
+
+    def round(state):
+        best, weight, light, after, _ = state
+        kept = nearest(key, chunks, after, k=options.k)
+        there = kept != end
+        place = jnp.where(there, kept & ((1 << bits) - 1), 0).astype(jnp.int32)
+        gaussian = jnp.maximum(index.at[bundle.start + place].get(mode="clip"), 0)
+        _, alpha = met(gaussian)
+        alpha = jnp.where(there, alpha, 0)
+        clear = jnp.log1p(-alpha)
+        share = light[None] * alpha * jnp.exp(jnp.cumsum(clear, axis=0) - clear)
+        top = jnp.argmax(share, axis=0)[None]
+        found = jnp.take_along_axis(share, top, axis=0)[0]
+        better = found > weight
+        best = jnp.where(better, jnp.take_along_axis(gaussian, top, axis=0)[0], best)
+        weight = jnp.where(better, found, weight)
+        light = light * jnp.prod(1 - alpha, axis=0)
+        going = there[-1] & (light > jnp.maximum(weight, options.transmittance_min))
+        return best, weight, light, jnp.where(going, kept[-1], end), jnp.any(going)
+
+    none = jnp.full(rays, -1, jnp.int32), jnp.zeros(rays, dtype), jnp.ones(rays, dtype)
+    state = (*none, jnp.full(rays, -1, kind), bundle.count > 0)
+    return jax.lax.while_loop(lambda state: state[4], round, state)[:2]
