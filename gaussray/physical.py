@@ -154,17 +154,20 @@ def derived(options: RigOptions, given: PhysicalOptions) -> dict[str, Any]:
     if "aperture.radius" not in values and values.pop("aperture.focus_distance", None):
         if not given.breathing:
             raise ValueError("physical.focus_distance needs physical.f_number.")
-    if "aperture.focus_distance" in values and options.aperture.focus_times:
+    if given.focus_distance is not None and options.aperture.focus_times:
         raise ValueError(
             f"aperture.focus_times = {list(options.aperture.focus_times)} and "
             f"physical.focus_distance = {given.focus_distance} both say where the focus is: leave "
             "one of them out."
         )
-    if "shutter.readout" in values and options.shutter.kind == "global":
-        raise ValueError(
-            f"physical.readout = {given.readout} and shutter.kind = global contradict each other: "
-            "leave one of them out."
-        )
+    shutter = options.shutter
+    refused = {"kind": shutter.kind in ("global", "table"), "row_step": shutter.row_step != 0}
+    for key, holds in refused.items():
+        if "shutter.readout" in values and holds:
+            raise ValueError(
+                f"physical.readout = {given.readout} and shutter.{key} = {getattr(shutter, key)} "
+                "contradict each other: leave one of them out."
+            )
     if options.shutter.kind == "keep" and any(key.startswith("shutter.") for key in values):
         values["shutter.kind"] = "rolling" if "shutter.readout" in values else "global"
     return values

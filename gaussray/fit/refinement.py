@@ -232,7 +232,9 @@ def found(corrections: Corrections, cameras: CameraSet, shutter: Shutter, unit: 
     if c.shutter is not None:
         step = np.asarray(shutter.row_step, np.float64)
         step = step[np.argmax(np.abs(step))]
-        said.append(f"time of a row {step:.4g} -> {step * np.exp(c.shutter[0]):.4g} ({unit})")
+        factor = np.exp(c.shutter[0])
+        even = f"time of a row {step:.4g} -> {step * factor:.4g} ({unit})"
+        said.append(even if shutter.row_times is None else f"times of rows x {factor:.4f}")
     if c.exposure is not None:
         gain = np.exp(c.exposure)
         said.append(f"exposures x {gain.min():.3f} to {gain.max():.3f}")
