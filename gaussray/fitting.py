@@ -309,10 +309,20 @@ class Fit:
         return agreed(state)
 
     def trial(self, state: State, batches: Batch) -> Trial:
-        """Sizes to compile the steps of a stage for."""
+        """Sizes to compile the steps of a stage for, with room for what density control adds:
+        Gaussians that take each other's place are smaller, so lists grow more slowly than their
+        number."""
         options, mesh, keys = self.step("fine"), self.mesh, self.keys(state)
+        density = self.options.density
         wanted = first_trial(
-            state, self.footage.camera, batches, self.cameras, options=options, mesh=mesh, keys=keys
+            state,
+            self.footage.camera,
+            batches,
+            self.cameras,
+            options=options,
+            mesh=mesh,
+            keys=keys,
+            growth=density.growth**0.5 if density.interval else 1.0,
         ).capacity
         *cells, pairs, slots = agreed(np.array([*wanted.cells, wanted.pairs, wanted.slots]))
         return Trial(Capacity(tuple(map(int, cells)), int(pairs), int(slots)), mesh, keys)

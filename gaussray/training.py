@@ -66,8 +66,10 @@ def first_trial(
     options: StepOptions,
     mesh: Mesh,
     keys: int = 1,
+    growth: float = 1.0,
 ) -> Trial:
-    """Sizes measured on the first step of a block, doubled: steps differ in what they look at."""
+    """Sizes measured on the first step of a block, doubled: steps differ in what they look at.
+    `growth` is by how much lists will grow, as far as that is known."""
 
     @eqx.filter_jit
     def looked_at(state, views, batch, cameras):
@@ -77,7 +79,7 @@ def first_trial(
         return _motion(scene, rays, batch.time, cameras, keys), part
 
     motion, rays = looked_at(state, views, jax.tree.map(lambda x: x[0], batches), cameras)
-    return Trial(measure(motion, rays, options=options.trace, headroom=2.0), mesh, keys)
+    return Trial(measure(motion, rays, options=options.trace, headroom=2.0 * growth), mesh, keys)
 
 
 def loss_of(

@@ -1,6 +1,7 @@
 """A capture that is whole, and how still it is."""
 
 import json
+import os
 import sys
 
 import numpy as np
@@ -12,11 +13,14 @@ MOVING = 0.1  # a pixel moves if a channel is this far from its camera's tempora
 
 
 def write_json(path, content):
-    """Write once; a folder that holds another capture is refused, so that no two are mixed."""
+    """Write once, whole or not at all, for other shards read it; a folder that holds another
+    capture is refused, so that no two are mixed."""
     text = json.dumps(content, indent=1) + "\n"
     if path.exists() and path.read_text() != text:
         sys.exit(f"{path} was written with other settings. Choose another --out, or remove it.")
-    path.write_text(text)
+    partial = path.with_suffix(f".part{os.getpid()}")
+    partial.write_text(text)
+    os.replace(partial, path)
 
 
 def verify(out):

@@ -127,7 +127,8 @@ def refine(
     large = scale.max(axis=1) > options.small * extent
     split, twin = wanted[large], target[large]
     dice = np.random.default_rng(seed)
-    turn = np.asarray(rotation_matrix(jnp.asarray(array.quat[split])))
+    # Of all rows: another number of them each time would compile each time.
+    turn = np.asarray(rotation_matrix(jnp.asarray(array.quat)))[split]
     center = array.mean[split]
     for half in (split, twin):
         offset = dice.normal(size=(len(split), 3)) * scale[large]
