@@ -47,7 +47,7 @@ class PhysicalOptions(eqx.Module):
         positive = ("focal_length", "f_number", "frame_rate", "units_per_metre", "seconds_per_unit")
         for key in positive:
             self._demand(key, lambda x: 0 < x < math.inf, "above 0")
-        self._demand("focus_distance", lambda x: x > 0, "above 0 (.inf is infinity)")
+        self._demand("focus_distance", lambda x: x > 0, "above 0 (inf is infinity)")
         for key in ("readout", "exposure"):
             self._demand(key, lambda x: 0 <= x < math.inf, "at least 0")
         self._demand("shutter_angle", lambda x: 0 <= x <= 360, "in 0 ... 360 degrees")
