@@ -64,7 +64,7 @@ def wander(shake: Shake, time: Float[Array, ""]) -> Float[Array, "6"]:
     # In the middles of 2^23 equal shares, which single precision holds exactly.
     uniform = ((bits >> 9).astype(time.dtype) + 0.5) / 2**23
     normal = ndtri(uniform).reshape(2, WAVES, 6)
-    return jnp.sum(wave[..., None] * normal, axis=(0, 1)) / np.sqrt(WAVES)
+    return jnp.sum(wave[..., None] * normal, axis=(0, 1)) / WAVES**0.5
 
 
 def shaken(shake: Shake, pose: RigidTransform, time: Float[Array, ""]) -> RigidTransform:

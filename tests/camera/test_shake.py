@@ -54,6 +54,11 @@ def test_time_and_seed_alone_decide():
     np.testing.assert_allclose(one(*single), same, atol=1e-5)
 
 
+def test_a_single_precision_camera_shakes_in_single_precision():
+    number = [jnp.asarray(x, jnp.float32) for x in (0.02, 0.05, 0.3, 1.0, 0.7)]
+    assert wander(Shake(*number[:4]), number[4]).dtype == jnp.float32
+
+
 def test_the_hand_turns_and_moves_the_camera_in_its_own_axes():
     quat = jnp.array([0.5, 0.5, -0.5, 0.5])
     pose = RigidTransform(quat, jnp.array([1.0, 2.0, 3.0]))
