@@ -97,6 +97,8 @@ def options(kind: type[T], node: DictConfig) -> T:
             raise ValueError(f"{group}.{name} is unknown; known are {', '.join(known)}.")
         default, kinds = known[name].default, get_args(known[name].type)
         if isinstance(value, list) and float in kinds:
+            for wrong in (x for x in value if type(x) not in (int, float)):
+                raise ValueError(f"{group}.{name} must be a list of numbers, got {wrong!r} in it.")
             value = [float(x) if type(x) is int else x for x in value]
         if default is None and value is not None:
             values[name] = _as(kinds[0], value, f"{group}.{name}")

@@ -1,6 +1,8 @@
 """A data set of pictures: what cameras see of a scene, as a paired capture in a folder."""
 
+import dataclasses
 import hashlib
+import json
 import os
 import time as clock
 from collections import Counter, deque
@@ -24,9 +26,10 @@ from gaussray.dataset.images import codes, write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.dataset.video import write_video
 from gaussray.devices import agreed, leads, share, wait
+from gaussray.frame import SHARE, Frame
 from gaussray.labels import Labeller
 from gaussray.progress import Progress
-from gaussray.render import Frame, Renderer, RenderOptions
+from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.clip import Clip
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
@@ -113,6 +116,8 @@ def _written(
     go on. What waits for a core is bounded in number and in bytes."""
     cores, waiting = os.cpu_count() or 1, deque()
     for record, frame in zip(records, frames, strict=True):
+        if frame.error is not None:
+            _note_samples(out / record.file_path, frame.samples, frame.error)
         writing = pool.submit(_write, out, record, frame.color, _sensor_of(record, sensor))
         waiting.append((record, writing))
         while len(waiting) > min(2 * cores, BACKLOG // frame.color.nbytes):
@@ -189,6 +194,7 @@ def _write_lists(
     labels: Sequence[str],
     info: Mapping[str, Any],
 ) -> None:
+    records = [_as_sampled(out, record) for record in records]
     for effect in dict.fromkeys(record.effect for record in records):
         name = "transforms" if effect == "pinhole" else effect
         listed = [r for r in records if r.effect == effect]
@@ -202,6 +208,21 @@ def _write_lists(
         if said:
             extra["info"] = said
         write_manifest(out / f"{name}.json", listed, extra=extra)
+
+
+def _note_samples(picture: Path, samples: int, error: np.ndarray) -> None:
+    """Beside a picture, the rays per pixel that `render.error` took, and the error reached."""
+    told = {"samples": samples, "error": float(np.quantile(error, SHARE))}
+    with whole(picture.with_suffix(".json")) as partial:
+        partial.write_text(json.dumps(told) + "\n")
+
+
+def _as_sampled(out: Path, record: FrameRecord) -> FrameRecord:
+    """The record with the rays per pixel that are noted beside its picture, if any."""
+    note = (out / record.file_path).with_suffix(".json")
+    if not note.exists():
+        return record
+    return dataclasses.replace(record, samples=json.loads(note.read_text())["samples"])
 
 
 def _video(record: FrameRecord) -> str:

@@ -74,6 +74,22 @@ def turning(vector: Float[Array, "3"]) -> Float[Array, "4"]:
     return jnp.concatenate([jnp.cos(angle)[None], jnp.sinc(angle / jnp.pi) * half])
 
 
+def rotation_vector(quat: Float[Array, "4"]) -> Float[Array, "3"]:
+    """The shortest rotation of a quaternion as angle (radians, at most pi) times axis: the inverse
+    of `turning`, right and smooth at zero."""
+    unit = normalize_quaternion(quat)
+    unit = jnp.where(unit[0] < 0, -unit, unit)
+    sine = safe_norm(unit[1:])
+    turned = sine > 0
+    safe = jnp.where(turned, sine, 1)
+    return jnp.where(turned, 2 * jnp.arctan2(safe, unit[0]) / safe, 2) * unit[1:]
+
+
+def conjugate(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
+    """The opposite rotation of a unit quaternion."""
+    return jnp.concatenate([quat[..., :1], -quat[..., 1:]], axis=-1)
+
+
 def quaternion(rotation: Float[Array, "3 3"]) -> Float[Array, "4"]:
     """Unit quaternion (w >= 0) of a rotation matrix, by the largest of the four squares (Shepperd).
 

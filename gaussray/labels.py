@@ -20,7 +20,8 @@ from gaussray.camera.rays import Rays
 from gaussray.camera.shutter import time_window
 from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import normalize, safe_norm
-from gaussray.picture import Pace, Part, RenderOptions, about_to_trace, whole_picture
+from gaussray.parts import Pace, Part, RenderOptions, whole_picture
+from gaussray.picture import about_to_trace
 from gaussray.scene.facing import normals
 from gaussray.scene.material import STATIC, carried, group_of
 from gaussray.scene.scene import Scene, key_count
@@ -75,8 +76,8 @@ class Labeller:
     """Labels of frame after frame of one scene, on the first device.
 
     A label is that of the pixel's chief ray: through its centre and the middle of the opening, at
-    the middle of its row's exposure. Scene and rows are those of the picture, by key states also
-    where `render.chunk_rows` asks for blocks of rows.
+    the middle of its row's exposure, whatever a rim keeps of its light. Scene and rows are those of
+    the picture, by key states also where `render.chunk_rows` asks for blocks of rows.
     """
 
     def __init__(self, scene: Scene, *, options: RenderOptions, trace: TraceOptions):
@@ -101,8 +102,8 @@ class Labeller:
         asked = tuple(name for name in LABELS if name in names and name != "sharp")
         if not asked:
             return {}
-        camera = achromatic(camera)
-        before, after = (one and achromatic(one) for one in (before, after))
+        camera = _geometric(camera)
+        before, after = (one and _geometric(one) for one in (before, after))
         film = camera.film
         part, trace = whole_picture(film, self.trace)
         begin, end = time_window(jax.device_get(camera.shutter), (film.width, film.height))
@@ -129,6 +130,12 @@ class Labeller:
                 self._capacity[key][i] = enlarge(sizes[i], needed, headroom=1.5)
         size = film.height, film.width
         return {k: np.asarray(x).reshape(*size, *x.shape[1:]) for k, x in values.items()}
+
+
+def _geometric(camera: Camera) -> Camera:
+    """The camera without what only takes light or spreads colours."""
+    camera = achromatic(camera)
+    return replace(camera, aperture=replace(camera.aperture, rim=None))
 
 
 @eqx.filter_jit
@@ -247,7 +254,7 @@ def _tasks(
         return t * camera.lens.direction(pixel + 0.5)[2]
 
     def confusion(pixel: Array, ray: Rays, index: Array, t: Array) -> Array:
-        return circle_of_confusion(camera, pixel, t)
+        return circle_of_confusion(camera, pixel, t, ray.time)
 
     tasks: dict[str, Any] = {"z": z, "confusion": confusion, "blur": blur}
     tasks |= {"flow_forward": flow(after), "flow_backward": flow(before)}

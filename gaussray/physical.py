@@ -47,7 +47,7 @@ class PhysicalOptions(eqx.Module):
         positive = ("focal_length", "f_number", "frame_rate", "units_per_metre", "seconds_per_unit")
         for key in positive:
             self._demand(key, lambda x: 0 < x < math.inf, "above 0")
-        self._demand("focus_distance", lambda x: x > 0, "above 0 (.inf is infinity)")
+        self._demand("focus_distance", lambda x: x > 0, "above 0 (inf is infinity)")
         for key in ("readout", "exposure"):
             self._demand(key, lambda x: 0 <= x < math.inf, "at least 0")
         self._demand("shutter_angle", lambda x: 0 <= x <= 360, "in 0 ... 360 degrees")
@@ -154,11 +154,20 @@ def derived(options: RigOptions, given: PhysicalOptions) -> dict[str, Any]:
     if "aperture.radius" not in values and values.pop("aperture.focus_distance", None):
         if not given.breathing:
             raise ValueError("physical.focus_distance needs physical.f_number.")
-    if "shutter.readout" in values and options.shutter.kind == "global":
+    if given.focus_distance is not None and options.aperture.focus_times:
         raise ValueError(
-            f"physical.readout = {given.readout} and shutter.kind = global contradict each other: "
-            "leave one of them out."
+            f"aperture.focus_times = {list(options.aperture.focus_times)} and "
+            f"physical.focus_distance = {given.focus_distance} both say where the focus is: leave "
+            "one of them out."
         )
+    shutter = options.shutter
+    refused = {"kind": shutter.kind in ("global", "table"), "row_step": shutter.row_step != 0}
+    for key, holds in refused.items():
+        if "shutter.readout" in values and holds:
+            raise ValueError(
+                f"physical.readout = {given.readout} and shutter.{key} = {getattr(shutter, key)} "
+                "contradict each other: leave one of them out."
+            )
     if options.shutter.kind == "keep" and any(key.startswith("shutter.") for key in values):
         values["shutter.kind"] = "rolling" if "shutter.readout" in values else "global"
     return values

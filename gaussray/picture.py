@@ -4,131 +4,28 @@ import dataclasses
 import functools
 import math
 from collections.abc import Callable
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jax.sharding import NamedSharding, PartitionSpec
 from jax.tree_util import PyTreeDef
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float
 
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.chromatic import Chromatic, achromatic, magnified
-from gaussray.camera.film import Film
 from gaussray.camera.rays import Rays
-from gaussray.camera.sampling import samples as sample_numbers
-from gaussray.camera.shutter import row_number
+from gaussray.camera.sampling import samples as sample_numbers, shifted_samples
+from gaussray.camera.shutter import decisive_pixels, row_number
+from gaussray.parts import Layout, Pace, Part
 from gaussray.raster import dilated, seen_from_center
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene, at, moving_at
-from gaussray.shares import Share
-from gaussray.tracer.bundle import tiles
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import Report, TraceOptions, on_kernel, over
-from gaussray.tracer.traverse import Capacity
-
-
-class RenderOptions(eqx.Module):
-    """How a picture is sampled.
-
-    `samples` rays per pixel over film, lens and exposure. `keys` states of the scene across the
-    times of one frame, between which each ray moves the Gaussians to its own time; 0 takes three
-    for every interval between the capture's instants (they share their ends), and a frame whose
-    rays share one time needs and takes only one. `chunk_rows` > 0 is the paper's way instead: one
-    state for so many rows (1 = a state for every row).
-
-    `dilation` (square pixels) and `harmonics` (along each ray, or from the camera's center to a
-    Gaussian's) show a model as the rasteriser that it was fitted through: 3DGS has 0.3 and center.
-    """
-
-    samples: int = eqx.field(static=True, default=4)
-    keys: int = eqx.field(static=True, default=0)
-    chunk_rows: int = eqx.field(static=True, default=0)
-    dilation: float = eqx.field(static=True, default=0.0)
-    harmonics: str = eqx.field(static=True, default="ray")
-
-    def __check_init__(self):
-        if self.samples < 1:
-            raise ValueError(f"render.samples must be at least 1, got {self.samples}.")
-        if self.keys not in (0, 2) and (self.keys < 3 or self.keys % 2 == 0):
-            raise ValueError(
-                f"render.keys must be 0 (as many as it takes), 2 or odd from 3, got {self.keys}."
-            )
-        if self.chunk_rows < 0:
-            raise ValueError(f"render.chunk_rows must be at least 0, got {self.chunk_rows}.")
-        if not 0 <= self.dilation < math.inf:
-            raise ValueError(f"render.dilation must be at least 0, got {self.dilation}.")
-        if self.harmonics not in ("ray", "center"):
-            raise ValueError(f"render.harmonics must be ray or center, got {self.harmonics!r}.")
-
-
-class Part(eqx.Module):
-    """What is traced at once: `pixel` index (column, row) in the order of the bundles (padding
-    repeats a pixel), and the `slot` of each pixel in it. `row` is where a chunk of rows has its
-    time. Of a frame that several segments of a clip show, one traces its `share`."""
-
-    pixel: Float[Array, "slots 2"]
-    slot: Int[Array, " pixels"]
-    row: Float[Array, ""]
-    share: Share | None = None
-
-
-def whole_picture(film: Film, trace: TraceOptions) -> tuple[Part, TraceOptions]:
-    """A picture traced at once, and how: small ones have no use for coarser bundles."""
-    order = tiles(film.width, film.height, trace.bundle, trace.levels)
-    return part_of(film, order, trace)
-
-
-def part_of(
-    film: Film, order: Int[np.ndarray, " slots"], trace: TraceOptions, top: int = 0
-) -> tuple[Part, TraceOptions]:
-    """The pixels of `order` (row-major indices, whole rows from `top` on; -1 is padding, which
-    repeats the first pixel and is in no one's slot) as a part."""
-    if len(order) < trace.bundle**2 * 256:
-        trace = dataclasses.replace(trace, levels=0)
-    inside = np.flatnonzero(order >= 0)
-    slot = inside[np.argsort(order[inside])].astype(np.int32)
-    index = np.maximum(order, 0)
-    pixel = np.stack([index % film.width, index // film.width], axis=-1)
-    middle = top + (len(inside) // film.width - 1) / 2
-    place = jnp.asarray(pixel, jnp.float32), jnp.asarray(slot), jnp.asarray(middle, jnp.float32)
-    return Part(*place), trace
-
-
-class Pace(eqx.Module):
-    """What a part is compiled for: list sizes, and how many key states (0: that of its row)."""
-
-    capacity: Capacity
-    keys: int = eqx.field(static=True)
-    options: RenderOptions
-    trace: TraceOptions
-    mesh: Mesh | None = eqx.field(static=True)
-
-
-class Layout(NamedTuple):
-    """How a camera's numbers lie in a row, which costs a frame one transfer instead of a dozen."""
-
-    structure: PyTreeDef
-    shapes: tuple[tuple[int, ...], ...]
-    dtypes: tuple[np.dtype, ...]
-
-    def camera(self, row: Float[Array, " numbers"]) -> Camera:
-        """The camera of a row."""
-        ends = np.cumsum([math.prod(shape) for shape in self.shapes])
-        parts = jnp.split(row, ends[:-1])
-        told = zip(parts, self.shapes, self.dtypes, strict=True)
-        return jax.tree.unflatten(self.structure, [x.reshape(s).astype(d) for x, s, d in told])
-
-
-def packed(camera: Camera) -> tuple[Float[np.ndarray, " numbers"], Layout]:
-    """A camera whose numbers are on the host as one row."""
-    leaves, structure = jax.tree.flatten(camera)
-    layout = Layout(structure, tuple(x.shape for x in leaves), tuple(x.dtype for x in leaves))
-    return np.concatenate([x.ravel() for x in leaves]), layout
+from gaussray.tracer.trace import Report, on_kernel, over
 
 
 # Samples of a pixel that are traced at once and share what their bundle may meet. That saves a GPU
@@ -202,20 +99,46 @@ def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, 
 
 def _traced(motion: Motion, camera: Camera, part: Part, pace: Pace) -> tuple[Pixels, Report]:
     """The part's pixels, each the mean of its samples."""
-    u = sample_numbers(pace.options.samples).astype(part.pixel.dtype)
-    shared = _together(pace)
+    u, shared = _points(part, pace), _together(pace)
     mine = None if part.share is None else part.share.seen
 
-    def trace_some(some: tuple[Array, Array | None]) -> tuple[Pixels, Report]:
+    def trace_some(
+        some: tuple[Array, Array | None],
+    ) -> tuple[tuple[Pixels, Array | None], Report]:
         rays = _rays(camera, part.pixel, *some)
         pixels, report = trace_sharded(
             motion, rays, options=pace.trace, capacity=pace.capacity, mesh=pace.mesh
         )
-        return jax.tree.map(lambda x: jnp.mean(x, axis=0), pixels), report
+        weight = rays.weight
+        if weight is not None:
+            pixels = jax.tree.map(lambda x: x * _like(weight, x), pixels)
+        return jax.tree.map(lambda x: jnp.mean(x, axis=0), (pixels, weight)), report
 
     groups = jax.tree.map(lambda x: x.reshape(-1, shared, x.shape[1]), (u, mine))
-    pixels, reports = over(trace_some, groups)
-    return jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], pixels), _all_of(reports)
+    seen, reports = over(trace_some, groups)
+    pixels, weight = jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], seen)
+    return pixels if weight is None else _vignetted(pixels, weight), _all_of(reports)
+
+
+def _points(part: Part, pace: Pace) -> Float[Array, "samples 5"]:
+    count = pace.options.samples
+    u = sample_numbers(count) if part.batch is None else shifted_samples(count, part.batch)
+    return u.astype(part.pixel.dtype)
+
+
+def _vignetted(pixels: Pixels, weight: Array) -> Pixels:
+    """Means of weight times value: light that is lost stays dark, and what else is told becomes the
+    mean over the light that is not."""
+    some = weight > 0
+    whole = jnp.where(some, weight, 1)
+    told = jax.tree.map(lambda x: x / _like(whole, x), pixels)
+    clear = jnp.where(some, told.transmittance, 1)
+    return dataclasses.replace(told, color=pixels.color, transmittance=clear)
+
+
+def _like(weight: Array, value: Array) -> Array:
+    """Weights of rays beside what those see, which may have channels."""
+    return weight.reshape(weight.shape + (1,) * (value.ndim - weight.ndim))
 
 
 def _all_of(reports: Report) -> Report:
@@ -242,7 +165,7 @@ def _rays(
             return rays
         row = jax.vmap(lambda p: row_number(camera.shutter, p, size))(pixel).astype(jnp.int32)
         direction = jnp.where(seen[row][:, None], rays.direction, 0)
-        return Rays(rays.origin, direction, rays.time)
+        return dataclasses.replace(rays, direction=direction)
 
     return jax.vmap(sample)(u, seen)
 
@@ -273,10 +196,11 @@ def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
         place = jnp.stack([jnp.zeros_like(part.row), part.row])
         time = camera_rays(camera, place[None], jnp.full((1, 5), 0.5, dtype)).time
         return jnp.clip(time, *bounds)
-    last = (camera.film.width - 1, camera.film.height - 1)
-    corner = jnp.asarray([(0, 0), (0, 0), last, last], dtype)
-    u = jnp.full((4, 5), 0.5, dtype).at[:, 4].set(jnp.asarray([0, 1, 0, 1], dtype))
-    time = jnp.clip(camera_rays(camera, corner, u).time, *bounds)
+    pixel = decisive_pixels(camera.shutter, (camera.film.width, camera.film.height))
+    place = jnp.asarray(np.repeat(pixel, 2, axis=0), dtype)
+    u = np.full((len(place), 5), 0.5)
+    u[:, 4] = np.tile([0, 1], len(pixel))
+    time = jnp.clip(camera_rays(camera, place, jnp.asarray(u, dtype)).time, *bounds)
     first, last = jnp.min(time), jnp.max(time)
     return jnp.linspace(first, last, keys, dtype=dtype) if keys > 1 else first[None]
 
@@ -284,8 +208,8 @@ def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
 @eqx.filter_jit
 def about_to_trace(scene: Scene, camera: Camera, part: Part, *, pace: Pace) -> tuple[Motion, Rays]:
     """What is traced at once, to measure list sizes with."""
-    u = sample_numbers(pace.options.samples).astype(part.pixel.dtype)
-    motion, some = _motion(scene, camera, part, pace), _together(pace)
+    u, some = _points(part, pace), _together(pace)
+    motion = _motion(scene, camera, part, pace)
     seen = None if part.share is None else part.share.seen[:some]
     return motion, _rays(camera, part.pixel, u[:some], seen)
 

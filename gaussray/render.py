@@ -1,35 +1,34 @@
 """Stage 2: a scene and a camera in, pictures out."""
 
+import itertools
 import threading
 import time as clock
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
-from itertools import islice
+from functools import partial
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
-from gaussray.camera.film import Film
-from gaussray.camera.shutter import time_window
-from gaussray.picture import (
+from gaussray.camera.shutter import SIDEWAYS, time_window
+from gaussray.frame import Frame as Frame, channels, joined, settled, united
+from gaussray.parts import (
     Layout,
     Pace,
     Part,
     RenderOptions as RenderOptions,
-    about_to_trace,
     packed,
     part_of,
-    render_frames,
-    render_part,
     whole_picture,
 )
+from gaussray.picture import about_to_trace, render_frames, render_part
 from gaussray.scene.clip import Clip, edges_of, segments_of
 from gaussray.scene.scene import Scene, key_count
 from gaussray.shares import Share, shares
@@ -40,18 +39,6 @@ from gaussray.tracer.traverse import Capacity
 
 # Batches of frames that are begun before the first of them has been fetched, and their bytes.
 _IN_FLIGHT, _BYTES = 8, 2 * 1024**3
-
-
-class Frame(eqx.Module):
-    """A finished picture: linear light, coverage (1 - transmittance) and mean distance t of what is
-    seen, with what it cost."""
-
-    color: Float[np.ndarray, "h w 3"]
-    alpha: Float[np.ndarray, "h w"]
-    depth: Float[np.ndarray, "h w"]
-    seconds: float
-    hits: int
-    compiled: bool
 
 
 class Renderer:
@@ -85,21 +72,30 @@ class Renderer:
 
     def __call__(self, camera: Camera) -> Frame:
         """One frame, its rays spread over the devices."""
-        views = self._views([camera])
-        return _united([self._finish(self._begin([view], alone=True))[0] for view in views])
+        if self.options.error:
+            return settled(map(partial(self._alone, camera), itertools.count()), self.options)
+        return self._alone(camera)
+
+    def _alone(self, camera: Camera, batch: int | None = None) -> Frame:
+        """One frame, of the plain samples or of a batch of them."""
+        views = self._views([camera], batch)
+        return united([self._finish(self._begin([view], alone=True))[0] for view in views])
 
     def film(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
         """Frame after frame, one on each device, begun before the last ones are finished. A frame's
         `seconds` are those since it was begun.
 
         Threads fetch the pictures: pages of memory for a picture take the host longer than a GPU
-        takes to make it.
+        takes to make it. With `render.error` one frame is finished before the next is begun.
         """
+        if self.options.error:
+            yield from map(self, cameras)
+            return
         parts: list[Frame] = []
         for view, part in self._filmed(cameras):
             parts.append(part)
             if view.last:
-                yield _united(parts)
+                yield united(parts)
                 parts = []
 
     def _filmed(self, cameras: Iterable[Camera]) -> Iterator[tuple["_View", Frame]]:
@@ -116,17 +112,17 @@ class Renderer:
             for begun, frames in waiting:
                 yield from zip(begun, frames.result(), strict=True)
 
-    def _views(self, cameras: Iterable[Camera]) -> Iterator["_View"]:
+    def _views(self, cameras: Iterable[Camera], number: int | None = None) -> Iterator["_View"]:
         """Cameras on the host, whose business small numbers are: a device is asked for many of them
-        at once. One for every segment that a frame looks into."""
+        at once. One for every segment that a frame looks into, of this batch of samples."""
         cameras = iter(cameras)
-        while some := list(islice(cameras, 64)):
+        while some := list(itertools.islice(cameras, 64)):
             for camera in jax.device_get(some):
                 row, layout = packed(camera)
-                divided = shares(camera, self._edges, self.options.samples)
+                divided = shares(camera, self._edges, self.options.samples, number)
                 for segment, share in divided:
                     keys, last = self._keys(camera, segment, share), segment == divided[-1][0]
-                    yield _View(camera, row, layout, keys, segment, share, last)
+                    yield _View(camera, row, layout, keys, segment, share, last, number)
 
     def _batches(self, views: Iterable["_View"]) -> Iterator[list["_View"]]:
         """Neighbours that can be compiled as one, as many as there are devices."""
@@ -150,10 +146,15 @@ class Renderer:
                 counted = self.options.keys or key_count(self.scenes[segment], span)
                 self._counts[known] = counted
             return self._counts[known]
-        if camera.shutter.direction in ("left_to_right", "right_to_left"):
+        if camera.shutter.direction in SIDEWAYS:
             raise ValueError(
                 "render.chunk_rows must be 0 for a shutter that reads columns, as "
                 f"{camera.shutter.direction} does: key states suit any direction."
+            )
+        if self.options.chunk_rows > 1 and camera.shutter.row_times is not None:
+            raise ValueError(
+                "render.chunk_rows must be 0 or 1 for a shutter with row_times, got "
+                f"{self.options.chunk_rows}: neighbouring rows may be read at distant times."
             )
         return 0
 
@@ -204,8 +205,8 @@ class Renderer:
             hits += int(np.sum(report.hits))
         seconds = (clock.monotonic() - batch.began) / count
         return [
-            Frame(x[..., :3], x[..., 3], x[..., 4], seconds, hits // count, batch.compiled)
-            for x in (_joined(film, [(top, seen[i]) for top, seen in pieces]) for i in range(count))
+            Frame(*channels(x), seconds, hits // count, batch.compiled, self.options.samples)
+            for x in (joined(film, [(top, seen[i]) for top, seen in pieces]) for i in range(count))
         ]
 
     def _part(self, top: int, batch: "_Batch") -> tuple[Part, TraceOptions]:
@@ -219,7 +220,10 @@ class Renderer:
                 part, trace = part_of(film, (y * film.width + x).T.reshape(-1), trace, top)
             self._parts[key] = self._everywhere(part), trace
         part, trace = self._parts[key]
-        return replace(part, share=self._everywhere(batch.views[0].share)), trace
+        view = batch.views[0]
+        number = None if view.number is None else jnp.asarray(view.number, jnp.int32)
+        share, number = self._everywhere((view.share, number))
+        return replace(part, share=share, batch=number), trace
 
     def _everywhere(self, tree):
         """On every device, once for all frames."""
@@ -245,7 +249,8 @@ class Renderer:
 
 class _View(NamedTuple):
     """A camera, its numbers in a row, and of its frame the key states, a segment, that one's share
-    (None is all of it), and whether it is the `last` to show any."""
+    (None is all of it), whether it is the `last` to show any, and the `number` of a batch of
+    samples (None is the plain ones)."""
 
     camera: Camera
     row: Float[np.ndarray, " numbers"]
@@ -254,6 +259,7 @@ class _View(NamedTuple):
     segment: int = 0
     share: Share | None = None
     last: bool = True
+    number: int | None = None
 
     def is_like(self, other: "_View") -> bool:
         """Whether one call of one program serves both."""
@@ -280,32 +286,6 @@ class _Batch:
             return 1
         size = len(self.views) * self.film.width * self.film.height * 5 * 4
         return min(max(_BYTES // size, 1), _IN_FLIGHT)
-
-
-def _united(parts: list[Frame]) -> Frame:
-    """A frame from what every segment shows of it: where one sees nothing, it adds nothing."""
-    if len(parts) == 1:
-        return parts[0]
-    alpha = sum(part.alpha for part in parts)
-    way = sum(part.alpha * part.depth for part in parts)
-    return Frame(
-        np.sum([part.color for part in parts], axis=0),
-        np.asarray(alpha),
-        way / np.maximum(alpha, 1e-6),
-        sum(part.seconds for part in parts),
-        sum(part.hits for part in parts),
-        any(part.compiled for part in parts),
-    )
-
-
-def _joined(film: Film, pieces: list[tuple[int, np.ndarray]]) -> Float[np.ndarray, "h w 5"]:
-    """A picture from chunks of rows, which may overlap."""
-    if len(pieces) == 1:
-        return pieces[0][1]
-    whole = np.empty((film.height, film.width, 5), np.float32)
-    for top, piece in pieces:
-        whole[top : top + len(piece)] = piece
-    return whole
 
 
 def _pictures(values: Array, count: int) -> list[np.ndarray]:

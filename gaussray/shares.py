@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaussray.camera.camera import Camera
-from gaussray.camera.sampling import samples as sample_numbers
-from gaussray.camera.shutter import time_window
+from gaussray.camera.sampling import samples, shifted_samples
+from gaussray.camera.shutter import row_moments, time_window
 
 
 # The least part of a frame's times that key states span: a row alone has no time to move in.
@@ -26,10 +26,11 @@ class Share(eqx.Module):
 
 
 def shares(
-    camera: Camera, edges: Float[np.ndarray, " edges"], count: int
+    camera: Camera, edges: Float[np.ndarray, " edges"], count: int, batch: int | None = None
 ) -> Sequence[tuple[int, Share | None]]:
     """The segments that a frame of `count` samples looks into, each with its share; None is all of
-    it. `camera` is on the host; segments meet at the `edges`.
+    it. `camera` is on the host; segments meet at the `edges`. The samples are those of this `batch`
+    (`sampling.shifted_samples`), None is the plain ones.
 
     Every ray belongs to the one segment that shows its time. That is decided here, for all segments
     together: programs that each computed the times again might round them to either side of an
@@ -43,10 +44,9 @@ def shares(
     touched = np.searchsorted(edges, [first, last], side="right")
     if touched[0] == touched[1]:
         return [(int(touched[0]), None)]
-    sideways = shutter.direction in ("left_to_right", "right_to_left")
-    row = np.arange(film.width if sideways else film.height)
-    begin = float(camera.time) + float(shutter.row_offset) + float(shutter.row_step) * row
-    owner = np.searchsorted(edges, begin + float(shutter.exposure) * _moments(count), side="right")
+    middle = float(camera.time) + row_moments(shutter, (film.width, film.height))
+    time = middle + float(shutter.exposure) * _moments(count, batch)
+    owner = np.searchsorted(edges, time, side="right")
     found = [int(i) for i in np.unique(owner)]
     if len(found) == 1:
         return [(found[0], None)]
@@ -65,6 +65,7 @@ def _span(edges: np.ndarray, segment: int, first: float, last: float) -> Float[A
 
 
 @functools.lru_cache
-def _moments(count: int) -> Float[np.ndarray, "samples 1"]:
+def _moments(count: int, batch: int | None) -> Float[np.ndarray, "samples 1"]:
     """When in the exposure every sample looks, from its middle."""
-    return np.asarray(sample_numbers(count), np.float64)[:, 4:] - 0.5
+    u = samples(count) if batch is None else shifted_samples(count, jnp.asarray(batch))
+    return np.asarray(u, np.float64)[:, 4:] - 0.5

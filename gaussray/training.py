@@ -103,7 +103,8 @@ def loss_of(
         capacity=trial.capacity,
         mesh=trial.mesh,
     )
-    color = jnp.mean(pixels.color, axis=0)
+    light = pixels.color if rays.weight is None else rays.weight[..., None] * pixels.color
+    color = jnp.mean(light, axis=0)
     image = losses.developed(srgb_encode(color if gain is None else gain * color), truth)
     # Where the lens forms no ray there is nothing to learn.
     weight = weight * jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)

@@ -11,7 +11,7 @@ from gaussray.annotate import annotated, neighbours
 from gaussray.capture.calibration import read_capture
 from gaussray.dataset.layers import read_layers
 from gaussray.filming import render_dataset
-from gaussray.picture import RenderOptions
+from gaussray.render import RenderOptions
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")

@@ -161,7 +161,7 @@ def test_a_scene_without_cameras(fails, tmp_path):
     [
         ("aperture.radius=-0.5", "aperture.radius must be at least 0, got -0.5"),
         ("shutter.exposure=-1 shutter.kind=global", "shutter.exposure must be at least 0"),
-        ("shutter.kind=sideways", "shutter.kind must be keep, global or rolling"),
+        ("shutter.kind=sideways", "shutter.kind must be keep, global, rolling"),
         ("shutter.kind=rolling shutter.direction=up", "shutter.direction must be one of"),
         ("lens.model=mirror", "lens.model must be"),
         ("lens=pinhole lens.fov=180", "lens.fov must be in (0, 180)"),
@@ -170,7 +170,7 @@ def test_a_scene_without_cameras(fails, tmp_path):
             "lens.k must hold 4 coefficients for kannala_brandt, got 1",
         ),
         ("film.filter=sharp", "film.filter must be one of"),
-        ("trajectory.kind=fly", "trajectory.kind must be keep or between"),
+        ("trajectory.kind=fly", "trajectory.kind must be keep, between, path"),
         ("trajectory=between", "needs at least two cameras"),
         ("trajectory=between trajectory.steps=0 camera.split=train", "trajectory.steps"),
         ("camera.names=[cam_9]", "camera.names must be among"),

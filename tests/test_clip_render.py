@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 import toy
 
+from gaussray.camera.aperture import Aperture, Rim
+from gaussray.camera.shutter import interlaced
 from gaussray.evaluate import scene_facts
 from gaussray.exchange import export_model
 from gaussray.filming import render_dataset
@@ -79,6 +81,38 @@ def test_an_exposure_across_the_edge_is_the_mean_over_its_time():
     each = [still(toy.camera(time=time)) for time in moments]
     np.testing.assert_allclose(frame.color, np.mean([x.color for x in each], axis=0), atol=ROUNDING)
     np.testing.assert_allclose(frame.alpha, np.mean([x.alpha for x in each], axis=0), atol=ROUNDING)
+
+
+@pytest.mark.parametrize("chunk_rows", [0, 1])
+def test_fields_on_either_side_of_the_edge_are_those_of_their_times(chunk_rows):
+    scene = Clip((toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0, light=0.5)))
+    camera, late = toy.camera(time=EDGE), 0.01
+    shutter = dataclasses.replace(
+        camera.shutter, row_times=toy.single(interlaced(toy.SIZE, 0.2)), trigger=toy.single(late)
+    )
+    options = RenderOptions(samples=1, chunk_rows=chunk_rows)
+    found = filmer(scene, options)(dataclasses.replace(camera, shutter=shutter))
+    still = filmer(scene)
+    for field, time in enumerate((EDGE - 0.1 + late, EDGE + 0.1 + late)):
+        expected = still(toy.camera(time=time))
+        for key in ("color", "alpha"):
+            ours, theirs = getattr(found, key)[field::2], getattr(expected, key)[field::2]
+            np.testing.assert_allclose(ours, theirs, atol=ROUNDING)
+
+
+def test_samples_are_added_to_a_clip_as_to_the_whole(quick_compilation):
+    """The same batches, however the frame is divided, behind a rim that darkens."""
+    options = RenderOptions(samples=4, error=1e-6, samples_most=20)
+    camera = toy.camera(time=EDGE)
+    wide = Aperture(*map(toy.single, (0.1, 2, 0, 1)), rim=Rim(*map(toy.single, (0.1, 0.2))))
+    shutter = dataclasses.replace(camera.shutter, exposure=toy.single(0.2))
+    camera = dataclasses.replace(camera, aperture=wide, shutter=shutter)
+    parts = Clip((toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0)))
+    expected, found = (filmer(x, options)(camera) for x in (toy.carried(0.0, 1.0), parts))
+    assert found.samples == expected.samples == 20
+    for key in ("color", "alpha", "error"):
+        np.testing.assert_allclose(getattr(found, key), getattr(expected, key), atol=ROUNDING)
+    np.testing.assert_allclose(found.depth, expected.depth, atol=10 * ROUNDING)
 
 
 def test_a_film_shows_the_frames_one_by_one(cut):

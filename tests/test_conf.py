@@ -130,6 +130,11 @@ def test_an_unknown_key_fails_and_is_named(override):
         ("demo", "fit.opacity=null", "fit.opacity must be a number, got None"),
         ("evaluate", "evaluate.images=3", "evaluate.images must be true or false, got 3"),
         ("render", "camera.names=cam_0", "camera.names must be a list, got 'cam_0'"),
+        (
+            "render",
+            "aperture.focus_distances=[1.5,far]",
+            "aperture.focus_distances must be a list of numbers, got 'far' in it",
+        ),
         ("render", "lens.model=7", "lens.model must be a text, got 7"),
         ("demo", "field.sides=[1]", "field.sides must hold"),
         ("demo", "density.start=0.9", "density.start and density.stop must satisfy"),

@@ -1,5 +1,6 @@
 """A data set of pictures: read back, kept, and scored against itself."""
 
+import dataclasses
 import json
 
 import jax
@@ -9,12 +10,16 @@ import pytest
 import toy
 
 from gaussray import filming
+from gaussray.camera.aperture import Aperture, FocusPull, Rim
 from gaussray.camera.camera import camera_rays
 from gaussray.camera.sensor import SensorOptions
+from gaussray.camera.shake import Shake
+from gaussray.camera.shutter import interlaced
 from gaussray.camera.vignetting import transmission
 from gaussray.capture.calibration import read_capture
 from gaussray.capture.frames import read_stored
 from gaussray.color import srgb_decode
+from gaussray.dataset.layers import read_layers
 from gaussray.evaluate import EvaluateOptions, evaluate
 from gaussray.filming import render_dataset
 from gaussray.render import RenderOptions
@@ -67,6 +72,56 @@ def test_a_data_set_reads_back_is_kept_and_scores_against_itself(tmp_path):
         assert row["psnr"] is None or row["psnr"] > 45
     text = (tmp_path / "scores" / "report.json").read_text()
     json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+def test_manifests_record_the_samples_that_an_error_took(tmp_path):
+    records = toy.records(times=(0.5,), cameras=("cam_3",))
+    options = RenderOptions(samples=2, error=1e-9, samples_most=8)
+    render_dataset(
+        toy.scene(speed=0), records, tmp_path, options=options, trace=toy.TRACE, quiet=True
+    )
+    (view,) = read_capture(tmp_path).views
+    assert view.samples == 8
+    told = json.loads((tmp_path / records[0].file_path).with_suffix(".json").read_text())
+    assert told["samples"] == 8 and told["error"] >= 0
+
+
+def test_sensors_labels_and_added_samples_go_together_and_read_back(tmp_path):
+    """Two frames of a clipped, pulled, interlaced and shaken camera, with all that can be asked."""
+    number = toy.single
+    pull = FocusPull(number([0.0, 1.0]), number([2.0, 4.0]), "smooth")
+    rim = Rim(number(0.1), number(0.2))
+    aperture = Aperture(number(0.1), pull, number(0), number(1), rim=rim)
+    shake = Shake(*map(number, (0.01, 0.01, 0.1, 3)))
+
+    def changed(record):
+        camera = record.camera
+        table = number(interlaced(toy.SIZE, 0.1))
+        shutter = dataclasses.replace(camera.shutter, row_times=table, trigger=number(0.02))
+        path = dataclasses.replace(camera.trajectory, shake=shake)
+        camera = dataclasses.replace(camera, aperture=aperture, shutter=shutter, trajectory=path)
+        return dataclasses.replace(record, camera=camera)
+
+    records = [changed(r) for r in toy.records(times=(0.0, 0.5), cameras=("cam_3",))]
+    sensor = SensorOptions(chromatic=(1.01, 1.0, 0.99), full_well=1000.0)
+    options = RenderOptions(samples=2, error=1e-9, samples_most=8)
+    render_dataset(
+        toy.scene(), records, tmp_path, options=options, trace=toy.TRACE, sensor=sensor,
+        labels=("time", "flow_forward", "valid", "sharp"), quiet=True,
+    )  # fmt: skip
+    capture = read_capture(tmp_path)
+    (twins,) = capture.effects.values()
+    assert [view.samples for view in (*capture.views, *twins)] == [8] * 4
+    for record, view in zip(records, capture.views, strict=True):
+        ours, read = jax.device_get((record.camera, view.camera))
+        assert jax.tree.structure(ours) == jax.tree.structure(read)
+        for a, b in zip(jax.tree.leaves(ours), jax.tree.leaves(read), strict=True):
+            np.testing.assert_allclose(a, b, atol=1e-6)
+        path = tmp_path / record.file_path.replace("images", "labels")
+        layers = read_layers(path.with_suffix(".exr"))
+        assert np.isfinite(layers["flow_forward.x"]).any() == (record is records[0])
+        expected = float(ours.time) + 0.02 + interlaced(toy.SIZE, 0.1)
+        np.testing.assert_allclose(layers["time"], np.tile(expected[:, None], toy.SIZE), atol=1e-6)
 
 
 def test_what_cannot_be_written_stops_the_run_and_what_was_written_stays(tmp_path, monkeypatch):

@@ -7,9 +7,10 @@ import plates
 import pytest
 import toy
 
-from gaussray.camera.aperture import Aperture
+from gaussray.camera.aperture import Aperture, FocusPull, Rim
+from gaussray.camera.shutter import interlaced
 from gaussray.labels import LABELS, Labeller, check_labels
-from gaussray.picture import RenderOptions
+from gaussray.render import RenderOptions
 from gaussray.scene.scene import Scene
 
 
@@ -121,6 +122,54 @@ def test_flow_of_a_plate_that_glides(fisheye, readout):
         np.testing.assert_allclose(flow[seen] - expected, 0, atol=PIXELS)
 
 
+def fields(made, apart, late):
+    """The same camera, interlaced and released late."""
+    table = toy.single(interlaced(plates.SIDE, apart))
+    shutter = dataclasses.replace(made.shutter, row_times=table, trigger=toy.single(late))
+    return dataclasses.replace(made, shutter=shutter)
+
+
+def test_flow_of_a_plate_that_glides_goes_from_field_to_field():
+    """Closed form: a row is met by the same field of the other frame, as much later as that is."""
+    velocity, apart, late = np.array([3.0, 2.0, 0.0]), 0.05, (0.01, 0.015)
+    scene = plates.moved(plates.plate(3.4), velocity=velocity)
+    now, then = (
+        fields(plates.camera(t, readout=READOUT), apart, x)
+        for t, x in zip((NOW, NEXT), late, strict=True)
+    )
+    found = labels(scene, now, ["flow_forward", "time"], after=then)
+    world = World(readout=READOUT)
+    read = world.read(NOW, world.pixel) + late[0] + interlaced(plates.SIDE, apart)[:, None]
+    np.testing.assert_allclose(found["time"], read, atol=1e-6)
+    speed = world.focal * velocity[:2] / plates.AWAY
+    gap = NEXT - NOW + late[1] - late[0]
+    expected = speed * gap / (1 - world.step * speed[1])
+    flow = found["flow_forward"]
+    seen = np.isfinite(flow[..., 0])
+    assert seen.mean() > 0.6
+    np.testing.assert_allclose(flow[seen] - expected, 0, atol=PIXELS)
+
+
+def test_a_table_of_even_steps_is_a_rolling_shutter():
+    scene = plates.moved(plates.plate(3.4), velocity=(3.0, 2.0, 0.0))
+
+    def flow(*pair):
+        now, then = pair
+        return labels(scene, now, ["flow_forward"], after=then)["flow_forward"]
+
+    by_step = [plates.camera(time, readout=READOUT) for time in (NOW, NEXT)]
+    table = toy.single(np.linspace(-READOUT / 2, READOUT / 2, plates.SIDE))
+    by_table = [
+        dataclasses.replace(
+            x, shutter=dataclasses.replace(plates.camera(0).shutter, row_times=table)
+        )
+        for x in by_step
+    ]
+    expected, found = flow(*by_step), flow(*by_table)
+    assert (np.isfinite(expected) == np.isfinite(found)).mean() > 0.99
+    np.testing.assert_allclose(found - expected, 0 * (found - expected), atol=1e-3)
+
+
 def test_flow_of_a_body_that_turns():
     scene = plates.moved(plates.plate(3.4), rate=1.2)
     world = World(readout=READOUT, rate=1.2)
@@ -212,6 +261,27 @@ def test_confusion_is_the_thin_lens_s_and_nothing_in_focus():
     for focus in (1.5, 3.0, 10.0, np.inf):
         expected = 2 * radius * 1.1 * plates.SIDE * abs(1 / focus - 1 / plates.AWAY)
         np.testing.assert_allclose(confusion(focus), expected, atol=0.01)
+
+
+def test_confusion_follows_a_focus_that_is_pulled_while_rows_are_read_and_passes_a_rim():
+    scene = Scene(plates.plate(3.0), plates.NOTHING, None, toy.single([0, 1]))
+    radius, readout, ends = 0.1, 1.0, np.array([1.5, 10.0])
+    pull = FocusPull(toy.single([0.0, 1.0]), toy.single(ends))
+    radius_, zero, one = map(toy.single, (radius, 0, 1))
+    plain = Aperture(radius_, pull, zero, one)
+    tight = dataclasses.replace(plain, rim=Rim(toy.single(0.02), toy.single(0.2)))
+    clear, clipped = (
+        labels(scene, dataclasses.replace(plates.camera(0.5, readout=readout), aperture=x),
+               ["confusion", "direction", "origin", "valid"])
+        for x in (plain, tight)
+    )  # fmt: skip
+    way = np.linspace(0, 1, plates.SIDE)[:, None]
+    closeness = (1 - way) / ends[0] + way / ends[1]
+    expected = 2 * radius * 1.1 * plates.SIDE * np.abs(closeness - 1 / plates.AWAY)
+    expected = np.broadcast_to(expected, (plates.SIDE, plates.SIDE))
+    np.testing.assert_allclose(clear["confusion"], expected, atol=0.01)
+    for name, image in clear.items():
+        np.testing.assert_array_equal(clipped[name], image)
 
 
 def test_only_what_is_asked_for_is_made_and_unknown_names_are_refused():

@@ -173,6 +173,8 @@ def test_a_number_that_cannot_be_is_named(changed, message):
 
 
 TIMES = PhysicalOptions(readout=10.0, exposure=5.0, seconds_per_unit=1.0)
+PULLED = ApertureOptions(focus_times=(0.0, 1.0), focus_distances=(2.0, 3.0))
+BREATHING = dataclasses.replace(PORTRAIT, f_number=None, breathing=True)
 
 
 @pytest.mark.parametrize(
@@ -212,6 +214,21 @@ TIMES = PhysicalOptions(readout=10.0, exposure=5.0, seconds_per_unit=1.0)
             RigOptions(shutter=ShutterOptions("global")),
             TIMES,
             ("physical.readout = 10.0", "shutter.kind = global"),
+        ),
+        (
+            RigOptions(shutter=ShutterOptions("table", row_times=(0.0,))),
+            TIMES,
+            ("physical.readout = 10.0", "shutter.kind = table"),
+        ),
+        (
+            RigOptions(shutter=ShutterOptions("interlaced", row_step=0.1)),
+            TIMES,
+            ("physical.readout = 10.0", "shutter.row_step = 0.1"),
+        ),
+        (
+            RigOptions(aperture=PULLED),
+            BREATHING,
+            ("aperture.focus_times", "physical.focus_distance"),
         ),
         (
             RigOptions(lens=LensOptions("fisheye_polynomial", sensor=(30.0, 30.0))),

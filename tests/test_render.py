@@ -1,17 +1,20 @@
 """Pictures of a scene: all effects at once, any size, nothing lost."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import toy
 
-from gaussray.camera.aperture import Aperture
+from gaussray.camera.aperture import Aperture, Rim, transmitted
 from gaussray.camera.camera import Camera
 from gaussray.camera.chromatic import dispersed, magnified
-from gaussray.camera.film import Film
+from gaussray.camera.film import Film, pixel_grid
 from gaussray.camera.lens import KannalaBrandt
-from gaussray.camera.shutter import Shutter
+from gaussray.camera.sampling import samples
+from gaussray.camera.shutter import Shutter, interlaced
 from gaussray.camera.trajectory import Trajectory
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.scene import Scene, key_count
@@ -24,6 +27,8 @@ pytestmark = pytest.mark.usefixtures("quick_compilation")
 ROWS = 1e-3
 # Sums of the same hits in single precision.
 SAME = 1e-5
+# Rays 1e-4 apart through Gaussians of 0.2.
+FINE = 1e-3
 ONE = RenderOptions(samples=1)
 
 
@@ -103,6 +108,81 @@ def test_states_at_key_times_agree_with_a_state_for_every_row(scene, render):
     assert np.abs(frozen.color - exact.color).max() > 30 * ROWS
 
 
+def test_interlaced_rows_agree_with_a_state_for_every_row(scene):
+    camera = toy.camera(time=0.5)
+    table = toy.single(interlaced(toy.SIZE, 0.4))
+    camera = dataclasses.replace(
+        camera, shutter=dataclasses.replace(camera.shutter, row_times=table)
+    )
+    by_rows = RenderOptions(samples=1, chunk_rows=1)
+    exact = Renderer(scene, options=by_rows, trace=toy.TRACE)(camera).color
+    found = Renderer(scene, options=ONE, trace=toy.TRACE)(camera).color
+    np.testing.assert_allclose(found, exact, atol=ROWS)
+    fields = [Renderer(scene, options=ONE, trace=toy.TRACE)(toy.camera(time=t)) for t in (0.3, 0.7)]
+    for i in (0, 1):
+        np.testing.assert_allclose(found[i::2], fields[i].color[i::2], atol=ROWS)
+        assert np.abs(found[i::2] - fields[1 - i].color[i::2]).max() > 30 * ROWS
+    some = Renderer(scene, options=RenderOptions(samples=1, chunk_rows=4), trace=toy.TRACE)
+    with pytest.raises(ValueError, match="chunk_rows must be 0 or 1 for a shutter with row_times"):
+        some(camera)
+
+
+def test_a_rim_darkens_by_the_share_of_the_rays_that_it_stops(still):
+    """Behind an opening too small to blur, the light times the share; coverage and depth stay."""
+    four = RenderOptions(samples=4)
+    render = Renderer(still, options=four, trace=toy.TRACE)
+    number, plain = toy.single, toy.camera()
+    small = Aperture(number(1e-4), number(3), number(0), number(1))
+    rim = Rim(number(1e-4), number(1e-4))
+    views = [dataclasses.replace(plain, aperture=small)]
+    views.append(dataclasses.replace(plain, aperture=dataclasses.replace(small, rim=rim)))
+    whole, clipped = (render(view) for view in views)
+    u = samples(4)[:, 2:4].astype(jnp.float32)
+    pixel = pixel_grid(plain.film).astype(jnp.float32).reshape(-1, 2) + 0.5
+    chief = jax.vmap(plain.lens.direction)(pixel)
+    each = jax.vmap(jax.vmap(transmitted, in_axes=(None, None, 0)), in_axes=(None, 0, None))
+    share = np.asarray(each(views[1].aperture, chief, u)).mean(axis=1)
+    share = share.reshape(toy.SIZE, toy.SIZE, 1)
+    assert 0.3 < share.min() < 0.85 and share.max() > 0.95
+    np.testing.assert_allclose(clipped.color, share * whole.color, atol=FINE)
+    np.testing.assert_allclose(clipped.alpha, whole.alpha, atol=FINE)
+    np.testing.assert_allclose(clipped.depth, whole.depth, atol=30 * FINE)
+
+
+def blurred():
+    """The toy's view through a wide opening and a filter."""
+    number, plain = toy.single, toy.camera()
+    wide = Aperture(number(0.15), number(2), number(0), number(1))
+    return dataclasses.replace(plain, aperture=wide, film=Film(toy.SIZE, toy.SIZE, "box", 1.0))
+
+
+def test_samples_are_added_until_the_error_is_that_of_the_means(still):
+    """The stated standard error covers what is left against 4,096 other samples, and an error that
+    is never reached stops at the most samples."""
+    options = RenderOptions(samples=4, error=0.01, samples_most=4096)
+    frame = Renderer(still, options=options, trace=toy.TRACE)(blurred())
+    assert 16 <= frame.samples < 4096 and frame.samples % 4 == 0
+    assert np.quantile(frame.error, 0.95) <= 0.01
+    exact = Renderer(still, options=RenderOptions(samples=1024), trace=toy.TRACE)(blurred())
+    off = np.abs(frame.color - exact.color).max(axis=-1)
+    assert off.max() > 1e-3
+    assert np.mean(off <= 3 * frame.error + 1e-4) > 0.9
+    tight = RenderOptions(samples=4, error=1e-6, samples_most=22)
+    stopped = Renderer(still, options=tight, trace=toy.TRACE).film([blurred()])
+    assert next(stopped).samples == 20
+
+
+def test_without_an_error_to_reach_a_picture_is_what_it_was(still):
+    """The means of the fixed points of `samples`, ray by ray, whatever the other key says."""
+    plain = Renderer(still, options=RenderOptions(samples=2), trace=toy.TRACE)(blurred())
+    other = RenderOptions(samples=2, error=0.0, samples_most=7)
+    same = Renderer(still, options=other, trace=toy.TRACE)(blurred())
+    for a, b in zip((plain.color, plain.alpha, plain.depth), (same.color, same.alpha, same.depth),
+                    strict=True):  # fmt: skip
+        assert a.tobytes() == b.tobytes()
+    assert plain.error is None and plain.samples == 2
+
+
 def test_each_colour_is_seen_through_a_lens_of_its_own(still, render_still):
     plain, sizes = toy.camera(0.2), (1.1, 1.0, 0.9)
     fringed = render_still(dispersed(plain, sizes))
@@ -158,7 +238,14 @@ def test_chunks_of_rows_are_refused_where_columns_are_read(scene):
         render(camera)
 
 
-@pytest.mark.parametrize(("key", "value"), [("samples", 0), ("keys", 1), ("chunk_rows", -1)])
+@pytest.mark.parametrize(
+    ("key", "value"), [("samples", 0), ("keys", 1), ("chunk_rows", -1), ("error", -1.0)]
+)
 def test_an_option_that_cannot_be_is_named(key, value):
     with pytest.raises(ValueError, match=f"render.{key} must be"):
         RenderOptions(**{key: value})
+
+
+def test_an_error_needs_room_for_four_batches():
+    with pytest.raises(ValueError, match="render.samples_most must be at least 64"):
+        RenderOptions(samples=16, error=0.1, samples_most=63)

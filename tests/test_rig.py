@@ -147,6 +147,107 @@ def test_a_ride_passes_every_camera(views):
     assert records[0].camera.trajectory.time.shape == (3,)
 
 
+def test_a_rim_and_a_focus_pull_are_those_of_the_keys(views):
+    pull = {"focus_times": (0.0, 1.0), "focus_distances": (2.0, np.inf), "focus_ease": "smooth"}
+    options = rig.ApertureOptions(0.09, rim_radius=0.1, rim_distance=0.3, **pull)
+    aperture = built(views, aperture=options)[0].camera.aperture
+    np.testing.assert_array_equal(aperture.focus_distance.distance, [2, np.inf])
+    assert aperture.focus_distance.ease == "smooth"
+    np.testing.assert_allclose([aperture.rim.radius, aperture.rim.distance], [0.1, 0.3])
+
+
+def test_a_readout_is_a_row_step_and_fields_and_tables_are_row_times(views):
+    rows = toy.SIZE
+    by_time = built(views, shutter=rig.ShutterOptions("rolling", 0.25))[0].camera.shutter
+    step = rig.ShutterOptions("rolling", row_step=0.25 / (rows - 1))
+    by_step = built(views, shutter=step)[0].camera.shutter
+    for key in ("row_offset", "row_step"):
+        np.testing.assert_allclose(getattr(by_step, key), getattr(by_time, key), rtol=1e-6)
+    fields = rig.ShutterOptions("interlaced", field_time=0.1, first_field="odd")
+    record = built(views, shutter=fields)[0]
+    assert record.effect == "interlaced"
+    np.testing.assert_allclose(record.camera.shutter.row_times[:3], [0.05, -0.05, 0.05])
+    times = tuple(float(x) for x in np.linspace(0, 1, rows) ** 2)
+    table = built(views, shutter=rig.ShutterOptions("table", row_times=times))[0]
+    assert table.effect == "rolling_shutter"
+    np.testing.assert_allclose(table.camera.shutter.row_times, times, rtol=1e-6)
+
+
+def test_every_camera_has_its_trigger(views):
+    chosen = rig.CameraOptions(names=("cam_0", "cam_2"))
+    shutter = rig.ShutterOptions("rolling", 0.25, trigger=(0.0, 0.02))
+    for record in built(views, camera=chosen, shutter=shutter):
+        expected = {"cam_0": 0.0, "cam_2": 0.02}[record.camera_name]
+        np.testing.assert_allclose(record.camera.shutter.trigger, expected)
+    for record in built(views, camera=chosen, shutter=rig.ShutterOptions(trigger=(0.3,))):
+        np.testing.assert_allclose(record.camera.shutter.trigger, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("group", "chosen", "message"),
+    [
+        ("shutter", {"kind": "table", "row_times": (0.0, 1.0)}, "shutter.row_times must be one"),
+        ("shutter", {"kind": "global", "row_step": 0.1}, "shutter.row_step needs shutter.kind="),
+        ("shutter", {"kind": "rolling", "readout": 1.0, "row_step": 0.1}, "both say how long"),
+        ("shutter", {"kind": "rolling", "row_times": (1.0,)}, "shutter.row_times needs"),
+        ("shutter", {"trigger": (0.1, 0.2)}, "shutter.trigger must be one delay, or one for each"),
+        ("shutter", {"kind": "interlaced", "first_field": "x"}, "shutter.first_field must be"),
+        ("aperture", {"radius": 0.1, "rim_radius": 0.1}, "aperture.rim_distance must be above 0"),
+        ("aperture", {"radius": 0.1, "focus_times": (0.0,)}, "aperture.focus_distances must be"),
+        ("trajectory", {"file": "a.txt"}, "trajectory.file needs trajectory.kind=path"),
+        ("trajectory", {"kind": "path"}, "trajectory.kind=path needs trajectory.file"),
+        ("trajectory", {"interpolation": "x"}, "trajectory.interpolation must be one of"),
+        ("trajectory", {"shake_degrees": -1.0}, "trajectory.shake_degrees must be at least 0"),
+        (
+            "trajectory",
+            {"shake_degrees": 1.0, "shake_time": 0.0},
+            "trajectory.shake_time must be above 0",
+        ),
+    ],
+)
+def test_what_cannot_be_built_is_refused_by_its_key(views, group, chosen, message):
+    kinds = {
+        "shutter": rig.ShutterOptions,
+        "aperture": rig.ApertureOptions,
+        "trajectory": rig.TrajectoryOptions,
+    }
+    with pytest.raises(ValueError, match=message):
+        built(views, **{group: kinds[group](**chosen)})
+
+
+def test_every_camera_is_held_by_a_hand_of_its_own_on_any_path(views):
+    options = rig.CameraOptions(names=("cam_0", "cam_1"))
+    hand = {"shake_degrees": 0.5, "shake_distance": 0.01, "shake_time": 0.2, "shake_seed": 5}
+    for record in built(views, camera=options, trajectory=rig.TrajectoryOptions(**hand)):
+        shake = record.camera.trajectory.shake
+        assert shake.seed == {"cam_0": 5, "cam_1": 6}[record.camera_name]
+        np.testing.assert_allclose(shake.turn, np.deg2rad(0.5), rtol=1e-6)
+    ride = rig.TrajectoryOptions("between", 3, interpolation="spline", **hand)
+    path = built(views, camera=options, trajectory=ride)[0].camera.trajectory
+    assert path.interpolation == "spline" and path.shake.seed == 5
+
+
+TUM = """# time x y z qx qy qz qw
+100.0 0 0 -3 0 0 0 1
+100.5 1 0 -3 0 0 0 1
+102.0 2 0 -3 0 0.6 0 0.8
+"""
+
+
+@pytest.mark.parametrize("clock", ["span", "file"])
+def test_a_path_comes_from_a_file(views, tmp_path, clock):
+    (tmp_path / "path.txt").write_text(TUM)
+    options = rig.TrajectoryOptions("path", 5, file=str(tmp_path / "path.txt"), clock=clock)
+    records = built(views, trajectory=options)
+    first, last = (0, 1) if clock == "span" else (100, 102)
+    times = [float(r.camera.time) for r in records]
+    np.testing.assert_allclose(times, np.linspace(first, last, 5), rtol=1e-6)
+    path = records[0].camera.trajectory
+    np.testing.assert_allclose(path.time, first + (last - first) * np.array([0, 0.25, 1]))
+    np.testing.assert_allclose(path.quat[2], [0.8, 0, 0.6, 0], rtol=1e-6)
+    np.testing.assert_array_equal(path.translation[1], [1, 0, -3])
+
+
 def test_cameras_come_from_a_capture_or_from_beside_the_scene(tmp_path):
     write_manifest(tmp_path / "cameras.json", toy.records())
     assert len(rig.cameras_of(tmp_path, None)) == 12

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.camera.sampling import samples
-from gaussray.camera.shutter import DIRECTIONS, Shutter
+from gaussray.camera.sampling import samples, shifted_samples
+from gaussray.camera.shutter import DIRECTIONS, Shutter, interlaced
 from gaussray.shares import LEAST, shares
 
 
@@ -17,8 +17,8 @@ EDGES = np.array([0.4, 0.5])
 SINGLE = 1e-6
 
 
-def filmed(offset, step, exposure=0.0, direction=DIRECTIONS[0], time=0.45, size=(7, 5)):
-    shutter = Shutter(*(toy.single(x) for x in (offset, step, exposure)), direction=direction)
+def filmed(offset, step, exposure=0.0, direction=DIRECTIONS[0], time=0.45, size=(7, 5), **more):
+    shutter = Shutter(*map(toy.single, (offset, step, exposure)), direction, **more)
     camera = dataclasses.replace(toy.camera(time=time, width=size[0], height=size[1]))
     return jax.device_get(dataclasses.replace(camera, shutter=shutter))
 
@@ -49,6 +49,22 @@ def test_every_sample_of_every_row_is_of_the_segment_that_shows_its_time(
     np.testing.assert_array_equal(
         np.argmax(seen, axis=0), np.searchsorted(EDGES, times(camera, count), side="right")
     )
+
+
+def test_fields_triggers_and_batches_of_samples_have_times_of_their_own():
+    table, late = interlaced(5, 0.06), 0.02
+    more = {"row_times": toy.single(table), "trigger": toy.single(late)}
+    camera = filmed(-0.02, 0.01, 0.05, time=0.44, **more)
+    for batch in (None, 0, 3):
+        number = jax.numpy.asarray(batch or 0)
+        u = samples(8) if batch is None else shifted_samples(8, number)
+        u = np.asarray(u, np.float64)[:, 4:]
+        time = 0.44 + late - 0.02 + 0.01 * np.arange(5) + table + 0.05 * (u - 0.5)
+        owner = np.searchsorted(EDGES, time, side="right")
+        found = shares(camera, EDGES, 8, batch)
+        assert [i for i, _ in found] == np.unique(owner).tolist() == [0, 1, 2]
+        for i, share in found:
+            np.testing.assert_array_equal(share.seen, owner == i)
 
 
 def test_a_segment_spans_the_times_between_its_edges_and_the_frames_ends():

@@ -1,15 +1,63 @@
-"""Depth of field: light enters through an opening instead of a point."""
+"""Depth of field: light enters through an opening instead of a point, past the rim of the lens."""
+
+import dataclasses
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.camera.checks import require
+from gaussray.camera.checks import known, require
 from gaussray.geometry import normalize
 
 
 FOCUS = ("plane", "sphere")
+EASES = ("linear", "smooth")
+
+
+class FocusPull(eqx.Module):
+    """Focus distances, in scene units, at increasing times, in the capture's unit.
+
+    Between its knots the reciprocal moves, evenly ("linear") or starting and ending at rest
+    ("smooth", 3x^2 - 2x^3): so does the size of every blur circle, infinity is an ordinary knot,
+    and nothing overshoots. Before the first and after the last knot the focus rests.
+    """
+
+    time: Float[Array, " knots"]
+    distance: Float[Array, " distances"]
+    ease: str = eqx.field(static=True, default="linear")
+
+    def __check_init__(self):
+        knots = self.time.shape[-1], self.distance.shape[-1]
+        if knots[0] != knots[1] or knots[0] < 1:
+            raise ValueError(
+                "aperture.focus_distance must be one distance for each of at least one time, got "
+                f"{knots[0]} times and {knots[1]} distances."
+            )
+        require(
+            "aperture.focus_distance.time",
+            self.time,
+            lambda t: np.all(np.isfinite(t)) & np.all(np.diff(t) > 0),
+            "finite and strictly increasing",
+        )
+        require("aperture.focus_distance.distance", self.distance, lambda f: f > 0, "above 0")
+        if self.ease not in EASES:
+            raise ValueError(
+                f"aperture.focus_distance.ease must be one of {EASES}, got {self.ease!r}."
+            )
+
+
+class Rim(eqx.Module):
+    """A second round opening, `distance` in front of the first one and parallel to it, both in
+    scene units: the edge of the front element, which clips oblique beams to a cat's eye."""
+
+    radius: Float[Array, ""]
+    distance: Float[Array, ""]
+
+    def __check_init__(self):
+        for key in ("radius", "distance"):
+            value = getattr(self, key)
+            require(f"aperture.rim.{key}", value, lambda x: np.isfinite(x) & (x > 0), "above 0")
 
 
 class Aperture(eqx.Module):
@@ -18,18 +66,20 @@ class Aperture(eqx.Module):
     Fewer than 3 `blades` is a disc, otherwise a regular polygon inscribed in it, whose edges have
     their middles at `rotation` + 2 pi k / blades from +x towards up. `ratio` divides the x radius
     (anamorphic). Sharp is the plane at depth `focus_distance`, or with `focus = "sphere"` what lies
-    that far along the ray, for lenses that see to 90 degrees and beyond. Infinity is legal.
+    that far along the ray, for lenses that see to 90 degrees and beyond. Infinity is legal. A
+    `rim` lies nearer than what is in focus.
     """
 
     radius: Float[Array, ""]
-    focus_distance: Float[Array, ""]
+    focus_distance: Float[Array, ""] | FocusPull
     rotation: Float[Array, ""]
     ratio: Float[Array, ""]
     blades: int = eqx.field(static=True, default=0)
     focus: str = eqx.field(static=True, default="plane")
+    rim: Rim | None = None
 
     def __check_init__(self):
-        radius, distance = self.radius, self.focus_distance
+        radius, distance = self.radius, _distances(self)
         require("aperture.radius", radius, lambda r: np.isfinite(r) & (r >= 0), "at least 0")
         require("aperture.focus_distance", distance, lambda f: f > 0, "above 0")
         require("aperture.rotation", self.rotation, np.isfinite, "finite")
@@ -40,11 +90,44 @@ class Aperture(eqx.Module):
             )
         if self.focus not in FOCUS:
             raise ValueError(f"aperture.focus must be one of {FOCUS}, got {self.focus!r}.")
+        if self.rim is not None and known(self.rim.distance, distance):
+            nearest = np.min(distance)
+            require(
+                "aperture.rim.distance",
+                self.rim.distance,
+                lambda x: x < nearest,
+                f"below aperture.focus_distance ({nearest})",
+            )
 
 
 def no_aperture() -> Aperture:
     """The pinhole: everything is sharp."""
     return Aperture(jnp.zeros(()), jnp.ones(()), jnp.zeros(()), jnp.ones(()))
+
+
+def focused(aperture: Aperture, time: Float[Array, ""]) -> Aperture:
+    """The aperture as it is focused at a time, in the capture's unit."""
+    return dataclasses.replace(aperture, focus_distance=focus_at(aperture, time))
+
+
+def focus_at(aperture: Aperture, time: Float[Array, ""]) -> Float[Array, ""]:
+    """The distance that is in focus at a time, in scene units."""
+    pull = aperture.focus_distance
+    if not isinstance(pull, FocusPull):
+        return pull
+    closeness = 1 / pull.distance
+    if pull.time.shape[0] > 1:
+        before = jnp.searchsorted(pull.time, time, side="right") - 1
+        before = jnp.clip(before, 0, pull.time.shape[0] - 2)
+        start, end = pull.time[before], pull.time[before + 1]
+        way = jnp.clip((time - start) / (end - start), 0, 1)
+        if pull.ease == "smooth":
+            way = way * way * (3 - 2 * way)
+        closeness = (1 - way) * closeness[before] + way * closeness[before + 1]
+    else:
+        closeness = closeness[0]
+    finite = closeness > 0
+    return jnp.where(finite, 1 / jnp.where(finite, closeness, 1), jnp.inf)
 
 
 def thin_lens(
@@ -56,22 +139,94 @@ def thin_lens(
     With focus on a plane the opening lies in the camera's xy plane, on a sphere it is perpendicular
     to the chief ray. The point of focus being f along the ray, the new direction is that of
     `direction - origin/f`: focus at infinity and at 90 degrees (1/f = 0) are ordinary values.
+    With a rim, `u` fills what the rim leaves of the opening, and `transmitted` is its weight.
     """
-    offset = aperture.radius * _opening(aperture, u)
+    distance = _distances(aperture)
+    offset = aperture.radius * _opening(aperture, direction, u)
     if aperture.focus == "plane":
         origin = jnp.append(offset, 0)
-        inverse_distance = direction[2] / aperture.focus_distance
+        inverse_distance = direction[2] / distance
     else:
         right, down = _across(direction)
         origin = offset[0] * right + offset[1] * down
-        inverse_distance = 1 / aperture.focus_distance
+        inverse_distance = 1 / distance
     through = normalize(direction - inverse_distance * origin)
     return origin, jnp.where(jnp.any(direction != 0), through, 0)
 
 
-def _opening(aperture: Aperture, u: Float[Array, "2"]) -> Float[Array, "2"]:
-    """Point of the opening of radius 1, uniform by area, in camera axes (+y down)."""
+def transmitted(
+    aperture: Aperture, direction: Float[Array, "3"], u: Float[Array, "2"]
+) -> Float[Array, ""] | None:
+    """Weight of the ray of `thin_lens` with the same `u`; None, which is 1, without a rim.
+
+    Its mean over `u` is the share of the opening that the rim leaves, and the mean of weight times
+    light is the light through the whole opening, the lost rays being dark. Both are smooth in
+    every parameter where the outline is, and so are their gradients unbiased.
+    """
+    if aperture.rim is None:
+        return None
+    _, angle = _concentric(u)
+    low, high = _kept(aperture, aperture.rim, direction, _outline(aperture, angle))
+    return high * high - low * low
+
+
+def _distances(aperture: Aperture) -> Float[Array, "*knots"]:
+    """The distance in focus, or those at the knots of a focus pull."""
+    distance = aperture.focus_distance
+    return distance.distance if isinstance(distance, FocusPull) else distance
+
+
+def _opening(
+    aperture: Aperture, direction: Float[Array, "3"], u: Float[Array, "2"]
+) -> Float[Array, "2"]:
+    """Point of what is open of the opening of radius 1, in camera axes (+y down).
+
+    On the way from the middle to a point of the outline, the square of the distance is uniform.
+    """
     distance, angle = _concentric(u)
+    outline = _outline(aperture, angle)
+    if aperture.rim is None:
+        return distance * outline
+    low, high = _kept(aperture, aperture.rim, direction, outline)
+    square = low * low + (high * high - low * low) * distance * distance
+    positive = square > 0
+    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0) * outline
+
+
+def _kept(
+    aperture: Aperture, rim: Rim, direction: Float[Array, "3"], outline: Float[Array, "2"]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Where, as shares of the way from the opening's middle to `outline`, rays pass the rim.
+
+    The ray from the point o of the opening to the point of focus meets the rim's distance L at
+    q o + L lean, q = 1 - L/f, from the rim's middle; lean is the tangent of the field angle. On a
+    sphere of focus the rim faces the ray as the opening does: lean is the sine and q = 1 - L z/f.
+    From 90 degrees on nothing passes.
+    """
+    z = direction[2]
+    ahead = z > 0
+    if aperture.focus == "plane":
+        lean = direction[:2] / jnp.where(ahead, z, 1)
+        shrink = 1 - rim.distance / _distances(aperture)
+    else:
+        lean = direction[:2]
+        shrink = 1 - rim.distance * z / _distances(aperture)
+    edge, middle = shrink * aperture.radius * outline, rim.distance * lean
+    # |t edge + middle| = radius of the rim
+    square, half = jnp.sum(edge * edge), jnp.sum(edge * middle)
+    beyond = jnp.sum(middle * middle) - rim.radius**2
+    inside = half * half - square * beyond
+    crosses = ahead & (inside > 0) & (square > 0)
+    root = jnp.sqrt(jnp.where(crosses, inside, 1))
+    divisor = jnp.where(crosses, square, 1)
+    through_a_point = (ahead & (square == 0) & (beyond < 0)).astype(edge.dtype)
+    low = jnp.where(crosses, jnp.clip((-half - root) / divisor, 0, 1), 0)
+    high = jnp.where(crosses, jnp.clip((-half + root) / divisor, 0, 1), through_a_point)
+    return low, high
+
+
+def _outline(aperture: Aperture, angle: Float[Array, ""]) -> Float[Array, "2"]:
+    """Point of the outline of the opening of radius 1, in camera axes (+y down)."""
     if aperture.blades < 3:
         xy = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
     else:
@@ -84,7 +239,7 @@ def _opening(aperture: Aperture, u: Float[Array, "2"]) -> Float[Array, "2"]:
         end = start + sector
         xy = (1 - way) * jnp.stack([jnp.cos(start), jnp.sin(start)])
         xy = xy + way * jnp.stack([jnp.cos(end), jnp.sin(end)])
-    return distance * jnp.stack([xy[0] / aperture.ratio, -xy[1]])
+    return jnp.stack([xy[0] / aperture.ratio, -xy[1]])
 
 
 def _concentric(u: Float[Array, "2"]) -> tuple[Float[Array, ""], Float[Array, ""]]:

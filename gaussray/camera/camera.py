@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 from jaxtyping import Array, Float
 
-from gaussray.camera.aperture import Aperture, thin_lens
+from gaussray.camera.aperture import Aperture, focused, thin_lens, transmitted
 from gaussray.camera.film import Film, sample_offset
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.rays import Rays
@@ -30,11 +30,13 @@ def camera_ray(camera: Camera, pixel: Float[Array, "2"], u: Float[Array, "5"]) -
     pixel's centre in the middle of its exposure.
     """
     film = camera.film
-    direction = camera.lens.direction(pixel + 0.5 + sample_offset(film, u[:2]))
-    origin, direction = thin_lens(camera.aperture, direction, u[2:4])
     time = sample_time(camera.shutter, pixel, (film.width, film.height), camera.time, u[4])
+    aperture = focused(camera.aperture, time)
+    chief = camera.lens.direction(pixel + 0.5 + sample_offset(film, u[:2]))
+    origin, direction = thin_lens(aperture, chief, u[2:4])
+    weight = transmitted(aperture, chief, u[2:4])
     world_from_camera = pose_at(camera.trajectory, time)
-    return Rays(world_from_camera.apply(origin), world_from_camera.rotate(direction), time)
+    return Rays(world_from_camera.apply(origin), world_from_camera.rotate(direction), time, weight)
 
 
 def camera_rays(camera: Camera, pixel: Float[Array, "rays 2"], u: Float[Array, "rays 5"]) -> Rays:

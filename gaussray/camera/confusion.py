@@ -6,29 +6,31 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from gaussray.camera.aperture import thin_lens
+from gaussray.camera.aperture import focus_at, thin_lens
 from gaussray.camera.camera import Camera
 
 
 def circle_of_confusion(
-    camera: Camera, pixel: Float[Array, "2"], t: Float[Array, ""]
+    camera: Camera, pixel: Float[Array, "2"], t: Float[Array, ""], time: Float[Array, ""]
 ) -> Float[Array, ""]:
     """Diameter, in pixels, of the image of the point at the distance `t` along the chief ray of the
-    pixel with index (column, row).
+    pixel with index (column, row), at a time: the focus may be pulled.
 
     Light of a point P through the place o of the opening falls on the pixel of the direction
     P + o (rho / f - 1), where rho is the depth of P (focus on a plane) or its distance (on a
     sphere) and f that of focus. Under a pinhole lens of focal length F pixels that is a disc of
     diameter 2 radius F |1/f - 1/rho|; elsewhere an ellipse, of which this is the longer axis, to
-    first order in radius / t. Blades count as the disc around them. NaN where there is no ray.
+    first order in radius / t. Blades count as the disc around them, and what a rim clips of the
+    opening counts too. NaN where there is no ray.
     """
     direction = camera.lens.direction(pixel + 0.5)
+    focus = focus_at(camera.aperture, time)
+    disc = dataclasses.replace(camera.aperture, focus_distance=focus, blades=0, rim=None)
     point = t * direction
-    distance = point[2] if camera.aperture.focus == "plane" else t
-    blur = distance / camera.aperture.focus_distance - 1
-    disc = dataclasses.replace(camera.aperture, blades=0)
-    rim = jnp.asarray([[1, 0.5], [0.5, 1]], t.dtype)
-    semiaxes = jax.vmap(lambda u: thin_lens(disc, direction, u)[0])(rim)
+    distance = point[2] if disc.focus == "plane" else t
+    blur = distance / focus - 1
+    edge = jnp.asarray([[1, 0.5], [0.5, 1]], t.dtype)
+    semiaxes = jax.vmap(lambda u: thin_lens(disc, direction, u)[0])(edge)
 
     def moved(offset: Float[Array, "3"]) -> Float[Array, "2"]:
         return jax.jvp(camera.lens.project, (point,), (offset,))[1]

@@ -1,13 +1,14 @@
 """Where and when a picture sees a point that moves: rows are read one after another."""
 
+import dataclasses
 from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.camera.camera import Camera
-from gaussray.camera.shutter import sample_time
+from gaussray.camera.shutter import row_number, sample_time
 from gaussray.camera.trajectory import pose_at
 
 
@@ -24,11 +25,28 @@ def place_at(camera: Camera, point: Float[Array, "3"], time: Float[Array, ""]) -
     return camera.lens.project(pose_at(camera.trajectory, time).inverse_apply(point))
 
 
-def reading_time(camera: Camera, place: Float[Array, "2"]) -> Float[Array, ""]:
-    """Middle of the exposure of a place in the picture, in the capture's unit: that of its row in
-    the row's middle and even in between, so that what lands between rows has a time of its own."""
-    size = camera.film.width, camera.film.height
-    return sample_time(camera.shutter, place - 0.5, size, camera.time, jnp.full_like(place[0], 0.5))
+def reading_time(
+    camera: Camera, place: Float[Array, "2"], field: Int[Array, ""]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """Middle of the exposure of a place in the picture, and the time from row to row there, in the
+    capture's unit. It is that of its row in the row's middle and even in between, so that what
+    lands between rows has a time of its own.
+
+    Where rows have times of their own, in between is between every second row, those of the `field`
+    (0: rows 0, 2, 4, ..., 1: the others): fields that are read one after the other stay apart.
+    """
+    size, shutter = (camera.film.width, camera.film.height), camera.shutter
+    even = dataclasses.replace(shutter, row_times=None)
+    time = sample_time(even, place - 0.5, size, camera.time, jnp.full_like(place[0], 0.5))
+    if shutter.row_times is None:
+        return time, shutter.row_step
+    table, row = shutter.row_times, row_number(shutter, place - 0.5, size)
+    last = field + (table.shape[0] - 1 - field) // 2 * 2
+    below = field + 2 * jnp.floor((row - field) / 2).astype(jnp.int32)
+    below = jnp.clip(below, field, jnp.maximum(last - 2, field))
+    above = jnp.minimum(below + 2, last)
+    step = (table[above] - table[below]) / jnp.maximum(above - below, 1)
+    return time + table[below] + step * (row - below), shutter.row_step + step
 
 
 def landing(
@@ -41,16 +59,18 @@ def landing(
 
     The time solves t = reading_time(place_at(path(t), t)), by the secant method from `guess`. A
     global shutter is met at once. What runs with the readout, as fast as it or faster, may be seen
-    more than once, or never: one landing is found, or none.
+    more than once, or never: one landing is found, or none. Of two fields it is that in which is
+    read, at the guess, what is seen then.
     """
 
-    def seen(time: Array) -> tuple[Array, Array]:
+    def seen(time: Array, field: Array) -> tuple[Array, Array, Array]:
         place = place_at(camera, path(time), time)
-        return place, reading_time(camera, place) - time
+        read, step = reading_time(camera, place, field)
+        return place, read - time, step
 
     def secant(_: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         before, missed_before, time = state
-        missed = seen(time)[1]
+        missed = seen(time, field)[1]
         change = missed - missed_before
         # At first, and where nothing changes (a global shutter, the root itself), to what is read.
         flat = (before == time) | (change == 0) | (jnp.abs(missed) <= tiny * jnp.abs(time))
@@ -58,10 +78,14 @@ def landing(
         return time, missed, time + step
 
     tiny = jnp.finfo(guess.dtype).eps
+    field = jnp.zeros((), jnp.int32)
+    if camera.shutter.row_times is not None:
+        late = jnp.abs(jnp.stack([seen(guess, field + i)[1] for i in (0, 1)]))
+        field = jnp.argmin(late).astype(jnp.int32)
     start = guess, jnp.zeros_like(guess), guess
     _, _, time = jax.lax.fori_loop(0, STEPS, secant, start)
-    place, missed = seen(time)
+    place, missed, step = seen(time, field)
     rounding = 8 * tiny * jnp.maximum(jnp.abs(time), jnp.abs(guess))
-    met = jnp.abs(missed) <= MISS * jnp.abs(camera.shutter.row_step) + rounding
+    met = jnp.abs(missed) <= MISS * jnp.abs(step) + rounding
     size = jnp.asarray([camera.film.width, camera.film.height], place.dtype)
     return place, time, met & jnp.all((place >= 0) & (place <= size))

@@ -39,14 +39,26 @@ def sample_points(count: int, pixel: Num[Array, "2"]) -> Float[Array, "samples 5
     Neighbouring pixels then err differently: noise instead of a pattern (Cranley and Patterson
     1976). The same pixel always gets the same points; a single one is no longer the centre.
     """
-    point = samples(count)
     column, row = pixel.astype(jnp.int32).astype(jnp.uint32)
-    dimension = jnp.arange(DIMENSIONS, dtype=jnp.uint32)
-    shift = _hash(dimension + _hash(column + _hash(row)))
+    return _shifted(samples(count), scrambled(column + scrambled(row)))
+
+
+def _shifted(point: Float[Array, "samples 5"], seed: UInt32[Array, ""]) -> Array:
+    """Points moved by what a seed decides, wrapping around."""
+    shift = scrambled(jnp.arange(DIMENSIONS, dtype=jnp.uint32) + seed)
     # 24 bits are exact in single precision, so the shift is below 1 in any.
     shift = (shift >> 8).astype(point.dtype) / 2**24
     moved = point + shift[None, :]
     return jnp.where(moved >= 1, moved - 1, moved)
+
+
+def shifted_samples(count: int, batch: Int[Array, ""]) -> Float[Array, "samples 5"]:
+    """`samples` shifted by a random amount of the batch's own, wrapping around.
+
+    The mean over each batch is right on average, and batches err independently: how far they lie
+    apart is a standard error (randomised quasi-Monte Carlo, Cranley and Patterson 1976).
+    """
+    return _shifted(samples(count), scrambled(batch.astype(jnp.uint32)))
 
 
 def step_samples(count: int, step: Int[Array, ""]) -> Float[Array, "samples 5"]:
@@ -66,7 +78,7 @@ def step_samples(count: int, step: Int[Array, ""]) -> Float[Array, "samples 5"]:
     return jnp.where(moved >= 1, moved - 1, moved)
 
 
-def _hash(value: UInt32[Array, "*n"]) -> UInt32[Array, "*n"]:
+def scrambled(value: UInt32[Array, "*n"]) -> UInt32[Array, "*n"]:
     """A scrambled integer (PCG, after Jarzynski and Olano 2020)."""
     state = value * jnp.uint32(747796405) + jnp.uint32(2891336453)
     word = ((state >> ((state >> 28) + 4)) ^ state) * jnp.uint32(277803737)

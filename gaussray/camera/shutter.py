@@ -9,25 +9,34 @@ from gaussray.camera.checks import require
 
 
 DIRECTIONS = ("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left")
+SIDEWAYS = DIRECTIONS[2:]
+FIELDS = ("even", "odd")
 
 
 class Shutter(eqx.Module):
     """Rolling shutter, in the capture's unit of time; `row_step = 0` is a global shutter.
 
     Row i, counted along `direction` from 0, is exposed during `exposure` around
-    time + row_offset + row_step i. `exposure = 0` is an instant: no motion blur.
+    time + trigger + row_offset + row_step i + row_times[i]. `exposure = 0` is an instant: no motion
+    blur. `row_times` are for sensors that read in another order; `trigger` is how much later than
+    the frame's time this camera was released. None is 0.
     """
 
     row_offset: Float[Array, ""]
     row_step: Float[Array, ""]
     exposure: Float[Array, ""]
     direction: str = eqx.field(static=True, default="top_to_bottom")
+    row_times: Float[Array, " rows"] | None = None
+    trigger: Float[Array, ""] | None = None
 
     def __check_init__(self):
         require("shutter.row_offset", self.row_offset, np.isfinite, "finite")
         require("shutter.row_step", self.row_step, np.isfinite, "finite")
         exposure = self.exposure
         require("shutter.exposure", exposure, lambda e: np.isfinite(e) & (e >= 0), "at least 0")
+        for key in ("row_times", "trigger"):
+            if getattr(self, key) is not None:
+                require(f"shutter.{key}", getattr(self, key), np.isfinite, "finite")
         if self.direction not in DIRECTIONS:
             raise ValueError(
                 f"shutter.direction must be one of {DIRECTIONS}, got {self.direction!r}."
@@ -38,6 +47,35 @@ def global_shutter(exposure: Float[Array, ""] | None = None) -> Shutter:
     """All rows at once: an instant, or an exposure centred on the frame's time."""
     zero = jnp.zeros(())
     return Shutter(zero, zero, zero if exposure is None else exposure)
+
+
+def interlaced(rows: int, field_time: float, first: str = "even") -> Float[np.ndarray, " rows"]:
+    """`row_times` of two fields that are read `field_time` one after the other, around the frame's
+    time: rows 0, 2, 4, ... first ("even"), or rows 1, 3, 5, ... ("odd")."""
+    if first not in FIELDS:
+        raise ValueError(f"shutter.first_field must be one of {FIELDS}, got {first!r}.")
+    return np.where(np.arange(rows) % 2 == FIELDS.index(first), -0.5, 0.5) * field_time
+
+
+def row_count(direction: str, resolution: tuple[int, int]) -> int:
+    """How many rows (columns, if it reads sideways) a shutter reads."""
+    return resolution[0] if direction in SIDEWAYS else resolution[1]
+
+
+def step_of(readout: float, rows: int) -> float:
+    """Time from row to row of a readout, which lasts from the first to the last."""
+    return readout / max(rows - 1, 1)
+
+
+def check_shutter(shutter: Shutter, resolution: tuple[int, int]) -> None:
+    """Raise a ValueError unless there is a time for each row of the picture."""
+    rows = row_count(shutter.direction, resolution)
+    if shutter.row_times is not None and shutter.row_times.shape != (rows,):
+        what = "column" if shutter.direction in SIDEWAYS else "row"
+        raise ValueError(
+            f"shutter.row_times must be one time for each of the picture's {rows} {what}s, got "
+            f"{shutter.row_times.shape[-1]}."
+        )
 
 
 def row_number(
@@ -52,16 +90,36 @@ def row_number(
     return column if shutter.direction == "left_to_right" else width - 1 - column
 
 
+def decisive_pixels(shutter: Shutter, resolution: tuple[int, int]) -> np.ndarray:
+    """Indices (column, row) of pixels, the earliest and the latest that are read among them."""
+    width, height = resolution
+    if shutter.row_times is None:
+        return np.array([(0, 0), (width - 1, height - 1)])
+    rows = np.arange(row_count(shutter.direction, resolution))
+    first = np.zeros_like(rows)
+    return np.stack([rows, first] if shutter.direction in SIDEWAYS else [first, rows], axis=-1)
+
+
 def time_window(shutter: Shutter, resolution: tuple[int, int]) -> tuple[float, float]:
     """Earliest and latest moment, counted from the frame's time, at which any row looks: of one
     shutter, or of all of a stack. On the host."""
-    sideways = shutter.direction in ("left_to_right", "right_to_left")
-    rows = resolution[0] if sideways else resolution[1]
-    values = shutter.row_offset, shutter.row_step, shutter.exposure
-    first, step, exposure = (np.asarray(x, np.float64) for x in values)
-    last = first + step * (rows - 1)
-    earliest = np.minimum(first, last) - exposure / 2
-    return float(earliest.min()), float((np.maximum(first, last) + exposure / 2).max())
+    rows = np.arange(row_count(shutter.direction, resolution))
+    middle = _moments(shutter, rows if shutter.row_times is not None else rows[[0, -1]])
+    half = np.asarray(shutter.exposure, np.float64) / 2
+    return float((middle.min(axis=-1) - half).min()), float((middle.max(axis=-1) + half).max())
+
+
+def row_moments(shutter: Shutter, resolution: tuple[int, int]) -> Float[np.ndarray, " rows"]:
+    """Middle of the exposure of every row, as the shutter counts them, from the frame's time. On
+    the host."""
+    return _moments(shutter, np.arange(row_count(shutter.direction, resolution)))
+
+
+def _moments(shutter: Shutter, rows: np.ndarray) -> Float[np.ndarray, "*stack rows"]:
+    told = shutter.row_offset, shutter.row_step, shutter.trigger, shutter.row_times
+    offset, step, trigger, table = (np.asarray(0 if x is None else x, np.float64) for x in told)
+    middle = (offset + trigger)[..., None] + step[..., None] * rows
+    return middle if shutter.row_times is None else middle + table[..., rows]
 
 
 def sample_time(
@@ -77,4 +135,7 @@ def sample_time(
     a pixel share its row's time, also those that its filter takes from the neighbouring rows.
     """
     i = row_number(shutter, pixel, resolution)
-    return time + shutter.row_offset + shutter.row_step * i + shutter.exposure * (u - 0.5)
+    time = time + shutter.row_offset + shutter.row_step * i + shutter.exposure * (u - 0.5)
+    if shutter.row_times is not None:
+        time = time + shutter.row_times[i.astype(jnp.int32)]
+    return time if shutter.trigger is None else time + shutter.trigger

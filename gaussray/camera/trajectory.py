@@ -1,20 +1,37 @@
 """Where the camera is at every moment."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from gaussray.camera.checks import require
-from gaussray.geometry import RigidTransform, slerp
+from gaussray.camera.shake import Shake, shaken
+from gaussray.geometry import (
+    RigidTransform,
+    conjugate,
+    multiply,
+    normalize_quaternion,
+    rotation_vector,
+    slerp,
+    turning,
+)
+
+
+INTERPOLATIONS = ("linear", "spline")
 
 
 class Trajectory(eqx.Module):
-    """Poses (world_from_camera) at increasing times; a single pose is a fixed camera."""
+    """Poses (world_from_camera) at increasing times, in the capture's unit; a single pose is a
+    fixed camera. Between them the camera moves as `interpolation` says, and with a `shake` around
+    that (see `pose_at`)."""
 
     time: Float[Array, " poses"]
     quat: Float[Array, "poses 4"]
     translation: Float[Array, "poses 3"]
+    interpolation: str = eqx.field(static=True, default="linear")
+    shake: Shake | None = None
 
     def __check_init__(self):
         poses = self.time.shape[0]
@@ -38,6 +55,11 @@ class Trajectory(eqx.Module):
             lambda q: np.all(np.isfinite(q)) & np.all(np.any(q != 0, axis=-1)),
             "finite and not zero",
         )
+        if self.interpolation not in INTERPOLATIONS:
+            raise ValueError(
+                f"trajectory.interpolation must be one of {INTERPOLATIONS}, got "
+                f"{self.interpolation!r}."
+            )
 
 
 def fixed(pose: RigidTransform) -> Trajectory:
@@ -47,10 +69,18 @@ def fixed(pose: RigidTransform) -> Trajectory:
 
 
 def pose_at(trajectory: Trajectory, time: Float[Array, ""]) -> RigidTransform:
-    """world_from_camera at a time: straight and at constant turn rate between neighbouring poses.
+    """world_from_camera at a time.
 
-    Before the first and after the last pose the camera stands still.
+    "linear": straight and at constant turn rate between neighbouring poses. "spline": place and
+    rotation each on a cubic through the poses, velocity and turn rate continuous (see `_velocity`
+    and `_turned`). Before the first and after the last pose the camera stands still. A `shake` is
+    composed on top of either, at any time.
     """
+    pose = _on_path(trajectory, time)
+    return pose if trajectory.shake is None else shaken(trajectory.shake, pose, time)
+
+
+def _on_path(trajectory: Trajectory, time: Float[Array, ""]) -> RigidTransform:
     knots = trajectory.time
     if knots.shape[0] == 1:
         return RigidTransform(trajectory.quat[0], trajectory.translation[0])
@@ -58,7 +88,54 @@ def pose_at(trajectory: Trajectory, time: Float[Array, ""]) -> RigidTransform:
     after = before + 1
     fraction = jnp.clip((time - knots[before]) / (knots[after] - knots[before]), 0, 1)
     start, end = trajectory.translation[before], trajectory.translation[after]
-    return RigidTransform(
-        slerp(trajectory.quat[before], trajectory.quat[after], fraction),
-        start + fraction * (end - start),
-    )
+    if trajectory.interpolation == "linear":
+        return RigidTransform(
+            slerp(trajectory.quat[before], trajectory.quat[after], fraction),
+            start + fraction * (end - start),
+        )
+    steps = knots[1:] - knots[:-1]
+    quat = normalize_quaternion(trajectory.quat)
+    turns = jax.vmap(rotation_vector)(multiply(conjugate(quat[:-1]), quat[1:])) / steps[:, None]
+    moves = (trajectory.translation[1:] - trajectory.translation[:-1]) / steps[:, None]
+    step = steps[before]
+    spin, spin_end = (step * _velocity(turns, steps, k) for k in (before, after))
+    speed, speed_end = (step * _velocity(moves, steps, k) for k in (before, after))
+    x = fraction
+    place = start + x * x * (3 - 2 * x) * (end - start)
+    place = place + x * (1 - x) * ((1 - x) * speed - x * speed_end)
+    return RigidTransform(_turned(quat[before], quat[after], spin, spin_end, x), place)
+
+
+def _velocity(
+    slope: Float[Array, "intervals 3"], step: Float[Array, " intervals"], knot: Int[Array, ""]
+) -> Float[Array, "3"]:
+    """Velocity at a knot: that of the parabola through it and its two neighbours, or through the
+    three poses at an end. Uneven times are right, and motion at even acceleration is exact.
+    """
+    last = slope.shape[0] - 1
+    if last == 0:
+        return slope[0]
+    left = jnp.clip(knot - 1, 0, last - 1)
+    a, b = step[left], step[left + 1]
+    # The parabola's velocity is linear in time, and the slopes are those in the intervals' middles.
+    middle = jnp.where(knot == 0, -a / 2, jnp.where(knot == last + 1, a / 2 + b, a / 2))
+    return slope[left] + middle / ((a + b) / 2) * (slope[left + 1] - slope[left])
+
+
+def _turned(
+    start: Float[Array, "4"],
+    end: Float[Array, "4"],
+    spin_start: Float[Array, "3"],
+    spin_end: Float[Array, "3"],
+    x: Float[Array, ""],
+) -> Float[Array, "4"]:
+    """Rotation on the cubic from `start` to `end` with these turns per interval at its ends, in the
+    camera's axes: start exp(b1 w1) exp(b2 w2) exp(b3 w3) with the cumulative Bernstein polynomials
+    b of degree 3 (Kim, Kim and Shin 1995), w1 and w3 a third of the turns, and w2 what is left.
+    """
+    first, third = spin_start / 3, spin_end / 3
+    rest = multiply(turning(-first), multiply(conjugate(start), end))
+    second = rotation_vector(multiply(rest, turning(-third)))
+    b = 1 - (1 - x) ** 3, x * x * (3 - 2 * x), x**3
+    turn = multiply(turning(b[1] * second), turning(b[2] * third))
+    return multiply(start, multiply(turning(b[0] * first), turn))

@@ -121,7 +121,7 @@ def effect_files(folder: Path | str) -> dict[str, Path]:
     found = {}
     paths = sorted(folder.glob("*.json"), key=lambda path: (path.name != PINHOLE_FILE, path.name))
     for path in paths:
-        content = _json(path)
+        content = content_of(path)
         if not isinstance(content, dict) or "frames" not in content:
             continue
         name = "pinhole" if path.name == PINHOLE_FILE else path.stem
@@ -218,7 +218,7 @@ def _view(keys, pose, turn, made, dtype):
         film=part("film", ("w", "h", "film"), lambda: film_of(keys)),
         lens=part("lens", (*INTRINSICS, "lens"), lambda: lens_of(keys, dtype)),
         aperture=part("aperture", ("aperture",), lambda: aperture_of(keys, dtype)),
-        shutter=part("shutter", ("shutter",), lambda: shutter_of(keys, dtype)),
+        shutter=part("shutter", ("w", "h", "shutter"), lambda: shutter_of(keys, dtype)),
         trajectory=trajectory,
         time=jnp.array(time, dtype),
     )
@@ -287,7 +287,7 @@ def _warn_unknown(top, frames):
 
 def document(path: Path) -> Keys:
     """The top level of a JSON file, which must list at least one frame."""
-    content = _json(path)
+    content = content_of(path)
     if not isinstance(content, dict):
         raise CaptureError(
             f"{path}: the file must hold one JSON object, got {type(content).__name__}."
@@ -299,7 +299,8 @@ def document(path: Path) -> Keys:
     return top
 
 
-def _json(path):
+def content_of(path: Path) -> Any:
+    """What a JSON file holds."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -155,10 +155,17 @@ def _shutter_through(shutter: Shutter, window: Window, size: tuple[int, ...]) ->
         "right_to_left": (window.size[0] - left - width, width, size[0]),
     }[shutter.direction]
     step = rows / new
+    table = shutter.row_times
+    if table is not None:
+        # Means over the rows that a row of the smaller picture is made of, in part or in whole.
+        total = np.concatenate([[0], np.cumsum(np.asarray(table, np.float64))])
+        edges = np.interp(lead + step * np.arange(new + 1), np.arange(len(total)), total)
+        table = jnp.asarray(np.diff(edges) / step, table.dtype)
     return dataclasses.replace(
         shutter,
         row_offset=shutter.row_offset + shutter.row_step * (lead + step / 2 - 0.5),
         row_step=shutter.row_step * step,
+        row_times=table,
     )
 
 

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.atomic import whole
+from gaussray.camera.aperture import FocusPull
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.trajectory import pose_at
@@ -115,32 +116,56 @@ def _film(film):
 def _aperture(aperture):
     if float(aperture.radius) == 0:
         return None
-    distance = plain(aperture.focus_distance)
-    return {
+    block = {
         "radius": plain(aperture.radius),
-        "focus_distance": "infinity" if math.isinf(distance) else distance,
+        "focus_distance": _focus(aperture.focus_distance),
         "focus": aperture.focus,
         "blades": aperture.blades,
         "rotation": plain(aperture.rotation),
         "ratio": plain(aperture.ratio),
     }
+    if aperture.rim is not None:
+        block["rim"] = {key: plain(x) for key, x in vars(aperture.rim).items()}
+    return block
+
+
+def _focus(distance):
+    if not isinstance(distance, FocusPull):
+        return _far(plain(distance))
+    told = [_far(x) for x in plain(distance.distance)]
+    return {"time": plain(distance.time), "distance": told, "ease": distance.ease}
+
+
+def _far(distance):
+    return "infinity" if math.isinf(distance) else distance
 
 
 def _shutter(shutter):
     values = {key: plain(getattr(shutter, key)) for key in ("row_offset", "row_step", "exposure")}
-    return {**values, "direction": shutter.direction} if any(values.values()) else None
+    more = {key: getattr(shutter, key) for key in ("row_times", "trigger")}
+    more = {key: plain(x) for key, x in more.items() if x is not None}
+    if not any(values.values()) and not more:
+        return None
+    return {**values, "direction": shutter.direction, **more}
 
 
 def _trajectory(trajectory):
-    if trajectory.time.shape[0] == 1:
+    shake = trajectory.shake
+    if trajectory.time.shape[0] == 1 and shake is None:
         return None
     poses = zip(_rotations(jnp.asarray(trajectory.quat)), trajectory.translation, strict=True)
     matrices = [_matrix(*pose) for pose in poses]
     times = plain(trajectory.time)
-    return [
+    listed = [
         {"time": time, "transform_matrix": matrix}
         for time, matrix in zip(times, matrices, strict=True)
     ]
+    if trajectory.interpolation == "linear" and shake is None:
+        return listed
+    block = {"poses": listed, "interpolation": trajectory.interpolation}
+    if shake is not None:
+        block["shake"] = {key: plain(value) for key, value in vars(shake).items()}
+    return block
 
 
 # Compiled: step by step these few numbers would take a GPU milliseconds for each frame.

@@ -21,7 +21,6 @@ from gaussray.camera.lens import (
     RayTable,
 )
 from gaussray.camera.shutter import Shutter
-from gaussray.camera.trajectory import Trajectory
 from gaussray.fit.cameras import CameraSet
 from gaussray.geometry import multiply, product, turning
 
@@ -55,7 +54,8 @@ def no_corrections(refine: Sequence[str], count: int, camera: Camera) -> Correct
     """Zeros for what is refined of so many cameras like these; None if nothing is."""
     if not refine:
         return None
-    if "shutter" in refine and not np.any(np.asarray(camera.shutter.row_step)):
+    shutter = camera.shutter
+    if "shutter" in refine and not (np.any(shutter.row_step) or shutter.row_times is not None):
         raise ValueError(
             "fit.refine=[shutter] scales the recorded readout, but every shutter.row_step of the "
             "capture is 0. Write an estimate into transforms.json, or leave shutter out."
@@ -126,16 +126,18 @@ def refined(camera: Camera, own: Corrections, cameras: CameraSet) -> Camera:
         turn = turning(own.pose[:3])
         quat = jax.vmap(multiply, in_axes=(None, 0))(turn, trajectory.quat)
         place = trajectory.translation + cameras.extent * own.pose[None, 3:]
-        trajectory = Trajectory(trajectory.time, quat, place)
+        trajectory = dataclasses.replace(trajectory, quat=quat, translation=place)
     if own.lens is not None:
         lens = _lens(lens, own.lens)
     if own.shutter is not None:
         factor = jnp.exp(own.shutter)
-        row_offset, row_step = factor * shutter.row_offset, factor * shutter.row_step
-        shutter = Shutter(row_offset, row_step, shutter.exposure, shutter.direction)
+        readout = "row_offset", "row_step", "row_times"
+        told = {key: getattr(shutter, key) for key in readout}
+        scaled = jax.tree.map(lambda x: factor * x, told)
+        shutter = dataclasses.replace(shutter, **scaled)
     if own.offset is not None:
         late = shutter.row_offset + cameras.interval * own.offset
-        shutter = Shutter(late, shutter.row_step, shutter.exposure, shutter.direction)
+        shutter = dataclasses.replace(shutter, row_offset=late)
     return Camera(camera.film, lens, camera.aperture, shutter, trajectory, camera.time)
 
 
@@ -230,7 +232,9 @@ def found(corrections: Corrections, cameras: CameraSet, shutter: Shutter, unit: 
     if c.shutter is not None:
         step = np.asarray(shutter.row_step, np.float64)
         step = step[np.argmax(np.abs(step))]
-        said.append(f"time of a row {step:.4g} -> {step * np.exp(c.shutter[0]):.4g} ({unit})")
+        factor = np.exp(c.shutter[0])
+        even = f"time of a row {step:.4g} -> {step * factor:.4g} ({unit})"
+        said.append(even if shutter.row_times is None else f"times of rows x {factor:.4f}")
     if c.exposure is not None:
         gain = np.exp(c.exposure)
         said.append(f"exposures x {gain.min():.3f} to {gain.max():.3f}")

@@ -1,12 +1,22 @@
 """The aperture: every sample meets the chief ray in focus; its shape and blur are Blender's."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from gaussray.camera.aperture import Aperture, no_aperture, thin_lens
+from gaussray.camera.aperture import (
+    Aperture,
+    FocusPull,
+    Rim,
+    focused,
+    no_aperture,
+    thin_lens,
+    transmitted,
+)
 from gaussray.geometry import normalize
 
 
@@ -220,3 +230,161 @@ def test_what_is_no_aperture_is_refused_by_name(changes, message):
 def test_one_or_two_blades_are_a_disc_as_in_blender(blades):
     ours, disc = (through(aperture(blades=n), SIDEWAYS, grid(5))[0] for n in (blades, 0))
     np.testing.assert_array_equal(ours, disc)
+
+
+def rimmed(rim_radius=0.25, rim_distance=0.4, **changes):
+    rim = Rim(jnp.array(float(rim_radius)), jnp.array(float(rim_distance)))
+    return dataclasses.replace(aperture(**changes), rim=rim)
+
+
+@jax.jit
+def weights(aperture, direction, u):
+    return jax.vmap(transmitted, in_axes=(None, None, 0))(aperture, direction, u)
+
+
+def overlap(r, s, d):
+    """Area common to two discs of radii r and s, d apart."""
+    a = (d * d + r * r - s * s) / (2 * d)
+    b = d - a
+    first = r * r * np.arccos(a / r) - a * np.sqrt(r * r - a * a)
+    return first + s * s * np.arccos(b / s) - b * np.sqrt(s * s - b * b)
+
+
+@pytest.mark.parametrize("rim_radius", [0.25, 0.35])
+def test_the_share_that_a_rim_leaves_is_the_area_common_to_two_discs(rim_radius):
+    """From the middle of the opening the rim looks 1/q as large and far, with q = 1 - L/f."""
+    lens = rimmed(rim_radius)
+    q = 1 - 0.4 / 2.5
+    lean = 0.4 * np.hypot(0.5, 0.3)
+    expected = overlap(0.3, rim_radius / q, lean / q) / (np.pi * 0.3**2)
+    assert 0.2 < expected < 0.9
+    found = np.mean(weights(lens, SIDEWAYS, grid(128)))
+    np.testing.assert_allclose(found, expected, atol=MEAN)
+
+
+@pytest.mark.parametrize("focus", ["plane", "sphere"])
+@pytest.mark.parametrize("blades", [0, 5])
+def test_samples_behind_a_rim_are_those_of_the_whole_opening_that_pass_it(blades, focus):
+    """Brute force: mean of weight x light against that of rays through the whole opening, those
+    that meet the plane of the rim outside of it being dark."""
+    shape = {"blades": blades, "focus": focus, "rotation": 0.3, "ratio": 1.3}
+    u, lens = grid(128), rimmed(0.22, 0.4, **shape)
+    origin, direction = map(np.asarray, through(aperture(**shape), SIDEWAYS, u))
+    facing = np.array([0.0, 0.0, 1.0]) if focus == "plane" else np.asarray(SIDEWAYS)
+    middle = np.array([0.0, 0.0, 0.4])
+    t = ((middle[None] - origin) @ facing) / (direction @ facing)
+    at_rim = origin + t[:, None] * direction
+    passes = np.linalg.norm(at_rim - middle[None], axis=1) < 0.22
+    assert 0.1 < passes.mean() < 0.9
+
+    def light(origin):
+        return 1 + 3 * origin[:, 0] + origin[:, 1] + 20 * origin[:, 0] * origin[:, 1]
+
+    weight = np.asarray(weights(lens, SIDEWAYS, u))
+    inside, ahead = map(np.asarray, through(lens, SIDEWAYS, u))
+    np.testing.assert_allclose(np.mean(weight), np.mean(passes), atol=3 * MEAN)
+    np.testing.assert_allclose(
+        np.mean(weight * light(inside)), np.mean(passes * light(origin)), atol=5 * MEAN
+    )
+    t = ((middle[None] - inside) @ facing) / (ahead @ facing)
+    far = np.linalg.norm(inside + t[:, None] * ahead - middle[None], axis=1)
+    assert far[weight > 0].max() < 0.22 + EXACT
+
+
+def test_a_rim_wide_enough_changes_nothing():
+    origin, direction = through(aperture(blades=6), SIDEWAYS, grid(9))
+    same = through(rimmed(5.0, blades=6), SIDEWAYS, grid(9))
+    np.testing.assert_allclose(same[0], origin, atol=EXACT)
+    np.testing.assert_allclose(same[1], direction, atol=EXACT)
+    np.testing.assert_array_equal(weights(rimmed(5.0), SIDEWAYS, grid(9)), 1)
+    assert transmitted(aperture(), SIDEWAYS, jnp.array([0.3, 0.8])) is None
+
+
+def test_nothing_passes_a_rim_from_the_side_or_far_off_the_axis():
+    for chief in (BACKWARDS, jnp.array([1.0, 0.0, 0.0]), normalize(jnp.array([5.0, 0.0, 1.0]))):
+        np.testing.assert_array_equal(weights(rimmed(), chief, grid(4)), 0)
+    pinhole = rimmed(radius=0.0, rim_distance=0.3)
+    np.testing.assert_array_equal(weights(pinhole, SIDEWAYS, grid(3)), 1)
+
+
+def test_gradients_of_the_light_past_a_rim_are_right_and_those_of_its_area():
+    """The samples move with the rim: the gradient of their mean weight is that of the area, which
+    counting the rays that pass could not have."""
+    lens, u = rimmed(0.25), grid(128)
+
+    def seen(lens, chief):
+        lens, chief = jax.tree.map(jnp.asarray, (lens, chief))
+        origin, way = jax.vmap(thin_lens, in_axes=(None, None, 0))(lens, chief, u[::97])
+        weight = jax.vmap(transmitted, in_axes=(None, None, 0))(lens, chief, u[::97])
+        return jnp.mean(weight[:, None] * (origin + way), axis=0)
+
+    check_grads(jax.jit(seen), (lens, SIDEWAYS), order=1, modes=["rev"], rtol=GRADIENT)
+
+    def share(lens):
+        return jnp.mean(jax.vmap(transmitted, in_axes=(None, None, 0))(lens, SIDEWAYS, u))
+
+    found = jax.jit(jax.grad(share))(lens).rim.radius
+    q, lean, h = 1 - 0.4 / 2.5, 0.4 * np.hypot(0.5, 0.3), 1e-6
+    areas = [overlap(0.3, (0.25 + x) / q, lean / q) / (np.pi * 0.09) for x in (h, -h)]
+    np.testing.assert_allclose(found, (areas[0] - areas[1]) / (2 * h), rtol=0.02)
+
+
+def pulled(ease="linear", distance=(1.0, 4.0, np.inf)):
+    pull = FocusPull(jnp.array([0.0, 1.0, 3.0]), jnp.array(distance), ease)
+    return dataclasses.replace(aperture(), focus_distance=pull)
+
+
+at = jax.jit(lambda lens, time: focused(lens, time).focus_distance)
+
+
+@pytest.mark.parametrize(
+    "ease, time, expected",
+    [
+        ("linear", -1.0, 1.0),
+        ("linear", 0.0, 1.0),
+        ("linear", 0.5, 1.6),  # half way from 1 to 1/4
+        ("linear", 1.0, 4.0),
+        ("linear", 2.0, 8.0),
+        ("linear", 9.0, np.inf),
+        ("smooth", 0.25, 1 / (1 - 0.75 * 0.15625)),  # 3/16 - 2/64
+        ("smooth", 0.5, 1.6),
+    ],
+)
+def test_focus_is_pulled_evenly_in_reciprocal_distance(ease, time, expected):
+    np.testing.assert_allclose(at(pulled(ease), jnp.array(time)), expected, rtol=EXACT)
+
+
+def test_a_smooth_pull_rests_at_its_knots_and_never_overshoots():
+    h = 1e-6
+    speed = (at(pulled("smooth"), jnp.array(1 - h)) - 4) / h
+    assert abs(speed) < 1e-3 < abs((at(pulled(), jnp.array(1 - h)) - 4) / h)
+    time = jnp.linspace(-1, 2.9, 200)
+    distance = jax.vmap(at, in_axes=(None, 0))(pulled("smooth"), time)
+    assert np.all(np.diff(distance) >= 0)
+
+
+def test_gradients_of_a_focus_pull_are_right_and_finite_at_infinity():
+    lens = pulled("smooth", (1.0, 4.0, 6.0))
+    check_grads(at, (lens, jnp.array(1.7)), order=1, modes=["rev"], rtol=GRADIENT)
+    slope = jax.grad(lambda t: thin_lens(
+        focused(pulled(), t), SIDEWAYS, jnp.array([0.8, 0.3]))[1][0])  # fmt: skip
+    assert all(np.isfinite(slope(jnp.array(t))) for t in (2.5, 3.0, 4.0))
+
+
+@pytest.mark.parametrize(
+    "build, message",
+    [
+        (lambda: rimmed(0.0), "aperture.rim.radius must be above 0"),
+        (lambda: rimmed(rim_distance=3.0), "aperture.rim.distance must be below aperture.focus_"),
+        (lambda: pulled("fast"), "aperture.focus_distance.ease must be one of"),
+        (lambda: pulled(distance=(1.0, -1.0, 2.0)), "aperture.focus_distance.distance must be ab"),
+        (lambda: pulled(distance=(1.0, 2.0)), "one distance for each of at least one time"),
+        (
+            lambda: FocusPull(jnp.array([1.0, 0.0]), jnp.array([1.0, 2.0])),
+            "aperture.focus_distance.time must be finite and strictly increasing",
+        ),
+    ],
+)
+def test_what_is_no_rim_or_pull_is_refused_by_name(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaussray.camera.sampling import sample_points, samples, step_samples
+from gaussray.camera.sampling import sample_points, samples, shifted_samples, step_samples
 
 
 def test_one_sample_is_the_centre():
@@ -82,3 +82,35 @@ def test_steps_fill_the_cube_evenly_together():
         for j in range(i):
             cells = np.histogram2d(points[:, i], points[:, j], 8, ((0, 1), (0, 1)))[0]
             assert cells.min() > 0
+
+
+def test_batches_are_points_of_their_own_that_stay_spread():
+    draw = jax.jit(jax.vmap(lambda batch: shifted_samples(16, batch)))
+    points = np.array(draw(jnp.arange(2000)))
+    assert (points >= 0).all() and (points < 1).all()
+    gaps = np.diff(np.sort(points, axis=1), axis=1)
+    np.testing.assert_allclose(gaps, 1 / 16, atol=1e-12)
+    first = points[:, 0]
+    # 2000 uniform draws: deviations 0.29 / 45 of the mean, 1 / 45 of a correlation.
+    np.testing.assert_allclose(first.mean(axis=0), 0.5, atol=0.026)
+    assert np.abs(np.corrcoef(first.T) - np.eye(5)).max() < 0.09
+    assert np.abs(np.corrcoef(first[:-1, 0], first[1:, 0])[0, 1]) < 0.09
+
+
+@pytest.mark.parametrize("count, gain", [(64, 1.3), (1024, 1.7)])
+def test_a_moving_edge_out_of_focus_has_less_error_than_with_random_points(count, gain):
+    """A pixel with all five dimensions in it: measured, the root mean square error of random points
+    is 1.9 and 2.4 times as large."""
+    rng = np.random.default_rng(0)
+
+    def light(u):
+        x = u[..., 0] + 1.5 * np.sqrt(u[..., 2]) * np.cos(2 * np.pi * u[..., 3]) + 0.8 * u[..., 4]
+        y = u[..., 1] + 1.5 * np.sqrt(u[..., 2]) * np.sin(2 * np.pi * u[..., 3])
+        return np.mean(0.8 * x + 0.6 * y > 0.9, axis=-1)
+
+    draw = jax.jit(jax.vmap(lambda batch: shifted_samples(count, batch)))
+    ours = light(np.asarray(draw(jnp.arange(300))))
+    random = light(rng.random((300, count, 5)))
+    assert np.std(random) > gain * np.std(ours)
+    error = np.hypot(np.std(ours), np.std(random)) / np.sqrt(300)
+    np.testing.assert_allclose(ours.mean(), random.mean(), atol=4 * error)

@@ -9,7 +9,10 @@ from jax.test_util import check_grads
 from gaussray.camera.shutter import (
     DIRECTIONS,
     Shutter,
+    check_shutter,
+    decisive_pixels,
     global_shutter,
+    interlaced,
     row_number,
     sample_time,
     time_window,
@@ -125,5 +128,74 @@ def test_single_precision_stays_single():
     ],
 )
 def test_what_is_no_shutter_is_refused_by_name(build, message):
+    with pytest.raises(ValueError, match=message):
+        build()
+
+
+TABLE = jnp.array([0.3, -0.2, 0.0, 0.7, 0.1, 0.4])
+
+
+@pytest.mark.parametrize("first, early", [("even", 0), ("odd", 1)])
+def test_interlaced_fields_are_read_one_after_the_other(first, early):
+    table = interlaced(RESOLUTION[1], 0.4, first)
+    np.testing.assert_allclose(table[early::2], -0.2)
+    np.testing.assert_allclose(table[1 - early :: 2], 0.2)
+    video = shutter(-0.05, 0.02, row_times=jnp.asarray(table))
+    for row in range(RESOLUTION[1]):
+        field = -0.2 if row % 2 == early else 0.2
+        expected = 3.0 - 0.05 + 0.02 * row + field
+        np.testing.assert_allclose(time_of(video, 4, row), expected, rtol=EXACT)
+
+
+@pytest.mark.parametrize("direction", ["top_to_bottom", "bottom_to_top"])
+def test_a_row_sees_the_scene_at_the_time_of_the_table_after_the_trigger(direction):
+    late = shutter(0.5, 0.25, direction=direction, row_times=TABLE, trigger=jnp.array(2.0))
+    for row in range(6):
+        i = row if direction == "top_to_bottom" else 5 - row
+        expected = 3 + 2 + 0.5 + 0.25 * i + TABLE[i]
+        np.testing.assert_allclose(time_of(late, 1, row), expected, rtol=EXACT)
+        assert time_of(late, 1, row) == time_of(late, 1.0, float(row))
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_window_and_decisive_pixels_of_a_table_are_those_of_all_its_rows(direction):
+    width, height = RESOLUTION
+    table = jnp.asarray(np.random.default_rng(3).normal(size=width if "left" in direction else 6))
+    read = shutter(0.1, 0.02, 0.3, direction=direction, row_times=table, trigger=jnp.array(-1.5))
+    check_shutter(read, RESOLUTION)
+    pixels = [(c, r) for c in range(width) for r in range(height)]
+    times = [float(time_of(read, *p, time=0.0)) for p in pixels]
+    window = min(times) - 0.15, max(times) + 0.15
+    np.testing.assert_allclose(time_window(read, RESOLUTION), window)
+    decisive = [float(time_of(read, *p, time=0.0)) for p in decisive_pixels(read, RESOLUTION)]
+    np.testing.assert_allclose((min(decisive), max(decisive)), (min(times), max(times)))
+    both = jax.tree.map(lambda *x: jnp.stack(x), read, read)
+    np.testing.assert_allclose(time_window(both, RESOLUTION), window)
+
+
+def test_gradients_reach_every_row_of_a_table_and_the_trigger():
+    read = shutter(row_times=TABLE, trigger=jnp.array(0.5))
+    slope = jax.grad(lambda s: time_of(s, 2, 4))(read)
+    np.testing.assert_array_equal(slope.row_times, [0, 0, 0, 0, 1, 0])
+    assert slope.trigger == 1
+
+
+@pytest.mark.parametrize(
+    "build, message",
+    [
+        (lambda: shutter(row_times=TABLE * np.nan), "shutter.row_times must be finite"),
+        (lambda: shutter(trigger=jnp.array(np.inf)), "shutter.trigger must be finite"),
+        (
+            lambda: check_shutter(shutter(row_times=TABLE[:4]), RESOLUTION),
+            "one time for each of the picture's 6 rows, got 4",
+        ),
+        (
+            lambda: check_shutter(shutter(row_times=TABLE, direction="left_to_right"), RESOLUTION),
+            "one time for each of the picture's 8 columns, got 6",
+        ),
+        (lambda: interlaced(6, 0.1, "third"), "shutter.first_field must be one of"),
+    ],
+)
+def test_what_no_table_or_trigger_can_be_is_refused_by_name(build, message):
     with pytest.raises(ValueError, match=message):
         build()

@@ -1,13 +1,16 @@
 """Trajectories: through their poses, straight and evenly between them, standing still outside."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
 
+from gaussray.camera.shake import Shake, shaken
 from gaussray.camera.trajectory import Trajectory, fixed, pose_at
-from gaussray.geometry import RigidTransform, normalize_quaternion, rotation_matrix
+from gaussray.geometry import RigidTransform, multiply, normalize_quaternion, rotation_matrix
 
 
 # Coordinates of order 10 in double precision.
@@ -123,3 +126,96 @@ def test_what_is_no_trajectory_is_refused_by_name(time, quat, message):
 def test_an_empty_trajectory_is_refused():
     with pytest.raises(ValueError, match="trajectory must be one quaternion"):
         Trajectory(jnp.zeros(0), jnp.zeros((0, 4)), jnp.zeros((0, 3)))
+
+
+def splined(time, quat, translation):
+    parts = (jnp.asarray(x, float) for x in (time, quat, translation))
+    return Trajectory(*parts, interpolation="spline")
+
+
+UNEVEN = np.array([-1.0, 0.0, 0.7, 2.0, 2.5])
+
+
+def wandering(seed=0):
+    rng = np.random.default_rng(seed)
+    return splined(UNEVEN, rng.normal(size=(5, 4)), rng.normal(size=(5, 3)))
+
+
+def test_a_spline_meets_its_poses_and_stands_still_outside():
+    path = wandering()
+    for time, quat, translation in zip(UNEVEN, path.quat, path.translation, strict=True):
+        pose = pose_of(path, jnp.array(time))
+        np.testing.assert_allclose(pose.translation, translation, atol=EXACT)
+        np.testing.assert_allclose(matrix_of(pose.quat), matrix_of(quat), atol=EXACT)
+    for inside, outside in ((-1.0, -5.0), (2.5, 9.0)):
+        a, b = (pose_of(path, jnp.array(t)) for t in (inside, outside))
+        np.testing.assert_allclose(a.translation, b.translation, atol=EXACT)
+
+
+def test_velocity_and_turn_rate_of_a_spline_are_continuous_where_lines_have_corners():
+    path, h = wandering(), 1e-6
+    lines = Trajectory(path.time, path.quat, path.translation)
+    for knot in UNEVEN[1:-1]:
+        jumps = []
+        for way in (path, lines):
+            before, at, after = (np.asarray(seen(way, knot + x)) for x in (-h, 0.0, h))
+            jumps.append(np.abs((after - at) - (at - before)).max() / h)
+        assert jumps[0] < 1e-3 < jumps[1]
+
+
+@pytest.mark.parametrize("poses", [2, 3, 5])
+def test_even_acceleration_about_one_axis_is_exact_on_a_spline(poses):
+    """Places quadratic in time, and turns about one axis whose angle is quadratic."""
+    power = min(poses - 1, 2)
+    time = UNEVEN[:poses]
+    way, bend = np.array([1.0, -2.0, 0.5]), np.array([0.3, 0.1, -0.7]) * (power == 2)
+
+    def place(t):
+        return np.asarray(t)[..., None] * way + np.asarray(t)[..., None] ** 2 * bend
+
+    def angle(t):
+        return 0.4 * t + 0.2 * t * t * (power == 2)
+
+    axis = (1.0, 2.0, -1.0)
+    path = splined(time, [turn(axis, angle(t)) for t in time], place(time))
+    for t in np.linspace(time[0], time[-1], 11):
+        pose = pose_of(path, jnp.array(t))
+        np.testing.assert_allclose(pose.translation, place(t), atol=EXACT)
+        expected = matrix_of(jnp.asarray(turn(axis, angle(t))))
+        np.testing.assert_allclose(matrix_of(pose.quat), expected, atol=EXACT)
+
+
+def test_a_spline_moves_with_the_world():
+    """Turned and moved poses give the turned and moved path."""
+    path, move = wandering(), jnp.array([3.0, -1.0, 2.0])
+    spin = jnp.asarray(turn((1, 1, 0), 0.9))
+    matrix = matrix_of(spin)
+    quat = jax.vmap(multiply, in_axes=(None, 0))(spin, path.quat)
+    moved = splined(UNEVEN, quat, path.translation @ matrix.T + move[None])
+    for t in (-0.4, 0.3, 1.5, 2.4):
+        np.testing.assert_allclose(seen(moved, t), matrix @ seen(path, t) + move, atol=EXACT)
+
+
+def test_gradients_of_a_spline_are_right_in_poses_and_time():
+    path = wandering(1)
+    check_grads(seen, (path, jnp.array(0.4)), order=1, modes=["rev"], rtol=GRADIENT)
+    rest = splined(UNEVEN, np.tile([1.0, 0, 0, 0], (5, 1)), np.zeros((5, 3)))
+    slope = jax.grad(lambda p: jnp.sum(seen(p, 0.4)))(rest)
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(slope))
+
+
+def test_a_shake_is_composed_on_any_path():
+    hand = Shake(*(jnp.array(x) for x in (0.02, 0.1, 0.3, 7.0)))
+    for path in (TRAJECTORY, wandering(), fixed(pose_of(TRAJECTORY, jnp.array(0.4)))):
+        held = dataclasses.replace(path, shake=hand)
+        for t in (-2.0, 0.4, 1.1):
+            expected = shaken(hand, pose_of(path, jnp.array(t)), jnp.array(t))
+            np.testing.assert_allclose(pose_of(held, jnp.array(t)).quat, expected.quat, atol=EXACT)
+            found = pose_of(held, jnp.array(t)).translation
+            np.testing.assert_allclose(found, expected.translation, atol=EXACT)
+
+
+def test_no_other_interpolation_is_known():
+    parts = TRAJECTORY.time, TRAJECTORY.quat, TRAJECTORY.translation
+    with pytest.raises(ValueError, match="trajectory.interpolation must be one of"):
+        Trajectory(*parts, interpolation="bumpy")

@@ -159,6 +159,18 @@ def test_every_row_has_the_mean_time_of_the_rows_it_is_made_of(tmp_path, directi
     np.testing.assert_allclose(times(part), rows.mean(axis=(1, 3)), atol=1e-12)
 
 
+@pytest.mark.parametrize("scale", [1.0, 0.5, 0.25])
+def test_a_table_of_row_times_is_cut_and_averaged_with_its_rows(tmp_path, scale):
+    times = np.random.default_rng(5).normal(size=16).round(3)
+    shutter = {"row_times": times.tolist(), "trigger": 0.5}
+    lay(tmp_path, {"shutter": shutter}, "a", 1)
+    whole = read_capture(tmp_path, jnp.float64).views[0].camera.shutter
+    part = of(read_capture(tmp_path, jnp.float64), crop=(4, 4, 16, 8), scale=scale).views[0].camera
+    expected = np.asarray(whole.row_times)[4:12].reshape(-1, round(1 / scale)).mean(axis=1)
+    np.testing.assert_allclose(part.shutter.row_times, expected, atol=1e-12)
+    assert part.shutter.trigger == 0.5
+
+
 def test_pictures_are_cut_and_averaged_in_linear_light(tmp_path):
     capture = of(read_capture(lay(tmp_path)), crop=(2, 4, 20, 12), scale=0.5)
     pictures = load_encoded(capture.views)

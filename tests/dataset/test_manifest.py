@@ -1,5 +1,6 @@
 """What the manifest writes, the capture reads: the same cameras, for every lens and effect."""
 
+import dataclasses
 import json
 import warnings
 
@@ -10,10 +11,11 @@ import numpy as np
 import pytest
 from lenses import zoo
 
-from gaussray.camera.aperture import Aperture, no_aperture
+from gaussray.camera.aperture import Aperture, FocusPull, Rim, no_aperture
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.film import Film
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, pinhole
+from gaussray.camera.shake import Shake
 from gaussray.camera.shutter import Shutter, global_shutter
 from gaussray.camera.trajectory import Trajectory
 from gaussray.capture.calibration import read_capture, read_views
@@ -53,22 +55,33 @@ APERTURE = Aperture(
 SHUTTER = Shutter(jnp.array(-0.1), jnp.array(1 / 3), jnp.array(0.01), direction="left_to_right")
 
 
-def path_of(poses, seed=0):
+PULL = FocusPull(jnp.array([0.1, 0.5, 0.9]), jnp.array([2.0, 3.3, jnp.inf]), "smooth")
+CAT_EYE = dataclasses.replace(
+    APERTURE, focus_distance=PULL, rim=Rim(jnp.array(0.11), jnp.array(0.3))
+)
+TABLE = dataclasses.replace(SHUTTER, row_times=jnp.arange(64) / 7, trigger=jnp.array(0.03))
+SHAKE = Shake(*(jnp.array(x) for x in (0.01, 0.02, 0.3, 12345.0)))
+
+
+def path_of(poses, seed=0, **more):
     rng = np.random.default_rng(seed)
     return Trajectory(
         jnp.linspace(-0.3, 1.4, poses) if poses > 1 else jnp.zeros(1),
         jnp.asarray(rng.normal(size=(poses, 4))),
         jnp.asarray(rng.normal(size=(poses, 3))),
+        **more,
     )
 
 
-def camera(lens="pinhole", aperture=None, shutter=None, poses=1, film=None, kind=jnp.float64):
+def camera(
+    lens="pinhole", aperture=None, shutter=None, poses=1, film=None, kind=jnp.float64, **path
+):
     made = Camera(
         film or Film(64, 48),
         LENSES[lens](),
         aperture or no_aperture(),
         shutter or global_shutter(),
-        path_of(poses),
+        path_of(poses, **path),
         jnp.array(0.24),
     )
     return jax.tree.map(lambda leaf: leaf.astype(kind), made)
@@ -80,6 +93,12 @@ CAMERAS = {
     "infinity": {"aperture": eqx.tree_at(lambda a: a.focus_distance, APERTURE, jnp.array(jnp.inf))},
     "rolling_shutter": {"shutter": SHUTTER},
     "trajectory": {"poses": 4},
+    "cat_eye": {"aperture": CAT_EYE},
+    "row_times": {"shutter": TABLE},
+    "triggered": {"shutter": dataclasses.replace(global_shutter(), trigger=jnp.array(0.0))},
+    "spline": {"poses": 4, "interpolation": "spline"},
+    "shaken": {"shake": SHAKE},
+    "all": {"aperture": CAT_EYE, "shutter": TABLE, "poses": 3, "shake": SHAKE},
     "box": {"film": Film(64, 48, "box", 1.0)},
     "everything": {"lens": "fisheye", "aperture": APERTURE, "shutter": SHUTTER, "poses": 3},
 }
@@ -96,8 +115,11 @@ def test_every_camera_reads_back_as_it_was(tmp_path, name, kind):
     write_manifest(tmp_path / "out.json", [record(made, effect=name, samples=16)])
     (view,) = read_views(tmp_path / "out.json", kind)
     assert (view.effect, view.samples, view.camera_name, view.split) == (name, 16, "cam00", "test")
-    read, same = view.camera, eqx.tree_at(lambda c: c.trajectory, made, view.camera.trajectory)
-    assert eqx.tree_equal(read, same)
+    read, path = view.camera, made.trajectory
+    assert read.trajectory.interpolation == path.interpolation
+    assert eqx.tree_equal(read.trajectory.shake, path.shake)
+    np.testing.assert_array_equal(read.trajectory.time, path.time)
+    assert eqx.tree_equal(read, eqx.tree_at(lambda c: c.trajectory, made, read.trajectory))
     tolerance = POSE_TOLERANCE[kind]
     unit = made.trajectory.quat / jnp.linalg.norm(made.trajectory.quat, axis=-1, keepdims=True)
     alike = jnp.abs(jnp.sum(unit * read.trajectory.quat, axis=-1))
