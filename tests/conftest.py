@@ -40,6 +40,15 @@ def pytest_collection_modifyitems(items):
             item.add_marker(skip)
 
 
+def pytest_collection():
+    """What modules compute when they are imported is small."""
+    jax.config.update("jax_disable_most_optimizations", True)
+
+
+def pytest_collection_finish():
+    jax.config.update("jax_disable_most_optimizations", False)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def few_mappings():
     """Forget compiled programs before they are too many: each holds mappings of memory, of which
@@ -57,3 +66,23 @@ def quick_compilation():
     jax.config.update("jax_disable_most_optimizations", True)
     yield
     jax.config.update("jax_disable_most_optimizations", False)
+
+
+@pytest.fixture(scope="module")
+def known_sizes():
+    """Lists with room for every toy: nothing is measured, and scenes that differ in numbers alone
+    share what is compiled. Where they are too short after all, they grow as ever."""
+    from gaussray import fitting, render
+    from gaussray.tracer.traverse import Capacity
+    from gaussray.training import Trial
+
+    def room(trace):
+        return Capacity((512,) * (trace.levels + 1), 512, 64)
+
+    def trial(*_, options, mesh, keys):
+        return Trial(room(options.trace), mesh, keys)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(render.Renderer, "_measure", lambda *parts: room(parts[-1]))
+        patch.setattr(fitting, "first_trial", trial)
+        yield

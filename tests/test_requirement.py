@@ -16,7 +16,7 @@ from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.scene import Scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 TRACE = toy.SHORT.trace
 OPTIONS = NeedOptions(loss=0.05, tiles=8, weigh=24)
@@ -24,7 +24,7 @@ HIDDEN, IDLE = 6, 4
 
 
 @pytest.fixture(scope="module")
-def seen(tmp_path_factory, quick_compilation):
+def seen(tmp_path_factory, quick_compilation, known_sizes):
     """Training pictures of the toy scene with noise, as cameras have it."""
     capture = read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
     views = [view for view in capture.views if view.split == "train"]

@@ -29,7 +29,7 @@ from gaussray.scene.harmonics import C0
 from gaussray.scene.store import load_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 SCENE = toy.carried(0.0, 1.0, speed=1.6)
 TIMES = tuple(np.linspace(0, 1, 9).tolist())
@@ -65,7 +65,7 @@ SINGLE = 2e-4
 
 
 @pytest.fixture(scope="module")
-def capture(tmp_path_factory, quick_compilation):
+def capture(tmp_path_factory, quick_compilation, known_sizes):
     """Two bodies in front of a wall, filmed by four cameras at nine instants."""
     folder = tmp_path_factory.mktemp("capture")
     return read_capture(toy.write_capture(folder, SCENE, times=TIMES))
