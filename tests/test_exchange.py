@@ -262,6 +262,7 @@ def test_what_went_out_comes_in_again(tmp_path, color):
     np.testing.assert_allclose(colors(after), colors(before), atol=CURVE)
 
 
+@pytest.mark.slow
 def test_an_imported_model_is_filmed_by_the_cameras_of_a_capture(tmp_path):
     """The pictures are those of the scene that was exported."""
     scene = toy.scene(speed=0)

@@ -117,9 +117,8 @@ def compare_flow(scene, world, *, frames=(NOW, NEXT), **filming):
     return flows[0]
 
 
-@pytest.mark.parametrize(
-    ("fisheye", "readout"), [(False, 0.0), pytest.param(True, READOUT, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("fisheye", "readout"), [(False, 0.0), (True, READOUT)])
 def test_flow_of_a_plate_that_glides(fisheye, readout):
     velocity = np.array([3.0, 2.0, 0.0])
     scene = plates.moved(plates.plate(3.4), velocity=velocity)

@@ -34,7 +34,10 @@ def capture(folder, preset):
     return images, read_capture(folder)
 
 
-@pytest.fixture(scope="module", params=PRESETS)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(x, marks=() if x == "tiny" else pytest.mark.slow) for x in PRESETS],
+)
 def planned(request, tmp_path_factory):
     """A preset, its pictures and its capture."""
     preset = few_cameras(request.param)

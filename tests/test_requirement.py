@@ -107,6 +107,7 @@ def test_every_step_is_told_and_costs_at_most_what_it_may(told, lavish):
     assert report["before"]["psnr"] - report["after"]["psnr"] == pytest.approx(lost, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_scene_that_needs_everything_keeps_it(seen):
     """Two instants' difference of a body's size is not given up, nor the wall behind it."""
     one = toy.scene()

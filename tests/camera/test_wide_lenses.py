@@ -92,7 +92,12 @@ def test_direction_and_project_are_each_others_inverse_at_any_distance(name):
     assert np.isnan(back[~lit]).all()
 
 
-@every_lens
+COSTLY = ("thin_prism", "thin_prism_fisheye", "table")
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(x, marks=pytest.mark.slow if x in COSTLY else ()) for x in LENSES]
+)
 def test_single_precision_stays_single_and_near(name):
     lens, pixels = jax.tree.map(lambda x: x.astype(jnp.float32), (LENSES[name], pixel_centers()))
     direction, back = there_and_back(lens, pixels, jnp.float32(3))
