@@ -23,6 +23,8 @@ if importlib.util.find_spec("beartype"):
 
     install_import_hook("gaussray", "beartype.beartype")
 
+# Files of a minute and more.
+LONG = ("test_labels.py", "test_reconstruct.py", "test_trace.py", "test_refining.py")
 # Room for what the largest module compiles.
 MAPPINGS = 30_000
 
@@ -31,7 +33,9 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 
 
 def pytest_collection_modifyitems(items):
-    """Tests marked `gpu` are skipped where JAX sees no CUDA device."""
+    """The files that take longest come first, so that all processes end together; tests marked
+    `gpu` are skipped where JAX sees no CUDA device."""
+    items.sort(key=lambda item: item.path.name not in LONG)
     if jax.default_backend() == "gpu":
         return
     skip = pytest.mark.skip(reason="no CUDA device")
