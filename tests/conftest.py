@@ -23,6 +23,8 @@ if importlib.util.find_spec("beartype"):
 
     install_import_hook("gaussray", "beartype.beartype")
 
+# Files of a minute and more.
+LONG = ("test_labels.py", "test_reconstruct.py", "test_trace.py", "test_refining.py")
 # Room for what the largest module compiles.
 MAPPINGS = 30_000
 
@@ -31,13 +33,24 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 
 
 def pytest_collection_modifyitems(items):
-    """Tests marked `gpu` are skipped where JAX sees no CUDA device."""
+    """The files that take longest come first, so that all processes end together; tests marked
+    `gpu` are skipped where JAX sees no CUDA device."""
+    items.sort(key=lambda item: item.path.name not in LONG)
     if jax.default_backend() == "gpu":
         return
     skip = pytest.mark.skip(reason="no CUDA device")
     for item in items:
         if "gpu" in item.keywords:
             item.add_marker(skip)
+
+
+def pytest_collection():
+    """What modules compute when they are imported is small."""
+    jax.config.update("jax_disable_most_optimizations", True)
+
+
+def pytest_collection_finish():
+    jax.config.update("jax_disable_most_optimizations", False)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -57,3 +70,23 @@ def quick_compilation():
     jax.config.update("jax_disable_most_optimizations", True)
     yield
     jax.config.update("jax_disable_most_optimizations", False)
+
+
+@pytest.fixture(scope="module")
+def known_sizes():
+    """Lists with room for every toy: nothing is measured, and scenes that differ in numbers alone
+    share what is compiled. Where they are too short after all, they grow as ever."""
+    from gaussray import fitting, render
+    from gaussray.tracer.traverse import Capacity
+    from gaussray.training import Trial
+
+    def room(trace):
+        return Capacity((512,) * (trace.levels + 1), 512, 64)
+
+    def trial(*_, options, mesh, keys):
+        return Trial(room(options.trace), mesh, keys)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(render.Renderer, "_measure", lambda *parts: room(parts[-1]))
+        patch.setattr(fitting, "first_trial", trial)
+        yield

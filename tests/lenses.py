@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from gaussray.camera.lens import (
     DoubleSphere,
@@ -85,6 +86,58 @@ def zoo(width, height):
     rows, columns = 25, 37
     column, row = jnp.meshgrid(jnp.arange(columns) + 0.5, jnp.arange(rows) + 0.5)
     share = jnp.stack([column / columns, row / rows], -1)
-    look = jax.jit(jax.vmap(jax.vmap(lenses["thin_prism_fisheye"].direction)))
-    lenses["table"] = ray_table(look(share * size[None, None]), width, height)
+    rays = _look(lenses["thin_prism_fisheye"], share * size[None, None])
+    lenses["table"] = ray_table(rays, width, height)
     return lenses
+
+
+@jax.jit
+def _look(lens, pixels):
+    return jax.vmap(jax.vmap(lens.direction))(pixels)
+
+
+@jax.jit
+def sloped(lens, pixels, points, way):
+    """What `direction` and `project` give at every pixel and point, and both kinds of derivative,
+    in one program: along a `way` of lens, pixels and points, and of the sum of x + 2 y + 3 z
+    (column + 2 row) with respect to the lens and each pixel (point)."""
+
+    def one(look, x, to):
+        value, push = jax.linearize(look, lens, x)
+        weight = jnp.arange(1.0, len(value) + 1).astype(value.dtype)
+        return value, push(way[0], to), jax.linear_transpose(push, lens, x)(weight)
+
+    return (
+        jax.vmap(lambda x, to: one(lambda lens, x: lens.direction(x), x, to))(pixels, way[1]),
+        jax.vmap(lambda x, to: one(lambda lens, x: lens.project(x), x, to))(points, way[2]),
+    )
+
+
+def any_way(lens, pixels, points, seed=0):
+    """A random way to go in every number of a lens, and of pixels and points."""
+    draw = np.random.default_rng(seed)
+    return jax.tree.map(lambda x: jnp.asarray(draw.normal(size=x.shape)), (lens, pixels, points))
+
+
+def moved(parts, way, step):
+    """Lens, pixels and points some way off."""
+    return jax.tree.map(lambda x, to: x + step * to, parts, way)
+
+
+def assert_slopes(found, before, after, way, step, rows, **tolerance):
+    """Both kinds of derivative agree with each other wherever there is a value, and with central
+    differences in the first rows."""
+    value, along, back = jax.tree.map(np.asarray, found)
+    lens, other = way
+    weight = np.arange(1.0, value.shape[1] + 1)
+    pulled = [
+        (slope * np.asarray(to)[None]).reshape(len(value), -1).sum(axis=1)
+        for slope, to in zip(jax.tree.leaves(back[0]), jax.tree.leaves(lens), strict=True)
+    ]
+    pulled.append(np.sum(back[1] * other, axis=1))
+    scale = np.sum(np.abs(pulled), axis=0) + 1
+    seen = np.isfinite(value).all(axis=1)
+    differ = (np.sum(pulled, axis=0) - along @ weight) / scale
+    np.testing.assert_allclose(differ[seen], 0, atol=1e-9)
+    difference = (np.asarray(after[0]) - np.asarray(before[0])) / (2 * step)
+    np.testing.assert_allclose(along[:rows], difference[:rows], **tolerance)

@@ -26,11 +26,9 @@ pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 SMALL = ["--side", "16", "--backend", "array"]
 ROOM = "200"
-RUNS = {
-    "trace": (bench_trace.main, ["--gaussians", ROOM, "--k", "8"]),
-    "grid": (bench_grid.main, ["--gaussians", ROOM, "--keys", "1"]),
-}
+PARTS = {"grid": (bench_grid.main, ["--gaussians", ROOM, "--keys", "1"])}
 FRAMES = {
+    "trace": (bench_trace.main, ["--gaussians", ROOM, "--k", "8"]),
     "render": (bench_render.main, ["--room", ROOM, "--effects", "pinhole"]),
     "scaling": (
         bench_scaling.main,
@@ -52,9 +50,9 @@ def run(scripts, folder):
 
 @pytest.fixture(scope="module")
 def traced(tmp_path_factory):
-    """The folder of the lines of the scripts that measure a part of the tracer."""
+    """The folder of the lines of the scripts that measure a part of what a picture takes."""
     folder = tmp_path_factory.mktemp("traced")
-    run(RUNS, folder)
+    run(PARTS, folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(record, "RESULTS", folder)
         bench_deformation.main(["--gaussians", "50", "--keys", "1"])
@@ -63,7 +61,7 @@ def traced(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def framed(tmp_path_factory):
-    """The folder of the lines of the scripts that measure whole frames."""
+    """The folder of the lines of the scripts that measure pictures."""
     folder = tmp_path_factory.mktemp("framed")
     run(FRAMES, folder)
     return folder
@@ -83,7 +81,7 @@ def benches(names):
     return [pytest.param(name, marks=slow if name in FRAMES else ()) for name in names]
 
 
-@pytest.mark.parametrize("bench", benches([*RUNS, *FRAMES, "deformation"]))
+@pytest.mark.parametrize("bench", benches([*PARTS, *FRAMES, "deformation"]))
 def test_lines_have_every_figure(results, bench):
     for line in lines_of(results, bench):
         assert set(record.KEYS) <= set(line)

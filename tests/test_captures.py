@@ -20,7 +20,7 @@ from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 # The films are twice as large as what is learnt from them.
 SIDE = 2 * toy.SIZE
@@ -29,7 +29,7 @@ PIXELS = 1e-3
 
 
 @pytest.fixture(scope="module")
-def shown(quick_compilation):
+def shown(quick_compilation, known_sizes):
     """Camera and frames of the toy by name; the one that is held out is cam00."""
     scene, taken = toy.scene(), {}
     renderer = Renderer(scene, options=RenderOptions(samples=1), trace=toy.TRACE)
@@ -80,10 +80,16 @@ LAYOUTS = {"neural3d": lay_neural3d, "colmap": lay_colmap}
 
 
 @pytest.fixture(scope="module", params=LAYOUTS)
-def run(request, shown, tmp_path_factory):
-    """A folder of the format, the scene that was learnt from it, and the format's own words."""
+def laid(request, shown, tmp_path_factory):
+    """A folder of the format, and the format's own words."""
     folder = tmp_path_factory.mktemp(request.param)
-    words = [f"format={request.param}", "scale=0.5", *LAYOUTS[request.param](folder, shown)]
+    return folder, [f"format={request.param}", "scale=0.5", *LAYOUTS[request.param](folder, shown)]
+
+
+@pytest.fixture(scope="module")
+def run(laid):
+    """Where the scene is that was learnt from a folder, and its scores."""
+    folder, words = laid
     out = folder / "run"
     chosen = [f"capture.{word}" for word in words]
     # Codecs and means blur what moves in so small a picture: a third of the time is enough.
@@ -91,11 +97,11 @@ def run(request, shown, tmp_path_factory):
     main(["reconstruct", f"capture.path={folder}", f"out={out}", "quiet=true", *chosen, *fit])
     truth = [f"truth_{word}" for word in words]
     main(["evaluate", f"scene={out}", f"truth={folder}", "quiet=true", *truth])
-    return folder, out
+    return out
 
 
-def test_the_cameras_are_those_that_filmed(run, shown):
-    folder, _ = run
+def test_the_cameras_are_those_that_filmed(laid, shown):
+    folder, _ = laid
     capture = open_capture(folder)
     assert [view.camera_name for view in capture.views[::3]] == [*shown]
     for view in capture.views[::3]:
@@ -105,19 +111,19 @@ def test_the_cameras_are_those_that_filmed(run, shown):
             np.testing.assert_allclose(*pixels, atol=PIXELS)
 
 
+@pytest.mark.slow
 def test_a_scene_is_learnt_from_the_smaller_pictures(run):
-    _, out = run
-    scene = load_scene(out)
+    scene = load_scene(run)
     assert scene.static.count > 0 and scene.moving.count > 0 and scene.deformation is not None
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(scene))
     np.testing.assert_allclose(scene.time_range, [0, 2 / 3], rtol=1e-6)
-    views = read_views(out / "cameras.json")
+    views = read_views(run / "cameras.json")
     assert {(view.width, view.height) for view in views} == {(toy.SIZE, toy.SIZE)}
 
 
+@pytest.mark.slow
 def test_the_camera_that_was_held_out_is_scored_and_what_moves_in_each_frame(run):
-    _, out = run
-    report = json.loads((out / "evaluation/report.json").read_text())
+    report = json.loads((run / "evaluation/report.json").read_text())
     (row,) = report["effects"].values()
     assert row["frames"] == 3 and row["psnr"] > 5 and np.isfinite(row["psnr_moving"])
-    assert len(list((out / "evaluation/pinhole").glob("cam00_*.png"))) == 3
+    assert len(list((run / "evaluation/pinhole").glob("cam00_*.png"))) == 3

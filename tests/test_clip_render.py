@@ -17,7 +17,7 @@ from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.clip import Clip
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 ONE = RenderOptions(samples=1)
 # Where bodies go at steady speed, arcs through key states are exact but for rounding.
@@ -30,12 +30,12 @@ def filmer(scene, options=ONE):
 
 
 @pytest.fixture(scope="module")
-def whole(quick_compilation):
+def whole(quick_compilation, known_sizes):
     return filmer(toy.carried(0.0, 1.0))
 
 
 @pytest.fixture(scope="module")
-def cut(quick_compilation):
+def cut(quick_compilation, known_sizes):
     """The same in two segments, each of which knows its own times alone."""
     return filmer(Clip((toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0))))
 

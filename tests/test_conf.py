@@ -1,5 +1,6 @@
 """One YAML leaf is one options class, with the same keys and the same defaults."""
 
+import functools
 import pathlib
 import re
 import tomllib
@@ -58,13 +59,18 @@ GIVEN = {
 }
 
 
-def leaf(group, choice):
-    """The options of one YAML file."""
+@functools.cache
+def group_of(group, choice):
+    """What one YAML file says, in the words of a verb."""
     fitted = "fit", "track", "field", "loss", "optimizer", "density", "need"
     verb = "reconstruct" if group in fitted else "render"
     verb = "evaluate" if group == "evaluate" else verb
-    cfg = configuration(verb, [*GIVEN[verb], f"{group}={choice}"])
-    return options(GROUPS[group][0], cfg[group])
+    return configuration(verb, [*GIVEN[verb], f"{group}={choice}"])[group]
+
+
+def leaf(group, choice):
+    """The options of one YAML file."""
+    return options(GROUPS[group][0], group_of(group, choice))
 
 
 def test_every_group_has_a_class():

@@ -22,7 +22,7 @@ from gaussray.scene.scene import at
 from gaussray.scene.store import load_scene, save_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 # A few operations in single precision on numbers around 1.
 SINGLE = 2e-6
@@ -262,6 +262,7 @@ def test_what_went_out_comes_in_again(tmp_path, color):
     np.testing.assert_allclose(colors(after), colors(before), atol=CURVE)
 
 
+@pytest.mark.slow
 def test_an_imported_model_is_filmed_by_the_cameras_of_a_capture(tmp_path):
     """The pictures are those of the scene that was exported."""
     scene = toy.scene(speed=0)

@@ -34,10 +34,18 @@ def capture(folder, preset):
     return images, read_capture(folder)
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_a_plan_is_a_paired_capture(name, tmp_path):
-    preset = few_cameras(name)
-    images, found = capture(tmp_path, preset)
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(x, marks=() if x == "tiny" else pytest.mark.slow) for x in PRESETS],
+)
+def planned(request, tmp_path_factory):
+    """A preset, its pictures and its capture."""
+    preset = few_cameras(request.param)
+    return preset, *capture(tmp_path_factory.mktemp(request.param), preset)
+
+
+def test_a_plan_is_a_paired_capture(planned):
+    preset, images, found = planned
     assert set(found.effects) == set(EFFECTS) - {"pinhole"}
     assert len(found.views) == preset.cameras * preset.frames
     assert len({image.path for image in images}) == len(images)
@@ -51,10 +59,8 @@ def test_a_plan_is_a_paired_capture(name, tmp_path):
     assert {0.0, 1.0} <= seen
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_rows_of_a_rolling_shutter_see_blenders_instants_and_only_the_clip(name, tmp_path):
-    preset = few_cameras(name)
-    _, found = capture(tmp_path, preset)
+def test_rows_of_a_rolling_shutter_see_blenders_instants_and_only_the_clip(planned):
+    preset, _, found = planned
     views = found.effects["rolling_shutter"]
     rows = np.array([0, preset.size // 3, preset.size - 1])
     pixel = jnp.asarray(np.stack([np.zeros(3), rows], axis=-1), jnp.float32)

@@ -26,7 +26,7 @@ from gaussray.requirement import NeedOptions
 from gaussray.scene.store import load_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 OPTIONS = ReconstructOptions(
     fit=FitOptions(
@@ -43,27 +43,22 @@ FALL = 2.0
 
 
 @pytest.fixture(scope="module")
-def capture(tmp_path_factory, quick_compilation):
+def capture(tmp_path_factory, quick_compilation, known_sizes):
     """Two bodies in front of a wall, filmed by four cameras at three instants."""
     return read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
 
 
 @pytest.fixture(scope="module")
 def fitted(capture, tmp_path_factory):
-    """A finished run, how often its steps were traced, and the list sizes that it measured."""
+    """A finished run, and how often its steps were traced."""
     patch = pytest.MonkeyPatch()
-    traced, sizes, loss_of, trial = [], {}, training.loss_of, Fit.trial
+    traced, loss_of = [], training.loss_of
 
     def counted(*arguments, **options):
         traced.append(1)
         return loss_of(*arguments, **options)
 
-    def remembered(self, state, batches):
-        key = jax.tree.structure(state), tuple(x.shape for x in jax.tree.leaves(state))
-        return sizes.setdefault(key, trial(self, state, batches))
-
     patch.setattr(training, "loss_of", counted)
-    patch.setattr(Fit, "trial", remembered)
     out = tmp_path_factory.mktemp("run")
     reconstruct(capture, out, options=OPTIONS, quiet=True)
     yield out, len(traced)
@@ -280,6 +275,7 @@ def test_where_every_camera_looked_but_once_everything_may_move(capture, tmp_pat
     assert alive(state.parameters.moving).sum() == len(capture.points.position)
 
 
+@pytest.mark.slow
 def test_without_points_the_field_alone_moves_what_is_no_body(bare, tmp_path):
     scene = reconstruct(bare, tmp_path, options=toy.SHORT, quiet=True)
     assert [line["stage"] for line in lines(tmp_path)] == ["coarse", "fine"]

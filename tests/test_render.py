@@ -21,7 +21,7 @@ from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.traverse import Capacity
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 # Quadratic between the keys against exact rows, for motion of the third order (measured: 3e-4).
 ROWS = 1e-3

@@ -16,7 +16,7 @@ from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.scene import Scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 TRACE = toy.SHORT.trace
 OPTIONS = NeedOptions(loss=0.05, tiles=8, weigh=24)
@@ -24,7 +24,7 @@ HIDDEN, IDLE = 6, 4
 
 
 @pytest.fixture(scope="module")
-def seen(tmp_path_factory, quick_compilation):
+def seen(tmp_path_factory, quick_compilation, known_sizes):
     """Training pictures of the toy scene with noise, as cameras have it."""
     capture = read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
     views = [view for view in capture.views if view.split == "train"]
@@ -107,6 +107,7 @@ def test_every_step_is_told_and_costs_at_most_what_it_may(told, lavish):
     assert report["before"]["psnr"] - report["after"]["psnr"] == pytest.approx(lost, abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_scene_that_needs_everything_keeps_it(seen):
     """Two instants' difference of a body's size is not given up, nor the wall behind it."""
     one = toy.scene()

@@ -29,7 +29,7 @@ from gaussray.scene.harmonics import C0
 from gaussray.scene.store import load_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 SCENE = toy.carried(0.0, 1.0, speed=1.6)
 TIMES = tuple(np.linspace(0, 1, 9).tolist())
@@ -65,7 +65,7 @@ SINGLE = 2e-4
 
 
 @pytest.fixture(scope="module")
-def capture(tmp_path_factory, quick_compilation):
+def capture(tmp_path_factory, quick_compilation, known_sizes):
     """Two bodies in front of a wall, filmed by four cameras at nine instants."""
     folder = tmp_path_factory.mktemp("capture")
     return read_capture(toy.write_capture(folder, SCENE, times=TIMES))
@@ -105,6 +105,7 @@ def filmer(scene):
     return Renderer(scene, options=RenderOptions(samples=1), trace=toy.TRACE)
 
 
+@pytest.mark.slow
 def test_a_run_leaves_a_clip_and_nothing_half_done(fitted, capture):
     out, scene, _ = fitted
     assert isinstance(scene, Clip)
@@ -118,16 +119,19 @@ def test_a_run_leaves_a_clip_and_nothing_half_done(fitted, capture):
     assert len(report["segments"]) == 2 and report["file"] == (out / "scene.npz").stat().st_size
 
 
+@pytest.mark.slow
 def test_only_the_first_segment_has_a_coarse_stage_and_lines_name_the_segment(fitted):
     stages = [(line["segment"], line["stage"]) for line in lines(fitted[0])]
     assert stages == [(1, "coarse")] * 3 + [(1, "fine")] * 3 + [(2, "fine")] * 3
 
 
+@pytest.mark.slow
 def test_only_a_segments_pictures_are_loaded(fitted):
     # Three training cameras at five instants, once for each segment.
     assert fitted[2] == [15, 15]
 
 
+@pytest.mark.slow
 def test_the_shared_instant_looks_alike_from_both_and_what_stands_still_stays(fitted):
     parts = fitted[1].segments
     assert all(part.moving.count and part.deformation is not None for part in parts)
@@ -149,6 +153,7 @@ def test_the_shared_instant_looks_alike_from_both_and_what_stands_still_stays(fi
     assert change.max() < STEADY
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("blocks", [FIRST, FIRST + 1])
 def test_a_run_that_was_killed_goes_on_and_fits_no_finished_segment_again(
     fitted, capture, tmp_path, monkeypatch, blocks
@@ -181,6 +186,7 @@ def test_a_run_that_was_killed_goes_on_and_fits_no_finished_segment_again(
     assert not (tmp_path / "segments").exists()
 
 
+@pytest.mark.slow
 def test_cameras_are_refined_in_the_first_segment_and_hold_for_the_others(fitted, capture):
     gain = json.loads((fitted[0] / "cameras.json").read_text())["info"]["gain"]
     assert set(gain) == set(toy.CAMERAS[:3])
@@ -226,6 +232,7 @@ def counts(state):
     return [int(alive(x).sum()) for x in (state.parameters.static, state.parameters.moving)]
 
 
+@pytest.mark.slow
 def test_verbs_take_a_clip_as_they_take_a_scene(fitted, capture, tmp_path):
     out, scene, _ = fitted
     truth = f"truth={capture.folder}"

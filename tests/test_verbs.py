@@ -17,7 +17,7 @@ from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 # A half float keeps 11 bits: half a unit in the last place.
 HALF = 2.0**-11
@@ -28,7 +28,7 @@ DECIBEL = 0.01
 
 
 @pytest.fixture(scope="module")
-def truth(tmp_path_factory, quick_compilation):
+def truth(tmp_path_factory, quick_compilation, known_sizes):
     """The folder of a paired capture with one effect."""
     return toy.write_paired(tmp_path_factory.mktemp("truth"), toy.scene())
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from jax.test_util import check_grads
+from lenses import any_way, assert_slopes, moved, sloped
 
 from gaussray.camera.lens import (
     FisheyePolynomial,
@@ -27,8 +27,8 @@ EXACT_PX = 1e-6
 SINGLE_PX = 1e-2
 # Unit vectors in double precision after at most 30 operations.
 UNIT = 1e-12
-# Finite differences of check_grads (step 1e-5 in double precision) on values of order 100.
-GRADIENT = 1e-4
+# Central differences in double precision of values of order 100.
+GRADIENT = {"rtol": 1e-4, "atol": 1e-5}
 
 
 def array(*values, dtype=jnp.float64):
@@ -271,87 +271,37 @@ def test_folding_distortion_is_black_instead_of_wrong():
     np.testing.assert_allclose(back[lit], np.array(pixel_centers())[lit], atol=1e-3)
 
 
-def in_centimetres(lens):
-    """A polynomial's k_n per cm^n instead of per mm^n: finite differences of all five are alike."""
-    if not isinstance(lens, FisheyePolynomial):
-        return lens
-    return eqx.tree_at(lambda x: x.coefficients, lens, lens.coefficients * 10.0 ** jnp.arange(5))
-
-
-def in_millimetres(lens):
-    if not isinstance(lens, FisheyePolynomial):
-        return lens
-    return eqx.tree_at(lambda x: x.coefficients, lens, lens.coefficients / 10.0 ** jnp.arange(5))
-
-
-@jax.jit
-def direction_of(lens, pixel):
-    lens, pixel = jax.tree.map(jnp.asarray, (lens, pixel))
-    return in_millimetres(lens).direction(pixel)
-
-
-@jax.jit
-def projection_of(lens, point):
-    lens, point = jax.tree.map(jnp.asarray, (lens, point))
-    return in_millimetres(lens).project(point)
-
-
-@jax.jit
-def gradients_of_project(lens, points):
-    def total(lens, points):
-        return jnp.nansum(jax.vmap(lens.project)(points))
-
-    return jax.grad(total, argnums=(0, 1))(lens, points)
-
-
-@jax.jit
-def gradients_of_direction(lens, pixels):
-    def total(lens, pixels):
-        return jnp.sum(jax.vmap(lens.direction)(pixels) * array(1.0, 2.0, 3.0)[None])
-
-    return jax.grad(total, argnums=(0, 1))(lens, pixels)
-
-
 # Off the axis, and 1e-3 px from it, where r is small but not zero.
-PROBES = [(11.3, 52.1), (47.001, 33.0), (80.2, 20.9)]
+PROBES = [(11.3, 52.1), (80.2, 20.9), (47.001, 33.0)]
+POINTS = [(0.3, -0.2, 1.1), (1e-3, 0.0, 2.0)]
 
 
 @every_lens
-@pytest.mark.parametrize("pixel", PROBES, ids=str)
-def test_gradients_of_direction_are_right_in_every_parameter(lens, pixel):
-    if pixel == PROBES[1] and isinstance(lens, FisheyePolynomial):
-        pixel = (11.3, 33.0)  # its axis is elsewhere; a row through the middle instead
-    args = (in_centimetres(lens), array(*pixel))
-    check_grads(direction_of, args, order=1, modes=["rev", "fwd"], rtol=GRADIENT)
-
-
-@every_lens
-@pytest.mark.parametrize("point", [(0.3, -0.2, 1.1), (1e-3, 0.0, 2.0)], ids=str)
-def test_gradients_of_project_are_right_in_every_parameter(lens, point):
-    if lens is LENSES["offset"] and point[0] < 0.02:
-        point = (0.1, 0.0, 2.0)  # closer to its axis it sees nothing
-    args = (in_centimetres(lens), array(*point))
-    # A step far below the distance from the axis, above the rounding of 100 px.
-    options = {"order": 1, "modes": ["rev", "fwd"], "eps": 1e-7}
-    check_grads(projection_of, args, rtol=GRADIENT, **options)
-
-
-@every_lens
-def test_gradients_of_project_are_finite_on_the_axis_beside_and_behind_the_camera(lens):
+def test_gradients_are_finite_everywhere_and_those_of_finite_differences_in_every_parameter(lens):
+    """In the picture and on the axis, beside and behind the camera."""
+    probes, points = np.array(PROBES), np.array(POINTS)
+    if isinstance(lens, FisheyePolynomial):
+        probes[2] = 11.3, 33.0  # its axis is elsewhere; a row through the middle instead
+    if lens is LENSES["offset"]:
+        points[1, 0] = 0.1  # closer to its axis it sees nothing
+    axis = jnp.nan_to_num(image(lens, array(0.0, 0.0, 1.0)[None]))
+    pixels = jnp.concatenate([probes, axis, pixel_centers()[::17]])
     side = (0.0, 1.0, -1.0)
-    points = jnp.array([(x, y, z) for x in side for y in side for z in side])
-
-    for leaf in jax.tree.leaves(gradients_of_project(lens, points)):
-        assert np.isfinite(leaf).all()
-
-
-@every_lens
-def test_gradients_are_finite_everywhere_in_the_picture_and_on_the_axis(lens):
-    axis = image(lens, array(0.0, 0.0, 1.0)[None])[0]
-    pixels = jnp.concatenate([pixel_centers()[::5], jnp.nan_to_num(axis)[None]])
-
-    for leaf in jax.tree.leaves(gradients_of_direction(lens, pixels)):
-        assert np.isfinite(leaf).all()
+    around = np.array([(x, y, z) for x in side for y in side for z in side])
+    more = np.ones((len(pixels) - len(points) - len(around), 3))
+    whole = lens, pixels, jnp.concatenate([points, around, more])
+    way = any_way(*whole)
+    if isinstance(lens, FisheyePolynomial):
+        # k_n in cm^-n instead of mm^-n: finite differences of all five are alike.
+        coefficients = way[0].coefficients / 10.0 ** jnp.arange(5)
+        way = eqx.tree_at(lambda w: w[0].coefficients, way, coefficients)
+    found = sloped(*whole, way)
+    for _, along, back in found:
+        assert all(np.isfinite(x).all() for x in jax.tree.leaves((along, back)))
+    # A step far below the distance from the axis, above the rounding of 100 px.
+    for i, (step, rows) in enumerate(((1e-5, len(probes)), (1e-7, len(points)))):
+        before, after = (sloped(*moved(whole, way, s), way)[i] for s in (-step, step))
+        assert_slopes(found[i], before, after, (way[0], way[i + 1]), step, rows, **GRADIENT)
 
 
 def test_all_values_of_a_lens_share_one_compilation():

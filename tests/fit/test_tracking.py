@@ -42,6 +42,9 @@ def ball(count=300):
     return RADIUS * normal, normal, palette[patch % 6]
 
 
+SIZES: dict = {}
+
+
 def filmed(light=(1.0, 1.0, 1.0)):
     """The thrown ball seen by six cameras at three instants, under light that may change."""
     place, _, color = ball()
@@ -58,6 +61,8 @@ def filmed(light=(1.0, 1.0, 1.0)):
             options=RenderOptions(samples=1),
             trace=toy.TRACE,
         )
+        # What the first one measures serves them all.
+        render._capacity = SIZES
         for angle in np.linspace(-1.5, 1.5, 6):
             cameras.append(toy.camera(angle, time, SIZE, SIZE))
             pictures.append(render(cameras[-1]).color)

@@ -22,6 +22,8 @@ from gaussray.tracer.motion import (
 )
 
 
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
 EXACT = 1e-12
 TIMES = np.array([-1.0, 0.0, 0.1, 0.3, 0.6, 0.7, 0.95, 1.0, 3.0])
 # Key times, by their number.
