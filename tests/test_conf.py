@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.trade import PRESETS
 from gaussray import fitting as stage, rig
+from gaussray.calibrate import CalibrateOptions
 from gaussray.camera.sensor import SensorOptions
 from gaussray.capture.formats import FORMATS
 from gaussray.capture.selection import Selection
@@ -33,6 +34,7 @@ GROUPS = {
     "devices": (DevicesOptions, "default"),
     "render": (RenderOptions, "default"),
     "evaluate": (EvaluateOptions, "default"),
+    "calibrate": (CalibrateOptions, "default"),
     "camera": (rig.CameraOptions, "default"),
     "lens": (rig.LensOptions, "keep"),
     "aperture": (rig.ApertureOptions, "keep"),
@@ -53,6 +55,7 @@ GIVEN = {
     "reconstruct": ["capture.path=x", "out=x"],
     "render": ["scene=x", "out=x"],
     "evaluate": ["scene=x", "truth=x"],
+    "calibrate": ["scene=x", "capture.path=x", "out=x"],
     "import": ["source=x", "out=x"],
     "export": ["scene=x", "out=x"],
 }
@@ -62,7 +65,7 @@ def leaf(group, choice):
     """The options of one YAML file."""
     fitted = "fit", "track", "field", "loss", "optimizer", "density", "need"
     verb = "reconstruct" if group in fitted else "render"
-    verb = "evaluate" if group == "evaluate" else verb
+    verb = group if group in ("evaluate", "calibrate") else verb
     cfg = configuration(verb, [*GIVEN[verb], f"{group}={choice}"])
     return options(GROUPS[group][0], cfg[group])
 
