@@ -168,7 +168,8 @@ class Adjustment:
             taken += 1
             change = step(now.curvature, now.gradient, damping)
             trial, bend = self._tried(value + change, seen, deviation), self.bend * deviation
-            gain = -1.0 if trial is None else 1 - trial.cost(bend) / now.cost(bend)
+            held = max(now.cost(bend), np.finfo(float).tiny)
+            gain = -1.0 if trial is None else 1 - trial.cost(bend) / held
             if trial is None or gain < 0:
                 damping *= _WORSE
                 continue

@@ -14,9 +14,8 @@ from gaussray.fit.unknowns import SHARED, Unknown, readings
 
 # RMS change of the encoded picture, per unit of an unknown, below which it has no effect.
 NO_EFFECT = 1e-6
-# Unknowns that leave less than this of each other's effects are said to be confounded: two that
-# correlate by 0.98 or more.
-CONFOUNDED = 0.15
+# Correlation from which two numbers are said to be confounded.
+CONFOUNDED = 0.98
 
 
 class Label(NamedTuple):
@@ -87,11 +86,11 @@ def parameters(
 
 
 def undone(found: Found, labelled: Sequence[Label]) -> list[str]:
-    """A line for every set of numbers that the pictures cannot tell apart."""
+    """A line for every two numbers that the pictures can hardly tell apart."""
     return [
-        f"{' and '.join(str(labelled[i]) for i in which)} cannot be told apart: together they "
-        f"change the pictures by {100 * left:.2g} % of what each does alone."
-        for which, left in confounded(found.after.inner, CONFOUNDED)
+        f"{labelled[i]} and {labelled[j]} can hardly be told apart in these pictures (their errors "
+        f"correlate by {correlation:.4f}): trust what they do together, or hold one of them."
+        for i, j, correlation in confounded(found.after.inner, CONFOUNDED)
     ]
 
 

@@ -6,6 +6,8 @@ from jaxtyping import Float
 
 # Standard deviation of normal errors over their median size.
 _MEDIAN = 1.4826
+# Least eigenvalue of a curvature with a unit diagonal.
+_LEAST = 1e-7
 
 
 def spread(residual: Float[np.ndarray, " n"], least: float = 0.0) -> float:
@@ -36,25 +38,30 @@ def covariance(
 ) -> Float[np.ndarray, "n n"]:
     """H^-1 M H^-1 (Huber 1967): `scatter` M is the sum of g g^T over what errs independently, g its
     share of the gradient. For independent errors of one size, sigma^2 (J^T J)^-1."""
+    inverse, size = _inverse(curvature), _sizes(curvature)
+    # What the curvature cannot tell from nothing, the scatter cannot either.
+    unit = scatter / np.outer(size, size)
+    least = _LEAST * np.mean(np.diag(unit)) * np.diag(size**2)
+    return inverse @ (scatter + least) @ inverse
+
+
+def confounded(curvature: Float[np.ndarray, "n n"], least: float) -> list[tuple[int, int, float]]:
+    """Pairs of numbers whose errors correlate by at least so much, either way, the worst first:
+    what one does to the pictures, the other (and the rest) can all but undo."""
+    inverse = _inverse(curvature)
+    size = np.sqrt(np.diag(inverse))
+    correlation = np.triu(inverse / np.outer(size, size), 1)
+    pairs = zip(*np.nonzero(np.abs(correlation) >= least), strict=True)
+    found = [(int(i), int(j), float(correlation[i, j])) for i, j in pairs]
+    return sorted(found, key=lambda pair: -abs(pair[2]))
+
+
+def _inverse(curvature):
+    """Of a matrix whose entries are known to single precision: nothing is better determined."""
     size = _sizes(curvature)
-    inverse = np.linalg.pinv(_unit_diagonal(curvature), rcond=1e-10, hermitian=True)
-    inverse = inverse / np.outer(size, size)
-    return inverse @ scatter @ inverse
-
-
-def confounded(curvature: Float[np.ndarray, "n n"], least: float) -> list[tuple[list[int], float]]:
-    """Which numbers undo each other, and how well: what is left of the change that each makes
-    alone, if they go together, where that is below `least`.
-
-    Eigenvectors of H with a unit diagonal, and the roots of their eigenvalues: sqrt(1 - |r|) for
-    two numbers whose columns correlate by r.
-    """
     value, vector = np.linalg.eigh(_unit_diagonal(curvature))
-    left = np.sqrt(np.maximum(value, 0))
-    return [
-        ([int(i) for i in np.flatnonzero(np.abs(vector[:, k]) > 0.3)], float(left[k]))
-        for k in np.flatnonzero(left < least)
-    ]
+    inverse = (vector / np.maximum(value, _LEAST)) @ vector.T
+    return inverse / np.outer(size, size)
 
 
 def _sizes(curvature):
