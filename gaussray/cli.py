@@ -24,6 +24,7 @@ VERBS = {
     "reconstruct": "multi-view video in, a scene out",
     "render": "a scene and cameras in, a paired capture and videos out",
     "evaluate": "score a scene against a paired capture",
+    "calibrate": "find cameras in pictures of a known scene, with standard errors",
     "import": "a model of 3D Gaussian Splatting or 4DGaussians in, a scene out",
     "export": "a scene at one instant as a 3D Gaussian Splatting model",
 }
@@ -276,6 +277,18 @@ def _evaluate(cfg: DictConfig, devices: int | None) -> None:
     _say(table(report))
 
 
+def _calibrate(cfg: DictConfig, devices: int | None) -> None:
+    from gaussray.calibrate import CalibrateOptions, calibrate
+    from gaussray.findings import table
+    from gaussray.scene.store import load_scene
+    from gaussray.tracer.trace import TraceOptions
+
+    chosen, trace = options(CalibrateOptions, cfg.calibrate), options(TraceOptions, cfg.trace)
+    scene, capture = load_scene(cfg.scene), _capture(cfg.capture.path, cfg.capture, "capture.")
+    out = _run_folder(cfg)
+    _say(table(calibrate(scene, capture, out, options=chosen, trace=trace, quiet=cfg.quiet)))
+
+
 def _import(cfg: DictConfig, devices: int | None) -> None:
     from gaussray.exchange import import_model
 
@@ -334,6 +347,7 @@ RUN: dict[str, Callable[[DictConfig, int | None], None]] = {
     "reconstruct": _reconstruct,
     "render": _render,
     "evaluate": _evaluate,
+    "calibrate": _calibrate,
     "import": _import,
     "export": _export,
 }

@@ -10,6 +10,7 @@ import pytest
 
 from benchmarks.trade import PRESETS
 from gaussray import fitting as stage, rig
+from gaussray.calibrate import CalibrateOptions
 from gaussray.camera.sensor import SensorOptions
 from gaussray.capture.formats import FORMATS
 from gaussray.capture.selection import Selection
@@ -34,6 +35,7 @@ GROUPS = {
     "devices": (DevicesOptions, "default"),
     "render": (RenderOptions, "default"),
     "evaluate": (EvaluateOptions, "default"),
+    "calibrate": (CalibrateOptions, "default"),
     "camera": (rig.CameraOptions, "default"),
     "lens": (rig.LensOptions, "keep"),
     "aperture": (rig.ApertureOptions, "keep"),
@@ -54,6 +56,7 @@ GIVEN = {
     "reconstruct": ["capture.path=x", "out=x"],
     "render": ["scene=x", "out=x"],
     "evaluate": ["scene=x", "truth=x"],
+    "calibrate": ["scene=x", "capture.path=x", "out=x"],
     "import": ["source=x", "out=x"],
     "export": ["scene=x", "out=x"],
 }
@@ -64,7 +67,7 @@ def group_of(group, choice):
     """What one YAML file says, in the words of a verb."""
     fitted = "fit", "track", "field", "loss", "optimizer", "density", "need"
     verb = "reconstruct" if group in fitted else "render"
-    verb = "evaluate" if group == "evaluate" else verb
+    verb = group if group in ("evaluate", "calibrate") else verb
     return configuration(verb, [*GIVEN[verb], f"{group}={choice}"])[group]
 
 

@@ -76,14 +76,16 @@ def refined_kinds(corrections: Corrections | None) -> tuple[str, ...]:
     return tuple(kind for kind in REFINABLE if getattr(corrections, kind, None) is not None)
 
 
-def coefficients(lens: AbstractLens) -> Float[Array, "*cameras coefficients"]:
-    """The coefficients that bend a lens's rays; an ideal pinhole has none."""
+def coefficients(
+    lens: AbstractLens, key: str = "fit.refine"
+) -> Float[Array, "*cameras coefficients"]:
+    """The coefficients that bend a lens's rays; an ideal pinhole has none. `key` is who asks."""
     match lens:
         case Pinhole():
             return lens.distortion if lens.distorted else lens.distortion[..., :0]
         case Equirectangular() | RayTable():
             raise ValueError(
-                "fit.refine=[lens] must be for lenses with a focal length of their own, got "
+                f"{key}=[lens] must be for lenses with a focal length of their own, got "
                 f"{type(lens).__name__}, whose rays are given with its pictures. Leave lens out."
             )
         case FisheyePolynomial():
@@ -91,7 +93,7 @@ def coefficients(lens: AbstractLens) -> Float[Array, "*cameras coefficients"]:
         case FocalLens():
             return getattr(lens, "coefficients", lens.center[..., :0])
         case _:
-            raise TypeError(f"fit.refine has no words for a lens of type {type(lens).__name__}.")
+            raise TypeError(f"{key} has no words for a lens of type {type(lens).__name__}.")
 
 
 def settled(corrections: Corrections, cameras: CameraSet) -> Corrections:
@@ -128,7 +130,9 @@ def refined(camera: Camera, own: Corrections, cameras: CameraSet) -> Camera:
         place = trajectory.translation + cameras.extent * own.pose[None, 3:]
         trajectory = dataclasses.replace(trajectory, quat=quat, translation=place)
     if own.lens is not None:
-        lens = _lens(lens, own.lens)
+        bends = coefficients(lens) != 0
+        change = jnp.where(bends, own.lens[3:], 0)
+        lens = corrected_lens(lens, jnp.concatenate([own.lens[:3], change]))
     if own.shutter is not None:
         factor = jnp.exp(own.shutter)
         readout = "row_offset", "row_step", "row_times"
@@ -141,9 +145,9 @@ def refined(camera: Camera, own: Corrections, cameras: CameraSet) -> Camera:
     return Camera(camera.film, lens, camera.aperture, shutter, trajectory, camera.time)
 
 
-def _lens(lens: AbstractLens, own: Float[Array, " parameters"]) -> AbstractLens:
-    scale, center, bent = jnp.exp(own[0]), own[1:3], coefficients(lens)
-    change = jnp.where(bent != 0, own[3:], 0)
+def corrected_lens(lens: AbstractLens, own: Float[Array, " parameters"]) -> AbstractLens:
+    """A lens with its row of `Corrections`, also where its coefficients are zero."""
+    scale, center, bent, change = jnp.exp(own[0]), own[1:3], coefficients(lens), own[3:]
     match lens:
         case FisheyePolynomial():
             # Its focal length is 1/|k1|; at half the sensor's width all changes are angles.

@@ -1,0 +1,76 @@
+"""Robust least squares: a step, the errors of what is found, and what is confounded."""
+
+import numpy as np
+from jaxtyping import Float
+
+
+# Standard deviation of normal errors over their median size.
+_MEDIAN = 1.4826
+# Least eigenvalue of a curvature with a unit diagonal.
+_LEAST = 1e-7
+
+
+def spread(residual: Float[np.ndarray, " n"], least: float = 0.0) -> float:
+    """Standard deviation of errors of which some are outliers, from their median size."""
+    return max(_MEDIAN * float(np.median(np.abs(residual))), least)
+
+
+def huber(residual: Float[np.ndarray, "..."], bend: float) -> float:
+    """Sum of Huber's losses: r^2 / 2 up to the bend, bend |r| - bend^2 / 2 beyond."""
+    size = np.abs(residual.astype(np.float64))
+    return float(np.sum(np.where(size < bend, size**2 / 2, bend * size - bend**2 / 2)))
+
+
+def step(
+    curvature: Float[np.ndarray, "n n"], gradient: Float[np.ndarray, " n"], damping: float
+) -> Float[np.ndarray, " n"]:
+    """Levenberg and Marquardt's step (Marquardt 1963): -(H + damping diag H)^-1 g. What no picture
+    tells stays as it is."""
+    size = _sizes(curvature)
+    return (
+        -np.linalg.solve(_unit_diagonal(curvature) + damping * np.eye(len(size)), gradient / size)
+        / size
+    )
+
+
+def covariance(
+    curvature: Float[np.ndarray, "n n"], scatter: Float[np.ndarray, "n n"]
+) -> Float[np.ndarray, "n n"]:
+    """H^-1 M H^-1 (Huber 1967): `scatter` M is the sum of g g^T over what errs independently, g its
+    share of the gradient. For independent errors of one size, sigma^2 (J^T J)^-1."""
+    inverse, size = _inverse(curvature), _sizes(curvature)
+    # What the curvature cannot tell from nothing, the scatter cannot either.
+    unit = scatter / np.outer(size, size)
+    least = _LEAST * np.mean(np.diag(unit)) * np.diag(size**2)
+    return inverse @ (scatter + least) @ inverse
+
+
+def confounded(curvature: Float[np.ndarray, "n n"], least: float) -> list[tuple[int, int, float]]:
+    """Pairs of numbers whose errors correlate by at least so much, either way, the worst first:
+    what one does to the pictures, the other (and the rest) can all but undo."""
+    inverse = _inverse(curvature)
+    size = np.sqrt(np.diag(inverse))
+    correlation = np.triu(inverse / np.outer(size, size), 1)
+    pairs = zip(*np.nonzero(np.abs(correlation) >= least), strict=True)
+    found = [(int(i), int(j), float(correlation[i, j])) for i, j in pairs]
+    return sorted(found, key=lambda pair: -abs(pair[2]))
+
+
+def _inverse(curvature):
+    """Of a matrix whose entries are known to single precision: nothing is better determined."""
+    size = _sizes(curvature)
+    value, vector = np.linalg.eigh(_unit_diagonal(curvature))
+    inverse = (vector / np.maximum(value, _LEAST)) @ vector.T
+    return inverse / np.outer(size, size)
+
+
+def _sizes(curvature):
+    size = np.sqrt(np.diag(curvature))
+    return np.where(size > 0, size, 1)
+
+
+def _unit_diagonal(curvature):
+    size = _sizes(curvature)
+    unit = curvature / np.outer(size, size)
+    np.fill_diagonal(unit, 1)
+    return unit
