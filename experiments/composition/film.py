@@ -3,8 +3,8 @@
     python -m experiments.composition.film --out DIR --scene living_room_animal [--size 256]
 
 Needs Blender as a Python module, `bpy` 4.5, alone. Every effect is filmed by the benchmark's
-held-out cameras at the same instants. The fisheye here is as wide as the training cameras' pictures, so
-that it sees nothing that they do not.
+held-out cameras at the same instants. The fisheye here is as wide as the training cameras'
+pictures, so that it sees nothing that they do not.
 """
 
 import argparse
