@@ -54,6 +54,7 @@ def render_dataset(
     labels: Sequence[str] = (),
     fps: float = 8.0,
     devices: int | None = None,
+    renderer: Renderer | None = None,
     quiet: bool = False,
 ) -> Path:
     """Write every recorded frame as a picture, each effect's manifest, and a video per camera.
@@ -63,7 +64,8 @@ def render_dataset(
     paired capture: it can be read back, reconstructed and evaluated. A picture that
     is already there is kept, so an interrupted run goes on; a folder that was begun with another
     scene, camera or option is refused. Each host renders its share of what is missing, on so many
-    `devices` (None is all); the first one writes the rest when all pictures are there.
+    `devices` (None is all); the first one writes the rest when all pictures are there. A `renderer`
+    of this scene, with these options, saves measuring and compiling once more.
     """
     if labels and isinstance(scene, Clip):
         raise ValueError(
@@ -77,7 +79,7 @@ def render_dataset(
     _claim(out, scene, records, (*made_with, tuple(labels)) if labels else made_with)
     there = agreed(np.array([(out / record.file_path).exists() for record in records]))
     own = share([record for record, old in zip(records, there, strict=True) if not old])
-    render = Renderer(scene, options=options, trace=trace, devices=devices)
+    render = renderer or Renderer(scene, options=options, trace=trace, devices=devices)
     progress = Progress("render", len(own), quiet=quiet or not leads())
     frames = render.film(
         dispersed(record.camera, _sensor_of(record, sensor).chromatic) for record in own
