@@ -152,7 +152,7 @@ def check(spec: Mapping[str, Any], label: str) -> None:
                     demand(f"{i}" in found, "a list of distributions and fixed values")
 
 
-def _check_within(bell: list[float], within: Any, label: str) -> None:
+def _check_within(bell: list[float | int], within: Any, label: str) -> None:
     if within is None:
         return
     if not _pair(within):

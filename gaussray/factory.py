@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import numpy as np
 
@@ -17,6 +16,7 @@ from gaussray.dataset.takes import VERSION, folder_of, is_there, write_take, wri
 from gaussray.distribution import drawn
 from gaussray.filming import NO_SENSOR, render_dataset
 from gaussray.progress import Progress
+from gaussray.quota import FactoryOptions
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.clip import Clip
 from gaussray.scene.scene import Scene
@@ -25,45 +25,6 @@ from gaussray.tracer.trace import TraceOptions
 
 # Scenes and settings that keep their renderers.
 _RENDERERS = 8
-
-
-class FactoryOptions(eqx.Module):
-    """`count` takes are drawn from `sample` (0: one, not drawn, as the keys are). What a take is
-    follows from `seed` and its index alone.
-
-    An impossible one is refused, or drawn anew up to `redraws` times: what is filmed then follows
-    the distribution within what is possible. This process films the indices i, i + n, i + 2n, ...
-    of `shard` = i/n. `shards` > 1 has Hydra's launcher start as many processes.
-    """
-
-    count: int = eqx.field(static=True, default=0)
-    seed: int = eqx.field(static=True, default=0)
-    redraws: int = eqx.field(static=True, default=0)
-    shard: str = eqx.field(static=True, default="0/1")
-    shards: int = eqx.field(static=True, default=1)
-
-    def __check_init__(self):
-        for key, least in {"count": 0, "redraws": 0, "shards": 1}.items():
-            if getattr(self, key) < least:
-                raise ValueError(
-                    f"factory.{key} must be at least {least}, got {getattr(self, key)}."
-                )
-        number, _, of = self.shard.partition("/")
-        if not (number.isdigit() and of.isdigit() and int(number) < int(of)):
-            raise ValueError(
-                f"factory.shard must be i/n with i from 0 to n - 1, got {self.shard!r}."
-            )
-        if self.shards > 1 and (self.count == 0 or self.shard != "0/1"):
-            raise ValueError(
-                f"factory.shards = {self.shards} needs factory.count above 0, and factory.shard "
-                f"left at 0/1, got {self.count} and {self.shard}."
-            )
-
-    @property
-    def indices(self) -> range:
-        """Indices of the takes that this process films."""
-        number, of = (int(word) for word in self.shard.split("/"))
-        return range(number, self.count, of)
 
 
 class Shot(NamedTuple):

@@ -1,5 +1,6 @@
 """From a configuration to pictures: the shot it describes, or all takes of a distribution."""
 
+import contextlib
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -13,9 +14,10 @@ from gaussray.configuration import Variations, as_kind, launched, options, run_f
 from gaussray.dataset.takes import MANIFEST, write_takes
 from gaussray.devices import DevicesOptions, begin, together
 from gaussray.distribution import distributions
-from gaussray.factory import FactoryOptions, Shot, produce as produce_takes
+from gaussray.factory import Shot, produce as produce_takes
 from gaussray.labels import check_labels
 from gaussray.possible import check_possible
+from gaussray.quota import FactoryOptions
 from gaussray.render import RenderOptions
 from gaussray.scene.store import load_scene
 from gaussray.tracer.trace import TraceOptions
@@ -70,6 +72,8 @@ def produce(cfg: DictConfig, overrides: Sequence[str]) -> str:
         shares = range(chosen.shards)
         jobs = [[f"factory.shard={i}/{chosen.shards}", "factory.shards=1"] for i in shares]
         launched("render", overrides, jobs, functools.partial(film_share, overrides))
+        with contextlib.suppress(OSError):
+            (out / "jobs").rmdir()  # where no cluster has left anything
         missing = write_takes(out, chosen.count)
     else:
         missing = film_share(overrides, cfg)

@@ -8,7 +8,7 @@ import gaussray
 
 PACKAGE = pathlib.Path(gaussray.__file__).parent
 LEVELS = [
-    {"geometry", "color", "atomic", "ply", "progress", "devices"},
+    {"geometry", "color", "atomic", "ply", "progress", "devices", "distribution", "quota"},
     {"scene", "camera"},
     {"tracer", "capture", "fit", "dataset", "raster", "shares"},
     {"picture", "training", "gauge", "optics"},
@@ -17,7 +17,8 @@ LEVELS = [
     {"reconstruct", "render", "labels"},
     {"annotate"},
     {"evaluate", "filming", "rig", "exchange"},
-    {"demo", "physical"},
+    {"demo", "physical", "possible", "factory", "configuration"},
+    {"production"},
     {"cli"},
     {"__main__"},
 ]
