@@ -18,7 +18,15 @@ from gaussray.annotate import SHARP, annotated, complete, described as units, wr
 from gaussray.atomic import whole
 from gaussray.camera.chromatic import dispersed
 from gaussray.camera.noise import picture_key
-from gaussray.camera.sensor import SensorOptions, check_sensor, described, develop, encode
+from gaussray.camera.sensor import (
+    SensorOptions,
+    amounts,
+    check_sensor,
+    described,
+    develop_by,
+    encode,
+    steps_of,
+)
 from gaussray.capture.frames import read_stored
 from gaussray.dataset.images import codes, write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
@@ -133,7 +141,8 @@ def _write(out: Path, record: FrameRecord, light: np.ndarray, sensor: SensorOpti
         write_image(path, light)
         return
     key = picture_key(sensor.seed, str(Path(record.file_path).with_suffix("")))
-    light = np.asarray(_developed(jnp.asarray(light), record.camera, key, options=sensor))
+    given = amounts(sensor), jnp.asarray(light), record.camera, key
+    light = np.asarray(_developed(*given, steps=steps_of(sensor)))
     if path.suffix == ".exr":
         write_image(path, light, depth="float" if sensor.bits > HALF_BITS else "half")
     elif sensor.tone == "srgb":
@@ -142,7 +151,7 @@ def _write(out: Path, record: FrameRecord, light: np.ndarray, sensor: SensorOpti
         write_image(path, codes(light, lambda x: encode(jnp.asarray(x), options=sensor)))
 
 
-_developed = eqx.filter_jit(develop)
+_developed = eqx.filter_jit(develop_by)
 
 
 def _sensor_of(record: FrameRecord, sensor: SensorOptions) -> SensorOptions:

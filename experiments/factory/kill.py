@@ -74,6 +74,7 @@ def _single(x) -> jnp.ndarray:
 def film(scene: Path, out: Path, takes: int, stop: int | None = None) -> float:
     """Run the command, to its end or until `stop` pictures are there; seconds."""
     words = ["render", f"scene={scene}", f"out={out}", f"factory.count={takes}", *WORDS]
+    # What one run has compiled the next ones load.
     cache = {"JAX_COMPILATION_CACHE_DIR": str(scene / "compiled")}
     began = time.monotonic()
     with (out.parent / f"{out.name}.log").open("a") as log:
@@ -118,8 +119,8 @@ def main() -> None:
         seconds = film(scene, broken, chosen.takes, part * frames // 3)
         left = {path: path.stat() for path in pictures(broken)}
         half = sum(1 for _ in broken.rglob(".*.part*"))
-        print(f"killed after {seconds:.0f} s: {len(left)} of {frames} pictures, {half} half written",
-              flush=True)  # fmt: skip
+        there = f"{len(left)} of {frames} pictures, {half} half written"
+        print(f"killed after {seconds:.0f} s: {there}", flush=True)
         if part == 1:
             first = left
     print(f"to its end: {film(scene, broken, chosen.takes):.0f} s", flush=True)
