@@ -192,11 +192,11 @@ def test_times_of_rows_are_those_of_the_shutter(tmp_path, filmed):
     np.testing.assert_allclose(frame["row_times"], [0.6], atol=ROUNDING)
 
 
-def killed(folder, out, at):
+def killed(folder, out, at, camera):
     """Runs the command until it is about to move its file number `at` into place; the files that
     were there then, and when they were written."""
     run = subprocess.run(
-        [sys.executable, RUN, folder, out, str(at)],
+        [sys.executable, RUN, folder, out, str(at), camera],
         capture_output=True, text=True, check=False,
         env={**os.environ, "JAX_COMPILATION_CACHE_DIR": str(folder / "compiled")},
     )  # fmt: skip
@@ -208,13 +208,14 @@ def killed(folder, out, at):
     return finished if at else files
 
 
-def test_a_data_set_that_was_killed_twice_is_that_of_an_undisturbed_run(tmp_path):
+@pytest.mark.parametrize("camera", ["quick", pytest.param("real", marks=pytest.mark.slow)])
+def test_a_data_set_that_was_killed_twice_is_that_of_an_undisturbed_run(tmp_path, camera):
     save_scene(tmp_path / "scene.npz", toy.scene(speed=0))
     write_manifest(tmp_path / "cameras.json", toy.records())
-    whole = killed(tmp_path, tmp_path / "whole", 0)
-    first = killed(tmp_path, tmp_path / "broken", 9)
-    second = killed(tmp_path, tmp_path / "broken", 13)
-    last = killed(tmp_path, tmp_path / "broken", 0)
+    whole = killed(tmp_path, tmp_path / "whole", 0, camera)
+    first = killed(tmp_path, tmp_path / "broken", 9, camera)
+    second = killed(tmp_path, tmp_path / "broken", 13, camera)
+    last = killed(tmp_path, tmp_path / "broken", 0, camera)
     pictures = [path for path in last if path.suffix == ".exr"]
     assert len(pictures) == len([path for path in whole if path.suffix == ".exr"]) == 12
     kept = [path for path in pictures if path in first or path in second]
