@@ -22,10 +22,11 @@ from gaussray.devices import DevicesOptions, begin, leads, leave, together
 VERBS = {
     "demo": "reconstruct the sample capture, film it through every effect, score it",
     "reconstruct": "multi-view video in, a scene out",
-    "render": "a scene and cameras in, a paired capture and videos out",
+    "render": "a scene and cameras in, a paired capture and videos out; or a data set of many",
     "evaluate": "score a scene against a paired capture",
     "import": "a model of 3D Gaussian Splatting or 4DGaussians in, a scene out",
     "export": "a scene at one instant as a 3D Gaussian Splatting model",
+    "pack": "a produced data set as tar files that stream (WebDataset)",
 }
 USAGE = "usage: gaussray <verb> [key=value ...]\n\n" + "\n".join(
     f"  {verb:<12} {text}" for verb, text in VERBS.items()
@@ -209,6 +210,14 @@ def _export(cfg: DictConfig, devices: int | None) -> None:
     _say(f"{cfg.out}: {said}")
 
 
+def _pack(cfg: DictConfig, devices: int | None) -> None:
+    from gaussray.dataset.pack import pack
+
+    count = as_kind(int, cfg.frames_per_tar, "frames_per_tar")
+    written = pack(cfg.data, cfg.out, frames_per_tar=count)
+    _say(f"{cfg.out}: {len(written)} tar files.")
+
+
 def _demo(cfg: DictConfig, devices: int | None) -> None:
     from gaussray.demo import demo
     from gaussray.evaluate import EvaluateOptions
@@ -235,6 +244,7 @@ RUN: dict[str, Callable[[DictConfig, int | None], None]] = {
     "evaluate": _evaluate,
     "import": _import,
     "export": _export,
+    "pack": _pack,
 }
 
 

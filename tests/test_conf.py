@@ -60,6 +60,7 @@ GIVEN = {
     "evaluate": ["scene=x", "truth=x"],
     "import": ["source=x", "out=x"],
     "export": ["scene=x", "out=x"],
+    "pack": ["data=x", "out=x"],
 }
 
 
