@@ -100,6 +100,9 @@ def test_tar_files_hold_every_frame_and_are_the_same_bytes(data, tmp_path):
         pack(data, tmp_path / "c", frames_per_tar=0)
 
 
+# The library leaves its files to be closed by themselves.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
 def test_webdataset_reads_the_tar_files(data, tmp_path):
     webdataset = pytest.importorskip("webdataset")
     (path,) = pack(data, tmp_path / "tars")
