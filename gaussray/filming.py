@@ -20,7 +20,15 @@ from gaussray.annotate import SHARP, annotated, complete, described as units, wr
 from gaussray.atomic import whole
 from gaussray.camera.chromatic import dispersed
 from gaussray.camera.noise import picture_key
-from gaussray.camera.sensor import SensorOptions, check_sensor, described, develop, encode
+from gaussray.camera.sensor import (
+    SensorOptions,
+    amounts,
+    check_sensor,
+    described,
+    develop_by,
+    encode,
+    steps_of,
+)
 from gaussray.capture.frames import read_stored
 from gaussray.dataset.images import codes, write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
@@ -57,6 +65,7 @@ def render_dataset(
     labels: Sequence[str] = (),
     fps: float = 8.0,
     devices: int | None = None,
+    renderer: Renderer | None = None,
     quiet: bool = False,
 ) -> Path:
     """Write every recorded frame as a picture, each effect's manifest, and a video per camera.
@@ -66,7 +75,8 @@ def render_dataset(
     paired capture: it can be read back, reconstructed and evaluated. A picture that
     is already there is kept, so an interrupted run goes on; a folder that was begun with another
     scene, camera or option is refused. Each host renders its share of what is missing, on so many
-    `devices` (None is all); the first one writes the rest when all pictures are there.
+    `devices` (None is all); the first one writes the rest when all pictures are there. A `renderer`
+    of this scene, with these options, saves measuring and compiling once more.
     """
     if labels and isinstance(scene, Clip):
         raise ValueError(
@@ -80,7 +90,7 @@ def render_dataset(
     _claim(out, scene, records, (*made_with, tuple(labels)) if labels else made_with)
     there = agreed(np.array([(out / record.file_path).exists() for record in records]))
     own = share([record for record, old in zip(records, there, strict=True) if not old])
-    render = Renderer(scene, options=options, trace=trace, devices=devices)
+    render = renderer or Renderer(scene, options=options, trace=trace, devices=devices)
     progress = Progress("render", len(own), quiet=quiet or not leads())
     frames = render.film(
         dispersed(record.camera, _sensor_of(record, sensor).chromatic) for record in own
@@ -136,7 +146,8 @@ def _write(out: Path, record: FrameRecord, light: np.ndarray, sensor: SensorOpti
         write_image(path, light)
         return
     key = picture_key(sensor.seed, str(Path(record.file_path).with_suffix("")))
-    light = np.asarray(_developed(jnp.asarray(light), record.camera, key, options=sensor))
+    given = amounts(sensor), jnp.asarray(light), record.camera, key
+    light = np.asarray(_developed(*given, steps=steps_of(sensor)))
     if path.suffix == ".exr":
         write_image(path, light, depth="float" if sensor.bits > HALF_BITS else "half")
     elif sensor.tone == "srgb":
@@ -145,7 +156,7 @@ def _write(out: Path, record: FrameRecord, light: np.ndarray, sensor: SensorOpti
         write_image(path, codes(light, lambda x: encode(jnp.asarray(x), options=sensor)))
 
 
-_developed = eqx.filter_jit(develop)
+_developed = eqx.filter_jit(develop_by)
 
 
 def _sensor_of(record: FrameRecord, sensor: SensorOptions) -> SensorOptions:

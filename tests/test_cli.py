@@ -80,7 +80,7 @@ def test_help_of_a_verb_prints_its_groups_with_choices(verb, capsys):
     main([verb, "--help"])
     text = capsys.readouterr().out
     assert "devices." in text and "choices:" in text
-    assert ("trace." in text) == (verb not in ("import", "export"))
+    assert ("trace." in text) == (verb not in ("import", "export", "pack"))
     if verb == "render":
         for group in ("lens", "aperture", "shutter", "trajectory", "film", "camera"):
             assert f"{group}." in text
@@ -177,6 +177,23 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ("camera.times=[0.25]", "choose no frame"),
         ("camera.split=validation", "camera.split"),
         ("render.samples=0", "render.samples must be at least 1"),
+        ("shutter=rolling shutter.readout=-1", "shutter.readout must be at least 0, got -1"),
+        ("aperture.focus_distance=0", "aperture.focus_distance must be above 0, got 0"),
+        (
+            "factory.count=3 aperture.radius=0.1 sample.aperture.focus_distance.choice=[0,-1]",
+            "take 0 is impossible: aperture.focus_distance must be above 0, got",
+        ),
+        (
+            "factory.count=2 sample.lens.choice=[kannala_brandt] sample.lens.k.choice=[[-9,0,0,0]]",
+            "take 0 is impossible: lens.",
+        ),
+        (
+            "factory.count=2 shutter.kind=global sample.shutter.exposure.uniform=[0.6,0.7]",
+            "take 0 is impossible: shutter.exposure must be at most the 0.5 from one frame",
+        ),
+        ("factory.count=2 sample.fps=3", "sample.fps must be a distribution"),
+        ("factory.count=2 sample.lens.fog.uniform=[0,1]", "sample.lens.fog: lens.fog is no key"),
+        ("factory.count=2 sample.lens.choice=[mirror]", "lens/mirror"),
         ("fps=0", "fps"),
         ("sensor.tone=filmic format=exr", "sensor.tone must be srgb with format=exr"),
         ("sensor.bits=8", "sensor.bits needs sensor.white above 0"),

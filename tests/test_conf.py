@@ -7,6 +7,7 @@ import tomllib
 
 import jax
 import pytest
+from omegaconf import OmegaConf
 
 from benchmarks.trade import PRESETS
 from gaussray import fitting as stage, rig
@@ -15,9 +16,12 @@ from gaussray.camera.sensor import SensorOptions
 from gaussray.capture.formats import FORMATS
 from gaussray.capture.selection import Selection
 from gaussray.cli import VERBS, conf_folder, configuration, options
+from gaussray.configuration import Variations
 from gaussray.devices import DevicesOptions
+from gaussray.distribution import distributions, drawn
 from gaussray.evaluate import EvaluateOptions
 from gaussray.physical import PhysicalOptions
+from gaussray.quota import FactoryOptions
 from gaussray.render import RenderOptions
 from gaussray.tracer.trace import TraceOptions
 
@@ -44,6 +48,7 @@ GROUPS = {
     "film": (rig.FilmOptions, "keep"),
     "physical": (PhysicalOptions, "none"),
     "sensor": (SensorOptions, "none"),
+    "factory": (FactoryOptions, "default"),
 }
 CHOICES = [
     (group, path.stem)
@@ -59,6 +64,7 @@ GIVEN = {
     "calibrate": ["scene=x", "capture.path=x", "out=x"],
     "import": ["source=x", "out=x"],
     "export": ["scene=x", "out=x"],
+    "pack": ["data=x", "out=x"],
 }
 
 
@@ -78,7 +84,16 @@ def leaf(group, choice):
 
 def test_every_group_has_a_class():
     groups = {path.name for path in conf_folder().iterdir() if path.is_dir()}
-    assert groups == {*GROUPS, "capture"}
+    assert groups == {*GROUPS, "capture", "sample"}
+
+
+@pytest.mark.parametrize("name", [path.stem for path in (conf_folder() / "sample").glob("*.yaml")])
+def test_every_sample_holds_distributions_of_keys_that_there_are(name):
+    cfg = configuration("render", [*GIVEN["render"], f"sample={name}"])
+    found = distributions(OmegaConf.to_container(cfg.sample) if "sample" in cfg else {})
+    assert bool(found) == (name != "none")
+    made = Variations("render", GIVEN["render"]).with_values(drawn(0, 0, 0, found))
+    assert all(OmegaConf.select(made, key) is not None for key in found)
 
 
 def test_every_format_of_captures_is_a_choice_that_differs_in_nothing_else():
@@ -157,6 +172,9 @@ def test_an_unknown_key_fails_and_is_named(override):
         ("render", "sensor.gain=null", "sensor.gain must be a number, got None"),
         ("render", "physical.f_number=0", "physical.f_number must be above 0, got 0"),
         ("render", "physical.readout=fast", "physical.readout must be a number, got 'fast'"),
+        ("render", "factory.count=-1", "factory.count must be at least 0, got -1"),
+        ("render", "factory.shard=2/2", "factory.shard must be i/n with i from 0 to n - 1"),
+        ("render", "factory.shards=2", "factory.shards = 2 needs factory.count above 0"),
         ("evaluate", "evaluate.split=both", "evaluate.split must be train, test or all"),
     ],
 )

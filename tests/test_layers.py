@@ -8,7 +8,7 @@ import gaussray
 
 PACKAGE = pathlib.Path(gaussray.__file__).parent
 LEVELS = [
-    {"geometry", "color", "atomic", "ply", "progress", "devices"},
+    {"geometry", "color", "atomic", "ply", "progress", "devices", "distribution", "quota"},
     {"scene", "camera"},
     {"tracer", "capture", "fit", "dataset", "raster", "shares"},
     {"parts", "training", "gauge", "exposure", "journey", "optics", "alignment"},
@@ -18,8 +18,8 @@ LEVELS = [
     {"reconstruct", "render", "labels"},
     {"annotate"},
     {"evaluate", "filming", "rig", "exchange"},
-    {"demo", "physical", "findings"},
-    {"calibrate"},
+    {"demo", "physical", "findings", "possible", "factory", "configuration"},
+    {"calibrate", "production"},
     {"cli"},
     {"__main__"},
 ]

@@ -99,25 +99,57 @@ def develop(
     exposure, electrons, amplifier, colour filters, saturation, digits, colours. Differentiable up
     to the digits.
     """
-    if options.falloff or any(options.vignetting):
-        edge = (jnp.asarray(x, light.dtype) for x in (options.falloff, options.vignetting))
-        light = light * transmission(camera.lens, camera.film, *edge)[..., None]
-    if options.exposure:
-        light = exposed(light, options.exposure)
-    white = options.white or 1.0
-    if options.full_well:
-        light = white * noisy(key, light / white, options.full_well, options.read_noise)
-    if options.gain != 1:
-        light = options.gain * light
-    if options.bayer != "none":
-        light = mosaic(light, options.bayer)
-    if options.white:
+    return develop_by(amounts(options), light, camera, key, steps=options)
+
+
+def develop_by(
+    amounts: Mapping[str, Float[Array, "..."]],
+    light: Float[Array, "h w 3"],
+    camera: Camera,
+    key: PRNGKeyArray,
+    *,
+    steps: SensorOptions,
+) -> Float[Array, "h w 3"]:
+    """`develop` by numbers that a compiled program does not hold; `steps` says which it takes."""
+    n = {name: x.astype(light.dtype) for name, x in amounts.items()}
+    if steps.falloff or any(steps.vignetting):
+        edge = transmission(camera.lens, camera.film, n["falloff"], n["vignetting"])
+        light = light * edge[..., None]
+    if steps.exposure:
+        light = exposed(light, n["exposure"])
+    white = n["white"] if steps.white else jnp.ones((), light.dtype)
+    if steps.full_well:
+        light = white * noisy(key, light / white, n["full_well"], n["read_noise"])
+    if steps.gain != 1:
+        light = n["gain"] * light
+    if steps.bayer != "none":
+        light = mosaic(light, steps.bayer)
+    if steps.white:
         light = jnp.clip(light, 0, white)
-    if options.bits:
-        light = white * digital(light / white, options.bits)
-    if options.bayer != "none" and options.demosaic == "bilinear":
-        light = demosaic(light, options.bayer)
+    if steps.bits:
+        light = white * digital(light / white, steps.bits)
+    if steps.bayer != "none" and steps.demosaic == "bilinear":
+        light = demosaic(light, steps.bayer)
     return light
+
+
+# A number for every step that a sensor takes, for all that take it.
+_TAKEN = {"falloff": 1.0, "vignetting": (-0.5, 0.0, 0.0), "exposure": 1.0, "full_well": 1.0,
+          "read_noise": 1.0, "gain": 2.0, "white": 1.0}  # fmt: skip
+
+
+def amounts(options: SensorOptions) -> dict[str, Float[Array, "..."]]:
+    """The numbers of a sensor that may differ from picture to picture."""
+    return {name: jnp.asarray(getattr(options, name), float) for name in _TAKEN}
+
+
+def steps_of(options: SensorOptions) -> SensorOptions:
+    """A sensor that stands for all that take the same steps, whatever their numbers: one program
+    develops the pictures of them all."""
+    none = SensorOptions()
+    taken = {k: v for k, v in _TAKEN.items() if getattr(options, k) != getattr(none, k)}
+    kept = {name: getattr(options, name) for name in ("bits", "bayer", "demosaic")}
+    return SensorOptions(**taken, **kept)
 
 
 def encode(light: Float[Array, "h w 3"], *, options: SensorOptions) -> Float[Array, "h w 3"]:

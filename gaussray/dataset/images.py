@@ -141,7 +141,13 @@ def _write(path, image, kind):
 
 
 def write_pixels(path: Path, image: np.ndarray, spec: oiio.ImageSpec) -> None:
-    """A file of these pixels [h, w, channels], whole or not at all; OSError if it cannot be."""
+    """A file of these pixels [h, w, channels], whole or not at all; OSError if it cannot be.
+
+    The same pixels are the same bytes: an EXR bears no date.
+    """
+    if path.suffix == ".exr":
+        # Without one, OpenImageIO writes when the file was made.
+        spec["DateTime"] = ""
     with whole(path) as partial:
         file = oiio.ImageOutput.create(str(partial))
         if file is None:

@@ -2,6 +2,7 @@
 
 import json
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,12 +14,15 @@ from gaussray.camera.mosaic import demosaic, mosaic
 from gaussray.camera.noise import noisy, picture_key
 from gaussray.camera.sensor import (
     SensorOptions,
+    amounts,
     check_sensor,
     described,
     develop,
+    develop_by,
     digital,
     encode,
     exposed,
+    steps_of,
 )
 from gaussray.camera.vignetting import transmission
 
@@ -171,3 +175,25 @@ def test_linear_light_has_no_curve():
     check_sensor(SensorOptions(tone="filmic"), CAMERA, "png")
     with pytest.raises(ValueError, match="sensor.tone must be srgb with format=exr"):
         check_sensor(SensorOptions(tone="filmic"), CAMERA, "exr")
+
+
+def test_sensors_of_the_same_steps_are_one_program_and_each_keeps_its_numbers():
+    traces = []
+
+    @eqx.filter_jit
+    def compiled(amounts, light, *, steps):
+        traces.append(steps)
+        return develop_by(amounts, light, CAMERA, KEY, steps=steps)
+
+    for exposure, gain, seed in ((1.0, 2.0, 0), (-0.5, 4.0, 7)):
+        chosen = SensorOptions(
+            vignetting=(-0.2, 0.0, 0.1), exposure=exposure, full_well=500.0, read_noise=3.0,
+            gain=gain, white=1.5, bits=10, bayer="RGGB", seed=seed,
+        )  # fmt: skip
+        found = compiled(amounts(chosen), LIGHT, steps=steps_of(chosen))
+        # One of 1023 steps: what is compiled as one may be rounded to the other side of a half.
+        expected = develop(LIGHT, CAMERA, KEY, options=chosen)
+        assert np.mean(np.abs(found - expected) > 1e-6) < 0.01
+        assert np.max(np.abs(found - expected)) < 1.001 * 1.5 / 1023
+    assert len(traces) == 1
+    assert steps_of(SensorOptions(seed=3, chromatic=(1.0, 1.1, 1.0))) == SensorOptions()

@@ -2,6 +2,7 @@
 
 import dataclasses
 import pathlib
+import time
 
 import numpy as np
 import OpenImageIO as oiio
@@ -17,6 +18,7 @@ from gaussray.dataset.images import (
     write_image,
     write_mask,
 )
+from gaussray.dataset.layers import write_layers
 
 
 @dataclasses.dataclass
@@ -51,6 +53,23 @@ def test_an_exr_is_linear_light_beyond_one_and_below_zero(tmp_path, depth, toler
     linear = np.random.default_rng(0).normal(0, 10, (8, 12, 3)).astype(np.float32)
     write_image(tmp_path / "a.exr", linear, depth=depth)
     np.testing.assert_allclose(read_image(tmp_path / "a.exr", 12, 8), linear, rtol=tolerance)
+
+
+def test_the_same_pixels_are_the_same_bytes_at_any_time(tmp_path):
+    linear = np.random.default_rng(0).random((8, 12, 3), np.float32)
+    write_image(tmp_path / "a.exr", linear)
+    write_layers(tmp_path / "c.exr", {"depth": linear[..., 0]})
+    second = time.time() // 1
+    while time.time() // 1 == second:  # what a file would note of when it was made
+        time.sleep(0.02)
+    write_image(tmp_path / "b.exr", linear)
+    write_layers(tmp_path / "d.exr", {"depth": linear[..., 0]})
+    for first, later in ("ab", "cd"):
+        one, two = ((tmp_path / f"{name}.exr").read_bytes() for name in (first, later))
+        assert one == two
+    assert "DateTime" not in {
+        item.name for item in oiio.ImageInput.open(str(tmp_path / "a.exr")).spec().extra_attribs
+    }
 
 
 def test_a_map_of_one_channel_may_be_infinite_in_an_exr(tmp_path):

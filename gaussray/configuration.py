@@ -1,0 +1,188 @@
+"""Hydra in, typed options out: the only module that knows Hydra."""
+
+import contextlib
+import copy
+import functools
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+import equinox as eqx
+from hydra import compose, initialize_config_dir
+from hydra._internal.callbacks import Callbacks
+from hydra.core.global_hydra import GlobalHydra
+from hydra.core.plugins import Plugins
+from hydra.errors import HydraException
+from hydra.types import HydraContext
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from gaussray.devices import leads
+
+
+T = TypeVar("T", bound=eqx.Module)
+
+# What is said to Hydra of jobs, unless the user says otherwise. It writes nothing of its own;
+# a cluster's files are in the folder of the output.
+LAUNCH = {
+    "hydra.sweep.dir": "${out}/jobs",
+    "hydra.sweep.subdir": ".",
+    "hydra.output_subdir": "null",
+    "hydra/hydra_logging": "none",
+    "hydra/job_logging": "none",
+}
+
+
+def conf_folder() -> Path:
+    """The configuration: beside the package in a checkout, inside it when installed."""
+    package = Path(__file__).resolve().parent
+    inside, beside = package / "conf", package.parent / "conf"
+    return inside if inside.is_dir() else beside
+
+
+def configuration(verb: str, overrides: Sequence[str]) -> DictConfig:
+    """The resolved configuration of a verb."""
+    return _resolved(verb, _composed(verb, tuple(overrides)))
+
+
+class Variations:
+    """Configurations of a verb that differ in the values of some keys.
+
+    A key that names a group (`lens`) chooses one of its files, and is composed; all others are
+    set, before interpolations (`${shutter.readout}`) are resolved.
+    """
+
+    def __init__(self, verb: str, overrides: Sequence[str]):
+        self.verb, self.overrides = verb, tuple(overrides)
+        self._composed = functools.cache(_composed)
+
+    def with_values(self, values: Mapping[str, Any]) -> DictConfig:
+        """The resolved configuration with these values."""
+        plain = self._composed(self.verb, self.overrides)
+        groups = [key for key in values if OmegaConf.is_dict(_told(plain, key))]
+        chosen = (f"{key}={values[key]}" for key in groups)
+        cfg = copy.deepcopy(self._composed(self.verb, (*self.overrides, *chosen)))
+        for key in values.keys() - groups:
+            try:
+                OmegaConf.update(cfg, key, values[key])
+            except OmegaConfBaseException as error:
+                raise ValueError(
+                    f"sample.{key}: {key} is no key of `gaussray {self.verb}`, whose `--help` "
+                    "lists them."
+                ) from error
+        return _resolved(self.verb, cfg)
+
+
+def launched(
+    verb: str, overrides: Sequence[str], jobs: Sequence[Sequence[str]], task: Callable[..., Any]
+) -> list[Any]:
+    """What `task(cfg)` returns for each job, a list of words beside those of the command.
+
+    Hydra's launcher runs them, as `hydra/launcher=` says: one after another (basic, its default),
+    or by a plugin on the cores of a host (joblib) or on a cluster (submitit_local, submitit_slurm).
+    """
+    given = {word.split("=")[0] for word in overrides}
+    defaults = [f"{key}={value}" for key, value in LAUNCH.items() if key not in given]
+    with _hydra(verb):
+        words = [*_spelled(overrides), *defaults]
+        cfg = compose(verb, words, return_hydra_config=True)
+        context = HydraContext(GlobalHydra.instance().config_loader(), Callbacks())
+        launcher = Plugins.instance().instantiate_launcher(
+            hydra_context=context, task_function=task, config=cfg
+        )
+        own = list(cfg.hydra.overrides.task)
+        done = launcher.launch([[*own, *job] for job in jobs], initial_job_idx=0)
+    return [job.return_value for job in done]
+
+
+def options(kind: type[T], node: DictConfig) -> T:
+    """One YAML leaf becomes one options object; an unknown key is an error. `null` is for keys
+    that are `X | None`."""
+    values: dict[str, Any] = OmegaConf.to_container(node, resolve=True)  # type: ignore[assignment]
+    known = kind.__dataclass_fields__  # type: ignore[attr-defined]
+    group = node._key() or kind.__name__
+    for name, value in values.items():
+        if name not in known:
+            raise ValueError(f"{group}.{name} is unknown; known are {', '.join(known)}.")
+        default, kinds = known[name].default, get_args(known[name].type)
+        if isinstance(value, list) and float in kinds:
+            for wrong in (x for x in value if type(x) not in (int, float)):
+                raise ValueError(f"{group}.{name} must be a list of numbers, got {wrong!r} in it.")
+            value = [float(x) if type(x) is int else x for x in value]
+        if default is None and value is not None:
+            values[name] = as_kind(kinds[0], value, f"{group}.{name}")
+        else:
+            values[name] = as_kind(type(default), value, f"{group}.{name}")
+    return kind(**values)
+
+
+def as_kind(kind: type, value: Any, key: str) -> Any:
+    """A YAML value as the kind of its default; whole numbers do for fractions."""
+    if kind is tuple and isinstance(value, list):
+        return tuple(value)
+    if kind is float and type(value) is int:
+        return float(value)
+    if type(value) is kind:
+        return value
+    names = {int: "a whole number", float: "a number", bool: "true or false", tuple: "a list"}
+    raise ValueError(f"{key} must be {names.get(kind, 'a text')}, got {value!r}.")
+
+
+def run_folder(cfg: DictConfig, without: Sequence[str] = ()) -> Path:
+    """The output folder, with the resolved configuration in it, but for the keys `without`."""
+    out, told = Path(cfg.out), copy.deepcopy(cfg)
+    OmegaConf.set_struct(told, False)
+    for key in without:
+        parent, _, name = key.rpartition(".")
+        (OmegaConf.select(told, parent) if parent else told).pop(name)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if leads():
+            (out / "config.yaml").write_text(OmegaConf.to_yaml(told))
+    except OSError as error:
+        raise OSError(f"out={out}: cannot be written: {error}") from error
+    return out
+
+
+@contextlib.contextmanager
+def _hydra(verb: str) -> Iterator[None]:
+    """Hydra at work in the configuration's folder; its errors are the user's."""
+    GlobalHydra.instance().clear()
+    try:
+        with initialize_config_dir(
+            version_base="1.3", config_dir=str(conf_folder()), job_name="gaussray"
+        ):
+            yield
+    except (HydraException, OmegaConfBaseException) as error:
+        raise _wrong(verb, error) from error
+
+
+def _composed(verb: str, overrides: Sequence[str]) -> DictConfig:
+    with _hydra(verb):
+        return compose(verb, _spelled(overrides))
+
+
+def _spelled(overrides: Sequence[str]) -> list[str]:
+    """The words as Hydra wants them: keys of `sample` are new to the configuration."""
+    return [f"++{word}" if word.startswith("sample.") else word for word in overrides]
+
+
+def _resolved(verb: str, cfg: DictConfig) -> DictConfig:
+    missing = sorted(OmegaConf.missing_keys(cfg))
+    if missing:
+        raise ValueError(f"{missing[0]} must be given, e.g. `gaussray {verb} {missing[0]}=DIR`.")
+    try:
+        OmegaConf.resolve(cfg)
+    except OmegaConfBaseException as error:
+        raise _wrong(verb, error) from error
+    return cfg
+
+
+def _wrong(verb: str, error: Exception) -> ValueError:
+    reason = str(error).splitlines()[0]
+    return ValueError(f"configuration: {reason} `gaussray {verb} --help` lists the keys.")
+
+
+def _told(cfg: DictConfig, key: str) -> Any:
+    """What the configuration has under a key, if anything."""
+    return OmegaConf.select(cfg, key, throw_on_missing=False)

@@ -1,0 +1,56 @@
+"""A produced data set as tar files that stream: WebDataset's layout."""
+
+import io
+import json
+import tarfile
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from gaussray.atomic import whole
+from gaussray.dataset.takes import read_frames
+
+
+def pack(data: Path | str, out: Path | str, *, frames_per_tar: int = 1000) -> list[Path]:
+    """Write `out`/000000.tar and so on, each of at most so many frames, in their order.
+
+    A frame is the files of one key, TAKE_FRAME: its picture (`png` or `exr`), its labels by their
+    names (`layers.exr`, `moving.png`, ...), and `json`: the frame's entry of the manifest with its
+    take's under `take`. The same data set is the same bytes: owners and dates are left out.
+    """
+    if frames_per_tar < 1:
+        raise ValueError(f"frames_per_tar must be at least 1, got {frames_per_tar}.")
+    data, out, written = Path(data), Path(out), list[Path]()
+    frames = enumerate(_keyed(read_frames(data)))
+    following = next(frames, None)
+    while following is not None:
+        path = out / f"{len(written):06d}.tar"
+        with whole(path) as partial, tarfile.open(partial, "w", format=tarfile.USTAR_FORMAT) as tar:
+            last = following[0] + frames_per_tar
+            while following is not None and following[0] < last:
+                _add(tar, data, *following[1])
+                following = next(frames, None)
+        written.append(path)
+    return written
+
+
+def _keyed(frames: Iterator[dict[str, Any]]) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Frames with their key: index of the take, and number in it."""
+    take, number = None, 0
+    for frame in frames:
+        number = number + 1 if frame["take"]["index"] == take else 0
+        take = frame["take"]["index"]
+        yield f"{take:06d}_{number:04d}", frame
+
+
+def _add(tar: tarfile.TarFile, data: Path, key: str, frame: Mapping[str, Any]) -> None:
+    take = {name: value for name, value in frame["take"].items() if name != "frames"}
+    picture = data / frame["file_path"]
+    files = {picture.suffix[1:]: picture.read_bytes()}
+    for name, path in frame.get("labels", {}).items():
+        files[f"{name}{Path(path).suffix}"] = (data / path).read_bytes()
+    files["json"] = json.dumps({**frame, "take": take}).encode()
+    for extension, content in files.items():
+        member = tarfile.TarInfo(f"{key}.{extension}")
+        member.size = len(content)
+        tar.addfile(member, io.BytesIO(content))

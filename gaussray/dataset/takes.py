@@ -1,0 +1,166 @@
+"""A produced data set: takes in folders, and a manifest with a JSON line for each (takes.md)."""
+
+import functools
+import json
+import math
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaussray.atomic import sweep, whole
+from gaussray.camera.camera import Camera
+from gaussray.camera.shutter import Shutter, sample_time
+from gaussray.dataset.lenses import plain
+from gaussray.dataset.manifest import FrameRecord
+
+
+# Of the schema: raised when a key changes its meaning or goes; keys may be added.
+VERSION = 1
+MANIFEST, LINE = "manifest.jsonl", "take.json"
+
+
+def folder_of(index: int) -> str:
+    """Where a take lies in the data set."""
+    return f"takes/{index:06d}"
+
+
+def is_there(folder: Path, told: Mapping[str, Any]) -> bool:
+    """Whether a take is complete; a ValueError if it is another than the one that is `told`."""
+    line = folder / LINE
+    if not line.exists():
+        return False
+    there = json.loads(line.read_text(encoding="utf-8"))
+    other = [key for key, value in _json(told).items() if there.get(key) != value]
+    if other:
+        raise ValueError(
+            f"{line}: the take that is there was made of another {' and '.join(other)}. Choose "
+            "another folder as out, or delete this one."
+        )
+    return True
+
+
+def write_take(folder: Path, told: Mapping[str, Any], records: Sequence[FrameRecord]) -> None:
+    """The line of a take whose pictures and lists are in `folder`: what is `told` of it, what the
+    lists say of its frames, and when each row of them sees the scene."""
+    made_by = {"gaussray": version("gaussray"), "git": _commit()}
+    line = json.dumps({**_json(told), **made_by, **_seen(folder, records)}, allow_nan=False)
+    with whole(folder / LINE) as partial:
+        partial.write_text(line + "\n", encoding="utf-8")
+
+
+def write_takes(data: Path, count: int) -> int:
+    """Write the manifest of the first `count` takes, by their index, if all are there; the number
+    of those that are not."""
+    lines = [data / folder_of(index) / LINE for index in range(count)]
+    missing = sum(not line.exists() for line in lines)
+    if missing:
+        return missing
+    sweep(data)
+    with whole(data / MANIFEST) as partial, partial.open("w", encoding="utf-8") as file:
+        for line in lines:
+            file.write(line.read_text(encoding="utf-8"))
+    return 0
+
+
+def read_takes(data: Path | str) -> Iterator[dict[str, Any]]:
+    """The lines of a data set's manifest, one after another."""
+    path = Path(data) / MANIFEST
+    try:
+        file = path.open(encoding="utf-8")
+    except OSError as error:
+        raise OSError(
+            f"{path}: cannot be read: {error.strerror}. It is there when all takes are: go on with "
+            "`gaussray render`."
+        ) from error
+    with file:
+        for number, line in enumerate(file, 1):
+            try:
+                take = json.loads(line)
+            except ValueError as error:
+                raise ValueError(f"{path}: line {number} is malformed JSON.") from error
+            if take.get("version") != VERSION:
+                raise ValueError(
+                    f"{path}: line {number} is of version {take.get('version')}, this gaussray "
+                    f"reads version {VERSION}."
+                )
+            yield take
+
+
+def read_frames(data: Path | str) -> Iterator[dict[str, Any]]:
+    """The frames of all takes, in order, each with its `take`, and with the files it names from the
+    data set's folder."""
+    for take in read_takes(data):
+        folder = Path(take["folder"])
+        for frame in take["frames"]:
+            files = {"file_path": (folder / frame["file_path"]).as_posix()}
+            if "labels" in frame:
+                named = frame["labels"].items()
+                files["labels"] = {name: (folder / path).as_posix() for name, path in named}
+            yield {**frame, **files, "take": take}
+
+
+def _seen(folder: Path, records: Sequence[FrameRecord]) -> dict[str, Any]:
+    """What the lists of a take's folder say of its frames, and when each row sees the scene."""
+    listed, info = {}, {}
+    for path in sorted(folder.glob("*.json")):
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if document.get("frames", [{}])[0].get("file_path") is None:
+            continue
+        shared = {k: v for k, v in document.items() if k not in ("frames", "info")}
+        for frame in document["frames"]:
+            listed[frame["file_path"]] = {**shared, **frame}
+            info[frame["file_path"]] = document.get("info", {})
+    frames = [
+        {**listed[record.file_path], "row_times": _row_times(record.camera)} for record in records
+    ]
+    return {"info": info[records[0].file_path], "frames": frames}
+
+
+def _row_times(camera: Camera) -> list[float]:
+    """When each row (column, where the shutter reads sideways) is in the middle of its exposure;
+    one number alone if all are at once."""
+    size = camera.film.width, camera.film.height
+    times = np.asarray(_middles(camera.shutter, camera.time, size))
+    return plain(times[:1] if np.ptp(times) == 0 else times)
+
+
+@functools.partial(jax.jit, static_argnames="size")
+def _middles(shutter: Shutter, time: Float[Array, ""], size: tuple[int, int]) -> Array:
+    sideways = shutter.direction in ("left_to_right", "right_to_left")
+    along = jnp.arange(size[0] if sideways else size[1], dtype=time.dtype)
+    pixel = jnp.zeros((len(along), 2), time.dtype).at[:, 0 if sideways else 1].set(along)
+    middle = jnp.asarray(0.5, time.dtype)
+    return jax.vmap(lambda p: sample_time(shutter, p, size, time, middle))(pixel)
+
+
+def _json(value: Any) -> Any:
+    """As JSON has it: infinity is a word, for which it has no number."""
+    if isinstance(value, Mapping):
+        return {key: _json(one) for key, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_json(one) for one in value]
+    if isinstance(value, float) and math.isinf(value):
+        return "infinity" if value > 0 else "-infinity"
+    return value
+
+
+@functools.cache
+def _commit() -> str | None:
+    """The commit of the checkout that this is run from, with -dirty where files differ from it;
+    None for an installed package."""
+    checkout = Path(__file__).resolve().parents[2]
+    if not (checkout / ".git").exists():
+        return None
+    words = ["git", "describe", "--always", "--dirty", "--exclude=*", "--abbrev=40"]
+    try:
+        told = subprocess.run(words, cwd=checkout, capture_output=True, text=True, check=True)
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return told.stdout.strip()

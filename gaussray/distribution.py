@@ -1,0 +1,189 @@
+"""Values drawn from distributions, each by its own name: no draw depends on any other."""
+
+import hashlib
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from scipy.special import ndtr, ndtri
+
+
+# What a kind of distribution may have beside its own word.
+BESIDE = {
+    "uniform": (),
+    "log_uniform": (),
+    "integer": (),
+    "normal": ("within",),
+    "choice": ("weights",),
+    "each": (),
+}
+Chance = Callable[[str], float]
+
+
+def chance(seed: int, index: int, attempt: int, key: str) -> float:
+    """The number in (0, 1) that a key has in one attempt at one index.
+
+    52 bits of the SHA-256 of the four, so that it is the same on every machine, whatever else is
+    drawn, in whichever order; a key that is added leaves all others as they were.
+    """
+    digest = hashlib.sha256(f"{seed}/{index}/{attempt}/{key}".encode()).digest()
+    return ((int.from_bytes(digest[:8], "big") >> 12) + 0.5) * 2.0**-52
+
+
+def distributions(tree: Mapping[str, Any], name: str = "sample") -> dict[str, dict[str, Any]]:
+    """The distribution of every key, checked, from a tree that is nested as the keys are.
+
+    A node with one of the words of `BESIDE` is a distribution; beside the `choice` of a whole group
+    may stand those of the group's keys.
+    """
+    found: dict[str, dict[str, Any]] = {}
+    _gather(tree, "", name, found)
+    return found
+
+
+def drawn(seed: int, index: int, attempt: int, of: Mapping[str, Mapping[str, Any]]) -> dict:
+    """A value for every key."""
+    return {
+        key: value(spec, lambda name: chance(seed, index, attempt, name), key)
+        for key, spec in of.items()
+    }
+
+
+def value(spec: Any, u: Chance, key: str) -> Any:
+    """The value of a checked distribution at the numbers u in (0, 1); what is none stands for
+    itself.
+
+    Distributions are inverted: x = F^-1(u), with u(key), and u(key[i]) for the elements of `each`.
+
+    uniform: [a, b]          a + (b - a) u
+    log_uniform: [a, b]      a (b / a)^u: every octave is as likely
+    integer: [a, b]          whole numbers from a to b, both included
+    normal: [mean, deviation], within: [a, b]    the part of the bell between a and b, if given
+    choice: [...], weights: [...]     one of these, alike likely if there are no weights
+    each: [...]              a list, of a distribution or a fixed value each
+    """
+    match spec:
+        case {"uniform": [a, b]}:
+            return float(min(a + (b - a) * u(key), b))
+        case {"log_uniform": [a, b]}:
+            return float(min(max(a * (b / a) ** u(key), a), b))
+        case {"integer": [a, b]}:
+            return int(a + math.floor((b - a + 1) * u(key)))
+        case {"normal": [mean, deviation]}:
+            low, high = spec.get("within", (-math.inf, math.inf))
+            return _normal(mean, deviation, low, high, u(key))
+        case {"choice": list(values)}:
+            weights = np.cumsum(spec.get("weights", [1.0] * len(values)))
+            return values[int(np.searchsorted(weights / weights[-1], u(key), side="right"))]
+        case {"each": list(elements)}:
+            return [value(x, u, f"{key}[{i}]") for i, x in enumerate(elements)]
+    return spec
+
+
+def _normal(mean: float, deviation: float, low: float, high: float, u: float) -> float:
+    if deviation == 0:
+        return float(mean)
+    a, b = (low - mean) / deviation, (high - mean) / deviation
+    if a > 0:
+        # The upper tail, where 1 - F is lost in rounding, as the lower one.
+        a, b, deviation, u = -b, -a, -deviation, 1 - u
+    place = ndtri(ndtr(a) + (ndtr(b) - ndtr(a)) * u)
+    return float(min(max(mean + deviation * place, low), high))
+
+
+def _gather(node: Any, key: str, name: str, found: dict[str, dict[str, Any]]) -> None:
+    label = f"{name}.{key}" if key else name
+    if not isinstance(node, Mapping):
+        raise ValueError(
+            f"{label} must be a distribution, such as uniform: [0, 1] or choice: [a, b], got "
+            f"{node!r}. A fixed value is given without {name}."
+        )
+    kinds = [word for word in node if word in BESIDE]
+    if len(kinds) > 1:
+        raise ValueError(
+            f"{label} must be one distribution, got {' and '.join(kinds)}: take the other away, "
+            f"e.g. ~{label}.{kinds[0]}."
+        )
+    own = (*kinds, *BESIDE[kinds[0]]) if kinds else ()
+    if kinds:
+        found[key] = {word: node[word] for word in own if word in node}
+        check(found[key], label)
+    for word, below in node.items():
+        if word in own:
+            continue
+        if kinds and kinds[0] != "choice":
+            raise ValueError(
+                f"{label}.{word} is unknown; beside {kinds[0]} may stand "
+                f"{' or '.join(BESIDE[kinds[0]]) or 'nothing'}."
+            )
+        _gather(below, f"{key}.{word}" if key else str(word), name, found)
+
+
+def check(spec: Mapping[str, Any], label: str) -> None:
+    """Raise a ValueError, with key and rule, unless the distribution is one."""
+    (kind,) = (word for word in spec if word in BESIDE)
+    given, label = spec[kind], f"{label}.{kind}"
+
+    def demand(holds: bool, rule: str) -> None:
+        if not holds:
+            raise ValueError(f"{label} must be {rule}, got {given}.")
+
+    match kind:
+        case "uniform":
+            demand(_pair(given), "two numbers, the lower one first")
+        case "log_uniform":
+            demand(_pair(given) and given[0] > 0, "two numbers above 0, the lower one first")
+        case "integer":
+            whole = _pair(given) and all(type(x) is int for x in given)
+            demand(whole, "two whole numbers, the lower one first")
+        case "normal":
+            demand(_numbers(given, 2) and given[1] >= 0, "a mean, and a deviation of at least 0")
+            _check_within(given, spec.get("within"), label.removesuffix(kind) + "within")
+        case "choice":
+            demand(isinstance(given, list) and len(given) > 0, "a list of at least one value")
+            _check_weights(given, spec.get("weights"), label.removesuffix(kind) + "weights")
+        case "each":
+            demand(isinstance(given, list), "a list of distributions and fixed values")
+            for i, element in enumerate(given):
+                if isinstance(element, Mapping):
+                    found: dict[str, dict[str, Any]] = {}
+                    _gather(element, f"{i}", label, found)
+                    demand(f"{i}" in found, "a list of distributions and fixed values")
+
+
+def _check_within(bell: list[float | int], within: Any, label: str) -> None:
+    if within is None:
+        return
+    if not _pair(within):
+        raise ValueError(f"{label} must be two numbers, the lower one first, got {within}.")
+    mean, deviation = bell
+    away = max(within[0] - mean, mean - within[1])
+    # A double has no smaller share of a bell than that beyond 37 deviations.
+    if away > 37 * deviation:
+        raise ValueError(
+            f"{label} must hold a part of the bell around {mean} +- {deviation}, got {within}."
+        )
+
+
+def _check_weights(values: list[Any], weights: Any, label: str) -> None:
+    if weights is None:
+        return
+    good = _numbers(weights, len(values)) and min(weights) >= 0 and sum(weights) > 0
+    if not good:
+        raise ValueError(
+            f"{label} must be {len(values)} numbers of at least 0, one for each choice and not all "
+            f"0, got {weights}."
+        )
+
+
+def _numbers(given: Any, count: int) -> bool:
+    return (
+        isinstance(given, list)
+        and len(given) == count
+        and all(type(x) in (int, float) and math.isfinite(x) for x in given)
+    )
+
+
+def _pair(given: Any) -> bool:
+    return _numbers(given, 2) and given[0] <= given[1]
