@@ -83,7 +83,7 @@ def known_sizes():
     def room(trace):
         return Capacity((512,) * (trace.levels + 1), 512, 64)
 
-    def trial(*_, options, mesh, keys):
+    def trial(*_, options, mesh, keys, growth):
         return Trial(room(options.trace), mesh, keys)
 
     with pytest.MonkeyPatch.context() as patch:
