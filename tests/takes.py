@@ -34,7 +34,7 @@ def quick(_, cameras):
     for camera in cameras:
         chance = np.random.default_rng(int.from_bytes(np.asarray(camera.lens.focal).tobytes()))
         light = chance.random((camera.film.height, camera.film.width, 3), np.float32)
-        yield Frame(light, light[..., 0], light[..., 1], 0.0, 0, False)
+        yield Frame(light, light[..., 0], light[..., 1], 0.0, 0, False, samples=1)
 
 
 if __name__ == "__main__":

@@ -100,6 +100,7 @@ def test_fields_on_either_side_of_the_edge_are_those_of_their_times(chunk_rows):
             np.testing.assert_allclose(ours, theirs, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_samples_are_added_to_a_clip_as_to_the_whole(quick_compilation):
     """The same batches, however the frame is divided, behind a rim that darkens."""
     options = RenderOptions(samples=4, error=1e-6, samples_most=20)

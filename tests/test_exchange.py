@@ -211,6 +211,7 @@ def test_a_frame_of_a_model_goes_out_again(tmp_path):
             np.testing.assert_allclose(getattr(found, name), expected[name], atol=LAYERS)
 
 
+@pytest.mark.slow
 def test_a_model_is_filmed_row_by_row_or_with_the_light_of_the_middle_row(tmp_path):
     scene, _, _ = imported(tmp_path)
     readout, last = 0.4, 14

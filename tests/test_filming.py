@@ -86,6 +86,7 @@ def test_manifests_record_the_samples_that_an_error_took(tmp_path):
     assert told["samples"] == 8 and told["error"] >= 0
 
 
+@pytest.mark.slow
 def test_sensors_labels_and_added_samples_go_together_and_read_back(tmp_path):
     """Two frames of a clipped, pulled, interlaced and shaken camera, with all that can be asked."""
     number = toy.single

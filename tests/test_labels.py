@@ -143,6 +143,7 @@ def fields(made, apart, late):
     return dataclasses.replace(made, shutter=shutter)
 
 
+@pytest.mark.slow
 def test_flow_of_a_plate_that_glides_goes_from_field_to_field():
     """Closed form: a row is met by the same field of the other frame, as much later as that is."""
     velocity, apart, late = np.array([3.0, 2.0, 0.0]), 0.05, (0.01, 0.015)
@@ -164,6 +165,7 @@ def test_flow_of_a_plate_that_glides_goes_from_field_to_field():
     np.testing.assert_allclose(flow[seen] - expected, 0, atol=PIXELS)
 
 
+@pytest.mark.slow
 def test_a_table_of_even_steps_is_a_rolling_shutter():
     scene = plates.moved(plates.plate(3.4), velocity=(3.0, 2.0, 0.0))
 

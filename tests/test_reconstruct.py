@@ -120,7 +120,8 @@ def test_the_same_seed_gives_the_same_bytes(fitted, capture, tmp_path):
     assert_same(fitted[0], tmp_path)
 
 
-@pytest.mark.parametrize("blocks", [4, 18])  # in the coarse stage; in the fine one
+# In the coarse stage; in the fine one.
+@pytest.mark.parametrize("blocks", [pytest.param(4, marks=pytest.mark.slow), 18])
 def test_an_interrupted_run_goes_on_to_the_same_bytes(
     fitted, capture, tmp_path, monkeypatch, blocks
 ):
@@ -144,6 +145,7 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(
     assert_same(fitted[0], tmp_path)
 
 
+@pytest.mark.slow
 def test_drawing_by_error_goes_on_after_an_interruption_to_the_same_bytes(
     fitted, capture, tmp_path, monkeypatch
 ):

@@ -120,6 +120,7 @@ def test_a_scene_that_needs_everything_keeps_it(seen):
     assert "head mean" in [step["step"] for step in refused]
 
 
+@pytest.mark.slow
 def test_where_nothing_moves_there_is_no_field(seen):
     one = toy.scene()
     frozen = dataclasses.replace(one, deformation=toy.deformation())

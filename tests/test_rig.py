@@ -79,6 +79,7 @@ def test_every_choice_of_lens_is_one_that_fills_the_picture_and_is_named(views, 
         assert spanned[-1] - spanned[0] == pytest.approx(cfg.lens.fov, rel=0.1)
 
 
+@pytest.mark.slow
 def test_a_table_of_rays_is_mounted_from_its_file(views, tmp_path):
     mounted = built(views, lens=rig.LensOptions("double_sphere", 150.0, (-0.2, 0.6)))[0]
     place = jnp.arange(33) + 0.5

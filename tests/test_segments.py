@@ -209,6 +209,7 @@ def test_a_later_segment_knows_all_cameras_and_learns_nothing_about_them(capture
     assert [fit.step("fine").formed for fit in fits] == [False, True]
 
 
+@pytest.mark.slow
 def test_what_moves_is_decided_anew(capture, tmp_path):
     """A body that moves through the first half of the times alone."""
     held = {view.camera_name: view.image for view in capture.views if view.time == 0.5}

@@ -88,7 +88,7 @@ def test_gradients_through_several_rounds_are_those_of_plain_autodiff():
     assert color < SINGLE and max(errors.values()) < SINGLE, errors
 
 
-@pytest.mark.parametrize("keys", [1, 3])
+@pytest.mark.parametrize("keys", [pytest.param(1, marks=pytest.mark.slow), 3])
 def test_tints_are_those_of_the_brute_force(keys):
     if keys == 1:
         motion = resting(gaussians(COUNT, size=(0.1, 0.5)))
