@@ -20,11 +20,9 @@ LARGE_OPTIONS = TraceOptions(k=32, bundle=2, levels=1, group=4, transmittance_mi
 LARGE_CAPACITY = Capacity((1250, 20_000), 160_000, 16_384)
 
 
-SLOW = pytest.mark.slow
-
-
 @pytest.mark.parametrize(
-    "lens", [pytest.param("distorted", marks=SLOW), "polynomial", "double_sphere", "sphere"]
+    "lens",
+    [pytest.param("distorted", marks=pytest.mark.slow), "polynomial", "double_sphere", "sphere"],
 )
 def test_values_and_gradients_are_those_of_the_brute_force(lens):
     motion = resting(padded(gaussians(5000, seed=5000, size=(0.02, 0.1)), LARGE))
