@@ -29,8 +29,8 @@ CLIP = FRAMES - 1
 EXPOSURE = 1.0  # frames of the clip that a row is exposed for
 # A moving camera's motion in a frame of the clip: metres, and radians about the world's axes.
 SHIFT, SPIN = Vector((0.02, -0.015, 0.01)), Vector((0.004, -0.003, 0.006))
-# As large in the middle as a pinhole of 65 degrees, and as wide: 66 degrees across, 88 from corner to
-# corner, where that has 84.
+# As large in the middle as a pinhole of 65 degrees, and as wide: 66 degrees across, 88 from corner
+# to corner, where that has 84.
 FISHEYE = {
     "model": "blender_fisheye_polynomial",
     "k": [0.0, -0.0354, 2e-4, 0.0, 0.0],
