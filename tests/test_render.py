@@ -128,9 +128,7 @@ def test_interlaced_rows_agree_with_a_state_for_every_row(scene):
 
 
 def test_a_rim_darkens_by_the_share_of_the_rays_that_it_stops(still):
-    """Behind an opening too small to blur, the light times the share; coverage and depth stay.
-
-    Of each ray, that is: where the four of a pixel differ in colour, by a little less."""
+    """Behind an opening too small to blur, the light times the share; coverage and depth stay."""
     four = RenderOptions(samples=4)
     render = Renderer(still, options=four, trace=toy.TRACE)
     number, plain = toy.single, toy.camera()
@@ -146,7 +144,9 @@ def test_a_rim_darkens_by_the_share_of_the_rays_that_it_stops(still):
     share = np.asarray(each(views[1].aperture, chief, u)).mean(axis=1)
     share = share.reshape(toy.SIZE, toy.SIZE, 1)
     assert 0.3 < share.min() < 0.85 and share.max() > 0.95
-    np.testing.assert_allclose(clipped.color, share * whole.color, atol=3 * FINE)
+    # In one pixel of 256 the four rays differ by more than FINE, with or without a cut-off.
+    off = np.abs(clipped.color - share * whole.color).max(axis=-1)
+    assert np.mean(off > FINE) < 0.01 and off.max() < 3 * FINE
     np.testing.assert_allclose(clipped.alpha, whole.alpha, atol=FINE)
     np.testing.assert_allclose(clipped.depth, whole.depth, atol=30 * FINE)
 
