@@ -18,9 +18,9 @@ from gaussray.scene.harmonics import constant
 # a regular grid all distances but those at the border are equal.
 _AROUND, _SPREAD = 16, 0.2
 
-# Typical gaps within which points belong together. The sample's bodies are best at 3 (27.6 dB; 26.5
-# at 5), leaves on their stems need 5: experiments/reconstruction/README.md.
-LINK = 3.0
+# Typical gaps within which points belong together: leaves on their stems need 5
+# (experiments/reconstruction/README.md). What belongs to nothing that moves is told by tracking.
+LINK = 5.0
 
 
 def merged(

@@ -45,13 +45,13 @@ def ball(count=300):
 SIZES: dict = {}
 
 
-def filmed(light=(1.0, 1.0, 1.0)):
+def filmed(light=(1.0, 1.0, 1.0), path=PATH, turn=TURN):
     """The thrown ball seen by six cameras at three instants, under light that may change."""
     place, _, color = ball()
     wall = toy.gaussians([[0, 0, 9]], 9.0, [[0.2, 0.2, 0.2]])
     pictures, cameras = [], []
     for i, time in enumerate(TIMES):
-        mean = place @ TURN[i].as_matrix().T + PATH[i]
+        mean = place @ turn[i].as_matrix().T + path[i]
         scale = np.full((len(mean), 3), 0.06, np.float32)
         quat = np.tile(np.float32([1, 0, 0, 0]), (len(mean), 1))
         parts = [toy.single(x) for x in (mean, quat, scale, np.full(len(mean), 0.95))]
@@ -107,6 +107,11 @@ def test_a_thrown_ball_is_found_at_every_instant(film):
 
 def test_light_that_changes_by_half_does_not_mislead(quick_compilation):
     assert_found(tracked(*filmed(light=(1.0, 0.5, 0.7))))
+
+
+def test_what_light_alone_changes_is_no_body(quick_compilation):
+    still = filmed(light=(1.0, 0.5, 0.7), path=0 * PATH, turn=[Rotation.identity()] * 3)
+    assert tracked(*still).pivot.shape == (0, 3)
 
 
 def test_masked_pixels_say_nothing(film):
