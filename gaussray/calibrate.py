@@ -97,7 +97,7 @@ def calibrate(
     scene has wrong everywhere shifts values beyond both.
 
     ValueError for what no picture tells, for frames of a clip that look into two of its segments,
-    and for cameras that do not share their lens.
+    for cameras that do not share their lens, and where what is found is no lens.
     """
     began = clock.monotonic()
     effect, views = _chosen(capture, options)
@@ -228,7 +228,14 @@ def _write(out, capture, effect, names, adjustment, found, report) -> None:
             value = found.value[place[names.index(view.camera_name)]]
             camera = dataclasses.replace(view.camera, lens=lens)
             value = jnp.asarray(value, camera.time.dtype)
-            camera, _ = applied(value, camera, adjustment.unit, adjustment.told)
+            try:
+                camera, _ = applied(value, camera, adjustment.unit, adjustment.told)
+            except ValueError as error:
+                raise ValueError(
+                    f"what explains the pictures best is no lens: {error} Nothing is written. Begin "
+                    "nearer to the truth, with more calibrate.coarsest blocks, or find fewer "
+                    "calibrate.coefficients."
+                ) from error
             records.append(
                 FrameRecord(
                     str(view.image.resolve()),

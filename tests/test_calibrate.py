@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from types import SimpleNamespace
 
 import equinox as eqx
 import jax
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.calibrate import CalibrateOptions, calibrate
+from gaussray.calibrate import CalibrateOptions, _write, calibrate
 from gaussray.camera.lens import KannalaBrandt, pinhole
 from gaussray.capture.calibration import read_capture
 from gaussray.cli import main
@@ -159,6 +160,23 @@ def test_a_frame_across_two_segments_is_refused(tmp_path):
     capture = read_capture(written(tmp_path, [camera], [grey]))
     with pytest.raises(ValueError, match="0000.png: is read out across the time 0.5"):
         calibrate(clip, capture, tmp_path, options=CalibrateOptions(), quiet=True)
+
+
+def test_what_is_found_but_is_no_lens_is_told_and_not_written(tmp_path):
+    cameras = filmed(FISHEYE, 0)[:1]
+    grey = np.full((SIDE, SIDE, 3), 128, np.uint8)
+    capture = read_capture(written(tmp_path, cameras, [grey]))
+    lens = capture.views[0].camera.lens
+    told = unknowns(("lens",), lens)
+    # r(theta) turns back before the rim.
+    value = [-1e6 * (one.name == "k2") for one in told]
+    shot = SimpleNamespace(camera=dataclasses.replace(capture.views[0].camera, lens=lens))
+    unit = units(capture.views[0].camera)
+    found = SimpleNamespace(value=np.array(value))
+    adjustment = SimpleNamespace(shots=[shot], places=[slice(None)], unit=unit, told=told)
+    with pytest.raises(ValueError, match=r"no lens: lens.k .*more calibrate.coarsest blocks"):
+        _write(tmp_path / "out", capture, "pinhole", ["cam"], adjustment, found, {})
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ def main(scene, folder, out, *effects):
         views = [view for view in views if view.camera_name == CAMERA]
         wrong = out / effect / "wrong"
         truth = recorded(wrong, effect, views)
-        options = CalibrateOptions(parameters=FOUND[effect], frames=FRAMES, coarsest=8)
+        options = CalibrateOptions(parameters=FOUND[effect], frames=FRAMES)
         found = calibrate(scene, read_capture(wrong), out / effect / "found", options=options)
         print(effect, table(found), sep="\n")
         for row in found["parameters"]:
