@@ -232,8 +232,8 @@ def _write(out, capture, effect, names, adjustment, found, report) -> None:
                 camera, _ = applied(value, camera, adjustment.unit, adjustment.told)
             except ValueError as error:
                 raise ValueError(
-                    f"what explains the pictures best is no lens: {error} Nothing is written. Begin "
-                    "nearer to the truth, with more calibrate.coarsest blocks, or find fewer "
+                    f"what explains the pictures best is no lens: {error} Nothing is written. "
+                    "Begin nearer to the truth, with more calibrate.coarsest blocks, or find fewer "
                     "calibrate.coefficients."
                 ) from error
             records.append(
