@@ -1,0 +1,310 @@
+"""The web page: controls, the scene under the mouse, and what a picture cost."""
+
+import threading
+import time as clock
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import viser
+
+from gaussray.view import controls as table
+from gaussray.view.meter import Reading, sentence
+from gaussray.view.overlay import Mark
+from gaussray.view.preset import command, presets, read_preset, save_preset
+from gaussray.view.session import Session, Wish
+from gaussray.view.sketch import Sketcher
+from gaussray.view.stance import Stance, distance_of, forwards
+from gaussray.view.studio import Studio
+from gaussray.view.window import LAYOUTS, field_of_window
+
+
+# Quality of JPEG while something moves, and seconds between two texts.
+QUALITY, CALM = 80, 0.25
+
+
+class Page:
+    """The page of one visitor."""
+
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        studio: Studio,
+        sketcher: Sketcher,
+        out: Path,
+        marked: list[Mark],
+    ):
+        self.client, self.studio, self.out = client, studio, out
+        self.values, self.time = dict(studio.begin), studio.stance.time
+        self.layout, self.split, self.dark = "effect", 0.5, studio.options.dark
+        self._marks, self._told, self._setting = marked, 0.0, False
+        self._k = studio.configured(self.values).trace.k
+        self.handles: dict[str, Any] = {}
+        self.session = Session(studio, sketcher, self._show, self._tell)
+        self._build()
+        client.camera.on_update(lambda _: self.refresh())
+        client.scene.on_click()(self._clicked)
+        self._stopped = threading.Event()
+        threading.Thread(target=self._play, name="play", daemon=True).start()
+        self.refresh()
+
+    def close(self) -> None:
+        """The visitor has left."""
+        self._stopped.set()
+        self.session.close()
+
+    @property
+    def stance(self) -> Stance:
+        """Where the visitor stands."""
+        camera = self.client.camera
+        quat, place = (tuple(float(x) for x in v) for v in (camera.wxyz, camera.position))
+        return Stance(quat, place, self.time)  # type: ignore[arg-type]
+
+    def refresh(self) -> None:
+        """Show what the controls and the mouse say now."""
+        camera = self.client.camera
+        if camera._state.update_timestamp == 0 or not camera.image_height:
+            return
+        shape = camera.image_width / camera.image_height
+        self._align(shape)
+        self.session.wish(
+            Wish(dict(self.values), self.stance, self.layout, self.split, shape, self.dark)
+        )
+
+    def stand(self, stance: Stance) -> None:
+        """Move to a stance; one looks at what is in the middle of the picture."""
+        ahead = forwards(stance) * distance_of(self.studio.scene, stance)
+        with self.client.atomic():
+            self.client.camera.position = np.asarray(stance.place)
+            self.client.camera.look_at = np.asarray(stance.place) + ahead
+        self.time = stance.time
+        self._set("time", stance.time)
+
+    def _align(self, shape: float) -> None:
+        """The browser's own camera sees as the picture does, if that is a pinhole's: frusta and
+        points then lie where they are. They are hidden where they cannot."""
+        plain = self.layout == "pinhole"
+        values = table.plain(self.values, self.studio.field) if plain else self.values
+        true = values["lens.model"] == "pinhole" and not any(values["lens.k"])
+        true = true and self.layout != "side by side"
+        width, height = self.studio.size
+        if true:
+            self.client.camera.fov = field_of_window(values["lens.fov"], shape, width / height)
+        for name in ("cameras", "points"):
+            node = self.handles.get(f"/{name}")
+            if node is not None:
+                node.visible = true and self.handles[name].value
+
+    def _show(self, sheet: np.ndarray, whole: bool) -> None:
+        how: dict[str, Any] = {"format": "png"} if whole else {"jpeg_quality": QUALITY}
+        self.client.scene.set_background_image(sheet, **({"format": "jpeg"} | how))
+        self.client.flush()
+
+    def _tell(self, said: Reading | str) -> None:
+        now = clock.monotonic()
+        brief = isinstance(said, Reading) and not said.whole
+        if brief and now - self._told < CALM:
+            return
+        self._told = now
+        text = sentence(said, self._k) if isinstance(said, Reading) else f"**{said}**"
+        self.handles["status"].content = text
+
+    def _play(self) -> None:
+        """Time goes on while the box is ticked."""
+        first, last, seconds = self.studio.times
+        before = clock.monotonic()
+        while not self._stopped.wait(1 / (2 * self.studio.options.rate)):
+            now = clock.monotonic()
+            if self.handles["play"].value and last > first:
+                gone = (now - before) / seconds * (last - first)
+                self.time = first + (self.time - first + gone) % (last - first)
+                self._set("time", self.time)
+                self.refresh()
+            before = now
+
+    def _clicked(self, event: viser.SceneClickEvent) -> None:
+        """Focus on what was clicked."""
+        self.handles["status"].content = "focusing ..."
+        distance = self.session.focus(event.screen_pos)
+        if distance is None:
+            self.handles["status"].content = "nothing there to focus on"
+            return
+        self.values["aperture.focus_distance"] = distance
+        self._set("aperture.focus_distance", distance)
+        self.refresh()
+        self.handles["status"].content = f"focus at {distance:.3g} scene units"
+        self._told = clock.monotonic() + 1
+
+    def _set(self, name: str, value: Any) -> None:
+        """A control's position, without what moving it by hand would do."""
+        handle = self.handles.get(name)
+        if handle is None:
+            return
+        self._setting = True
+        try:
+            if hasattr(handle, "min"):
+                value = min(max(value, handle.min), handle.max)
+            handle.value = value
+        finally:
+            self._setting = False
+
+    def _build(self) -> None:
+        """All controls, from top to bottom."""
+        gui = self.client.gui
+        gui.configure_theme(dark_mode=self.dark, show_logo=False, show_share_button=False)
+        gui.set_panel_label("gaussray")
+        self.handles["status"] = gui.add_markdown("starting ...")
+        self._build_view(gui)
+        for group, title in table.GROUPS.items():
+            with gui.add_folder(title.capitalize(), expand_by_default=group != "sensor"):
+                self._build_group(gui, group)
+        with gui.add_folder("Presets", expand_by_default=False):
+            self._build_presets(gui)
+        self._reveal()
+
+    def _build_view(self, gui: viser.GuiApi) -> None:
+        first, last, _ = self.studio.times
+        h = self.handles
+        span = max(last - first, 1e-6)
+        h["time"] = gui.add_slider("time [t]", first, first + span, span / 500, self.time)
+        h["play"] = gui.add_checkbox("play", False, hint="Let time pass, again and again.")
+        h["layout"] = gui.add_dropdown("show", LAYOUTS, initial_value="effect")
+        h["split"] = gui.add_slider("split", 0.0, 1.0, 0.01, 0.5, visible=False)
+        samples = str(self.values["render.samples"])
+        offered = sorted({*table.SAMPLES, samples}, key=int)
+        hint = "Rays a pixel of the picture when nothing moves."
+        h["samples"] = gui.add_dropdown("rays", offered, initial_value=samples, hint=hint)
+        for name, hint in (
+            ("cameras", "Those of the capture. A click stands where one stood."),
+            ("points", "The capture's, or the centres of the Gaussians."),
+            ("dark", "Colours of the page."),
+        ):
+            h[name] = gui.add_checkbox(name, name == "dark" and self.dark, hint=hint)
+        for name in ("time", "layout", "split", "samples", "cameras", "points", "dark"):
+            h[name].on_update(lambda _, name=name: self._changed(name))
+
+    def _build_group(self, gui: viser.GuiApi, group: str) -> None:
+        offered = table.offered(group)
+        name = table.choice_of(group, self.values)
+        h = self.handles[group] = gui.add_dropdown("kind", offered, initial_value=name)
+        h.on_update(lambda _: self._choose(group))
+        first, last, _ = self.studio.times
+        distance = distance_of(self.studio.scene, self.studio.stance)
+        for one in table.controls(distance, last - first):
+            if one.group != group:
+                continue
+            value = min(max(float(self.values[one.key]), one.low), one.high)
+            numbers = one.low, one.high, one.step, type(one.step)(value)
+            h = self.handles[one.key] = gui.add_slider(one.label, *numbers, hint=one.hint)
+            h.on_update(lambda _, one=one: self._moved(one))
+
+    def _build_presets(self, gui: viser.GuiApi) -> None:
+        h = self.handles
+        h["name"] = gui.add_text("name", "mine")
+        h["save"] = gui.add_button("Save this camera")
+        known = presets(self.out)
+        h["preset"] = gui.add_dropdown("open", ["-", *known], initial_value="-")
+        h["command"] = gui.add_markdown(f"Saved into `{self.out}`.")
+        h["save"].on_click(lambda _: self._save())
+        h["preset"].on_update(lambda _: self._open())
+
+    def _changed(self, name: str) -> None:
+        if self._setting:
+            return
+        value = self.handles[name].value
+        if name == "samples":
+            self.values["render.samples"] = int(value)
+        elif name not in ("cameras", "points"):
+            setattr(self, name, value)
+        if name == "layout":
+            self.handles["split"].visible = value == "split"
+        if name == "dark":
+            self.client.gui.configure_theme(
+                dark_mode=value, show_logo=False, show_share_button=False
+            )
+        self.refresh()
+
+    def _moved(self, one: table.Control) -> None:
+        """A slider was moved by hand."""
+        if self._setting:
+            return
+        kind = type(self.studio.begin[one.key])
+        self.values[one.key] = kind(self.handles[one.key].value)
+        self._reveal()
+        self.refresh()
+
+    def _choose(self, group: str) -> None:
+        """Another lens, opening, shutter or sensor, with the numbers that are its own."""
+        if self._setting:
+            return
+        told = table.chosen(group, self.handles[group].value)
+        if group == "aperture":
+            told["aperture.focus_distance"] = self.values["aperture.focus_distance"]
+        self.values = table.settled({**self.values, **told})
+        self._follow()
+        self.refresh()
+
+    def _follow(self) -> None:
+        """Every control where the values are."""
+        for key, value in self.values.items():
+            self._set(key, value)
+        for group in table.GROUPS:
+            self._set(group, table.choice_of(group, self.values))
+        self._set("samples", str(self.values["render.samples"]))
+        self._reveal()
+
+    def _reveal(self) -> None:
+        """Only the sliders that say something."""
+        for one in table.controls(1.0, 1.0):
+            self.handles[one.key].visible = one.shown(self.values)
+
+    def _save(self) -> None:
+        folder = self.out / self.handles["name"].value.strip()
+        try:
+            picture = self.session.pictures.get("effect")
+            save_preset(self.studio, self.values, self.stance, folder, picture)
+        except (ValueError, OSError) as error:
+            self.handles["command"].content = f"**{error}**"
+            return
+        self.handles["preset"].options = ["-", *presets(self.out)]
+        self.handles["command"].content = f"`{command(folder)}`"
+
+    def _open(self) -> None:
+        name = self.handles["preset"].value
+        if name == "-":
+            return
+        try:
+            found = read_preset(self.out / name)
+        except (ValueError, OSError) as error:
+            self.handles["command"].content = f"**{error}**"
+            return
+        self.values = {**self.studio.begin, **found.values}
+        self._follow()
+        self.stand(found.stance)
+        self.handles["command"].content = f"`{command(self.out / name)}`"
+        self.refresh()
+
+    def add_overlay(self, place: np.ndarray, color: np.ndarray, scale: float) -> None:
+        """The capture's cameras and points, hidden until they are asked for."""
+        scene, h = self.client.scene, self.handles
+        h["/points"] = scene.add_point_cloud(
+            "/points", place, color, point_size=scale / 150, visible=False
+        )
+        h["/cameras"] = scene.add_frame("/cameras", show_axes=False, visible=False)
+        for mark in self._marks:
+            node = scene.add_camera_frustum(
+                f"/cameras/{mark.name}",
+                mark.field,
+                mark.aspect,
+                scale=scale / 15,
+                thickness=1.5,
+                thickness_units="screen",
+                color=(235, 120, 40) if mark.held_out else (60, 140, 230),
+                wxyz=mark.stance.quat,
+                position=mark.stance.place,
+            )
+            node.on_click(lambda _, mark=mark: self._jump(mark))
+
+    def _jump(self, mark: Mark) -> None:
+        self.stand(mark.stance._replace(time=self.time))
+        self.refresh()
