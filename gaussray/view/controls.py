@@ -13,18 +13,21 @@ HIDDEN = {"lens": ("keep", "table", "f_theta"), "aperture": ("keep",), "shutter"
 # What shows a scene as it is.
 PLAIN = {"lens": "pinhole", "aperture": "pinhole", "shutter": "global", "sensor": "none"}
 SAMPLES = ("1", "4", "16", "64", "256")
-# Widest field of each lens, in degrees.
+# Widest field of each model with the coefficients of its choice, in degrees; others see all round.
 WIDEST = {
     "pinhole": 150.0,
     "orthographic": 180.0,
     "stereographic": 350.0,
+    "double_sphere": 245.0,
+    "unified_sphere": 260.0,
+    "enhanced_unified_sphere": 265.0,
 }
 
 Values = dict[str, Any]
 
 
 class Control(NamedTuple):
-    """A slider of the `key`: from `low` to `high` by `step`; `shown` tells when it says anything."""
+    """A slider of the `key`, from `low` to `high`; `shown` tells when it says anything."""
 
     key: str
     label: str
@@ -111,19 +114,22 @@ def plain(values: Mapping[str, Any], fov: float) -> Values:
 
 
 def choice_of(group: str, values: Mapping[str, Any]) -> str:
-    """The choice whose fixed values these are most like."""
+    """The choice of the same kind that these values are most like."""
     own = {key: value for key, value in values.items() if key.split(".")[0] == group}
-    marks = {"lens": "lens.model", "shutter": "shutter.kind"}
-    fits = [
-        name
-        for name in offered(group)
-        if group not in marks or chosen(group, name)[marks[group]] == own[marks[group]]
-    ]
+    told = {name: chosen(group, name) for name in offered(group)}
+    fits = [name for name in told if _kind(group, told[name]) == _kind(group, own)]
 
     def unlike(name: str) -> int:
-        return sum(own[key] != value for key, value in chosen(group, name).items())
+        return sum(own[key] != value for key, value in told[name].items())
 
-    return min(fits or offered(group), key=unlike)
+    return min(fits or told, key=unlike)
+
+
+def _kind(group: str, values: Mapping[str, Any]) -> Any:
+    """What makes choices of a group different in kind, not in numbers."""
+    if group == "aperture":
+        return values["aperture.radius"] > 0, values["aperture.rim_radius"] > 0
+    return values.get({"lens": "lens.model", "shutter": "shutter.kind"}.get(group, ""))
 
 
 def settled(values: Mapping[str, Any]) -> Values:

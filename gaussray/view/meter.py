@@ -31,12 +31,12 @@ class Meter:
     """Times the stages of one picture after the other."""
 
     def __init__(self):
-        self.stages = dict.fromkeys(STAGES, 0.0)
+        self.stages: dict[str, float] = {name: 0.0 for name in STAGES}
         self._ends: deque[float] = deque(maxlen=FRAMES)
 
     def begin(self) -> None:
         """A new picture: all stages from zero."""
-        self.stages = dict.fromkeys(STAGES, 0.0)
+        self.stages = {name: 0.0 for name in STAGES}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -57,15 +57,18 @@ class Meter:
 
 def sentence(reading: Reading, k: int) -> str:
     """A reading in words."""
+    if not reading.stages:
+        return f"**preparing the first picture**  \ncompiling {reading.building} programs ..."
     w, h = reading.size
     told = [f"{w} x {h} px, {reading.rays} rays a pixel"]
     if reading.whole:
         told.insert(0, "**as rendered**")
     elif reading.rate:
         told.insert(0, f"**{reading.rate:.1f} frames/s**")
-    stages = " · ".join(f"{name} {ms:.0f}" for name, ms in reading.stages.items())
+    stages = " · ".join(f"{name} {ms:.0f}" for name, ms in reading.stages.items() if ms)
     counts = f"k = {k} · {reading.hits:.1f} hits a ray · {reading.dropped} dropped"
-    lines = [" · ".join(told), f"ms: {stages}", counts]
+    state = "all programs ready"
     if reading.building:
-        lines.append(f"compiling {reading.building} program{'s' * (reading.building > 1)} ...")
+        state = f"compiling {reading.building} program{'s' * (reading.building > 1)} ..."
+    lines = [" · ".join(told), f"{stages} ms", counts, state]
     return "  \n".join(lines)

@@ -32,6 +32,15 @@ class Mark(NamedTuple):
     held_out: bool
 
 
+class Around(NamedTuple):
+    """All of it: cameras, points and their colours, and how far away things are."""
+
+    marks: list[Mark]
+    place: Float[np.ndarray, "points 3"]
+    color: UInt8[np.ndarray, "points 3"]
+    scale: float
+
+
 def marks(views: Sequence[View]) -> list[Mark]:
     """Every camera once. A lens that is no pinhole is shown as one of 65 degrees."""
     first = {view.camera_name: view for view in reversed(views)}

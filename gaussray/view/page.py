@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import viser
+import viser  # type: ignore[import-not-found]
 
 from gaussray.view import controls as table
 from gaussray.view.meter import Reading, sentence
-from gaussray.view.overlay import Mark
-from gaussray.view.preset import command, presets, read_preset, save_preset
+from gaussray.view.overlay import Around, Mark
+from gaussray.view.preset import command, folder_of, presets, read_preset, save_preset
 from gaussray.view.session import Session, Wish
 from gaussray.view.sketch import Sketcher
 from gaussray.view.stance import Stance, distance_of, forwards
@@ -32,16 +32,17 @@ class Page:
         studio: Studio,
         sketcher: Sketcher,
         out: Path,
-        marked: list[Mark],
+        around: Around,
     ):
         self.client, self.studio, self.out = client, studio, out
         self.values, self.time = dict(studio.begin), studio.stance.time
         self.layout, self.split, self.dark = "effect", 0.5, studio.options.dark
-        self._marks, self._told, self._setting = marked, 0.0, False
+        self._told, self._setting, self._waiting = 0.0, False, True
         self._k = studio.configured(self.values).trace.k
         self.handles: dict[str, Any] = {}
         self.session = Session(studio, sketcher, self._show, self._tell)
         self._build()
+        self._surround(around)
         client.camera.on_update(lambda _: self.refresh())
         client.scene.on_click()(self._clicked)
         self._stopped = threading.Event()
@@ -93,12 +94,18 @@ class Page:
         for name in ("cameras", "points"):
             node = self.handles.get(f"/{name}")
             if node is not None:
-                node.visible = true and self.handles[name].value
+                early = name == "points" and self._waiting
+                node.visible = true and (self.handles[name].value or early)
 
     def _show(self, sheet: np.ndarray, whole: bool) -> None:
-        how: dict[str, Any] = {"format": "png"} if whole else {"jpeg_quality": QUALITY}
-        self.client.scene.set_background_image(sheet, **({"format": "jpeg"} | how))
+        self.client.scene.set_background_image(
+            sheet, format="png" if whole else "jpeg", jpeg_quality=QUALITY
+        )
         self.client.flush()
+        if self._waiting:
+            # Until there is a picture, the points are all there is to see.
+            self._waiting = False
+            self.handles["/points"].visible = self.handles["points"].value
 
     def _tell(self, said: Reading | str) -> None:
         now = clock.monotonic()
@@ -153,6 +160,7 @@ class Page:
         gui = self.client.gui
         gui.configure_theme(dark_mode=self.dark, show_logo=False, show_share_button=False)
         gui.set_panel_label("gaussray")
+        gui.main_panel.dock_right()
         self.handles["status"] = gui.add_markdown("starting ...")
         self._build_view(gui)
         for group, title in table.GROUPS.items():
@@ -230,6 +238,7 @@ class Page:
             return
         kind = type(self.studio.begin[one.key])
         self.values[one.key] = kind(self.handles[one.key].value)
+        self._set(one.group, table.choice_of(one.group, self.values))
         self._reveal()
         self.refresh()
 
@@ -246,6 +255,7 @@ class Page:
 
     def _follow(self) -> None:
         """Every control where the values are."""
+        self.handles["lens.fov"].max = table.widest(self.values)
         for key, value in self.values.items():
             self._set(key, value)
         for group in table.GROUPS:
@@ -257,10 +267,11 @@ class Page:
         """Only the sliders that say something."""
         for one in table.controls(1.0, 1.0):
             self.handles[one.key].visible = one.shown(self.values)
+        self.handles["lens.fov"].max = table.widest(self.values)
 
     def _save(self) -> None:
-        folder = self.out / self.handles["name"].value.strip()
         try:
+            folder = folder_of(self.out, self.handles["name"].value.strip())
             picture = self.session.pictures.get("effect")
             save_preset(self.studio, self.values, self.stance, folder, picture)
         except (ValueError, OSError) as error:
@@ -284,14 +295,14 @@ class Page:
         self.handles["command"].content = f"`{command(self.out / name)}`"
         self.refresh()
 
-    def add_overlay(self, place: np.ndarray, color: np.ndarray, scale: float) -> None:
-        """The capture's cameras and points, hidden until they are asked for."""
-        scene, h = self.client.scene, self.handles
+    def _surround(self, around: Around) -> None:
+        """The capture's cameras and points."""
+        scene, h, scale = self.client.scene, self.handles, around.scale
         h["/points"] = scene.add_point_cloud(
-            "/points", place, color, point_size=scale / 150, visible=False
+            "/points", around.place, around.color, point_size=scale / 250, visible=True
         )
         h["/cameras"] = scene.add_frame("/cameras", show_axes=False, visible=False)
-        for mark in self._marks:
+        for mark in around.marks:
             node = scene.add_camera_frustum(
                 f"/cameras/{mark.name}",
                 mark.field,

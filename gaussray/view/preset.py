@@ -34,15 +34,21 @@ class Preset(NamedTuple):
     stance: Stance
 
 
+def folder_of(out: Path, name: str) -> Path:
+    """The folder of the preset of a name."""
+    if not NAMES.fullmatch(name):
+        raise ValueError(
+            "a preset's name must be of letters, digits, spaces and . + - _, and begin with one of "
+            f"the first two or _, got {name!r}."
+        )
+    return out / name
+
+
 def save_preset(
     studio: Studio, values: Values, stance: Stance, folder: Path, picture: np.ndarray | None = None
 ) -> Path:
     """Write a preset into a folder: `preset.yaml`, which `gaussray render` accepts, `camera.json`,
     a manifest with the exact camera, and the `picture` (codes) if there is one."""
-    if not NAMES.fullmatch(folder.name):
-        raise ValueError(
-            f"a preset's name must be letters, digits, spaces and . + - _, got {folder.name!r}."
-        )
     shot: Shot = studio.shot(values, stance, studio.size)
     record = dataclasses.replace(shot.records[0], file_path=PICTURE)
     write_manifest(folder / CAMERA, [record], extra={"info": {"scene": str(studio.source)}})
@@ -83,4 +89,3 @@ def command(folder: Path) -> str:
     """The line that makes the picture of a preset."""
     word = shlex.quote(f"preset={folder / CONFIG}")
     return f"gaussray render {word} out={shlex.quote(str(folder / 'film'))}"
-

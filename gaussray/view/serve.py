@@ -1,6 +1,7 @@
 """The server of the page: one scene, a page for every visitor."""
 
 import contextlib
+import io
 import time as clock
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from omegaconf import DictConfig
 
-from gaussray.view.overlay import marks, points
+from gaussray.view.overlay import Around, marks, points
 from gaussray.view.sketch import Sketcher
 from gaussray.view.stance import distance_of, forwards, upwards
 from gaussray.view.studio import Studio
@@ -18,7 +19,7 @@ from gaussray.view.window import field_of_window
 def serve(cfg: DictConfig, words: Sequence[str]) -> "Server":
     """Start the page; ValueError where its camera is impossible, ImportError text without viser."""
     try:
-        import viser  # noqa: F401
+        import viser  # type: ignore[import-not-found]  # noqa: F401
     except ImportError as error:
         raise ValueError(
             "gaussray view needs viser, which is not installed: pip install -e '.[viewer]'"
@@ -30,7 +31,7 @@ class Server:
     """The page at `url`, until `stop`."""
 
     def __init__(self, studio: Studio, out: Path):
-        import viser
+        import viser  # type: ignore[import-not-found]
 
         from gaussray.view.page import Page
 
@@ -41,19 +42,16 @@ class Server:
         )
         place, color = points(studio.scene, studio.cameras)
         scale = distance_of(studio.scene, studio.stance)
-        marked = marks(studio.views)
+        around = Around(marks(studio.views), place, color, scale)
         self.pages: dict[int, Page] = {}
-        self._server = viser.ViserServer(
-            chosen.host, chosen.port, label="gaussray", verbose=False
-        )
+        with contextlib.redirect_stdout(io.StringIO()):  # its banner
+            self._server = viser.ViserServer(chosen.host, chosen.port, label="gaussray")
         self.url = f"http://{_address(chosen.host)}:{self._server.get_port()}"
         _look(self._server, studio, scale)
 
         @self._server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
-            page = Page(client, studio, self.sketcher, out, marked)
-            self.pages[client.client_id] = page
-            page.add_overlay(place, color, scale)
+            self.pages[client.client_id] = Page(client, studio, self.sketcher, out, around)
 
         @self._server.on_client_disconnect
         def _(client: viser.ClientHandle) -> None:

@@ -66,7 +66,8 @@ def field_of(camera: Camera) -> float:
     focal = getattr(camera.lens, "focal", None)
     if focal is None or type(camera.lens).__name__ != "Pinhole":
         return 65.0
-    return math.degrees(2 * math.atan(camera.film.width / 2 / float(focal[0])))
+    field = math.degrees(2 * math.atan(camera.film.width / 2 / float(focal[0])))
+    return float(f"{field:.6g}")  # as exact as single precision
 
 
 def upwards(views: Sequence[View]) -> Float[np.ndarray, "3"]:
