@@ -1,5 +1,5 @@
-"""The page in a real browser: `pip install -e '.[browser,test]'`, a chromium with its driver, then
-`pytest -m slow tests/view/test_browser.py -n 0`. Screenshots go to the folder GAUSSRAY_SCREENSHOTS."""
+"""The page in a real browser: `pip install -e ".[browser,test]"`, a chromium and its driver, then
+`pytest -m slow -n 0 tests/view/test_browser.py`. GAUSSRAY_SCREENSHOTS is a folder for pictures."""
 
 import importlib.util
 import os
@@ -98,9 +98,7 @@ def mouse(browser, *places, drag=False):
     from selenium.webdriver import ActionChains
     from selenium.webdriver.common.by import By
 
-    canvas = max(
-        browser.find_elements(By.TAG_NAME, "canvas"), key=lambda c: c.size["width"]
-    )
+    canvas = max(browser.find_elements(By.TAG_NAME, "canvas"), key=lambda c: c.size["width"])
     chain = ActionChains(browser, duration=60)
     chain.move_to_element_with_offset(canvas, *places[0])
     if not drag:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scenes
 
-from gaussray.capture.frames import read_codes
+from gaussray.capture.frames import read_stored
 from gaussray.cli import main
 from gaussray.configuration import configuration
 from gaussray.view import sketch as module
@@ -98,10 +98,10 @@ def test_a_saved_preset_renders_what_was_shown(studio, screen, run):
     folder = run / "presets" / "a film"
     file = save_preset(studio, values, stance, folder, seen)
     assert presets(run / "presets") == ["a film"]
-    assert (read_codes(folder / "picture.png") == seen).all()
+    assert (read_stored(folder / "picture.png", 16, 16) == seen).all()
     main(["render", f"preset={file}", f"out={run}/film", "quiet=true"])
     (path,) = (run / "film" / "images").rglob("*.png")
-    filmed = read_codes(path).astype(int)
+    filmed = read_stored(path, 16, 16).astype(int)
     # The pose has been through a matrix of single precision.
     assert np.abs(filmed - seen).max() <= 1 and seen.std() > 10
     assert f"preset={file}" in command(folder).replace("'", "")

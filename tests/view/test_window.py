@@ -38,9 +38,7 @@ def test_a_click_finds_the_pixel_that_is_shown_there(layout, window):
         for column, row in ((0, 0), (3, 2), (7, 5)):
             x = pane.left + (column + 0.5) / 8 * pane.width
             y = pane.top + (row + 0.5) / 6 * pane.height
-            found = [
-                (p.name, p.pixel((x, y), (8, 6))) for p, _ in shown if p.pixel((x, y), (8, 6))
-            ]
+            found = [(p.name, p.pixel((x, y), (8, 6))) for p, _ in shown if p.pixel((x, y), (8, 6))]
             if found and found[0][0] == pane.name:
                 assert found == [(pane.name, (column, row))]
                 # Panes begin at whole pixels of the window.
