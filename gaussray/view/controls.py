@@ -143,15 +143,6 @@ def widest(values: Mapping[str, Any]) -> float:
     return WIDEST.get(values["lens.model"], 360.0)
 
 
-def nested(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values as blocks of a YAML file."""
-    told: dict[str, Any] = {}
-    for key, value in values.items():
-        group, _, name = key.partition(".")
-        told.setdefault(group, {})[name] = list(value) if isinstance(value, tuple) else value
-    return told
-
-
 def flat(told: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Blocks of a YAML file as values."""
     for group, block in told.items():

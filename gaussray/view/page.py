@@ -37,7 +37,8 @@ class Page:
         self.client, self.studio, self.out = client, studio, out
         self.values, self.time = dict(studio.begin), studio.stance.time
         self.layout, self.split, self.dark = "effect", 0.5, studio.options.dark
-        self._told, self._setting, self._waiting = 0.0, False, True
+        self._told, self._waiting = 0.0, True
+        self._setter: int | None = None
         self._k = studio.configured(self.values).trace.k
         self.handles: dict[str, Any] = {}
         self.session = Session(studio, sketcher, self._show, self._tell)
@@ -147,13 +148,13 @@ class Page:
         handle = self.handles.get(name)
         if handle is None:
             return
-        self._setting = True
+        self._setter = threading.get_ident()  # callbacks of an assignment run in its thread
         try:
             if hasattr(handle, "min"):
                 value = min(max(value, handle.min), handle.max)
             handle.value = value
         finally:
-            self._setting = False
+            self._setter = None
 
     def _build(self) -> None:
         """All controls, from top to bottom."""
@@ -217,7 +218,7 @@ class Page:
         h["preset"].on_update(lambda _: self._open())
 
     def _changed(self, name: str) -> None:
-        if self._setting:
+        if self._setter == threading.get_ident():
             return
         value = self.handles[name].value
         if name == "samples":
@@ -234,7 +235,7 @@ class Page:
 
     def _moved(self, one: table.Control) -> None:
         """A slider was moved by hand."""
-        if self._setting:
+        if self._setter == threading.get_ident():
             return
         kind = type(self.studio.begin[one.key])
         self.values[one.key] = kind(self.handles[one.key].value)
@@ -244,7 +245,7 @@ class Page:
 
     def _choose(self, group: str) -> None:
         """Another lens, opening, shutter or sensor, with the numbers that are its own."""
-        if self._setting:
+        if self._setter == threading.get_ident():
             return
         told = table.chosen(group, self.handles[group].value)
         if group == "aperture":

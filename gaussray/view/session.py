@@ -66,6 +66,8 @@ class Session:
     def wish(self, wish: Wish) -> None:
         """Show this from now on."""
         with self._news:
+            if wish == self._wish:
+                return
             self._wish = wish
             self._news.notify_all()
 

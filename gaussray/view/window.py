@@ -69,7 +69,9 @@ def composed(
         top = min(round(pane.top * height), height - h)
         first, last = round(pane.begin * w), round(pane.end * w)
         sheet[top : top + h, left + first : left + last] = picture[:, first:last]
-    if len(shown) == 2 and 0 < shown[0][0].end < 1:
+    if len(shown) == 2 and shown[0][0].end == 1:
+        sheet[:, width // 2 - 1 : width // 2 + 1] = AROUND[dark]
+    elif len(shown) == 2 and shown[0][0].end > 0:
         pane, picture = shown[0]
         edge = round(pane.left * width) + round(pane.end * picture.shape[1])
         top = min(round(pane.top * height), height - picture.shape[0])

@@ -13,7 +13,6 @@ from gaussray.view.controls import (
     chosen,
     controls,
     flat,
-    nested,
     offered,
     plain,
     settled,
@@ -95,6 +94,6 @@ def test_the_pinhole_beside_an_effect_has_none():
     assert plain({**begin(), "lens.fov": 40.0}, 65.0)["lens.fov"] == 40.0
 
 
-def test_blocks_and_values_are_each_others_inverse():
-    values = begin()
-    assert dict(flat(nested(values))) == values
+def test_blocks_of_a_file_become_values():
+    told = {"lens": {"fov": 60.0, "k": [1.0]}, "scene": "x", "render": {"samples": 4}}
+    assert dict(flat(told)) == {"lens.fov": 60.0, "lens.k": [1.0], "render.samples": 4}
