@@ -51,6 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         _run(verb, overrides)
     except KeyboardInterrupt:
+        if verb == "view":
+            return
         how = "`gaussray reconstruct ... resume=true`"
         how = "The same command" if verb == "render" else how
         _fail(f"interrupted. {how} goes on where it stopped.", 130)

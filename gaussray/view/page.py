@@ -11,12 +11,13 @@ import viser  # type: ignore[import-not-found]
 from gaussray.view import controls as table
 from gaussray.view.meter import Reading, sentence
 from gaussray.view.overlay import Around, Mark
+from gaussray.view.panel import build, surround
 from gaussray.view.preset import command, folder_of, presets, read_preset, save_preset
 from gaussray.view.session import Session, Wish
 from gaussray.view.sketch import Sketcher
 from gaussray.view.stance import Stance, distance_of, forwards
 from gaussray.view.studio import Studio
-from gaussray.view.window import LAYOUTS, field_of_window
+from gaussray.view.window import field_of_window
 
 
 # Quality of JPEG while something moves, and seconds between two texts.
@@ -42,8 +43,8 @@ class Page:
         self._k = studio.configured(self.values).trace.k
         self.handles: dict[str, Any] = {}
         self.session = Session(studio, sketcher, self._show, self._tell)
-        self._build()
-        self._surround(around)
+        build(self)
+        surround(self, around)
         client.camera.on_update(lambda _: self.refresh())
         client.scene.on_click()(self._clicked)
         self._stopped = threading.Event()
@@ -156,68 +157,7 @@ class Page:
         finally:
             self._setter = None
 
-    def _build(self) -> None:
-        """All controls, from top to bottom."""
-        gui = self.client.gui
-        gui.configure_theme(dark_mode=self.dark, show_logo=False, show_share_button=False)
-        gui.set_panel_label("gaussray")
-        gui.main_panel.dock_right()
-        self.handles["status"] = gui.add_markdown("starting ...")
-        self._build_view(gui)
-        for group, title in table.GROUPS.items():
-            with gui.add_folder(title.capitalize(), expand_by_default=group != "sensor"):
-                self._build_group(gui, group)
-        with gui.add_folder("Presets", expand_by_default=False):
-            self._build_presets(gui)
-        self._reveal()
-
-    def _build_view(self, gui: viser.GuiApi) -> None:
-        first, last, _ = self.studio.times
-        h = self.handles
-        span = max(last - first, 1e-6)
-        h["time"] = gui.add_slider("time [t]", first, first + span, span / 500, self.time)
-        h["play"] = gui.add_checkbox("play", False, hint="Let time pass, again and again.")
-        h["layout"] = gui.add_dropdown("show", LAYOUTS, initial_value="effect")
-        h["split"] = gui.add_slider("split", 0.0, 1.0, 0.01, 0.5, visible=False)
-        samples = str(self.values["render.samples"])
-        offered = sorted({*table.SAMPLES, samples}, key=int)
-        hint = "Rays a pixel of the picture when nothing moves."
-        h["samples"] = gui.add_dropdown("rays", offered, initial_value=samples, hint=hint)
-        for name, hint in (
-            ("cameras", "Those of the capture. A click stands where one stood."),
-            ("points", "The capture's, or the centres of the Gaussians."),
-            ("dark", "Colours of the page."),
-        ):
-            h[name] = gui.add_checkbox(name, name == "dark" and self.dark, hint=hint)
-        for name in ("time", "layout", "split", "samples", "cameras", "points", "dark"):
-            h[name].on_update(lambda _, name=name: self._changed(name))
-
-    def _build_group(self, gui: viser.GuiApi, group: str) -> None:
-        offered = table.offered(group)
-        name = table.choice_of(group, self.values)
-        h = self.handles[group] = gui.add_dropdown("kind", offered, initial_value=name)
-        h.on_update(lambda _: self._choose(group))
-        first, last, _ = self.studio.times
-        distance = distance_of(self.studio.scene, self.studio.stance)
-        for one in table.controls(distance, last - first):
-            if one.group != group:
-                continue
-            value = min(max(float(self.values[one.key]), one.low), one.high)
-            numbers = one.low, one.high, one.step, type(one.step)(value)
-            h = self.handles[one.key] = gui.add_slider(one.label, *numbers, hint=one.hint)
-            h.on_update(lambda _, one=one: self._moved(one))
-
-    def _build_presets(self, gui: viser.GuiApi) -> None:
-        h = self.handles
-        h["name"] = gui.add_text("name", "mine")
-        h["save"] = gui.add_button("Save this camera")
-        known = presets(self.out)
-        h["preset"] = gui.add_dropdown("open", ["-", *known], initial_value="-")
-        h["command"] = gui.add_markdown(f"Saved into `{self.out}`.")
-        h["save"].on_click(lambda _: self._save())
-        h["preset"].on_update(lambda _: self._open())
-
-    def _changed(self, name: str) -> None:
+    def changed(self, name: str) -> None:
         if self._setter == threading.get_ident():
             return
         value = self.handles[name].value
@@ -233,17 +173,17 @@ class Page:
             )
         self.refresh()
 
-    def _moved(self, one: table.Control) -> None:
+    def moved(self, one: table.Control) -> None:
         """A slider was moved by hand."""
         if self._setter == threading.get_ident():
             return
         kind = type(self.studio.begin[one.key])
         self.values[one.key] = kind(self.handles[one.key].value)
         self._set(one.group, table.choice_of(one.group, self.values))
-        self._reveal()
+        self.reveal()
         self.refresh()
 
-    def _choose(self, group: str) -> None:
+    def choose(self, group: str) -> None:
         """Another lens, opening, shutter or sensor, with the numbers that are its own."""
         if self._setter == threading.get_ident():
             return
@@ -262,15 +202,15 @@ class Page:
         for group in table.GROUPS:
             self._set(group, table.choice_of(group, self.values))
         self._set("samples", str(self.values["render.samples"]))
-        self._reveal()
+        self.reveal()
 
-    def _reveal(self) -> None:
+    def reveal(self) -> None:
         """Only the sliders that say something."""
         for one in table.controls(1.0, 1.0):
             self.handles[one.key].visible = one.shown(self.values)
         self.handles["lens.fov"].max = table.widest(self.values)
 
-    def _save(self) -> None:
+    def save(self) -> None:
         try:
             folder = folder_of(self.out, self.handles["name"].value.strip())
             picture = self.session.pictures.get("effect")
@@ -281,7 +221,7 @@ class Page:
         self.handles["preset"].options = ["-", *presets(self.out)]
         self.handles["command"].content = f"`{command(folder)}`"
 
-    def _open(self) -> None:
+    def open(self) -> None:
         name = self.handles["preset"].value
         if name == "-":
             return
@@ -296,27 +236,6 @@ class Page:
         self.handles["command"].content = f"`{command(self.out / name)}`"
         self.refresh()
 
-    def _surround(self, around: Around) -> None:
-        """The capture's cameras and points."""
-        scene, h, scale = self.client.scene, self.handles, around.scale
-        h["/points"] = scene.add_point_cloud(
-            "/points", around.place, around.color, point_size=scale / 250, visible=True
-        )
-        h["/cameras"] = scene.add_frame("/cameras", show_axes=False, visible=False)
-        for mark in around.marks:
-            node = scene.add_camera_frustum(
-                f"/cameras/{mark.name}",
-                mark.field,
-                mark.aspect,
-                scale=scale / 15,
-                thickness=1.5,
-                thickness_units="screen",
-                color=(235, 120, 40) if mark.held_out else (60, 140, 230),
-                wxyz=mark.stance.quat,
-                position=mark.stance.place,
-            )
-            node.on_click(lambda _, mark=mark: self._jump(mark))
-
-    def _jump(self, mark: Mark) -> None:
+    def jump(self, mark: Mark) -> None:
         self.stand(mark.stance._replace(time=self.time))
         self.refresh()

@@ -24,6 +24,8 @@ from gaussray.tracer.traverse import Capacity
 
 # Room in the lists beyond what the first picture needed: the next ones look elsewhere.
 HEADROOM = 2.0
+# How many times as many pixels a picture may have for another's lists to be a measure of its own.
+NEAR = 5.0
 
 
 class Sketch(NamedTuple):
@@ -142,13 +144,13 @@ class Sketcher:
         return jax.block_until_ready(program.call(self._flat[key.segment][0], row, part))
 
     def _known(self, key: _Key, levels: int) -> Capacity | None:
-        """Lists for a picture from those of one of another size: as long for every bundle, of which
-        there are more. Measuring would have to be compiled, too."""
+        """Lists for a picture from those of one not much smaller: as long for every bundle, of
+        which there are more. Measuring would have to be compiled, too."""
         for other, program in self._programs.items():
-            whole = program.capacity
+            ratio, whole = math.prod(key.size) / math.prod(other.size), program.capacity
             same = other.segment == key.segment and len(whole.cells) == levels + 1
-            if same and not key.probe and not other.probe:
-                ratio = max(math.prod(key.size) / math.prod(other.size), 1)
+            if same and not key.probe and not other.probe and ratio <= NEAR:
+                ratio = max(ratio, 1)
                 cells = tuple(math.ceil(ratio * count) for count in whole.cells)
                 return Capacity(cells, math.ceil(ratio * whole.pairs), whole.slots)
         return None
