@@ -51,21 +51,8 @@ def main(scene: str, out: Path, words: list[str]) -> None:
     page.session._tell = listen
     until(lambda: bool(readings))
     print(f"first sketch after {clock.monotonic() - began:.1f} s")
-    until(lambda: bool(page.session.pictures))
-    print(f"first picture as rendered after {clock.monotonic() - began:.1f} s")
     for button in browser.find_elements(By.CSS_SELECTOR, ".mantine-Notification-closeButton"):
         button.click()
-    until(lambda: not server.sketcher.building)
-    follow(page, readings, server)
-    photograph(browser, out / "pinhole.png")
-    page.handles["cameras"].value = True
-    clock.sleep(2)
-    photograph(browser, out / "cameras.png")
-    page.handles["cameras"].value = False
-    page.handles["aperture"].value = "wide"
-    settled(page, {"effect"})
-    photograph(browser, out / "opening.png")
-    page.handles["lens"].value = "fisheye"
     page.handles["layout"].value = "side by side"
     settled(page, {"pinhole", "effect"})
     photograph(browser, out / "page.png")
@@ -73,6 +60,12 @@ def main(scene: str, out: Path, words: list[str]) -> None:
     page.handles["layout"].value = "split"
     settled(page, {"pinhole", "effect"})
     photograph(browser, out / "light.png")
+    page.handles["layout"].value = "pinhole"
+    page.handles["cameras"].value = True
+    settled(page, {"pinhole"})
+    photograph(browser, out / "cameras.png")
+    page.handles["cameras"].value = False
+    follow(page, readings, server)
     browser.quit()
     server.stop()
 

@@ -58,6 +58,7 @@ class Session:
         self._news = threading.Condition()
         self._wish: Wish | None = None
         self._closed, self._showing = False, threading.Lock()
+        self._said: Reading | str = ""
         self._renderers: dict[Any, Renderer] = {}
         self._fine = ThreadPoolExecutor(1, thread_name_prefix="fine")
         self.pictures: dict[str, Codes] = {}
@@ -108,15 +109,27 @@ class Session:
             elif rendered is not wish and clock.monotonic() - since > REST:
                 rendered = wish
                 self._fine.submit(self._tried, self._render, wish)
+            else:
+                self._remind()
+
+    def _say(self, said: Reading | str) -> None:
+        self._said = said
+        self._tell(said)
+
+    def _remind(self) -> None:
+        """Tell again when a program is ready."""
+        said = self._said
+        if isinstance(said, Reading) and said.stages and said.building != self._building:
+            self._say(said._replace(building=self._building))
 
     def _tried(self, make: Callable[[Wish], bool], wish: Wish) -> bool:
         """What `make` returns; what is wrong is told, and that is all that can be shown."""
         try:
             return make(wish)
         except ValueError as error:
-            self._tell(str(error))
+            self._say(str(error))
         except Exception as error:
-            self._tell(f"{type(error).__name__}: {error}")
+            self._say(f"{type(error).__name__}: {error}")
         return True
 
     def _sketch(self, wish: Wish) -> bool:
@@ -128,7 +141,7 @@ class Session:
         wanted = self.pacer.size(sum(rays.values()))
         size = self._ready(wish, rays, wanted)
         if size is None:
-            self._tell(Reading(wanted, sum(rays.values()), {}, 0.0, 0, False, self._building))
+            self._say(Reading(wanted, sum(rays.values()), {}, 0.0, 0, False, self._building))
             return False
         self._meter.begin()
         made, hits, dropped, used = [], 0, 0, 0
@@ -148,7 +161,7 @@ class Session:
         reading = Reading(
             size, used, stages, hits / (pixels * used), dropped, False, self._building, rate
         )
-        self._tell(reading)
+        self._say(reading)
         return True
 
     def _render(self, wish: Wish) -> bool:
@@ -168,7 +181,7 @@ class Session:
             rays += frame.samples
         if self._put(wish, made, meter, True):
             told = self.studio.size, rays, meter.stages, hits / len(made), 0, True
-            self._tell(Reading(*told, self._building))
+            self._say(Reading(*told, self._building))
             self._anticipate(wish)
         return True
 
