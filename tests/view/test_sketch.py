@@ -91,6 +91,7 @@ def test_readout_and_exposure_share_a_program_of_few_key_states(studio, sketcher
     assert sketcher._key(cameras[0], 2)[1].keys == 3
 
 
+@pytest.mark.slow
 def test_lists_that_are_too_short_are_told_of_and_lengthened(studio, sketcher, monkeypatch):
     shot = shot_with(studio)
     one = Sketcher(studio.scene, options=shot.options, trace=shot.trace, keys=3)
