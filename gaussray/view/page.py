@@ -20,8 +20,9 @@ from gaussray.view.studio import Studio
 from gaussray.view.window import field_of_window
 
 
-# Quality of JPEG while something moves, and seconds between two texts.
-QUALITY, CALM = 80, 0.25
+# Quality of JPEG while something moves, pixels below which there is none, and seconds between two
+# texts.
+QUALITY, SMALL, CALM = 80, 320 * 320, 0.25
 
 
 class Page:
@@ -100,8 +101,10 @@ class Page:
                 node.visible = true and (self.handles[name].value or early)
 
     def _show(self, sheet: np.ndarray, whole: bool) -> None:
+        # Small pictures show the blocks of a JPEG, and are soon written without.
+        plain = whole or sheet.shape[0] * sheet.shape[1] < SMALL
         self.client.scene.set_background_image(
-            sheet, format="png" if whole else "jpeg", jpeg_quality=QUALITY
+            sheet, format="png" if plain else "jpeg", jpeg_quality=QUALITY
         )
         self.client.flush()
         if self._waiting:
