@@ -23,6 +23,7 @@ VERBS = {
     "demo": "reconstruct the sample capture, film it through every effect, score it",
     "reconstruct": "multi-view video in, a scene out",
     "render": "a scene and cameras in, a paired capture and videos out; or a data set of many",
+    "view": "a web page with the scene under the mouse and a camera's numbers as controls",
     "evaluate": "score a scene against a paired capture",
     "calibrate": "find cameras in pictures of a known scene, with standard errors",
     "import": "a model of 3D Gaussian Splatting or 4DGaussians in, a scene out",
@@ -50,6 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     try:
         _run(verb, overrides)
     except KeyboardInterrupt:
+        if verb == "view":
+            return
         how = "`gaussray reconstruct ... resume=true`"
         how = "The same command" if verb == "render" else how
         _fail(f"interrupted. {how} goes on where it stopped.", 130)
@@ -68,6 +71,8 @@ def _run(verb: str, overrides: Sequence[str]) -> None:
         from gaussray.production import produce
 
         print(produce(cfg, overrides))
+    elif verb == "view":
+        _view(cfg, overrides)
     else:
         RUN[verb](cfg, begin(options(DevicesOptions, cfg.devices)))
 
@@ -161,6 +166,16 @@ def _render(cfg: DictConfig, devices: int | None) -> None:
     shot = shot_of(cfg)
     out = film(shot, run_folder(cfg), devices=devices, quiet=cfg.quiet)
     _say(f"{out}: {len(shot.records)} frames of {shot.records[0].effect}.")
+
+
+def _view(cfg: DictConfig, overrides: Sequence[str]) -> None:
+    from gaussray.view.serve import serve
+
+    begin(options(DevicesOptions, cfg.devices))
+    server = serve(cfg, overrides)
+    _say(f"{server.url} shows {cfg.scene}; the first pictures take as long as their programs take "
+         "to compile. Stop with Ctrl-C.")  # fmt: skip
+    server.wait()
 
 
 def _evaluate(cfg: DictConfig, devices: int | None) -> None:

@@ -3,6 +3,7 @@
 import contextlib
 import copy
 import functools
+import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -16,6 +17,7 @@ from hydra.errors import HydraException
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from gaussray.devices import leads
 
@@ -71,6 +73,17 @@ class Variations:
                     "lists them."
                 ) from error
         return _resolved(self.verb, cfg)
+
+
+def choices(group: str) -> list[str]:
+    """The files of a group."""
+    return sorted(path.stem for path in (conf_folder() / group).glob("*.yaml"))
+
+
+def leaf(group: str, choice: str) -> dict[str, Any]:
+    """What one file of a group says."""
+    told: Any = OmegaConf.to_container(OmegaConf.load(conf_folder() / group / f"{choice}.yaml"))
+    return told
 
 
 def launched(
@@ -163,8 +176,44 @@ def _composed(verb: str, overrides: Sequence[str]) -> DictConfig:
 
 
 def _spelled(overrides: Sequence[str]) -> list[str]:
-    """The words as Hydra wants them: keys of `sample` are new to the configuration."""
-    return [f"++{word}" if word.startswith("sample.") else word for word in overrides]
+    """The words as Hydra wants them: keys of `sample` are new to the configuration, and a preset
+    stands for the keys in its file."""
+    words: list[str] = []
+    for word in overrides:
+        words.append(f"++{word}" if word.startswith("sample.") else word)
+        if word.startswith("preset=") and word not in ("preset=", "preset=null"):
+            words += preset_words(word.removeprefix("preset="))
+    return words
+
+
+def preset_words(path: Path | str) -> list[str]:
+    """The keys of a YAML file as words of a command line."""
+    try:
+        told = OmegaConf.to_container(OmegaConf.load(path))
+    except OSError as error:
+        raise OSError(f"preset={path}: cannot be read: {error}") from error
+    except (YAMLError, OmegaConfBaseException) as error:
+        raise ValueError(f"preset={path}: is no YAML file of keys: {error}") from error
+    if not isinstance(told, dict):
+        raise ValueError(f"preset={path}: must hold keys and values, got a list.")
+    return [f"{key}={_word(value)}" for key, value in _flat(told)]
+
+
+def _flat(told: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in told.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _word(value: Any) -> str:
+    """A value as Hydra's grammar wants it."""
+    if isinstance(value, list):
+        return f"[{','.join(map(_word, value))}]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    return "null" if value is None else repr(value).lower()
 
 
 def _resolved(verb: str, cfg: DictConfig) -> DictConfig:

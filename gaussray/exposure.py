@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -77,7 +78,7 @@ def aperture_of(camera: Camera, options: ApertureOptions) -> Aperture:
     if options.radius == -1:
         return camera.aperture
     if options.radius == 0:
-        return no_aperture()
+        return jax.tree.map(_single, no_aperture())
     radius, rotation, ratio = map(_single, (options.radius, options.rotation, options.ratio))
     choice = {"blades": options.blades, "focus": options.focus, "rim": _rim(options)}
     return Aperture(radius, _focus(options), rotation, ratio, **choice)

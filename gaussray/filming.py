@@ -142,18 +142,28 @@ def _written(
 def _write(out: Path, record: FrameRecord, light: np.ndarray, sensor: SensorOptions) -> None:
     """A picture's file: the light itself, or what a sensor makes of it."""
     path = out / record.file_path
+    if path.suffix != ".exr" or sensor == NO_SENSOR:
+        write_image(path, light if path.suffix == ".exr" else stored(record, light, sensor))
+    else:
+        depth = "float" if sensor.bits > HALF_BITS else "half"
+        write_image(path, _sensed(record, light, sensor), depth=depth)
+
+
+def stored(record: FrameRecord, light: np.ndarray, sensor: SensorOptions) -> np.ndarray:
+    """The 8-bit codes that a PNG holds of a frame's light."""
     if sensor == NO_SENSOR:
-        write_image(path, light)
-        return
+        return codes(light)
+    light = _sensed(record, light, sensor)
+    if sensor.tone == "srgb":
+        return codes(light)
+    return codes(light, lambda x: encode(jnp.asarray(x), options=sensor))
+
+
+def _sensed(record: FrameRecord, light: np.ndarray, sensor: SensorOptions) -> np.ndarray:
+    """The sensor's linear values of a frame; its noise is of the file's name."""
     key = picture_key(sensor.seed, str(Path(record.file_path).with_suffix("")))
     given = amounts(sensor), jnp.asarray(light), record.camera, key
-    light = np.asarray(_developed(*given, steps=steps_of(sensor)))
-    if path.suffix == ".exr":
-        write_image(path, light, depth="float" if sensor.bits > HALF_BITS else "half")
-    elif sensor.tone == "srgb":
-        write_image(path, light)
-    else:
-        write_image(path, codes(light, lambda x: encode(jnp.asarray(x), options=sensor)))
+    return np.asarray(_developed(*given, steps=steps_of(sensor)))
 
 
 _developed = eqx.filter_jit(develop_by)

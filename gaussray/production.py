@@ -24,17 +24,15 @@ from gaussray.tracer.trace import TraceOptions
 
 
 # Keys that say where and by whom takes are made, not what they are.
-ELSEWHERE = ("out", "devices", "quiet", "sample", "factory")
+ELSEWHERE = ("preset", "out", "devices", "quiet", "sample", "factory")
 # Keys in which processes differ that work on one data set.
 SHARED = ("out", "devices", "quiet", "factory.shard", "factory.shards")
 SEEDS = {"integer": [0, 2**31 - 1]}
 
 
-def shot_of(
-    cfg: DictConfig, load: Callable = load_scene, cameras: Callable = rigs.cameras_of
-) -> Shot:
-    """What is filmed; `load` and `cameras` read scenes and views where many shots share them."""
-    wanted = rigs.RigOptions(
+def rig_options(cfg: DictConfig) -> rigs.RigOptions:
+    """The camera that a configuration asks for, but for its `physical` numbers."""
+    return rigs.RigOptions(
         camera=options(rigs.CameraOptions, cfg.camera),
         lens=options(rigs.LensOptions, cfg.lens),
         aperture=options(rigs.ApertureOptions, cfg.aperture),
@@ -42,6 +40,13 @@ def shot_of(
         trajectory=options(rigs.TrajectoryOptions, cfg.trajectory),
         film=options(rigs.FilmOptions, cfg.film),
     )
+
+
+def shot_of(
+    cfg: DictConfig, load: Callable = load_scene, cameras: Callable = rigs.cameras_of
+) -> Shot:
+    """What is filmed; `load` and `cameras` read scenes and views where many shots share them."""
+    wanted = rig_options(cfg)
     given = options(physical.PhysicalOptions, cfg.physical)
     sensor = options(SensorOptions, cfg.sensor)
     sampling, trace = options(RenderOptions, cfg.render), options(TraceOptions, cfg.trace)

@@ -1,6 +1,7 @@
 """What the user does wrong ends in one line that names key or file, and in exit code 2."""
 
 import json
+import sys
 
 import numpy as np
 import pytest
@@ -211,6 +212,11 @@ def test_a_scene_without_cameras(fails, tmp_path):
 def test_a_camera_that_cannot_be(fails, tmp_path, scene_file, override, named):
     words = override.split()
     assert named in fails("render", f"scene={scene_file}", f"out={tmp_path}/out", *words)
+
+
+def test_a_page_without_its_package_says_what_to_install(fails, scene_file, monkeypatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert "pip install -e '.[viewer]'" in fails("view", f"scene={scene_file}")
 
 
 @pytest.mark.parametrize("verb", ["reconstruct", "render", "evaluate"])

@@ -24,6 +24,7 @@ from gaussray.physical import PhysicalOptions
 from gaussray.quota import FactoryOptions
 from gaussray.render import RenderOptions
 from gaussray.tracer.trace import TraceOptions
+from gaussray.view.options import ViewOptions
 
 
 # Every group of conf/, its class, and the leaf that holds the defaults of the class.
@@ -49,6 +50,7 @@ GROUPS = {
     "physical": (PhysicalOptions, "none"),
     "sensor": (SensorOptions, "none"),
     "factory": (FactoryOptions, "default"),
+    "view": (ViewOptions, "default"),
 }
 CHOICES = [
     (group, path.stem)
@@ -60,6 +62,7 @@ GIVEN = {
     "demo": [],
     "reconstruct": ["capture.path=x", "out=x"],
     "render": ["scene=x", "out=x"],
+    "view": ["scene=x"],
     "evaluate": ["scene=x", "truth=x"],
     "calibrate": ["scene=x", "capture.path=x", "out=x"],
     "import": ["source=x", "out=x"],
@@ -73,7 +76,7 @@ def group_of(group, choice):
     """What one YAML file says, in the words of a verb."""
     fitted = "fit", "track", "field", "loss", "optimizer", "density", "need"
     verb = "reconstruct" if group in fitted else "render"
-    verb = group if group in ("evaluate", "calibrate") else verb
+    verb = group if group in ("evaluate", "calibrate", "view") else verb
     return configuration(verb, [*GIVEN[verb], f"{group}={choice}"])[group]
 
 
@@ -175,6 +178,9 @@ def test_an_unknown_key_fails_and_is_named(override):
         ("render", "factory.count=-1", "factory.count must be at least 0, got -1"),
         ("render", "factory.shard=2/2", "factory.shard must be i/n with i from 0 to n - 1"),
         ("render", "factory.shards=2", "factory.shards = 2 needs factory.count above 0"),
+        ("view", "view.port=0", "view.port must be in 1 ... 65535, got 0"),
+        ("view", "view.rate=0", "view.rate must be above 0 frames a second, got 0"),
+        ("view", "view.keys=4", "view.keys must be 2 or odd from 3, got 4"),
         ("evaluate", "evaluate.split=both", "evaluate.split must be train, test or all"),
     ],
 )
@@ -191,6 +197,39 @@ def test_a_whole_number_does_for_a_fraction():
     cfg = configuration("render", [*GIVEN["render"], "physical.sensor=[36,24.0]"])
     sensor = options(PhysicalOptions, cfg.physical).sensor
     assert sensor == (36.0, 24.0) and {type(x) for x in sensor} == {float}
+
+
+def test_a_page_begins_with_any_camera_that_can_be_rendered():
+    cfg = [configuration(verb, GIVEN[verb]) for verb in ("render", "view")]
+    groups = {"lens", "aperture", "shutter", "trajectory", "film", "physical", "sensor", "trace"}
+    assert all(cfg[0][group] == cfg[1][group] for group in groups | {"camera", "render"})
+
+
+def test_a_preset_is_every_kind_of_value_as_a_word(tmp_path):
+    path = tmp_path / "a b.yaml"
+    path.write_text(
+        "lens: {k: [1.0e-8, -2], file: 'it''s, [a] \"b\"'}\ncameras: null\nquiet: true\n"
+    )
+    cfg = configuration("render", [*GIVEN["render"], "cameras=y", f"preset={path}"])
+    assert cfg.lens.k == [1e-8, -2] and cfg.lens.file == 'it\'s, [a] "b"'
+    assert cfg.cameras is None and cfg.quiet is True
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[1, 2]", "must hold keys and values"),
+        ("lens: {fov: [", "is no YAML file of keys"),
+        ("lens: {fog: 1}", "fog"),
+        (None, "cannot be read"),
+    ],
+)
+def test_a_preset_that_is_none_is_refused_by_its_name(tmp_path, text, message):
+    path = tmp_path / "wrong.yaml"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises((ValueError, OSError), match=message):
+        configuration("render", [*GIVEN["render"], f"preset={path}"])
 
 
 def test_null_is_for_what_may_be_left_out():

@@ -20,6 +20,7 @@ LEVELS = [
     {"evaluate", "filming", "rig", "exchange"},
     {"demo", "physical", "findings", "possible", "factory", "configuration"},
     {"calibrate", "production"},
+    {"view"},
     {"cli"},
     {"__main__"},
 ]

@@ -45,7 +45,7 @@ class Shutter(eqx.Module):
 
 def global_shutter(exposure: Float[Array, ""] | None = None) -> Shutter:
     """All rows at once: an instant, or an exposure centred on the frame's time."""
-    zero = jnp.zeros(())
+    zero = jnp.zeros(()) if exposure is None else jnp.zeros_like(exposure)
     return Shutter(zero, zero, zero if exposure is None else exposure)
 
 

@@ -1,0 +1,44 @@
+"""Sketches as a screen shows them: light through the sensor to codes, on the device."""
+
+import dataclasses
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PRNGKeyArray, UInt8
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.noise import picture_key
+from gaussray.camera.sensor import SensorOptions, amounts, develop_by, steps_of
+from gaussray.camera.tone import toned
+from gaussray.factory import Shot
+from gaussray.view.sketch import Sketch
+
+
+def developed(sketch: Sketch, shot: Shot) -> UInt8[np.ndarray, "h w 3"]:
+    """8-bit codes of a sketch of a shot, those of its PNG up to rounding."""
+    camera, sensor = shot.records[0].camera, shot.sensor
+    key = picture_key(sensor.seed, shot.records[0].file_path.rsplit(".", 1)[0])
+    table = jnp.asarray(sensor.table, jnp.float32)
+    # An exposure of 0 stops is a step like any other, so that the first touch compiles nothing.
+    steps = dataclasses.replace(steps_of(sensor), exposure=1.0)
+    how = {"steps": steps, "tone": sensor.tone, "size": sketch.size}
+    return np.asarray(_codes(sketch.values, amounts(sensor), table, camera, key, **how))
+
+
+@eqx.filter_jit
+def _codes(
+    values: Float[Array, "pixels 5"],
+    numbers: dict[str, Array],
+    table: Float[Array, " knots"],
+    camera: Camera,
+    key: PRNGKeyArray,
+    *,
+    steps: SensorOptions,
+    tone: str,
+    size: tuple[int, int],
+) -> UInt8[Array, "h w 3"]:
+    light = values[:, :3].reshape(size[1], size[0], 3)
+    light = develop_by(numbers, light, camera, key, steps=steps)
+    shown = jnp.clip(toned(light, tone, table), 0, 1)
+    return jnp.floor(255 * shown + 0.5).astype(jnp.uint8)

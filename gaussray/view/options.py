@@ -1,0 +1,36 @@
+"""How the page is served, and what of a picture's quality motion may cost."""
+
+import math
+
+import equinox as eqx
+
+
+class ViewOptions(eqx.Module):
+    """The page is at `host`:`port`, in `dark` colours or light ones.
+
+    A picture of `width` x `height` pixels (0 is the capture's) is made as `render` makes it once
+    nothing moves. While something does, a smaller one is made at about `rate` frames a second, with
+    `samples` rays a pixel where the camera blurs and `keys` states of the scene across a frame.
+    """
+
+    host: str = eqx.field(static=True, default="127.0.0.1")
+    port: int = eqx.field(static=True, default=8080)
+    width: int = eqx.field(static=True, default=0)
+    height: int = eqx.field(static=True, default=0)
+    rate: float = eqx.field(static=True, default=8.0)
+    samples: int = eqx.field(static=True, default=4)
+    keys: int = eqx.field(static=True, default=3)
+    dark: bool = eqx.field(static=True, default=True)
+
+    def __check_init__(self):
+        if not 0 < self.port < 65536:
+            raise ValueError(f"view.port must be in 1 ... 65535, got {self.port}.")
+        for key in ("width", "height"):
+            if getattr(self, key) < 0:
+                raise ValueError(f"view.{key} must be at least 0, got {getattr(self, key)}.")
+        if not 0 < self.rate < math.inf:
+            raise ValueError(f"view.rate must be above 0 frames a second, got {self.rate}.")
+        if self.samples < 1:
+            raise ValueError(f"view.samples must be at least 1, got {self.samples}.")
+        if self.keys != 2 and (self.keys < 3 or self.keys % 2 == 0):
+            raise ValueError(f"view.keys must be 2 or odd from 3, got {self.keys}.")
