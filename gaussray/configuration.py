@@ -3,6 +3,7 @@
 import contextlib
 import copy
 import functools
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -171,11 +172,36 @@ def _resolved(verb: str, cfg: DictConfig) -> DictConfig:
     missing = sorted(OmegaConf.missing_keys(cfg))
     if missing:
         raise ValueError(f"{missing[0]} must be given, e.g. `gaussray {verb} {missing[0]}=DIR`.")
+    _demand_values(OmegaConf.to_container(cfg), "")
     try:
         OmegaConf.resolve(cfg)
     except OmegaConfBaseException as error:
         raise _wrong(verb, error) from error
     return cfg
+
+
+def _demand_values(node: Any, key: str) -> None:
+    """Refuse what would call a program (a resolver, such as oc.env: a shared file could read the
+    environment by it, and leave it in what is written) rather than name another key."""
+    if isinstance(node, dict | list):
+        for name, inner in node.items() if isinstance(node, dict) else enumerate(node):
+            _demand_values(inner, f"{key}.{name}" if key else str(name))
+    elif isinstance(node, str) and _calls(node):
+        raise ValueError(
+            f"{key} must be a value, or name another key as ${{key}}, got {node!r}, which calls a "
+            "resolver. Write the value instead."
+        )
+
+
+def _calls(text: str) -> bool:
+    """Whether an interpolation in a text has a colon, as those of resolvers have."""
+    depth = 0
+    for part in re.findall(r"\$\{|[}:]", text):
+        if part == ":" and depth:
+            return True
+        depth += {"${": 1, "}": -1, ":": 0}[part]
+        depth = max(depth, 0)
+    return False
 
 
 def _wrong(verb: str, error: Exception) -> ValueError:

@@ -7,6 +7,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from gaussray.dataset.images import write_pixels
+from gaussray.guard.pictures import open_picture
 
 
 # Last letters of the channel names of vectors.
@@ -40,9 +41,7 @@ def write_layers(path: Path | str, layers: Mapping[str, np.ndarray]) -> None:
 
 def read_layers(path: Path | str) -> dict[str, np.ndarray]:
     """The channels of an EXR by name, [h, w] each, as 32-bit floats."""
-    image = oiio.ImageInput.open(str(path))
-    if image is None:
-        raise OSError(f"{path}: the layers cannot be read: {oiio.geterror()}")
+    image = open_picture(path)
     names = image.spec().channelnames
     pixels = image.read_image(oiio.FLOAT)
     image.close()
