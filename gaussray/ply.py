@@ -47,11 +47,10 @@ def read_vertices(path: Path | str) -> np.ndarray:
             if element.name != "vertex":
                 _skip(path, file, order, element)
                 continue
-            if any(p.length for p in element.properties) or not element.properties:
-                raise ValueError(
-                    f"{path}: element vertex must have properties, and no lists among them."
-                )
-            within(path, "the millions of points", element.count, "points", 1e6)
+            if any(p.length for p in element.properties):
+                raise ValueError(f"{path}: element vertex must not have list properties.")
+            if not element.properties:
+                raise ValueError(f"{path}: element vertex must have properties, got none.")
             try:
                 kind = np.dtype([(p.name, (order or "<") + p.kind) for p in element.properties])
             except ValueError as error:
@@ -102,10 +101,7 @@ def _skip(path: Path, file: BinaryIO, order: str, element: _Element) -> None:
         return
     size = sum(np.dtype(p.kind).itemsize for p in element.properties)
     if not any(p.length for p in element.properties):
-        held = _left(file) // size if size else element.count
-        if held < element.count:
-            raise _truncated(path, held, element.count)
-        file.seek(element.count * size, 1)
+        file.seek(min(element.count * size, _left(file)), 1)
         return
     for row in range(element.count):
         for p in element.properties:
@@ -127,6 +123,7 @@ def _binary(path: Path, file: BinaryIO, kind: np.dtype, count: int) -> np.ndarra
     left = _left(file) // kind.itemsize
     if left < count:
         raise _truncated(path, left, count)
+    within(path, "the millions of points", count, "points", 1e6)
     return np.frombuffer(file.read(count * kind.itemsize), kind, count)
 
 
@@ -135,6 +132,7 @@ def _text(path: Path, file: BinaryIO, kind: np.dtype, count: int) -> np.ndarray:
     lines = list(islice(file, min(count, _left(file))))
     if len(lines) < count:
         raise _truncated(path, len(lines), count)
+    within(path, "the millions of points", count, "points", 1e6)
     names = kind.names or ()
     if not count:
         return np.empty(0, kind)

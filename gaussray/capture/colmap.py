@@ -23,6 +23,8 @@ PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 # Registered pictures of a camera that stands still may differ by this angle (in radians, about a
 # pixel) and by this share of the cameras' extent.
 TURN, SHIFT = 1e-3, 1e-3
+# A shorter quaternion has, squared, no length.
+_LEAST = 1e-30
 
 
 class Filmed(NamedTuple):
@@ -153,7 +155,7 @@ def _numbers_counted(path: Path) -> list[Any]:
 def _pose(file: Path, image: Registered) -> np.ndarray:
     """The camera-to-world matrix [3, 4] in OpenGL axes."""
     quat, translation = np.array(image.quat), np.array(image.translation)
-    if not (np.isfinite([*quat, *translation]).all() and quat.any()):
+    if not (np.isfinite([*quat, *translation]).all() and np.abs(quat).max() > _LEAST):
         raise CaptureError(
             f"{file}: the pose of {image.name} must be finite, with a quaternion that is not 0, "
             f"got {image.quat} and {image.translation}. Remove the picture, or place it again."

@@ -16,7 +16,7 @@ from gaussray.capture.videos import frame_of, read_frame, read_frames, read_vide
 from gaussray.capture.window import Window, averaged
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.guard.files import opened
-from gaussray.guard.pictures import open_picture
+from gaussray.guard.pictures import complaint, open_picture
 
 
 COLOR_SPACES = ("srgb", "linear")
@@ -281,7 +281,7 @@ def read_stored(path: Path | str, width: int, height: int, background: str = "no
     pixels = file.read_image(kind)
     # A truncated JPEG still returns pixels, invented below the cut: only the message tells.
     if pixels is None or file.has_error:
-        raise OSError(f"{path}: the picture is truncated or corrupt: {file.geterror()}")
+        raise OSError(f"{path}: the picture is truncated or corrupt: {complaint(file)}")
     file.close()
     if file.format_name() == "png" and _PNG_END not in _last(Path(path)):
         raise OSError(f"{path}: the picture is truncated or corrupt: its PNG end chunk is missing")

@@ -136,11 +136,11 @@ class Keys:
         value = self._get(key, _ABSENT, rule)
         try:
             matrix = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             matrix = np.empty(0)
         if matrix.shape not in ((4, 4), (3, 4)):
             raise self.error(key, rule, "Write four rows of four numbers.")
-        if not np.isfinite(matrix).all():
+        if not (np.abs(matrix) < np.finfo(np.float32).max).all():
             raise self.error(key, "finite", "Remove the frame, or estimate its pose again.")
         if len(matrix) == 4 and np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-6:
             raise self.error(key, f"{rule}, last row 0 0 0 1")

@@ -7,7 +7,7 @@ from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureError
 from gaussray.guard.arrays import read_npz
-from gaussray.guard.pictures import open_picture
+from gaussray.guard.pictures import complaint, open_picture
 
 
 # Unit vectors of single precision are nearer to 1 than this and stay as they are; those of half
@@ -57,9 +57,11 @@ def _exr(path):
     try:
         file = open_picture(path)
     except (OSError, ValueError) as error:
-        raise CaptureError(f"lens.file cannot be read: {error}") from None
+        kind = OSError if isinstance(error, OSError) else CaptureError
+        reason = str(error).removeprefix(f"{path}: ")
+        raise kind(f"{path}: lens.file cannot be read: {reason}") from None
     rays = file.read_image("float")
     file.close()
     if rays is None:
-        raise OSError(f"{path}: lens.file cannot be read: {file.geterror()}")
+        raise OSError(f"{path}: lens.file cannot be read: {complaint(file)}")
     return rays

@@ -6,7 +6,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from stat import S_ISREG
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import av
 import av.error
@@ -28,10 +28,13 @@ CODECS = (
     *("qtrle", "rawvideo"),
 )
 # Without these a file called .mp4 may be a list of others, which FFmpeg then opens.
-_OPENING = {
-    "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi",
-    "protocol_whitelist": "file",
-    "codec_whitelist": ",".join(CODECS),
+_OPENING: dict[str, Any] = {
+    "options": {
+        "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi",
+        "protocol_whitelist": "file",
+        "codec_whitelist": ",".join(CODECS),
+    },
+    "metadata_errors": "replace",
 }
 
 
@@ -185,7 +188,7 @@ def _decoded(path):
 @contextlib.contextmanager
 def _opened(path):
     try:
-        with av.open(str(path.absolute()), options=_OPENING) as container:
+        with av.open(str(path.absolute()), **_OPENING) as container:
             yield container
     except av.error.FFmpegError as error:
         raise _broken(path, error.strerror or type(error).__name__) from error
@@ -199,9 +202,10 @@ def _stream(path, container):
         )
     stream = container.streams.video[0]
     codec = stream.codec_context
-    if codec.name not in CODECS:
+    if codec is None or codec.name not in CODECS:
+        name = "an unknown one" if codec is None else codec.name
         raise CaptureError(
-            f"{path}: the frames must be encoded by one of {', '.join(CODECS)}, got {codec.name}. "
+            f"{path}: the frames must be encoded by one of {', '.join(CODECS)}, got {name}. "
             "Encode them anew, e.g. by `ffmpeg -i IN -c:v libx264 OUT.mp4`."
         )
     _check_pixels(path, codec.width * codec.height)

@@ -7,7 +7,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from gaussray.dataset.images import write_pixels
-from gaussray.guard.pictures import open_picture
+from gaussray.guard.pictures import complaint, open_picture
 
 
 # Last letters of the channel names of vectors.
@@ -46,7 +46,7 @@ def read_layers(path: Path | str) -> dict[str, np.ndarray]:
     pixels = image.read_image(oiio.FLOAT)
     image.close()
     if pixels is None:
-        raise OSError(f"{path}: the layers cannot be read: {image.geterror()}")
+        raise OSError(f"{path}: the layers cannot be read: {complaint(image)}")
     return {name: pixels[..., i] for i, name in enumerate(names)}
 
 

@@ -43,10 +43,12 @@ def read_npz(path: Path | str) -> dict[str, np.ndarray]:
                 for entry in entries
             }
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
-        raise Damaged(f"{path}: {error}") from error
+        raise Damaged(f"{path}: {str(error)[:200]}") from error
+    except FileNotFoundError:
+        raise
     # What zipfile says of entries that are encrypted, or that lie nowhere.
-    except (RuntimeError, OverflowError) as error:
-        raise Damaged(f"{path}: {error}") from error
+    except (RuntimeError, OverflowError, OSError) as error:
+        raise Damaged(f"{path}: {str(error)[:200]}") from error
 
 
 def read_npy(path: Path | str) -> np.ndarray:
@@ -59,9 +61,9 @@ def read_npy(path: Path | str) -> np.ndarray:
 
 def _entry(path: Path | str, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> np.ndarray:
     if entry.compress_type not in _METHODS:
-        raise Damaged(f"{path}: '{entry.filename}' is packed by another method than deflate.")
+        raise Damaged(f"{path}: '{entry.filename:.80}' is packed by another method than deflate.")
     with archive.open(entry) as file:
-        return _array(f"{path}: '{entry.filename}'", file, entry.file_size)  # type: ignore[arg-type]
+        return _array(f"{path}: '{entry.filename:.80}'", file, entry.file_size)  # type: ignore[arg-type]
 
 
 def _array(where: object, file: io.BufferedIOBase, size: int) -> np.ndarray:

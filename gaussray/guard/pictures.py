@@ -1,6 +1,7 @@
 """Pictures opened without trust: which library reads them is decided here, not by the file."""
 
 from pathlib import Path
+from typing import Any
 
 import OpenImageIO as oiio
 
@@ -38,8 +39,12 @@ def open_picture(path: Path | str, config: oiio.ImageSpec | None = None) -> oiio
     oiio.attribute("limits:imagesize_MB", int(min(pixels, 1e6)) + 1)
     file = oiio.ImageInput.open(str(path), config or oiio.ImageSpec())
     if file is None:
-        raise OSError(f"{path}: the picture cannot be opened: {_first_line(oiio.geterror())}")
+        raise OSError(f"{path}: the picture cannot be opened: {complaint(oiio)}")
     spec = file.spec()
+    try:
+        _ = spec.channelnames
+    except UnicodeDecodeError:
+        raise OSError(f"{path}: the picture's channels must have names in UTF-8.") from None
     within(path, "its megapixels", spec.width * spec.height * spec.depth, "picture", 1e6)
     within(path, "its channels", spec.nchannels, "channels")
     if min(spec.width, spec.height, spec.nchannels) < 1 or spec.depth != 1 or spec.deep:
@@ -62,5 +67,9 @@ def _check_format(path: Path) -> None:
         )
 
 
-def _first_line(text: str) -> str:
-    return text.strip().split("\n")[0][:300]
+def complaint(told: Any) -> str:
+    """What OpenImageIO says is wrong with a file, in which it may quote the file's own bytes."""
+    try:
+        return told.geterror().strip().split("\n")[0][:300]
+    except UnicodeDecodeError:
+        return "it is damaged"

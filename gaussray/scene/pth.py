@@ -59,10 +59,11 @@ def read_tensors(path: Path | str) -> dict[str, np.ndarray]:
     try:
         with opened(path) as file, zipfile.ZipFile(file) as archive:
             return _tensors(path, archive)
-    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError) as error:
+    # OSError is what zipfile raises of entries that would lie before the file.
+    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, OSError) as error:
         raise ValueError(
             f"{path}: must be a file of torch.save (torch 1.6 or newer), whole and uncompressed, "
-            f"got {error}. Save it again."
+            f"got {str(error)[:200]}. Save it again."
         ) from error
 
 
@@ -82,7 +83,9 @@ def _tensors(path: Path, archive: zipfile.ZipFile) -> dict[str, np.ndarray]:
     for name, tensor in described.items():
         entry = f"{folder}/data/{tensor.storage.key}"
         if entry not in held:
-            raise ValueError(f"{path}: the numbers of '{name}' are missing; the file is not whole.")
+            raise ValueError(
+                f"{path}: the numbers of '{name:.200}' are missing; the file is not whole."
+            )
         tensors[name] = _numbers(path, name, tensor, order, archive.read(entry))
     return tensors
 
@@ -97,14 +100,14 @@ def _numbers(path: Path, name: str, tensor: _Tensor, order: str, data: bytes) ->
     count = min(storage.count, len(data) // kind.itemsize)
     whole = all(type(n) is int and n >= 0 for n in (first, *shape, *strides))
     if not whole or len(shape) != len(strides) or len(shape) > 32:
-        raise ValueError(f"{path}: '{name}' must have a shape and strides, got {tensor[1:]}.")
+        raise ValueError(f"{path}: '{name:.200}' must have a shape and strides, got {tensor[1:]}.")
     size = math.prod(shape)
     last = first + sum((n - 1) * step for n, step in zip(shape, strides, strict=True))
     # A tensor of more numbers than its storage repeats some of them: a few bytes could fill memory.
     if size and (size > count or last >= count):
         raise ValueError(
-            f"{path}: '{name}' of shape {shape} must lie within its {count} numbers; the file is "
-            "damaged. Copy it again."
+            f"{path}: '{name:.200}' of shape {shape} must lie within its {count} numbers; the file "
+            "is damaged. Copy it again."
         )
     steps = tuple(step * kind.itemsize for step in strides)
     begin = first * kind.itemsize if size else 0
@@ -134,7 +137,7 @@ class _Reader:
             raise
         # Whatever a malformed pickle makes of the machine that reads it.
         except Exception as error:
-            raise ValueError(f"{self.path}: the pickle is damaged ({error}).") from error
+            raise ValueError(f"{self.path}: the pickle is damaged ({str(error)[:200]}).") from error
         if not isinstance(found, dict):
             raise self._refused(f"a {_kind(found)}")
         for name, value in found.items():
@@ -212,8 +215,8 @@ class _Reader:
 
     def _refused(self, what: str) -> "_Refused":
         return _Refused(
-            f"{self.path}: must hold a dictionary of tensors and nothing else, got {what}, which "
-            "is refused: it could run a program. Save the state_dict() of the model alone."
+            f"{self.path}: must hold a dictionary of tensors and nothing else, got {what:.200}, "
+            "which is refused: it could run a program. Save the state_dict() of the model alone."
         )
 
 

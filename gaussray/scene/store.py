@@ -205,13 +205,6 @@ def scene_from(
 
 def _check(scene: Scene, path: Path) -> None:
     """Refuse arrays that are of no use to one another, before they are met within a program."""
-    if isinstance(scene.deformation, Deformation):
-        knots = np.asarray(scene.deformation.bodies.time)
-        if knots.ndim != 1 or not len(knots) or (np.diff(knots) <= 0).any():
-            raise ValueError(
-                f"{path}: the array 'deformation.bodies.time' must hold times that increase; the "
-                "scene is damaged."
-            )
     leaves, tree = jax.tree.flatten(scene)
     wrong = _misfit(tree, tuple((x.shape, x.dtype) for x in leaves))
     if wrong:
@@ -225,7 +218,7 @@ def _misfit(tree: Any, leaves: tuple) -> str:
     scene = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
     rest = scene.static, scene.moving
     coefficients = {part.harmonics.shape[1] for part in rest}
-    if len(coefficients) > 1 or not coefficients <= {1, 4, 9, 16}:
+    if not coefficients <= {1, 4, 9, 16}:
         return f"harmonics of {sorted(coefficients)} coefficients"
     time = jax.ShapeDtypeStruct((), scene.time_range.dtype)
     try:
