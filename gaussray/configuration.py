@@ -17,6 +17,7 @@ from hydra.errors import HydraException
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
+from yaml import YAMLError
 
 from gaussray.devices import leads
 
@@ -160,7 +161,11 @@ def _hydra(verb: str) -> Iterator[None]:
 
 def _composed(verb: str, overrides: Sequence[str]) -> DictConfig:
     with _hydra(verb):
-        return compose(verb, _spelled(overrides))
+        try:
+            return compose(verb, _spelled(overrides))
+        # What YAML and Python say of texts that are none, and of numbers too long to be any.
+        except (YAMLError, ValueError, RecursionError) as error:
+            raise _wrong(verb, error) from error
 
 
 def _spelled(overrides: Sequence[str]) -> list[str]:
@@ -169,13 +174,15 @@ def _spelled(overrides: Sequence[str]) -> list[str]:
 
 
 def _resolved(verb: str, cfg: DictConfig) -> DictConfig:
-    missing = sorted(OmegaConf.missing_keys(cfg))
-    if missing:
-        raise ValueError(f"{missing[0]} must be given, e.g. `gaussray {verb} {missing[0]}=DIR`.")
     _demand_values(OmegaConf.to_container(cfg), "")
     try:
+        missing = sorted(OmegaConf.missing_keys(cfg))
+        if missing:
+            raise ValueError(
+                f"{missing[0]} must be given, e.g. `gaussray {verb} {missing[0]}=DIR`."
+            )
         OmegaConf.resolve(cfg)
-    except OmegaConfBaseException as error:
+    except (OmegaConfBaseException, RecursionError) as error:
         raise _wrong(verb, error) from error
     return cfg
 
@@ -205,7 +212,7 @@ def _calls(text: str) -> bool:
 
 
 def _wrong(verb: str, error: Exception) -> ValueError:
-    reason = str(error).splitlines()[0]
+    reason = (str(error).splitlines() or [type(error).__name__])[0][:300]
     return ValueError(f"configuration: {reason} `gaussray {verb} --help` lists the keys.")
 
 

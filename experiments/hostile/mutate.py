@@ -3,6 +3,7 @@
 import io
 import json
 import zipfile
+import zlib
 
 import numpy as np
 
@@ -55,12 +56,14 @@ WORDS += [b"element vertex 99999999999", b"property list char double a", b"prope
 
 
 def damaged(dice: np.random.Generator, content: bytes, kind: str) -> bytes:
-    """What becomes of a file of this kind: json, npz, or any other."""
+    """What becomes of a file of this kind: json, npz, png, or any other."""
     whole = dice.random() < 0.3
     if kind == "json" and not whole:
         return _json(dice, content)
     if kind == "npz" and not whole:
         return _npz(dice, content)
+    if kind == "png" and not whole:
+        return _png(dice, content)
     for _ in range(int(dice.integers(1, 5))):
         content = _bytes(dice, content)
     return content
@@ -130,7 +133,8 @@ def _change(dice, tree):
             if name in _keys(other):
                 node[key] = json.loads(json.dumps(other[name]))
         case 3 if isinstance(node[key], int | float) and not isinstance(node[key], bool):
-            node[key] = float(node[key]) * float(dice.normal() * 10 ** dice.uniform(-3, 3))
+            scale = float(dice.normal() * 10 ** dice.uniform(-3, 3))
+            node[key] = scale * float(min(node[key], 2**1000))
         case _:
             node[key] = json.loads(json.dumps(ODD[int(dice.integers(len(ODD)))]))
 
@@ -175,6 +179,27 @@ def _npy(array):
     out = io.BytesIO()
     np.save(out, array)
     return out.getvalue()
+
+
+def _png(dice, content):
+    """A chunk is changed, packed pixels before they are packed, and the sums of all are right."""
+    chunks, at = [], 8
+    while at < len(content):
+        size = int.from_bytes(content[at : at + 4], "big")
+        chunks.append((content[at + 4 : at + 8], content[at + 8 : at + 8 + size]))
+        at += 12 + size
+    pick = int(dice.integers(len(chunks)))
+    name, data = chunks[pick]
+    unpacked = name == b"IDAT" and dice.random() < 0.7
+    data = _bytes(dice, zlib.decompress(data) if unpacked else data)
+    chunks[pick] = name, zlib.compress(data) if unpacked else data
+    if dice.random() < 0.2:
+        chunks.insert(pick, chunks[int(dice.integers(len(chunks)))])
+    packed = (
+        len(data).to_bytes(4, "big") + name + data + zlib.crc32(name + data).to_bytes(4, "big")
+        for name, data in chunks
+    )
+    return content[:8] + b"".join(packed)
 
 
 def _header(dice, data):

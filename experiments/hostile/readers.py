@@ -80,13 +80,16 @@ def _film(suffix: str, codec: str) -> bytes:
 
 def _paired() -> list[Files]:
     moves = {"time": 1.0, "transform_matrix": TURN}
+    opening = {"radius": 0.1, "rim": {"radius": 1, "distance": 0.5}}
+    pull = {"time": [0, 1], "distance": [1, "infinity"]}
+    shake = {"turn": 0.1, "move": 0.1, "correlation_time": 1, "seed": 3}
     blocks = [
-        {"aperture": {"radius": 0.1, "focus_distance": 2, "blades": 5, "rim": {"radius": 1, "distance": 1}}},
-        {"aperture": {"radius": 0.1, "focus_distance": {"time": [0, 1], "distance": [1, "infinity"]}}},
+        {"aperture": {**opening, "focus_distance": 2, "blades": 5}},
+        {"aperture": {**opening, "focus_distance": pull}},
         {"shutter": {"row_step": 0.1, "exposure": 0.1, "direction": "left_to_right"}},
         {"shutter": {"row_times": [0.0, 0.1, 0.2], "trigger": 0.1}},
         {"trajectory": [{**moves, "time": 0.0}, moves]},
-        {"trajectory": {"poses": [moves], "shake": {"turn": 0.1, "move": 0.1, "correlation_time": 1, "seed": 3}}},
+        {"trajectory": {"poses": [moves], "shake": shake}},
         {"lens": {"model": "equidistant", "fov": 2.0}},
         {"lens": {"model": "f_theta", "polynomial": "radius_of_angle", "k": [0, 4.0], "fov": 1.0}},
         {"lens": {"model": "double_sphere", "k": [0.1, 0.5], "fov": 2.0}},
@@ -176,7 +179,6 @@ def _table() -> list[Files]:
 def _scenes() -> list[Files]:
     import jax
 
-    from gaussray.fit.density import Pull  # noqa: F401
     from gaussray.scene.bodies import resting
     from gaussray.scene.clip import Clip
     from gaussray.scene.deformation import initial_deformation
@@ -186,10 +188,11 @@ def _scenes() -> list[Files]:
     from gaussray.scene.store import save_scene
 
     def some(count):
-        one = np.ones(count, np.float32)
-        return Gaussians(*(jax.numpy.asarray(x) for x in (
-            np.zeros((count, 3), np.float32), np.tile(np.float32([1, 0, 0, 0]), (count, 1)),
-            0.1 * np.ones((count, 3), np.float32), 0.5 * one, np.ones((count, 4, 3), np.float32))))  # fmt: skip
+        shapes = (3,), (4,), (3,), (), (4, 3)
+        return Gaussians(*(jax.numpy.full((count, *shape), 0.5) for shape in shapes))
+
+    def save(path, scene, precision):
+        save_scene(path, scene, precision=precision, info={"a": 1})
 
     key, zero = jax.random.key(0), jax.numpy.zeros(3)
     planes = initial_planes(key, zero - 1, zero + 1, (0.0, 1.0), sides=(2,), instants=2, channels=2)
@@ -199,10 +202,7 @@ def _scenes() -> list[Files]:
     still = Scene(some(2), some(0), None, times([0.0, 1.0]))
     moves = Scene(some(1), some(2), field, times([1.0, 2.0]))
     cases = [(still, "full"), (moves, "full"), (moves, "compact"), (Clip((still, moves)), "full")]
-    return [
-        {"scene.npz": _written("scene.npz", lambda p, c=c: save_scene(p, c[0], precision=c[1], info={"a": 1}))}
-        for c in cases
-    ]  # fmt: skip
+    return [{"scene.npz": _written("scene.npz", lambda p, c=c: save(p, *c))} for c in cases]
 
 
 def _read_scene(folder: Path) -> object:
@@ -336,10 +336,11 @@ def _yaml(folder: Path) -> object:
 
 
 def _pictures(name: str, *made: tuple) -> Reader:
+    kind = "png" if name == ".png" else "bytes"
     return Reader(
         lambda: [{f"a{name}": _picture(name, *how)} for how in made or ((),)],
         _read_stored(f"a{name}"),
-        {f"a{name}": "bytes"},
+        {f"a{name}": kind},
     )
 
 
@@ -357,11 +358,13 @@ sample:
     radius: {log_uniform: [0.01, 0.1]}
   fps: &a {choice: [8, 9], weights: [1, 2]}
 """
-WORDS = b"lens=fisheye\nlens.fov=90\ncamera.names=[a,'b c']\nshutter.readout=1e-3\nfps=${render.samples}"
+WORDS = b"lens=fisheye\nlens.fov=90\ncamera.names=[a,'b c']\nfps=${render.samples}"
 CONFIG = ("configuration:", "must be", "sample.", "is no key")
 READERS = {
     "paired": Reader(_paired, _read_capture, {"transforms.json": "json"}),
-    "splits": Reader(_splits, _read_capture, {"transforms_train.json": "json", "transforms_test.json": "json"}),
+    "splits": Reader(
+        _splits, _read_capture, {"transforms_train.json": "json", "transforms_test.json": "json"}
+    ),
     "neural3d": Reader(_neural3d, _read_capture, {"poses_bounds.npy": "bytes"}),
     "colmap-binary": Reader(
         lambda: _colmap(True),
@@ -373,12 +376,8 @@ READERS = {
         _read_capture,
         {"cameras.txt": "text", "images.txt": "text", "points3D.txt": "text"},
     ),
-    "points-ply": Reader(
-        _ply, lambda folder: _points(folder), {"p.ply": "bytes"}
-    ),
-    "gaussian-ply": Reader(
-        _gaussian_ply, lambda folder: _gaussians(folder), {"p.ply": "bytes"}
-    ),
+    "points-ply": Reader(_ply, lambda folder: _points(folder), {"p.ply": "bytes"}),
+    "gaussian-ply": Reader(_gaussian_ply, lambda folder: _gaussians(folder), {"p.ply": "bytes"}),
     "rays-npz": Reader(_table, _read_rays, {"rays.npz": "npz"}),
     "rays-exr": Reader(
         lambda: [{"rays.exr": _picture(".exr", 3, "float32")}], _read_rays, {"rays.exr": "bytes"}
@@ -407,7 +406,7 @@ READERS = {
     "yaml": Reader(
         lambda: [{"sample/mine.yaml": SAMPLE}], _yaml, {"sample/mine.yaml": "text"}, CONFIG
     ),
-}  # fmt: skip
+}
 
 
 def _points(folder: Path) -> object:

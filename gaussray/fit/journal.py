@@ -67,8 +67,8 @@ class Journal:
         parts = [self.info.get(key, 1) for key in ("segment", "segments")]
         if stage not in STAGES or any(type(part) is not int or part < 1 for part in parts):
             raise ValueError(
-                f"{self.checkpoint}: does not say where the fit stopped; the file is damaged. Start "
-                "again without resume=true."
+                f"{self.checkpoint}: does not say where the fit stopped; the file is damaged. "
+                "Start again without resume=true."
             )
         return state, stage
 
