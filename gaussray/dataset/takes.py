@@ -99,13 +99,12 @@ def _take_of(where: str, line: bytes) -> dict[str, Any]:
         raise ValueError(
             f"{where} is of version {version!s:.80}, this gaussray reads version {VERSION}."
         )
-    found, named = take.get("frames"), [take.get("folder")]
-    frames = found if isinstance(found, list) else [None]
-    good = all(isinstance(frame, dict) for frame in frames)
-    for frame in frames if good else []:
-        labels = frame.get("labels", {})
+    frames, named = take.get("frames"), [take.get("folder")]
+    good = isinstance(frames, list)
+    for frame in frames if isinstance(frames, list) else []:
+        labels = frame.get("labels", {}) if isinstance(frame, dict) else None
         good = good and isinstance(labels, dict)
-        named += [frame.get("file_path"), *(labels.values() if good else ())]
+        named += [frame.get("file_path"), *labels.values()] if isinstance(labels, dict) else []
     if not good or type(take.get("index")) is not int or take["index"] < 0:
         raise ValueError(f"{where} must hold index, folder and frames of a take.")
     if not all(isinstance(name, str) and name for name in named):
