@@ -115,5 +115,6 @@ def _drawn(cfg: DictConfig) -> dict[str, dict[str, Any]]:
         for key in node
         if str(key).endswith("seed")
     }
-    sample: dict[str, Any] = OmegaConf.to_container(cfg.sample) if cfg.get("sample") else {}  # type: ignore[assignment]
+    told = cfg.get("sample") or {}
+    sample: Any = OmegaConf.to_container(told) if OmegaConf.is_config(told) else told
     return seeds | distributions(sample)

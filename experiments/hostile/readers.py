@@ -325,14 +325,11 @@ def _words(folder: Path) -> object:
 
 
 def _yaml(folder: Path) -> object:
-    from omegaconf import OmegaConf
-
     from gaussray.configuration import configuration
-    from gaussray.distribution import distributions
+    from gaussray.production import _drawn
 
     words = ["scene=x", "out=x", "sample=mine", f"hydra.searchpath=[file://{folder}]"]
-    cfg = configuration("render", words)
-    return distributions(OmegaConf.to_container(cfg.sample) if "sample" in cfg else {})
+    return _drawn(configuration("render", words))
 
 
 def _pictures(name: str, *made: tuple) -> Reader:

@@ -41,7 +41,11 @@ def write_layers(path: Path | str, layers: Mapping[str, np.ndarray]) -> None:
 
 def read_layers(path: Path | str) -> dict[str, np.ndarray]:
     """The channels of an EXR by name, [h, w] each, as 32-bit floats."""
-    image = open_picture(path)
+    try:
+        image = open_picture(path)
+    except OSError as error:
+        reason = str(error).removeprefix(f"{path}: ")
+        raise OSError(f"{path}: the layers cannot be read: {reason}") from None
     names = image.spec().channelnames
     pixels = image.read_image(oiio.FLOAT)
     image.close()
