@@ -82,7 +82,7 @@ def test_a_pipe_called_a_video_is_not_waited_for(tmp_path):
 def test_a_list_in_a_ply_leads_forward_alone(tmp_path):
     """A negative length led back to itself for ever."""
     head = "ply\nformat binary_little_endian 1.0\nelement face 9999999999\n"
-    head += "property list char double a\nelement vertex 1\nproperty float x\nend_header\n"
+    head += "property list char char a\nelement vertex 1\nproperty float x\nend_header\n"
     (tmp_path / "a.ply").write_bytes(head.encode() + b"\xff" * 64)
     with pytest.raises(ValueError, match="a.ply: the PLY data must hold the 9999999999 rows"):
         read_vertices(tmp_path / "a.ply")
