@@ -164,7 +164,7 @@ def _composed(verb: str, overrides: Sequence[str]) -> DictConfig:
         try:
             return compose(verb, _spelled(overrides))
         # What YAML and Python say of texts that are none, and of numbers too long to be any.
-        except (YAMLError, ValueError, RecursionError) as error:
+        except (YAMLError, ValueError, OSError, RecursionError) as error:
             raise _wrong(verb, error) from error
 
 

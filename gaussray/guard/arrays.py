@@ -76,10 +76,14 @@ def _array(where: object, file: io.BufferedIOBase, size: int) -> np.ndarray:
         shape, fortran, kind = read(file, max_header_size=_HEADER)
         if kind.hasobject or kind.subdtype is not None or kind.names or not kind.itemsize:
             raise ValueError(f"numbers of the kind {kind}")
+        if kind.kind in "fiu" and kind.itemsize > 8:
+            raise ValueError(f"numbers of {kind.itemsize} bytes")
         wanted, held = math.prod(shape) * kind.itemsize, size - file.tell()
         if min(shape, default=0) < 0 or len(shape) > 32 or wanted != held:
             raise ValueError(f"{held} bytes for the shape {shape}")
         flat = _filled(np.empty(wanted, np.uint8), file).view(kind)
+        # Of the machine's own byte order, as JAX demands.
+        flat = flat.astype(kind.newbyteorder("="), copy=False)
         return flat.reshape(shape[::-1]).T if fortran else flat.reshape(shape)
     except (zipfile.BadZipFile, zlib.error):
         raise

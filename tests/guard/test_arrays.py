@@ -69,6 +69,7 @@ def test_objects_are_never_unpickled(tmp_path):
         entry([("a", "<f4")], "(1,)", b"1234"),
         entry("<f4", "(" + "1, " * 40 + ")", b"1234"),
         entry("<f4", "('a',)"),
+        entry("<f16", "(1,)", b"1234" * 4),
         entry("<f4", "(" * 50),
         b"",
         b"text",
@@ -124,3 +125,11 @@ def test_entries_that_would_lie_before_the_file_are_refused(tmp_path):
     path.write_bytes(bytes(data))
     with pytest.raises(Damaged, match="a.npz: "):
         read_npz(path)
+
+
+def test_numbers_are_in_the_byte_order_of_the_machine(tmp_path):
+    """JAX takes no other."""
+    np.savez(tmp_path / "a.npz", a=np.arange(3, dtype=">f4"))
+    found = read_npz(tmp_path / "a.npz")["a"]
+    assert found.dtype.isnative
+    np.testing.assert_array_equal(found, [0, 1, 2])
