@@ -17,6 +17,7 @@ from gaussray.configuration import (
     run_folder,
 )
 from gaussray.devices import DevicesOptions, begin, leads, leave, together
+from gaussray.guard.limits import Limits, limit
 
 
 VERBS = {
@@ -67,6 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _run(verb: str, overrides: Sequence[str]) -> None:
     cfg = configuration(verb, overrides)
+    limit(options(Limits, cfg.limits))
     if verb == "render" and cfg.factory.count:
         from gaussray.production import produce
 

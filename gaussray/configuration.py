@@ -4,6 +4,7 @@ import contextlib
 import copy
 import functools
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -20,6 +21,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from gaussray.devices import leads
+from gaussray.guard.files import read_text
 
 
 T = TypeVar("T", bound=eqx.Module)
@@ -172,7 +174,11 @@ def _hydra(verb: str) -> Iterator[None]:
 
 def _composed(verb: str, overrides: Sequence[str]) -> DictConfig:
     with _hydra(verb):
-        return compose(verb, _spelled(overrides))
+        try:
+            return compose(verb, _spelled(overrides))
+        # What YAML and Python say of texts that are none, and of numbers too long to be any.
+        except (YAMLError, ValueError, OSError, RecursionError) as error:
+            raise _wrong(verb, error) from error
 
 
 def _spelled(overrides: Sequence[str]) -> list[str]:
@@ -189,10 +195,10 @@ def _spelled(overrides: Sequence[str]) -> list[str]:
 def preset_words(path: Path | str) -> list[str]:
     """The keys of a YAML file as words of a command line."""
     try:
-        told = OmegaConf.to_container(OmegaConf.load(path))
+        told = OmegaConf.to_container(OmegaConf.create(read_text(path).decode()))
     except OSError as error:
         raise OSError(f"preset={path}: cannot be read: {error}") from error
-    except (YAMLError, OmegaConfBaseException) as error:
+    except (YAMLError, OmegaConfBaseException, ValueError, RecursionError) as error:
         raise ValueError(f"preset={path}: is no YAML file of keys: {error}") from error
     if not isinstance(told, dict):
         raise ValueError(f"preset={path}: must hold keys and values, got a list.")
@@ -217,18 +223,45 @@ def _word(value: Any) -> str:
 
 
 def _resolved(verb: str, cfg: DictConfig) -> DictConfig:
-    missing = sorted(OmegaConf.missing_keys(cfg))
-    if missing:
-        raise ValueError(f"{missing[0]} must be given, e.g. `gaussray {verb} {missing[0]}=DIR`.")
+    _demand_values(OmegaConf.to_container(cfg), "")
     try:
+        missing = sorted(OmegaConf.missing_keys(cfg))
+        if missing:
+            raise ValueError(
+                f"{missing[0]} must be given, e.g. `gaussray {verb} {missing[0]}=DIR`."
+            )
         OmegaConf.resolve(cfg)
-    except OmegaConfBaseException as error:
+    except (OmegaConfBaseException, RecursionError) as error:
         raise _wrong(verb, error) from error
     return cfg
 
 
+def _demand_values(node: Any, key: str) -> None:
+    """Refuse what would call a program (a resolver, such as oc.env: a shared file could read the
+    environment by it, and leave it in what is written) rather than name another key."""
+    if isinstance(node, dict | list):
+        for name, inner in node.items() if isinstance(node, dict) else enumerate(node):
+            _demand_values(inner, f"{key}.{name}" if key else str(name))
+    elif isinstance(node, str) and _calls(node):
+        raise ValueError(
+            f"{key} must be a value, or name another key as ${{key}}, got {node!r}, which calls a "
+            "resolver. Write the value instead."
+        )
+
+
+def _calls(text: str) -> bool:
+    """Whether an interpolation in a text has a colon, as those of resolvers have."""
+    depth = 0
+    for part in re.findall(r"\$\{|[}:]", text):
+        if part == ":" and depth:
+            return True
+        depth += {"${": 1, "}": -1, ":": 0}[part]
+        depth = max(depth, 0)
+    return False
+
+
 def _wrong(verb: str, error: Exception) -> ValueError:
-    reason = str(error).splitlines()[0]
+    reason = (str(error).splitlines() or [type(error).__name__])[0][:300]
     return ValueError(f"configuration: {reason} `gaussray {verb} --help` lists the keys.")
 
 

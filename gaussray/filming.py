@@ -35,6 +35,7 @@ from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.dataset.video import write_video
 from gaussray.devices import agreed, leads, share, wait
 from gaussray.frame import SHARE, Frame
+from gaussray.guard.files import read_json
 from gaussray.labels import Labeller
 from gaussray.progress import Progress
 from gaussray.render import Renderer, RenderOptions
@@ -243,7 +244,10 @@ def _as_sampled(out: Path, record: FrameRecord) -> FrameRecord:
     note = (out / record.file_path).with_suffix(".json")
     if not note.exists():
         return record
-    return dataclasses.replace(record, samples=json.loads(note.read_text())["samples"])
+    told = read_json(note)
+    if not isinstance(told, dict) or type(told.get("samples")) is not int:
+        raise ValueError(f"{note}: must hold the samples of its picture. Delete both.")
+    return dataclasses.replace(record, samples=told["samples"])
 
 
 def _video(record: FrameRecord) -> str:

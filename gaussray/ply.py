@@ -6,6 +6,9 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
+from gaussray.guard.files import opened
+from gaussray.guard.limits import within
+
 
 _KINDS = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
@@ -38,7 +41,7 @@ def read_vertices(path: Path | str) -> np.ndarray:
     Memory is taken only for what the file really holds.
     """
     path = Path(path)
-    with path.open("rb") as file:
+    with opened(path) as file:
         order, elements = _header(path, file)
         for element in elements:
             if element.name != "vertex":
@@ -46,6 +49,8 @@ def read_vertices(path: Path | str) -> np.ndarray:
                 continue
             if any(p.length for p in element.properties):
                 raise ValueError(f"{path}: element vertex must not have list properties.")
+            if not element.properties:
+                raise ValueError(f"{path}: element vertex must have properties, got none.")
             try:
                 kind = np.dtype([(p.name, (order or "<") + p.kind) for p in element.properties])
             except ValueError as error:
@@ -90,13 +95,13 @@ def _header(path: Path, file: BinaryIO) -> tuple[str, list[_Element]]:
 
 def _skip(path: Path, file: BinaryIO, order: str, element: _Element) -> None:
     if not order:
-        got = sum(1 for _ in islice(file, element.count))
+        got = sum(1 for _ in islice(file, min(element.count, _left(file))))
         if got < element.count:
             raise _truncated(path, got, element.count)
         return
+    size = sum(np.dtype(p.kind).itemsize for p in element.properties)
     if not any(p.length for p in element.properties):
-        size = sum(np.dtype(p.kind).itemsize for p in element.properties)
-        file.seek(element.count * size, 1)
+        file.seek(min(element.count * size, _left(file)), 1)
         return
     for row in range(element.count):
         for p in element.properties:
@@ -107,29 +112,35 @@ def _skip(path: Path, file: BinaryIO, order: str, element: _Element) -> None:
                 if len(raw) < size.itemsize:
                     raise _truncated(path, row, element.count)
                 times = int(np.frombuffer(raw, size)[0])
-            file.seek(times * np.dtype(p.kind).itemsize, 1)
+            # A negative length would lead back, and around for ever.
+            room = times * np.dtype(p.kind).itemsize
+            if not 0 <= room <= _left(file):
+                raise _truncated(path, row, element.count)
+            file.seek(room, 1)
 
 
 def _binary(path: Path, file: BinaryIO, kind: np.dtype, count: int) -> np.ndarray:
-    here = file.tell()
-    left = max(file.seek(0, 2) - here, 0) // max(kind.itemsize, 1)
-    file.seek(here)
+    left = _left(file) // kind.itemsize
     if left < count:
         raise _truncated(path, left, count)
+    within(path, "the millions of points", count, "points", 1e6)
     return np.frombuffer(file.read(count * kind.itemsize), kind, count)
 
 
 def _text(path: Path, file: BinaryIO, kind: np.dtype, count: int) -> np.ndarray:
-    lines = list(islice(file, count))
+    within(path, "the text in MB", _left(file), "text", 1e6)
+    lines = list(islice(file, min(count, _left(file))))
     if len(lines) < count:
         raise _truncated(path, len(lines), count)
-    table, names = np.empty(count, kind), kind.names or ()
+    within(path, "the millions of points", count, "points", 1e6)
+    names = kind.names or ()
     if not count:
-        return table
+        return np.empty(0, kind)
     try:
         numbers = np.loadtxt(lines, np.float64, comments=None, ndmin=2, encoding="ascii")
         if numbers.shape != (count, len(names)):
             raise ValueError(f"{numbers.shape[0]} rows of {numbers.shape[1]}")
+        table = np.empty(count, kind)
         for i, name in enumerate(names):
             with np.errstate(over="ignore", invalid="ignore"):
                 table[name] = numbers[:, i]
@@ -141,6 +152,14 @@ def _text(path: Path, file: BinaryIO, kind: np.dtype, count: int) -> np.ndarray:
             f"({error})."
         ) from None
     return table
+
+
+def _left(file: BinaryIO) -> int:
+    """Bytes after the place that is read next."""
+    here = file.tell()
+    left = max(file.seek(0, 2) - here, 0)
+    file.seek(here)
+    return left
 
 
 def _truncated(path: Path, got: int, count: int) -> ValueError:

@@ -15,6 +15,7 @@ from gaussray.dataset.takes import MANIFEST, write_takes
 from gaussray.devices import DevicesOptions, begin, together
 from gaussray.distribution import distributions
 from gaussray.factory import Shot, produce as produce_takes
+from gaussray.guard.limits import Limits, limit
 from gaussray.labels import check_labels
 from gaussray.possible import check_possible
 from gaussray.quota import FactoryOptions
@@ -24,7 +25,7 @@ from gaussray.tracer.trace import TraceOptions
 
 
 # Keys that say where and by whom takes are made, not what they are.
-ELSEWHERE = ("preset", "out", "devices", "quiet", "sample", "factory")
+ELSEWHERE = ("preset", "out", "devices", "limits", "quiet", "sample", "factory")
 # Keys in which processes differ that work on one data set.
 SHARED = ("out", "devices", "quiet", "factory.shard", "factory.shards")
 SEEDS = {"integer": [0, 2**31 - 1]}
@@ -89,6 +90,7 @@ def produce(cfg: DictConfig, overrides: Sequence[str]) -> str:
 
 def film_share(overrides: Sequence[str], cfg: DictConfig) -> int:
     """Film the takes of one shard; how many of all are not there yet."""
+    limit(options(Limits, cfg.limits))
     devices = begin(options(DevicesOptions, cfg.devices))
     if together():
         raise ValueError(
@@ -118,5 +120,6 @@ def _drawn(cfg: DictConfig) -> dict[str, dict[str, Any]]:
         for key in node
         if str(key).endswith("seed")
     }
-    sample: dict[str, Any] = OmegaConf.to_container(cfg.sample) if cfg.get("sample") else {}  # type: ignore[assignment]
+    told = cfg.get("sample") or {}
+    sample: Any = OmegaConf.to_container(told) if OmegaConf.is_config(told) else told
     return seeds | distributions(sample)

@@ -11,7 +11,7 @@ from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.lens import AbstractLens
-from gaussray.capture.calibration import PINHOLE_FILE, View, read_views
+from gaussray.capture.calibration import PINHOLE_FILE, View, read_cameras
 from gaussray.capture.formats import FORMATS, format_of
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.exposure import (
@@ -130,13 +130,13 @@ def cameras_of(scene: Path | str, cameras: Path | str | None) -> list[View]:
     if cameras is not None:
         folder = Path(cameras)
         if not folder.is_dir():
-            return read_views(folder)
+            return read_cameras(folder)
         name = format_of(folder)
         if name != "paired":
             return FORMATS[name](folder, jnp.float32).views
-        return read_views(folder / PINHOLE_FILE)
+        return read_cameras(folder / PINHOLE_FILE)
     path = Path(scene)
     path = (path if path.is_dir() else path.parent) / "cameras.json"
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file. Name a capture's folder: cameras=DIR.")
-    return read_views(path)
+    return read_cameras(path)

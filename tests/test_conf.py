@@ -20,6 +20,7 @@ from gaussray.configuration import Variations
 from gaussray.devices import DevicesOptions
 from gaussray.distribution import distributions, drawn
 from gaussray.evaluate import EvaluateOptions
+from gaussray.guard.limits import Limits
 from gaussray.physical import PhysicalOptions
 from gaussray.quota import FactoryOptions
 from gaussray.render import RenderOptions
@@ -51,6 +52,7 @@ GROUPS = {
     "sensor": (SensorOptions, "none"),
     "factory": (FactoryOptions, "default"),
     "view": (ViewOptions, "default"),
+    "limits": (Limits, "default"),
 }
 CHOICES = [
     (group, path.stem)

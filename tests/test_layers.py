@@ -8,6 +8,7 @@ import gaussray
 
 PACKAGE = pathlib.Path(gaussray.__file__).parent
 LEVELS = [
+    {"guard"},
     {"geometry", "color", "atomic", "ply", "progress", "devices", "distribution", "quota"},
     {"scene", "camera"},
     {"tracer", "capture", "fit", "dataset", "raster", "shares"},

@@ -8,7 +8,7 @@ import pytest
 import toy
 from omegaconf import OmegaConf
 
-from gaussray.capture.calibration import read_capture, read_views
+from gaussray.capture.calibration import read_cameras, read_capture
 from gaussray.capture.frames import read_codes, read_image
 from gaussray.cli import main
 from gaussray.color import srgb_encode
@@ -58,7 +58,7 @@ def test_reconstruct_leaves_a_scene_its_cameras_and_what_was_asked_for(run):
     scene, out = load_scene(run / "scene"), run / "scene"
     assert scene.static.count > 0 and scene.moving.count > 0 and scene.deformation is not None
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(scene))
-    assert len(read_views(out / "cameras.json")) == len(toy.records())
+    assert len(read_cameras(out / "cameras.json")) == len(toy.records())
     lines = (out / "metrics.jsonl").read_text().splitlines()
     steps = [json.loads(line)["step"] for line in lines]
     assert steps == [10, 10]

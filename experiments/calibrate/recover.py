@@ -17,6 +17,7 @@ from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.findings import table
 from gaussray.fit.unknowns import applied, readings, units, unknowns
 from gaussray.geometry import RigidTransform, turning
+from gaussray.guard.limits import Limits, limit
 from gaussray.scene.store import load_scene
 
 
@@ -37,6 +38,8 @@ WRONG = {
 
 
 def main(scene, folder, out, *effects):
+    # The lists written here name the capture's own pictures.
+    limit(Limits(folders=(str(folder),)))
     scene, capture, out = load_scene(scene), read_capture(folder), Path(out)
     for effect in effects or FOUND:
         views = {"pinhole": capture.views, **capture.effects}[effect]

@@ -22,6 +22,7 @@ from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.evaluate import EvaluateOptions, evaluate
 from gaussray.fit.course import FitOptions
+from gaussray.guard.limits import Limits, limit
 from gaussray.reconstruct import ReconstructOptions, reconstruct
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
@@ -41,6 +42,8 @@ WAYS = {
 
 
 def main(scene_folder, capture_folder, out, *ways):
+    # The lists written here name pictures of other folders.
+    limit(Limits(folders=("/",)))
     scene, out = load_scene(scene_folder), Path(out)
     capture = open_capture(capture_folder, "auto", "none", selection=Selection(scale=0.5))
     times = np.unique([view.time for view in capture.views])

@@ -3,7 +3,7 @@
 import dataclasses
 import json
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 import jax.numpy as jnp
@@ -26,6 +26,8 @@ from gaussray.capture.keys import Keys
 from gaussray.capture.lenses import INTRINSICS, LENS_LABELS, lens_of
 from gaussray.capture.points import Points, read_points
 from gaussray.capture.window import Window
+from gaussray.guard.files import read_json
+from gaussray.guard.limits import within
 
 
 PINHOLE_FILE = "transforms.json"
@@ -121,7 +123,7 @@ def effect_files(folder: Path | str) -> dict[str, Path]:
     found = {}
     paths = sorted(folder.glob("*.json"), key=lambda path: (path.name != PINHOLE_FILE, path.name))
     for path in paths:
-        content = content_of(path)
+        content = content_of(Keys(folder / PINHOLE_FILE, {"file": path.name}).inside("file"))
         if not isinstance(content, dict) or "frames" not in content:
             continue
         name = "pinhole" if path.name == PINHOLE_FILE else path.stem
@@ -139,6 +141,20 @@ def read_views(path: Path | str, dtype: DTypeLike = jnp.float32) -> list[View]:
     """Every frame of one JSON file, in its order. Paths are taken from the file's own folder."""
     top = document(Path(path))
     return views_of(top, frames_of(top), dtype)
+
+
+def read_cameras(path: Path | str, dtype: DTypeLike = jnp.float32) -> list[View]:
+    """The views of one JSON file for the sake of their cameras: its pictures may lie anywhere, and
+    are not looked for."""
+    top = document(Path(path))
+    files = dict.fromkeys(("mask_path", "depth_file_path"))
+    frames = []
+    for frame in frames_of(top):
+        named = PurePath(frame.text("file_path")).parts[-2:]
+        name = "/".join(part for part in named if part not in ("/", "..")) or "picture"
+        values = {**frame.values, **files, "file_path": name}
+        frames.append(dataclasses.replace(frame, values=values))
+    return views_of(top, frames, dtype)
 
 
 def frames_of(top: Keys) -> list[Keys]:
@@ -222,7 +238,7 @@ def _view(keys, pose, turn, made, dtype):
         trajectory=trajectory,
         time=jnp.array(time, dtype),
     )
-    image = keys.file.parent / keys.text("file_path")
+    image = keys.inside("file_path")
     return View(
         camera=camera,
         image=image,
@@ -249,8 +265,9 @@ def _label(keys):
 def _split(keys):
     """Split of a frame that names none, from nerfstudio's lists."""
     path = keys.values.get("file_path")
-    held = [keys.values.get(key) or [] for key in ("test_filenames", "val_filenames")]
-    return "test" if any(path in names for names in held) else "train"
+    held = [keys.values.get(key) for key in ("test_filenames", "val_filenames")]
+    listed = (names for names in held if isinstance(names, list))
+    return "test" if any(path in names for names in listed) else "train"
 
 
 def _warn_assumed(top, frames):
@@ -296,18 +313,15 @@ def document(path: Path) -> Keys:
     frames = content.get("frames")
     if not isinstance(frames, list) or not frames:
         raise top.error("frames", "a list of at least one frame")
+    within(path, "the frames", len(frames), "frames")
     return top
 
 
 def content_of(path: Path) -> Any:
     """What a JSON file holds."""
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return read_json(path)
     except FileNotFoundError:
         raise FileNotFoundError(f"{path}: the capture's JSON file does not exist.") from None
-    except json.JSONDecodeError as error:
-        raise CaptureError(
-            f"{path}: malformed JSON at line {error.lineno}, column {error.colno}: {error.msg}."
-        ) from None
-    except UnicodeDecodeError as error:
-        raise CaptureError(f"{path}: the file must be UTF-8 text, got {error}.") from None
+    except ValueError as error:
+        raise CaptureError(str(error)) from None

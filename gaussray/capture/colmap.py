@@ -23,6 +23,8 @@ PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 # Registered pictures of a camera that stands still may differ by this angle (in radians, about a
 # pixel) and by this share of the cameras' extent.
 TURN, SHIFT = 1e-3, 1e-3
+# A shorter quaternion has, squared, no length.
+_LEAST = 1e-30
 
 
 class Filmed(NamedTuple):
@@ -110,8 +112,14 @@ def _cameras(folder: Path, model: Model) -> dict[str, Filmed]:
                 f"{model.file}: each camera must have a name of its own, got {image.name} for "
                 f"{name} again. Rename the picture."
             )
-        camera.images[root / path] = image
+        camera.images[_held(folder, root / path)] = image
     return cameras
+
+
+def _held(folder: Path, path: Path) -> Path:
+    """A file of the capture's folder, which no link leads out of."""
+    name = path.relative_to(folder).as_posix()
+    return Keys(folder / "capture", {"picture": name}).inside("picture")
 
 
 def _inside(file: Path, name: str) -> PurePosixPath:
@@ -130,11 +138,12 @@ def _frames(folder: Path, name: str, camera: Filmed) -> list[Path]:
     if camera.folder.is_dir():
         pictures = [p for p in camera.folder.iterdir() if p.suffix.lower() in PICTURES]
         if len(pictures) > 1:
-            return sorted(pictures, key=_numbers_counted)
+            return [_held(folder, path) for path in sorted(pictures, key=_numbers_counted)]
     places = [folder, folder / "videos", folder / "images"]
     for path in (place / f"{name}{suffix}" for place in places for suffix in SUFFIXES):
         if path.is_file():
-            return [frame_path(path, i) for i in range(read_video(path).frames)]
+            frames = read_video(_held(folder, path)).frames
+            return [frame_path(path, i) for i in range(frames)]
     return list(camera.images)
 
 
@@ -146,7 +155,7 @@ def _numbers_counted(path: Path) -> list[Any]:
 def _pose(file: Path, image: Registered) -> np.ndarray:
     """The camera-to-world matrix [3, 4] in OpenGL axes."""
     quat, translation = np.array(image.quat), np.array(image.translation)
-    if not (np.isfinite([*quat, *translation]).all() and quat.any()):
+    if not (np.isfinite([*quat, *translation]).all() and np.abs(quat).max() > _LEAST):
         raise CaptureError(
             f"{file}: the pose of {image.name} must be finite, with a quaternion that is not 0, "
             f"got {image.quat} and {image.translation}. Remove the picture, or place it again."

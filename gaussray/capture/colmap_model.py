@@ -1,5 +1,6 @@
 """COLMAP's files: cameras, images and points, binary or text."""
 
+import os
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,6 +11,8 @@ import numpy as np
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.points import Points
 from gaussray.color import srgb_decode
+from gaussray.guard.files import opened, read_text
+from gaussray.guard.limits import within
 
 
 T = TypeVar("T")
@@ -119,11 +122,17 @@ def _points(path, table) -> Points | None:
     return Points(rows[:, :3].astype(np.float32), color.astype(np.float32))
 
 
+def _bytes(path: Path) -> bytes:
+    with opened(path) as file:
+        within(path, "the file in GB", os.fstat(file.fileno()).st_size, "arrays", 1e9)
+        return file.read()
+
+
 class _Bytes:
     """A binary file, little endian, read from its start; never beyond its end."""
 
     def __init__(self, path: Path):
-        self.path, self.data, self.at = path, path.read_bytes(), 0
+        self.path, self.data, self.at = path, _bytes(path), 0
 
     def take(self, layout: str) -> tuple:
         size = struct.calcsize("<" + layout)
@@ -139,7 +148,11 @@ class _Bytes:
         self.at += size
 
     def rows(self) -> range:
-        return range(self.take("Q")[0])
+        count = self.take("Q")[0]
+        # Of no more rows than bytes: else the file ends before them, which is said there.
+        held = min(count, len(self.data))
+        within(self.path, "the millions of rows", held, "points", 1e6)
+        return range(count)
 
     def text(self) -> str:
         end = self.data.find(b"\0", self.at)
@@ -210,7 +223,7 @@ def _text_points(path: Path) -> Iterator[tuple[float, ...]]:
 
 def _parsed(path: Path, parse: Callable[[str], T], lines: int = 1) -> Iterator[T]:
     """What `parse` makes of every first of so many lines, comments left out."""
-    listed = enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), 1)
+    listed = enumerate(read_text(path).decode("utf-8", "replace").splitlines(), 1)
     for number, line in listed:
         if not line.strip() or line.lstrip().startswith("#"):
             continue

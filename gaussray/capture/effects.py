@@ -14,6 +14,7 @@ from gaussray.camera.shutter import DIRECTIONS, Shutter, check_shutter, row_coun
 from gaussray.camera.trajectory import INTERPOLATIONS, Trajectory
 from gaussray.capture.keys import Keys
 from gaussray.geometry import BLENDER_AXES, quaternion
+from gaussray.guard.limits import within
 
 
 # block -> label of a frame that has the block but no "effect"
@@ -29,6 +30,7 @@ def film_of(keys: Keys) -> Film:
     """Size of the picture, and its pixel filter if a `film` block names one."""
     block = keys.block("film", ("filter", "filter_width"))
     size = keys.count("w"), keys.count("h")
+    within("the picture", "its megapixels", size[0] * size[1], "picture", 1e6)
     if block is None:
         return Film(*size)
     default = Film(*size)

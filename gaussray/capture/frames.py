@@ -15,6 +15,8 @@ from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.videos import frame_of, read_frame, read_frames, read_video
 from gaussray.capture.window import Window, averaged
 from gaussray.color import srgb_decode, srgb_encode
+from gaussray.guard.files import opened
+from gaussray.guard.pictures import complaint, open_picture
 
 
 COLOR_SPACES = ("srgb", "linear")
@@ -247,10 +249,10 @@ def _open(path):
         raise FileNotFoundError(f"{path}: the picture does not exist.")
     raw = oiio.ImageSpec()
     raw["oiio:UnassociatedAlpha"] = 1  # else straight colours come multiplied by alpha, and rounded
-    file = oiio.ImageInput.open(str(path), raw)
-    if file is None:
-        raise OSError(f"{path}: the picture cannot be opened: {oiio.geterror()}")
-    return file
+    try:
+        return open_picture(path, raw)
+    except ValueError as error:
+        raise CaptureError(str(error)) from None
 
 
 def _check_size(path, size, width, height):
@@ -279,9 +281,9 @@ def read_stored(path: Path | str, width: int, height: int, background: str = "no
     pixels = file.read_image(kind)
     # A truncated JPEG still returns pixels, invented below the cut: only the message tells.
     if pixels is None or file.has_error:
-        raise OSError(f"{path}: the picture is truncated or corrupt: {file.geterror()}")
+        raise OSError(f"{path}: the picture is truncated or corrupt: {complaint(file)}")
     file.close()
-    if file.format_name() == "png" and _PNG_END not in Path(path).read_bytes()[-4096:]:
+    if file.format_name() == "png" and _PNG_END not in _last(Path(path)):
         raise OSError(f"{path}: the picture is truncated or corrupt: its PNG end chunk is missing")
     pixels = np.asarray(pixels).reshape(height, width, -1)
     color = np.ascontiguousarray(pixels[..., _color_channels(spec)])
@@ -300,6 +302,13 @@ def read_stored(path: Path | str, width: int, height: int, background: str = "no
                 stacklevel=3,
             )
     return color
+
+
+def _last(path):
+    """The end of a file."""
+    with opened(path) as file:
+        file.seek(max(file.seek(0, 2) - 4096, 0))
+        return file.read()
 
 
 def _over(color, alpha, light, straight):

@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.guard.files import inside
 
 
 _ABSENT = object()
+# What can be counted: fits into 32 bits.
+_MOST = 2**31
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,7 +70,7 @@ class Keys:
         """A whole number of at least `least`."""
         rule = f"a whole number of at least {least}"
         value = self._get(key, default, rule)
-        if not _is_number(value) or value != value // 1 or value < least:
+        if not _is_number(value) or value != value // 1 or not least <= value < _MOST:
             raise self.error(key, rule)
         return int(value)
 
@@ -98,9 +101,18 @@ class Keys:
         value = self._get(key, _ABSENT, "a list of finite numbers")
         return self.vector(key, len(value) or 1) if isinstance(value, list) else self.vector(key, 1)
 
+    def inside(self, key: str) -> Path:
+        """The path of a file in the folder of this one (`guard.files.inside`)."""
+        try:
+            return inside(self.file.parent, self.text(key), f"{self.where}: {self.prefix}{key}")
+        except CaptureError:
+            raise
+        except ValueError as error:
+            raise CaptureError(str(error)) from None
+
     def path(self, key: str) -> Path | None:
-        """A path relative to the file's folder."""
-        return self.file.parent / self.text(key) if self.has(key) else None
+        """The same, None if nothing is named."""
+        return self.inside(key) if self.has(key) else None
 
     def block(self, key: str, known: Sequence[str]) -> "Keys | None":
         """The block of that name, None if absent; a key that it should not hold is warned of."""
@@ -124,11 +136,11 @@ class Keys:
         value = self._get(key, _ABSENT, rule)
         try:
             matrix = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             matrix = np.empty(0)
         if matrix.shape not in ((4, 4), (3, 4)):
             raise self.error(key, rule, "Write four rows of four numbers.")
-        if not np.isfinite(matrix).all():
+        if not (np.abs(matrix) < np.finfo(np.float32).max).all():
             raise self.error(key, "finite", "Remove the frame, or estimate its pose again.")
         if len(matrix) == 4 and np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-6:
             raise self.error(key, f"{rule}, last row 0 0 0 1")

@@ -10,6 +10,7 @@ from gaussray.capture.calibration import Capture, filmed, points_of, views_of
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.keys import Keys
 from gaussray.capture.videos import Video, frame_path, is_video, read_video
+from gaussray.guard.arrays import read_npy
 
 
 POSES_FILE = "poses_bounds.npy"
@@ -63,17 +64,16 @@ def read_neural3d(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture
 
 def videos_of(folder: Path) -> list[Path]:
     """The videos of a folder that are called cam..., in the order of their names."""
-    return sorted(path for path in folder.glob("cam*") if is_video(path) and path.is_file())
+    found = sorted(path for path in folder.glob("cam*") if is_video(path) and path.is_file())
+    return [Keys(folder / POSES_FILE, {"video": path.name}).inside("video") for path in found]
 
 
 def _rows(path: Path) -> Float[np.ndarray, "cameras 17"]:
     if not path.is_file():
         raise FileNotFoundError(f"{path}: the file with the cameras' poses does not exist.")
     try:
-        # Mapped, so that a header's promise alone takes no memory. A malformed header raises
-        # ValueError, OverflowError, TokenError and others.
-        rows = np.lib.format.open_memmap(path, mode="r")
-    except Exception as error:
+        rows = read_npy(path)
+    except ValueError as error:
         raise CaptureError(f"{path}: the file must be a NumPy array: {error}") from None
     if rows.ndim != 2 or rows.shape[1] != 17 or rows.dtype.kind != "f":
         raise CaptureError(

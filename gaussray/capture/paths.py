@@ -10,6 +10,7 @@ from gaussray.capture.calibration import content_of
 from gaussray.capture.effects import quaternions
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.keys import Keys
+from gaussray.guard.files import read_text
 
 
 def read_path(
@@ -67,7 +68,7 @@ def _unrolled(keys):
 
 def _of_text(path):
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = read_text(path).decode("utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise OSError(f"trajectory.file={path}: cannot be read: {error}") from error
     rows = []
@@ -82,7 +83,7 @@ def _of_text(path):
         if row.shape != (8,) or not np.isfinite(row).all() or not row[4:].any():
             raise CaptureError(
                 f"{path}, line {number}: must be time x y z qx qy qz qw, eight finite numbers with "
-                f"a quaternion that is not zero, got {line!r}."
+                f"a quaternion that is not zero, got {line[:200]!r}."
             )
         rows.append(row)
     if not rows:

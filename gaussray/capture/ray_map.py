@@ -1,13 +1,13 @@
 """Tables of viewing directions from disk."""
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureError
+from gaussray.guard.arrays import read_npz
+from gaussray.guard.pictures import complaint, open_picture
 
 
 # Unit vectors of single precision are nearer to 1 than this and stay as they are; those of half
@@ -45,22 +45,23 @@ def read_ray_map(path: Path | str) -> Float[np.ndarray, "rows columns 3"]:
 
 def _npz(path):
     try:
-        with np.load(path, allow_pickle=False) as file:
-            if "rays" not in file:
-                raise CaptureError(f"{path}: lens.file must hold an array `rays`, got {[*file]}.")
-            return file["rays"]
-    except (ValueError, zipfile.BadZipFile, EOFError) as error:
-        if isinstance(error, CaptureError):
-            raise
+        found = read_npz(path)
+    except ValueError as error:
         raise CaptureError(f"{path}: lens.file is no .npz file: {error}") from error
+    if "rays" not in found:
+        raise CaptureError(f"{path}: lens.file must hold an array `rays`, got {[*found][:9]}.")
+    return found["rays"]
 
 
 def _exr(path):
-    file = oiio.ImageInput.open(str(path))
-    if file is None:
-        raise OSError(f"{path}: lens.file cannot be read: {oiio.geterror()}")
+    try:
+        file = open_picture(path)
+    except (OSError, ValueError) as error:
+        kind = OSError if isinstance(error, OSError) else CaptureError
+        reason = str(error).removeprefix(f"{path}: ")
+        raise kind(f"{path}: lens.file cannot be read: {reason}") from None
     rays = file.read_image("float")
     file.close()
     if rays is None:
-        raise OSError(f"{path}: lens.file cannot be read: {file.geterror()}")
+        raise OSError(f"{path}: lens.file cannot be read: {complaint(file)}")
     return rays

@@ -108,7 +108,8 @@ def _picture(frame):
     # BlenderNeRF joins folder and name with the separator of the system that it runs on.
     named = frame.text("file_path").replace("\\", "/")
     for suffix in ("", *SUFFIXES):
-        if (frame.file.parent / f"{named}{suffix}").is_file():
+        full = {**frame.values, "file_path": f"{named}{suffix}"}
+        if dataclasses.replace(frame, values=full).inside("file_path").is_file():
             return f"{named}{suffix}"
     raise FileNotFoundError(
         f"{frame.where}: file_path must name a picture, got {named!r}: neither it nor one with "

@@ -5,7 +5,8 @@ import functools
 import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from stat import S_ISREG
+from typing import Any, NamedTuple
 
 import av
 import av.error
@@ -13,11 +14,28 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gaussray.capture.errors import CaptureError
+from gaussray.guard.limits import limits, within
 
 
 SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm")
 # Transfer characteristics of ITU-T H.273 whose codes are no sRGB codes: PQ and HLG.
 _HIGH_DYNAMIC_RANGE = {16: "PQ", 18: "HLG"}
+
+# Decoders of what cameras and encoders write. FFmpeg has three hundred more.
+CODECS = (
+    *("h264", "hevc", "av1", "libdav1d", "vp8", "vp9", "libvpx", "libvpx-vp9", "mpeg4"),
+    *("mpeg2video", "mjpeg", "png", "ffv1", "prores", "dnxhd", "huffyuv", "ffvhuff", "utvideo"),
+    *("qtrle", "rawvideo"),
+)
+# Without these a file called .mp4 may be a list of others, which FFmpeg then opens.
+_OPENING: dict[str, Any] = {
+    "options": {
+        "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi",
+        "protocol_whitelist": "file",
+        "codec_whitelist": ",".join(CODECS),
+    },
+    "metadata_errors": "replace",
+}
 
 
 class Video(NamedTuple):
@@ -77,6 +95,8 @@ def _identity(path):
         stat = path.stat()
     except OSError:
         raise FileNotFoundError(f"{path}: the video does not exist.") from None
+    if not S_ISREG(stat.st_mode):
+        raise OSError(f"{path}: the video must be a file, got a folder, a pipe or a device.")
     return path, stat.st_mtime_ns, stat.st_size
 
 
@@ -90,6 +110,11 @@ def _facts(path: Path, changed: int, size: int) -> Video:
                 raise _broken(path, f"packet {listed} is incomplete")
             if packet.size:
                 listed += 1
+            if listed > limits().frames:
+                raise CaptureError(
+                    f"{path}: the frames must be at most limits.frames={limits().frames}. Raise "
+                    "the limit if you trust the file."
+                )
             if packet.size and not packet.is_discard:
                 times.append(packet.dts if packet.pts is None else packet.pts)
             if first is None:
@@ -163,7 +188,7 @@ def _decoded(path):
 @contextlib.contextmanager
 def _opened(path):
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path.absolute()), **_OPENING) as container:
             yield container
     except av.error.FFmpegError as error:
         raise _broken(path, error.strerror or type(error).__name__) from error
@@ -176,6 +201,17 @@ def _stream(path, container):
             "video. Copy it again."
         )
     stream = container.streams.video[0]
+    codec = stream.codec_context
+    if codec is None or codec.name not in CODECS:
+        name = "an unknown one" if codec is None else codec.name
+        raise CaptureError(
+            f"{path}: the frames must be encoded by one of {', '.join(CODECS)}, got {name}. "
+            "Encode them anew, e.g. by `ffmpeg -i IN -c:v libx264 OUT.mp4`."
+        )
+    _check_pixels(path, codec.width * codec.height)
+    # Frames that are larger than the header says are not decoded either.
+    if not codec.is_open:
+        codec.options = {"max_pixels": str(int(1e6 * limits().picture))}
     curve = _HIGH_DYNAMIC_RANGE.get(stream.codec_context.color_trc)
     if curve:
         raise CaptureError(
@@ -185,7 +221,15 @@ def _stream(path, container):
     return stream
 
 
+def _check_pixels(path, count):
+    try:
+        within(path, "the megapixels of a frame", count, "picture", 1e6)
+    except ValueError as error:
+        raise CaptureError(str(error)) from None
+
+
 def _upright(path, frame):
+    _check_pixels(path, frame.width * frame.height)
     pixels = frame.to_ndarray(format="rgb24")
     if frame.rotation % 90:
         raise CaptureError(

@@ -7,6 +7,7 @@ import numpy as np
 import OpenImageIO as oiio
 
 from gaussray.dataset.images import write_pixels
+from gaussray.guard.pictures import complaint, open_picture
 
 
 # Last letters of the channel names of vectors.
@@ -40,14 +41,16 @@ def write_layers(path: Path | str, layers: Mapping[str, np.ndarray]) -> None:
 
 def read_layers(path: Path | str) -> dict[str, np.ndarray]:
     """The channels of an EXR by name, [h, w] each, as 32-bit floats."""
-    image = oiio.ImageInput.open(str(path))
-    if image is None:
-        raise OSError(f"{path}: the layers cannot be read: {oiio.geterror()}")
+    try:
+        image = open_picture(path)
+    except OSError as error:
+        reason = str(error).removeprefix(f"{path}: ")
+        raise OSError(f"{path}: the layers cannot be read: {reason}") from None
     names = image.spec().channelnames
     pixels = image.read_image(oiio.FLOAT)
     image.close()
     if pixels is None:
-        raise OSError(f"{path}: the layers cannot be read: {image.geterror()}")
+        raise OSError(f"{path}: the layers cannot be read: {complaint(image)}")
     return {name: pixels[..., i] for i, name in enumerate(names)}
 
 

@@ -2,13 +2,15 @@
 
 import io
 import json
+import re
 import tarfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from gaussray.atomic import whole
-from gaussray.dataset.takes import read_frames
+from gaussray.dataset.takes import MANIFEST, read_frames
+from gaussray.guard.files import inside, opened
 
 
 def pack(data: Path | str, out: Path | str, *, frames_per_tar: int = 1000) -> list[Path]:
@@ -45,10 +47,14 @@ def _keyed(frames: Iterator[dict[str, Any]]) -> Iterator[tuple[str, dict[str, An
 
 def _add(tar: tarfile.TarFile, data: Path, key: str, frame: Mapping[str, Any]) -> None:
     take = {name: value for name, value in frame["take"].items() if name != "frames"}
-    picture = data / frame["file_path"]
-    files = {picture.suffix[1:]: picture.read_bytes()}
-    for name, path in frame.get("labels", {}).items():
-        files[f"{name}{Path(path).suffix}"] = (data / path).read_bytes()
+    named = {"": frame["file_path"], **frame.get("labels", {})}
+    files: dict[str, bytes] = {}
+    for name, path in named.items():
+        if not re.fullmatch(r"\w*", name):
+            raise ValueError(f"{data / MANIFEST}: a label must be a word, got {name!r:.80}.")
+        source = inside(data, path, f"{data / MANIFEST}: {name or 'file_path'}")
+        with opened(source) as file:
+            files[f"{name}{source.suffix}".removeprefix(".")] = file.read()
     files["json"] = json.dumps({**frame, "take": take}).encode()
     for extension, content in files.items():
         member = tarfile.TarInfo(f"{key}.{extension}")

@@ -19,6 +19,8 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import Shutter, sample_time
 from gaussray.dataset.lenses import plain
 from gaussray.dataset.manifest import FrameRecord
+from gaussray.guard.files import opened, parse_json, read_json
+from gaussray.guard.limits import limits, within
 
 
 # Of the schema: raised when a key changes its meaning or goes; keys may be added.
@@ -36,7 +38,9 @@ def is_there(folder: Path, told: Mapping[str, Any]) -> bool:
     line = folder / LINE
     if not line.exists():
         return False
-    there = json.loads(line.read_text(encoding="utf-8"))
+    there = read_json(line)
+    if not isinstance(there, dict):
+        raise ValueError(f"{line}: must hold the line of a take. Delete it to film the take anew.")
     other = [key for key, value in _json(told).items() if there.get(key) != value]
     if other:
         raise ValueError(
@@ -73,24 +77,39 @@ def read_takes(data: Path | str) -> Iterator[dict[str, Any]]:
     """The lines of a data set's manifest, one after another."""
     path = Path(data) / MANIFEST
     try:
-        file = path.open(encoding="utf-8")
+        file = opened(path)
     except OSError as error:
         raise OSError(
-            f"{path}: cannot be read: {error.strerror}. It is there when all takes are: go on with "
+            f"{path}: cannot be read: {error} It is there when all takes are: go on with "
             "`gaussray render`."
         ) from error
+    most, number = int(limits().text * 1e6), 0
     with file:
-        for number, line in enumerate(file, 1):
-            try:
-                take = json.loads(line)
-            except ValueError as error:
-                raise ValueError(f"{path}: line {number} is malformed JSON.") from error
-            if take.get("version") != VERSION:
-                raise ValueError(
-                    f"{path}: line {number} is of version {take.get('version')}, this gaussray "
-                    f"reads version {VERSION}."
-                )
-            yield take
+        while line := file.readline(most + 1):
+            number += 1
+            within(path, f"line {number} in MB", len(line), "text", 1e6)
+            yield _take_of(f"{path}: line {number}", line)
+
+
+def _take_of(where: str, line: bytes) -> dict[str, Any]:
+    """A take from its line, of which readers rely on the folder and the frames."""
+    take = parse_json(where, line)
+    if not isinstance(take, dict) or take.get("version") != VERSION:
+        version = take.get("version") if isinstance(take, dict) else None
+        raise ValueError(
+            f"{where} is of version {version!s:.80}, this gaussray reads version {VERSION}."
+        )
+    frames, named = take.get("frames"), [take.get("folder")]
+    good = isinstance(frames, list)
+    for frame in frames if isinstance(frames, list) else []:
+        labels = frame.get("labels", {}) if isinstance(frame, dict) else None
+        good = good and isinstance(labels, dict)
+        named += [frame.get("file_path"), *labels.values()] if isinstance(labels, dict) else []
+    if not good or type(take.get("index")) is not int or take["index"] < 0:
+        raise ValueError(f"{where} must hold index, folder and frames of a take.")
+    if not all(isinstance(name, str) and name for name in named):
+        raise ValueError(f"{where} must name files by texts that are not empty.")
+    return take
 
 
 def read_frames(data: Path | str) -> Iterator[dict[str, Any]]:

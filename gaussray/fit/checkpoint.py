@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
@@ -48,23 +49,39 @@ def load_checkpoint(path: Path) -> tuple[State, dict[str, Any], dict[str, np.nda
         mu=parameters("adam.mu"),  # type: ignore[arg-type]
         nu=parameters("adam.nu"),  # type: ignore[arg-type]
     )
+    known = parameters("parameters")
+    shapes = [[x.shape for x in jax.tree.leaves(tree)] for tree in (known, adam.mu, adam.nu)]
+    if shapes[0] != shapes[1] or shapes[0] != shapes[2]:
+        raise ValueError(
+            f"{path}: the state of the optimiser does not fit the parameters; the file is damaged. "
+            "Start again without resume=true."
+        )
     state = State(
-        parameters("parameters"),
+        known,
         adam,
         pull("static_pull"),
         pull("moving_pull"),
         jnp.asarray(array["step"]),
     )
     notes = {name.removeprefix(NOTE): x for name, x in found.items() if name.startswith(NOTE)}
-    return state, header["info"], notes
+    return state, header.get("info", {}), notes
 
 
 class _Whole(dict):
-    """Arrays of a file, in which none may be missing."""
+    """Arrays of numbers of a file, in which none may be missing."""
 
     def __init__(self, path: Path, array: dict[str, np.ndarray]):
         super().__init__(array)
         self.path = path
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        found = super().__getitem__(name)
+        if found.dtype.kind not in "fiub":
+            raise ValueError(
+                f"{self.path}: the array '{name}' must hold real numbers, got {found.dtype}; the "
+                "file is damaged. Start again without resume=true."
+            )
+        return found
 
     def __missing__(self, name: str):
         raise ValueError(f"{self.path}: the array '{name}' is missing; the file is not whole.")

@@ -15,6 +15,10 @@ from gaussray.fit.checkpoint import load_checkpoint, save_checkpoint
 from gaussray.fit.state import State
 
 
+# Of a fit, and of the hand-over from one segment to the next.
+STAGES = ("coarse", "begin", "fine")
+
+
 class NonFiniteLoss(RuntimeError):
     """A term of the loss was not a finite number; the last good state has been written."""
 
@@ -59,7 +63,14 @@ class Journal:
     def resumed(self) -> tuple[State, str]:
         """The state of an interrupted run, and its stage."""
         state, self.info, self.notes = load_checkpoint(self.checkpoint)
-        return state, self.info.pop("stage")
+        stage = self.info.pop("stage", None)
+        parts = [self.info.get(key, 1) for key in ("segment", "segments")]
+        if stage not in STAGES or any(type(part) is not int or part < 1 for part in parts):
+            raise ValueError(
+                f"{self.checkpoint}: does not say where the fit stopped; the file is damaged. "
+                "Start again without resume=true."
+            )
+        return state, stage
 
     def record(self, stage: str, step: int, terms: dict[str, Array]) -> None:
         """One line of figures."""

@@ -11,6 +11,7 @@ import re
 from pathlib import Path
 from typing import Any
 
+from gaussray.guard.files import read_text
 from gaussray.scene.gaussian_network import read_field
 from gaussray.scene.gaussian_ply import read_gaussians, read_unconstrained
 from gaussray.scene.gaussians import Gaussians, constrain
@@ -29,6 +30,9 @@ FLAGS = {
 COMPRESSED = (".spz", ".splat", ".ksplat", ".sog")
 # Arguments that would make another network of it.
 UNKNOWN = ("no_grid", "grid_pe", "static_mlp", "empty_voxel", "apply_rotation")
+
+# Characters of the arguments; a model has some two thousand.
+_LONGEST = 100_000
 
 
 def read_model(
@@ -107,7 +111,10 @@ def _arguments(path: Path) -> dict[str, Any]:
             "the trained model."
         )
     try:
-        call = ast.parse(path.read_text("utf-8").strip(), mode="eval").body
+        text = read_text(path).decode("utf-8").strip()
+        if len(text) > _LONGEST:
+            raise ValueError(f"{len(text)} characters")
+        call = ast.parse(text, mode="eval").body
         if not (isinstance(call, ast.Call) and getattr(call.func, "id", "") == "Namespace"):
             raise ValueError("no Namespace")
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:

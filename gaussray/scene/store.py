@@ -21,18 +21,20 @@ Version 4 is for clips. Its header lists under `segments` what the headers of th
 say; the arrays of segment i have the names that they would have there after "i.".
 """
 
+import functools
 import json
-import zipfile
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from gaussray.atomic import whole
+from gaussray.guard.arrays import Damaged, read_npz
+from gaussray.guard.files import parse_json
 from gaussray.scene.bodies import Bodies
 from gaussray.scene.clip import Clip, segments_of
 from gaussray.scene.compact import compressed, restored
@@ -40,7 +42,7 @@ from gaussray.scene.deformation import Deformation, Layer
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.planes import Planes
 from gaussray.scene.residual_field import ResidualField
-from gaussray.scene.scene import Scene
+from gaussray.scene.scene import Scene, at
 
 
 FORMAT = "gaussray-scene"
@@ -191,12 +193,42 @@ def scene_from(
     else:
         deformation = deformation_from(array, "deformation", path, demanded)
     time_range = take("time_range")
-    if time_range.shape != (2,):
+    if time_range.shape != (2,) or not time_range[0] <= time_range[1]:
         raise ValueError(
-            f"{path}: the array 'time_range' must hold two times, got the shape "
-            f"{time_range.shape}; the scene is damaged."
+            f"{path}: the array 'time_range' must hold two times, the earlier one first, got "
+            f"{str(time_range)[:80]}; the scene is damaged."
         )
-    return Scene(gaussians("static"), gaussians("moving"), deformation, time_range)
+    scene = Scene(gaussians("static"), gaussians("moving"), deformation, time_range)
+    _check(scene, path)
+    return scene
+
+
+def _check(scene: Scene, path: Path) -> None:
+    """Refuse arrays that are of no use to one another, before they are met within a program."""
+    leaves, tree = jax.tree.flatten(scene)
+    wrong = _misfit(tree, tuple((x.shape, x.dtype) for x in leaves))
+    if wrong:
+        raise ValueError(f"{path}: its arrays do not fit together ({wrong}); the scene is damaged.")
+
+
+@functools.lru_cache(maxsize=64)
+def _misfit(tree: Any, leaves: tuple) -> str:
+    """Why the arrays of a scene of these shapes make no Gaussians, nothing if they do: the scene at
+    a time is traced, not computed."""
+    scene = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
+    rest = scene.static, scene.moving
+    coefficients = {part.harmonics.shape[1] for part in rest}
+    if not coefficients <= {1, 4, 9, 16}:
+        return f"harmonics of {sorted(coefficients)} coefficients"
+    time = jax.ShapeDtypeStruct((), scene.time_range.dtype)
+    try:
+        made = jax.eval_shape(at, scene, time)
+    except Exception as error:
+        return " ".join(str(error).split())[:200]
+    count = sum(part.mean.shape[0] for part in rest)
+    wanted = {"mean": (3,), "quat": (4,), "scale": (3,), "opacity": ()}
+    wrong = [name for name, x in wanted.items() if getattr(made, name).shape != (count, *x)]
+    return ", ".join(wrong)
 
 
 def deformation_from(
@@ -314,17 +346,21 @@ def read_arrays(
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file. `gaussray reconstruct` writes one.")
     try:
-        with open(path, "rb") as raw, np.load(raw, allow_pickle=False) as file:
-            array = {name: file[name] for name in file.files}
-        header = json.loads(str(array.pop("header")))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+        array = read_npz(path)
+        text = array.pop("header", None)
+        if text is None or text.dtype.kind != "U" or text.ndim:
+            raise Damaged(f"{path}: has no header")
+        header = parse_json(f"{path}: the header", str(text))
+        if not isinstance(header, dict) or not isinstance(header.get("info", {}), dict):
+            raise Damaged(f"{path}: its header is no block of keys")
+    except Damaged as error:
         raise ValueError(f"{path}: is not a {kind} file or is damaged ({error}).") from error
     if header.get("format") != kind:
-        raise ValueError(f"{path}: is a {header.get('format')!r} file, not a {kind} file.")
+        raise ValueError(f"{path}: is a {header.get('format')!r:.80} file, not a {kind} file.")
     if header.get("version") not in versions:
         known = " and ".join(str(version) for version in versions)
         raise ValueError(
-            f"{path}: is of version {header.get('version')}, this gaussray reads {known}. "
+            f"{path}: is of version {header.get('version')!s:.80}, this gaussray reads {known}. "
             "Reconstruct the scene again or read it with the gaussray that wrote it."
         )
     return header, array

@@ -16,6 +16,7 @@ from gaussray.capture.calibration import read_views
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.factory import Shot
+from gaussray.guard.files import read_text
 from gaussray.view.controls import GROUPS, Values, flat, settled
 from gaussray.view.stance import Stance, stance_of
 from gaussray.view.studio import Studio
@@ -69,12 +70,12 @@ def read_preset(folder: Path) -> Preset:
     """A preset as `save_preset` wrote it."""
     path = folder / CONFIG
     try:
-        told: Any = OmegaConf.to_container(OmegaConf.load(path))
+        told: Any = OmegaConf.to_container(OmegaConf.create(read_text(path).decode()))
         blocks = {group: told[group] for group in GROUPS}
         samples = told["render"]["samples"]
     except OSError as error:
         raise OSError(f"{path}: cannot be read: {error}") from error
-    except (YAMLError, OmegaConfBaseException, KeyError, TypeError) as error:
+    except (YAMLError, OmegaConfBaseException, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: is no preset of the viewer: {error}") from error
     values = dict(flat(blocks)) | {"render.samples": samples}
     return Preset(settled(values), stance_of(read_views(folder / CAMERA)[0].camera))

@@ -56,7 +56,7 @@ def test_a_manifest_that_cannot_be_read_says_why(data):
     with pytest.raises(ValueError, match="line 1 is of version 2, this gaussray reads version 1"):
         list(read_takes(data))
     path.write_text("{\n")
-    with pytest.raises(ValueError, match="line 1 is malformed JSON"):
+    with pytest.raises(ValueError, match="line 1: malformed JSON"):
         list(read_takes(data))
 
 
