@@ -828,7 +828,8 @@ __device__ __forceinline__ void learn(const Scene &scene, const Ray &ray, int id
   float along = dot(r.o, r.v), square = dot(r.c, r.c);
   float d_inverse = square * d_q - along * d_t, d_along = -r.inverse * d_t;
   Vector d_c = (2 * r.inverse * d_q) * r.c;
-  float d_square = -r.inverse * r.inverse * d_inverse;
+  // Not inverse * inverse, the fourth power of a size: it overflows at 1e10.
+  float d_square = -r.inverse * (r.inverse * d_inverse);
   Vector d_o = d_along * r.v + cross(r.v, d_c);
   Vector d_v = d_along * r.o + cross(d_c, r.o) + (2 * d_square) * r.v;
   float a[9];
@@ -839,9 +840,9 @@ __device__ __forceinline__ void learn(const Scene &scene, const Ray &ray, int id
   d_d = d_d + Vector{a[0] * d_v.x + a[3] * d_v.y + a[6] * d_v.z,
                      a[1] * d_v.x + a[4] * d_v.y + a[7] * d_v.z,
                      a[2] * d_v.x + a[5] * d_v.y + a[8] * d_v.z};
-  float d_shift = d_t + dot(d_moved, ray.d);
-  Vector d_p = d_moved - d_shift * ray.d;
-  d_d = d_d + r.shift * d_moved - d_shift * r.p;
+  // Nothing depends on the shift itself (response.py).
+  Vector d_p = d_moved;
+  d_d = d_d + r.shift * d_moved;
   slope->d_origin = slope->d_origin + d_p;
   slope->d_direction = slope->d_direction + d_d;
   float o[3] = {d_o.x, d_o.y, d_o.z}, v[3] = {d_v.x, d_v.y, d_v.z};
