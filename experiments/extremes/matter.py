@@ -9,8 +9,8 @@ from experiments.extremes.sweep import Sweep, decades
 from gaussray import geometry
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.fit import loss, regularizer
-from gaussray.scene.deformation import Layer, deform, initial_deformation
 from gaussray.scene.bodies import resting
+from gaussray.scene.deformation import Layer, deform, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain, whitening
 from gaussray.scene.harmonics import C0, radiance
 from gaussray.scene.planes import Planes, features, initial_planes

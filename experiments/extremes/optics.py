@@ -28,6 +28,7 @@ def zoo():
     bent = jnp.asarray([-0.2, 0.05, 0.002, -0.001, -0.01, 0, 0, 0])
     prism = 0.05, -0.01, 0.003, -0.002, 0.001, -1e-4, 0.004, -0.003
     theta = jnp.asarray([0.0, 0.9, 0.02, -0.03, 0.004, 0.001])
+    limit = lenses.limit_of(theta.tolist(), 1.7, "")
     found = {
         "pinhole, 170 degrees": (lenses.pinhole(focal, center), np.deg2rad(85)),
         "opencv": (lenses.Pinhole(focal, center, bent), 0.7),
@@ -46,7 +47,7 @@ def zoo():
         "unified_sphere": radial(lenses.UnifiedSphere, 1.8, 0.6, 1.0),
         "double_sphere": radial(lenses.DoubleSphere, 1.9, -0.2, 0.6),
         "f_theta": (
-            lenses.FTheta(focal, center, theta, jnp.asarray(lenses.limit_of(tuple(theta), 1.7, ""))),
+            lenses.FTheta(focal, center, theta, jnp.asarray(limit)),
             1.7,
         ),
         "blender_polynomial": (

@@ -1,4 +1,4 @@
-"""What is swept through float32: a function, a range of one of its inputs, and how inputs are drawn.
+"""What is swept through float32: a function, a range of one input, and how inputs are drawn.
 
 Inputs are drawn in double precision and then rounded: what is left after that is what the function
 is given in both precisions. So an error is the function's own, not that of its inputs.
