@@ -19,7 +19,9 @@ def gaussians(mean, scale, opacity, dice) -> Gaussians:
     """Gaussians of random turn and colour."""
     count = len(mean)
     color = single(dice.uniform(size=(count, 3)))
-    scale = np.broadcast_to(np.reshape(scale, (-1, 1)) if np.ndim(scale) == 1 else scale, mean.shape)
+    scale = np.broadcast_to(
+        np.reshape(scale, (-1, 1)) if np.ndim(scale) == 1 else scale, mean.shape
+    )
     opacity = np.broadcast_to(opacity, count)
     return Gaussians(
         single(mean), single(dice.normal(size=(count, 4))), single(scale), single(opacity),
@@ -68,16 +70,17 @@ def millimetres_in_kilometres(count, side):
 
 
 def galaxy(count, side, *, away):
-    """Unit Gaussians in a disc of radius 1e4: seen from 1e6 away, or with the camera in it where
-    the galaxy itself lies at 1e6."""
+    """A disc of Gaussians at 1e6: of radius 1e4 and seen from 1e6 away, or of unit Gaussians within
+    100, with the camera among them."""
     dice = np.random.default_rng(2)
-    radius, angle = 1e4 * np.sqrt(dice.uniform(size=count)), dice.uniform(0, 2 * np.pi, count)
+    radius, angle = np.sqrt(dice.uniform(size=count)), dice.uniform(0, 2 * np.pi, count)
+    radius = radius * (1e4 if away else 100)
     flat = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=-1) * radius[:, None]
     mean = flat + np.array([0, 0, 1e6]) + 30 * dice.normal(size=(count, 3))
     # From far away what is to be seen has to be larger than what float32 tells apart there.
     size = np.exp(dice.normal(0, 0.5, count)) * (100 if away else 1)
     shown = gaussians(mean, size, dice.uniform(0.1, 1, count), dice)
-    near = (2000.0, 0, 1e6 - 300)
+    near = (20.0, 0, 1e6 - 60)
     return shown, looking(side, wide=0.01) if away else looking(side, origin=near)
 
 

@@ -71,7 +71,7 @@ def against_exact(case: str, motion: Motion, rays: Rays, checked: int) -> Iterat
     if error > limit:
         moved = exact.color(*nudged((motion, some)))
         limit = max(limit, np.mean(np.abs(moved - truth)))
-    yield Outcome(case, "colour", float(error), float(limit))
+    yield Outcome(f"{case}, light {truth.mean():.2f}", "colour", float(error), float(limit))
     yield Outcome(case, "lost", float(report.dropped + report.skipped), 0)
 
 
@@ -213,7 +213,9 @@ def times(told) -> Iterator[Outcome]:
     rough = eqx.tree_at(
         lambda s: (s.deformation.planes.space, s.deformation.planes.time), scene, half
     )
-    color, other = (Renderer(s, options=RenderOptions(samples=1))(view).color for s in (scene, rough))
+    color, other = (
+        Renderer(s, options=RenderOptions(samples=1))(view).color for s in (scene, rough)
+    )
     finite = np.all(np.isfinite(other)) and other.dtype == color.dtype
     error = float(np.mean(np.abs(color - other))) if finite else np.inf
     yield Outcome("bfloat16 planes", "colour to float32 planes", error, 5e-3)

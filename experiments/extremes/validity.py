@@ -83,6 +83,48 @@ def line(cells) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
+COLORS = ("#2a9d5c", "#e9c46a", "#d1495b", "#7a1f2b")
+
+
+def colors(error: np.ndarray) -> list[str]:
+    """Green, yellow, red by size; the darkest where nothing finite is left."""
+    bounds = (error > FINE).astype(int) + (error > FAIR) + ~np.isfinite(error)
+    return [COLORS[i] for i in bounds]
+
+
+def draw(measured: list[tuple[Sweep, Errors]], path: Path) -> None:
+    """Two strips for every sweep, value above gradient; a dot where half a unit in the last place
+    of the inputs does as much."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot as plt
+    from matplotlib.patches import Patch
+
+    figure, axes = plt.subplots(figsize=(9, 0.27 * len(measured) + 1))
+    for i, (sweep, e) in enumerate(measured):
+        count, p = len(sweep.places), sweep.places
+        left = np.arange(count) / count
+        for up, error, inputs in (
+            (0, e.value, e.value_inputs),
+            (0.4, e.gradient, e.gradient_inputs),
+        ):
+            axes.barh([i + up] * count, 1 / count, 0.38, left, color=colors(error), linewidth=0)
+            own = (error > FINE) & (error <= OWN * inputs)
+            axes.plot(left[own] + 0.5 / count, [i + up] * own.sum(), "k.", markersize=2)
+        axes.text(-0.01, i + 0.2, f"{sweep.name}", ha="right", va="center", fontsize=6)
+        told = f"{sweep.swept}: {p[0]:.2g} to {p[-1]:.2g}"
+        axes.text(1.01, i + 0.2, told, ha="left", va="center", fontsize=6)
+    names = "to 1e-5", "to 1e-3", "worse", "not finite"
+    handles = [Patch(color=c, label=n) for c, n in zip(COLORS, names, strict=True)]
+    axes.legend(
+        handles=handles, ncols=4, loc="lower center", bbox_to_anchor=(0.5, 1), frameon=False
+    )
+    axes.set(xlim=(0, 1), ylim=(len(measured) - 0.2, -0.4))
+    axes.axis("off")
+    figure.savefig(path, dpi=130, bbox_inches="tight")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", default="", help="functions whose name or group holds this")
@@ -99,6 +141,7 @@ def main() -> None:
     print(f"{time.perf_counter() - began:.0f} s")
     if not told.only:
         (told.out / "validity.md").write_text("\n".join(lines) + "\n")
+        draw(drawn, told.out / "validity.png")
 
 
 if __name__ == "__main__":

@@ -840,9 +840,9 @@ __device__ __forceinline__ void learn(const Scene &scene, const Ray &ray, int id
   d_d = d_d + Vector{a[0] * d_v.x + a[3] * d_v.y + a[6] * d_v.z,
                      a[1] * d_v.x + a[4] * d_v.y + a[7] * d_v.z,
                      a[2] * d_v.x + a[5] * d_v.y + a[8] * d_v.z};
-  // Nothing depends on the shift itself (response.py).
-  Vector d_p = d_moved;
-  d_d = d_d + r.shift * d_moved;
+  float d_shift = d_t + dot(d_moved, ray.d);
+  Vector d_p = d_moved - d_shift * ray.d;
+  d_d = d_d + r.shift * d_moved - d_shift * r.p;
   slope->d_origin = slope->d_origin + d_p;
   slope->d_direction = slope->d_direction + d_d;
   float o[3] = {d_o.x, d_o.y, d_o.z}, v[3] = {d_v.x, d_v.y, d_v.z};

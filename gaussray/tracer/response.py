@@ -20,18 +20,16 @@ def response(
     Components come first and everything is elementwise over the trailing axes: plain SIMD. A zero
     direction gives q = infinity, which is no hit; so does a Gaussian collapsed to nothing.
 
-    Neither t nor q depends on how far the origin was moved, so their gradients leave that out: its
-    parts are large and cancel, and of a disc a million times as wide as thin they left no digit.
-
     In float32 the ray passes the mean with an error of about 1e-7 x (its distance), and a thin
     Gaussian is turned by as much. Up to a distance or a width of 300 to 1000 times the smallest
     scale, gradients keep 1e-3 and colours 1e-6; at 1e6 times they are those of inputs rounded half
-    a unit away (measured: mean colour error 6e-4, a tenth of what that rounding does). Squares of
-    the size and of its inverse must be numbers: 1e-18 to 1e18 units (experiments/extremes).
+    a unit away (measured: mean colour error 6e-4, a tenth of what that rounding does). Sizes
+    are from 1e-17 to 1e17 units, and from 1e-12 to 1e12 where t is differentiated: squares and
+    cubes of them and of their inverses must be numbers.
     """
     x, y, z = (origin[i] - mean[i] for i in range(3))
     dx, dy, dz = direction[0], direction[1], direction[2]
-    shift = jax.lax.stop_gradient(-(x * dx + y * dy + z * dz))
+    shift = -(x * dx + y * dy + z * dz)
     px, py, pz = x + shift * dx, y + shift * dy, z + shift * dz
     a = whiten
     ox, oy, oz = (a[i] * px + a[i + 1] * py + a[i + 2] * pz for i in (0, 3, 6))
