@@ -3,14 +3,14 @@
 python -m experiments.extremes.scenes [--gaussians 10000000] [--side 512] [--only NAME]
 """
 
+import experiments.extremes.alone  # noqa: F401, I001  (first: it stands in for what is missing)
+
 import argparse
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
-
-from experiments.extremes import alone  # noqa: F401  (first: it stands in for what is missing)
 
 import equinox as eqx
 import jax

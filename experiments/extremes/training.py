@@ -3,6 +3,8 @@
 python -m experiments.extremes.training [--steps 100000] [--only NAME]
 """
 
+import experiments.extremes.alone  # noqa: F401, I001  (first: it stands in for what is missing)
+
 import argparse
 import json
 import sys
@@ -10,8 +12,6 @@ import tempfile
 import time
 from pathlib import Path
 from typing import NamedTuple
-
-from experiments.extremes import alone  # noqa: F401  (first: it stands in for what is missing)
 
 import jax
 import jax.numpy as jnp

@@ -3,6 +3,7 @@
 import operator
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import toy
@@ -63,7 +64,7 @@ def test_a_parameter_that_is_not_finite_is_named_with_the_rate_to_lower(tmp_path
     after = eqx.tree_at(place, before, place(before).at[0].set(np.inf))
     journal = Journal(tmp_path, resume=False, interval=0.0)
     with pytest.raises(NonFiniteLoss) as found:
-        journal.demand_finite({"l1": np.float32(0.1)}, before, after, "fine")
+        journal.demand_finite({"l1": jnp.asarray(0.1)}, before, after, "fine")
     told = str(found.value)
     assert told.startswith(f"{name} became infinite or not a number between steps 0 and 0 of the")
     assert f"resume=true and a smaller {key} (" in told
