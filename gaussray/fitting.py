@@ -89,7 +89,7 @@ class Fit:
         )
         every = self.footage.camera if len(part.views) == len(views) else stacked(views)
         names, owner = np.unique([view.camera_name for view in views], return_inverse=True)
-        self.names, self.extent = names.tolist(), _extent(views)
+        self.names, self.extent = names.tolist(), _extent(views, capture.points)
         cameras = camera_set(owner, every, extent=self.extent, refine=options.fit.refine)
         own = jnp.asarray(np.searchsorted(names, self.footage.name), jnp.int32)
         self.cameras = eqx.tree_at(lambda c: c.owner, cameras, own)
@@ -217,7 +217,7 @@ class Fit:
         begin, end = self.time_range
         # Stray points must not stretch the box: beyond it the field continues its border.
         lower, upper = np.quantile(moving.mean, (0.02, 0.98), axis=0).astype(np.float32)
-        margin = 0.1 * (upper - lower).max() + 1e-6
+        margin = 0.1 * (float((upper - lower).max()) or self.extent)
         planes_key, network_key = jax.random.split(jax.random.key(self.options.fit.seed))
         planes = initial_planes(
             planes_key,
@@ -397,10 +397,15 @@ class Fit:
         return begin_state(Parameters(shared, none, None, state.parameters.corrections))
 
 
-def _extent(views: list[View]) -> float:
-    """Half the diagonal of the cameras' bounding box (at least a little): the scene's unit."""
+def _extent(views: list[View], points: Points | None) -> float:
+    """Half the diagonal of the cameras' bounding box, the scene's unit; at least a thousandth of
+    the cameras' distance from the points (of 1, without points), for those that stand still."""
     eye = np.concatenate([np.asarray(view.camera.trajectory.translation) for view in views])
-    return max(float(np.linalg.norm(np.ptp(eye, axis=0))) / 2, 1e-3)
+    least = 1.0
+    if points is not None:
+        away = np.asarray(points.position, np.float64) - np.mean(eye, axis=0, dtype=np.float64)
+        least = float(np.median(np.linalg.norm(away, axis=1))) or least
+    return max(float(np.linalg.norm(np.ptp(eye, axis=0))) / 2, 1e-3 * least)
 
 
 def _axes_of_view(footage: Footage) -> Float[np.ndarray, "frames 3"]:

@@ -26,10 +26,14 @@ def product(subscripts: str, *factors: Float[Array, "..."]) -> Float[Array, "...
 
 
 def safe_norm(vector: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
-    """Length of a vector; at zero both the value and the gradient are 0 instead of NaN."""
-    square = jnp.sum(vector * vector, axis=-1)
+    """Length of a vector; at zero both the value and the gradient are 0 instead of NaN. Scaled by
+    its largest component first, whose square alone could under- or overflow."""
+    # A constant that is multiplied back: the gradient need not pass through it.
+    largest = jax.lax.stop_gradient(jnp.max(jnp.abs(vector), axis=-1, initial=0))
+    unit = jnp.where(largest > 0, largest, 1)
+    square = jnp.sum((vector / unit[..., None]) ** 2, axis=-1)
     positive = square > 0
-    return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)
+    return unit * jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)
 
 
 def normalize(vector: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:

@@ -146,3 +146,11 @@ def test_a_rigid_transform_and_its_inverse_cancel():
     np.testing.assert_allclose(world_from_camera.inverse_apply(there), point, atol=EXACT)
     np.testing.assert_allclose(there - world_from_camera.rotate(point), [1, 2, 3], atol=EXACT)
     np.testing.assert_allclose(safe_norm(there - world_from_camera.translation), safe_norm(point))
+
+
+@pytest.mark.parametrize("length", [1e-30, 1e-20, 1.0, 1e20, 1e30])
+def test_a_length_whose_square_is_no_single_number_is_right(length):
+    vector = jnp.asarray([0.6 * length, 0.0, -0.8 * length], jnp.float32)
+    value, slope = jax.value_and_grad(safe_norm)(vector)
+    np.testing.assert_allclose(value, length, rtol=1e-6)
+    np.testing.assert_allclose(slope, [0.6, 0, -0.8], rtol=1e-6)

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from gaussray.fit.checkpoint import load_checkpoint, save_checkpoint
+from gaussray.fit.optimizer import Parameters
 from gaussray.fit.state import State
 
 
@@ -99,18 +100,22 @@ class Journal:
 
     def demand_finite(self, terms: dict[str, Array], before: State, after: State, stage: str):
         """Stop at the first value that is not a number, with the state before it on disk."""
-        wrong = [f"loss.{name}" for name, value in terms.items() if not np.isfinite(float(value))]
+        terms = {name: float(value) for name, value in terms.items()}
+        wrong = [f"loss.{name}" for name, value in terms.items() if not np.isfinite(value)]
         # The tracer passes over Gaussians that are not finite, so the loss alone would not tell.
-        if not wrong and not _all_finite(after.parameters):
-            wrong = ["a parameter"]
-        if wrong:
-            self.save(before, stage)
-            where = f" of segment {self.info['segment']}" if "segment" in self.info else ""
-            raise NonFiniteLoss(
-                f"{wrong[0]} is not finite at step {int(before.step)} of the {stage} stage{where}. "
-                f"The state before it is in {self.checkpoint}; go on with resume=true and a "
-                "smaller optimizer.mean, optimizer.network or optimizer.planes."
-            )
+        if not wrong and bool(_all_finite(after.parameters)):
+            return
+        lost = _not_finite(after.parameters)
+        told = " and ".join([*wrong[:1], *lost[:1]])
+        rates = list(dict.fromkeys(_rate_of(name) for name in lost)) or ["optimizer.mean"]
+        self.save(before, stage)
+        where = f" of segment {self.info['segment']}" if "segment" in self.info else ""
+        first, last = int(before.step), int(after.step)
+        raise NonFiniteLoss(
+            f"{told} became infinite or not a number between steps {first} and {last} of the "
+            f"{stage} stage{where}. The state at step {first} is in {self.checkpoint}; go on from "
+            f"it with resume=true and a smaller {' or '.join(rates[:3])} (a third, say)."
+        )
 
 
 def decibel(mse: Array | float) -> float:
@@ -121,3 +126,23 @@ def decibel(mse: Array | float) -> float:
 @eqx.filter_jit
 def _all_finite(tree) -> Array:
     return jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(tree)]))
+
+
+def _not_finite(parameters: Parameters) -> list[str]:
+    """Names of the arrays that hold something else than finite numbers: static.mean and so on."""
+    leaves = jax.tree.flatten_with_path(parameters)[0]
+    return [
+        jax.tree_util.keystr(path).lstrip(".") for path, x in leaves if not np.isfinite(x).all()
+    ]
+
+
+def _rate_of(name: str) -> str:
+    """The key of the learning rate of a parameter."""
+    kind, _, rest = name.partition(".")
+    part = name.rpartition(".")[2]
+    if kind in ("static", "moving"):
+        rates = {"log_scale": "scale", "logit_opacity": "opacity", "harmonics": "color"}
+        return f"optimizer.{rates.get(part, part)}"
+    if kind == "corrections" or part in ("path", "turn", "light"):
+        return f"optimizer.{part}"
+    return "optimizer.planes" if rest.startswith("planes") else "optimizer.network"

@@ -65,7 +65,9 @@ def features(
 
     The time is the same for all positions, so each time plane is first reduced to a line.
     """
-    unit = (position - planes.lower[None]) / (planes.upper - planes.lower)[None]
+    size = planes.upper - planes.lower
+    # Where a box is flat (one place, so far away that a margin is lost) all of it is its border.
+    unit = (position - planes.lower[None]) / jnp.where(size > 0, size, 1)[None]
     unit = jnp.clip(unit, 0, 1)
     span = planes.end - planes.begin
     moment = jnp.clip((time - planes.begin) / jnp.where(span > 0, span, 1), 0, 1)

@@ -828,7 +828,8 @@ __device__ __forceinline__ void learn(const Scene &scene, const Ray &ray, int id
   float along = dot(r.o, r.v), square = dot(r.c, r.c);
   float d_inverse = square * d_q - along * d_t, d_along = -r.inverse * d_t;
   Vector d_c = (2 * r.inverse * d_q) * r.c;
-  float d_square = -r.inverse * r.inverse * d_inverse;
+  // Not inverse * inverse, the fourth power of a size: it overflows at 1e10.
+  float d_square = -r.inverse * (r.inverse * d_inverse);
   Vector d_o = d_along * r.v + cross(r.v, d_c);
   Vector d_v = d_along * r.o + cross(d_c, r.o) + (2 * d_square) * r.v;
   float a[9];

@@ -85,7 +85,8 @@ def trace(
     Every `bundle`^2 consecutive rays form a bundle, so rays should come in a coherent order
     (`bundle.tiles` for pictures, `bundle.coherent_order` for any others). Their number need not
     divide evenly. A leading axis holds samples of the same rays (of an aperture, of an exposure):
-    they share what their bundle may meet, which is looked for once.
+    they share what their bundle may meet, which is looked for once. Hits at exactly one distance
+    come in the order of the grid (arrays) or of the Gaussians (kernels), always the same.
     """
     if rays.time.ndim == 1:
         pixels, report = trace(motion, _sampled(rays), options=options, capacity=capacity)

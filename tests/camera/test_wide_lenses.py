@@ -368,3 +368,12 @@ def test_what_is_no_lens_is_refused_by_key_and_rule(build, message):
 # The others are choices of `lens`, all of which test_rig.py has checked.
 def test_a_lens_of_captures_passes_the_check_of_its_picture():
     check_lens(LENSES["thin_prism_fisheye"], WIDTH, HEIGHT)
+
+
+@pytest.mark.parametrize(("projection", "rim"), [("equisolid", 2.0), ("orthographic", 1.0)])
+def test_slopes_keep_their_digits_up_to_the_rim(projection, rim):
+    radius = np.float32(rim * (1 - np.array([1e-2, 1e-4, 1e-6])))
+    lens = Fisheye(jnp.ones(2), jnp.zeros(2), number(1.5), projection)
+    slope = jax.vmap(jax.grad(lens.angle))
+    truth = slope(jnp.asarray(radius, float))
+    np.testing.assert_allclose(slope(jnp.asarray(radius)), truth, rtol=2e-6)

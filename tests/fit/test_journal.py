@@ -1,8 +1,17 @@
 """What a run leaves on disk is lost neither to a run that is refused nor to one that goes on."""
 
-import pytest
+import operator
 
-from gaussray.fit.journal import Journal
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import toy
+
+from gaussray.fit.journal import Journal, NonFiniteLoss
+from gaussray.fit.optimizer import Parameters
+from gaussray.fit.state import begin_state
+from gaussray.scene.gaussians import unconstrain
 
 
 LINE = '{"stage": "coarse", "step": 10}\n'
@@ -37,3 +46,27 @@ def test_where_nothing_was_left_there_is_nothing_to_go_on_with(tmp_path):
     with pytest.raises(FileNotFoundError, match="holds no checkpoint.npz"):
         Journal(tmp_path / "new", resume=True, interval=0.0)
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("moving.logit_opacity", "optimizer.opacity"),
+        ("deformation.trunk.bias", "optimizer.network"),
+        ("deformation.planes.lower", "optimizer.planes"),
+        ("deformation.bodies.turn", "optimizer.turn"),
+    ],
+)
+def test_a_parameter_that_is_not_finite_is_named_with_the_rate_to_lower(tmp_path, name, key):
+    free = unconstrain(toy.gaussians(np.zeros((2, 3)), 0.1, 0.5))
+    before = begin_state(Parameters(free, free, toy.deformation()))
+    place = operator.attrgetter(f"parameters.{name}")
+    after = eqx.tree_at(place, before, place(before).at[0].set(np.inf))
+    journal = Journal(tmp_path, resume=False, interval=0.0)
+    with pytest.raises(NonFiniteLoss) as found:
+        journal.demand_finite({"l1": jnp.asarray(0.1)}, before, after, "fine")
+    told = str(found.value)
+    assert told.startswith(f"{name} became infinite or not a number between steps 0 and 0 of the")
+    assert f"resume=true and a smaller {key} (" in told
+    state, stage = Journal(tmp_path, resume=True, interval=0.0).resumed()
+    assert stage == "fine" and np.isfinite(place(state)).all()

@@ -103,3 +103,10 @@ def test_two_instants_have_no_curvature():
 def test_a_negative_weight_is_named(name):
     with pytest.raises(ValueError, match=f"loss.{name} must be at least 0"):
         LossOptions(**{name: -0.1})
+
+
+def test_dssim_keeps_its_digits_where_pictures_are_nearly_equal(tiles):
+    truth = tiles[0].astype(jnp.float32)
+    ours = truth + jnp.asarray(1e-4 * np.random.default_rng(2).normal(size=truth.shape), "float32")
+    double = dssim(ours.astype(float), truth.astype(float), side=SIDE)
+    np.testing.assert_allclose(dssim(ours, truth, side=SIDE), double, rtol=1e-4)

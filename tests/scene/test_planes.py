@@ -123,3 +123,12 @@ def test_a_clip_of_one_instant_has_a_field():
     )  # fmt: skip
     slope = jax.grad(lambda t: jnp.sum(features(start, jnp.asarray([[0.0, 1.0, 2.1]]), t)))
     assert np.isfinite(slope(jnp.asarray(2.0)))
+
+
+def test_a_box_without_extent_is_read_at_its_border(planes):
+    flat = eqx.tree_at(lambda p: p.upper, planes, planes.lower)
+    place = jnp.asarray([LOWER])
+    slope = jax.jacrev(lambda p: field.features(flat, p, jnp.asarray(BEGIN)))(place)
+    found = features(flat, place, jnp.asarray(BEGIN))
+    np.testing.assert_allclose(found, features(planes, place, jnp.asarray(BEGIN)))
+    assert np.isfinite(slope).all()

@@ -89,3 +89,41 @@ def test_what_never_rises_above_the_cut_off_has_no_reach_and_no_gradient():
 def test_alpha_is_clamped():
     assert opacity_on_ray(jnp.array(1.0), jnp.array(0.0), alpha_max=0.99) == 0.99
     assert opacity_on_ray(jnp.array(1.0), jnp.array(jnp.inf), alpha_max=0.99) == 0
+
+
+# Of float32 numbers taken as they are: a few roundings.
+SINGLE = 1e-5
+
+
+@jax.jit
+def pulled(*meeting):
+    """Gradients of t and q to all inputs, in units of their own sizes."""
+    slopes = jax.jacrev(lambda inputs: jnp.stack(meet(*inputs)))(meeting)
+    return [slope * jnp.max(jnp.abs(x)) for slope, x in zip(slopes, meeting, strict=True)]
+
+
+def rounded(*meeting):
+    """The same numbers in single and in double precision."""
+    single = [jnp.asarray(x, jnp.float32) for x in meeting]
+    return single, [x.astype(jnp.float64) for x in single]
+
+
+def assert_gradients_near(meeting, tolerance):
+    single, double = (pulled(*x) for x in rounded(*meeting))
+    for row in (0, 1):
+        found, truth = (np.concatenate([x[row] for x in part]) for part in (single, double))
+        assert np.max(np.abs(found - truth)) < tolerance * np.max(np.abs(truth))
+
+
+@pytest.mark.parametrize("unit", [1e-11, 1.0, 1e11])
+def test_gradients_know_no_unit_of_length(unit):
+    mean, scale = unit * jnp.array([0.3, -0.2, 4.0]), unit * jnp.array([0.5, 1.0, 0.7])
+    turn = jnp.array([0.8, 0.1, -0.3, 0.5])
+    assert_gradients_near((mean, turn, scale, unit * 0.1 * X, Z), SINGLE)
+
+
+def test_the_reach_keeps_its_digits_just_above_the_cut():
+    least = np.float32(1 / 255)
+    opacity = least * (1 + np.float32([1e-6, 1e-4, 1e-2, 1]))
+    truth = np.sqrt(2 * np.log(opacity.astype(float) / float(least)))
+    np.testing.assert_allclose(reach(jnp.asarray(opacity), float(least)), truth, rtol=1e-6)

@@ -46,11 +46,12 @@ class Fisheye(RadialLens):
     def angle(self, r: Float[Array, ""]) -> Float[Array, ""]:
         match self.projection:
             case "equisolid":
-                return 2 * jnp.arctan2(r / 2, root(1 - r * r / 4))
+                # Squares of differences, not differences of squares: exact up to the rim.
+                return 2 * jnp.arctan2(r / 2, root((1 - r / 2) * (1 + r / 2)))
             case "stereographic":
                 return 2 * jnp.arctan2(r, jnp.full_like(r, 2))
             case "orthographic":
-                return jnp.arctan2(r, root(1 - r * r))
+                return jnp.arctan2(r, root((1 - r) * (1 + r)))
             case _:
                 return r
 
