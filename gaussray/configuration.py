@@ -3,6 +3,7 @@
 import contextlib
 import copy
 import functools
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
@@ -18,6 +19,9 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from gaussray.devices import leads
+from gaussray.provenance import note_begin
+from gaussray.suggestion import meant
+from gaussray.vocabulary import choices, conf_folder, groups, keys
 
 
 T = TypeVar("T", bound=eqx.Module)
@@ -33,16 +37,17 @@ LAUNCH = {
 }
 
 
-def conf_folder() -> Path:
-    """The configuration: beside the package in a checkout, inside it when installed."""
-    package = Path(__file__).resolve().parent
-    inside, beside = package / "conf", package.parent / "conf"
-    return inside if inside.is_dir() else beside
-
-
 def configuration(verb: str, overrides: Sequence[str]) -> DictConfig:
-    """The resolved configuration of a verb."""
-    return _resolved(verb, _composed(verb, tuple(overrides)))
+    """The resolved configuration of a verb. Its folder of output is named by the time where none is
+    given, and is not where processes must name the same one."""
+    cfg = _resolved(verb, _composed(verb, tuple(overrides)))
+    given = any(re.match(r"\+*out=", word) for word in overrides)
+    shared = cfg.devices.hosts != 1 or (verb == "render" and cfg.factory.shard != "0/1")
+    if shared and not given and str(cfg.get("out")).startswith("runs/"):
+        raise ValueError(
+            f"out must be given where several processes share it, e.g. `gaussray {verb} out=DIR`."
+        )
+    return cfg
 
 
 class Variations:
@@ -67,8 +72,8 @@ class Variations:
                 OmegaConf.update(cfg, key, values[key])
             except OmegaConfBaseException as error:
                 raise ValueError(
-                    f"sample.{key}: {key} is no key of `gaussray {self.verb}`, whose `--help` "
-                    "lists them."
+                    f"sample.{key}: {key} is no key of `gaussray {self.verb}`."
+                    f"{meant(key, keys(self.verb))} Its `--help=all` lists them."
                 ) from error
         return _resolved(self.verb, cfg)
 
@@ -83,7 +88,7 @@ def launched(
     """
     given = {word.split("=")[0] for word in overrides}
     defaults = [f"{key}={value}" for key, value in LAUNCH.items() if key not in given]
-    with _hydra(verb):
+    with _hydra(verb, overrides):
         words = [*_spelled(overrides), *defaults]
         cfg = compose(verb, words, return_hydra_config=True)
         context = HydraContext(GlobalHydra.instance().config_loader(), Callbacks())
@@ -103,7 +108,9 @@ def options(kind: type[T], node: DictConfig) -> T:
     group = node._key() or kind.__name__
     for name, value in values.items():
         if name not in known:
-            raise ValueError(f"{group}.{name} is unknown; known are {', '.join(known)}.")
+            raise ValueError(
+                f"{group}.{name} is unknown; known are {', '.join(known)}.{meant(name, known)}"
+            )
         default, kinds = known[name].default, get_args(known[name].type)
         if isinstance(value, list) and float in kinds:
             for wrong in (x for x in value if type(x) not in (int, float)):
@@ -129,7 +136,8 @@ def as_kind(kind: type, value: Any, key: str) -> Any:
 
 
 def run_folder(cfg: DictConfig, without: Sequence[str] = ()) -> Path:
-    """The output folder, with the resolved configuration in it, but for the keys `without`."""
+    """The output folder, with the resolved configuration in it, but for the keys `without`, and, if
+    there are none of these, run.json (`provenance`)."""
     out, told = Path(cfg.out), copy.deepcopy(cfg)
     OmegaConf.set_struct(told, False)
     for key in without:
@@ -139,13 +147,16 @@ def run_folder(cfg: DictConfig, without: Sequence[str] = ()) -> Path:
         out.mkdir(parents=True, exist_ok=True)
         if leads():
             (out / "config.yaml").write_text(OmegaConf.to_yaml(told))
+            # What several processes write is the same of all: it says nothing of when, and by whom.
+            if not without:
+                note_begin(out)
     except OSError as error:
         raise OSError(f"out={out}: cannot be written: {error}") from error
     return out
 
 
 @contextlib.contextmanager
-def _hydra(verb: str) -> Iterator[None]:
+def _hydra(verb: str, words: Sequence[str]) -> Iterator[None]:
     """Hydra at work in the configuration's folder; its errors are the user's."""
     GlobalHydra.instance().clear()
     try:
@@ -154,11 +165,11 @@ def _hydra(verb: str) -> Iterator[None]:
         ):
             yield
     except (HydraException, OmegaConfBaseException) as error:
-        raise _wrong(verb, error) from error
+        raise _wrong(verb, error, words) from error
 
 
 def _composed(verb: str, overrides: Sequence[str]) -> DictConfig:
-    with _hydra(verb):
+    with _hydra(verb, overrides):
         return compose(verb, _spelled(overrides))
 
 
@@ -178,9 +189,31 @@ def _resolved(verb: str, cfg: DictConfig) -> DictConfig:
     return cfg
 
 
-def _wrong(verb: str, error: Exception) -> ValueError:
-    reason = str(error).splitlines()[0]
-    return ValueError(f"configuration: {reason} `gaussray {verb} --help` lists the keys.")
+def _wrong(verb: str, error: Exception, words: Sequence[str] = ()) -> ValueError:
+    """What the user is told of an error of Hydra's: what is wrong of the words, if that is found."""
+    reasons = filter(None, (_misspelt(verb, word) for word in words))
+    reason = next(reasons, f"configuration: {str(error).splitlines()[0]}")
+    return ValueError(f"{reason} `gaussray {verb} --help` lists the keys.")
+
+
+def _misspelt(verb: str, word: str) -> str:
+    """Why a word is none of a verb's, with what was probably meant; nothing if it is."""
+    name, equals, value = word.lstrip("+~").partition("=")
+    if name.startswith(("hydra", "sample.")) or word.startswith("~"):
+        return ""
+    if not equals:
+        chosen = [f"{group}={name}" for group in groups(verb) if name in choices(group)]
+        hint = f" Did you mean {chosen[0]}?" if chosen else ""
+        return f"the words after the verb must be key=value, got {name!r}.{hint}"
+    if name in groups(verb):
+        if value in choices(name):
+            return ""
+        known = choices(name)
+        return f"{name} must be one of {', '.join(known)}, got {value!r}.{meant(value, known)}"
+    known = [*keys(verb), *groups(verb)]
+    if name in known or any(key.startswith(f"{name}.") for key in known):
+        return ""
+    return f"{name} is no key of `gaussray {verb}`.{meant(name, known)}"
 
 
 def _told(cfg: DictConfig, key: str) -> Any:

@@ -37,10 +37,10 @@ def interrupted(words: list[str]) -> None:
     """Stops after the first block of the fine stage, with the state before it on disk."""
     record = Journal.record
 
-    def stop(self, stage, step, terms):
+    def stop(self, stage, step, terms, gaussians):
         if stage == "fine":
             raise KeyboardInterrupt
-        record(self, stage, step, terms)
+        record(self, stage, step, terms, gaussians)
 
     Journal.record = stop
     try:

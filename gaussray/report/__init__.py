@@ -1,0 +1,3 @@
+"""One page to look at, beside the files of a run."""
+from pathlib import Path
+def write_page(verb: str, out: Path) -> None: ...
