@@ -89,12 +89,12 @@ def _run(verb: str, overrides: Sequence[str]) -> None:
 
         say(produce(cfg, overrides), "result", verb=verb, out=cfg.out)
         return
-    RUN[verb](cfg, begin(options(DevicesOptions, cfg.devices)))
+    had = RUN[verb](cfg, begin(options(DevicesOptions, cfg.devices))) or {}
     out = Path(str(cfg.out))
     if leads() and (out / provenance.FILE).is_file():
         provenance.note_end(out, time.monotonic() - began)
         if cfg.get("report"):
-            _page(verb, out)
+            _page(verb, out, had)
 
 
 def _style(words: Sequence[str]) -> str:
@@ -104,12 +104,12 @@ def _style(words: Sequence[str]) -> str:
     return (told or ["quiet" if "quiet=true" in words else "auto"])[-1]
 
 
-def _page(verb: str, out: Path) -> None:
+def _page(verb: str, out: Path, had: dict[str, Any]) -> None:
     """The page to look at; if it cannot be made, the work is none the less done."""
     from gaussray.report import write_page
 
     try:
-        write_page(verb, out)
+        write_page(verb, out, **had)
     except Exception as error:
         warnings.warn(
             f"{out / 'report.html'}: the page could not be made ({type(error).__name__}: {error}). "
@@ -169,7 +169,7 @@ def _capture(path: str, node: DictConfig, label: str, prefix: str = "") -> Any:
     return open_capture(path, *names, selection=Selection(**chosen))
 
 
-def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
+def _reconstruct(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     from gaussray.evaluate import scene_facts
     from gaussray.fit.journal import refuse
     from gaussray.reconstruct import reconstruct
@@ -183,6 +183,7 @@ def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
     facts = scene_facts(scene)
     text = f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move."
     _say(text, out=str(out), scene=facts)
+    return {"scene": scene, "capture": capture}
 
 
 def _scalars(cfg: DictConfig, out: Path) -> Callable[[dict[str, Any]], None] | None:
@@ -192,7 +193,7 @@ def _scalars(cfg: DictConfig, out: Path) -> Callable[[dict[str, Any]], None] | N
     return tensorboard(out / "tensorboard") if cfg.tensorboard and leads() else None
 
 
-def _render(cfg: DictConfig, devices: int | None) -> None:
+def _render(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     from gaussray.factory import film
     from gaussray.production import shot_of
 
@@ -200,9 +201,10 @@ def _render(cfg: DictConfig, devices: int | None) -> None:
     out = film(shot, run_folder(cfg), devices=devices, quiet=cfg.quiet)
     effect, count = shot.records[0].effect, len(shot.records)
     _say(f"{out}: {count} frames of {effect}.", out=str(out), frames=count, effect=effect)
+    return {"scene": shot.scene}
 
 
-def _evaluate(cfg: DictConfig, devices: int | None) -> None:
+def _evaluate(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     from gaussray.dataset.scores import table
     from gaussray.evaluate import EvaluateOptions, evaluate
     from gaussray.render import RenderOptions
@@ -226,6 +228,7 @@ def _evaluate(cfg: DictConfig, devices: int | None) -> None:
         quiet=cfg.quiet,
     )
     _say(table(report), out=str(out), report=report)
+    return {"scene": scene, "capture": truth}
 
 
 def _calibrate(cfg: DictConfig, devices: int | None) -> None:
@@ -292,7 +295,8 @@ def _say(text: str, **facts: Any) -> None:
         say(text, "result", **facts)
 
 
-RUN: dict[str, Callable[[DictConfig, int | None], None]] = {
+# What a verb does, and what of it the page shows: the scene, the capture.
+RUN: dict[str, Callable[[DictConfig, int | None], dict[str, Any] | None]] = {
     "demo": _demo,
     "reconstruct": _reconstruct,
     "render": _render,

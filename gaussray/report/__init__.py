@@ -1,3 +1,3 @@
-"""One page to look at, beside the files of a run."""
-from pathlib import Path
-def write_page(verb: str, out: Path) -> None: ...
+"""One page to look at, beside the files of a run: report.html."""
+
+from gaussray.report.write import write_page as write_page
