@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool
 from gaussray.atomic import whole
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
+from gaussray.camera.shutter import time_window
 from gaussray.capture.calibration import Capture, View
 from gaussray.capture.frames import read_encoded
 from gaussray.dataset.flicker import Flicker
@@ -111,8 +112,7 @@ def evaluate(
             f"truth={truth.folder} lists no frame of split {options.split!r}. "
             "Choose evaluate.split=all or another folder."
         )
-    # A picture is rendered, and then scored, which takes a CPU as long as a ray or two per pixel.
-    parts = [(len(views), options.samples(name) + 1.0) for name, views in chosen.items()]
+    parts = [(len(views), _cost(views[0], options.samples(e))) for e, views in chosen.items()]
     progress = Progress("evaluate", sum(map(len, chosen.values())), quiet=quiet, parts=parts)
     report: dict[str, Any] = {"frames": 0, "effects": {}}
     learnt = {view.camera_name for view in truth.views if view.split == "train"}
@@ -155,6 +155,15 @@ def evaluate(
         partial.write_text("".join(json.dumps(line) + "\n" for line in lines))
     write_report(out / "report.json", report)
     return _told(report)
+
+
+def _cost(view: View, samples: int) -> float:
+    """How long a picture takes, in about the time of a still one of one ray per pixel: as long as
+    its rays, more where these see the scene at many times, and as long as one to be scored."""
+    film = view.camera.film
+    first, last = time_window(view.camera.shutter, (film.width, film.height))
+    many = 10.0 if jax.default_backend() == "cpu" else 1.5
+    return 1.0 + samples * (many if last > first else 1.0)
 
 
 def _line(effect: str, view: View, row: dict[str, Any]) -> dict[str, Any]:

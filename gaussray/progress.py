@@ -74,7 +74,7 @@ class Progress:
     Of `parts` = (units, cost of one), each may compile programs of its own; one part of equal units
     is the default. What is left takes the seconds per cost of what was done, after the first report
     and without compilation, and for every part that has not begun what those before it took to
-    compile.
+    compile. It is told from the second report on.
     """
 
     def __init__(
@@ -109,10 +109,12 @@ class Progress:
         self.shown = now
         start, since = self.first
         worked = spent - compiling
-        rate = (worked - since) / (cost - start) if cost > start else worked / max(cost, 1e-9)
-        begun = sum(first < done for first in self._firsts())
-        left = rate * (whole - cost) + compiling / max(begun, 1) * (len(self.parts) - begun)
-        self._tell(done, note, spent, 0.0 if last else left, last)
+        left = 0.0 if last else None
+        if cost > start and not last:
+            begun = sum(first < done for first in self._firsts())
+            left = (worked - since) / (cost - start) * (whole - cost)
+            left += compiling / begun * (len(self.parts) - begun)
+        self._tell(done, note, spent, left, last)
 
     def _firsts(self) -> list[int]:
         """Units before each part."""
@@ -124,14 +126,15 @@ class Progress:
             cost += each * min(max(done - first, 0), units)
         return cost
 
-    def _tell(self, done: int, note: str, spent: float, left: float, last: bool) -> None:
+    def _tell(self, done: int, note: str, spent: float, left: float | None, last: bool) -> None:
         if self.style == "json":
             told = {"event": "progress", "work": self.name, "done": done, "total": self.total}
-            told |= {"note": note, "spent": round(spent, 2), "left": round(left, 2)}
+            told |= {"note": note, "spent": round(spent, 2)}
+            told["left"] = None if left is None else round(left, 2)
             self.write(json.dumps(told) + "\n")
             sys.stdout.flush()
             return
-        times = f"{_clock(spent)} spent, {_clock(left)} left"
+        times = f"{_clock(spent)} spent" + ("" if left is None else f", {_clock(left)} left")
         if self.style == "lines":
             self.write(f"{self.name} {done}/{self.total}  {note}  {times}\n")
             return

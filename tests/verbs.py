@@ -26,7 +26,7 @@ def run(truth: str, out: str, verbs: str, devices: list[str]) -> None:
         "evaluate": ["evaluate", f"scene={truth}/run", f"truth={truth}", f"out={out}/scores"],
     }
     for verb in verbs.split(","):
-        line = [*words[verb], "quiet=true", *devices]
+        line = [*words[verb], "quiet=true", "report=false", *devices]
         if verb == "break":
             interrupted(line)
         else:

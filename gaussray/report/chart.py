@@ -9,7 +9,7 @@ from gaussray.report.markup import Markup, tag
 
 
 # Of the drawing, and of the room that its labels take.
-WIDTH, HEIGHT, LEFT, TOP, RIGHT, BOTTOM = 460.0, 230.0, 46.0, 10.0, 12.0, 34.0
+WIDTH, HEIGHT, LEFT, TOP, RIGHT, BOTTOM = 350.0, 200.0, 44.0, 10.0, 10.0, 34.0
 COLORS = 8
 # Points of a curve that are drawn.
 MOST = 600

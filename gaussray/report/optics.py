@@ -19,16 +19,16 @@ FAN, BEAMS, SPREAD = 17, 3, 5
 GRAIN = 26
 
 
-def drawn(camera: Camera, unit: str) -> list[Markup]:
-    """The section, the opening if it is one, the shutter if it is not an instant; `unit` is the
-    capture's unit of time."""
-    figures = [section(camera)]
+def drawn(name: str, camera: Camera, unit: str) -> list[Markup]:
+    """The section, the opening if it is one, the shutter if it is not an instant; `name` stands
+    before their titles, and `unit` is the capture's unit of time."""
+    figures = [section(f"{name}: rays", camera)]
     if float(np.max(camera.aperture.radius)) > 0:
-        figures.append(opening(camera))
+        figures.append(opening(f"{name}: opening", camera))
     film = camera.film
     moments = row_moments(camera.shutter, (film.width, film.height))
     if float(camera.shutter.exposure) > 0 or np.ptp(moments) > 0:
-        figures.append(shutter(camera, unit))
+        figures.append(shutter(f"{name}: shutter", camera, unit))
     return figures
 
 
@@ -45,7 +45,7 @@ def _between(one: np.ndarray, other: np.ndarray) -> float:
     return float(np.degrees(sum(np.arccos(np.clip(x @ axis, -1, 1)) for x in (one, other))))
 
 
-def section(camera: Camera) -> Markup:
+def section(title: str, camera: Camera) -> Markup:
     """The rays of the picture's middle row, seen from above: through the aperture they meet where
     the camera is focused."""
     focus, radius = _focus(camera)
@@ -72,10 +72,10 @@ def section(camera: Camera) -> Markup:
     wide, high = field_of_view(camera)
     told = f"{name}, {wide:.4g} x {high:.4g} degrees"
     told += f", focus at {focus:.4g}, radius {radius:.4g} scene units" if blurs else ""
-    return _figure("rays of the middle row, from above", parts, told)
+    return _figure(title, parts, told)
 
 
-def opening(camera: Camera) -> Markup:
+def opening(title: str, camera: Camera) -> Markup:
     """Where rays of the picture's middle and of its corner pass the aperture, seen from the
     scene."""
     u = (np.stack(np.meshgrid(*[np.arange(GRAIN)] * 2), -1).reshape(-1, 2) + 0.5) / GRAIN
@@ -96,10 +96,10 @@ def opening(camera: Camera) -> Markup:
     blades = camera.aperture.blades
     told = f"{blades} blades" if blades >= 3 else "round"
     told += f", radius {radius:.4g} scene units"
-    return _figure("opening, for the picture's middle and corner", parts, told)
+    return _figure(title, parts, told)
 
 
-def shutter(camera: Camera, unit: str) -> Markup:
+def shutter(title: str, camera: Camera, unit: str) -> Markup:
     """What time every row sees: as wide as the exposure."""
     film, exposure = camera.film, float(camera.shutter.exposure)
     moments = row_moments(camera.shutter, (film.width, film.height))
@@ -117,7 +117,7 @@ def shutter(camera: Camera, unit: str) -> Markup:
     some = np.unique(np.linspace(0, rows - 1, min(rows, 160)).astype(int))
     tall = max((bottom - top) / len(some), 0.8)
     bars = "".join(
-        f"M{x(moments[i] - half):.1f} {y(i):.1f}h{max(exposure / span * (WIDTH - 64), 2):.1f}"
+        f"M{x(moments[i] - half):.1f} {y(float(i)):.1f}h{max(exposure / span * (WIDTH - 64), 2):.1f}"
         f"v{tall:.2f}h{-max(exposure / span * (WIDTH - 64), 2):.1f}z"
         for i in some
     )
@@ -130,8 +130,8 @@ def shutter(camera: Camera, unit: str) -> Markup:
         tag("text", f"{low:.4g}", x=46, y=bottom + 15),
         tag("text", f"{high:.4g}", x=WIDTH - 18, y=bottom + 15, text_anchor="end"),
     ]
-    told = f"readout {np.ptp(moments):.4g}, exposure {exposure:.4g} ({unit}), from the frame's time"
-    return _figure(f"when each {word} looks", parts, told)
+    told = f"{word}s against time: readout {np.ptp(moments):.4g}, exposure {exposure:.4g} ({unit}), from the frame's time"
+    return _figure(title, parts, told)
 
 
 def _focus(camera: Camera) -> tuple[float, float]:

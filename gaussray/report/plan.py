@@ -38,14 +38,13 @@ def plan(views: Sequence[View], scene: Scene | Clip | None, names: dict[str, str
     turn = np.array([axes for _, axes in poses])
     right, up, toward = _basis(turn)
     points, tone = _dots(scene)
-    box = _bounds(eye, points)
     drawings = []
     for title, across, upward in (
         ("from above", right, toward),
         ("from the side", right, up),
     ):
         onto = np.stack([across, -upward])
-        drawings.append(_drawing(title, onto, shown, eye, turn, points, tone, box, list(names)))
+        drawings.append(_drawing(title, onto, shown, eye, turn, points, tone, list(names)))
     keys = [
         tag("li", tag("i", style=f"background:{color(i)}"), name)
         for i, name in enumerate(names.values())
@@ -91,12 +90,12 @@ def _dots(scene: Scene | Clip | None) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bounds(eye: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A box around the cameras and nearly all of the points."""
+    """A rectangle around the cameras and nearly all of the points, as they are projected."""
     low, high = eye.min(axis=0), eye.max(axis=0)
     if len(points):
-        inner = np.quantile(points, (0.03, 0.97), axis=0)
+        inner = np.quantile(points, (0.02, 0.98), axis=0)
         low, high = np.minimum(low, inner[0]), np.maximum(high, inner[1])
-    room = 0.08 * max(float((high - low).max()), 1e-6)
+    room = 0.06 * max(float((high - low).max()), 1e-6)
     return low - room, high + room
 
 
@@ -108,13 +107,9 @@ def _drawing(
     turn: np.ndarray,
     points: np.ndarray,
     tone: np.ndarray,
-    box: tuple[np.ndarray, np.ndarray],
     splits: list[str],
 ) -> Markup:
-    corners = np.array([[b[i] for i, b in zip(n, np.transpose(box), strict=True)]
-                        for n in np.ndindex(2, 2, 2)])  # fmt: skip
-    flat = corners @ onto.T
-    low, high = flat.min(axis=0), flat.max(axis=0)
+    low, high = _bounds(eye @ onto.T, points @ onto.T)
     scale = min((WIDTH - 2 * EDGE) / (high[0] - low[0]), (HEIGHT - 2 * EDGE) / (high[1] - low[1]))
     middle = np.array([WIDTH, HEIGHT]) / 2
 
@@ -130,8 +125,8 @@ def _drawing(
         for name in list(names)[:MOST]:
             some = [i for i in own if views[i].camera_name == name]
             parts += _way(name, placed(eye[some]), color(ink))
-            some = some if np.ptp(eye[some], axis=0).max() * scale > 2 else some[:1]
-            for i in [some[k] for k in np.linspace(0, len(some) - 1, each).astype(int)][:each]:
+            count = each if np.ptp(eye[some], axis=0).max() * scale > 2 else 1
+            for i in {some[k] for k in np.linspace(0, len(some) - 1, count).astype(int)}:
                 rim = edges(views[i].camera)
                 frustum = placed(eye[i] + length * rim @ turn[i].T)
                 parts.append(_frustum(name, placed(eye[i]), frustum, color(ink)))

@@ -21,12 +21,14 @@ def reproduce(out: Path, timings: list[tuple[str, Any]]) -> Section:
     told, body = noted(out), list[Any]()
     if told.get("command"):
         body += [tag("h3", "Command"), tag("pre", told["command"], class_="command")]
-    code = [("commit", told["git"] + (", with changes" * bool(told["changed"])))] * ("git" in told)
+    changed = ", with changes" if told.get("changed") else ""
+    code = [("commit", told["git"] + changed)] if "git" in told else []
     versions = told.get("versions", {})
     packages = ", ".join(f"{name} {x}" for name, x in versions.items() if name != "device")
     pairs = [*code, ("packages", packages), ("python", told.get("python"))]
     pairs += [("device", versions.get("device"))]
-    body += [tag("h3", "Made with"), facts([(name, x) for name, x in pairs if x])]
+    pairs = [(name, x) for name, x in pairs if x]
+    body += [tag("h3", "Made with"), facts(pairs)] if pairs else []
     timings = [*timings, *([("in all", clock(told["seconds"]))] if "seconds" in told else [])]
     if timings:
         body += [tag("h3", "Time"), facts(timings)]

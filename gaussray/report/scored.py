@@ -60,7 +60,7 @@ def over_time(out: Path) -> Section | None:
 
 
 def pictures(out: Path) -> Section | None:
-    """Of every effect the worst, the middle and the best picture beside the truth."""
+    """Of every effect the worst and the middle picture beside the truth."""
     told = [line for line in lines(out / SCORES) if (out / line["file"]).is_file()]
     effects = list(dict.fromkeys(line["effect"] for line in told))
     if not effects:
@@ -76,8 +76,8 @@ def pictures(out: Path) -> Section | None:
 
 def _picked(told: Sequence[dict[str, Any]]) -> list[tuple[str, dict[str, Any]]]:
     ranked = sorted(told, key=lambda line: np.inf if line["psnr"] is None else line["psnr"])
-    named = {0: "worst", len(ranked) - 1: "best", len(ranked) // 2: "median"}
-    return [(named[i], ranked[i]) for i in sorted(named)]
+    named = {0: "worst", len(ranked) // 2: "median"} if len(ranked) > 1 else {0: "the only one"}
+    return [(word, ranked[i]) for i, word in named.items()]
 
 
 def _compared(out: Path, line: dict[str, Any], word: str, most: int) -> Markup:

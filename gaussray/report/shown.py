@@ -81,11 +81,11 @@ def effects(groups: dict[str, Sequence[View]], unit: str) -> Section | None:
     rows = [(name.replace("_", " "), *_facts(view)) for name, view in told.items()]
     heads = ("effect", "lens", "degrees", "aperture radius", "exposure", "readout", "rays per pixel")
     body: list[Any] = [table(heads, rows, text=2)]
-    for name, view in told.items():
-        figures = drawn(view.camera, unit)
-        body += [tag("h3", f"{name.replace('_', ' ')}: {view.camera_name}")]
-        body += [tag("div", figures, class_="grid few")]
-    words = f"Lengths in scene units, times in the capture's unit ({unit})."
+    figures = [drawn(name.replace("_", " "), view.camera, unit) for name, view in told.items()]
+    body.append(tag("div", figures, class_="grid third"))
+    words = "Rays are those of the picture's middle row, seen from above; openings are seen from the "
+    words += "scene, for the picture's middle and for its corner. "
+    words += f"Lengths in scene units, times in the capture's unit ({unit})."
     return Section("The camera", [*body, note(words)]) if rows else None
 
 

@@ -4,14 +4,16 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.atomic import whole
-from gaussray.capture.calibration import Capture, read_capture, read_views
+from gaussray.capture.calibration import Capture, View, read_capture, read_views
 from gaussray.report import fitted, scored, shown
 from gaussray.report.markup import Markup
 from gaussray.report.page import Section, page, tiles
-from gaussray.report.run import document, reproduce, size, subtitle
+from gaussray.report.run import clock, document, reproduce, size, subtitle
 from gaussray.scene.clip import Clip
 from gaussray.scene.scene import Scene
 
+
+_Sections = list[Section | None]
 
 FILE = "report.html"
 TITLES = {
@@ -33,7 +35,7 @@ def write_page(
     return out / FILE
 
 
-def _reconstructed(out: Path, scene: Scene | Clip | None, capture: Capture | None):
+def _reconstructed(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _Sections:
     return [
         _summary(out),
         shown.samples(scene, capture) if scene is not None and capture is not None else None,
@@ -44,7 +46,7 @@ def _reconstructed(out: Path, scene: Scene | Clip | None, capture: Capture | Non
     ]
 
 
-def _scored(out: Path, scene: Scene | Clip | None, capture: Capture | None):
+def _scored(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _Sections:
     report = document(out / "report.json")
     groups = _groups(capture, list(report["effects"]))
     views = [view for some in groups.values() for view in some]
@@ -59,18 +61,18 @@ def _scored(out: Path, scene: Scene | Clip | None, capture: Capture | None):
     ]
 
 
-def _demonstrated(out: Path, scene: Scene | Clip | None, capture: Capture | None):
+def _demonstrated(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _Sections:
     first, *middle, last = _scored(out, scene, capture)
     return [first, *middle, fitted.curves(out), last]
 
 
-def _rendered(out: Path, scene: Scene | Clip | None, capture: Capture | None):
+def _rendered(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _Sections:
     # What was filmed is a capture again.
     made = read_capture(out)
     groups = _groups(made, None)
     views = [view for some in groups.values() for view in some]
     return [
-        _summary(out, pictures=len(views)),
+        Section("Summary", [tiles(_filmed(groups))]),
         shown.films(out, groups),
         shown.effects(groups, made.time_unit),
         shown.cameras(views, scene, {split: "filmed from here" for split in _splits(views)}),
@@ -86,12 +88,21 @@ _SECTIONS = {
 }
 
 
-def _summary(out: Path, pictures: int = 0) -> Section:
+def _filmed(groups: dict[str, list[View]]) -> list[tuple[str, str, str]]:
+    """How many pictures there are, of which size, through how many rays."""
+    views = [view for some in groups.values() for view in some]
+    sizes = {f"{view.width} x {view.height}" for view in views}
+    told = [(name.replace("_", " "), str(len(some)), "pictures") for name, some in groups.items()]
+    cameras = {view.camera_name for view in views}
+    told += [("cameras", str(len(cameras)), ""), ("size", ", ".join(sorted(sizes)), "pixels")]
+    samples = sorted({view.samples for view in views if view.samples})
+    return told + [("rays per pixel", ", ".join(map(str, samples)), "")] * bool(samples)
+
+
+def _summary(out: Path) -> Section:
     """The figures to be seen first."""
     report, told = document(out / "report.json"), []
     psnr = fitted.last_psnr(out)
-    if pictures:
-        told.append(("pictures", str(pictures), ""))
     for name, row in list(report.get("effects", {}).items())[:4]:
         if row.get("psnr") is not None:
             told.append((name.replace("_", " "), f"{row['psnr']:.2f}", "dB"))
@@ -111,18 +122,16 @@ def _after(required: dict[str, Any]) -> dict[str, Any]:
 
 
 def _timings(report: dict[str, Any]) -> list[tuple[str, Any]]:
-    from gaussray.report.run import clock
-
     return [(name, clock(x)) for name, x in report.get("seconds", {}).items() if name != "total"]
 
 
-def _views(out: Path, capture: Capture | None):
+def _views(out: Path, capture: Capture | None) -> list[View]:
     """The cameras as refined, where they were written, else as recorded."""
     path = out / "cameras.json"
     return read_views(path) if path.is_file() else capture.views if capture else []
 
 
-def _groups(capture: Capture | None, names: list[str] | None):
+def _groups(capture: Capture | None, names: list[str] | None) -> dict[str, list[View]]:
     """Views by effect, those of these names."""
     if capture is None:
         return {}
@@ -130,5 +139,5 @@ def _groups(capture: Capture | None, names: list[str] | None):
     return {n: views for n, views in groups.items() if views and (names is None or n in names)}
 
 
-def _splits(views) -> list[str]:
+def _splits(views: list[View]) -> list[str]:
     return list(dict.fromkeys(view.split for view in views))
