@@ -43,7 +43,8 @@ def configuration(verb: str, overrides: Sequence[str]) -> DictConfig:
     cfg = _resolved(verb, _composed(verb, tuple(overrides)))
     given = any(re.match(r"\+*out=", word) for word in overrides)
     shared = cfg.devices.hosts != 1 or (verb == "render" and cfg.factory.shard != "0/1")
-    if shared and not given and str(cfg.get("out")).startswith("runs/"):
+    by_time = "out" in keys(verb) and "${now" in keys(verb)["out"].default
+    if shared and by_time and not given:
         raise ValueError(
             f"out must be given where several processes share it, e.g. `gaussray {verb} out=DIR`."
         )
@@ -190,7 +191,7 @@ def _resolved(verb: str, cfg: DictConfig) -> DictConfig:
 
 
 def _wrong(verb: str, error: Exception, words: Sequence[str] = ()) -> ValueError:
-    """What the user is told of an error of Hydra's: what is wrong of the words, if that is found."""
+    """What the user is told of an error of Hydra's: which word is wrong, if that is found."""
     reasons = filter(None, (_misspelt(verb, word) for word in words))
     reason = next(reasons, f"configuration: {str(error).splitlines()[0]}")
     return ValueError(f"{reason} `gaussray {verb} --help` lists the keys.")

@@ -167,7 +167,7 @@ def _cost(view: View, samples: int) -> float:
 
 
 def _line(effect: str, view: View, row: dict[str, Any]) -> dict[str, Any]:
-    """What is listed of a picture: `file` is that of truth | ours | difference, if it is written."""
+    """What is listed of a picture; `file` is that of truth | ours | difference, if written."""
     named = {"effect": effect, "camera": view.camera_name, "time": view.time, "part": row["part"]}
     file = f"{effect}/{_file(view)}"
     figures = {name: x for name, x in row.items() if isinstance(x, float)}

@@ -23,7 +23,8 @@ from gaussray.scene.store import load_scene
 from gaussray.tracer.trace import TraceOptions
 
 
-# Keys that say what is told of the work, and those that say where and by whom takes are made, not what they are.
+# Keys that say what is told of the work, and those that say where and by whom takes are made, not
+# what they are.
 TALK = ("quiet", "progress", "report")
 ELSEWHERE = ("out", "devices", "sample", "factory", *TALK)
 # Keys in which processes differ that work on one data set.

@@ -66,7 +66,9 @@ def commit() -> dict[str, Any]:
 def note_begin(out: Path) -> None:
     """Write run.json of a run that begins."""
     began = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
-    told: dict[str, Any] = {"command": shlex.join(("gaussray", *_words.get()))} if _words.get() else {}
+    told: dict[str, Any] = (
+        {"command": shlex.join(("gaussray", *_words.get()))} if _words.get() else {}
+    )
     told |= {"began": began, **commit(), "python": platform.python_version()}
     _write(out, told | {"versions": versions()})
 

@@ -96,9 +96,7 @@ def _told(name: str, key: Key) -> list[str]:
 def _chosen(verb: str, group: str) -> list[str]:
     first = groups(verb)[group]
     text = ", ".join([first, *(name for name in choices(group) if name != first)])
-    return textwrap.wrap(
-        text, WIDTH, initial_indent=f"  {group:<12}", subsequent_indent=" " * 14
-    )
+    return textwrap.wrap(text, WIDTH, initial_indent=f"  {group:<12}", subsequent_indent=" " * 14)
 
 
 def full_help(verb: str) -> str:

@@ -1,5 +1,5 @@
-"""The words that each verb knows: its keys with defaults and meanings, its groups and their choices,
-as the YAML files have them."""
+"""The words that each verb knows, as the YAML files have them: keys with defaults and meanings,
+groups with choices."""
 
 import functools
 import re
@@ -46,7 +46,10 @@ def keys(verb: str) -> dict[str, Key]:
     for group, chosen in groups(verb).items():
         told = {name: _read(_text(group, name)) for name in choices(group)}
         for name, key in told[chosen].items():
-            meanings = [key.meaning, *(other[name].meaning for other in told.values() if name in other)]
+            meanings = [
+                key.meaning,
+                *(other[name].meaning for other in told.values() if name in other),
+            ]
             meaning = next(filter(None, meanings), "")
             own = found.get(f"{group}.{name}", key)
             found[f"{group}.{name}"] = Key(own.default, own.meaning or meaning)

@@ -123,7 +123,7 @@ def test_an_unknown_verb(fails):
     [
         (["apertur.radius=1"], "apertur.radius is no key of `gaussray render`"),
         (["apertur.radius=1"], "Did you mean aperture.radius?"),
-        (["lens.focus_distance=1"], "Did you mean aperture.focus_distance?"),
+        (["aperture.focus_distanc=1"], "Did you mean aperture.focus_distance?"),
         (["+shutter.exposur=1"], "shutter.exposur is unknown"),
         (["+shutter.exposur=1"], "Did you mean exposure?"),
         (["lens=fisheey"], "got 'fisheey'. Did you mean fisheye?"),
@@ -170,7 +170,10 @@ def test_a_fault_of_ours_is_raised_and_ends_with_one(monkeypatch):
         (["evaluate", "scene=x"], "truth must be given"),
         (["reconstruct", "capture.path=x", "out=x", "fit.steps=3"], "fit.steps"),
         (["reconstruct", "capture.path=x", "out=x", "+fit.steps=3"], "fit.steps is unknown"),
-        (["reconstruct", "capture.path=x", "out=x", "trace=quick"], "trace must be one of balanced, default, exact, fast, fit, fit_far"),
+        (
+            ["reconstruct", "capture.path=x", "out=x", "trace=quick"],
+            "trace must be one of balanced, default, exact, fast, fit, fit_far",
+        ),
         (["reconstruct", "capture.path=x", "out=x", "--fast"], "--fast"),
         (
             ["reconstruct", "capture.path=x", "out=x", "trace.k=0"],

@@ -39,8 +39,8 @@ class Journal:
     with every state.
 
     A folder with an unfinished run is open to `resume` alone, and `resume` to no other folder; what
-    does not fit is refused before anything is written. Of several processes one `writes`. Every line
-    of figures is also `told` to whoever wants to know.
+    does not fit is refused before anything is written. Of several processes one `writes`. Every
+    line of figures is also `told` to whoever wants to know.
     """
 
     def __init__(

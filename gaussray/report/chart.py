@@ -52,9 +52,7 @@ def chart(
     for i, curve in enumerate(drawn):
         parts.append(_line(curve, span_x, span_y, color(i)))
     told = f"{title}: {', '.join(curve.name for curve in drawn)}"
-    drawing = tag(
-        "svg", parts, viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", role="img", aria_label=told
-    )
+    drawing = tag("svg", parts, viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", role="img", aria_label=told)
     return tag("figure", tag("h3", title), drawing, legend([c.name for c in drawn]), class_="panel")
 
 

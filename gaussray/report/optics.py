@@ -116,9 +116,9 @@ def shutter(title: str, camera: Camera, unit: str) -> Markup:
 
     some = np.unique(np.linspace(0, rows - 1, min(rows, 160)).astype(int))
     tall = max((bottom - top) / len(some), 0.8)
+    wide = max(exposure / span * (WIDTH - 64), 2)
     bars = "".join(
-        f"M{x(moments[i] - half):.1f} {y(float(i)):.1f}h{max(exposure / span * (WIDTH - 64), 2):.1f}"
-        f"v{tall:.2f}h{-max(exposure / span * (WIDTH - 64), 2):.1f}z"
+        f"M{x(float(moments[i] - half)):.1f} {y(float(i)):.1f}h{wide:.1f}v{tall:.2f}h{-wide:.1f}z"
         for i in some
     )
     word = "column" if camera.shutter.direction in SIDEWAYS else "row"
@@ -130,7 +130,10 @@ def shutter(title: str, camera: Camera, unit: str) -> Markup:
         tag("text", f"{low:.4g}", x=46, y=bottom + 15),
         tag("text", f"{high:.4g}", x=WIDTH - 18, y=bottom + 15, text_anchor="end"),
     ]
-    told = f"{word}s against time: readout {np.ptp(moments):.4g}, exposure {exposure:.4g} ({unit}), from the frame's time"
+    told = (
+        f"{word}s against time: readout {np.ptp(moments):.4g}, exposure {exposure:.4g} ({unit}), "
+    )
+    told += "from the frame's time"
     return _figure(title, parts, told)
 
 

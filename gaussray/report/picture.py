@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 
 from gaussray.dataset.images import write_image
 from gaussray.report.markup import Markup, tag
@@ -25,8 +25,8 @@ HEAT = ((0, 0, 4), (40, 11, 84), (101, 21, 110), (159, 42, 99), (212, 72, 66), (
 
 
 def inline(codes: UInt8[np.ndarray, "h w 3"], most: int) -> str:
-    """A picture as an address that holds it in at most about so many bytes: PNG of a small one, else
-    JPEG, smaller and coarser until it fits."""
+    """A picture as an address that holds it in at most about so many bytes: PNG of a small one,
+    else JPEG, smaller and coarser until it fits."""
     side = max(codes.shape[:2])
     if side <= SMALL:
         kept = _encoded(codes, ".png", 0)
@@ -57,8 +57,8 @@ def heat_scale() -> Markup:
     stops = ", ".join(f"rgb{c}" for c in HEAT)
     bar = tag("span", class_="scale", style=f"background:linear-gradient(90deg, {stops})")
     words = "Difference maps: mean over the channels of |ours - truth|, 0"
-    return tag("p", words, bar, f"{FULL} of 255 and more. Drag across a picture: truth at the left, "
-               "ours at the right.", class_="note")  # fmt: skip
+    end = f"{FULL} of 255 and more. Drag across a picture: truth at the left, ours at the right."
+    return tag("p", words, bar, end, class_="note")
 
 
 def compared(
@@ -138,9 +138,8 @@ def _encoded(codes: np.ndarray, suffix: str, quality: int) -> bytes:
         spec = oiio.ImageSpec(width, height, 3, "uint8")
         spec["Compression"] = f"jpeg:{quality}"
         file = oiio.ImageOutput.create(str(path))
-        good = file is not None and file.open(str(path), spec)
-        good = good and file.write_image(np.ascontiguousarray(codes)) and file.close()
-        if not good:
+        pixels = np.ascontiguousarray(codes)
+        if not (file and file.open(str(path), spec) and file.write_image(pixels) and file.close()):
             raise OSError(f"a picture of a page cannot be encoded: {oiio.geterror()}")
         return path.read_bytes()
 

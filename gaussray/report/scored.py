@@ -1,4 +1,4 @@
-"""How an evaluation came out: a table of the effects, curves over time, pictures beside the truth."""
+"""How an evaluation came out: a table of effects, curves over time, pictures beside the truth."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gaussray.capture.frames import read_stored
-from gaussray.dataset.scores import COLUMNS, OPTIONAL
+from gaussray.dataset.scores import COLUMNS
 from gaussray.evaluate import SCORES
 from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import Markup, tag
@@ -36,10 +36,12 @@ def scores(report: dict[str, Any]) -> Section | None:
     if not rows:
         return None
     measured = {key for _, row in rows for key in row}
-    columns = [c for c in COLUMNS if c[1] in measured and (c[1] not in OPTIONAL or c[1] in measured)]
+    columns = [c for c in COLUMNS if c[1] in measured]
     columns = [*columns, ("rays per pixel", "samples", 0)]
     body = [[name, *(_figure(row.get(key), n) for _, key, n in columns)] for name, row in rows]
-    words = "PSNR in dB of 8-bit sRGB codes, mean over the pictures. Masked: inside the lens's field "
+    words = (
+        "PSNR in dB of 8-bit sRGB codes, mean over the pictures. Masked: inside the lens's field "
+    )
     words += "of view. Moving: over pixels that change. Flicker: how much pixels that never move "
     words += "tremble, in codes of 255, and the truth's own. FPS without compilation."
     return Section("Scores", [table(["effect", *(c[0] for c in columns)], body), note(words)])

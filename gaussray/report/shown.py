@@ -1,6 +1,6 @@
 """Cameras and what they film: a scene beside the pictures it was made from, and films."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +13,12 @@ from gaussray.capture.calibration import Capture, View
 from gaussray.capture.frames import read_encoded, read_stored
 from gaussray.dataset.images import codes
 from gaussray.dataset.metrics import psnr
-from gaussray.report.markup import Markup, tag
+from gaussray.render import Renderer, RenderOptions
+from gaussray.report.markup import tag
 from gaussray.report.optics import drawn, field_of_view
 from gaussray.report.page import Section, note, table
 from gaussray.report.picture import BYTES, compared, film, heat_scale
 from gaussray.report.plan import plan
-from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.clip import Clip
 from gaussray.scene.scene import Scene
 
@@ -42,7 +42,9 @@ def samples(scene: Scene | Clip, capture: Capture) -> Section | None:
         return None
     most = max(view.width * view.height for view in picked)
     if jax.default_backend() == "cpu" and most > PATIENCE:
-        words = "Pictures of this size take a CPU long: `gaussray evaluate` films and compares them."
+        words = (
+            "Pictures of this size take a CPU long: `gaussray evaluate` films and compares them."
+        )
         return Section("Truth and ours", [note(words)])
     renderer, figures = Renderer(scene, options=RenderOptions(samples=1)), []
     for view in picked:
@@ -56,7 +58,7 @@ def samples(scene: Scene | Clip, capture: Capture) -> Section | None:
     )
 
 
-def films(out: Path, groups: dict[str, Sequence[View]]) -> Section | None:
+def films(out: Path, groups: Mapping[str, Sequence[View]]) -> Section | None:
     """The pictures of every effect and camera, with a slider through time."""
     shown: dict[str, list[View]] = {}
     for effect, views in groups.items():
@@ -75,15 +77,25 @@ def films(out: Path, groups: dict[str, Sequence[View]]) -> Section | None:
     return Section("Pictures", [*body, note(words) if words else None]) if figures else None
 
 
-def effects(groups: dict[str, Sequence[View]], unit: str) -> Section | None:
+def effects(groups: Mapping[str, Sequence[View]], unit: str) -> Section | None:
     """A camera of every effect: its numbers, and what it does to light."""
     told = {name: views[0] for name, views in groups.items() if views}
     rows = [(name.replace("_", " "), *_facts(view)) for name, view in told.items()]
-    heads = ("effect", "lens", "degrees", "aperture radius", "exposure", "readout", "rays per pixel")
+    heads = (
+        "effect",
+        "lens",
+        "degrees",
+        "aperture radius",
+        "exposure",
+        "readout",
+        "rays per pixel",
+    )
     body: list[Any] = [table(heads, rows, text=2)]
     figures = [drawn(name.replace("_", " "), view.camera, unit) for name, view in told.items()]
     body.append(tag("div", figures, class_="grid third"))
-    words = "Rays are those of the picture's middle row, seen from above; openings are seen from the "
+    words = (
+        "Rays are those of the picture's middle row, seen from above; openings are seen from the "
+    )
     words += "scene, for the picture's middle and for its corner. "
     words += f"Lengths in scene units, times in the capture's unit ({unit})."
     return Section("The camera", [*body, note(words)]) if rows else None

@@ -28,7 +28,10 @@ def test_edges_of_a_pinhole_are_those_of_its_field_of_view():
 def test_a_lens_that_sees_behind_itself_has_more_than_180_degrees():
     half = toy.SIZE / 2
     lens = KannalaBrandt(
-        toy.single([half / np.radians(110)] * 2), toy.single([half] * 2), toy.single([0.0] * 4), toy.single(3.0)
+        toy.single([half / np.radians(110)] * 2),
+        toy.single([half] * 2),
+        toy.single([0.0] * 4),
+        toy.single(3.0),
     )
     camera = dataclasses.replace(toy.camera(), lens=lens)
     assert optics.field_of_view(camera)[0] == pytest.approx(220, abs=0.1)
