@@ -1,5 +1,6 @@
 """Figures of a fit for TensorBoard."""
 
+import atexit
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,12 +22,13 @@ def tensorboard(folder: Path) -> Callable[[dict[str, Any]], None]:
             "leave tensorboard=false."
         ) from error
     writer = SummaryWriter(str(folder), flush_secs=10)
+    # A thread writes; it is waited for.
+    atexit.register(writer.close)
 
     def told(line: dict[str, Any]) -> None:
         part = f"segment_{line['segment']}/" if "segment" in line else ""
         for name, value in line.items():
             if name not in _NAMES:
                 writer.add_scalar(f"{part}{line['stage']}/{name}", value, line["step"])
-        writer.flush()
 
     return told
