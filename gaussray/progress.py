@@ -1,5 +1,6 @@
 """What is told of work that lasts: how far it is, how long it will still take, what came of it."""
 
+import bisect
 import contextlib
 import itertools
 import json
@@ -72,9 +73,9 @@ class Progress:
     """How far a piece of work is. Nothing is said of work of less than `patience` seconds.
 
     Of `parts` = (units, cost of one), each may compile programs of its own; one part of equal units
-    is the default. What is left takes the seconds per cost of what was done, after the first report
-    and without compilation, and for every part that has not begun what those before it took to
-    compile. It is told from the second report on.
+    is the default. What is left takes the seconds per cost of the later half of what was done,
+    without compilation, and for every part that has not begun what those before it took to compile.
+    It is told from the second report on.
     """
 
     def __init__(
@@ -92,7 +93,9 @@ class Progress:
         self.parts = list(parts) or [(total, 1.0)]
         self.write = write or (sys.stdout if self.style == "json" else sys.stderr).write
         self.begin, self.before = time.monotonic(), compiled()
-        self.first: tuple[float, float] | None = None
+        # Cost done and seconds worked, at every report.
+        self.costs: list[float] = []
+        self.worked: list[float] = []
         self.shown = -float("inf")
 
     def report(self, done: int, note: str = "") -> None:
@@ -100,20 +103,19 @@ class Progress:
         now = time.monotonic()
         spent, compiling = now - self.begin, compiled() - self.before
         cost, whole = self._cost(done), self._cost(self.total)
-        if self.first is None:
-            self.first = (cost, spent - compiling)
+        self.costs.append(cost)
+        self.worked.append(spent - compiling)
         last = done >= self.total
         soon = now - self.shown < _PACE.get(self.style, 0.0) and not last
         if self.style == "quiet" or soon or spent < self.patience:
             return
         self.shown = now
-        start, since = self.first
-        worked = spent - compiling
         left = 0.0 if last else None
-        if cost > start and not last:
+        i = min(bisect.bisect_left(self.costs, cost / 2), max(len(self.costs) - 2, 0))
+        if cost > self.costs[i] and not last:
             begun = sum(first < done for first in self._firsts())
-            left = (worked - since) / (cost - start) * (whole - cost)
-            left += compiling / begun * (len(self.parts) - begun)
+            pace = (self.worked[-1] - self.worked[i]) / (cost - self.costs[i])
+            left = pace * (whole - cost) + compiling / begun * (len(self.parts) - begun)
         self._tell(done, note, spent, left, last)
 
     def _firsts(self) -> list[int]:

@@ -49,6 +49,12 @@ def test_nothing_is_foretold_of_the_first_report(monkeypatch):
     assert "left" not in spoken(monkeypatch, [(60, 1)])[0]
 
 
+def test_what_was_slow_at_first_is_forgotten(monkeypatch):
+    # Ten seconds a unit, then one.
+    lines = spoken(monkeypatch, [(1, 1), (21, 3), (23, 5), (26, 8)])
+    assert lines[-1].endswith("0:26 spent, 0:02 left\n")
+
+
 def test_compilation_does_not_slow_what_is_left(monkeypatch):
     compiled = iter([0.0, 5.0, 5.0, 35.0])
     monkeypatch.setattr(module, "compiled", lambda: next(compiled))

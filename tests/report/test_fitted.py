@@ -52,5 +52,5 @@ def test_a_run_that_left_little_has_what_there_is(tmp_path):
 
 
 def test_times_and_sizes_are_said_as_people_say_them():
-    assert (clock(3.14), clock(75), clock(7320)) == ("3.1 s", "1 min 15 s", "2 h 2 min")
-    assert (size(299_000), size(2_500)) == (("0.299", "MB"), ("2.5", "kB"))
+    assert (clock(3.14), clock(75.0), clock(7320.0)) == ("3.1 s", "1 min 15 s", "2 h 2 min")
+    assert (size(299_000.0), size(2_500.0)) == (("0.299", "MB"), ("2.5", "kB"))
