@@ -45,7 +45,7 @@ def configuration(out: Path) -> Markup:
     return folded("The configuration, every key resolved", tag("pre", text))
 
 
-def clock(seconds: float) -> str:
+def clock(seconds: float | int) -> str:
     """Seconds as people say them."""
     if seconds < 60:
         return f"{seconds:.1f} s"
@@ -54,7 +54,7 @@ def clock(seconds: float) -> str:
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
 
 
-def size(count: float) -> tuple[str, str]:
+def size(count: float | int) -> tuple[str, str]:
     """Bytes as a figure and its unit."""
     return (f"{count / 1e6:.3g}", "MB") if count >= 1e5 else (f"{count / 1e3:.3g}", "kB")
 

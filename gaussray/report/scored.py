@@ -104,5 +104,5 @@ def _series(told: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
     return np.array([line["time"] for line in ranked]), np.array(psnr, float)
 
 
-def _figure(value: float | None, digits: int) -> str:
+def _figure(value: float | int | None, digits: int) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
