@@ -1,11 +1,13 @@
 """One camera drawn: its rays in a section, its opening, and when its rows look."""
 
+import dataclasses
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gaussray.camera.aperture import focused, thin_lens
+from gaussray.camera.aperture import focus_at, focused, thin_lens
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import SIDEWAYS, row_count, row_moments
 from gaussray.report.markup import Markup, tag
@@ -139,13 +141,12 @@ def shutter(title: str, camera: Camera, unit: str) -> Markup:
 
 def _focus(camera: Camera) -> tuple[float, float]:
     """Focus distance and radius at the frame's own time."""
-    aperture = focused(camera.aperture, camera.time)
-    return float(aperture.focus_distance), float(aperture.radius)
+    distance = focus_at(camera.aperture, camera.time)
+    return float(distance), float(camera.aperture.radius)
 
 
 def _still(camera: Camera) -> Camera:
-    aperture = focused(camera.aperture, camera.time)
-    return Camera(**(vars(camera) | {"aperture": aperture}))
+    return dataclasses.replace(camera, aperture=focused(camera.aperture, camera.time))
 
 
 def _rays(
