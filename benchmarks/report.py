@@ -4,7 +4,7 @@ python -m benchmarks.report [--device H200] [--out benchmarks/figures]
 
 Of every measurement on a device the latest line counts. `trade.png` holds the Pareto front,
 `scaling.png` how the cost of a frame grows, with fitted exponents, `effects.png` frames per second
-beside the paper's; `tables.md`, which is printed too, has the rest.
+beside the paper's; `tables.md`, which is printed too, has the rest, and `report.html` shows all.
 """
 
 import argparse
@@ -18,6 +18,7 @@ import numpy as np
 
 from benchmarks import record
 from benchmarks.bench_scaling import ALONG, exponent
+from benchmarks.page import write_page
 
 
 matplotlib.use("Agg")
@@ -100,6 +101,7 @@ def main(argv: Sequence[str] | None = None) -> None:
             plt.close(figure)
     text = "\n".join(table(bench, lines) for bench in COLUMNS)
     (chosen.out / "tables.md").write_text(text)
+    write_page(chosen.out, lines, COLUMNS, _cell)
     print(text)
 
 

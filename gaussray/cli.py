@@ -2,61 +2,56 @@
 
 import os
 import sys
+import time
 import traceback
+import warnings
 from collections.abc import Callable, Sequence
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from gaussray import provenance
+from gaussray.completion import script
 from gaussray.configuration import (
     as_kind,
-    conf_folder as conf_folder,
     configuration as configuration,
     options as options,
     run_folder,
 )
 from gaussray.devices import DevicesOptions, begin, leads, leave, together
 from gaussray.guard.limits import Limits, limit
+from gaussray.progress import STYLES, check_style, end_line, say, style, told_as
+from gaussray.provenance import asked_by
+from gaussray.suggestion import meant
+from gaussray.usage import VERBS as VERBS, full_help, short_help, usage
+from gaussray.vocabulary import conf_folder as conf_folder
 
 
-VERBS = {
-    "demo": "reconstruct the sample capture, film it through every effect, score it",
-    "reconstruct": "multi-view video in, a scene out",
-    "render": "a scene and cameras in, a paired capture and videos out; or a data set of many",
-    "view": "a web page with the scene under the mouse and a camera's numbers as controls",
-    "evaluate": "score a scene against a paired capture",
-    "calibrate": "find cameras in pictures of a known scene, with standard errors",
-    "import": "a model of 3D Gaussian Splatting or 4DGaussians in, a scene out",
-    "export": "a scene at one instant as a 3D Gaussian Splatting model",
-    "pack": "a produced data set as tar files that stream (WebDataset)",
+# How an interrupted verb is gone on with.
+AGAIN = {
+    "reconstruct": "The same command with resume=true",
+    "render": "The same command",
+    "demo": "The same command",
 }
-USAGE = "usage: gaussray <verb> [key=value ...]\n\n" + "\n".join(
-    f"  {verb:<12} {text}" for verb, text in VERBS.items()
-)
-USAGE += "\n\n`gaussray <verb> --help` lists the keys with their defaults."
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point. Errors of the user end in one line and exit code 2."""
+    """Entry point. Errors of the user end in one line and exit code 2 (`usage.EXITS`)."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    if not words or words[0] in ("-h", "--help"):
-        print(USAGE)
-        return
-    verb, overrides = words[0], words[1:]
-    if verb not in VERBS:
-        _fail(f"the verb must be one of {', '.join(VERBS)}, got {verb!r}. See `gaussray --help`.")
-    if any(word in ("-h", "--help") for word in overrides):
-        print(help_text(verb))
-        return
+    with told_as(_style(words)), asked_by(words):
+        _guarded(words)
+
+
+def _guarded(words: list[str]) -> None:
     try:
-        _run(verb, overrides)
+        _main(words)
     except KeyboardInterrupt:
-        if verb == "view":
+        if words[0] == "view":
             return
-        how = "`gaussray reconstruct ... resume=true`"
-        how = "The same command" if verb == "render" else how
-        _fail(f"interrupted. {how} goes on where it stopped.", 130)
+        how = f"{AGAIN[words[0]]} goes on where it stopped." if words[0] in AGAIN else ""
+        _fail(f"interrupted. {how}", 130)
     except (ValueError, OSError, RuntimeError) as error:
         unknown = isinstance(error, RuntimeError) and type(error).__name__ != "NonFiniteLoss"
         if unknown or os.environ.get("GAUSSRAY_TRACEBACK"):
@@ -66,46 +61,82 @@ def main(arguments: Sequence[str] | None = None) -> None:
         _raise(error)
 
 
+def _main(words: list[str]) -> None:
+    if not words or words[0] in ("-h", "--help"):
+        print(usage())
+    elif words[0] == "--version":
+        print(f"gaussray {version('gaussray')}")
+    elif words[0] in ("--completion", "-sc"):
+        # Hydra's own way to ask for it is -sc install=bash.
+        print(script(words[1].removeprefix("install=") if len(words) > 1 else "bash"), end="")
+    elif words[0] not in VERBS:
+        known = ", ".join(VERBS)
+        raise ValueError(
+            f"the verb must be one of {known}, got {words[0]!r}.{meant(words[0], VERBS)} See "
+            "`gaussray --help`."
+        )
+    elif "--help=all" in words:
+        print(full_help(words[0]))
+    elif "-h" in words or "--help" in words:
+        print(short_help(words[0]))
+    else:
+        _run(words[0], words[1:])
+
+
 def _run(verb: str, overrides: Sequence[str]) -> None:
+    began = time.monotonic()
     cfg = configuration(verb, overrides)
+    check_style(str(cfg.get("progress", "auto")))
     limit(options(Limits, cfg.limits))
     if verb == "render" and cfg.factory.count:
         from gaussray.production import produce
 
-        print(produce(cfg, overrides))
-    elif verb == "view":
+        say(produce(cfg, overrides), "result", verb=verb, out=cfg.out)
+        return
+    if verb == "view":
         _view(cfg, overrides)
-    else:
-        RUN[verb](cfg, begin(options(DevicesOptions, cfg.devices)))
+        return
+    had = RUN[verb](cfg, begin(options(DevicesOptions, cfg.devices))) or {}
+    out = Path(str(cfg.out))
+    if leads() and (out / provenance.FILE).is_file():
+        provenance.note_end(out, time.monotonic() - began)
+        if cfg.get("report"):
+            _page(verb, out, had)
 
 
-def help_text(verb: str) -> str:
-    """The groups and keys of a verb, with defaults and comments, as the YAML files have them."""
-    folder = conf_folder()
-    lines = [f"gaussray {verb}: {VERBS[verb]}", ""]
-    top = (folder / f"{verb}.yaml").read_text()
-    defaults = OmegaConf.load(folder / f"{verb}.yaml").get("defaults")  # type: ignore[call-arg]
-    for line in top.split("_self_", 1)[1].splitlines():
-        lines += [f"  {line}"] if line.strip() else []
-    for entry in defaults:
-        if entry == "_self_":
-            continue
-        ((group, chosen),) = entry.items()
-        choices = sorted(path.stem for path in (folder / group).glob("*.yaml"))
-        lines += ["", f"{group}={chosen}   (choices: {', '.join(choices)})"]
-        for line in (folder / group / f"{chosen}.yaml").read_text().splitlines():
-            if line and not line.startswith("#"):
-                lines.append(f"  {group}.{line}")
-    return "\n".join(lines)
+def _style(words: Sequence[str]) -> str:
+    """How the work is to be told of, also if another word is wrong."""
+    told = [word.split("=", 1)[1] for word in words if word.startswith("progress=")]
+    told = [name for name in told if name in STYLES]
+    return (told or ["quiet" if "quiet=true" in words else "auto"])[-1]
+
+
+def _page(verb: str, out: Path, had: dict[str, Any]) -> None:
+    """The page to look at; if it cannot be made, the work is none the less done."""
+    from gaussray.report import write_page
+
+    try:
+        write_page(verb, out, **had)
+    except Exception as error:
+        warnings.warn(
+            f"{out / 'report.html'}: the page could not be made ({type(error).__name__}: {error}). "
+            "Everything else is there.",
+            stacklevel=2,
+        )
 
 
 def _fail(message: str, code: int = 2) -> None:
-    print(f"gaussray: {' '.join(message.split())}", file=sys.stderr)
+    message = " ".join(message.split())
+    end_line()
+    print(f"gaussray: {message}", file=sys.stderr)
+    if style() == "json":
+        say(message, "error", code=code)
     leave(code)
 
 
 def _raise(error: Exception) -> None:
     """An error that is not the user's."""
+    end_line()
     if not together():
         raise error
     traceback.print_exception(error)
@@ -145,7 +176,7 @@ def _capture(path: str, node: DictConfig, label: str, prefix: str = "") -> Any:
     return open_capture(path, *names, selection=Selection(**chosen))
 
 
-def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
+def _reconstruct(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     from gaussray.evaluate import scene_facts
     from gaussray.fit.journal import refuse
     from gaussray.reconstruct import reconstruct
@@ -154,20 +185,30 @@ def _reconstruct(cfg: DictConfig, devices: int | None) -> None:
     capture = _capture(cfg.capture.path, cfg.capture, "capture.")
     refuse(Path(cfg.out), resume=cfg.resume)
     out = run_folder(cfg)
-    scene = reconstruct(
-        capture, out, options=chosen, resume=cfg.resume, devices=devices, quiet=cfg.quiet
-    )
+    how: dict[str, Any] = {"devices": devices, "quiet": cfg.quiet, "told": _scalars(cfg, out)}
+    scene = reconstruct(capture, out, options=chosen, resume=cfg.resume, **how)
     facts = scene_facts(scene)
-    _say(f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move.")
+    text = f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move."
+    _say(text, out=str(out), scene=facts)
+    return {"scene": scene, "capture": capture}
 
 
-def _render(cfg: DictConfig, devices: int | None) -> None:
+def _scalars(cfg: DictConfig, out: Path) -> Callable[[dict[str, Any]], None] | None:
+    """Who else is told the figures of a fit."""
+    from gaussray.scalars import tensorboard
+
+    return tensorboard(out / "tensorboard") if cfg.tensorboard and leads() else None
+
+
+def _render(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     from gaussray.factory import film
     from gaussray.production import shot_of
 
     shot = shot_of(cfg)
     out = film(shot, run_folder(cfg), devices=devices, quiet=cfg.quiet)
-    _say(f"{out}: {len(shot.records)} frames of {shot.records[0].effect}.")
+    effect, count = shot.records[0].effect, len(shot.records)
+    _say(f"{out}: {count} frames of {effect}.", out=str(out), frames=count, effect=effect)
+    return {"scene": shot.scene}
 
 
 def _view(cfg: DictConfig, overrides: Sequence[str]) -> None:
@@ -175,12 +216,15 @@ def _view(cfg: DictConfig, overrides: Sequence[str]) -> None:
 
     begin(options(DevicesOptions, cfg.devices))
     server = serve(cfg, overrides)
-    _say(f"{server.url} shows {cfg.scene}; the first pictures take as long as their programs take "
-         "to compile. Stop with Ctrl-C.")  # fmt: skip
+    _say(
+        f"{server.url} shows {cfg.scene}; the first pictures take as long as their programs take "
+        "to compile. Stop with Ctrl-C.",
+        url=server.url,
+    )
     server.wait()
 
 
-def _evaluate(cfg: DictConfig, devices: int | None) -> None:
+def _evaluate(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     from gaussray.dataset.scores import table
     from gaussray.evaluate import EvaluateOptions, evaluate
     from gaussray.render import RenderOptions
@@ -203,7 +247,8 @@ def _evaluate(cfg: DictConfig, devices: int | None) -> None:
         devices=devices,
         quiet=cfg.quiet,
     )
-    _say(table(report))
+    _say(table(report), out=str(out), report=report)
+    return {"scene": scene, "capture": truth}
 
 
 def _calibrate(cfg: DictConfig, devices: int | None) -> None:
@@ -215,7 +260,8 @@ def _calibrate(cfg: DictConfig, devices: int | None) -> None:
     chosen, trace = options(CalibrateOptions, cfg.calibrate), options(TraceOptions, cfg.trace)
     scene, capture = load_scene(cfg.scene), _capture(cfg.capture.path, cfg.capture, "capture.")
     out = run_folder(cfg)
-    _say(table(calibrate(scene, capture, out, options=chosen, trace=trace, quiet=cfg.quiet)))
+    report = calibrate(scene, capture, out, options=chosen, trace=trace, quiet=cfg.quiet)
+    _say(table(report), out=str(out), report=report)
 
 
 def _import(cfg: DictConfig, devices: int | None) -> None:
@@ -258,16 +304,19 @@ def _demo(cfg: DictConfig, devices: int | None) -> None:
         "render": options(RenderOptions, cfg.render),
         "evaluation": options(EvaluateOptions, cfg.evaluate),
     }
-    demo(cfg.capture.path, run_folder(cfg), **chosen, devices=devices, quiet=cfg.quiet)
+    out = run_folder(cfg)
+    how: dict[str, Any] = {"devices": devices, "quiet": cfg.quiet, "told": _scalars(cfg, out)}
+    demo(cfg.capture.path, out, **chosen, **how)
 
 
-def _say(text: str) -> None:
-    """What is said once, however many processes work together."""
+def _say(text: str, **facts: Any) -> None:
+    """What came of it: said once, however many processes work together."""
     if leads():
-        print(text)
+        say(text, "result", **facts)
 
 
-RUN: dict[str, Callable[[DictConfig, int | None], None]] = {
+# What a verb does, and what of it the page shows: the scene, the capture.
+RUN: dict[str, Callable[[DictConfig, int | None], dict[str, Any] | None]] = {
     "demo": _demo,
     "reconstruct": _reconstruct,
     "render": _render,

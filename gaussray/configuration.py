@@ -22,9 +22,15 @@ from yaml import YAMLError
 
 from gaussray.devices import leads
 from gaussray.guard.files import read_text
+from gaussray.provenance import note_begin
+from gaussray.suggestion import meant
+from gaussray.vocabulary import choices, conf_folder, groups, keys
 
 
 T = TypeVar("T", bound=eqx.Module)
+
+# The time of day in a text.
+_NOW = re.compile(r"\$\{now:[^${}]*\}")
 
 # What is said to Hydra of jobs, unless the user says otherwise. It writes nothing of its own;
 # a cluster's files are in the folder of the output.
@@ -37,16 +43,18 @@ LAUNCH = {
 }
 
 
-def conf_folder() -> Path:
-    """The configuration: beside the package in a checkout, inside it when installed."""
-    package = Path(__file__).resolve().parent
-    inside, beside = package / "conf", package.parent / "conf"
-    return inside if inside.is_dir() else beside
-
-
 def configuration(verb: str, overrides: Sequence[str]) -> DictConfig:
-    """The resolved configuration of a verb."""
-    return _resolved(verb, _composed(verb, tuple(overrides)))
+    """The resolved configuration of a verb. Its folder of output is named by the time where none is
+    given, and is not where processes must name the same one."""
+    cfg = _resolved(verb, _composed(verb, tuple(overrides)))
+    given = any(re.match(r"\+*out=", word) for word in overrides)
+    shared = cfg.devices.hosts != 1 or (verb == "render" and cfg.factory.shard != "0/1")
+    by_time = "out" in keys(verb) and "${now" in keys(verb)["out"].default
+    if shared and by_time and not given:
+        raise ValueError(
+            f"out must be given where several processes share it, e.g. `gaussray {verb} out=DIR`."
+        )
+    return cfg
 
 
 class Variations:
@@ -71,15 +79,10 @@ class Variations:
                 OmegaConf.update(cfg, key, values[key])
             except OmegaConfBaseException as error:
                 raise ValueError(
-                    f"sample.{key}: {key} is no key of `gaussray {self.verb}`, whose `--help` "
-                    "lists them."
+                    f"sample.{key}: {key} is no key of `gaussray {self.verb}`."
+                    f"{meant(key, keys(self.verb))} Its `--help=all` lists them."
                 ) from error
         return _resolved(self.verb, cfg)
-
-
-def choices(group: str) -> list[str]:
-    """The files of a group."""
-    return sorted(path.stem for path in (conf_folder() / group).glob("*.yaml"))
 
 
 def leaf(group: str, choice: str) -> dict[str, Any]:
@@ -98,7 +101,7 @@ def launched(
     """
     given = {word.split("=")[0] for word in overrides}
     defaults = [f"{key}={value}" for key, value in LAUNCH.items() if key not in given]
-    with _hydra(verb):
+    with _hydra(verb, overrides):
         words = [*_spelled(overrides), *defaults]
         cfg = compose(verb, words, return_hydra_config=True)
         context = HydraContext(GlobalHydra.instance().config_loader(), Callbacks())
@@ -118,7 +121,9 @@ def options(kind: type[T], node: DictConfig) -> T:
     group = node._key() or kind.__name__
     for name, value in values.items():
         if name not in known:
-            raise ValueError(f"{group}.{name} is unknown; known are {', '.join(known)}.")
+            raise ValueError(
+                f"{group}.{name} is unknown; known are {', '.join(known)}.{meant(name, known)}"
+            )
         default, kinds = known[name].default, get_args(known[name].type)
         if isinstance(value, list) and float in kinds:
             for wrong in (x for x in value if type(x) not in (int, float)):
@@ -144,7 +149,8 @@ def as_kind(kind: type, value: Any, key: str) -> Any:
 
 
 def run_folder(cfg: DictConfig, without: Sequence[str] = ()) -> Path:
-    """The output folder, with the resolved configuration in it, but for the keys `without`."""
+    """The output folder, with the resolved configuration in it, but for the keys `without`, and, if
+    there are none of these, run.json (`provenance`)."""
     out, told = Path(cfg.out), copy.deepcopy(cfg)
     OmegaConf.set_struct(told, False)
     for key in without:
@@ -154,13 +160,16 @@ def run_folder(cfg: DictConfig, without: Sequence[str] = ()) -> Path:
         out.mkdir(parents=True, exist_ok=True)
         if leads():
             (out / "config.yaml").write_text(OmegaConf.to_yaml(told))
+            # What several processes write is the same of all: it says nothing of when, and by whom.
+            if not without:
+                note_begin(out)
     except OSError as error:
         raise OSError(f"out={out}: cannot be written: {error}") from error
     return out
 
 
 @contextlib.contextmanager
-def _hydra(verb: str) -> Iterator[None]:
+def _hydra(verb: str, words: Sequence[str]) -> Iterator[None]:
     """Hydra at work in the configuration's folder; its errors are the user's."""
     GlobalHydra.instance().clear()
     try:
@@ -169,16 +178,16 @@ def _hydra(verb: str) -> Iterator[None]:
         ):
             yield
     except (HydraException, OmegaConfBaseException) as error:
-        raise _wrong(verb, error) from error
+        raise _wrong(verb, error, words) from error
 
 
 def _composed(verb: str, overrides: Sequence[str]) -> DictConfig:
-    with _hydra(verb):
+    with _hydra(verb, overrides):
         try:
             return compose(verb, _spelled(overrides))
         # What YAML and Python say of texts that are none, and of numbers too long to be any.
         except (YAMLError, ValueError, OSError, RecursionError) as error:
-            raise _wrong(verb, error) from error
+            raise _wrong(verb, error, overrides) from error
 
 
 def _spelled(overrides: Sequence[str]) -> list[str]:
@@ -238,11 +247,12 @@ def _resolved(verb: str, cfg: DictConfig) -> DictConfig:
 
 def _demand_values(node: Any, key: str) -> None:
     """Refuse what would call a program (a resolver, such as oc.env: a shared file could read the
-    environment by it, and leave it in what is written) rather than name another key."""
+    environment by it, and leave it in what is written) rather than name another key. The time of
+    day tells nothing, and names folders."""
     if isinstance(node, dict | list):
         for name, inner in node.items() if isinstance(node, dict) else enumerate(node):
             _demand_values(inner, f"{key}.{name}" if key else str(name))
-    elif isinstance(node, str) and _calls(node):
+    elif isinstance(node, str) and _calls(_NOW.sub("", node)):
         raise ValueError(
             f"{key} must be a value, or name another key as ${{key}}, got {node!r}, which calls a "
             "resolver. Write the value instead."
@@ -260,9 +270,32 @@ def _calls(text: str) -> bool:
     return False
 
 
-def _wrong(verb: str, error: Exception) -> ValueError:
-    reason = (str(error).splitlines() or [type(error).__name__])[0][:300]
-    return ValueError(f"configuration: {reason} `gaussray {verb} --help` lists the keys.")
+def _wrong(verb: str, error: Exception, words: Sequence[str] = ()) -> ValueError:
+    """What the user is told of an error of Hydra's: which word is wrong, if that is found."""
+    told = (str(error).splitlines() or [type(error).__name__])[0][:300]
+    reasons = filter(None, (_misspelt(verb, word) for word in words))
+    reason = next(reasons, f"configuration: {told}")
+    return ValueError(f"{reason} `gaussray {verb} --help` lists the keys.")
+
+
+def _misspelt(verb: str, word: str) -> str:
+    """Why a word is none of a verb's, with what was probably meant; nothing if it is."""
+    name, equals, value = word.lstrip("+~").partition("=")
+    if name.startswith(("hydra", "sample.")) or word.startswith("~"):
+        return ""
+    if not equals:
+        chosen = [f"{group}={name}" for group in groups(verb) if name in choices(group)]
+        hint = f" Did you mean {chosen[0]}?" if chosen else ""
+        return f"the words after the verb must be key=value, got {name!r}.{hint}"
+    if name in groups(verb):
+        if value in choices(name):
+            return ""
+        known = choices(name)
+        return f"{name} must be one of {', '.join(known)}, got {value!r}.{meant(value, known)}"
+    known = [*keys(verb), *groups(verb)]
+    if name in known or any(key.startswith(f"{name}.") for key in known):
+        return ""
+    return f"{name} is no key of `gaussray {verb}`.{meant(name, known)}"
 
 
 def _told(cfg: DictConfig, key: str) -> Any:

@@ -2,6 +2,7 @@
 
 import shutil
 import time as clock
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ from gaussray.capture.calibration import read_capture
 from gaussray.dataset.scores import table
 from gaussray.devices import leads
 from gaussray.evaluate import EvaluateOptions, evaluate, write_report
+from gaussray.progress import say
 from gaussray.reconstruct import ReconstructOptions, reconstruct
 from gaussray.render import RenderOptions
 from gaussray.tracer.trace import TraceOptions
@@ -27,12 +29,13 @@ def demo(
     evaluation: EvaluateOptions,
     devices: int | None = None,
     quiet: bool = False,
+    told: Callable[[dict[str, Any]], None] | None = None,
 ) -> dict[str, Any]:
     """Reconstruct, film through every effect at the held-out cameras, compare with the truth.
 
     Leaves in `out`: scene.npz, report.json, contact_sheet.png, and per effect pictures and videos,
     truth beside ours. An interrupted demo goes on where it stopped. Hosts share the work as they do
-    in `reconstruct` and `evaluate`.
+    in `reconstruct` and `evaluate`; figures of the fit are `told` as there.
     """
     began = clock.monotonic()
     folder, out = Path(capture or SAMPLE), Path(out)
@@ -44,7 +47,7 @@ def demo(
     truth = read_capture(folder)
     resume = (out / "checkpoint.npz").exists()
     shared: dict[str, Any] = {"devices": devices, "quiet": quiet}
-    scene = reconstruct(truth, out, options=reconstruction, resume=resume, **shared)
+    scene = reconstruct(truth, out, options=reconstruction, resume=resume, told=told, **shared)
     fitted = clock.monotonic()
     trace = TraceOptions()
     some = EvaluateOptions(split="train", frames=26, images=False)
@@ -64,9 +67,9 @@ def demo(
     # The training views leave a row in the report, not a folder.
     shutil.rmtree(out / "train", ignore_errors=True)
     write_report(out / "report.json", report)
-    print(table({"effects": {"training views": report["train"], **report["effects"]}}))
+    say(table({"effects": {"training views": report["train"], **report["effects"]}}))
     facts = report["scene"]
-    print(
+    say(
         f"{facts['gaussians']} Gaussians, of which {facts['moving']} move, "
         f"{facts['bytes'] / 1e6:.1f} MB; {report['seconds']['total']:.0f} s in all. "
         f"See {out / 'contact_sheet.png'} and the videos in {out}."

@@ -1,8 +1,6 @@
 """Our pictures against the truth, effect by effect, through the recorded cameras."""
 
-import contextlib
 import dataclasses
-import importlib.metadata
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,6 +14,7 @@ from jaxtyping import Array, Bool
 from gaussray.atomic import whole
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
+from gaussray.camera.shutter import time_window
 from gaussray.capture.calibration import Capture, View
 from gaussray.capture.frames import read_encoded
 from gaussray.dataset.flicker import Flicker
@@ -26,10 +25,15 @@ from gaussray.dataset.scores import summary
 from gaussray.dataset.video import write_video
 from gaussray.devices import agreed, leads
 from gaussray.progress import Progress
+from gaussray.provenance import versions as versions
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.clip import Clip, segments_of
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
+
+
+# A line for every picture that was scored.
+SCORES = "scores.jsonl"
 
 
 class EvaluateOptions(eqx.Module):
@@ -85,7 +89,8 @@ def evaluate(
     that never move beside the truth's own (`dataset.flicker`), FLIP and LPIPS where their packages
     are installed, frames per second without compilation; under `parts` the
     same for training views, held-out cameras and held-out times (of cameras that were learnt
-    from), if an effect has more than one of them. Pictures side by side go to `out`/<effect>/. Of
+    from), if an effect has more than one of them. Every picture has a line in
+    `out`/scores.jsonl, and stands beside the truth in `out`/<effect>/. Of
     several hosts the first one does all of it, on so many `devices` (None is all), and the others
     are told the report.
     """
@@ -107,11 +112,12 @@ def evaluate(
             f"truth={truth.folder} lists no frame of split {options.split!r}. "
             "Choose evaluate.split=all or another folder."
         )
-    progress = Progress("evaluate", sum(map(len, chosen.values())), quiet=quiet)
+    parts = [(len(views), _cost(views[0], options.samples(e))) for e, views in chosen.items()]
+    progress = Progress("evaluate", sum(map(len, chosen.values())), quiet=quiet, parts=parts)
     report: dict[str, Any] = {"frames": 0, "effects": {}}
     learnt = {view.camera_name for view in truth.views if view.split == "train"}
     perceived = perceptual_metrics()
-    sheet, done = [], 0
+    sheet, done, lines = [], 0, []
     for effect, views in chosen.items():
         samples = options.samples(effect)
         sampling = dataclasses.replace(render, samples=samples)
@@ -127,12 +133,12 @@ def evaluate(
             rows[-1] |= {name: measure(real, ours) for name, measure in perceived.items()}
             rows[-1]["seconds"] = None if frame.compiled else frame.seconds
             rows[-1]["part"] = _part(view, learnt)
+            lines.append(_line(effect, view, rows[-1]))
             if view.camera_name in still:
                 steady = still[view.camera_name] & (True if visible is None else visible)
                 flicker.add(rows[-1]["part"], view.camera_name, steady, real, ours)
             if options.images:
-                name = f"{view.camera_name}_{view.time:.4f}.png"
-                write_image(out / effect / name, side_by_side(real, ours))
+                write_image(out / effect / _file(view), side_by_side(real, ours))
                 films.setdefault(view.camera_name, []).append(np.hstack([real, ours]))
             if len(rows) == (len(views) + 1) // 2:
                 sheet.append((effect, [real, ours, side_by_side(real, ours)[:, -real.shape[1] :]]))
@@ -145,8 +151,33 @@ def evaluate(
     report["scene"] = scene_facts(scene)
     report["versions"] = versions()
     write_image(out / "contact_sheet.png", contact_sheet(sheet, least=256))
+    with whole(out / SCORES) as partial:
+        partial.write_text("".join(json.dumps(line) + "\n" for line in lines))
     write_report(out / "report.json", report)
     return _told(report)
+
+
+def _cost(view: View, samples: int) -> float:
+    """How long a picture takes, in about the time of a still one of one ray per pixel: as long as
+    its rays, more where these see the scene at many times, and as long as one to be scored."""
+    film = view.camera.film
+    first, last = time_window(view.camera.shutter, (film.width, film.height))
+    many = 10.0 if jax.default_backend() == "cpu" else 1.5
+    return 1.0 + samples * (many if last > first else 1.0)
+
+
+def _line(effect: str, view: View, row: dict[str, Any]) -> dict[str, Any]:
+    """What is listed of a picture; `file` is that of truth | ours | difference, if written."""
+    named = {"effect": effect, "camera": view.camera_name, "time": view.time, "part": row["part"]}
+    file = f"{effect}/{_file(view)}"
+    figures = {name: x for name, x in row.items() if isinstance(x, float)}
+    # Equal pictures have an infinite PSNR, for which JSON has no word.
+    figures = {name: x if np.isfinite(x) else None for name, x in figures.items()}
+    return named | {"file": file} | figures
+
+
+def _file(view: View) -> str:
+    return f"{view.camera_name}_{view.time:.4f}.png"
 
 
 def _told(report: dict[str, Any] | None) -> dict[str, Any]:
@@ -247,17 +278,6 @@ def scene_facts(scene: Scene | Clip) -> dict[str, int]:
     total = moving + sum(part.static.count for part in parts)
     facts = {"gaussians": total, "moving": moving, "bytes": int(size)}
     return facts | {"segments": len(parts)} if isinstance(scene, Clip) else facts
-
-
-def versions() -> dict[str, str]:
-    """What the figures were made with."""
-    names = ("gaussray", "jax", "jaxlib", "equinox", "numpy", "OpenImageIO", "scikit-image")
-    found = {}
-    for name in names:
-        # A checkout that is used without being installed has no metadata.
-        with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found[name] = importlib.metadata.version(name)
-    return found | {"device": jax.local_devices()[0].device_kind}
 
 
 def write_report(path: Path, report: dict[str, Any]) -> None:

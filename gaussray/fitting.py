@@ -278,6 +278,7 @@ class Fit:
         steps = fit.coarse if stage == "coarse" else fit.fine
         progress = self._progress(stage, steps)
         trial: Trial | None = None
+        count = _count(state)
         views, cameras = everywhere((self.footage.camera, self.cameras), self.mesh)
         state = agreed(state)
         for done, batches in self.loader.blocks(stage, int(state.step), steps, fit.block):
@@ -303,7 +304,8 @@ class Fit:
             self.journal.notes |= self.loader.notes()
             after = done + len(batches.time)
             state = self._densified(stage, block, steps, done)
-            self.journal.record(stage, after, terms)
+            count = count if state is block else _count(state)
+            self.journal.record(stage, after, terms, count)
             progress.report(after, f"{decibel(terms['mse']):.2f} dB")
             self.journal.save_in_time(state, stage)
         return agreed(state)
@@ -395,6 +397,12 @@ class Fit:
         shared = unconstrain(folded(eqx.filter_jit(at)(scene, last)))
         none = jax.tree.map(lambda x: x[:0], shared)
         return begin_state(Parameters(shared, none, None, state.parameters.corrections))
+
+
+def _count(state: State) -> int:
+    """How many Gaussians a state has."""
+    parts = state.parameters.static, state.parameters.moving
+    return sum(int(alive(part).sum()) for part in parts)
 
 
 def _extent(views: list[View], points: Points | None) -> float:

@@ -24,10 +24,12 @@ from gaussray.scene.store import load_scene
 from gaussray.tracer.trace import TraceOptions
 
 
-# Keys that say where and by whom takes are made, not what they are.
-ELSEWHERE = ("preset", "out", "devices", "limits", "quiet", "sample", "factory")
+# Keys that say what is told of the work, and those that say where and by whom takes are made, not
+# what they are.
+TALK = ("quiet", "progress", "report")
+ELSEWHERE = ("preset", "out", "devices", "limits", "sample", "factory", *TALK)
 # Keys in which processes differ that work on one data set.
-SHARED = ("out", "devices", "quiet", "factory.shard", "factory.shards")
+SHARED = ("out", "devices", "factory.shard", "factory.shards", *TALK)
 SEEDS = {"integer": [0, 2**31 - 1]}
 
 
@@ -76,6 +78,8 @@ def produce(cfg: DictConfig, overrides: Sequence[str]) -> str:
     chosen, out = options(FactoryOptions, cfg.factory), Path(cfg.out)
     if chosen.shards > 1:
         shares = range(chosen.shards)
+        # All name one folder, also if it is named by the time.
+        overrides = [*(word for word in overrides if not word.startswith("out=")), f"out={out}"]
         jobs = [[f"factory.shard={i}/{chosen.shards}", "factory.shards=1"] for i in shares]
         launched("render", overrides, jobs, functools.partial(film_share, overrides))
         with contextlib.suppress(OSError):

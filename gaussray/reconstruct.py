@@ -1,6 +1,7 @@
 """Stage 1: multi-view video in, a dynamic scene out."""
 
 import json
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from gaussray.fit.journal import Journal
 from gaussray.fit.refinement import found, gains, refined_frames
 from gaussray.fit.state import State
 from gaussray.fitting import Fit, ReconstructOptions as ReconstructOptions
+from gaussray.progress import say
 from gaussray.requirement import required, sentence, total
 from gaussray.scene.clip import Clip
 from gaussray.scene.scene import Scene
@@ -28,6 +30,7 @@ def reconstruct(
     resume: bool = False,
     devices: int | None = None,
     quiet: bool = False,
+    told: Callable[[dict[str, Any]], None] | None = None,
 ) -> Scene | Clip:
     """Fit a scene to the training views of a capture and leave it in `out`/scene.npz.
 
@@ -37,14 +40,15 @@ def reconstruct(
     cameras.json holds the cameras as they were refined. `out` also gets metrics.jsonl and, at
     intervals, checkpoint.npz, from which `resume` goes on exactly as if nothing had happened. The
     rays of a step are dealt out to so many `devices` (None is all) of every host; the first host
-    alone writes.
+    alone writes. Whatever metrics.jsonl gets is also `told`, line by line.
 
     A capture of more than options.fit.segment instants becomes a clip, one segment after another:
     each loads its own pictures, starts from what the one before ended with, and is kept in
     `out`/segments until all are there. Cameras are refined in the first one.
     """
     out, course = Path(out), segments(capture, options.fit.segment)
-    journal = Journal(out, resume=resume, interval=options.fit.checkpoint, writes=leads())
+    kept: dict[str, Any] = {"interval": options.fit.checkpoint, "writes": leads(), "told": told}
+    journal = Journal(out, resume=resume, **kept)
     state, stage = journal.resumed() if resume else (None, "coarse")
     _demand_same_course(journal, len(course), resume)
     files = [out / "segments" / f"{i:04d}.npz" for i in range(1, len(course) + 1)]
@@ -77,8 +81,8 @@ def reconstruct(
         result, report = Clip(tuple(scenes)), total(reports)
         if leads():
             _save(out / "scene.npz", result, report)
-        told = sentence(report, f"the clip of {len(course)} segments") if "after" in report else ""
-        _say(told, quiet or not leads())
+        whole_clip = f"the clip of {len(course)} segments"
+        _say(sentence(report, whole_clip) if "after" in report else "", quiet or not leads())
     if leads():
         with whole(out / "requirement.json") as partial:
             partial.write_text(json.dumps(report, indent=2) + "\n")
@@ -167,4 +171,4 @@ def _found(fit: Fit, state: State) -> str:
 
 def _say(line: str, quiet: bool) -> None:
     if line and not quiet:
-        print(line)
+        say(line)

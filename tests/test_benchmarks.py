@@ -127,7 +127,7 @@ def test_report_draws_what_was_measured(framed, tmp_path, capsys):
     report = pytest.importorskip("benchmarks.report", reason="matplotlib is an extra")
     report.main(["--results", str(framed), "--out", str(tmp_path)])
     made = {path.name for path in tmp_path.iterdir()}
-    assert made == {"trade.png", "scaling.png", "effects.png", "tables.md"}
+    assert made == {"trade.png", "scaling.png", "effects.png", "tables.md", "report.html"}
     for bench in FRAMES:
         assert f"### {bench} on" in capsys.readouterr().out + (tmp_path / "tables.md").read_text()
 

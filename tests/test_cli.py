@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.cli import VERBS, main
+from gaussray.cli import RUN, VERBS, main
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.scene.store import save_scene, write_arrays
+from gaussray.usage import EXITS, MOST_USED
+from gaussray.vocabulary import keys
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -80,29 +82,99 @@ def test_no_word_and_help_print_the_verbs(capsys):
 def test_help_of_a_verb_prints_its_groups_with_choices(verb, capsys):
     main([verb, "--help"])
     text = capsys.readouterr().out
-    assert "devices." in text and "choices:" in text
-    assert ("trace." in text) == (verb not in ("import", "export", "pack"))
+    assert "devices.count" in text and f"gaussray {verb} --help=all" in text
+    lines = text.splitlines()
+    assert len(lines) <= 72 and max(map(len, lines)) <= 100
     if verb == "render":
-        for group in ("lens", "aperture", "shutter", "trajectory", "film", "camera"):
-            assert f"{group}." in text
+        assert "aperture.focus_distance   2.5           scene units" in text
+        assert "fisheye, kannala_brandt, opencv, orthographic, pinhole" in text
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_all_help_of_a_verb_prints_every_key(verb, capsys):
+    main([verb, "--help=all"])
+    text = capsys.readouterr().out
+    assert "devices." in text and "choices:" in text
+    assert all(f"{key}:" in text or f"{key.split('.')[-1]}:" in text for key in keys(verb))
+    if verb == "render":
         assert "fisheye, kannala_brandt, keep, opencv, orthographic, pinhole" in text
+
+
+def test_help_says_how_the_command_ends(capsys):
+    main(["--help"])
+    text = capsys.readouterr().out
+    assert all(f"{code}  {word}" in text for code, word in EXITS.items())
+    assert set(EXITS) == {0, 1, 2, 130}
+
+
+def test_every_key_that_is_used_most_is_a_key_with_a_meaning():
+    for verb, named in MOST_USED.items():
+        known = keys(verb)
+        assert all(known[name].meaning for name in named.split())
 
 
 def test_an_unknown_verb(fails):
     line = fails("paint")
     assert "'paint'" in line and all(verb in line for verb in VERBS)
+    assert "Did you mean render?" in fails("rendr")
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["apertur.radius=1"], "apertur.radius is no key of `gaussray render`"),
+        (["apertur.radius=1"], "Did you mean aperture.radius?"),
+        (["aperture.focus_distanc=1"], "Did you mean aperture.focus_distance?"),
+        (["+shutter.exposur=1"], "shutter.exposur is unknown"),
+        (["+shutter.exposur=1"], "Did you mean exposure?"),
+        (["lens=fisheey"], "got 'fisheey'. Did you mean fisheye?"),
+        (["fisheye"], "must be key=value, got 'fisheye'. Did you mean lens=fisheye?"),
+        (["progress=loud"], "progress must be one of auto, bar, lines, json, quiet, got 'loud'"),
+        (["sample.lens.fov.uniform=[1,2]", "devices.hosts=2"], "devices"),
+    ],
+)
+def test_a_word_that_was_probably_meant(fails, scene_file, words, named):
+    assert named in fails("render", f"scene={scene_file}", "out=x", *words)
+
+
+def test_a_folder_named_by_the_time_is_not_shared_by_processes(fails, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["scene=x", "factory.count=4", "factory.shard=0/2"]
+    assert "out must be given where several processes share it" in fails("render", *words)
+    hosts = ["capture.path=x", "devices.hosts=2", "devices.process=0"]
+    assert "out must be given" in fails("reconstruct", *hosts)
+
+
+def test_an_error_is_told_in_json_too(capsys):
+    with pytest.raises(SystemExit):
+        main(["render", "scene=none", "out=x", "progress=json"])
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert (told["event"], told["code"]) == ("error", 2) and told["text"] in err
+
+
+def test_a_fault_of_ours_is_raised_and_ends_with_one(monkeypatch):
+    def stumble(*_):
+        raise TypeError("a fault")
+
+    monkeypatch.setitem(RUN, "render", stumble)
+    with pytest.raises(TypeError, match="a fault"):
+        main(["render", "scene=x", "out=x"])
 
 
 @pytest.mark.parametrize(
     ("words", "named"),
     [
         (["reconstruct", "out=x"], "capture.path must be given"),
-        (["reconstruct", "capture.path=x"], "out must be given"),
+        (["import", "source=x"], "out must be given"),
         (["render", "out=x"], "scene must be given"),
         (["evaluate", "scene=x"], "truth must be given"),
         (["reconstruct", "capture.path=x", "out=x", "fit.steps=3"], "fit.steps"),
         (["reconstruct", "capture.path=x", "out=x", "+fit.steps=3"], "fit.steps is unknown"),
-        (["reconstruct", "capture.path=x", "out=x", "trace=quick"], "trace/quick"),
+        (
+            ["reconstruct", "capture.path=x", "out=x", "trace=quick"],
+            "trace must be one of balanced, default, exact, fast, fit, fit_far",
+        ),
         (["reconstruct", "capture.path=x", "out=x", "--fast"], "--fast"),
         (
             ["reconstruct", "capture.path=x", "out=x", "trace.k=0"],
@@ -194,7 +266,7 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ),
         ("factory.count=2 sample.fps=3", "sample.fps must be a distribution"),
         ("factory.count=2 sample.lens.fog.uniform=[0,1]", "sample.lens.fog: lens.fog is no key"),
-        ("factory.count=2 sample.lens.choice=[mirror]", "lens/mirror"),
+        ("factory.count=2 sample.lens.choice=[mirror]", "got 'mirror'"),
         ("fps=0", "fps"),
         ("sensor.tone=filmic format=exr", "sensor.tone must be srgb with format=exr"),
         ("sensor.bits=8", "sensor.bits needs sensor.white above 0"),

@@ -9,8 +9,9 @@ import gaussray
 PACKAGE = pathlib.Path(gaussray.__file__).parent
 LEVELS = [
     {"guard"},
-    {"geometry", "color", "atomic", "ply", "progress", "devices", "distribution", "quota"},
-    {"scene", "camera"},
+    {"geometry", "color", "atomic", "ply", "compilation", "devices", "distribution", "quota"},
+    {"progress", "provenance", "suggestion", "vocabulary", "scalars"},
+    {"scene", "camera", "usage"},
     {"tracer", "capture", "fit", "dataset", "raster", "shares"},
     {"parts", "training", "gauge", "exposure", "journey", "optics", "alignment"},
     {"picture", "frame", "adjustment"},
@@ -19,8 +20,8 @@ LEVELS = [
     {"reconstruct", "render", "labels"},
     {"annotate"},
     {"evaluate", "filming", "rig", "exchange"},
-    {"demo", "physical", "findings", "possible", "factory", "configuration"},
-    {"calibrate", "production"},
+    {"demo", "physical", "findings", "possible", "factory", "configuration", "report"},
+    {"calibrate", "production", "completion"},
     {"view"},
     {"cli"},
     {"__main__"},

@@ -1,8 +1,13 @@
 """Progress says how far, how long it took and how long it will take."""
 
+import json
 import time
 
-from gaussray.progress import Progress
+import pytest
+
+from gaussray import progress as module
+from gaussray.compilation import Clock
+from gaussray.progress import Progress, end_line, say, told_as
 
 
 def spoken(monkeypatch, steps, **options):
@@ -38,3 +43,85 @@ def test_long_times_have_hours(monkeypatch):
 def test_nothing_is_said_of_what_is_soon_over(monkeypatch):
     assert spoken(monkeypatch, [(1, 1), (1.9, 10)], patience=2.0) == []
     assert len(spoken(monkeypatch, [(1, 1), (2.1, 5), (3, 10)], patience=2.0)) == 2
+
+
+def test_nothing_is_foretold_of_the_first_report(monkeypatch):
+    assert "left" not in spoken(monkeypatch, [(60, 1)])[0]
+
+
+def test_what_was_slow_at_first_is_forgotten(monkeypatch):
+    # Ten seconds a unit, then one.
+    lines = spoken(monkeypatch, [(1, 1), (21, 3), (23, 5), (26, 8)])
+    assert lines[-1].endswith("0:26 spent, 0:02 left\n")
+
+
+def test_compilation_does_not_slow_what_is_left(monkeypatch):
+    compiled = iter([0.0, 5.0, 5.0, 35.0])
+    monkeypatch.setattr(module, "compiled", lambda: next(compiled))
+    # A second a unit, and 30 seconds of compilation before the third report.
+    lines = spoken(monkeypatch, [(6, 1), (12, 7), (44, 9)])
+    assert lines[-1].endswith("0:44 spent, 0:01 left\n")
+
+
+def test_parts_have_costs_and_compile_anew(monkeypatch):
+    compiled = iter([0.0, 4.0, 4.0])
+    monkeypatch.setattr(module, "compiled", lambda: next(compiled))
+    # Two seconds a unit: 1 + 5 x 3 units are left, and what 4 s of the first part foretell.
+    lines = spoken(monkeypatch, [(5, 1), (11, 4)], parts=[(5, 1.0), (5, 3.0)])
+    assert lines[-1].endswith("0:11 spent, 0:36 left\n")
+
+
+def test_pieces_of_compilation_within_one_another_count_once(monkeypatch):
+    now, clock = [0.0], Clock()
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    event = "/jax/core/compile/jaxpr_trace_duration"
+    for end, duration in ((2.0, 1.0), (3.0, 3.0), (5.0, 1.0), (6.0, 1.0)):
+        now[0] = end
+        clock.hear(event, duration)
+    clock.hear("/jax/other", 100.0)
+    assert clock.seconds == 5.0
+
+
+def test_a_bar_fits_the_terminal_and_is_left_before_something_else_is_said(monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "60")
+    with told_as("bar"):
+        work = Progress("a long name of work", 3)
+        work.report(1, "a note that does not fit in at all, however short the line is")
+        say("said")
+        end_line()
+    out, err = capsys.readouterr()
+    assert out == "said\n" and err.startswith("\r") and err.endswith("\n")
+    assert len(err.strip("\r\n")) <= 59
+
+
+def test_a_log_has_no_carriage_returns(capsys):
+    with told_as("auto"):
+        Progress("fit", 2).report(2)
+    assert "\r" not in capsys.readouterr().err
+
+
+def test_json_is_an_object_a_line(capsys):
+    with told_as("json"):
+        work = Progress("fit", 4)
+        work.report(1, "one")
+        work.report(4)
+        say("text", "result", out="x")
+    first, last, said = map(json.loads, capsys.readouterr().out.splitlines())
+    assert first["event"] == "progress" and first["done"] == 1 and first["left"] is None
+    assert last["left"] == 0 and last["total"] == 4
+    assert said == {"event": "result", "text": "text", "out": "x"}
+
+
+def test_quiet_keeps_results(capsys):
+    with told_as("quiet"):
+        Progress("fit", 1).report(1)
+        say("by the way")
+        say("done", "result")
+    out, err = capsys.readouterr()
+    assert out == "done\n" and not err
+
+
+def test_an_unknown_style_is_refused():
+    with pytest.raises(ValueError, match="progress must be one of auto, bar, .*got 'loud'"):
+        with told_as("loud"):
+            pass

@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from gaussray.capture.calibration import read_cameras, read_capture
 from gaussray.capture.frames import read_codes, read_image
-from gaussray.cli import main
+from gaussray.cli import VERBS, main
 from gaussray.color import srgb_encode
 from gaussray.dataset.metrics import psnr
 from gaussray.render import Renderer, RenderOptions
@@ -94,6 +94,40 @@ def test_the_pictures_of_the_verb_are_those_of_python_and_exr_holds_their_light(
     assert np.abs(light - srgb_encode(decoded)).max() > 0.1
 
 
+@pytest.mark.parametrize("folder", ["scene", "film", "scene/evaluation"])
+def test_a_run_leaves_a_page_and_what_it_was(run, folder):
+    page, told = run / folder / "report.html", json.loads((run / folder / "run.json").read_text())
+    text = page.read_text()
+    assert page.stat().st_size < 5e6 and text.endswith("</html>\n")
+    assert text.count("<h2>") >= 4 and "data:image/" in text and "NaN" not in text
+    assert told["command"].startswith("gaussray ") and told["command"].split()[1] in VERBS
+    assert told["seconds"] > 0 and {"jax", "device"} <= set(told["versions"]) and told["began"]
+
+
+def test_a_page_that_cannot_be_made_is_a_warning_and_the_work_is_done(run, monkeypatch, recwarn):
+    def stumble(*_, **__):
+        raise TypeError("no page")
+
+    monkeypatch.setattr("gaussray.report.write_page", stumble)
+    with pytest.warns(UserWarning, match="report.html: the page could not be made .TypeError: no"):
+        main(["render", f"scene={run}/scene", f"out={run}/film", "render.samples=1", "quiet=true"])
+
+
+def test_every_scored_picture_has_a_line(run):
+    folder = run / "scene" / "evaluation"
+    told = [json.loads(line) for line in (folder / "scores.jsonl").read_text().splitlines()]
+    report = json.loads((folder / "report.json").read_text())
+    assert len(told) == report["frames"] and all((folder / x["file"]).is_file() for x in told)
+    mean = np.mean([x["psnr"] for x in told if x["effect"] == "pinhole"])
+    assert mean == pytest.approx(report["effects"]["pinhole"]["psnr"], abs=1e-3)
+
+
+def test_json_is_an_object_a_line(run, capsys):
+    main(["render", f"scene={run}/scene", f"out={run}/film", "render.samples=1", "progress=json"])
+    told = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert told[-1]["event"] == "result" and told[-1]["frames"] == 3
+
+
 def test_evaluate_scores_every_effect_of_the_truth(run, truth):
     folder = run / "scene" / "evaluation"
     report = json.loads((folder / "report.json").read_text())
@@ -142,6 +176,7 @@ def test_pictures_and_videos_of_the_demo_show_truth_and_ours(demo, truth):
 
 def test_the_demo_leaves_nothing_half_done(demo):
     assert not (demo / "checkpoint.npz").exists() and not (demo / "train").exists()
+    assert (demo / "report.html").is_file()
     assert {"scene.npz", "cameras.json", "metrics.jsonl", "config.yaml"} <= {
         path.name for path in demo.iterdir()
     }

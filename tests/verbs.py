@@ -26,7 +26,7 @@ def run(truth: str, out: str, verbs: str, devices: list[str]) -> None:
         "evaluate": ["evaluate", f"scene={truth}/run", f"truth={truth}", f"out={out}/scores"],
     }
     for verb in verbs.split(","):
-        line = [*words[verb], "quiet=true", *devices]
+        line = [*words[verb], "quiet=true", "report=false", *devices]
         if verb == "break":
             interrupted(line)
         else:
@@ -37,10 +37,10 @@ def interrupted(words: list[str]) -> None:
     """Stops after the first block of the fine stage, with the state before it on disk."""
     record = Journal.record
 
-    def stop(self, stage, step, terms):
+    def stop(self, stage, step, terms, gaussians):
         if stage == "fine":
             raise KeyboardInterrupt
-        record(self, stage, step, terms)
+        record(self, stage, step, terms, gaussians)
 
     Journal.record = stop
     try:

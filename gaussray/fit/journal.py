@@ -2,6 +2,7 @@
 
 import json
 import time as clock
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -43,11 +44,20 @@ class Journal:
     with every state.
 
     A folder with an unfinished run is open to `resume` alone, and `resume` to no other folder; what
-    does not fit is refused before anything is written. Of several processes one `writes`.
+    does not fit is refused before anything is written. Of several processes one `writes`. Every
+    line of figures is also `told` to whoever wants to know.
     """
 
-    def __init__(self, out: Path, *, resume: bool, interval: float, writes: bool = True):
-        self.out, self.interval, self.writes = out, interval, writes
+    def __init__(
+        self,
+        out: Path,
+        *,
+        resume: bool,
+        interval: float,
+        writes: bool = True,
+        told: Callable[[dict[str, Any]], None] | None = None,
+    ):
+        self.out, self.interval, self.writes, self.told = out, interval, writes, told
         self.info: dict[str, Any] = {}
         self.notes: dict[str, np.ndarray] = {}
         self.began = self.saved = clock.monotonic()
@@ -73,17 +83,19 @@ class Journal:
             )
         return state, stage
 
-    def record(self, stage: str, step: int, terms: dict[str, Array]) -> None:
-        """One line of figures."""
+    def record(self, stage: str, step: int, terms: dict[str, Array], gaussians: int) -> None:
+        """One line of figures, of so many Gaussians."""
         if not self.writes:
             return
         line: dict[str, Any] = {"segment": self.info["segment"]} if "segment" in self.info else {}
         line |= {"stage": stage, "step": step}
         line["seconds"] = round(clock.monotonic() - self.began, 3)
         line |= {name: float(value) for name, value in terms.items()}
-        line["psnr"] = decibel(terms["mse"])
+        line |= {"psnr": decibel(terms["mse"]), "gaussians": gaussians}
         with (self.out / "metrics.jsonl").open("a") as file:
             file.write(json.dumps(line) + "\n")
+        if self.told:
+            self.told(line)
 
     def save(self, state: State, stage: str) -> None:
         """Write the state, whole or not at all."""
@@ -100,8 +112,7 @@ class Journal:
 
     def demand_finite(self, terms: dict[str, Array], before: State, after: State, stage: str):
         """Stop at the first value that is not a number, with the state before it on disk."""
-        terms = {name: float(value) for name, value in terms.items()}
-        wrong = [f"loss.{name}" for name, value in terms.items() if not np.isfinite(value)]
+        wrong = [f"loss.{name}" for name, value in terms.items() if not np.isfinite(float(value))]
         # The tracer passes over Gaussians that are not finite, so the loss alone would not tell.
         if not wrong and bool(_all_finite(after.parameters)):
             return

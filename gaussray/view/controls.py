@@ -3,7 +3,8 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from gaussray.configuration import choices, leaf
+from gaussray.configuration import leaf
+from gaussray.vocabulary import choices
 
 
 # The groups whose every key the page holds, in its order, and what it calls their choices.

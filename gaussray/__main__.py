@@ -1,0 +1,7 @@
+"""`python -m gaussray` is the command."""
+
+from gaussray.cli import main
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,141 @@
+"""Curves as SVG: a few series over a common axis."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gaussray.report.markup import Markup, tag
+
+
+# Of the drawing, and of the room that its labels take.
+WIDTH, HEIGHT, LEFT, TOP, RIGHT, BOTTOM = 350.0, 200.0, 44.0, 10.0, 10.0, 34.0
+COLORS = 8
+# Points of a curve that are drawn.
+MOST = 600
+
+
+class Curve(NamedTuple):
+    """A series with the name that its legend says; what is not finite leaves a gap."""
+
+    name: str
+    x: np.ndarray
+    y: np.ndarray
+
+
+def color(i: int) -> str:
+    """The i-th colour of curves and drawings."""
+    return f"var(--c{i % COLORS})"
+
+
+def chart(
+    title: str,
+    curves: Sequence[Curve],
+    *,
+    x_label: str = "",
+    log: bool = False,
+    borders: Sequence[tuple[float, str]] = (),
+) -> Markup:
+    """A figure of the curves; `borders` are places along x where something begins, by name."""
+    drawn = [_finite(curve, log) for curve in curves]
+    drawn = [curve for curve in drawn if len(curve.x)]
+    if not drawn:
+        return Markup("")
+    x = np.concatenate([curve.x for curve in drawn])
+    y = np.concatenate([curve.y for curve in drawn])
+    span_x, span_y = _span(x, 0.0), _span(y, 0.06)
+    parts = _axes(span_x, span_y, log, x_label)
+    for place, name in borders:
+        at = _place(place, span_x, LEFT, WIDTH - RIGHT)
+        parts.append(tag("path", d=f"M{at:.1f} {TOP}V{HEIGHT - BOTTOM}", class_="border"))
+        parts.append(tag("text", name, x=round(at + 4, 1), y=TOP + 10))
+    for i, curve in enumerate(drawn):
+        parts.append(_line(curve, span_x, span_y, color(i)))
+    told = f"{title}: {', '.join(curve.name for curve in drawn)}"
+    drawing = tag("svg", parts, viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", role="img", aria_label=told)
+    return tag("figure", tag("h3", title), drawing, legend([c.name for c in drawn]), class_="panel")
+
+
+def legend(names: Sequence[str]) -> Markup | None:
+    """What the colours mean; nothing of one curve."""
+    if len(names) < 2:
+        return None
+    keys = [tag("li", tag("i", style=f"background:{color(i)}"), n) for i, n in enumerate(names)]
+    return tag("ul", keys, class_="legend")
+
+
+def ticks(low: float, high: float, most: int = 6) -> list[float]:
+    """Round numbers (1, 2 or 5 times a power of ten apart) from low to high, at most so many."""
+    span = max(high - low, 1e-12)
+    step = 10.0 ** np.floor(np.log10(span / most))
+    step = next(step * m for m in (1, 2, 5, 10, 20) if span / (step * m) <= most)
+    first = np.ceil(low / step - 1e-9)
+    count = int(np.floor(high / step + 1e-9) - first) + 1
+    return [float(round((first + i) * step, 12)) for i in range(count)]
+
+
+def _finite(curve: Curve, log: bool) -> Curve:
+    """What can be drawn, thinned, of logarithms on request."""
+    x, y = np.asarray(curve.x, float), np.asarray(curve.y, float)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        y = np.log10(y) if log else y
+    good = np.isfinite(x) & np.isfinite(y)
+    x, y = x[good], y[good]
+    if len(x) > MOST:
+        some = np.linspace(0, len(x) - 1, MOST).round().astype(int)
+        x, y = x[some], y[some]
+    return Curve(curve.name, x, y)
+
+
+def _span(values: np.ndarray, margin: float) -> tuple[float, float]:
+    low, high = float(values.min()), float(values.max())
+    room = (high - low) * margin or (abs(high) * 0.05 + 1e-9) * (high == low)
+    return low - room, high + room
+
+
+def _place(value: float, span: tuple[float, float], begin: float, end: float) -> float:
+    return begin + (value - span[0]) / (span[1] - span[0]) * (end - begin)
+
+
+def _axes(x: tuple[float, float], y: tuple[float, float], log: bool, label: str) -> list[Markup]:
+    bottom, parts = HEIGHT - BOTTOM, []
+    for value in _decades(*y) if log else ticks(*y):
+        at = _place(value, y, bottom, TOP)
+        text = _figure(10**value) if log else _figure(value)
+        parts.append(tag("path", d=f"M{LEFT} {at:.1f}H{WIDTH - RIGHT}", class_="axis"))
+        parts.append(tag("text", text, x=LEFT - 6, y=round(at + 4, 1), text_anchor="end"))
+    for value in ticks(*x):
+        at = round(_place(value, x, LEFT, WIDTH - RIGHT), 1)
+        parts.append(tag("text", _figure(value), x=at, y=bottom + 15, text_anchor="middle"))
+    middle = (LEFT + WIDTH - RIGHT) / 2
+    parts.append(tag("text", label, x=middle, y=HEIGHT - 4, text_anchor="middle"))
+    return parts
+
+
+def _decades(low: float, high: float) -> list[float]:
+    """Logarithms of 1, 2 and 5 times powers of ten; of powers alone where there are many."""
+    whole = range(int(np.floor(low)), int(np.ceil(high)) + 1)
+    steps = (0.0,) if high - low > 2.5 else (0.0, np.log10(2), np.log10(5))
+    found = [n + step for n in whole for step in steps if low <= n + step <= high]
+    return [float(x) for x in found[:: max(1, -(-len(found) // 7))]]
+
+
+def _line(curve: Curve, x: tuple[float, float], y: tuple[float, float], ink: str) -> Markup:
+    points = [
+        (_place(a, x, LEFT, WIDTH - RIGHT), _place(b, y, HEIGHT - BOTTOM, TOP))
+        for a, b in zip(curve.x, curve.y, strict=True)
+    ]
+    told = tag("title", curve.name)
+    if len(points) == 1:
+        (a, b) = points[0]
+        return tag("circle", told, cx=round(a, 1), cy=round(b, 1), r=3, fill=ink)
+    path = "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in points)
+    return tag("path", told, d=path, class_="curve", stroke=ink)
+
+
+def _figure(value: float) -> str:
+    """A number in few signs."""
+    if value and (abs(value) >= 1e5 or abs(value) < 1e-3):
+        power = int(np.floor(np.log10(abs(value)) + 1e-9))
+        return f"{value / 10.0**power:.3g}e{power}"
+    return f"{value:.6g}"

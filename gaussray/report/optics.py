@@ -1,0 +1,205 @@
+"""One camera drawn: its rays in a section, its opening, and when its rows look."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.camera.aperture import focus_at, focused, thin_lens
+from gaussray.camera.camera import Camera
+from gaussray.camera.shutter import SIDEWAYS, row_count, row_moments
+from gaussray.report.markup import Markup, tag
+from gaussray.report.plan import edges
+
+
+WIDTH, HEIGHT = 340.0, 210.0
+# Rays of a fan, places of the picture that a beam is drawn for, and beams' rays.
+FAN, BEAMS, SPREAD = 17, 3, 5
+# Points of the opening, along each of the two numbers that pick one.
+GRAIN = 26
+
+
+def drawn(name: str, camera: Camera, unit: str) -> list[Markup]:
+    """The section, the opening if it is one, the shutter if it is not an instant; `name` stands
+    before their titles, and `unit` is the capture's unit of time."""
+    figures = [section(f"{name}: rays", camera)]
+    if float(np.max(camera.aperture.radius)) > 0:
+        figures.append(opening(f"{name}: opening", camera))
+    film = camera.film
+    moments = row_moments(camera.shutter, (film.width, film.height))
+    if float(camera.shutter.exposure) > 0 or np.ptp(moments) > 0:
+        figures.append(shutter(f"{name}: shutter", camera, unit))
+    return figures
+
+
+def field_of_view(camera: Camera) -> tuple[float, float]:
+    """Degrees between the left and the right, and between the top and the bottom edge of the
+    picture, through its middle."""
+    left, top, right, bottom = edges(camera)
+    return _between(left, right), _between(top, bottom)
+
+
+def _between(one: np.ndarray, other: np.ndarray) -> float:
+    """Angle from one direction over the axis to the other; beyond 180 degrees too."""
+    axis = np.array([0.0, 0.0, 1.0])
+    return float(np.degrees(sum(np.arccos(np.clip(x @ axis, -1, 1)) for x in (one, other))))
+
+
+def section(title: str, camera: Camera) -> Markup:
+    """The rays of the picture's middle row, seen from above: through the aperture they meet where
+    the camera is focused."""
+    focus, radius = _focus(camera)
+    blurs = radius > 0 and np.isfinite(focus)
+    length = 1.7 * focus if blurs else 1.0
+    columns = np.linspace(0.04, 0.96, BEAMS if blurs else FAN)
+    lens = np.linspace(0.02, 0.98, SPREAD) if blurs else np.array([0.5])
+    origin, direction = _rays(camera, columns, lens)
+    begin, end = origin[..., [0, 2]], (origin + length * direction)[..., [0, 2]]
+    corners = np.concatenate([begin.reshape(-1, 2), end.reshape(-1, 2), [[0, 0]]])
+    place = _fitted(corners, HEIGHT - 30)
+    parts = []
+    for a, b in zip(begin.reshape(-1, 2), end.reshape(-1, 2), strict=True):
+        (x, y), (u, v) = place(a), place(b)
+        path = f"M{x:.1f} {y:.1f}L{u:.1f} {v:.1f}"
+        parts.append(tag("path", d=path, stroke="var(--c0)", stroke_width=1, opacity=0.75))
+    if blurs:
+        sharp = _sharp(camera, focus)
+        path = "M" + "L".join("{:.1f} {:.1f}".format(*place(x)) for x in sharp)
+        parts.append(tag("path", d=path, class_="border"))
+    x, y = place(np.zeros(2))
+    parts.append(tag("circle", cx=round(x, 1), cy=round(y, 1), r=3, fill="var(--c1)"))
+    name = type(camera.lens).__name__
+    wide, high = field_of_view(camera)
+    told = f"{name}, {wide:.4g} x {high:.4g} degrees"
+    told += f", focus at {focus:.4g}, radius {radius:.4g} scene units" if blurs else ""
+    return _figure(title, parts, told)
+
+
+def opening(title: str, camera: Camera) -> Markup:
+    """Where rays of the picture's middle and of its corner pass the aperture, seen from the
+    scene."""
+    u = (np.stack(np.meshgrid(*[np.arange(GRAIN)] * 2), -1).reshape(-1, 2) + 0.5) / GRAIN
+    film, radius = camera.film, _focus(camera)[1]
+    spots = {
+        "middle": ((film.width / 2, film.height / 2), 0.0),
+        "corner": ((0.03 * film.width, 0.03 * film.height), 2.6 * radius),
+    }
+    parts, place = [], _fitted(np.array([[-1.2, -1.4], [3.8, 1.4]]) * radius, HEIGHT - 20)
+    for ink, (name, (pixel, aside)) in enumerate(spots.items()):
+        pixel = jnp.asarray(pixel, jnp.float32)
+        dots = np.asarray(_passed(_still(camera), pixel, jnp.asarray(u, jnp.float32)))[:, :2]
+        dots = dots[np.isfinite(dots).all(axis=1)] * (1, -1) + (aside, 0)
+        path = "".join("M{:.1f} {:.1f}h0".format(*place(x)) for x in dots)
+        parts.append(tag("path", d=path, class_="dots", stroke=f"var(--c{ink})", stroke_width=2))
+        x, y = place(np.array([aside, -1.25 * radius]))
+        parts.append(tag("text", name, x=round(x, 1), y=round(y + 8, 1), text_anchor="middle"))
+    blades = camera.aperture.blades
+    told = f"{blades} blades" if blades >= 3 else "round"
+    told += f", radius {radius:.4g} scene units"
+    return _figure(title, parts, told)
+
+
+def shutter(title: str, camera: Camera, unit: str) -> Markup:
+    """What time every row sees: as wide as the exposure."""
+    film, exposure = camera.film, float(camera.shutter.exposure)
+    moments = row_moments(camera.shutter, (film.width, film.height))
+    rows = row_count(camera.shutter.direction, (film.width, film.height))
+    half = exposure / 2
+    low, high = float(moments.min() - half), float(moments.max() + half)
+    span, top, bottom = max(high - low, 1e-9), 12.0, HEIGHT - 34
+
+    def x(value: float) -> float:
+        return 46 + (value - low) / span * (WIDTH - 64)
+
+    def y(row: float) -> float:
+        return top + row / max(rows, 1) * (bottom - top)
+
+    some = np.unique(np.linspace(0, rows - 1, min(rows, 160)).astype(int))
+    tall = max((bottom - top) / len(some), 0.8)
+    wide = max(exposure / span * (WIDTH - 64), 2)
+    bars = "".join(
+        f"M{x(float(moments[i] - half)):.1f} {y(float(i)):.1f}h{wide:.1f}v{tall:.2f}h{-wide:.1f}z"
+        for i in some
+    )
+    word = "column" if camera.shutter.direction in SIDEWAYS else "row"
+    parts = [
+        tag("path", d=f"M46 {top}V{bottom}H{WIDTH - 12}", class_="axis"),
+        tag("path", d=bars, fill="var(--c0)", fill_opacity=0.75),
+        tag("text", f"{word} 0", x=42, y=top + 9, text_anchor="end"),
+        tag("text", str(rows - 1), x=42, y=bottom, text_anchor="end"),
+        tag("text", f"{low:.4g}", x=46, y=bottom + 15),
+        tag("text", f"{high:.4g}", x=WIDTH - 18, y=bottom + 15, text_anchor="end"),
+    ]
+    told = (
+        f"{word}s against time: readout {np.ptp(moments):.4g}, exposure {exposure:.4g} ({unit}), "
+    )
+    told += "from the frame's time"
+    return _figure(title, parts, told)
+
+
+def _focus(camera: Camera) -> tuple[float, float]:
+    """Focus distance and radius at the frame's own time."""
+    distance = focus_at(camera.aperture, camera.time)
+    return float(distance), float(camera.aperture.radius)
+
+
+def _still(camera: Camera) -> Camera:
+    return dataclasses.replace(camera, aperture=focused(camera.aperture, camera.time))
+
+
+def _rays(
+    camera: Camera, columns: np.ndarray, lens: np.ndarray
+) -> tuple[Float[np.ndarray, "rays lens 3"], Float[np.ndarray, "rays lens 3"]]:
+    """Origins and directions, in the camera, of rays of the middle row at these shares of the
+    picture's width, through the aperture from its left to its right."""
+    film = camera.film
+    pixel = np.stack([columns * film.width, np.full_like(columns, film.height / 2)], axis=-1)
+    u = np.stack([lens, np.full_like(lens, 0.5)], axis=-1)
+    told = (jnp.asarray(x, jnp.float32) for x in (pixel, u))
+    origin, direction = jax.device_get(_traced(_still(camera), *told))
+    seen = np.abs(direction).max(axis=(1, 2)) > 0
+    return np.asarray(origin)[seen], np.asarray(direction)[seen]
+
+
+@jax.jit
+def _traced(camera, pixel, u):
+    def one(place, number):
+        return thin_lens(camera.aperture, camera.lens.direction(place), number)
+
+    return jax.vmap(jax.vmap(one, (None, 0)), (0, None))(pixel, u)
+
+
+@jax.jit
+def _passed(camera, pixel, u):
+    chief = camera.lens.direction(pixel)
+    return jax.vmap(lambda number: thin_lens(camera.aperture, chief, number)[0])(u)
+
+
+def _sharp(camera: Camera, focus: float) -> Float[np.ndarray, "points 2"]:
+    """What is in focus, in the section: a line or an arc."""
+    _, direction = _rays(camera, np.linspace(0.02, 0.98, 41), np.array([0.5]))
+    direction = direction[:, 0]
+    if camera.aperture.focus == "plane":
+        return (focus * direction / np.maximum(direction[:, 2:], 1e-3))[:, [0, 2]]
+    return (focus * direction)[:, [0, 2]]
+
+
+def _fitted(points: np.ndarray, tall: float):
+    """Right and away, in the scene's unit, to a drawing of this height that holds the points."""
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = np.maximum(high - low, 1e-9)
+    scale = min((WIDTH - 30) / size[0], tall / size[1])
+    middle, center = (low + high) / 2, np.array([WIDTH / 2, 10 + tall / 2])
+
+    def place(point: np.ndarray) -> np.ndarray:
+        x, y = (np.asarray(point) - middle) * scale
+        return np.array([center[0] + x, center[1] - y])
+
+    return place
+
+
+def _figure(title: str, parts: list[Markup], told: str) -> Markup:
+    drawing = tag("svg", parts, viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", role="img", aria_label=title)
+    return tag("figure", tag("h3", title), drawing, tag("figcaption", told), class_="panel")

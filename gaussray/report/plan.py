@@ -1,0 +1,205 @@
+"""Where cameras stand and what they look at, from above and from the side."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.trajectory import pose_at
+from gaussray.capture.calibration import View
+from gaussray.color import srgb_encode
+from gaussray.geometry import rotation_matrix
+from gaussray.report.chart import color
+from gaussray.report.markup import Markup, escape, tag
+from gaussray.scene.clip import Clip, segments_of
+from gaussray.scene.harmonics import C0
+from gaussray.scene.scene import Scene
+
+
+WIDTH, HEIGHT, EDGE = 480.0, 340.0, 16.0
+# Dots of a scene in one drawing, and colours among them.
+DOTS, TONES = 2500, 24
+# Frusta of one camera on its way, and of all.
+ON_THE_WAY, MOST = 6, 120
+
+
+def plan(views: Sequence[View], scene: Scene | Clip | None, names: dict[str, str]) -> list[Markup]:
+    """The cameras of views over the scene's Gaussians, projected along the vertical and along a
+    horizontal direction. `names` says what the views of each split are called, in the order of the
+    colours."""
+    shown = [view for view in views if view.split in names]
+    if not shown:
+        return []
+    poses = [_pose(view.camera) for view in shown]
+    eye = np.array([place for place, _ in poses])
+    turn = np.array([axes for _, axes in poses])
+    right, up, toward = _basis(turn)
+    points, tone = _dots(scene)
+    drawings = []
+    for title, across, upward in (
+        ("from above", right, toward),
+        ("from the side", right, up),
+    ):
+        onto = np.stack([across, -upward])
+        drawings.append(_drawing(title, onto, shown, eye, turn, points, tone, list(names)))
+    keys = [
+        tag("li", tag("i", style=f"background:{color(i)}"), name)
+        for i, name in enumerate(names.values())
+        if list(names)[i] in {view.split for view in shown}
+    ]
+    return [tag("div", drawings, class_="grid"), tag("ul", keys, class_="legend")]
+
+
+def _pose(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Place and axes (columns right, down, forward) at the frame's own time."""
+    place, turn = jax.device_get(_posed(camera.trajectory, camera.time))
+    return np.asarray(place, float), np.asarray(turn, float)
+
+
+@jax.jit
+def _posed(trajectory, time):
+    pose = pose_at(trajectory, time)
+    return pose.translation, rotation_matrix(pose.quat)
+
+
+def _basis(turn: Float[np.ndarray, "views 3 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Right, up and away of a beholder: up is what most cameras take for it."""
+    up = -turn[:, :, 1].mean(axis=0)
+    up = up / np.linalg.norm(up) if np.linalg.norm(up) > 1e-3 else np.array([0.0, 0.0, 1.0])
+    away = turn[:, :, 2].mean(axis=0)
+    away = away - up * (away @ up)
+    if np.linalg.norm(away) < 1e-3:
+        # They look all around.
+        away = np.cross(np.eye(3)[np.argmin(np.abs(up))], up)
+    away = away / np.linalg.norm(away)
+    return np.cross(away, up), up, away
+
+
+def _dots(scene: Scene | Clip | None) -> tuple[np.ndarray, np.ndarray]:
+    """Centres of Gaussians and their colours, spread evenly over all of them."""
+    if scene is None:
+        return np.zeros((0, 3)), np.zeros((0, 3))
+    parts = [part for one in segments_of(scene)[:1] for part in (one.static, one.moving)]
+    mean = np.concatenate([np.asarray(part.mean, float) for part in parts])
+    light = np.concatenate([np.asarray(part.harmonics[:, 0]) * C0 + 0.5 for part in parts])
+    some = np.random.default_rng(0).permutation(len(mean))[:DOTS]
+    return mean[some], np.clip(light[some], 0, 1)
+
+
+def _bounds(eye: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A rectangle around the cameras and nearly all of the points, as they are projected."""
+    low, high = eye.min(axis=0), eye.max(axis=0)
+    if len(points):
+        inner = np.quantile(points, (0.02, 0.98), axis=0)
+        low, high = np.minimum(low, inner[0]), np.maximum(high, inner[1])
+    room = 0.06 * max(float((high - low).max()), 1e-6)
+    return low - room, high + room
+
+
+def _drawing(
+    title: str,
+    onto: Float[np.ndarray, "2 3"],
+    views: Sequence[View],
+    eye: np.ndarray,
+    turn: np.ndarray,
+    points: np.ndarray,
+    tone: np.ndarray,
+    splits: list[str],
+) -> Markup:
+    low, high = _bounds(eye @ onto.T, points @ onto.T)
+    scale = min((WIDTH - 2 * EDGE) / (high[0] - low[0]), (HEIGHT - 2 * EDGE) / (high[1] - low[1]))
+    middle = np.array([WIDTH, HEIGHT]) / 2
+
+    def placed(x: np.ndarray) -> np.ndarray:
+        return (np.asarray(x) @ onto.T - (low + high) / 2) * scale + middle
+
+    length = 34.0 / scale
+    parts: list[Any] = _cloud(placed(points), tone)
+    for ink, split in enumerate(splits):
+        own = [i for i, view in enumerate(views) if view.split == split]
+        names = dict.fromkeys(views[i].camera_name for i in own)
+        each = max(1, min(ON_THE_WAY, MOST // max(len(names), 1)))
+        for name in list(names)[:MOST]:
+            some = [i for i in own if views[i].camera_name == name]
+            parts += _way(name, placed(eye[some]), color(ink))
+            count = each if np.ptp(eye[some], axis=0).max() * scale > 2 else 1
+            for i in {some[k] for k in np.linspace(0, len(some) - 1, count).astype(int)}:
+                rim = edges(views[i].camera)
+                frustum = placed(eye[i] + length * rim @ turn[i].T)
+                parts.append(_frustum(name, placed(eye[i]), frustum, color(ink)))
+    parts += _ruler(scale)
+    drawing = tag("svg", parts, viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", role="img", aria_label=title)
+    return tag("figure", tag("h3", title), drawing, class_="panel")
+
+
+def edges(camera: Camera) -> Float[np.ndarray, "4 3"]:
+    """Unit directions, in the camera, through the middles of the picture's left, top, right and
+    bottom edge, or as near to them as the lens sees."""
+    film, found = camera.film, []
+    middle = np.array([film.width, film.height]) / 2
+    for side in ((-1, 0), (0, -1), (1, 0), (0, 1)):
+        share = np.linspace(1, 0, 21)[:, None]
+        pixel = (middle + share * middle * np.array(side)).astype(np.float32)
+        sees, direction = jax.device_get(_directions(camera.lens, pixel))
+        good = np.asarray(sees) & np.isfinite(direction).all(axis=-1)
+        direction = np.asarray(direction)[np.argmax(good)] if good.any() else np.array([0, 0, 1.0])
+        found.append(direction / np.linalg.norm(direction))
+    return np.array(found)
+
+
+@jax.jit
+def _directions(lens, pixel):
+    return jax.vmap(lens.sees)(pixel), jax.vmap(lens.direction)(pixel)
+
+
+def _cloud(place: np.ndarray, tone: np.ndarray) -> list[Markup]:
+    """Dots, those of one colour in one path."""
+    if not len(place):
+        return []
+    inside = (place > 0).all(axis=1) & (place < (WIDTH, HEIGHT)).all(axis=1)
+    place, tone = place[inside], srgb_encode(tone[inside])
+    code = (np.round(tone * 5) * 51).astype(int)
+    parts = []
+    for one in np.unique(code, axis=0):
+        dots = "".join(f"M{x:.1f} {y:.1f}h0" for x, y in place[(code == one).all(axis=1)])
+        ink = f"rgb({one[0]},{one[1]},{one[2]})"
+        parts.append(tag("path", d=dots, class_="dots", stroke=ink, stroke_width=2.2))
+    return parts
+
+
+def _way(name: str, place: np.ndarray, ink: str) -> list[Markup]:
+    """The line on which a camera travels, if it does."""
+    if len(place) < 2 or np.ptp(place, axis=0).max() < 2:
+        return []
+    path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in place)
+    return [tag("path", tag("title", name), d=path, class_="curve", stroke=ink, opacity=0.6)]
+
+
+def _frustum(name: str, eye: np.ndarray, rim: np.ndarray, ink: str) -> Markup:
+    """A camera: its eye, and rays through the edges of its picture."""
+    x, y = eye
+    rays = "".join(f"M{x:.1f} {y:.1f}L{a:.1f} {b:.1f}" for a, b in rim)
+    around = "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in rim) + "Z"
+    return tag(
+        "g",
+        tag("title", name),
+        tag("path", d=around, fill=ink, fill_opacity=0.16, stroke=ink, stroke_width=1),
+        tag("path", d=rays, stroke=ink, stroke_width=1, fill="none"),
+        tag("circle", cx=round(float(x), 1), cy=round(float(y), 1), r=2.6, fill=ink),
+    )
+
+
+def _ruler(scale: float) -> list[Markup]:
+    """A length of 1, 2 or 5 times a power of ten, in the scene's unit."""
+    wanted = 90 / scale
+    power = 10.0 ** np.floor(np.log10(wanted))
+    length = float(next(power * m for m in (5, 2, 1) if power * m <= wanted))
+    end, y = WIDTH - EDGE, HEIGHT - 8
+    return [
+        tag("path", d=f"M{end - length * scale:.1f} {y}H{end}", stroke="var(--soft)",
+            stroke_width=2),
+        tag("text", f"{escape(length)} scene units", x=end, y=y - 6, text_anchor="end"),
+    ]  # fmt: skip
