@@ -273,7 +273,9 @@ def _calls(text: str) -> bool:
 def _wrong(verb: str, error: Exception, words: Sequence[str] = ()) -> ValueError:
     """What the user is told of an error of Hydra's: which word is wrong, if that is found."""
     told = (str(error).splitlines() or [type(error).__name__])[0][:300]
-    reasons = filter(None, (_misspelt(verb, word) for word in words))
+    # Files of others may hold choices that are not known here.
+    ours = not any(word.startswith("hydra.searchpath") for word in words)
+    reasons = filter(None, (_misspelt(verb, word) for word in words if ours))
     reason = next(reasons, f"configuration: {told}")
     return ValueError(f"{reason} `gaussray {verb} --help` lists the keys.")
 
