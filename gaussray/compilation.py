@@ -1,11 +1,17 @@
-"""How long JAX has compiled so far in this process."""
+"""Compiled programs: kept from run to run, and how long this process has compiled."""
 
+import contextlib
+import hashlib
+import os
 import threading
 import time
+from pathlib import Path
 
 import jax
 
 
+# Programs that took this long are kept; to load one takes milliseconds.
+WORTH = 0.2
 # Tracing, lowering and XLA; JAX says of each how long it took.
 EVENTS = "/jax/core/compile/"
 
@@ -49,3 +55,40 @@ def compiled() -> float:
         _clock.append(Clock())
         jax.monitoring.register_event_duration_secs_listener(_clock[0].hear)
     return _clock[0].seconds
+
+
+def keep_programs(folder: str) -> Path | None:
+    """Have JAX keep what it compiles in a folder, and load it from there instead of compiling it
+    again, in whichever process; where that is, if anywhere.
+
+    `auto` is the user's cache, a folder for every kind of processor (machine code of one may be
+    none of another), unless the environment's JAX_COMPILATION_CACHE_DIR says where, and nowhere if
+    it cannot be written; an empty text is nowhere.
+    """
+    if jax.config.jax_compilation_cache_dir:
+        return Path(jax.config.jax_compilation_cache_dir)
+    if not folder:
+        return None
+    path = Path(folder) if folder != "auto" else _cache() / "gaussray" / _processor()
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        if folder != "auto":
+            raise OSError(f"devices.programs={folder}: cannot be written: {error}") from error
+        return None
+    jax.config.update("jax_compilation_cache_dir", str(path))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", WORTH)
+    return path
+
+
+def _cache() -> Path:
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+
+
+def _processor() -> str:
+    """A name for what this processor can do."""
+    told = os.uname().machine if hasattr(os, "uname") else ""
+    with contextlib.suppress(OSError):
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        told += next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    return hashlib.sha256(told.encode()).hexdigest()[:16]

@@ -13,6 +13,8 @@ import numpy as np
 from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
+from gaussray.compilation import keep_programs
+
 
 T = TypeVar("T")
 
@@ -23,12 +25,14 @@ class DevicesOptions(eqx.Module):
     `count` devices of each host (0 = all). `hosts` processes, started with the same words but for
     `process`, their number from 0, meet at `coordinator`, an address HOST:PORT of process 0; with
     `hosts` = 0 the cluster's environment says all that is not given. They share the output folder.
+    What is compiled is kept in the folder `programs` for later runs (`keep_programs`).
     """
 
     count: int = eqx.field(static=True, default=0)
     hosts: int = eqx.field(static=True, default=1)
     process: int = eqx.field(static=True, default=-1)
     coordinator: str = eqx.field(static=True, default="")
+    programs: str = eqx.field(static=True, default="auto")
 
     def __check_init__(self):
         for name in ("count", "hosts"):
@@ -56,6 +60,7 @@ def begin(options: DevicesOptions) -> int | None:
     # Where JAX is already at work (in a notebook, in tests) it keeps the devices that it has.
     with contextlib.suppress(RuntimeError):
         jax.config.update("jax_num_cpu_devices", options.count or _cores())
+    keep_programs(options.programs)
     if options.hosts != 1 and not jax.distributed.is_initialized():
         _meet(options)
     found = jax.local_device_count()

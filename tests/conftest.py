@@ -7,6 +7,11 @@ import os
 import pathlib
 
 
+# What is compiled is kept from run to run of the tests, and the user's own cache left alone.
+COMPILED = pathlib.Path(__file__).parents[1] / ".pytest_cache" / "compiled"
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(COMPILED))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+
 # XLA's older way to emit code for a CPU compiles in half the time. A version that does not know a
 # flag ends the process, so only those that were tried are told.
 if importlib.metadata.version("jaxlib").startswith("0.10."):

@@ -8,8 +8,8 @@ import gaussray
 
 PACKAGE = pathlib.Path(gaussray.__file__).parent
 LEVELS = [
-    {"guard"},
-    {"geometry", "color", "atomic", "ply", "compilation", "devices", "distribution", "quota"},
+    {"guard", "compilation"},
+    {"geometry", "color", "atomic", "ply", "devices", "distribution", "quota"},
     {"progress", "provenance", "suggestion", "vocabulary", "scalars"},
     {"scene", "camera", "usage"},
     {"tracer", "capture", "fit", "dataset", "raster", "shares"},
