@@ -11,7 +11,7 @@ import pytest
 import toy
 
 from gaussray.camera.camera import project
-from gaussray.capture.calibration import read_views
+from gaussray.capture.calibration import read_cameras
 from gaussray.capture.formats import open_capture
 from gaussray.cli import main
 from gaussray.dataset.images import codes
@@ -117,7 +117,7 @@ def test_a_scene_is_learnt_from_the_smaller_pictures(run):
     assert scene.static.count > 0 and scene.moving.count > 0 and scene.deformation is not None
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(scene))
     np.testing.assert_allclose(scene.time_range, [0, 2 / 3], rtol=1e-6)
-    views = read_views(run / "cameras.json")
+    views = read_cameras(run / "cameras.json")
     assert {(view.width, view.height) for view in views} == {(toy.SIZE, toy.SIZE)}
 
 

@@ -11,7 +11,7 @@ import pytest
 import toy
 
 from gaussray import fitting
-from gaussray.capture.calibration import read_capture, read_views
+from gaussray.capture.calibration import read_cameras, read_capture
 from gaussray.capture.segments import segments
 from gaussray.cli import main
 from gaussray.dataset.images import codes
@@ -114,7 +114,7 @@ def test_a_run_leaves_a_clip_and_nothing_half_done(fitted, capture):
     assert ranges == [[0.0, 0.5], [0.5, 1.0]]
     left = {path.name for path in out.iterdir()}
     assert left == {"scene.npz", "cameras.json", "metrics.jsonl", "requirement.json"}
-    assert len(read_views(out / "cameras.json")) == len(capture.views)
+    assert len(read_cameras(out / "cameras.json")) == len(capture.views)
     report = json.loads((out / "requirement.json").read_text())
     assert len(report["segments"]) == 2 and report["file"] == (out / "scene.npz").stat().st_size
 

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.atomic import whole
-from gaussray.capture.calibration import Capture, View, read_capture, read_views
+from gaussray.capture.calibration import Capture, View, read_cameras, read_capture
 from gaussray.report import fitted, scored, shown
 from gaussray.report.markup import Markup
 from gaussray.report.page import Section, page, tiles
@@ -128,7 +128,7 @@ def _timings(report: dict[str, Any]) -> list[tuple[str, Any]]:
 def _views(out: Path, capture: Capture | None) -> list[View]:
     """The cameras as refined, where they were written, else as recorded."""
     path = out / "cameras.json"
-    return read_views(path) if path.is_file() else capture.views if capture else []
+    return read_cameras(path) if path.is_file() else capture.views if capture else []
 
 
 def _groups(capture: Capture | None, names: list[str] | None) -> dict[str, list[View]]:

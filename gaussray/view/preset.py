@@ -12,7 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
 from gaussray.atomic import whole
-from gaussray.capture.calibration import read_views
+from gaussray.capture.calibration import read_cameras
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.factory import Shot
@@ -78,7 +78,7 @@ def read_preset(folder: Path) -> Preset:
     except (YAMLError, OmegaConfBaseException, KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: is no preset of the viewer: {error}") from error
     values = dict(flat(blocks)) | {"render.samples": samples}
-    return Preset(settled(values), stance_of(read_views(folder / CAMERA)[0].camera))
+    return Preset(settled(values), stance_of(read_cameras(folder / CAMERA)[0].camera))
 
 
 def presets(out: Path) -> list[str]:
