@@ -54,7 +54,9 @@ def on_files(files, config):
         for path in sorted(ROOT.glob(pattern)):
             name = path.relative_to(ROOT).as_posix()
             files.append(File.generated(config, name, abs_src_path=str(path)))
-    files.append(File.generated(config, "changelog.md", content=(ROOT / "CHANGELOG.md").read_text()))
+    files.append(
+        File.generated(config, "changelog.md", content=(ROOT / "CHANGELOG.md").read_text())
+    )
     files.append(File.generated(config, "keys.md", content=key_tables()))
     files.append(File.generated(config, "tour.md", content=tour()))
     return files
@@ -117,7 +119,9 @@ def tour() -> str:
     for kind, body in zip(cells[::2], cells[1::2], strict=True):
         text = body.strip("\n")
         if "markdown" in kind:
-            parts.append("\n".join(line.removeprefix("#").removeprefix(" ") for line in text.split("\n")))
+            parts.append(
+                "\n".join(line.removeprefix("#").removeprefix(" ") for line in text.split("\n"))
+            )
         else:
             parts.append(f"```python\n{text}\n```")
     return "\n\n".join(parts)

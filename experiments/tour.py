@@ -111,6 +111,7 @@ print(f"noise: {float(jnp.std(counted - plain.color)):.4f} of white")
 # %% [markdown]
 # All of it is differentiable: how does the way of a pixel change with the focal length?
 
+
 # %%
 def sideways(scale):
     longer = dataclasses.replace(pinhole, focal=scale * pinhole.focal)

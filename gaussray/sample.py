@@ -1,4 +1,4 @@
-"""What there is to try things on: a capture of 16 cameras, and the scene that the demo makes of it."""
+"""What there is to try things on: a capture of 16 cameras, and the scene the demo makes of it."""
 
 from pathlib import Path
 
