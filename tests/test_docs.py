@@ -2,6 +2,7 @@
 keys that there are."""
 
 import dataclasses
+import functools
 import importlib.util
 import json
 import os
@@ -99,7 +100,13 @@ def checked_verb(words):
     if verb == "render":
         options(SensorOptions, cfg.sensor)
         if not cfg.factory.count:
-            shot_of(cfg, lambda _: None, lambda *_: cameras_of(sample("scene"), None))
+            shot_of(cfg, lambda _: None, lambda *_: views())
+
+
+@functools.cache
+def views():
+    """A few views of the sample's cameras."""
+    return cameras_of(sample("scene"), None)[::5]
 
 
 def checked_install(words):
