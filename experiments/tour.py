@@ -13,9 +13,9 @@
 # %% [markdown]
 # # A tour in ten cells
 #
-# A scene in, a camera put together from its parts, pictures and exact labels out. The scene comes with
-# the package; nothing is trained. `experiments/tour.ipynb` is the same as a notebook, made by
-# `jupytext --to ipynb experiments/tour.py`.
+# A scene in, a camera put together from its parts, pictures and exact labels out. The scene comes
+# with the package; nothing is trained. `experiments/tour.ipynb` is the same as a notebook, made
+# by `jupytext --to ipynb experiments/tour.py`.
 
 # %%
 import dataclasses
@@ -32,16 +32,16 @@ scene = load_scene(sample("scene"))
 print(f"{scene.static.count} Gaussians stand still, {scene.moving.count} move")
 
 # %% [markdown]
-# A scene is a pytree: Gaussians that stand still, Gaussians that move, and a field that says how. At an
-# instant it is plain Gaussians.
+# A scene is a pytree: Gaussians that stand still, Gaussians that move, and a field that says how.
+# At an instant it is plain Gaussians.
 
 # %%
 now = jax.jit(at)(scene, jnp.float32(0.4))
 print(now.mean.shape, now.quat.shape, now.scale.shape, now.opacity.shape, now.harmonics.shape)
 
 # %% [markdown]
-# A camera is film, lens, aperture, shutter and trajectory. These are the cameras the scene was filmed by;
-# a small film is enough to look around.
+# A camera is film, lens, aperture, shutter and trajectory. These are the cameras the scene was
+# filmed by; a small film is enough to look around.
 
 # %%
 from gaussray.camera.film import Film
@@ -51,8 +51,8 @@ camera = next(v.camera for v in cameras_of(sample("scene"), None) if v.camera_na
 camera = dataclasses.replace(camera, film=Film(64, 64), time=jnp.float32(0.4))
 
 # %% [markdown]
-# Lenses are objects with `direction` (pixel to ray) and `project` (point to pixel). One for this film, by
-# the keys that the command has.
+# Lenses are objects with `direction` (pixel to ray) and `project` (point to pixel). One for this
+# film, by the keys that the command has.
 
 # %%
 from gaussray.optics import LensOptions, mounted
@@ -74,8 +74,8 @@ plain = render(dataclasses.replace(camera, lens=pinhole))
 print(plain.color.shape, float(plain.color.mean()))
 
 # %% [markdown]
-# Everything at once: a fisheye, an opening that focuses on a sphere, rows read one after another and
-# exposed.
+# Everything at once: a fisheye, an opening that focuses on a sphere, rows read one after another
+# and exposed.
 
 # %%
 from gaussray.camera.aperture import Aperture
