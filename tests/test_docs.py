@@ -150,9 +150,9 @@ def named_files(tmp_path, monkeypatch):
 
 
 def python_blocks():
-    """Those that fit a scene take long."""
+    """Those that fit or film a scene take long."""
     for page, text in blocks("python"):
-        slow = [pytest.mark.slow] if "reconstruct(" in text else []
+        slow = [pytest.mark.slow] if "Renderer(" in text else []
         yield pytest.param(text, id=f"{page}: {text.splitlines()[-1][:40]}", marks=slow)
 
 
@@ -216,6 +216,7 @@ def test_every_page_is_in_the_menu():
     assert all(f" {page.name}\n" in menu for page in PAGES[1:])
 
 
+@pytest.mark.slow
 def test_the_first_command_of_the_site_films_the_sample(tiny):
     words = next(lines(next(text for page, text in blocks("") if page == "index.md")))
     assert words[:3] == ["gaussray", "render", "scene=sample"]
