@@ -32,7 +32,7 @@
       svg.append(make("text", { x: x(left) - 6, y: y(v) + 4, "text-anchor": "end" }, short(v)));
     }
     svg.append(make("text", { x: x((left + right) / 2), y: height - 8, "text-anchor": "middle" }, across));
-    svg.append(make("text", { x: x(left) + 6, y: y(high) + 14 }, up));
+    svg.append(make("text", { x: x(right) - 6, y: y(high) + 16, "text-anchor": "end" }, up));
     return { svg, x, y };
   }
 
