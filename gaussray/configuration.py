@@ -23,6 +23,7 @@ from yaml import YAMLError
 from gaussray.devices import leads
 from gaussray.guard.files import read_text
 from gaussray.provenance import note_begin
+from gaussray.sample import PARTS, WORD, sample
 from gaussray.suggestion import meant
 from gaussray.vocabulary import choices, conf_folder, groups, keys
 
@@ -242,6 +243,9 @@ def _resolved(verb: str, cfg: DictConfig) -> DictConfig:
         OmegaConf.resolve(cfg)
     except (OmegaConfBaseException, RecursionError) as error:
         raise _wrong(verb, error) from error
+    for key, part in PARTS.items():
+        if _told(cfg, key) == WORD and not Path(WORD).exists():
+            OmegaConf.update(cfg, key, str(sample(part)))
     return cfg
 
 

@@ -13,11 +13,8 @@ from gaussray.evaluate import EvaluateOptions, evaluate, write_report
 from gaussray.progress import say
 from gaussray.reconstruct import ReconstructOptions, reconstruct
 from gaussray.render import RenderOptions
+from gaussray.sample import sample
 from gaussray.tracer.trace import TraceOptions
-
-
-# The sample in a checkout; it is too large for the wheel.
-SAMPLE = Path(__file__).resolve().parents[1] / "experiments" / "quickstart" / "capture"
 
 
 def demo(
@@ -38,11 +35,11 @@ def demo(
     in `reconstruct` and `evaluate`; figures of the fit are `told` as there.
     """
     began = clock.monotonic()
-    folder, out = Path(capture or SAMPLE), Path(out)
+    folder, out = Path(capture or sample("capture")), Path(out)
     if not folder.is_dir():
         raise FileNotFoundError(
-            f"{folder}: the sample capture is not there. It ships with the repository: run the "
-            "demo from a checkout installed with `pip install -e .`, or name one: capture.path=DIR."
+            f"{folder}: the sample capture is not there. It ships with the repository and with the "
+            "wheel: install one of them whole, or name a capture of yours: capture.path=DIR."
         )
     truth = read_capture(folder)
     resume = (out / "checkpoint.npz").exists()
