@@ -54,12 +54,14 @@ ANGLES = (-0.45, -0.15, 0.15, 0.45)
 
 class Case(NamedTuple):
     """What is filmed: everything white, black or grey if `light` is a number; from `angles` around
-    a scene in units of `unit`, with or without starting points."""
+    a scene in units of `unit`, with or without starting points. All Gaussians may move, as long as
+    `moving` is below any activity: so most cases share what is compiled."""
 
     light: float | None = None
     angles: tuple[float, ...] = ANGLES
     unit: float = 1.0
     points: bool = True
+    moving: float = -1.0
     refine: tuple[str, ...] = ()
 
 
@@ -73,13 +75,15 @@ CASES = {
     "all black": Case(light=0.0),
     "all white": Case(light=1.0),
     "constant colour": Case(light=0.3),
+    "identical cameras": Case(angles=(0.1,) * 4),
     "all black, no points": Case(light=0.0, points=False),
     "no points": Case(points=False),
+    "ordinary, with some at rest": Case(moving=FitOptions().moving),
+    "all black, all at rest": Case(light=0.0, moving=FitOptions().moving),
     "one camera": Case(angles=ANGLES[:1]),
     "one camera, all refined": Case(
         angles=ANGLES[:1], refine=("pose", "lens", "shutter", "exposure", "offset")
     ),
-    "identical cameras": Case(angles=(0.1,) * 4),
 }
 
 
@@ -150,15 +154,15 @@ def capture(case: Case) -> Capture:
     return Capture(Path("."), views, {}, points if case.points else None, (0.0, 1.0), "normalised")
 
 
-def options(steps: int, refine: tuple[str, ...]) -> ReconstructOptions:
+def options(steps: int, case: Case) -> ReconstructOptions:
     """Everything on: density control, all terms, tracked bodies."""
     coarse = max(steps // 10, 1)
     # All blocks of one length, so that each stage compiles once.
     block = math.gcd(coarse, 250)
     return ReconstructOptions(
         fit=FitOptions(
-            coarse=coarse, fine=steps, tiles=8, block=block, points=200, refine=refine,
-            checkpoint=1e9,
+            coarse=coarse, fine=steps, tiles=8, block=block, points=200, surround=0.0,
+            moving=case.moving, refine=case.refine, checkpoint=1e9,
         ),
         track=TrackOptions(poses=32, rounds=2),
         field=FieldOptions(sides=(4, 8), channels=4, width=16),
@@ -182,7 +186,7 @@ class Outcome(NamedTuple):
 
 def fitted(case: Case, steps: int) -> Outcome:
     """What became of a fit."""
-    held, told = pictures(case.light, case.angles), options(steps, case.refine)
+    held, told = pictures(case.light, case.angles), options(steps, case)
     footage.stream_encoded = lambda views: (
         np.dtype(np.uint8),
         ((i, held[view.image]) for i, view in enumerate(views)),
