@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray import reconstruct as stage
+from gaussray import fitting, reconstruct as stage
 from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
@@ -34,7 +34,7 @@ from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.tracking import TrackOptions
-from gaussray.fitting import Fit
+from gaussray.fitting import Fit, point_activity as activity
 from gaussray.geometry import quaternion
 from gaussray.reconstruct import ReconstructOptions
 from gaussray.render import Renderer, RenderOptions
@@ -54,14 +54,14 @@ ANGLES = (-0.45, -0.15, 0.15, 0.45)
 
 class Case(NamedTuple):
     """What is filmed: everything white, black or grey if `light` is a number; from `angles` around
-    a scene in units of `unit`, with or without starting points. All Gaussians may move, as long as
-    `moving` is below any activity: so most cases share what is compiled."""
+    a scene in units of `unit`, with or without starting points. All Gaussians may move, so that
+    most cases share what is compiled, unless what the pictures show at rest `rests`."""
 
     light: float | None = None
     angles: tuple[float, ...] = ANGLES
     unit: float = 1.0
     points: bool = True
-    moving: float = -1.0
+    rests: bool = False
     refine: tuple[str, ...] = ()
 
 
@@ -78,8 +78,8 @@ CASES = {
     "identical cameras": Case(angles=(0.1,) * 4),
     "all black, no points": Case(light=0.0, points=False),
     "no points": Case(points=False),
-    "ordinary, with some at rest": Case(moving=FitOptions().moving),
-    "all black, all at rest": Case(light=0.0, moving=FitOptions().moving),
+    "ordinary, with some at rest": Case(rests=True),
+    "all black, all at rest": Case(light=0.0, rests=True),
     "one camera": Case(angles=ANGLES[:1]),
     "one camera, all refined": Case(
         angles=ANGLES[:1], refine=("pose", "lens", "shutter", "exposure", "offset")
@@ -162,7 +162,7 @@ def options(steps: int, case: Case) -> ReconstructOptions:
     return ReconstructOptions(
         fit=FitOptions(
             coarse=coarse, fine=steps, tiles=8, block=block, points=200, surround=0.0,
-            moving=case.moving, refine=case.refine, checkpoint=1e9,
+            refine=case.refine, checkpoint=1e9,
         ),
         track=TrackOptions(poses=32, rounds=2),
         field=FieldOptions(sides=(4, 8), channels=4, width=16),
@@ -191,6 +191,7 @@ def fitted(case: Case, steps: int) -> Outcome:
         np.dtype(np.uint8),
         ((i, held[view.image]) for i, view in enumerate(views)),
     )
+    fitting.point_activity = activity if case.rests else lambda _, place: np.ones(len(place))
     Fit.trial = lambda self, state, batches: Trial(ROOM, self.mesh, self.keys(state))
     with tempfile.TemporaryDirectory() as out:
         scene = stage.reconstruct(capture(case), out, options=told, quiet=True)
