@@ -1,12 +1,11 @@
 """Points that a reconstruction starts from: outliers go, duplicates merge, all else stays; and
 what is put around them."""
 
-from types import SimpleNamespace
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from gaussray.capture.points import Points
 from gaussray.fit.initial import bodies, inliers, merged, on_points, surrounding
 from gaussray.fitting import _extent
 from gaussray.scene.bodies import body_of
@@ -94,15 +93,11 @@ def test_a_start_knows_no_unit_of_length(unit):
 
 @pytest.mark.parametrize("unit", [2.0**-40, 1.0, 2.0**40])
 def test_the_unit_of_a_fit_is_in_proportion_to_the_capture(unit):
-    eyes = [unit * np.float32([[0, 0, 0]]), unit * np.float32([[3, 0, 4]])]
-    views = [
-        SimpleNamespace(camera=SimpleNamespace(trajectory=SimpleNamespace(translation=eye)))
-        for eye in eyes
-    ]
-    points = SimpleNamespace(position=unit * np.float32([[0, 0, 1000]]))
-    assert _extent(views, points) == pytest.approx(2.5 * unit)
+    eye = np.float32(unit) * np.float32([[0, 0, 0], [3, 0, 4]])
+    points = Points(np.float32(unit) * np.float32([[0, 0, 1000]]), np.zeros((1, 3), np.float32))
+    assert _extent(eye, points) == pytest.approx(2.5 * unit)
     # A camera that stands alone is as good as a thousandth of its distance.
-    assert _extent(views[:1], points) == pytest.approx(unit)
+    assert _extent(eye[:1], points) == pytest.approx(unit)
 
 
 def test_bodies_that_are_known_stay_two_where_they_touch_and_new_ones_are_found():
