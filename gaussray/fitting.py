@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from gaussray.camera.camera import Camera
 from gaussray.capture.activity import activity, moved_pixels, point_activity
 from gaussray.capture.batches import Batch
-from gaussray.capture.calibration import Capture, View
+from gaussray.capture.calibration import Capture
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.footage import Footage, footage, stacked
 from gaussray.capture.loader import Loader
@@ -89,7 +89,8 @@ class Fit:
         )
         every = self.footage.camera if len(part.views) == len(views) else stacked(views)
         names, owner = np.unique([view.camera_name for view in views], return_inverse=True)
-        self.names, self.extent = names.tolist(), _extent(views, capture.points)
+        eye = np.concatenate([np.asarray(view.camera.trajectory.translation) for view in views])
+        self.names, self.extent = names.tolist(), _extent(eye, capture.points)
         cameras = camera_set(owner, every, extent=self.extent, refine=options.fit.refine)
         own = jnp.asarray(np.searchsorted(names, self.footage.name), jnp.int32)
         self.cameras = eqx.tree_at(lambda c: c.owner, cameras, own)
@@ -405,10 +406,9 @@ def _count(state: State) -> int:
     return sum(int(alive(part).sum()) for part in parts)
 
 
-def _extent(views: list[View], points: Points | None) -> float:
+def _extent(eye: Float[np.ndarray, "poses 3"], points: Points | None) -> float:
     """Half the diagonal of the cameras' bounding box, the scene's unit; at least a thousandth of
     the cameras' distance from the points (of 1, without points), for those that stand still."""
-    eye = np.concatenate([np.asarray(view.camera.trajectory.translation) for view in views])
     least = 1.0
     if points is not None:
         away = np.asarray(points.position, np.float64) - np.mean(eye, axis=0, dtype=np.float64)

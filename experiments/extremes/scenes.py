@@ -10,7 +10,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -20,6 +19,7 @@ import numpy as np
 from benchmarks import exact
 from benchmarks.problem import cameras, dynamic_room
 from experiments.extremes import edge
+from experiments.extremes.outcome import COLOR, DRAWS, GRADIENT, Outcome, nudged
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.lens import Fisheye
 from gaussray.camera.rays import Rays
@@ -28,25 +28,6 @@ from gaussray.scene.scene import at
 from gaussray.tracer.grid import build
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.trace import TraceOptions, measure, on_kernel, trace
-
-
-# Mean absolute colour, as in tests/tracer/test_extremes.py; gradients relative to the largest.
-COLOR, GRADIENT = 1e-4, 1e-3
-# Half a unit of the last place, by which inputs are moved so often, as in that test.
-HALF_ULP, DRAWS = 2.0**-24, 4
-
-
-class Outcome(NamedTuple):
-    """A figure of a case, and the most it may be."""
-
-    case: str
-    figure: str
-    value: float
-    limit: float
-
-    @property
-    def held(self) -> bool:
-        return bool(self.value <= self.limit)
 
 
 traced = eqx.filter_jit(trace)
@@ -73,17 +54,6 @@ def against_exact(case: str, motion: Motion, rays: Rays, checked: int) -> Iterat
         limit = max(limit, np.mean(np.abs(moved - truth)))
     yield Outcome(f"{case}, light {truth.mean():.2f}", "colour", float(error), float(limit))
     yield Outcome(case, "lost", float(report.dropped + report.skipped), 0)
-
-
-def nudged(tree, seed=0):
-    """Every number half a unit of float32 away, in double precision."""
-    dice = np.random.default_rng(seed)
-
-    def move(x):
-        x = np.asarray(x, np.float64)
-        return x * (1 + HALF_ULP * dice.choice([-1.0, 1.0], x.shape))
-
-    return jax.tree.map(move, tree)
 
 
 def common(told) -> Iterator[Outcome]:

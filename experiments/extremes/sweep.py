@@ -4,6 +4,7 @@ Inputs are drawn in double precision and then rounded: what is left after that i
 is given in both precisions. So an error is the function's own, not that of its inputs.
 """
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -13,7 +14,9 @@ import numpy as np
 
 
 # Inputs drawn at each place of a range.
-DRAWS = 24
+DRAWS = 12
+# Inputs that go through a function at once: one program for all sweeps of it.
+BATCH = 256
 # Half a unit in the last place of float32.
 HALF_ULP = 2.0**-24
 # Below this float32 has fewer digits, or none: a CPU or GPU may take it for zero.
@@ -57,16 +60,33 @@ def measure(sweep: Sweep) -> Errors:
     drawn = [sweep.draw(place, dice) for place in sweep.places for _ in range(DRAWS)]
     single = jax.tree.map(lambda *x: np.stack(x).astype(np.float32), *drawn)
     double = jax.tree.map(lambda x: x.astype(np.float64), single)
-    run = jax.jit(jax.vmap(_both(sweep.function)))
-    found, truth = run(*single), run(*double)
+    inputs = single, double, _nudged(double, dice)
+    found, own, moved = (_run(sweep.function, x) for x in inputs)
+    truth = own
     if sweep.exact is not None:
         values = [
             sweep.exact(*jax.tree.map(lambda x, i=i: x[i], double)) for i in range(len(drawn))
         ]
         truth = np.stack(values), truth[1]
     value, gradient = (_apart(a, b) for a, b in zip(found, truth, strict=True))
-    moved = [_apart(a, b) for a, b in zip(run(*_nudged(double, dice)), run(*double), strict=True)]
-    return Errors(*(x.reshape(-1, DRAWS).max(axis=1) for x in (value, gradient, *moved)))
+    aside = [_apart(a, b) for a, b in zip(moved, own, strict=True)]
+    return Errors(*(x.reshape(-1, DRAWS).max(axis=1) for x in (value, gradient, *aside)))
+
+
+def _run(function: Callable, inputs) -> tuple[np.ndarray, np.ndarray]:
+    """Values and gradients of all inputs, BATCH at a time; the last ones fill up what is left."""
+    count, run = len(jax.tree.leaves(inputs)[0]), _compiled(function)
+    parts = []
+    for start in range(0, count, BATCH):
+        chosen = np.minimum(np.arange(start, start + BATCH), count - 1)
+        parts.append(run(*jax.tree.map(lambda x, chosen=chosen: x[chosen], inputs)))
+    value, gradient = (np.concatenate(x)[:count] for x in zip(*parts, strict=True))
+    return value, gradient
+
+
+@functools.cache
+def _compiled(function: Callable) -> Callable:
+    return jax.jit(jax.vmap(_both(function)))
 
 
 def _both(function: Callable) -> Callable:

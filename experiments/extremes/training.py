@@ -6,7 +6,9 @@ python -m experiments.extremes.training [--steps 100000] [--only NAME]
 import experiments.extremes.alone  # noqa: F401, I001  (first: it stands in for what is missing)
 
 import argparse
+import functools
 import json
+import math
 import sys
 import tempfile
 import time
@@ -17,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray import reconstruct as stage
+from gaussray import fitting, reconstruct as stage
 from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
@@ -32,6 +34,7 @@ from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.tracking import TrackOptions
+from gaussray.fitting import Fit, point_activity as activity
 from gaussray.geometry import quaternion
 from gaussray.reconstruct import ReconstructOptions
 from gaussray.render import Renderer, RenderOptions
@@ -41,6 +44,8 @@ from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.traverse import Capacity
+from gaussray.training import Trial
 
 
 SIDE, TIMES = 32, np.linspace(0, 1, 4)
@@ -49,32 +54,41 @@ ANGLES = (-0.45, -0.15, 0.15, 0.45)
 
 class Case(NamedTuple):
     """What is filmed: everything white, black or grey if `light` is a number; from `angles` around
-    a scene in units of `unit`, with or without starting points."""
+    a scene in units of `unit`, with or without starting points. All Gaussians may move, so that
+    most cases share what is compiled, unless what the pictures show at rest `rests`."""
 
     light: float | None = None
     angles: tuple[float, ...] = ANGLES
     unit: float = 1.0
     points: bool = True
+    rests: bool = False
     refine: tuple[str, ...] = ()
 
 
+# Units are powers of two: what does not depend on them is the same to the last bit.
 CASES = {
     "ordinary": Case(),
+    "units of 2^20 (1e6)": Case(unit=2.0**20),
+    "units of 2^-20 (1e-6)": Case(unit=2.0**-20),
+    "units of 2^40 (1e12)": Case(unit=2.0**40),
+    "units of 2^-40 (1e-12)": Case(unit=2.0**-40),
     "all black": Case(light=0.0),
     "all white": Case(light=1.0),
     "constant colour": Case(light=0.3),
-    "one camera": Case(angles=ANGLES[:1]),
-    "two identical cameras": Case(angles=(0.1, 0.1)),
-    "units of 1e6": Case(unit=1e6),
-    "units of 1e-6": Case(unit=1e-6),
-    "units of 1e12": Case(unit=1e12),
-    "units of 1e-12": Case(unit=1e-12),
-    "no points": Case(points=False),
+    "identical cameras": Case(angles=(0.1,) * 4),
     "all black, no points": Case(light=0.0, points=False),
+    "no points": Case(points=False),
+    "ordinary, with some at rest": Case(rests=True),
+    "all black, all at rest": Case(light=0.0, rests=True),
+    "one camera": Case(angles=ANGLES[:1]),
     "one camera, all refined": Case(
         angles=ANGLES[:1], refine=("pose", "lens", "shutter", "exposure", "offset")
     ),
 }
+
+
+# Lists as long as any case needs: cases of the same shapes share what is compiled.
+ROOM = Capacity((4096,), 4096, 512)
 
 
 def single(x):
@@ -108,19 +122,20 @@ def matter(moment: float) -> Gaussians:
     )  # fmt: skip
 
 
-def pictures(case: Case) -> dict[Path, np.ndarray]:
-    """What the cameras see, as the bytes of sRGB files."""
+@functools.cache
+def pictures(light: float | None, angles: tuple[float, ...]) -> dict[Path, np.ndarray]:
+    """What the cameras see, as the bytes of sRGB files; in every unit the same."""
     found = {}
     for moment in TIMES:
         still = matter(float(moment))
         scene = Scene(still, jax.tree.map(lambda x: x[:0], still), None, single([0, 1]))
         render = Renderer(scene, options=RenderOptions(samples=1))
-        for i, angle in enumerate(case.angles):
-            if case.light is None:
-                light = np.clip(render(camera(angle, float(moment))).color, 0, 1)
+        for i, angle in enumerate(angles):
+            if light is None:
+                seen = np.clip(render(camera(angle, float(moment))).color, 0, 1)
             else:
-                light = np.full((SIDE, SIDE, 3), case.light, np.float32)
-            found[Path(f"{i}/{moment:.3f}")] = np.round(255 * srgb_encode(light)).astype(np.uint8)
+                seen = np.full((SIDE, SIDE, 3), light, np.float32)
+            found[Path(f"{i}/{moment:.3f}")] = np.round(255 * srgb_encode(seen)).astype(np.uint8)
     return found
 
 
@@ -139,12 +154,15 @@ def capture(case: Case) -> Capture:
     return Capture(Path("."), views, {}, points if case.points else None, (0.0, 1.0), "normalised")
 
 
-def options(steps: int, refine: tuple[str, ...]) -> ReconstructOptions:
+def options(steps: int, case: Case) -> ReconstructOptions:
     """Everything on: density control, all terms, tracked bodies."""
+    coarse = max(steps // 10, 1)
+    # All blocks of one length, so that each stage compiles once.
+    block = math.gcd(coarse, 250)
     return ReconstructOptions(
         fit=FitOptions(
-            coarse=max(steps // 10, 1), fine=steps, tiles=8, block=min(250, steps), points=200,
-            refine=refine, checkpoint=1e9,
+            coarse=coarse, fine=steps, tiles=8, block=block, points=200, surround=0.0,
+            refine=case.refine, checkpoint=1e9,
         ),
         track=TrackOptions(poses=32, rounds=2),
         field=FieldOptions(sides=(4, 8), channels=4, width=16),
@@ -155,27 +173,38 @@ def options(steps: int, refine: tuple[str, ...]) -> ReconstructOptions:
     )  # fmt: skip
 
 
-def fitted(case: Case, steps: int) -> tuple[str, bool]:
-    """What became of a fit, and whether all of it is finite."""
-    held = pictures(case)
+class Outcome(NamedTuple):
+    """Mean loss of the first and of the last block of steps, PSNR over the latter, how many
+    Gaussians were kept, and whether every number of the scene and the figures is finite."""
+
+    first: float
+    last: float
+    psnr: float
+    gaussians: int
+    finite: bool
+
+
+def fitted(case: Case, steps: int) -> Outcome:
+    """What became of a fit."""
+    held, told = pictures(case.light, case.angles), options(steps, case)
     footage.stream_encoded = lambda views: (
         np.dtype(np.uint8),
         ((i, held[view.image]) for i, view in enumerate(views)),
     )
+    fitting.point_activity = activity if case.rests else lambda _, place: np.ones(len(place))
+    Fit.trial = lambda self, state, batches: Trial(ROOM, self.mesh, self.keys(state))
     with tempfile.TemporaryDirectory() as out:
-        try:
-            scene = stage.reconstruct(
-                capture(case), out, options=options(steps, case.refine), quiet=True
-            )
-        except Exception as error:  # Whatever it is, the other cases go on.
-            return f"{type(error).__name__}: {error}", False
+        scene = stage.reconstruct(capture(case), out, options=told, quiet=True)
         lines = [json.loads(line) for line in (Path(out) / "metrics.jsonl").open()]
-    figures = [x for line in lines for x in line.values() if isinstance(x, float)]
-    finite = all(np.isfinite(x).all() for x in [*jax.tree.leaves(scene), np.array(figures)])
+    figures = np.array([x for line in lines for x in line.values() if isinstance(x, float)])
+    finite = all(np.isfinite(x).all() for x in [*jax.tree.leaves(scene), figures])
+    terms = vars(told.loss)
+    first, last = (
+        sum(terms[name] * value for name, value in line.items() if name in terms)
+        for line in (lines[0], lines[-1])
+    )
     count = scene.static.count + scene.moving.count
-    psnr = np.array([line["psnr"] for line in lines])
-    told = f"{psnr[0]:.1f} -> {psnr[-1]:.1f} dB, least later {psnr[1:].min():.1f}"
-    return f"{told}, {count} Gaussians", bool(finite)
+    return Outcome(first, last, lines[-1]["psnr"], count, finite)
 
 
 def main() -> None:
@@ -184,16 +213,21 @@ def main() -> None:
     parser.add_argument("--only", default="", help="cases whose name holds this")
     told = parser.parse_args()
     failed = 0
-    print(f"| {told.steps} steps of | training views | s | |\n| --- | --- | --- | --- |")
+    print("| case | steps | loss, first -> last | PSNR | Gaussians | s | |\n" + "| --- " * 7 + "|")
     for name, case in CASES.items():
         if told.only not in name:
             continue
         began = time.perf_counter()
-        figures, finite = fitted(case, told.steps)
+        try:
+            o = fitted(case, told.steps)
+            cells = f"{o.first:.3g} -> {o.last:.3g} | {o.psnr:.1f} dB | {o.gaussians}"
+            finite = o.finite
+        except Exception as error:  # Whatever it is, the other cases go on.
+            cells, finite = f"{type(error).__name__}: {error} | |", False
         failed += not finite
         seconds = time.perf_counter() - began
-        word = "held" if finite else "FAILED"
-        print(f"| {name} | {figures} | {seconds:.0f} | {word} |", flush=True)
+        word = "finite" if finite else "FAILED"
+        print(f"| {name} | {told.steps} | {cells} | {seconds:.0f} | {word} |", flush=True)
     print(f"{failed} failed on {jax.devices()[0].device_kind}")
     sys.exit(failed > 0)
 

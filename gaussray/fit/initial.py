@@ -85,7 +85,9 @@ def on_points(
         thin = np.sqrt(np.clip(spreads[:, 0] / np.maximum(spreads[:, 1], 1e-30), flat**2, 1))
         axes = axes[:, :, ::-1].copy()
         axes[:, :, 2] *= np.sign(np.linalg.det(axes))[:, None]
-    gap = spread * np.clip(gap, 1e-7, None)
+    # Points at one place have no gap; the floor is of the cloud's own size, whatever its unit.
+    size = float(np.ptp(position, axis=0).max()) if count else 0.0
+    gap = spread * np.maximum(gap, 1e-7 * (size or 1.0))
     shape = np.stack([gap, gap, gap * thin], axis=1)
     return Gaussians(
         mean=jnp.asarray(position, jnp.float32),
@@ -106,7 +108,8 @@ def surrounding(
     show: the image of a lamp in a floor is where the lamp would be below it.
     """
     lower, upper = np.quantile(position, (0.005, 0.995), axis=0)
-    size = np.maximum(upper - lower, 1e-6)
+    size = upper - lower
+    size = np.maximum(size, 1e-6 * (size.max() or 1.0))
     dice = np.random.default_rng(seed)
     unit = dice.random((count, 3))
     axis = dice.integers(3, size=count)

@@ -5,7 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaussray.fit.initial import bodies, inliers, merged, surrounding
+from gaussray.capture.points import Points
+from gaussray.fit.initial import bodies, inliers, merged, on_points, surrounding
+from gaussray.fitting import _extent
 from gaussray.scene.bodies import body_of
 
 
@@ -77,6 +79,25 @@ def test_strays_do_not_stretch_the_box_that_is_surrounded():
     cloud = np.random.default_rng(0).random((1000, 3)).astype(np.float32)
     cloud[:3] = 1e6
     assert np.abs(surrounding(cloud, count=100, seed=1)[0]).max() < 2.1
+
+
+@pytest.mark.parametrize("unit", [2.0**-40, 2.0**40])
+def test_a_start_knows_no_unit_of_length(unit):
+    place, grey = sphere(100, np.random.default_rng(0)), np.full((100, 3), 0.5, np.float32)
+    larger = np.float32(unit) * place
+    discs = [on_points(x, grey, degree=0, opacity=0.5).scale for x in (place, larger)]
+    np.testing.assert_allclose(discs[1], unit * discs[0], rtol=1e-5)
+    around = [surrounding(x, count=50, seed=0)[0] for x in (place, larger)]
+    np.testing.assert_allclose(around[1], unit * around[0], rtol=1e-5)
+
+
+@pytest.mark.parametrize("unit", [2.0**-40, 1.0, 2.0**40])
+def test_the_unit_of_a_fit_is_in_proportion_to_the_capture(unit):
+    eye = np.float32(unit) * np.float32([[0, 0, 0], [3, 0, 4]])
+    points = Points(np.float32(unit) * np.float32([[0, 0, 1000]]), np.zeros((1, 3), np.float32))
+    assert _extent(eye, points) == pytest.approx(2.5 * unit)
+    # A camera that stands alone is as good as a thousandth of its distance.
+    assert _extent(eye[:1], points) == pytest.approx(unit)
 
 
 def test_bodies_that_are_known_stay_two_where_they_touch_and_new_ones_are_found():
