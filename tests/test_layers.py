@@ -10,7 +10,7 @@ PACKAGE = pathlib.Path(gaussray.__file__).parent
 LEVELS = [
     {"guard"},
     {"geometry", "color", "atomic", "ply", "compilation", "devices", "distribution", "quota"},
-    {"progress", "provenance", "suggestion", "vocabulary", "scalars"},
+    {"alone", "shortage", "progress", "provenance", "suggestion", "vocabulary", "scalars"},
     {"scene", "camera", "usage"},
     {"tracer", "capture", "fit", "dataset", "raster", "shares"},
     {"parts", "training", "gauge", "exposure", "journey", "optics", "alignment"},
