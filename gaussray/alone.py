@@ -22,6 +22,8 @@ except ImportError:  # a system without such locks has none here
     fcntl = None
 
 
+# Says who works there: removed at the end, left by a process that was killed, and then of no use.
+FILE = ".gaussray.lock"
 # File systems that know no locks.
 _LOCKLESS = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP}
 # Descriptors of this process's locks, and whether their folders were made for them.
@@ -56,7 +58,8 @@ def take(out: Path | str, part: str = "") -> Path | None:
     """Hold a folder, which is made, until `release` or the end of the process, however that comes:
     the system forgets the lock. The lock's file, None if it was held already. Of several hosts the
     first one holds it for all."""
-    path = Path(out).absolute() / f".gaussray{part and '.'}{part.replace('/', '-')}.lock"
+    name = FILE if not part else f".gaussray.{part.replace('/', '-')}.lock"
+    path = Path(out).absolute() / name
     if path in _held or fcntl is None or not leads():
         return None
     made = not path.parent.exists()
