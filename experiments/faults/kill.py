@@ -172,9 +172,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--times", type=int, default=50, help="kills, of all works together")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument(
-        "--out", type=Path, help="an empty folder; else a temporary one"
-    )
+    parser.add_argument("--out", type=Path, help="an empty folder; else a temporary one")
     parser.add_argument("--works", default=",".join(WORKS))
     chosen = parser.parse_args()
     folder = (chosen.out or Path(tempfile.mkdtemp(prefix="faults_"))).absolute()
