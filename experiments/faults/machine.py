@@ -20,8 +20,9 @@ from typing import Any
 from unittest import mock
 
 from experiments.faults.kill import contents
-from experiments.faults.toy import started, words_of, write_capture
+from experiments.faults.toy import records, started, words_of, write_capture
 from gaussray.cli import main as command
+from gaussray.dataset.manifest import write_manifest
 
 
 # What is called over and over during a work, and at which call something happens.
@@ -31,6 +32,8 @@ MOMENTS = {
     "takes": ("gaussray.filming._write", 6),
     "evaluate": ("gaussray.evaluate.write_image", 4),
 }
+# Of memory, for frames that need more.
+GIGABYTES = 12
 HOLDER = """
 import sys, time
 from gaussray.alone import take
@@ -128,13 +131,13 @@ class Machine:
 
     def disks(self) -> None:
         """Full, read-only, and gone."""
+        room, rw = self.disk / "ballast", "rw"
         for work in MOMENTS:
-            room = self.disk / "ballast"
-            self.interrupted("disk full", work, lambda out: self.fill(), lambda out: room.unlink())
-            read_only = lambda out: self.remount("ro")  # noqa: E731
-            self.interrupted("read-only", work, read_only, lambda out: self.remount("rw"))
-            away = lambda out: shutil.rmtree(out)  # noqa: E731
-            self.interrupted("out removed", work, away, lambda out: None)
+            self.interrupted("disk full", work, lambda _: self.fill(), lambda _: room.unlink())
+            self.interrupted(
+                "read-only", work, lambda _: self.remount("ro"), lambda _: self.remount(rw)
+            )
+            self.interrupted("out removed", work, shutil.rmtree, lambda _: None)
 
     def no_folder(self) -> None:
         """A file in the folder's place."""
@@ -194,15 +197,23 @@ class Machine:
     def memory(self) -> None:
         """Less memory than the work needs, of the host and of the device."""
         limit = "import resource\nresource.setrlimit(resource.RLIMIT_AS, (LIMIT, LIMIT))"
-        size = "lens.width=40000 lens.height=40000 render.memory=1e6".split()
-        for case, gigabytes in (("host", 8), ("device", 40)):
+        for case, side in (("host", 40000), ("device", 6000)):
+            large = self.folder / f"{case}_large"
+            shutil.copytree(self.capture / "run", large / "run")
+            write_manifest(large / "run" / "cameras.json", records(side))
             log = self.folder / f"{case}.txt"
-            words = [*words_of("render", self.capture, self.folder / case), *size]
-            before = limit.replace("LIMIT", str(gigabytes * 10**9))
+            words = words_of("render", large, self.folder / case)
+            words += ["render.memory=1000000.0", "render.samples=64"]
+            before = limit.replace("LIMIT", str(GIGABYTES * 10**9))
             code = started(words, log, self.folder / "compiled", before).wait()
             lines = [x for x in log.read_text().splitlines() if x.strip()]
             held = code == 2 and "out of memory" in lines[-1]
-            self.told(f"memory of the {case}, {gigabytes} GB", lines[-1:], held, f": code {code}")
+            self.told(
+                f"{GIGABYTES} GB of memory, {side} x {side} pixels",
+                lines[-1:],
+                held,
+                f": code {code}",
+            )
 
 
 def main() -> None:
