@@ -4,20 +4,24 @@
 """
 
 import argparse
+import importlib
 import json
+import os
 import random
 import signal
-import subprocess
 import tempfile
 import time
+import warnings
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 
 from experiments.factory.kill import changed
-from experiments.faults.toy import INTERVAL, started, words_of, write_capture
+from experiments.faults.toy import INTERVAL, Forked, words_of, write_capture
 from gaussray.alone import FILE as LOCK
+from gaussray.cli import main as command
 
 
 WORKS = ("reconstruct", "render", "takes", "evaluate")
@@ -32,7 +36,6 @@ class Work:
         self.name, self.folder = name, folder / name
         self.folder.mkdir(parents=True)
         self.out, self.log = self.folder / "run", self.folder / "log.txt"
-        self.cache = folder / "compiled"
         self.words = words_of(name, capture, self.out)
         self.kills = self.writing = self.anew = 0
         self.lost: list[float] = []
@@ -57,7 +60,7 @@ class Work:
             if time.monotonic() > patience:
                 break
         half = bool(self._half())
-        run.send_signal(signal.SIGKILL)
+        run.kill()
         code = run.wait()
         if code not in (0, -signal.SIGKILL):
             raise SystemExit(f"{self.name}: ended with {code}, see {self.log}")
@@ -65,10 +68,10 @@ class Work:
         self.writing += code != 0 and half
         return code != 0
 
-    def _begun(self) -> subprocess.Popen:
+    def _begun(self) -> Forked:
         self._lock = self.out / (".gaussray.0-1.lock" if self.name == "takes" else LOCK)
         self._lock.unlink(missing_ok=True)
-        run = started(self.words, self.log, self.cache)
+        run = Forked(lambda: command(self.words), self.log)
         while run.poll() is None and not self._lock.exists():
             time.sleep(0.005)
         return run
@@ -168,6 +171,19 @@ def compare(work: Work) -> int:
     return len(wrong)
 
 
+def prepare(folder: Path) -> None:
+    """Import what the works need, for them all; none of it may bring a device up. Programs are
+    compiled in little time rather than well, once, and kept."""
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder / "compiled")
+    jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+    jax.config.update("jax_disable_most_optimizations", True)
+    # JAX is not at work in this process.
+    warnings.filterwarnings("ignore", message=r"os\\.fork\\(\\) was called")
+    for name in ("reconstruct", "evaluate", "factory", "production", "dataset.scores"):
+        importlib.import_module(f"gaussray.{name}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--times", type=int, default=50, help="kills, of all works together")
@@ -176,7 +192,10 @@ def main() -> None:
     parser.add_argument("--works", default=",".join(WORKS))
     chosen = parser.parse_args()
     folder = (chosen.out or Path(tempfile.mkdtemp(prefix="faults_"))).absolute()
-    write_capture(folder / "capture")
+    folder.mkdir(parents=True, exist_ok=True)
+    prepare(folder)
+    if Forked(lambda: write_capture(folder / "capture"), folder / "log.txt").wait():
+        raise SystemExit(f"the capture cannot be written, see {folder / 'log.txt'}")
     works, chance = chosen.works.split(","), random.Random(chosen.seed)
     print(f"states are saved every {INTERVAL} s; seed {chosen.seed}; {folder}")
     print("| work | kills | while writing | seconds undisturbed | lost at most | files | differ |")

@@ -7,7 +7,6 @@ mounted for the occasion, which takes root.
 import argparse
 import contextlib
 import io
-import os
 import shutil
 import signal
 import subprocess
@@ -19,8 +18,8 @@ from pathlib import Path
 from typing import Any
 from unittest import mock
 
-from experiments.faults.kill import contents
-from experiments.faults.toy import records, started, words_of, write_capture
+from experiments.faults.kill import contents, prepare
+from experiments.faults.toy import records, words_of, write_capture
 from gaussray.cli import main as command
 from gaussray.dataset.manifest import write_manifest
 
@@ -41,6 +40,12 @@ take(sys.argv[1])
 print("held", flush=True)
 time.sleep(600)
 """
+LIMITED = """
+import resource, sys
+resource.setrlimit(resource.RLIMIT_AS, (int(sys.argv[1]),) * 2)
+from gaussray.cli import main
+main(sys.argv[2:])
+"""
 
 
 def said(words: list[str]) -> tuple[int, list[str]]:
@@ -48,7 +53,7 @@ def said(words: list[str]) -> tuple[int, list[str]]:
     err = io.StringIO()
     with contextlib.redirect_stderr(err), contextlib.redirect_stdout(io.StringIO()):
         try:
-            command([*words, "report=false"])
+            command(words)
             code = 0
         except SystemExit as stop:
             code = int(stop.code or 0)
@@ -196,17 +201,17 @@ class Machine:
 
     def memory(self) -> None:
         """Less memory than the work needs, of the host and of the device."""
-        limit = "import resource\nresource.setrlimit(resource.RLIMIT_AS, (LIMIT, LIMIT))"
         for case, side in (("host", 40000), ("device", 6000)):
             large = self.folder / f"{case}_large"
             shutil.copytree(self.capture / "run", large / "run")
             write_manifest(large / "run" / "cameras.json", records(side))
-            log = self.folder / f"{case}.txt"
             words = words_of("render", large, self.folder / case)
             words += ["render.memory=1000000.0", "render.samples=64"]
-            before = limit.replace("LIMIT", str(GIGABYTES * 10**9))
-            code = started(words, log, self.folder / "compiled", before).wait()
-            lines = [x for x in log.read_text().splitlines() if x.strip()]
+            run = subprocess.run(
+                [sys.executable, "-c", LIMITED, str(GIGABYTES * 10**9), *words],
+                stderr=subprocess.PIPE, text=True,
+            )  # fmt: skip
+            lines, code = run.stderr.strip().splitlines() or [""], run.returncode
             held = code == 2 and "out of memory" in lines[-1]
             self.told(
                 f"{GIGABYTES} GB of memory, {side} x {side} pixels",
@@ -221,8 +226,8 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="an empty folder; else a temporary one")
     parser.add_argument("--cases", default="disks,no_folder,pictures,clock,two,memory")
     chosen = parser.parse_args()
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
     folder = (chosen.out or Path(tempfile.mkdtemp(prefix="faults_"))).absolute()
+    prepare(folder)
     machine = Machine(folder)
     print("| case | | what was said |\n|---|---|---|", flush=True)
     for name in chosen.cases.split(","):

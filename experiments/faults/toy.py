@@ -2,8 +2,11 @@
 
 import dataclasses
 import os
-import subprocess
+import signal
 import sys
+import time
+import traceback
+from collections.abc import Callable
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -30,7 +33,7 @@ TRACE = ["trace.levels=0", "trace.group=2", "trace.chunk=8"]
 # Seconds between saved states.
 INTERVAL = 0.2
 FIT = [
-    "fit.coarse=40", "fit.fine=160", "fit.tiles=4", "fit.block=4", "fit.points=100",
+    "fit.coarse=40", "fit.fine=120", "fit.tiles=4", "fit.block=4", "fit.points=100",
     "fit.surround=0", "track.poses=0", "field.sides=[4,6]", "field.channels=4", "field.width=8",
     "need.loss=0", f"fit.checkpoint={INTERVAL}", *TRACE,
 ]  # fmt: skip
@@ -78,11 +81,11 @@ def records(side: int = SIDE) -> list[FrameRecord]:
 def write_capture(folder: Path) -> None:
     """Pictures of Gaussians that go to the right, one state a frame, and the scene of the first."""
     listed, first = records(), scene_of(60)
-    for time in TIMES:
-        right = single([0.3 * time, 0, 0])
+    for moment in TIMES:
+        right = single([0.3 * moment, 0, 0])
         moved = dataclasses.replace(first.static, mean=first.static.mean + right)
         show = Renderer(dataclasses.replace(first, static=moved), options=RenderOptions(samples=1))
-        for record in (r for r in listed if abs(float(r.camera.time) - time) < 1e-6):
+        for record in (r for r in listed if abs(float(r.camera.time) - moment) < 1e-6):
             write_image(folder / record.file_path, show(record.camera).color)
     write_manifest(folder / "transforms.json", listed, extra={"time_unit": "s"})
     save_scene(folder / "run" / "scene.npz", first)
@@ -91,29 +94,54 @@ def write_capture(folder: Path) -> None:
 
 def words_of(work: str, capture: Path, out: Path) -> list[str]:
     """The command of a work: reconstruct, render (a film), takes (of a distribution), evaluate."""
-    quiet = [f"out={out}", "progress=quiet"]
+    quiet = [f"out={out}", "progress=quiet", "report=false"]
     scene = f"scene={capture / 'run'}"
     takes = ["factory.count=24", "format=exr", "sample.sensor.exposure.uniform=[-1,1]"]
     return {
         "reconstruct": ["reconstruct", f"capture.path={capture}", "resume=auto", *FIT, *quiet],
-        "render": ["render", scene, "trajectory=between", "trajectory.steps=40", *TRACE, *quiet],
+        "render": ["render", scene, "trajectory=between", "trajectory.steps=30", *TRACE, *quiet],
         "takes": ["render", scene, *takes, *TRACE, *quiet],
         "evaluate": ["evaluate", scene, f"truth={capture}", "evaluate.split=all", *TRACE, *quiet],
     }[work]
 
 
-def started(
-    words: list[str], log: Path, cache: Path, before: str = "", env: dict[str, str] | None = None
-) -> subprocess.Popen:
-    """The command in a process of its own, after some Python; what was compiled is kept in
-    `cache`."""
-    code = f"{before}\nimport sys\nfrom gaussray.cli import main\nmain(sys.argv[1:])\n"
-    own = {"JAX_COMPILATION_CACHE_DIR": str(cache)}
-    own |= {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0"}
-    with log.open("a") as file:
-        return subprocess.Popen(
-            [sys.executable, "-c", code, *words, *(["report=false"] if words else [])],
-            env={**os.environ, **own, **(env or {})},
-            stdout=file,
-            stderr=file,
-        )
+class Forked:
+    """Work in a process of its own, that has what this one has imported; what it says is in
+    `log`."""
+
+    def __init__(self, work: Callable[[], object], log: Path):
+        self.returncode: int | None = None
+        self.pid = os.fork()
+        if not self.pid:
+            code = 1
+            try:
+                file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+                os.dup2(file, 1)
+                os.dup2(file, 2)
+                work()
+                code = 0
+            except SystemExit as stop:
+                code = int(stop.code or 0)
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                sys.stderr.flush()
+                os._exit(code)
+
+    def poll(self) -> int | None:
+        """The exit code, or minus the signal; None while it is at work."""
+        if self.returncode is None:
+            pid, status = os.waitpid(self.pid, os.WNOHANG)
+            self.returncode = os.waitstatus_to_exitcode(status) if pid else None
+        return self.returncode
+
+    def wait(self) -> int:
+        """The exit code, or minus the signal, at its end."""
+        while self.poll() is None:
+            time.sleep(0.01)
+        return self.returncode or 0
+
+    def kill(self) -> None:
+        """As kill -9 does."""
+        if self.poll() is None:
+            os.kill(self.pid, signal.SIGKILL)
