@@ -13,7 +13,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from gaussray import provenance
-from gaussray.alone import release
+from gaussray.alone import release, take
 from gaussray.completion import script
 from gaussray.configuration import (
     as_kind,
@@ -194,6 +194,8 @@ def _reconstruct(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
 
     chosen = reconstruct_options(cfg)
     capture = _capture(cfg.capture.path, cfg.capture, "capture.")
+    # Whether there is a run to go on with is for nobody to ask while another process is at it.
+    take(Path(cfg.out))
     resume = _resumes(cfg)
     if resume is None:
         out = Path(cfg.out)

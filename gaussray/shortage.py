@@ -56,11 +56,11 @@ def _exhausted(text: str) -> bool:
 
 def _asked(text: str) -> float:
     """Bytes, of a message that names them."""
-    found = re.search(r"([\d.]+) ?(bytes|[KMGT]iB)", text)
+    found = re.search(r"([\d.]+) ?(bytes|[KMGTPE]iB)", text)
     if not found:
         return 0.0
-    unit = {"bytes": 0, "KiB": 1, "MiB": 2, "GiB": 3, "TiB": 4}[found[2]]
-    return float(found[1]) * 1024**unit
+    power = 0 if found[2] == "bytes" else 1 + "KMGTPE".index(found[2][0])
+    return float(found[1]) * 1024**power
 
 
 def _room() -> int:
