@@ -22,8 +22,10 @@ from gaussray.tracer.traverse import Capacity
 
 # Batches of samples whose spread is a standard error.
 BATCHES = 4
-# Bytes that a frame takes for each ray under way, each group of samples of a pixel, each pixel.
-RAY, SAMPLE, PIXEL = 200, 20, 60
+# Bytes that a frame takes for each ray under way, its share of the lists included (1,000 Gaussians,
+# 256 x 256 pixels, XLA's own count on a CPU: 584 in all; a kernel keeps less, by the sizes of its
+# arrays), for each group of samples of a pixel, and for each pixel.
+RAY, RAY_OF_KERNEL, SAMPLE, PIXEL = 520, 100, 20, 60
 
 
 class RenderOptions(eqx.Module):
@@ -103,7 +105,8 @@ def whole_picture(film: Film, trace: TraceOptions) -> tuple[Part, TraceOptions]:
 def strip_rows(film: Film, options: RenderOptions, trace: TraceOptions, together: int) -> int:
     """The rows of a picture that are traced at once, of which `together` samples share their lists:
     all of them, or whole tiles, as many as `render.memory` allows for, and at least one."""
-    each = RAY * together + SAMPLE * options.samples / together + PIXEL
+    ray = RAY if together == 1 else RAY_OF_KERNEL
+    each = ray * together + SAMPLE * options.samples / together + PIXEL
     most = int(options.memory * 1e9 / (each * film.width))
     if most >= film.height:
         return film.height
