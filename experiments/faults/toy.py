@@ -99,7 +99,15 @@ def words_of(work: str, capture: Path, out: Path) -> list[str]:
     takes = ["factory.count=24", "format=exr", "sample.sensor.exposure.uniform=[-1,1]"]
     return {
         "reconstruct": ["reconstruct", f"capture.path={capture}", "resume=auto", *FIT, *quiet],
-        "render": ["render", scene, "trajectory=between", "trajectory.steps=30", *TRACE, *quiet],
+        "render": [
+            "render",
+            scene,
+            "trajectory=between",
+            "camera.split=train",
+            "trajectory.steps=30",
+            *TRACE,
+            *quiet,
+        ],
         "takes": ["render", scene, *takes, *TRACE, *quiet],
         "evaluate": ["evaluate", scene, f"truth={capture}", "evaluate.split=all", *TRACE, *quiet],
     }[work]
