@@ -26,7 +26,7 @@ from gaussray.cli import main as command
 
 WORKS = ("reconstruct", "render", "takes", "evaluate")
 # What a file says of when and how fast, which is never the same twice.
-TIMED = ("seconds", "fps", "began", "compile", "versions")
+TIMED = ("seconds", "fps", "began", "compile", "versions", "git", "changed")
 
 
 class Work:
