@@ -13,6 +13,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from gaussray import provenance
+from gaussray.alone import release, take
 from gaussray.completion import script
 from gaussray.configuration import (
     as_kind,
@@ -24,6 +25,7 @@ from gaussray.devices import DevicesOptions, begin, leads, leave, together
 from gaussray.guard.limits import Limits, limit
 from gaussray.progress import STYLES, check_style, end_line, say, style, told_as
 from gaussray.provenance import asked_by
+from gaussray.shortage import is_full, is_memory, memory_message
 from gaussray.suggestion import meant
 from gaussray.usage import VERBS as VERBS, full_help, short_help, usage
 from gaussray.vocabulary import conf_folder as conf_folder
@@ -50,15 +52,24 @@ def _guarded(words: list[str]) -> None:
     except KeyboardInterrupt:
         if words[0] == "view":
             return
-        how = f"{AGAIN[words[0]]} goes on where it stopped." if words[0] in AGAIN else ""
-        _fail(f"interrupted. {how}", 130)
-    except (ValueError, OSError, RuntimeError) as error:
+        _fail(f"interrupted. {_again(words[0])}", 130)
+    except (ValueError, OSError, RuntimeError, MemoryError) as error:
+        if is_memory(error) and not os.environ.get("GAUSSRAY_TRACEBACK"):
+            _fail(memory_message(words[0], error, _again(words[0])))
         unknown = isinstance(error, RuntimeError) and type(error).__name__ != "NonFiniteLoss"
         if unknown or os.environ.get("GAUSSRAY_TRACEBACK"):
             _raise(error)
-        _fail(str(error))
+        room = f" The disk is full: make room. {_again(words[0])}" if is_full(error) else ""
+        _fail(f"{error}{room}")
     except Exception as error:
         _raise(error)
+    finally:
+        release()
+
+
+def _again(verb: str) -> str:
+    """How a verb that was stopped is gone on with."""
+    return f"{AGAIN[verb]} goes on where it stopped." if verb in AGAIN else ""
 
 
 def _main(words: list[str]) -> None:
@@ -183,14 +194,34 @@ def _reconstruct(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
 
     chosen = reconstruct_options(cfg)
     capture = _capture(cfg.capture.path, cfg.capture, "capture.")
-    refuse(Path(cfg.out), resume=cfg.resume)
+    # Whether there is a run to go on with is for nobody to ask while another process is at it.
+    take(Path(cfg.out))
+    resume = _resumes(cfg)
+    if resume is None:
+        out = Path(cfg.out)
+        _say(f"{out / 'scene.npz'}: finished already. resume=false makes it anew.", out=str(out))
+        return {}
+    refuse(Path(cfg.out), resume=resume)
     out = run_folder(cfg)
     how: dict[str, Any] = {"devices": devices, "quiet": cfg.quiet, "told": _scalars(cfg, out)}
-    scene = reconstruct(capture, out, options=chosen, resume=cfg.resume, **how)
+    scene = reconstruct(capture, out, options=chosen, resume=resume, **how)
     facts = scene_facts(scene)
     text = f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move."
     _say(text, out=str(out), scene=facts)
     return {"scene": scene, "capture": capture}
+
+
+def _resumes(cfg: DictConfig) -> bool | None:
+    """Whether the run in `out` is gone on with; None if resume=auto finds nothing left to do."""
+    if isinstance(cfg.resume, bool):
+        return cfg.resume
+    if cfg.resume != "auto":
+        raise ValueError(f"resume must be true, false or auto, got {cfg.resume!r}.")
+    out = Path(cfg.out)
+    # requirement.json is written last, before the checkpoint goes.
+    ended = (out / "requirement.json").is_file() and (out / "scene.npz").is_file()
+    begun = (out / "checkpoint.npz").is_file()
+    return None if ended and not begun else begun
 
 
 def _scalars(cfg: DictConfig, out: Path) -> Callable[[dict[str, Any]], None] | None:

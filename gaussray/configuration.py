@@ -20,6 +20,8 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
+from gaussray.alone import take
+from gaussray.atomic import whole
 from gaussray.devices import leads
 from gaussray.guard.files import read_text
 from gaussray.provenance import note_begin
@@ -149,10 +151,12 @@ def as_kind(kind: type, value: Any, key: str) -> Any:
     raise ValueError(f"{key} must be {names.get(kind, 'a text')}, got {value!r}.")
 
 
-def run_folder(cfg: DictConfig, without: Sequence[str] = ()) -> Path:
-    """The output folder, with the resolved configuration in it, but for the keys `without`, and, if
-    there are none of these, run.json (`provenance`)."""
+def run_folder(cfg: DictConfig, without: Sequence[str] = (), part: str = "") -> Path:
+    """The output folder, held until the verb ends (`alone.take`, its `part`), with the resolved
+    configuration in it, but for the keys `without`, and, if there are none of these, run.json
+    (`provenance`)."""
     out, told = Path(cfg.out), copy.deepcopy(cfg)
+    take(out, part)
     OmegaConf.set_struct(told, False)
     for key in without:
         parent, _, name = key.rpartition(".")
@@ -160,12 +164,13 @@ def run_folder(cfg: DictConfig, without: Sequence[str] = ()) -> Path:
     try:
         out.mkdir(parents=True, exist_ok=True)
         if leads():
-            (out / "config.yaml").write_text(OmegaConf.to_yaml(told))
+            with whole(out / "config.yaml") as partial:
+                partial.write_text(OmegaConf.to_yaml(told))
             # What several processes write is the same of all: it says nothing of when, and by whom.
             if not without:
                 note_begin(out)
     except OSError as error:
-        raise OSError(f"out={out}: cannot be written: {error}") from error
+        raise OSError(f"out={out}: cannot be written: {error.strerror or error}") from error
     return out
 
 

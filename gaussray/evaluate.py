@@ -11,7 +11,8 @@ import jax
 import numpy as np
 from jaxtyping import Array, Bool
 
-from gaussray.atomic import whole
+from gaussray.alone import holds_out
+from gaussray.atomic import sweep, whole
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
@@ -70,6 +71,7 @@ class EvaluateOptions(eqx.Module):
         return getattr(self, effect if effect in known else "other")
 
 
+@holds_out
 def evaluate(
     scene: Scene | Clip,
     truth: Capture,
@@ -112,6 +114,7 @@ def evaluate(
             f"truth={truth.folder} lists no frame of split {options.split!r}. "
             "Choose evaluate.split=all or another folder."
         )
+    sweep(out, deep=True)
     parts = [(len(views), _cost(views[0], options.samples(e))) for e, views in chosen.items()]
     progress = Progress("evaluate", sum(map(len, chosen.values())), quiet=quiet, parts=parts)
     report: dict[str, Any] = {"frames": 0, "effects": {}}

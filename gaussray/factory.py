@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from gaussray.alone import alone
 from gaussray.atomic import sweep
 from gaussray.camera.sensor import SensorOptions
 from gaussray.dataset.manifest import FrameRecord
@@ -114,7 +115,8 @@ def produce(
     for done, index in enumerate(own, 1):
         one = take(index, of, shoot, options=options)
         frames = len(one.shot.records)
-        _film(out, one, options.seed, stages)
+        with alone(out / folder_of(index)):
+            _film(out, one, options.seed, stages)
         progress.report(done, f"{frames} frames of {one.shot.records[0].effect}")
     return write_takes(out, options.count)
 

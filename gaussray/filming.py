@@ -16,8 +16,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from gaussray.alone import holds_out
 from gaussray.annotate import SHARP, annotated, complete, described as units, write_labels
-from gaussray.atomic import whole
+from gaussray.atomic import sweep, whole
 from gaussray.camera.chromatic import dispersed
 from gaussray.camera.noise import picture_key
 from gaussray.camera.sensor import (
@@ -33,7 +34,7 @@ from gaussray.capture.frames import read_stored
 from gaussray.dataset.images import codes, write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.dataset.video import write_video
-from gaussray.devices import agreed, leads, share, wait
+from gaussray.devices import agreed, leads, share, together, wait
 from gaussray.frame import SHARE, Frame
 from gaussray.guard.files import read_json
 from gaussray.labels import Labeller
@@ -54,6 +55,7 @@ NO_SENSOR = SensorOptions()
 HALF_BITS = 10
 
 
+@holds_out
 def render_dataset(
     scene: Scene | Clip,
     records: Sequence[FrameRecord],
@@ -89,6 +91,10 @@ def render_dataset(
         check_sensor(sensor, record.camera, Path(record.file_path).suffix[1:])
     made_with = (options, trace) if sensor == NO_SENSOR else (options, trace, sensor)
     _claim(out, scene, records, (*made_with, tuple(labels)) if labels else made_with)
+    if leads():
+        sweep(out, deep=True)
+    # No host looks for what is there before the first has swept.
+    wait("swept")
     there = agreed(np.array([(out / record.file_path).exists() for record in records]))
     own = share([record for record, old in zip(records, there, strict=True) if not old])
     render = renderer or Renderer(scene, options=options, trace=trace, devices=devices)
@@ -198,10 +204,15 @@ def _label(
 
 def _demand_all(out: Path, records: Sequence[FrameRecord]) -> None:
     """Every file, also those that other hosts have written, which a network may show late."""
-    patience = clock.monotonic() + PATIENCE
+    patience = clock.monotonic() + (PATIENCE if together() else 0)
     files = [path for r in records for path in (r.file_path, *(r.labels or {}).values())]
     while missing := [path for path in files if not (out / path).exists()]:
         if clock.monotonic() > patience:
+            if not together():
+                raise OSError(
+                    f"out={out}: {len(missing)} files have gone since they were written, such as "
+                    f"{missing[0]}. The same command makes them again."
+                )
             raise OSError(
                 f"out={out}: {len(missing)} files that other hosts have written are not here, "
                 f"such as {missing[0]}. Choose a folder that all hosts share."
@@ -306,4 +317,4 @@ def _claim(
             with whole(note) as partial:
                 partial.write_text(own)
     except OSError as error:
-        raise OSError(f"out={out}: cannot be written: {error}") from error
+        raise OSError(f"out={out}: cannot be written: {error.strerror or error}") from error

@@ -22,6 +22,10 @@ from gaussray.tracer.traverse import Capacity
 
 # Batches of samples whose spread is a standard error.
 BATCHES = 4
+# Bytes that a frame takes for each ray under way, its share of the lists included (1,000 Gaussians,
+# 256 x 256 pixels, XLA's own count on a CPU: 584 in all; a kernel keeps less, by the sizes of its
+# arrays), for each group of samples of a pixel, and for each pixel.
+RAY, RAY_OF_KERNEL, SAMPLE, PIXEL = 520, 100, 20, 60
 
 
 class RenderOptions(eqx.Module):
@@ -37,6 +41,10 @@ class RenderOptions(eqx.Module):
     95 % of the pixels (linear light, the worst of three channels) is at most that, or until the
     next batch would take more than `samples_most` rays per pixel.
 
+    A frame whose rays would take more than `memory` gigabytes at once (`strip_rows`) is traced in
+    strips of rows, one after another: the same picture, and each strip looks anew for what its rays
+    meet. What the scene itself takes comes on top.
+
     `dilation` (square pixels) and `harmonics` (along each ray, or from the camera's center to a
     Gaussian's) show a model as the rasteriser that it was fitted through: 3DGS has 0.3 and center.
     """
@@ -48,6 +56,7 @@ class RenderOptions(eqx.Module):
     harmonics: str = eqx.field(static=True, default="ray")
     error: float = eqx.field(static=True, default=0.0)
     samples_most: int = eqx.field(static=True, default=1024)
+    memory: float = eqx.field(static=True, default=8.0)
 
     def __check_init__(self):
         if self.samples < 1:
@@ -58,6 +67,8 @@ class RenderOptions(eqx.Module):
             )
         if self.chunk_rows < 0:
             raise ValueError(f"render.chunk_rows must be at least 0, got {self.chunk_rows}.")
+        if not self.memory > 0:
+            raise ValueError(f"render.memory must be above 0, got {self.memory}.")
         if not 0 <= self.dilation < math.inf:
             raise ValueError(f"render.dilation must be at least 0, got {self.dilation}.")
         if self.harmonics not in ("ray", "center"):
@@ -89,6 +100,25 @@ def whole_picture(film: Film, trace: TraceOptions) -> tuple[Part, TraceOptions]:
     """A picture traced at once, and how: small ones have no use for coarser bundles."""
     order = tiles(film.width, film.height, trace.bundle, trace.levels)
     return part_of(film, order, trace)
+
+
+def strip_rows(film: Film, options: RenderOptions, trace: TraceOptions, together: int) -> int:
+    """The rows of a picture that are traced at once, of which `together` samples share their lists:
+    all of them, or whole tiles, as many as `render.memory` allows for, and at least one."""
+    ray = RAY if together == 1 else RAY_OF_KERNEL
+    each = ray * together + SAMPLE * options.samples / together + PIXEL
+    most = int(options.memory * 1e9 / (each * film.width))
+    if most >= film.height:
+        return film.height
+    coarse = trace.bundle * 4**trace.levels
+    step = coarse if most >= coarse else trace.bundle
+    return min(max(most // step, 1) * step, film.height)
+
+
+def strip(film: Film, rows: int, trace: TraceOptions, top: int) -> tuple[Part, TraceOptions]:
+    """The strip of so many rows from `top` on as a part."""
+    order = tiles(film.width, rows, trace.bundle, trace.levels)
+    return part_of(film, np.where(order < 0, order, order + top * film.width), trace, top)
 
 
 def part_of(

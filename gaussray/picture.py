@@ -18,14 +18,14 @@ from gaussray.camera.chromatic import Chromatic, achromatic, magnified
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import samples as sample_numbers, shifted_samples
 from gaussray.camera.shutter import decisive_pixels, row_number
-from gaussray.parts import Layout, Pace, Part
+from gaussray.parts import Layout, Pace, Part, RenderOptions
 from gaussray.raster import dilated, seen_from_center
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene, at, moving_at
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import Report, on_kernel, over
+from gaussray.tracer.trace import Report, TraceOptions, on_kernel, over
 
 
 # Samples of a pixel that are traced at once and share what their bundle may meet. That saves a GPU
@@ -99,7 +99,7 @@ def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, 
 
 def _traced(motion: Motion, camera: Camera, part: Part, pace: Pace) -> tuple[Pixels, Report]:
     """The part's pixels, each the mean of its samples."""
-    u, shared = _points(part, pace), _together(pace)
+    u, shared = _points(part, pace), together(pace.options, pace.trace)
     mine = None if part.share is None else part.share.seen
 
     def trace_some(
@@ -208,12 +208,13 @@ def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
 @eqx.filter_jit
 def about_to_trace(scene: Scene, camera: Camera, part: Part, *, pace: Pace) -> tuple[Motion, Rays]:
     """What is traced at once, to measure list sizes with."""
-    u, some = _points(part, pace), _together(pace)
+    u, some = _points(part, pace), together(pace.options, pace.trace)
     motion = _motion(scene, camera, part, pace)
     seen = None if part.share is None else part.share.seen[:some]
     return motion, _rays(camera, part.pixel, u[:some], seen)
 
 
-def _together(pace: Pace) -> int:
-    kernel = on_kernel(pace.trace, jnp.float32)
-    return math.gcd(pace.options.samples, _TOGETHER) if kernel else 1
+def together(options: RenderOptions, trace: TraceOptions) -> int:
+    """How many samples of a pixel are traced at once."""
+    kernel = on_kernel(trace, jnp.float32)
+    return math.gcd(options.samples, _TOGETHER) if kernel else 1

@@ -109,8 +109,9 @@ def film_share(overrides: Sequence[str], cfg: DictConfig) -> int:
         parameters = {key: value for key, value in plain.items() if key not in ELSEWHERE}
         return parameters, shot_of(made, load, cameras)
 
-    out = run_folder(cfg, without=SHARED)
-    how = {"options": options(FactoryOptions, cfg.factory), "devices": devices}
+    chosen = options(FactoryOptions, cfg.factory)
+    out = run_folder(cfg, without=SHARED, part=chosen.shard)
+    how = {"options": chosen, "devices": devices}
     return produce_takes(out, _drawn(cfg), shoot, **how, quiet=cfg.quiet)
 
 

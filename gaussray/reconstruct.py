@@ -6,7 +6,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from gaussray.atomic import whole
+from gaussray.alone import holds_out
+from gaussray.atomic import sweep, whole
 from gaussray.capture.calibration import Capture
 from gaussray.capture.segments import segments
 from gaussray.dataset.manifest import FrameRecord, write_manifest
@@ -22,6 +23,7 @@ from gaussray.scene.scene import Scene
 from gaussray.scene.store import load_scene, save_scene, scene_info
 
 
+@holds_out
 def reconstruct(
     capture: Capture,
     out: Path | str,
@@ -49,6 +51,8 @@ def reconstruct(
     out, course = Path(out), segments(capture, options.fit.segment)
     kept: dict[str, Any] = {"interval": options.fit.checkpoint, "writes": leads(), "told": told}
     journal = Journal(out, resume=resume, **kept)
+    if leads():
+        sweep(out, deep=len(course) > 1)
     state, stage = journal.resumed() if resume else (None, "coarse")
     _demand_same_course(journal, len(course), resume)
     files = [out / "segments" / f"{i:04d}.npz" for i in range(1, len(course) + 1)]

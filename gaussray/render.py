@@ -26,9 +26,11 @@ from gaussray.parts import (
     RenderOptions as RenderOptions,
     packed,
     part_of,
+    strip,
+    strip_rows,
     whole_picture,
 )
-from gaussray.picture import about_to_trace, render_frames, render_part
+from gaussray.picture import about_to_trace, render_frames, render_part, together
 from gaussray.scene.clip import Clip, edges_of, segments_of
 from gaussray.scene.scene import Scene, key_count
 from gaussray.shares import Share, shares
@@ -159,9 +161,12 @@ class Renderer:
         return 0
 
     def _begin(self, views: list["_View"], *, alone: bool) -> "_Batch":
-        """Frames that are being rendered, in one part or in chunks of rows."""
+        """Frames that are being rendered, in one part, in strips or in chunks of rows."""
         film = views[0].camera.film
-        rows = film.height if views[0].keys else min(self.options.chunk_rows, film.height)
+        if views[0].keys:
+            rows = strip_rows(film, self.options, self.trace, together(self.options, self.trace))
+        else:
+            rows = min(self.options.chunk_rows, film.height)
         batch = _Batch(views, alone, rows)
         for top in (min(y, film.height - rows) for y in range(0, film.height, rows)):
             if batch.parts and jax.default_backend() == "cpu":
@@ -213,8 +218,10 @@ class Renderer:
         film, trace = batch.film, self.trace
         key = film.width, film.height, top, batch.rows, batch.keys == 0
         if key not in self._parts:
-            if batch.keys:
+            if batch.keys and batch.rows == film.height:
                 part, trace = whole_picture(film, trace)
+            elif batch.keys:
+                part, trace = strip(film, batch.rows, trace, top)
             else:
                 y, x = np.mgrid[top : top + batch.rows, : film.width]
                 part, trace = part_of(film, (y * film.width + x).T.reshape(-1), trace, top)

@@ -6,8 +6,9 @@ import sys
 import numpy as np
 import pytest
 import toy
+from omegaconf import OmegaConf
 
-from gaussray.cli import RUN, VERBS, main
+from gaussray.cli import RUN, VERBS, _resumes, main
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.scene.store import save_scene, write_arrays
@@ -386,3 +387,24 @@ def test_an_interruption_says_how_to_go_on(fails, capture, monkeypatch):
 
     monkeypatch.setattr("gaussray.reconstruct.reconstruct", stop)
     assert "resume=true" in fails(*reconstruct_of(capture), code=130)
+
+
+@pytest.mark.parametrize(
+    ("resume", "left", "told"),
+    [
+        ("auto", [], False),
+        ("auto", ["checkpoint.npz"], True),
+        ("auto", ["checkpoint.npz", "scene.npz", "requirement.json"], True),
+        ("auto", ["scene.npz", "requirement.json"], None),
+        (False, ["checkpoint.npz"], False),
+    ],
+)
+def test_the_same_words_serve_a_run_at_every_moment(tmp_path, resume, left, told):
+    for name in left:
+        (tmp_path / name).touch()
+    assert _resumes(OmegaConf.create({"out": str(tmp_path), "resume": resume})) is told
+
+
+def test_any_other_resumption_is_refused(capture, fails):
+    line = fails(*reconstruct_of(capture), "resume=perhaps")
+    assert "resume must be true, false or auto, got 'perhaps'" in line

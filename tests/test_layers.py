@@ -10,7 +10,16 @@ PACKAGE = pathlib.Path(gaussray.__file__).parent
 LEVELS = [
     {"guard", "compilation"},
     {"geometry", "color", "atomic", "ply", "devices", "distribution", "quota"},
-    {"progress", "provenance", "suggestion", "vocabulary", "scalars", "sample"},
+    {
+        "alone",
+        "shortage",
+        "progress",
+        "provenance",
+        "suggestion",
+        "vocabulary",
+        "scalars",
+        "sample",
+    },
     {"scene", "camera", "usage"},
     {"tracer", "capture", "fit", "dataset", "raster", "shares"},
     {"parts", "training", "gauge", "exposure", "journey", "optics", "alignment"},

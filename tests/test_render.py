@@ -16,8 +16,10 @@ from gaussray.camera.lens import KannalaBrandt
 from gaussray.camera.sampling import samples
 from gaussray.camera.shutter import Shutter, interlaced
 from gaussray.camera.trajectory import Trajectory
+from gaussray.parts import PIXEL, RAY, SAMPLE, strip_rows
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.scene import Scene, key_count
+from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 
@@ -241,7 +243,8 @@ def test_chunks_of_rows_are_refused_where_columns_are_read(scene):
 
 
 @pytest.mark.parametrize(
-    ("key", "value"), [("samples", 0), ("keys", 1), ("chunk_rows", -1), ("error", -1.0)]
+    ("key", "value"),
+    [("samples", 0), ("keys", 1), ("chunk_rows", -1), ("error", -1.0), ("memory", 0.0)],
 )
 def test_an_option_that_cannot_be_is_named(key, value):
     with pytest.raises(ValueError, match=f"render.{key} must be"):
@@ -251,3 +254,22 @@ def test_an_option_that_cannot_be_is_named(key, value):
 def test_an_error_needs_room_for_four_batches():
     with pytest.raises(ValueError, match="render.samples_most must be at least 64"):
         RenderOptions(samples=16, error=0.1, samples_most=63)
+
+
+@pytest.mark.parametrize("turn", [None, "top_to_bottom", "left_to_right"])
+def test_a_frame_in_strips_is_the_frame(scene, render, turn):
+    filmed = toy.camera() if turn is None else toy.rolling(toy.camera(), direction=turn)
+    # Eight of sixteen rows at a time.
+    some = dataclasses.replace(ONE, memory=8 * toy.SIZE * (RAY + SAMPLE + PIXEL) / 1e9)
+    strips = Renderer(scene, options=some, trace=toy.TRACE)(filmed)
+    for name in ("color", "alpha", "depth"):
+        whole, parts = getattr(render(filmed), name), getattr(strips, name)
+        np.testing.assert_allclose(parts, whole, rtol=0, atol=SAME)
+
+
+def test_strips_are_whole_tiles_that_fit_and_at_least_one():
+    film, trace = Film(4096, 4096, "center"), TraceOptions(levels=1)
+    rows = [strip_rows(film, RenderOptions(samples=64, memory=m), trace, 1) for m in (1e3, 2, 1e-6)]
+    assert rows[0] == 4096 and rows[2] == 8
+    assert rows[1] % 32 == 0
+    assert 1.5 < rows[1] * 4096 * (RAY + 64 * SAMPLE + PIXEL) / 1e9 <= 2

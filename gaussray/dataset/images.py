@@ -1,6 +1,8 @@
 """Pictures to disk, and pictures of pictures: comparisons and contact sheets."""
 
+import errno
 import math
+import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -57,6 +59,10 @@ def write_image(path: Path | str, image: np.ndarray | Array, *, depth: str = "ha
 def write_mask(path: Path | str, mask: Bool[np.ndarray, "h w"] | Bool[Array, "h w"]) -> None:
     """A mask as a gray PNG: white counts, black is ignored."""
     write_image(path, np.where(np.asarray(mask), np.uint8(255), np.uint8(0)))
+
+
+# The last chunk of every PNG.
+_IEND = b"\0\0\0\0IEND\xaeB`\x82"
 
 
 def side_by_side(
@@ -154,5 +160,17 @@ def write_pixels(path: Path, image: np.ndarray, spec: oiio.ImageSpec) -> None:
             raise OSError(f"{path}: the picture cannot be written: {oiio.geterror()}")
         good = file.open(str(partial), spec) and file.write_image(np.ascontiguousarray(image))
         good = file.close() and good
-        if not good:
-            raise OSError(f"{path}: the picture cannot be written: {file.geterror()}")
+        if not good or not _ends(partial):
+            told = file.geterror() or "the file is cut short"
+            full = shutil.disk_usage(path.parent).free < image.nbytes
+            cause = OSError(errno.ENOSPC, "No space left on device") if full else None
+            raise OSError(f"{path}: the picture cannot be written: {told}") from cause
+
+
+def _ends(path: Path) -> bool:
+    """Whether a PNG has its end: on a full disk OpenImageIO loses it, and says nothing."""
+    if path.suffix != ".png":
+        return True
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - len(_IEND), 0))
+        return file.read() == _IEND

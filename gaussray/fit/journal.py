@@ -1,6 +1,7 @@
 """What a fit leaves on disk as it goes: a line of figures per block, and a state to go on from."""
 
 import json
+import os
 import time as clock
 from collections.abc import Callable
 from pathlib import Path
@@ -69,19 +70,28 @@ class Journal:
             out.mkdir(parents=True, exist_ok=True)
             (out / "metrics.jsonl").open("a" if resume else "w").close()
         except OSError as error:
-            raise OSError(f"out={out}: cannot be written: {error}") from error
+            raise OSError(f"out={out}: cannot be written: {error.strerror}") from error
 
     def resumed(self) -> tuple[State, str]:
         """The state of an interrupted run, and its stage."""
         state, self.info, self.notes = load_checkpoint(self.checkpoint)
-        stage = self.info.pop("stage", None)
+        stage, told = self.info.pop("stage", None), self.info.pop("metrics", None)
         parts = [self.info.get(key, 1) for key in ("segment", "segments")]
         if stage not in STAGES or any(type(part) is not int or part < 1 for part in parts):
             raise ValueError(
                 f"{self.checkpoint}: does not say where the fit stopped; the file is damaged. "
                 "Start again without resume=true."
             )
+        if self.writes and type(told) is int:
+            self._forget(told)
         return state, stage
+
+    def _forget(self, told: int) -> None:
+        """Take the lines of steps after the saved state away, for they come again; the last of
+        them may be half a line."""
+        metrics = self.out / "metrics.jsonl"
+        if 0 <= told < metrics.stat().st_size:
+            os.truncate(metrics, told)
 
     def record(self, stage: str, step: int, terms: dict[str, Array], gaussians: int) -> None:
         """One line of figures, of so many Gaussians."""
@@ -92,8 +102,12 @@ class Journal:
         line["seconds"] = round(clock.monotonic() - self.began, 3)
         line |= {name: float(value) for name, value in terms.items()}
         line |= {"psnr": decibel(terms["mse"]), "gaussians": gaussians}
-        with (self.out / "metrics.jsonl").open("a") as file:
-            file.write(json.dumps(line) + "\n")
+        metrics = self.out / "metrics.jsonl"
+        try:
+            with metrics.open("a") as file:
+                file.write(json.dumps(line) + "\n")
+        except OSError as error:
+            raise OSError(f"{metrics}: cannot be written: {error.strerror}") from error
         if self.told:
             self.told(line)
 
@@ -101,7 +115,9 @@ class Journal:
         """Write the state, whole or not at all."""
         if not self.writes:
             return
-        info = self.info | {"stage": stage}
+        metrics = self.out / "metrics.jsonl"
+        told = metrics.stat().st_size if metrics.exists() else 0
+        info = self.info | {"stage": stage, "metrics": told}
         save_checkpoint(self.checkpoint, state, info=info, notes=self.notes)
         self.saved = clock.monotonic()
 

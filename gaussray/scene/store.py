@@ -32,7 +32,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from gaussray.atomic import whole
+from gaussray.atomic import settle, whole
 from gaussray.guard.arrays import Damaged, read_npz
 from gaussray.guard.files import parse_json
 from gaussray.scene.bodies import Bodies
@@ -330,11 +330,10 @@ def write_arrays(
 ) -> None:
     """A versioned .npz, `deflated` or not, moved into place when complete."""
     save = np.savez_compressed if deflated else np.savez
-    try:
-        with whole(path) as partial, open(partial, "wb") as file:
+    with whole(path) as partial:
+        with open(partial, "wb") as file:
             save(file, **{"header": np.array(json.dumps(header)), **array})  # type: ignore[arg-type]
-    except OSError as error:
-        raise OSError(f"{path}: cannot be written: {error}") from error
+        settle(partial)
 
 
 def read_arrays(

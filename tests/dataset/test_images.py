@@ -1,8 +1,10 @@
 """Pictures written and read again, and pictures of pictures."""
 
 import dataclasses
+import os
 import pathlib
 import time
+import types
 
 import numpy as np
 import OpenImageIO as oiio
@@ -159,3 +161,27 @@ def test_a_contact_sheet_enlarges_small_pictures():
     assert (sheet == (255, 0, 0)).all(axis=-1).sum() == 30 * 30
     with pytest.raises(ValueError, match="at least one row"):
         contact_sheet([])
+
+
+def test_a_picture_that_lost_its_end_is_no_picture(tmp_path, monkeypatch):
+    real = oiio.ImageOutput.create
+
+    class Full:
+        """Writes as OpenImageIO does to a full disk: not all of it, without a word."""
+
+        def __init__(self, name):
+            self.file = real(name)
+
+        def __getattr__(self, name):
+            return getattr(self.file, name)
+
+        def close(self):
+            self.file.close()
+            for partial in tmp_path.iterdir():
+                os.truncate(partial, partial.stat().st_size - 20)
+            return True
+
+    monkeypatch.setattr(oiio, "ImageOutput", types.SimpleNamespace(create=Full))
+    with pytest.raises(OSError, match="a.png: the picture cannot be written"):
+        write_image(tmp_path / "a.png", np.zeros((8, 8, 3), np.uint8))
+    assert not list(tmp_path.iterdir())

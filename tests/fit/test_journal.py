@@ -1,6 +1,7 @@
 """What a run leaves on disk is lost neither to a run that is refused nor to one that goes on."""
 
 import operator
+import shutil
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -22,6 +23,13 @@ def left(tmp_path):
     """The figures of an earlier run."""
     (tmp_path / "metrics.jsonl").write_text(LINE)
     return tmp_path
+
+
+@pytest.fixture
+def state():
+    """One before its first step."""
+    free = unconstrain(toy.gaussians(np.zeros((2, 3)), 0.1, 0.5))
+    return begin_state(Parameters(free, free, None))
 
 
 def test_an_unfinished_run_is_refused_and_keeps_its_figures(left):
@@ -46,6 +54,23 @@ def test_where_nothing_was_left_there_is_nothing_to_go_on_with(tmp_path):
     with pytest.raises(FileNotFoundError, match="holds no checkpoint.npz"):
         Journal(tmp_path / "new", resume=True, interval=0.0)
     assert not (tmp_path / "new").exists()
+
+
+def test_lines_of_steps_after_the_saved_state_are_taken_away(tmp_path, state):
+    journal = Journal(tmp_path, resume=False, interval=0.0)
+    metrics = tmp_path / "metrics.jsonl"
+    metrics.write_text(LINE)
+    journal.save(state, "coarse")
+    metrics.write_text(LINE + LINE + LINE[:9])
+    Journal(tmp_path, resume=True, interval=0.0).resumed()
+    assert metrics.read_text() == LINE
+
+
+def test_a_folder_that_has_gone_is_told(tmp_path, state):
+    journal = Journal(tmp_path / "run", resume=False, interval=0.0)
+    shutil.rmtree(tmp_path / "run")
+    with pytest.raises(OSError, match="metrics.jsonl: cannot be written"):
+        journal.record("coarse", 1, {"mse": jnp.ones(())}, 3)
 
 
 @pytest.mark.parametrize(
