@@ -65,8 +65,9 @@ def keep_programs(folder: str) -> Path | None:
     none of another), unless the environment's JAX_COMPILATION_CACHE_DIR says where, and nowhere if
     it cannot be written; an empty text is nowhere.
     """
-    if jax.config.jax_compilation_cache_dir:
-        return Path(jax.config.jax_compilation_cache_dir)
+    known = jax.config.values["jax_compilation_cache_dir"]
+    if known:
+        return Path(known)
     if not folder:
         return None
     path = Path(folder) if folder != "auto" else _cache() / "gaussray" / _processor()
