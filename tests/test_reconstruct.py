@@ -331,22 +331,3 @@ def test_the_report_says_what_the_design_says(fitted, capture, tmp_path):
     assert set(report["scene"]) == {"gaussians", "moving", "bytes"}
     assert report["effects"]["pinhole"]["psnr"] > 15
     assert (tmp_path / "contact_sheet.png").is_file()
-
-
-@pytest.mark.parametrize("unit", [1e-6, 1e6])
-def test_the_unit_of_a_scene_is_that_of_its_capture(capture, tmp_path, unit):
-    """A capture in another unit is the same capture, also if its cameras stand in one place."""
-
-    def extent(factor, spread):
-        def placed(view):
-            path = view.camera.trajectory
-            place = factor * (spread * path.translation + 3)
-            moved = eqx.tree_at(lambda c: c.trajectory.translation, view.camera, place)
-            return dataclasses.replace(view, camera=moved)
-
-        points = eqx.tree_at(lambda p: p.position, capture.points, factor * capture.points.position)
-        views = [placed(view) for view in capture.views]
-        return stage._extent(views, points)
-
-    for spread in (0.0, 1.0):
-        assert extent(unit, spread) == pytest.approx(unit * extent(1.0, spread), rel=1e-4)
