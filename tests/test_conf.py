@@ -247,4 +247,4 @@ def test_the_wheel_carries_the_configuration():
     if not project.is_file():
         pytest.skip("not a checkout")
     wheel = tomllib.loads(project.read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
-    assert wheel["force-include"] == {"conf": "gaussray/conf"}
+    assert wheel["force-include"]["conf"] == "gaussray/conf"

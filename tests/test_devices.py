@@ -195,5 +195,11 @@ def test_without_a_cluster_hosts_must_be_named(tmp_path):
 
 def test_pictures_that_another_host_keeps_to_itself_are_missed(tmp_path, monkeypatch):
     monkeypatch.setattr(filming, "PATIENCE", 0.0)
+    monkeypatch.setattr(filming, "together", lambda: True)
     with pytest.raises(OSError, match="12 files .* Choose a folder that all hosts share"):
+        filming._demand_all(tmp_path, toy.records())
+
+
+def test_pictures_that_vanish_from_a_host_of_its_own_are_missed_at_once(tmp_path):
+    with pytest.raises(OSError, match="12 files have gone .* The same command makes them again"):
         filming._demand_all(tmp_path, toy.records())

@@ -269,7 +269,9 @@ def test_a_frame_in_strips_is_the_frame(scene, render, turn):
 
 def test_strips_are_whole_tiles_that_fit_and_at_least_one():
     film, trace = Film(4096, 4096, "center"), TraceOptions(levels=1)
-    rows = [strip_rows(film, RenderOptions(samples=64, memory=m), trace, 1) for m in (1e3, 2, 1e-6)]
+    rows = [
+        strip_rows(film, RenderOptions(samples=64, memory=m), trace, 1) for m in (1e3, 2.0, 1e-6)
+    ]
     assert rows[0] == 4096 and rows[2] == 8
     assert rows[1] % 32 == 0
     assert 1.5 < rows[1] * 4096 * (RAY + 64 * SAMPLE + PIXEL) / 1e9 <= 2

@@ -8,7 +8,7 @@ import shutil
 import time as clock
 
 import pytest
-import scenes
+import rooms
 
 from gaussray.cli import main
 from gaussray.configuration import configuration
@@ -35,14 +35,14 @@ PATIENCE = 240
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    return scenes.write_scene(tmp_path_factory.mktemp("run"))
+    return rooms.write_scene(tmp_path_factory.mktemp("run"))
 
 
 @pytest.fixture(scope="module")
 def server(run, quick_compilation):
     from gaussray.view.serve import serve
 
-    words = [f"scene={run}", f"out={run}/presets", "view.port=8911", *scenes.WORDS]
+    words = [f"scene={run}", f"out={run}/presets", "view.port=8911", *rooms.WORDS]
     server = serve(configuration("view", words), words)
     yield server
     server.stop()

@@ -4,7 +4,7 @@ import threading
 
 import numpy as np
 import pytest
-import scenes
+import rooms
 
 from gaussray.capture.frames import read_stored
 from gaussray.cli import main
@@ -24,12 +24,12 @@ PATIENCE = 120
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    return scenes.write_scene(tmp_path_factory.mktemp("run"))
+    return rooms.write_scene(tmp_path_factory.mktemp("run"))
 
 
 @pytest.fixture(scope="module")
 def studio(run):
-    return scenes.studio(run)
+    return rooms.studio(run)
 
 
 class Screen:
@@ -60,7 +60,7 @@ class Screen:
 @pytest.fixture(scope="module")
 def screen(studio, quick_compilation, known_sizes):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "measure", lambda *_, **__: scenes.ROOM)
+        patch.setattr(module, "measure", lambda *_, **__: rooms.ROOM)
         patch.setattr(Session, "_anticipate", lambda *_: None)
         screen = Screen(studio)
         yield screen

@@ -4,7 +4,7 @@ import time as clock
 
 import numpy as np
 import pytest
-import scenes
+import rooms
 
 from gaussray.camera.sensor import SensorOptions
 from gaussray.filming import stored
@@ -26,14 +26,14 @@ SINGLE = 1e-5
 
 @pytest.fixture(scope="module")
 def studio(tmp_path_factory):
-    return scenes.studio(scenes.write_scene(tmp_path_factory.mktemp("run")))
+    return rooms.studio(rooms.write_scene(tmp_path_factory.mktemp("run")))
 
 
 @pytest.fixture(scope="module")
 def sketcher(studio, quick_compilation):
     shot = studio.shot(studio.begin, studio.stance, studio.size)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "measure", lambda *_, **__: scenes.ROOM)
+        patch.setattr(module, "measure", lambda *_, **__: rooms.ROOM)
         yield Sketcher(studio.scene, options=shot.options, trace=shot.trace, keys=3)
 
 
