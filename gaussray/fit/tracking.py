@@ -65,8 +65,8 @@ COLOR, BRIGHTNESS, CHANGES = 0.4, 0.1, 0.3
 # Radians of turn and body sizes of path with which the search at each blur begins, and ends at
 # least; the last pair holds for all further ones.
 WIDTHS = ((0.35, 0.05), (0.1, 0.02), (0.05, 0.005))
-# A body moves if that leaves less than this of the difference that there is if it rests: 0.5 to
-# 0.65 for the sample's balls, 1.05 to 1.15 for the floor under them.
+# A body moves if that leaves less than this of the difference that there is if it rests: 0.54 to
+# 0.64 for the sample's balls, 1.06 to 1.17 for the floor under them.
 WORTH = 0.95
 # How wide, and with how many times as many poses, a body is looked for that may have been hit.
 LOST, FAR = 0.8, 4
