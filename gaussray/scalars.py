@@ -15,7 +15,7 @@ def tensorboard(folder: Path) -> Callable[[dict[str, Any]], None]:
     PSNR and the number of Gaussians, by stage and, of a clip, by segment. ValueError if the package
     is not here."""
     try:
-        from tensorboardX import SummaryWriter
+        from tensorboardX import SummaryWriter  # type: ignore[import-not-found]
     except ImportError as error:
         raise ValueError(
             "tensorboard=true needs the package tensorboardX: pip install 'gaussray[log]', or "
