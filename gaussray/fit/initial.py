@@ -185,7 +185,9 @@ def in_common_view(
     projector = np.eye(3)[None] - direction[:, :, None] * direction[:, None, :]
     system = projector.sum(0) + 1e-6 * np.eye(3)
     center = np.linalg.solve(system, np.einsum("nij,nj->i", projector, origin))
-    radius = max(float(np.median(np.linalg.norm(origin - center, axis=1))), 1e-3)
+    # Cameras at one place have no distance; the floor is of their own size, whatever the unit.
+    least = 1e-3 * float(np.abs(origin).max()) or 1.0
+    radius = max(float(np.median(np.linalg.norm(origin - center, axis=1))), least)
     dice = np.random.default_rng(seed)
     point = dice.normal(size=(count, 3))
     point *= (

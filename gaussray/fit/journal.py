@@ -172,4 +172,5 @@ def _rate_of(name: str) -> str:
         return f"optimizer.{rates.get(part, part)}"
     if kind == "corrections" or part in ("path", "turn", "light"):
         return f"optimizer.{part}"
-    return "optimizer.planes" if rest.startswith("planes") else "optimizer.network"
+    shared = {"planes": "planes", "mean[1]": "motion"}
+    return f"optimizer.{shared.get(rest.partition('.')[0], 'network')}"

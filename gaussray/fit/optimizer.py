@@ -39,8 +39,8 @@ def scene_of(parameters: Parameters, time_range: Float[Array, "2"]) -> Scene:
 
 
 class OptimizerOptions(eqx.Module):
-    """Learning rates at the start of a stage; those of means and of the bodies' paths are
-    multiplied by the extent.
+    """Learning rates at the start of a stage; those of means, of the bodies' paths and of `motion`
+    (the last layer of the network's head for means) are multiplied by the extent: they are lengths.
 
     `decay` is the share of every rate that is left at the end of a stage (exponential schedule);
     everything follows it. `pose`, `lens`, `shutter`, `exposure` and `offset` are for `Corrections`
@@ -58,6 +58,7 @@ class OptimizerOptions(eqx.Module):
     light: float = eqx.field(static=True, default=2e-2)
     planes: float = eqx.field(static=True, default=1e-2)
     network: float = eqx.field(static=True, default=1e-3)
+    motion: float = eqx.field(static=True, default=2.5e-4)
     pose: float = eqx.field(static=True, default=3e-4)
     lens: float = eqx.field(static=True, default=3e-4)
     shutter: float = eqx.field(static=True, default=3e-2)
@@ -78,6 +79,7 @@ class OptimizerOptions(eqx.Module):
             "light",
             "planes",
             "network",
+            "motion",
             *REFINABLE,
         ):
             if getattr(self, name) < 0:
@@ -128,6 +130,11 @@ def rates(
             (planes, *bodies),
         )
         deformation = eqx.tree_at(lambda d: d.light, deformation, options.light * fall)
+        if parameters.deformation.mean is not None:
+            motion = options.motion * extent * fall
+            deformation = eqx.tree_at(
+                lambda d: (d.mean[1].weight, d.mean[1].bias), deformation, (motion, motion)
+            )
     static = gaussians(parameters.static, jnp.full_like(fall, options.decay) if formed else fall)
     moving = gaussians(parameters.moving, fall)
     corrections, held = parameters.corrections, refined_kinds(parameters.corrections)

@@ -92,7 +92,7 @@ def _compared(out: Path, line: dict[str, Any], word: str, most: int) -> Markup:
 
 def _codes(path: Path) -> np.ndarray:
     """Truth, ours and their difference, as they are stored side by side."""
-    import OpenImageIO as oiio
+    from gaussray.guard.openimageio import oiio
 
     spec = oiio.ImageBuf(str(path)).spec()
     return read_stored(path, spec.width, spec.height)

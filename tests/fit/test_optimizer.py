@@ -1,5 +1,7 @@
 """Every array learns at its own rate, and what is fixed does not move."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -45,6 +47,15 @@ def test_the_means_learn_in_proportion_to_the_extent(parameters):
         np.testing.assert_allclose(side.quat, OPTIONS.quat, rtol=1e-6)
         np.testing.assert_allclose(side.log_scale, OPTIONS.scale, rtol=1e-6)
         np.testing.assert_allclose(side.logit_opacity, OPTIONS.opacity, rtol=1e-6)
+
+
+def test_what_a_network_adds_to_means_is_learnt_in_proportion_to_the_extent(parameters):
+    rate = rate_at(parameters, 0).deformation
+    np.testing.assert_allclose([rate.mean[1].weight, rate.mean[1].bias], 3 * OPTIONS.motion)
+    assert rate.mean[0].weight == rate.scale[1].weight == rate.trunk.bias == OPTIONS.network
+    none = dataclasses.replace(parameters.deformation, mean=None)
+    moved = rate_at(dataclasses.replace(parameters, deformation=none), 0).deformation
+    assert moved.mean is None and moved.scale[1].bias == OPTIONS.network
 
 
 def test_before_anything_moves_all_gaussians_learn_alike(parameters):
@@ -178,3 +189,16 @@ def test_a_random_start_lies_where_all_cameras_look():
     assert position.shape == color.shape == (500, 3)
     again, _ = in_common_view(origin, direction.astype(np.float32), count=500, seed=1)
     np.testing.assert_array_equal(position, again)
+
+
+def test_a_random_start_is_the_same_in_every_unit():
+    origin = np.array([[0, 0, -3], [3, 0, 0], [0, 0, 3]])
+    direction = np.float32(np.array([0.1, 0.2, 0.3]) - origin)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    expected, _ = in_common_view(np.float32(origin), direction, count=20, seed=1)
+    for unit in np.exp2([-40, -20, 20, 40]):
+        place, _ = in_common_view(np.float32(unit * origin), direction, count=20, seed=1)
+        np.testing.assert_array_equal(place, np.float32(unit) * expected)
+    at_once = np.zeros((3, 3), np.float32)
+    place, _ = in_common_view(at_once, direction, count=20, seed=1)
+    assert 0.1 < np.linalg.norm(place, axis=1).max() <= 1
