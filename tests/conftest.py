@@ -31,7 +31,7 @@ if importlib.util.find_spec("beartype"):
 # Files of a minute and more.
 LONG = ("test_labels.py", "test_reconstruct.py", "test_trace.py", "test_refining.py")
 # Room for what the largest module compiles.
-MAPPINGS = 30_000
+MAPPINGS = 45_000
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")

@@ -40,7 +40,9 @@ def cut(quick_compilation, known_sizes):
     return filmer(Clip((toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0))))
 
 
-@pytest.mark.parametrize("time", [0.0, 0.3, EDGE, 0.7, 1.0])
+@pytest.mark.parametrize(
+    "time", [*(pytest.param(x, marks=pytest.mark.slow) for x in (0.0, 0.7, 1.0)), 0.3, EDGE]
+)
 def test_a_clip_shows_at_every_time_what_the_whole_scene_shows(whole, cut, time):
     for camera in (toy.camera(time=time), toy.rolling(toy.camera(time=time))):
         one, two = whole(camera), cut(camera)
@@ -48,6 +50,7 @@ def test_a_clip_shows_at_every_time_what_the_whole_scene_shows(whole, cut, time)
             np.testing.assert_allclose(getattr(two, name), getattr(one, name), atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_without_division_a_frame_across_the_edge_would_be_wrong(whole):
     """What the test above can tell."""
     camera = toy.rolling(toy.camera(time=EDGE), readout=0.4)
@@ -83,6 +86,7 @@ def test_an_exposure_across_the_edge_is_the_mean_over_its_time():
     np.testing.assert_allclose(frame.alpha, np.mean([x.alpha for x in each], axis=0), atol=ROUNDING)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunk_rows", [0, 1])
 def test_fields_on_either_side_of_the_edge_are_those_of_their_times(chunk_rows):
     scene = Clip((toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0, light=0.5)))
@@ -126,6 +130,7 @@ def test_a_film_shows_the_frames_one_by_one(cut):
         np.testing.assert_allclose(frame.color, cut(camera).color, atol=ROUNDING)
 
 
+@pytest.mark.slow
 def test_an_instant_of_a_clip_is_exported_from_its_segment(tmp_path):
     parts = toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0, light=0.5)
     for time, own in ((0.2, parts[0]), (EDGE, parts[1]), (0.8, parts[1])):

@@ -169,6 +169,7 @@ def test_codes_become_light(tmp_path):
     assert "sRGB codes, now linear light, off by" in said
 
 
+@pytest.mark.slow
 def test_an_imported_model_of_4dgaussians_moves_as_it_did(tmp_path, capsys):
     scene, tensors, table = imported(tmp_path, "color=linear")
     for time in MODEL_TIMES:

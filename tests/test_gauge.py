@@ -96,6 +96,7 @@ def test_the_psnr_is_that_of_the_pictures(seen):
     assert found == pytest.approx(-10 * np.log10(np.mean(square)), abs=0.2)
 
 
+@pytest.mark.slow
 def test_a_psnr_that_is_not_reached_is_not_measured_to_the_end(whole):
     gauge, draft = Gauge(whole[0], trace=TRACE, mesh=mesh(1)), whole_draft(toy.scene())
     faint = eqx.tree_at(lambda d: d.kept, draft, draft.kept & False)

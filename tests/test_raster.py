@@ -5,6 +5,7 @@ import dataclasses
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 import toy
 
 from gaussray.camera.lens import KannalaBrandt
@@ -60,6 +61,7 @@ def test_a_pinhole_widens_by_the_variance_times_the_squared_pixel_at_the_depth()
     assert wide.opacity is own.opacity and wide.mean is own.mean
 
 
+@pytest.mark.slow
 def test_a_fisheye_widens_by_the_distance():
     own, ahead = some()
     own_camera = camera()
@@ -72,6 +74,7 @@ def test_a_fisheye_widens_by_the_distance():
     np.testing.assert_allclose(np.asarray(wide.scale) ** 2, expected, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_key_states_widen_each_by_their_own_distance():
     own, _ = some()
     keys = dataclasses.replace(

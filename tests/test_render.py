@@ -91,6 +91,7 @@ def test_all_effects_at_once_are_finite_and_light(scene):
     assert frame.compiled and frame.hits > 0
 
 
+@pytest.mark.slow
 def test_any_size_is_a_crop_of_what_a_larger_film_sees(render_still):
     width, height = 13, 11
     large = toy.camera()
@@ -110,6 +111,7 @@ def test_states_at_key_times_agree_with_a_state_for_every_row(scene, render):
     assert np.abs(frozen.color - exact.color).max() > 30 * ROWS
 
 
+@pytest.mark.slow
 def test_interlaced_rows_agree_with_a_state_for_every_row(scene):
     camera = toy.camera(time=0.5)
     table = toy.single(interlaced(toy.SIZE, 0.4))
@@ -160,6 +162,7 @@ def blurred():
     return dataclasses.replace(plain, aperture=wide, film=Film(toy.SIZE, toy.SIZE, "box", 1.0))
 
 
+@pytest.mark.slow
 def test_samples_are_added_until_the_error_is_that_of_the_means(still):
     """The stated standard error covers what is left against 4,096 other samples, and an error that
     is never reached stops at the most samples."""
@@ -256,7 +259,9 @@ def test_an_error_needs_room_for_four_batches():
         RenderOptions(samples=16, error=0.1, samples_most=63)
 
 
-@pytest.mark.parametrize("turn", [None, "top_to_bottom", "left_to_right"])
+@pytest.mark.parametrize(
+    "turn", [None, "top_to_bottom", pytest.param("left_to_right", marks=pytest.mark.slow)]
+)
 def test_a_frame_in_strips_is_the_frame(scene, render, turn):
     filmed = toy.camera() if turn is None else toy.rolling(toy.camera(), direction=turn)
     # Eight of sixteen rows at a time.
