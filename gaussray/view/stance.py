@@ -47,17 +47,21 @@ def standing(view: View, stance: Stance, size: tuple[int, int]) -> View:
     old, zero = view.camera, jnp.zeros((), jnp.float32)
     film = Film(*size, old.film.filter, old.film.filter_width)
     side = jnp.asarray(size, jnp.float32)
-    path = Trajectory(
+    none = jax.tree.map(lambda x: x.astype(jnp.float32), no_aperture())
+    time = jnp.asarray(stance.time, jnp.float32)
+    lens = pinhole(jnp.full(2, side[0]), side / 2)
+    camera = Camera(film, lens, none, Shutter(zero, zero, zero), path_of(stance), time)
+    named = {"camera_name": NAME, "split": "test", "time": stance.time, "window": None}
+    return dataclasses.replace(view, camera=camera, **named)
+
+
+def path_of(stance: Stance) -> Trajectory:
+    """That of a camera which stays where it is."""
+    return Trajectory(
         jnp.zeros(1, jnp.float32),
         jnp.asarray([stance.quat], jnp.float32),
         jnp.asarray([stance.place], jnp.float32),
     )
-    none = jax.tree.map(lambda x: x.astype(jnp.float32), no_aperture())
-    time = jnp.asarray(stance.time, jnp.float32)
-    lens = pinhole(jnp.full(2, side[0]), side / 2)
-    camera = Camera(film, lens, none, Shutter(zero, zero, zero), path, time)
-    named = {"camera_name": NAME, "split": "test", "time": stance.time, "window": None}
-    return dataclasses.replace(view, camera=camera, **named)
 
 
 def field_of(camera: Camera) -> float:

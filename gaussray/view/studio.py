@@ -1,9 +1,11 @@
 """What the page shows, as a configuration: the same that `gaussray render` makes pictures of."""
 
+import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 from omegaconf import DictConfig, OmegaConf
 
@@ -17,7 +19,7 @@ from gaussray.scene.scene import Scene
 from gaussray.scene.store import load_scene
 from gaussray.view.controls import GROUPS, Values, chosen, plain, settled
 from gaussray.view.options import ViewOptions
-from gaussray.view.stance import Stance, field_of, stance_of, standing
+from gaussray.view.stance import Stance, field_of, path_of, stance_of, standing
 
 
 # How the page's one camera is found among the views, which are one.
@@ -26,6 +28,10 @@ FREE = {"camera.split": "test", "camera.names": [], "camera.times": [], "traject
 LEAST = 512
 # What a control may not keep from the capture, and what it is instead.
 KEEPS = {"lens.model": ("lens", "pinhole"), "shutter.kind": ("shutter", "global")}
+
+
+# Values of controls, as keys of what was made of them.
+Items = tuple[tuple[str, Any], ...]
 
 
 class Studio:
@@ -49,6 +55,7 @@ class Studio:
         kept = [word for word in words if not word.startswith("physical")]
         self._variations = Variations("view", kept)
         self._made = functools.lru_cache(64)(self._configured)
+        self._held = functools.lru_cache(256)(self._still)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -64,7 +71,7 @@ class Studio:
             width = max(round(height * w / h), 1)
         return width or w, height or h
 
-    @property
+    @functools.cached_property
     def stance(self) -> Stance:
         """Where the page looks from first."""
         return stance_of(self.start.camera)
@@ -78,8 +85,11 @@ class Studio:
 
     def shot(self, values: Mapping[str, Any], stance: Stance, size: tuple[int, int]) -> Shot:
         """What is filmed from here; a ValueError, with key and rule, where no camera can do it."""
-        view = standing(self.start, stance, size)
-        return shot_of(self.configured(values), lambda _: self.scene, lambda *_: [view])
+        still = self._held(_frozen(values), stance.time, size)
+        (record,) = still.records
+        # Nothing but the path depends on where the camera stands: a mouse changes that alone.
+        camera = eqx.tree_at(lambda c: c.trajectory, record.camera, path_of(stance))
+        return still._replace(records=[dataclasses.replace(record, camera=camera)])
 
     def sharp_shot(self, values: Mapping[str, Any], stance: Stance, size: tuple[int, int]) -> Shot:
         """The same through an ideal pinhole."""
@@ -87,10 +97,14 @@ class Studio:
 
     def configured(self, values: Mapping[str, Any]) -> DictConfig:
         """The configuration with the controls at these values; not to be changed."""
-        told = settled(values).items()
-        return self._made(tuple((k, tuple(v) if isinstance(v, list) else v) for k, v in told))
+        return self._made(_frozen(values))
 
-    def _configured(self, items: tuple[tuple[str, Any], ...]) -> DictConfig:
+    def _still(self, items: Items, time: float, size: tuple[int, int]) -> Shot:
+        """A shot of a time from where the page looks first."""
+        view = standing(self.start, self.stance._replace(time=time), size)
+        return shot_of(self._made(items), lambda _: self.scene, lambda *_: [view])
+
+    def _configured(self, items: Items) -> DictConfig:
         told = {key: list(v) if isinstance(v, tuple) else v for key, v in items}
         return self._variations.with_values({**told, **FREE})
 
@@ -120,3 +134,8 @@ class Studio:
         if values["aperture.radius"] == -1:
             values["aperture.radius"] = 0.0
         return values
+
+
+def _frozen(values: Mapping[str, Any]) -> Items:
+    told = settled(values).items()
+    return tuple((key, tuple(v) if isinstance(v, list) else v) for key, v in told)

@@ -17,9 +17,16 @@ def test_what_is_unknown_is_small():
     assert Pacer(ladder((512, 512)), 100.0).size(4) == (64, 64)
 
 
+def taught(fixed, slope, *, budget=100.0, sizes=((64, 64), (96, 96))):
+    """A pacer that has seen two sizes on a machine with this cost of a picture and of a ray."""
+    pacer = Pacer(ladder((512, 512)), budget)
+    for w, h in sizes:
+        pacer.measured((w, h), 1, fixed + slope * w * h)
+    return pacer
+
+
 def test_the_largest_size_within_the_budget():
-    pacer = Pacer(ladder((512, 512)), budget=100.0)
-    pacer.measured((64, 64), 1, 64 * 64 * 1e-3)  # a microsecond a ray
+    pacer = taught(0.0, 1e-3)
     # 100 ms are 100,000 rays; larger ones want a reserve of 1.3: 256^2 = 65,536 fit.
     assert pacer.size(1) == (256, 256)
     # Twice the rays of 192^2 = 73,728 fit without reserve, for nothing grows.
@@ -27,26 +34,47 @@ def test_the_largest_size_within_the_budget():
     assert pacer.size(10_000) == (64, 64)
 
 
-def test_a_cost_that_changes_is_followed():
+def test_what_every_picture_costs_is_told_from_what_a_ray_costs():
+    pacer = taught(40.0, 5e-4)
+    assert pacer.milliseconds(256 * 256) == pytest.approx(40 + 5e-4 * 256 * 256)
+    # By the time of the smallest alone, 42 ms for 4,096 rays, 96 x 96 would take 95 ms.
+    assert pacer.size(1) == (256, 256)
+
+
+def test_a_machine_that_is_too_slow_gets_the_smallest():
+    assert taught(200.0, 5e-4).size(1) == (64, 64)
+
+
+def test_after_one_picture_larger_ones_are_expected_to_cost_less_than_their_rays():
     pacer = Pacer(ladder((512, 512)), budget=100.0)
+    pacer.measured((64, 64), 1, 40.0)
+    assert 40.0 < pacer.milliseconds(2 * 64 * 64) < 80.0
+    assert pacer.size(1) == (96, 96)
+
+
+def test_a_cost_that_changes_is_followed_at_all_sizes():
+    pacer = taught(0.0, 2e-3)
     for _ in range(40):
-        pacer.measured((64, 64), 1, 64 * 64 * 2e-3)
-    assert pacer.cost == pytest.approx(2e-3)
-    pacer.measured((64, 64), 2, 64 * 64 * 2 * 1e-3)
-    assert 1e-3 < pacer.cost < 2e-3
+        pacer.measured((64, 64), 1, 64 * 64 * 1e-3)
+    assert pacer.milliseconds(64 * 64) == pytest.approx(64 * 64 * 1e-3, rel=1e-3)
+    assert pacer.milliseconds(96 * 96) == pytest.approx(96 * 96 * 1e-3, rel=1e-3)
 
 
 def test_a_size_that_just_fits_does_not_flicker():
-    pacer = Pacer(ladder((512, 512)), budget=100.0)
-    cost = 100 / 256**2
-    pacer.measured((256, 256), 1, 0.99 * cost * 256**2)
-    # Too little reserve to grow to 256, and enough to stay there.
+    pacer = taught(0.0, 0.9 * 100 / 256**2, sizes=((192, 192), (128, 128)))
+    # Too little reserve to grow to 256 ...
     assert pacer.size(1) == (192, 192)
-    pacer.measured((192, 192), 1, 0.5 * cost * 192**2)
-    assert pacer.size(1) == (256, 256) or pacer.cost > cost / 1.3
     for _ in range(20):
-        pacer.measured((192, 192), 1, 0.7 * cost * 192**2)
+        pacer.measured((192, 192), 1, 0.7 * 100 * (192 / 256) ** 2)
     assert pacer.size(1) == (256, 256)
+    # ... and enough to stay there.
     for _ in range(40):
-        pacer.measured((256, 256), 1, 0.95 * cost * 256**2)
+        pacer.measured((256, 256), 1, 95.0)
         assert pacer.size(1) == (256, 256)
+
+
+def test_times_that_fall_with_size_are_noise():
+    pacer = Pacer(ladder((512, 512)), budget=100.0)
+    pacer.measured((64, 64), 1, 30.0)
+    pacer.measured((96, 96), 1, 25.0)
+    assert pacer.milliseconds(512 * 512) >= 25.0
