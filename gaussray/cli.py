@@ -100,9 +100,13 @@ def _run(verb: str, overrides: Sequence[str]) -> None:
     check_style(str(cfg.get("progress", "auto")))
     limit(options(Limits, cfg.limits))
     if verb == "render" and cfg.factory.count:
+        from gaussray.dataset.takes import MANIFEST
         from gaussray.production import produce
 
-        say(produce(cfg, overrides), "result", verb=verb, out=cfg.out)
+        told = produce(cfg, overrides)
+        if cfg.report and (Path(str(cfg.out)) / MANIFEST).is_file():
+            _page("takes", Path(str(cfg.out)), {})
+        say(told, "result", verb=verb, out=cfg.out)
         return
     if verb == "view":
         _view(cfg, overrides)
@@ -282,7 +286,7 @@ def _evaluate(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     return {"scene": scene, "capture": truth}
 
 
-def _calibrate(cfg: DictConfig, devices: int | None) -> None:
+def _calibrate(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     from gaussray.calibrate import CalibrateOptions, calibrate
     from gaussray.findings import table
     from gaussray.scene.store import load_scene
@@ -293,6 +297,7 @@ def _calibrate(cfg: DictConfig, devices: int | None) -> None:
     out = run_folder(cfg)
     report = calibrate(scene, capture, out, options=chosen, trace=trace, quiet=cfg.quiet)
     _say(table(report), out=str(out), report=report)
+    return {"scene": scene, "capture": capture}
 
 
 def _import(cfg: DictConfig, devices: int | None) -> None:
@@ -325,10 +330,13 @@ def _pack(cfg: DictConfig, devices: int | None) -> None:
     _say(f"{cfg.out}: {len(written)} tar files.")
 
 
-def _demo(cfg: DictConfig, devices: int | None) -> None:
+def _demo(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
+    from gaussray.capture.calibration import read_capture
     from gaussray.demo import demo
     from gaussray.evaluate import EvaluateOptions
     from gaussray.render import RenderOptions
+    from gaussray.sample import sample
+    from gaussray.scene.store import load_scene
 
     chosen = {
         "reconstruction": reconstruct_options(cfg),
@@ -338,6 +346,8 @@ def _demo(cfg: DictConfig, devices: int | None) -> None:
     out = run_folder(cfg)
     how: dict[str, Any] = {"devices": devices, "quiet": cfg.quiet, "told": _scalars(cfg, out)}
     demo(cfg.capture.path, out, **chosen, **how)
+    capture = read_capture(cfg.capture.path or sample("capture"))
+    return {"scene": load_scene(out), "capture": capture}
 
 
 def _say(text: str, **facts: Any) -> None:

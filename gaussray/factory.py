@@ -111,7 +111,7 @@ def produce(
     own = options.indices
     for index in own:
         take(index, of, shoot, options=options)
-    progress, stages = Progress("takes", len(own), quiet=quiet), _Stages(devices)
+    progress, stages = Progress("takes", len(own), quiet=quiet, anew=True), _Stages(devices)
     for done, index in enumerate(own, 1):
         one = take(index, of, shoot, options=options)
         frames = len(one.shot.records)

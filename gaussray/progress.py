@@ -75,7 +75,8 @@ class Progress:
     Of `parts` = (units, cost of one), each may compile programs of its own; one part of equal units
     is the default. What is left takes the seconds per cost of the later half of what was done,
     without compilation, and for every part that has not begun what those before it took to compile.
-    It is told from the second report on.
+    Where every unit may be of a new kind (`anew`), compilation is work like any other. It is told
+    from the second report on.
     """
 
     def __init__(
@@ -86,9 +87,10 @@ class Progress:
         quiet: bool = False,
         patience: float = 0.0,
         parts: Sequence[tuple[int, float]] = (),
+        anew: bool = False,
         write: Callable | None = None,
     ):
-        self.name, self.total, self.patience = name, total, patience
+        self.name, self.total, self.patience, self.anew = name, total, patience, anew
         self.style = "quiet" if quiet else style() if write is None else "lines"
         self.parts = list(parts) or [(total, 1.0)]
         self.write = write or (sys.stdout if self.style == "json" else sys.stderr).write
@@ -101,7 +103,7 @@ class Progress:
     def report(self, done: int, note: str = "") -> None:
         """Say that `done` of the total are finished."""
         now = time.monotonic()
-        spent, compiling = now - self.begin, compiled() - self.before
+        spent, compiling = now - self.begin, 0.0 if self.anew else compiled() - self.before
         cost, whole = self._cost(done), self._cost(self.total)
         self.costs.append(cost)
         self.worked.append(spent - compiling)

@@ -33,6 +33,11 @@ def asked_by(words: Sequence[str]) -> Iterator[None]:
         _words.reset(token)
 
 
+def command() -> str:
+    """The command line that asked; empty if none did."""
+    return shlex.join(("gaussray", *_words.get())) if _words.get() else ""
+
+
 def versions() -> dict[str, str]:
     """What the figures were made with."""
     found = {}
@@ -66,9 +71,7 @@ def commit() -> dict[str, Any]:
 def note_begin(out: Path) -> None:
     """Write run.json of a run that begins."""
     began = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
-    told: dict[str, Any] = (
-        {"command": shlex.join(("gaussray", *_words.get()))} if _words.get() else {}
-    )
+    told: dict[str, Any] = {"command": command()} if command() else {}
     told |= {"began": began, **commit(), "python": platform.python_version()}
     _write(out, told | {"versions": versions()})
 

@@ -21,6 +21,7 @@ from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.fit.unknowns import applied, units, unknowns
 from gaussray.guard.limits import Limits, limit, limits
 from gaussray.render import Renderer, RenderOptions
+from gaussray.report.run import document
 from gaussray.scene.clip import Clip
 from gaussray.scene.store import save_scene
 
@@ -124,6 +125,15 @@ def test_what_is_recorded_wrong_is_found(run):
     assert_found(report, truth | {"focal": float(run[2][0].lens.focal[0])})
     assert report["psnr"]["after"] > report["psnr"]["before"] + 10
     assert [level["pixels"] for level in report["levels"]] == [2, 1]
+
+
+def test_a_page_says_what_was_found(run):
+    page, report = run[0] / "found" / "report.html", document(run[0] / "found" / "report.json")
+    text = page.read_text()
+    assert text.endswith("</html>\n") and "NaN" not in text and "gaussray calibrate" in text
+    for row in report["parameters"]:
+        assert f">{row['name']}<" in text and f">{row['value']:.6g}<" in text
+    assert text.count("<svg") >= 4 and "The camera" in text and "Cameras" in text
 
 
 @pytest.fixture

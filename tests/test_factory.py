@@ -23,6 +23,8 @@ from gaussray.distribution import distributions, drawn
 from gaussray.factory import Shot, produce, take
 from gaussray.quota import FactoryOptions
 from gaussray.render import RenderOptions
+from gaussray.report import write_page
+from gaussray.report.taken import SHOWN
 from gaussray.scene.store import save_scene
 
 
@@ -105,6 +107,15 @@ def test_a_manifest_lists_takes_by_their_index_with_what_was_drawn(tmp_path, fil
     frames = list(read_frames(tmp_path))
     assert all((tmp_path / frame["file_path"]).is_file() for frame in frames)
     assert [frame["take"]["index"] for frame in frames] == list(range(12))
+
+
+def test_a_page_shows_takes_and_how_they_are_distributed(tmp_path, filmed):
+    made(tmp_path, count=30, seed=3)
+    text = write_page("takes", tmp_path).read_text()
+    radii = [take["drawn"]["aperture.radius"] for take in read_takes(tmp_path)]
+    assert text.count("data:image/") == SHOWN and "NaN" not in text
+    assert ">aperture.radius<" in text and f">{np.median(radii):.4g}<" in text
+    assert text == write_page("takes", tmp_path).read_text()
 
 
 def test_shards_in_any_order_leave_what_one_process_leaves(tmp_path, filmed):

@@ -63,6 +63,14 @@ def test_compilation_does_not_slow_what_is_left(monkeypatch):
     assert lines[-1].endswith("0:44 spent, 0:01 left\n")
 
 
+def test_where_all_may_be_of_a_new_kind_compilation_is_work(monkeypatch):
+    compiled = iter([0.0, 5.0, 5.0, 35.0])
+    monkeypatch.setattr(module, "compiled", lambda: next(compiled))
+    # From the second report to the third 2 units in 32 seconds.
+    lines = spoken(monkeypatch, [(6, 1), (12, 7), (44, 9)], anew=True)
+    assert lines[-1].endswith("0:44 spent, 0:16 left\n")
+
+
 def test_parts_have_costs_and_compile_anew(monkeypatch):
     compiled = iter([0.0, 4.0, 4.0])
     monkeypatch.setattr(module, "compiled", lambda: next(compiled))

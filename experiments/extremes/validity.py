@@ -132,6 +132,7 @@ def main() -> None:
     parser.add_argument("--only", default="", help="functions whose name or group holds this")
     parser.add_argument("--out", type=Path, default=Path(__file__).parent)
     told = parser.parse_args()
+    told.out.mkdir(parents=True, exist_ok=True)
     began, lines, drawn = time.perf_counter(), [line(HEAD), line(["---"] * len(HEAD))], []
     chosen = [x for x in sweeps() if told.only in f"{x.group} {x.name}"]
     # Nearly all of the time is compilation, which other threads need not wait for.

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from gaussray.provenance import noted
+from gaussray.provenance import command, noted
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, facts, folded, note
 
@@ -19,8 +19,9 @@ def subtitle(out: Path) -> str:
 def reproduce(out: Path, timings: list[tuple[str, Any]]) -> Section:
     """The command, the code, its packages, the times, and the configuration that was resolved."""
     told, body = noted(out), list[Any]()
-    if told.get("command"):
-        body += [tag("h3", "Command"), tag("pre", told["command"], class_="command")]
+    asked = told.get("command") or command()
+    if asked:
+        body += [tag("h3", "Command"), tag("pre", asked, class_="command")]
     changed = ", with changes" if told.get("changed") else ""
     code = [("commit", told["git"] + changed)] if "git" in told else []
     versions = told.get("versions", {})

@@ -67,8 +67,8 @@ def films(out: Path, groups: Mapping[str, Sequence[View]]) -> Section | None:
     chosen = {name: _some(shown[name], FRAMES) for name in list(shown)[:FILMS]}
     count = sum(map(len, chosen.values()))
     figures = [
-        film([(f"time {v.time:.4g}", _picture(v)) for v in views], name.replace("_", " "),
-             most=BYTES // count)
+        film([(f"time {v.time:.4g}", codes_of(v.image, v.width, v.height)) for v in views],
+             name.replace("_", " "), most=BYTES // count)
         for name, views in chosen.items()
     ]  # fmt: skip
     left = len(shown) - len(chosen)
@@ -129,9 +129,10 @@ def _some(views: list[View], count: int) -> list[View]:
     return [views[i] for i in place]
 
 
-def _picture(view: View) -> np.ndarray:
-    stored = read_stored(view.image, view.width, view.height)
-    return codes(stored) if view.image.suffix == ".exr" else _as_codes(stored)
+def codes_of(path: Path, width: int, height: int) -> np.ndarray:
+    """The codes that a screen shows of a picture of this size."""
+    stored = read_stored(path, width, height)
+    return codes(stored) if path.suffix == ".exr" else _as_codes(stored)
 
 
 def _as_codes(picture: np.ndarray) -> np.ndarray:

@@ -5,7 +5,7 @@ from typing import Any
 
 from gaussray.atomic import whole
 from gaussray.capture.calibration import Capture, View, read_cameras, read_capture
-from gaussray.report import fitted, scored, shown
+from gaussray.report import adjusted, fitted, scored, shown, taken
 from gaussray.report.markup import Markup
 from gaussray.report.page import Section, page, tiles
 from gaussray.report.run import clock, document, reproduce, size, subtitle
@@ -21,6 +21,8 @@ TITLES = {
     "reconstruct": "Reconstruction",
     "evaluate": "Evaluation",
     "render": "Pictures",
+    "takes": "Takes",
+    "calibrate": "Calibration",
 }
 
 
@@ -80,11 +82,38 @@ def _rendered(out: Path, scene: Scene | Clip | None, capture: Capture | None) ->
     ]
 
 
+def _taken(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _Sections:
+    takes = taken.takes_of(out)
+    return [
+        taken.figures(takes),
+        taken.pictures(out, takes),
+        taken.distributions(takes),
+        reproduce(out, []),
+    ]
+
+
+def _calibrated(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _Sections:
+    report = document(out / "report.json")
+    name = report["effect"]
+    listed = out / ("transforms.json" if name == "pinhole" else f"{name}.json")
+    views = read_cameras(listed)
+    return [
+        adjusted.figures(report),
+        adjusted.parameters(report),
+        adjusted.levels(report),
+        shown.effects({name: views}, capture.time_unit) if capture else None,
+        shown.cameras(views, scene, shown.SPLITS),
+        reproduce(out, []),
+    ]
+
+
 _SECTIONS = {
     "demo": _demonstrated,
     "reconstruct": _reconstructed,
     "evaluate": _scored,
     "render": _rendered,
+    "takes": _taken,
+    "calibrate": _calibrated,
 }
 
 
