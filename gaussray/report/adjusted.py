@@ -2,9 +2,6 @@
 
 from typing import Any
 
-import numpy as np
-
-from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import tag
 from gaussray.report.page import Section, note, table, tiles
 
@@ -44,14 +41,11 @@ def parameters(report: dict[str, Any]) -> Section:
 
 
 def levels(report: dict[str, Any]) -> Section | None:
-    """How the deviation fell from coarse pictures to fine ones."""
+    """What was left at every size of the pictures, coarse ones first."""
     told = report["levels"]
     if not told:
         return None
     rows = [(f"1/{one['pixels']}", str(one["steps"]), f"{one['deviation']:.3f}") for one in told]
-    place = np.arange(1, len(told) + 1)
-    fall = Curve("deviation", place, np.array([one["deviation"] for one in told], float))
-    drawn = chart("deviation of encoded pictures (codes of 255)", [fall], x_label="level")
     heads = "size of the pictures", "steps", "deviation"
-    shown = tag("div", [drawn], class_="grid") if len(told) > 1 else None
-    return Section("From coarse to fine", [shown, table(heads, rows)])
+    words = "Deviation of the encoded pictures, in codes of 255."
+    return Section("From coarse to fine", [table(heads, rows), note(words)])
