@@ -85,7 +85,7 @@ class Fit:
             side=options.trace.bundle,
             memory=options.fit.memory,
             folder=journal.out,
-            report=self._progress("read", len(part.views), patience=2.0).report,
+            report=self.progress("read", len(part.views), patience=2.0).report,
         )
         every = self.footage.camera if len(part.views) == len(views) else stacked(views)
         names, owner = np.unique([view.camera_name for view in views], return_inverse=True)
@@ -106,7 +106,7 @@ class Fit:
         self.times = self.loader.sampler.times
         self.mesh = mesh_of_hosts(devices)
 
-    def _progress(self, work: str, total: int, patience: float = 0.0) -> Progress:
+    def progress(self, work: str, total: int, patience: float = 0.0) -> Progress:
         name = f"{self.name}: {work}" if self.name else work
         return Progress(name, total, quiet=self.quiet, patience=patience)
 
@@ -249,7 +249,7 @@ class Fit:
             pivot, radius = (np.array(held[name], np.float32) for name in ("pivot", "radius"))
             before = pivot.reshape(-1, 3), radius
         groups = bodies(place if known else place[:0], instants, known=before)
-        progress = self._progress("track", len(instants) - 1)
+        progress = self.progress("track", len(instants) - 1)
         tracked = track(
             groups,
             np.asarray(body_of(groups, moving.mean)),
@@ -277,7 +277,7 @@ class Fit:
         """All steps of a stage, in blocks; between blocks density control, files, progress."""
         fit = self.options.fit
         steps = fit.coarse if stage == "coarse" else fit.fine
-        progress = self._progress(stage, steps)
+        progress = self.progress(stage, steps)
         trial: Trial | None = None
         count = _count(state)
         views, cameras = everywhere((self.footage.camera, self.cameras), self.mesh)

@@ -16,7 +16,7 @@ from gaussray.fit.journal import Journal
 from gaussray.fit.refinement import found, gains, refined_frames
 from gaussray.fit.state import State
 from gaussray.fitting import Fit, ReconstructOptions as ReconstructOptions
-from gaussray.progress import say
+from gaussray.progress import Progress, say
 from gaussray.requirement import required, sentence, total
 from gaussray.scene.clip import Clip
 from gaussray.scene.scene import Scene
@@ -123,6 +123,14 @@ def _fitted(fit: Fit, state: State | None, stage: str) -> State:
 def _required(fit: Fit, state: State, devices: int | None) -> tuple[Scene, dict[str, Any]]:
     """What of a fitted scene its pictures require, and the report."""
     scene, unmet = fit.scene(state)
+    work: list[Progress] = []
+
+    def told(done: int, total: int, what: str) -> None:
+        # The first measurement says how many there are; by then the work has begun.
+        if not work:
+            work.append(fit.progress("need", total, patience=2.0))
+        work[0].report(done, what)
+
     return required(
         scene,
         fit.footage,
@@ -133,6 +141,7 @@ def _required(fit: Fit, state: State, devices: int | None) -> tuple[Scene, dict[
         seed=fit.options.fit.seed,
         keys=fit.keys(state),
         devices=devices,
+        told=told,
     )
 
 

@@ -1,5 +1,6 @@
 """What a scene requires: what training rays do not miss is taken away, with what that saves."""
 
+import itertools
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -55,18 +56,26 @@ class NeedOptions(eqx.Module):
             )
 
 
+# Is told how many of how many measurements were made, and what the last one was of.
+Told = Callable[[int, int, str], None]
+# Measurements that halving takes to come within a hundredth.
+HALVINGS = 8
+
+
 class _Trials:
     """What is taken from a draft, one thing after another, and what each costs."""
 
-    def __init__(self, draft: Draft, gauge: Gauge, bound: float):
+    def __init__(self, draft: Draft, gauge: Gauge, bound: float, told: Told):
         self.draft, self.gauge, self.bound = draft, gauge, bound
-        self.psnr, self.facts = gauge.psnr(draft), facts(draft.scene)
+        self._told, self._plan, self._measured = told, _measurements(draft.scene), 0
+        self.begin("nothing")
+        self.psnr, self.facts = self._cost(draft, "what does nothing"), facts(draft.scene)
         self.steps: list[dict[str, Any]] = []
         self._record("what does nothing", draft, self.psnr, True)
 
     def take(self, step: str, without: Draft) -> bool:
         """Take one thing away, if that costs little enough."""
-        psnr = self.gauge.psnr(without)
+        psnr = self._cost(without, step)
         taken = self.psnr - psnr <= self.bound
         self._record(step, without, psnr, taken)
         return taken
@@ -78,7 +87,7 @@ class _Trials:
         tried = count
         while count and high - low > max(count // 100, 1):
             draft = without(tried)
-            psnr = self.gauge.psnr(draft, least=self.psnr - self.bound)
+            psnr = self._cost(draft, step, least=self.psnr - self.bound)
             if self.psnr - psnr <= self.bound:
                 low, best = tried, (draft, psnr)
             else:
@@ -87,6 +96,18 @@ class _Trials:
         if best is not None:
             self._record(step, *best, True)
 
+    def begin(self, part: str) -> None:
+        """What comes before a part of the plan is over, whether it took all of its measurements."""
+        ends = dict(zip(self._plan, itertools.accumulate(self._plan.values()), strict=True))
+        self._end = ends[part]
+        self._measured = self._end - self._plan[part]
+
+    def _cost(self, draft: Draft, step: str, **how: float) -> float:
+        psnr = self.gauge.psnr(draft, **how)
+        self._measured = min(self._measured + 1, self._end)
+        self._told(self._measured, sum(self._plan.values()), step)
+        return psnr
+
     def _record(self, step: str, draft: Draft, psnr: float, taken: bool) -> None:
         before, after = self.facts, facts(finish_draft(draft))
         changed = {k: [before[k], after[k]] for k in before if before[k] != after[k]}
@@ -94,6 +115,17 @@ class _Trials:
         self.steps.append({"step": step, "taken": taken, "loss": lost, **changed})
         if taken:
             self.draft, self.psnr, self.facts = draft, psnr, after
+
+
+def _measurements(scene: Scene) -> dict[str, int]:
+    """How many are made at most of each part of the way through a scene."""
+    degree = {
+        name: int(np.sqrt(getattr(scene, name).harmonics.shape[1])) - 1
+        for name in ("static", "moving")
+    }
+    own = facts(scene)
+    field = {"rest": HALVINGS, "reduce": own["heads"] + 2 * own["scales"]}
+    return {"nothing": 1, "prune": HALVINGS, **field, **degree, "rounding": 1}
 
 
 def facts(scene: Scene) -> dict[str, int]:
@@ -127,6 +159,7 @@ def required(
     seed: int,
     keys: int = 1,
     devices: int | None = None,
+    told: Told = lambda *_: None,
 ) -> tuple[Scene, dict[str, Any]]:
     """The scene without what training pictures do not miss, as it is kept, and a report.
 
@@ -138,7 +171,7 @@ def required(
     harmonics of the higher degrees, and the bits that a compact file does not keep. Each is taken
     away if that costs at most `options.loss` dB on the same rays. The report holds the `facts` and
     the PSNR `before` and `after`, every step with its loss in dB and what it changes, taken or not,
-    and the `precision` to keep the scene in; of a loss of 0 only that.
+    and the `precision` to keep the scene in; of a loss of 0 only that. Every measurement is `told`.
     """
     if not options.loss:
         precision = options.precision
@@ -148,14 +181,21 @@ def required(
     field = scene.deformation
     times = np.zeros(0) if field is None else np.asarray(field.instants)
     draft, change = begin_draft(scene, times)
-    trials = _Trials(draft, Gauge(some, trace=trace, mesh=mesh(devices), keys=keys), options.loss)
+    trials = _Trials(
+        draft, Gauge(some, trace=trace, mesh=mesh(devices), keys=keys), options.loss, told
+    )
     report: dict[str, Any] = {"before": facts(scene) | {"psnr": round(trials.psnr, 4)}}
+    trials.begin("prune")
     _prune(trials, further, unmet)
     if isinstance(field, Deformation):
+        trials.begin("rest")
         _rest(trials, change)
+        trials.begin("reduce")
         _reduce(trials, times)
     for part in ("static", "moving"):
+        trials.begin(part)
         _lower(trials, part)
+    trials.begin("rounding")
     scene = finish_draft(trials.draft)
     stored = as_stored(scene, precision=options.precision)
     precision = options.precision if trials.take("rounding", whole_draft(stored)) else "full"

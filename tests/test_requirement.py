@@ -21,6 +21,7 @@ pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 TRACE = toy.SHORT.trace
 OPTIONS = NeedOptions(loss=0.05, tiles=8, weigh=24)
 HIDDEN, IDLE = 6, 4
+measured = []
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +64,15 @@ def _only_near(field):
 
 @pytest.fixture(scope="module")
 def told(seen, lavish):
-    return required(lavish, seen, seen.camera, options=OPTIONS, trace=TRACE, seed=0, devices=1)
+    measured.clear()
+    how = {"options": OPTIONS, "trace": TRACE, "seed": 0, "devices": 1}
+    return required(lavish, seen, seen.camera, **how, told=lambda *of: measured.append(of))
+
+
+def test_the_way_is_told_to_its_end(told):
+    done, total, what = zip(*measured, strict=True)
+    assert len(set(total)) == 1 and list(done) == sorted(done) and done[0] == 1
+    assert done[-1] == total[-1] and what[0] == "what does nothing" and what[-1] == "rounding"
 
 
 def test_what_nobody_sees_goes_and_what_does_not_move_rests(told, lavish):
