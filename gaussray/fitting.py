@@ -18,6 +18,7 @@ from gaussray.capture.loader import Loader
 from gaussray.capture.points import Points
 from gaussray.capture.segments import Segment, training_views
 from gaussray.devices import agreed, everywhere
+from gaussray.fit.appearance import Shown
 from gaussray.fit.cameras import camera_set, rays_per_pixel
 from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions, alive, with_rows
@@ -27,7 +28,7 @@ from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, scene_of
 from gaussray.fit.refinement import Corrections, no_corrections, refined_kinds, refined_views
 from gaussray.fit.state import State, begin_state, refine_state, take
-from gaussray.fit.tracking import Shown, TrackOptions, track
+from gaussray.fit.tracking import TrackOptions, track
 from gaussray.geometry import rotation_matrix
 from gaussray.progress import Progress
 from gaussray.requirement import NeedOptions

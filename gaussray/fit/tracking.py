@@ -15,12 +15,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray, Shaped
-from scipy.ndimage import gaussian_filter
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 
 from gaussray.camera.camera import Camera, project
 from gaussray.camera.trajectory import pose_at
-from gaussray.color import srgb_decode
+from gaussray.fit import appearance
+from gaussray.fit.appearance import CHANGES, Shown
 from gaussray.geometry import multiply, normalize_quaternion, product, rotation_matrix, turning
 from gaussray.scene.bodies import Bodies
 
@@ -58,10 +58,6 @@ class TrackOptions(eqx.Module):
 GRAZING = 0.25
 # A larger difference says that something else is in front, not how much it differs.
 MISMATCH = 0.3
-# Linear light below which a colour means little.
-DARK = 0.005
-# What counts for how much: colour (sum over channels), brightness, and that a pixel changes at all.
-COLOR, BRIGHTNESS, CHANGES = 0.4, 0.1, 0.3
 # Radians of turn and body sizes of path with which the search at each blur begins, and ends at
 # least; the last pair holds for all further ones.
 WIDTHS = ((0.35, 0.05), (0.1, 0.02), (0.05, 0.005))
@@ -88,15 +84,6 @@ class Known(NamedTuple):
     look: Float[Array, "*bodies points 5"]
     pivot: Float[Array, "*bodies 3"]
     size: Float[Array, "*bodies"]
-
-
-class Shown(NamedTuple):
-    """What some frames show: sRGB-encoded values, which pixels differ from what they show most of
-    the time, and which count (None if all do)."""
-
-    picture: Shaped[np.ndarray, "frames h w 3"]
-    moved: Bool[np.ndarray, "frames h w"]
-    visible: Bool[np.ndarray, "frames h w"] | None
 
 
 class Sight(NamedTuple):
@@ -140,21 +127,21 @@ def track(
     identity = jnp.zeros((count, 4), jnp.float32).at[:, 0].set(1)
     poses = [Pose(jnp.zeros((count, 3), jnp.float32), identity)]
     time, key = np.asarray(camera.time), jax.random.key(seed)
-    moved, rested = np.zeros(count), np.zeros(count)
+    mismatch = np.zeros((2, count))  # of the poses that are found, and of rest
     for i in range(1, len(instants)):
         own = np.flatnonzero(time == instants[i].astype(time.dtype))
         views = jax.tree.map(lambda x, own=own: x[own], camera)
-        layers = _layers(look(own), shrink, options.blur)
+        layers = appearance.layers(look(own), shrink, options.blur)
         starts = (_ahead(poses, instants[: i + 1]), poses[-1])
         keys = jax.random.split(jax.random.fold_in(key, i), count)
         poses.append(_search(keys, known, starts, views, layers, options, shrink))
-        for total, pose in ((moved, poses[-1]), (rested, poses[0])):
-            total += np.asarray(_mismatch(pose, poses[-1], known, views, layers[-1], shrink))
+        either = jax.tree.map(lambda *x: jnp.stack(x), poses[-1], poses[0])
+        mismatch += np.asarray(_mismatch(either, poses[-1], known, views, layers[-1], shrink))
         report(i)
     path = jnp.stack([pose.path for pose in poses], axis=1).astype(bodies.path.dtype)
     turn = jnp.stack([pose.turn for pose in poses], axis=1).astype(bodies.turn.dtype)
     found = eqx.tree_at(lambda b: (b.path, b.turn), bodies, (path, turn))
-    real = np.flatnonzero(moved < WORTH * rested)
+    real = np.flatnonzero(mismatch[0] < WORTH * mismatch[1])
     return Bodies(**{n: x if n == "time" else x[real] for n, x in vars(found).items()})
 
 
@@ -167,8 +154,8 @@ def _known(bodies, member, place, normal, color, points: int, seed: int) -> Know
         arm = place[own] - pivot
         outward = np.where(np.sum(arm * normal[own], axis=1, keepdims=True) < 0, -1, 1)
         size = np.sqrt(np.mean(np.sum(arm * arm, axis=1)))
-        look = np.pad(_look(color[own]), ((0, 0), (0, 1)), constant_values=CHANGES)
-        parts.append((place[own], normal[own] * outward, look, pivot, size))
+        like = np.pad(appearance.look(color[own]), ((0, 0), (0, 1)), constant_values=CHANGES)
+        parts.append((place[own], normal[own] * outward, like, pivot, size))
     return Known(*(jnp.asarray(np.stack(x), jnp.float32) for x in zip(*parts, strict=True)))
 
 
@@ -212,18 +199,18 @@ def _search(
 
 @eqx.filter_jit
 def _mismatch(
-    pose: Pose, found: Pose, known: Known, views: Camera, layer: Array, shrink: int
-) -> Float[Array, " bodies"]:
-    """Mean difference of colour and brightness of every body at a pose, others being where they
+    poses: Pose, found: Pose, known: Known, views: Camera, layer: Array, shrink: int
+) -> Float[Array, "poses bodies"]:
+    """Mean difference of colour and brightness of every body at poses, others being where they
     were `found`. That pixels change says nothing here: shadows make them do so, too."""
     known, layer = known._replace(look=known.look[..., :-1]), layer[..., :-1]
 
-    def one(body: Array) -> Array:
-        own, at = (jax.tree.map(lambda x: x[body], tree) for tree in (known, pose))
+    def one(at: Pose, body: Array) -> Array:
+        own = jax.tree.map(lambda x: x[body], known)
         sight = _sight(at, own, body, known, found, views, layer, shrink)
         return _cost(jnp.zeros(6, at.path.dtype), at, own, sight, layer)
 
-    return jax.vmap(one)(jnp.arange(len(known.size)))
+    return jax.vmap(jax.vmap(one), (0, None))(poses, jnp.arange(len(known.size)))
 
 
 def _from(key, body, known, start, lost, views, layers, options, shrink) -> tuple[Pose, Array]:
@@ -315,36 +302,3 @@ def _cost(change, pose, own, sight: Sight, layer) -> Float[Array, ""]:
     told = sight.seen & ~jnp.isnan(difference)
     difference = jnp.where(told, jnp.minimum(difference, MISMATCH), MISMATCH / 2)
     return jnp.sum(sight.weight * difference) / jnp.sum(sight.weight)
-
-
-def _layers(shown: Shown, shrink: int, blur: tuple[float, ...]) -> list[Array]:
-    """What the pixels look like, at every blur; NaN where they are hidden."""
-    scale = 255 if shown.picture.dtype == np.uint8 else 1
-    light = srgb_decode(_shrunk(shown.picture, shrink) / scale)
-    changes = CHANGES * _shrunk(shown.moved[..., None], shrink)
-    sharp = np.concatenate([_look(light), changes], axis=-1)
-    layers = [gaussian_filter(sharp, (0, sigma, sigma, 0)) for sigma in blur]
-    if shown.visible is not None:
-        some = _shrunk(~shown.visible[..., None], shrink) > 0
-        layers = [np.where(some, np.nan, layer) for layer in layers]
-    return [jnp.asarray(layer, jnp.float32) for layer in layers]
-
-
-def _shrunk(picture: np.ndarray, factor: int) -> np.ndarray:
-    """Means of blocks of factor x factor pixels."""
-    _, height, width, channels = picture.shape
-    height, width = height // factor, width // factor
-
-    # One by one: in single precision all would take four times their own room.
-    def one(frame: np.ndarray) -> np.ndarray:
-        block = frame[: height * factor, : width * factor].astype(np.float32)
-        return block.reshape(height, factor, width, factor, channels).mean(axis=(1, 3))
-
-    return np.stack([one(frame) for frame in picture])
-
-
-def _look(light: np.ndarray) -> np.ndarray:
-    """Red, green and blue over their mean, and a little of their brightness."""
-    light = np.maximum(light, 0)
-    mean = light.mean(axis=-1, keepdims=True)
-    return np.concatenate([COLOR * light / (mean + DARK), BRIGHTNESS * np.sqrt(mean)], axis=-1)

@@ -8,7 +8,8 @@ import toy
 from scipy.spatial.transform import Rotation
 
 from gaussray.color import srgb_encode
-from gaussray.fit.tracking import Shown, TrackOptions, track
+from gaussray.fit.appearance import Shown
+from gaussray.fit.tracking import TrackOptions, track
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.bodies import resting
 from gaussray.scene.gaussians import Gaussians
