@@ -8,11 +8,12 @@ import pytest
 import toy
 from omegaconf import OmegaConf
 
-from gaussray.cli import RUN, VERBS, _resumes, main
+from gaussray.cli import main
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.scene.store import save_scene, write_arrays
-from gaussray.usage import EXITS, MOST_USED
+from gaussray.usage import EXITS, MOST_USED, VERBS
+from gaussray.verbs import RUN, resumes
 from gaussray.vocabulary import keys
 
 
@@ -403,7 +404,7 @@ def test_an_interruption_says_how_to_go_on(fails, capture, monkeypatch):
 def test_the_same_words_serve_a_run_at_every_moment(tmp_path, resume, left, told):
     for name in left:
         (tmp_path / name).touch()
-    assert _resumes(OmegaConf.create({"out": str(tmp_path), "resume": resume})) is told
+    assert resumes(OmegaConf.create({"out": str(tmp_path), "resume": resume})) is told
 
 
 def test_any_other_resumption_is_refused(capture, fails):

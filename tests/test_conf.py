@@ -15,8 +15,7 @@ from gaussray.calibrate import CalibrateOptions
 from gaussray.camera.sensor import SensorOptions
 from gaussray.capture.formats import FORMATS
 from gaussray.capture.selection import Selection
-from gaussray.cli import VERBS, conf_folder, configuration, options
-from gaussray.configuration import Variations
+from gaussray.configuration import Variations, configuration, options
 from gaussray.devices import DevicesOptions
 from gaussray.distribution import distributions, drawn
 from gaussray.evaluate import EvaluateOptions
@@ -25,7 +24,9 @@ from gaussray.physical import PhysicalOptions
 from gaussray.quota import FactoryOptions
 from gaussray.render import RenderOptions
 from gaussray.tracer.trace import TraceOptions
+from gaussray.usage import VERBS
 from gaussray.view.options import ViewOptions
+from gaussray.vocabulary import conf_folder
 
 
 # Every group of conf/, its class, and the leaf that holds the defaults of the class.

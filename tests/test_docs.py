@@ -17,7 +17,7 @@ import toy
 
 from gaussray import configuration as configurations, reconstruct as stage, sample as samples
 from gaussray.camera.sensor import SensorOptions
-from gaussray.cli import main, reconstruct_options
+from gaussray.cli import main
 from gaussray.configuration import configuration, options
 from gaussray.dataset.manifest import write_manifest
 from gaussray.evaluate import EvaluateOptions
@@ -26,6 +26,7 @@ from gaussray.rig import cameras_of
 from gaussray.sample import sample
 from gaussray.scene.store import save_scene
 from gaussray.usage import VERBS
+from gaussray.verbs import reconstruct_options
 from gaussray.vocabulary import choices, groups, keys
 
 

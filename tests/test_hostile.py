@@ -16,7 +16,7 @@ from gaussray.capture.calibration import read_capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.paths import read_path
 from gaussray.capture.videos import read_frames, read_video
-from gaussray.cli import configuration
+from gaussray.configuration import configuration
 from gaussray.dataset.pack import pack
 from gaussray.guard.limits import Limits, limit, limits
 from gaussray.ply import read_vertices

@@ -32,6 +32,7 @@ LEVELS = [
     {"demo", "physical", "findings", "possible", "factory", "configuration", "report"},
     {"calibrate", "production", "completion"},
     {"view"},
+    {"verbs"},
     {"cli"},
     {"__main__"},
 ]

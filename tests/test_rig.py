@@ -11,9 +11,10 @@ import toy
 from gaussray import rig
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
 from gaussray.capture.calibration import read_views
-from gaussray.cli import conf_folder, configuration, options
+from gaussray.configuration import configuration, options
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
+from gaussray.vocabulary import conf_folder
 
 
 look = jax.jit(jax.vmap(lambda lens, pixel: lens.direction(pixel), in_axes=(None, 0)))

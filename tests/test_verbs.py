@@ -10,11 +10,12 @@ from omegaconf import OmegaConf
 
 from gaussray.capture.calibration import read_cameras, read_capture
 from gaussray.capture.frames import read_codes, read_image
-from gaussray.cli import VERBS, main
+from gaussray.cli import main
 from gaussray.color import srgb_encode
 from gaussray.dataset.metrics import psnr
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
+from gaussray.usage import VERBS
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")

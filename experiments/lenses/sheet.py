@@ -106,11 +106,12 @@ def twisted(path):
 def main(out):
     jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
 
-    from gaussray.cli import conf_folder, configuration, options
+    from gaussray.configuration import configuration, options
     from gaussray.dataset.images import contact_sheet, write_image
     from gaussray.render import Renderer, RenderOptions
     from gaussray.rig import LensOptions, RigOptions, rig
     from gaussray.scene.scene import Scene
+    from gaussray.vocabulary import conf_folder
 
     every = room()
     none = jax.tree.map(lambda x: x[:0], every)

@@ -66,11 +66,12 @@ def _run(work):
 def run(job: tuple[Path, Path, list[str]], end: float) -> None:
     """One way on one capture: reconstruct, then score."""
     from gaussray.capture.formats import open_capture
-    from gaussray.cli import configuration, reconstruct_options
+    from gaussray.configuration import configuration
     from gaussray.evaluate import EvaluateOptions, evaluate
     from gaussray.reconstruct import reconstruct
     from gaussray.render import RenderOptions
     from gaussray.tracer.trace import TraceOptions
+    from gaussray.verbs import reconstruct_options
 
     folder, out, overrides = job
     if time.time() > end:
