@@ -17,7 +17,7 @@ _SCRIPT = """\
 #   gaussray --completion {shell} > ~/.gaussray-completion
 #   echo 'source ~/.gaussray-completion' >> ~/.{shell}rc
 {begin}_gaussray() {{
-    local line="${{COMP_LINE:0:COMP_POINT}}" word verb words="" first
+    local line="${{COMP_LINE:0:$COMP_POINT}}" word verb words="" first one
     word="${{line##* }}"
     read -r _ verb _ <<< "$line "
     COMPREPLY=()
@@ -26,11 +26,12 @@ _SCRIPT = """\
     else
         case "$word" in
             {paths})
-                local at="${{word%%=*}}=" file
-                while IFS= read -r file; do
+                local at="${{word%%=*}}=" file path="${{word#*=}}"
+                [[ "$path" == "~/"* ]] && path="$HOME/${{path#"~/"}}"
+                for file in "$path"*; do
                     [[ -d "$file" ]] && file="$file/"
-                    COMPREPLY+=("$at$file")
-                done < <(compgen -f -- "${{word#*=}}")
+                    [[ -e "$file" ]] && COMPREPLY+=("$at$file")
+                done
                 ;;
             *)
                 case "$verb" in
@@ -40,7 +41,10 @@ _SCRIPT = """\
         esac
     fi
     if [[ -n "$words" ]]; then
-        COMPREPLY=($(compgen -W "$words" -- "$word"))
+        # Not compgen: zsh's does not choose.
+        for one in $words; do
+            [[ "$one" == "$word"* ]] && COMPREPLY+=("$one")
+        done
         # First the group, then its keys or its choices: lens. and lens=, and not each of them.
         if [[ "$word" != *=* && ${{#COMPREPLY[@]}} -gt 1 ]]; then
             [[ "$word" == *.* ]] && first="" || first='s/\\.[^=]*=.*/./;'

@@ -53,6 +53,21 @@ def test_files_are_offered_where_a_key_names_one(tmp_path):
     assert sorted(found) == [f"{tmp_path}/scene.npz", f"{tmp_path}/scenes/"]
 
 
+@pytest.mark.skipif(not shutil.which("zsh"), reason="there is no zsh")
+@pytest.mark.parametrize(
+    "line", ["gaussray re", "gaussray render aper", "gaussray render lens=equi"]
+)
+def test_zsh_offers_what_bash_does(line):
+    # As bashcompinit calls a function of bash.
+    ask = f"""ask() {{ emulate -L sh; setopt kshglob noshglob braceexpand
+    COMP_LINE={line!r}; COMP_POINT=${{#COMP_LINE}}; COMPREPLY=()
+    _gaussray; printf '%s\\n' "${{COMPREPLY[@]}}"; }}; ask"""
+    zsh = ["zsh", "-f", "-c", f"{script('zsh').split('bashcompinit', 2)[2]}\n{ask}"]
+    zsh[-1] = zsh[-1].replace("complete -o", "true complete -o")
+    done = subprocess.run(zsh, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == completed(line, " ")
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_key_and_choice_is_a_word(verb):
     told = {word.split("=")[0] for word in words(verb)}
