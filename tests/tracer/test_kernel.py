@@ -1,5 +1,6 @@
 """The CUDA kernels: what they see and learn is what the brute force says; where they are chosen."""
 
+import types
 from dataclasses import replace
 
 import equinox as eqx
@@ -72,6 +73,15 @@ def test_every_macro_of_the_source_is_given(monkeypatch):
     opening = text[: text.index("typedef")]
     named = {word.strip(",.") for word in opening.split() if word.strip(",.").isupper()}
     assert source.name == "kernel.cu" and set(macros) == named - {"CUDA"}
+
+
+@pytest.mark.skipif(cuda._nvrtc() is None, reason="there is no libnvrtc")
+@pytest.mark.parametrize("keys", [1, 3])
+def test_the_source_compiles_also_where_there_is_no_device(monkeypatch, keys):
+    device = types.SimpleNamespace(compute_capability="9.0")
+    monkeypatch.setattr(cuda.jax, "local_devices", lambda: [device])
+    code = kernel.Program(64, 1, 64, 8, 32, 1, keys, 4, 1, 16, 16, 0.99, 1e-4).code
+    assert code.count(".visible .entry") == 4
 
 
 def test_single_precision_on_a_device_chooses_the_kernel(elsewhere):
