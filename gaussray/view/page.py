@@ -12,6 +12,7 @@ from gaussray.view import controls as table
 from gaussray.view.meter import Reading, sentence
 from gaussray.view.overlay import Around, Mark
 from gaussray.view.panel import build, surround
+from gaussray.view.physics import spoken
 from gaussray.view.preset import command, folder_of, presets, read_preset, save_preset
 from gaussray.view.session import Session, Wish
 from gaussray.view.sketch import Sketcher
@@ -119,7 +120,8 @@ class Page:
             return
         self._told = now
         text = sentence(said, self._k) if isinstance(said, Reading) else f"**{said}**"
-        self.handles["status"].content = text
+        real = spoken(self.values, self.studio.physical)
+        self.handles["status"].content = f"{text}  \n{real}" if real else text
 
     def _play(self) -> None:
         """Time goes on while the box is ticked."""

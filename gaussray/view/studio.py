@@ -44,8 +44,8 @@ class Studio:
     def __init__(self, cfg: DictConfig, words: Sequence[str]):
         self.options = options(ViewOptions, cfg.view)
         self.source, self.cameras, self.fps = cfg.scene, cfg.cameras, float(cfg.fps)
-        given = options(physical.PhysicalOptions, cfg.physical)
-        wanted = physical.applied(rig_options(cfg), given)
+        self.physical = options(physical.PhysicalOptions, cfg.physical)
+        wanted = physical.applied(rig_options(cfg), self.physical)
         self.scene: Scene | Clip = load_scene(cfg.scene)
         self.views: list[View] = rigs.cameras_of(cfg.scene, cfg.cameras)
         self.start = self._first(wanted.camera)
