@@ -27,6 +27,10 @@ TURN, SHIFT = 1e-3, 1e-3
 _LEAST = 1e-30
 
 
+# Focal lengths in widths of a picture beyond which hardly a lens is: 136 degrees wide, or 3.
+NEAR, FAR = 0.2, 20.0
+
+
 class Filmed(NamedTuple):
     """A camera: the folder that is its own, and what COLMAP has registered of it by path."""
 
@@ -67,6 +71,7 @@ def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     poses = {image: _pose(model.file, image) for image in model.images}
     extent = float(np.linalg.norm(np.ptp([pose[:, 3] for pose in poses.values()], axis=0)))
     registered = views_of(Keys(model.file, {}), _keys(model, poses), dtype)
+    _check_lenses(model)
     view_of = dict(zip(poses, registered, strict=True))
     views = []
     for name, camera in cameras.items():
@@ -78,6 +83,19 @@ def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
             views += _moving(name, placed, frames[name])
     times = [view.time for view in views]
     return Capture(folder, views, {}, model.points, (min(times), max(times)), "normalised")
+
+
+def _check_lenses(model: Model) -> None:
+    """Warn of lenses that COLMAP has hardly found: with few pictures it bends them at will."""
+    for number, lens in model.cameras.items():
+        share = lens["fl_x"] / lens["w"]
+        if not NEAR <= share <= FAR:
+            Keys(model.file, {}).warn(
+                f"camera {number} has a focal length of {lens['fl_x']:.4g} pixels for a picture "
+                f"{lens['w']} wide: hardly a lens that anybody has. Let COLMAP find one for all "
+                "cameras that are alike (--single_camera 1 --camera_model SIMPLE_PINHOLE), or tell "
+                "it what is known."
+            )
 
 
 def _check_counts(folder: Path, model: Model, counts: dict[str, int]) -> None:

@@ -265,6 +265,16 @@ def test_a_camera_that_makes_no_lens_is_named(tmp_path, width, values, says):
         read_colmap(tmp_path)
 
 
+@pytest.mark.parametrize("focal", [9.0, 1e6])
+def test_a_lens_that_is_made_up_is_warned_of(tmp_path, focal):
+    cameras = {3: ("PINHOLE", W, H, (focal, focal, 23.0, 17.0))}
+    folder = model(tmp_path, registered("cam_0/0.png", "cam_1/0.png", camera=3), cameras)
+    for name in ("cam_0", "cam_1"):
+        pictures(folder / "images", f"{name}/0.png", f"{name}/1.png")
+    with pytest.warns(CaptureWarning, match="camera 3 has a focal length"):
+        read_colmap(folder)
+
+
 @STATIC
 def test_pictures_of_another_size_or_none(tmp_path):
     capture = read_colmap(model(tmp_path, registered("a.png", "b.png")))
