@@ -16,12 +16,16 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.shares import Share
 from gaussray.tracer.bundle import tiles
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.trace import TraceOptions, on_kernel
 from gaussray.tracer.traverse import Capacity
 
 
 # Batches of samples whose spread is a standard error.
 BATCHES = 4
+# Samples of a pixel that are traced at once and share what their bundle may meet. That saves a GPU
+# most of the search; on a CPU the longer lists cost more (16 samples of a lens take 1.9 times as
+# long).
+_TOGETHER = 16
 # Bytes that a frame takes for each ray under way, its share of the lists included (1,000 Gaussians,
 # 256 x 256 pixels, XLA's own count on a CPU: 584 in all; a kernel keeps less, by the sizes of its
 # arrays), for each group of samples of a pixel, and for each pixel.
@@ -102,11 +106,16 @@ def whole_picture(film: Film, trace: TraceOptions) -> tuple[Part, TraceOptions]:
     return part_of(film, order, trace)
 
 
-def strip_rows(film: Film, options: RenderOptions, trace: TraceOptions, together: int) -> int:
-    """The rows of a picture that are traced at once, of which `together` samples share their lists:
-    all of them, or whole tiles, as many as `render.memory` allows for, and at least one."""
-    ray = RAY if together == 1 else RAY_OF_KERNEL
-    each = ray * together + SAMPLE * options.samples / together + PIXEL
+def together(options: RenderOptions, trace: TraceOptions) -> int:
+    """How many samples of a pixel are traced at once."""
+    return math.gcd(options.samples, _TOGETHER) if on_kernel(trace, jnp.float32) else 1
+
+
+def strip_rows(film: Film, options: RenderOptions, trace: TraceOptions) -> int:
+    """The rows of a picture that are traced at once: all of them, or whole tiles, as many as
+    `render.memory` allows for, and at least one."""
+    ray, group = RAY_OF_KERNEL if on_kernel(trace, jnp.float32) else RAY, together(options, trace)
+    each = ray * group + SAMPLE * options.samples / group + PIXEL
     most = int(options.memory * 1e9 / (each * film.width))
     if most >= film.height:
         return film.height

@@ -30,7 +30,7 @@ from gaussray.parts import (
     strip_rows,
     whole_picture,
 )
-from gaussray.picture import about_to_trace, render_frames, render_part, together
+from gaussray.picture import about_to_trace, render_frames, render_part
 from gaussray.scene.clip import Clip, edges_of, segments_of
 from gaussray.scene.scene import Scene, key_count
 from gaussray.shares import Share, shares
@@ -164,7 +164,7 @@ class Renderer:
         """Frames that are being rendered, in one part, in strips or in chunks of rows."""
         film = views[0].camera.film
         if views[0].keys:
-            rows = strip_rows(film, self.options, self.trace, together(self.options, self.trace))
+            rows = strip_rows(film, self.options, self.trace)
         else:
             rows = min(self.options.chunk_rows, film.height)
         batch = _Batch(views, alone, rows)

@@ -17,7 +17,6 @@ from gaussray.camera.aperture import Aperture
 from gaussray.camera.film import Film
 from gaussray.camera.lens import pinhole
 from gaussray.parts import strip_rows
-from gaussray.picture import together
 from gaussray.render import Renderer, RenderOptions
 from gaussray.tracer.trace import TraceOptions
 
@@ -37,7 +36,7 @@ def main() -> None:
     chosen = parser.parse_args()
     side, trace = chosen.side, TraceOptions()
     options = RenderOptions(samples=chosen.samples, memory=chosen.memory)
-    strip = strip_rows(Film(side, side, "center"), options, trace, together(options, trace))
+    strip = strip_rows(Film(side, side, "center"), options, trace)
     rows = chosen.rows or strip
     began = time.monotonic()
     scene = scene_of(chosen.gaussians)
