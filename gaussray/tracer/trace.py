@@ -1,6 +1,5 @@
 """Rays through Gaussians: candidates, then the march of the bundles; and what it costs."""
 
-import math
 from collections.abc import Callable
 from functools import partial
 
@@ -147,7 +146,6 @@ def _trace_arrays(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
     count = rays.time.shape[1]
     lists, skipped = find(motion, rays, options=options, capacity=capacity)
     rows, layout = table(motion), columns(motion)
-    bits = max(math.ceil(math.log2(max(capacity.slots, 2))), 1)
     leading = partial(jnp.moveaxis, source=-1, destination=0)
 
     def one(rays: Rays):
@@ -161,7 +159,7 @@ def _trace_arrays(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
             (lists.index, lists.start, lists.count),
             options,
             layout,
-            bits,
+            capacity.slots,
         )
         flat = channels.reshape(4, -1)[:, :count]
         pixels = Pixels(flat[:3].T, transmittance.reshape(-1)[:count], flat[3])

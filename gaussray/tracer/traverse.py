@@ -186,18 +186,29 @@ def nearest(
     return jax.lax.fori_loop(0, chunks, chunk, jnp.full((k, *after.shape), none, after.dtype))
 
 
+def slot_mask(count: Int[Array, "*lists"]) -> Int[Array, "*lists"]:
+    """The low bits that tell the slots of so many entries apart.
+
+    From the list itself, not from the room that there is for it: what rays see must not depend on
+    which frame or step the room was measured with.
+    """
+    most = jnp.maximum(count - 1, 1)
+    # The position of the highest bit, twice that, and all bits below.
+    return (2 << (jnp.iinfo(most.dtype).bits - 1 - jax.lax.clz(most))) - 1
+
+
 def pack(
     order: Int[Array, "*hits"],
     slot: Int[Array, "*slots"],
     low: Int[Array, "*rays"],
     high: Int[Array, "*rays"],
-    bits: int,
+    mask: Int[Array, "*lists"],
 ) -> Int[Array, "*hits"]:
-    """One integer that sorts by distance and remembers the slot in its low `bits`.
+    """One integer that sorts by distance and remembers the slot in the low bits of the `mask`.
 
     `order` holds the float bits of t > 0, which sort as t does, between `low` and `high` on this
     ray. Their difference is stretched over all the bits there are before the low ones are given to
-    the slot, so distances are told apart to about (high - low) 2^(bits - 29) in float32, however
+    the slot, so distances are told apart to about (high - low) mask 2^-29 in float32, however
     far away they lie. Closer ones are ordered by slot; shading restores their exact order within a
     round.
     """
@@ -205,4 +216,4 @@ def pack(
     shift = jnp.maximum(jax.lax.clz(jnp.maximum(high - low, 0)) - 2, 0)
     # The bounds may be compiled apart from the distances, and differ by their rounding.
     above = jnp.clip(order, low, high) - low
-    return ((above << shift) & ~((1 << bits) - 1)) | slot.astype(order.dtype)
+    return ((above << shift) & ~mask.astype(order.dtype)) | slot.astype(order.dtype)
