@@ -53,7 +53,10 @@ def test_the_size_that_a_host_could_not_give_is_read_too():
     ("error", "told"),
     [
         (EXHAUSTED, "Lower render.memory. The same command goes on"),
-        (caused(OSError(errno.ENOSPC, "no")), "disk is full: make room. The same command goes on"),
+        (
+            caused(OSError(errno.ENOSPC, "no")),
+            "written. The disk is full: make room. The",
+        ),
     ],
 )
 def test_the_command_ends_in_one_line(error, told, monkeypatch, capsys):

@@ -5,6 +5,7 @@
 
 import argparse
 import importlib
+import importlib.metadata
 import json
 import os
 import random
@@ -19,7 +20,7 @@ import jax
 import numpy as np
 
 from experiments.factory.kill import changed
-from experiments.faults.toy import INTERVAL, Forked, words_of, write_capture
+from experiments.faults.toy import BLOCK, INTERVAL, Forked, words_of, write_capture
 from gaussray.alone import FILE as LOCK
 from gaussray.cli import main as command
 
@@ -95,7 +96,7 @@ class Work:
             # After a resumption the clock of the lines begins anew.
             since = since if since <= after[0]["seconds"] else 0.0
             self.lost.append(after[-1]["seconds"] - since)
-            self.steps.append(4 * len(after))
+            self.steps.append(BLOCK * len(after))
         else:
             self.lost.append(0.0)
             self.steps.append(0)
@@ -175,9 +176,14 @@ def prepare(folder: Path) -> None:
     """Import what the works need, for them all; none of it may bring a device up. Programs are
     compiled in little time rather than well, once, and kept."""
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder / "compiled")
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
     jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_disable_most_optimizations", True)
+    if importlib.metadata.version("jaxlib").startswith("0.10."):
+        # Its older way to emit code compiles in half the time; XLA ends over flags it has not.
+        flags = os.environ.get("XLA_FLAGS", "")
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_cpu_use_fusion_emitters=false"
     # JAX is not at work in this process.
     warnings.filterwarnings("ignore", message=r"os\\.fork\\(\\) was called")
     for name in ("reconstruct", "evaluate", "factory", "production", "dataset.scores"):

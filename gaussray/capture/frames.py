@@ -8,13 +8,13 @@ from pathlib import Path
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-import OpenImageIO as oiio
 from jaxtyping import Bool, Float, UInt8
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.videos import frame_of, read_frame, read_frames, read_video
 from gaussray.capture.window import Window, averaged
 from gaussray.color import srgb_decode, srgb_encode
+from gaussray.guard.binding import oiio
 from gaussray.guard.files import opened
 from gaussray.guard.pictures import complaint, open_picture
 

@@ -7,11 +7,11 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 from jaxtyping import Array, Bool, UInt8
 
 from gaussray.atomic import whole
 from gaussray.color import srgb_encode
+from gaussray.guard.binding import oiio
 
 
 def codes(
@@ -146,7 +146,7 @@ def _write(path, image, kind):
     write_pixels(path, image, spec)
 
 
-def write_pixels(path: Path, image: np.ndarray, spec: oiio.ImageSpec) -> None:
+def write_pixels(path: Path, image: np.ndarray, spec: "oiio.ImageSpec") -> None:
     """A file of these pixels [h, w, channels], whole or not at all; OSError if it cannot be.
 
     The same pixels are the same bytes: an EXR bears no date.

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 
 from gaussray.dataset.images import write_pixels
+from gaussray.guard.binding import oiio
 from gaussray.guard.pictures import complaint, open_picture
 
 

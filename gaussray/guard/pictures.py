@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-import OpenImageIO as oiio
-
+from gaussray.guard.binding import oiio
 from gaussray.guard.files import opened
 from gaussray.guard.limits import limits, within
 
@@ -24,7 +23,7 @@ SIGNATURES = {
 }
 
 
-def open_picture(path: Path | str, config: oiio.ImageSpec | None = None) -> oiio.ImageInput:
+def open_picture(path: Path | str, config: "oiio.ImageSpec | None" = None) -> "oiio.ImageInput":
     """A picture whose header keeps to the limits, none of its pixels read yet.
 
     The format is that of the first bytes, and the name must say the same. OSError for what is no

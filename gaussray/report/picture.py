@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import OpenImageIO as oiio
 from jaxtyping import UInt8
 
 from gaussray.dataset.images import write_image
+from gaussray.guard.binding import oiio
 from gaussray.report.markup import Markup, tag
 
 
