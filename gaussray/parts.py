@@ -16,6 +16,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.shares import Share
 from gaussray.tracer.bundle import tiles
+from gaussray.tracer.grid import OCCUPANCY
 from gaussray.tracer.trace import TraceOptions, on_kernel
 from gaussray.tracer.traverse import Capacity
 
@@ -26,6 +27,9 @@ BATCHES = 4
 # most of the search; on a CPU the longer lists cost more (16 samples of a lens take 1.9 times as
 # long).
 _TOGETHER = 16
+# Cells of the grid times bundles of the coarsest level, at most, where levels can be added: the
+# answers of so many tests are in memory at once.
+_TESTS = 1 << 26
 # Bytes that a frame takes for each ray under way, its share of the lists included (1,000 Gaussians,
 # 256 x 256 pixels, XLA's own count on a CPU: 584 in all; a kernel keeps less, by the sizes of its
 # arrays), for each group of samples of a pixel, and for each pixel.
@@ -122,6 +126,29 @@ def strip_rows(film: Film, options: RenderOptions, trace: TraceOptions) -> int:
     coarse = trace.bundle * 4**trace.levels
     step = coarse if most >= coarse else trace.bundle
     return min(max(most // step, 1) * step, film.height)
+
+
+def strips(
+    film: Film, options: RenderOptions, trace: TraceOptions, gaussians: int
+) -> tuple[int, TraceOptions]:
+    """The rows of a picture that are traced at once (`strip_rows`), and how: the more Gaussians,
+    the coarser the bundles that all of their cells are tested against first."""
+    rows = strip_rows(film, options, trace)
+    cells, levels = -(-gaussians // OCCUPANCY), trace.levels
+
+    def tests(side: int) -> int:
+        return -(-film.width // side) * -(-rows // side) * cells
+
+    def side(levels: int) -> int:
+        return trace.bundle * 4**levels
+
+    if on_kernel(trace, jnp.float32):
+        return rows, trace
+    while levels < 4 and tests(side(levels)) > _TESTS and side(levels + 1) <= rows:
+        levels += 1
+    if trace.levels < levels and rows < film.height:
+        rows -= rows % side(levels)
+    return rows, dataclasses.replace(trace, levels=levels)
 
 
 def strip(film: Film, rows: int, trace: TraceOptions, top: int) -> tuple[Part, TraceOptions]:

@@ -24,7 +24,7 @@ from gaussray.scene.scene import Scene, at, moving_at
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import Report, over
+from gaussray.tracer.trace import Report, grid_of, over
 
 
 @functools.lru_cache(maxsize=64)
@@ -94,13 +94,20 @@ def _traced(motion: Motion, camera: Camera, part: Part, pace: Pace) -> tuple[Pix
     """The part's pixels, each the mean of its samples."""
     u, shared = _points(part, pace), together(pace.options, pace.trace)
     mine = None if part.share is None else part.share.seen
+    # Once for all samples.
+    grid = grid_of(motion, pace.trace)
 
     def trace_some(
         some: tuple[Array, Array | None],
     ) -> tuple[tuple[Pixels, Array | None], Report]:
         rays = _rays(camera, part.pixel, *some)
         pixels, report = trace_sharded(
-            motion, rays, options=pace.trace, capacity=pace.capacity, mesh=pace.mesh
+            motion,
+            rays,
+            options=pace.trace,
+            capacity=pace.capacity,
+            mesh=pace.mesh,
+            grid=grid,
         )
         weight = rays.weight
         if weight is not None:

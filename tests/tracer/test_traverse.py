@@ -9,6 +9,7 @@ import reference
 from pictures import seen_through
 from scenes import OPTIONS, RAYS, moving, rays, shot, wandering
 
+from gaussray.tracer import traverse
 from gaussray.tracer.trace import enlarge, find, measure
 from gaussray.tracer.traverse import Capacity, nearest, pack
 
@@ -60,6 +61,15 @@ def test_every_hit_is_in_the_list_of_its_bundle(picture):
     hit = np.isfinite(reference.hits(motion, lines, alpha_min=ALPHA_MIN)[0])
     assert np.any(hit)
     assert np.all(listed[hit])
+
+
+def test_lists_that_are_tested_block_by_block_are_the_lists(monkeypatch):
+    motion, lines = scene(), shot(PICTURES["depth_of_field"]())
+    whole, _ = search(motion, lines, options=OPTIONS, capacity=WHOLE)
+    monkeypatch.setattr(traverse, "_AT_ONCE", 7)  # divides no list
+    blocks, _ = jax.jit(lambda *seen: find(*seen, options=OPTIONS, capacity=WHOLE))(motion, lines)
+    for a, b in zip(jax.tree.leaves(whole), jax.tree.leaves(blocks), strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 def test_lists_are_short_where_rays_are_neighbours():
