@@ -92,9 +92,10 @@ class Work:
         data = metrics.read_bytes()
         before, after = (whole_lines(part) for part in (data[:told], data[told:]))
         if after:
-            since = before[-1]["seconds"] if before else 0.0
-            # After a resumption the clock of the lines begins anew.
-            since = since if since <= after[0]["seconds"] else 0.0
+            # Of work: between two stages, and before the first, programs are loaded.
+            since = after[0]["seconds"]
+            if before and before[-1]["stage"] == after[0]["stage"]:
+                since = min(since, before[-1]["seconds"])
             self.lost.append(after[-1]["seconds"] - since)
             self.steps.append(BLOCK * len(after))
         else:
@@ -143,7 +144,8 @@ def tried(work: Work, times: int, chance: random.Random) -> int:
     while work.kills < times:
         attempt += 1
         before = finished(work.out) if work.out.exists() else {}
-        if not work.kill(chance.uniform(0, seconds), attempt % 3 == 0):
+        # What is gone on with takes less than the whole.
+        if not work.kill(chance.uniform(0, 0.7 * seconds), attempt % 3 == 0):
             # It came to its end: the next one begins anew.
             compare(work)
             work.out.rename(work.folder / f"whole_{attempt}")
@@ -206,7 +208,9 @@ def main() -> None:
     print(f"states are saved every {INTERVAL} s; seed {chosen.seed}; {folder}")
     print("| work | kills | while writing | seconds undisturbed | lost at most | files | differ |")
     print("|---|---|---|---|---|---|---|", flush=True)
-    wrong = 0
+    wrong, unknown = 0, set(works) - set(WORKS)
+    if unknown:
+        raise SystemExit(f"--works has no {', '.join(sorted(unknown))}; it has {', '.join(WORKS)}")
     for i, name in enumerate(works):
         share = chosen.times // len(works) + (i < chosen.times % len(works))
         wrong += tried(Work(name, folder, folder / "capture"), share, chance)
