@@ -61,7 +61,7 @@ def _guarded(words: list[str]) -> None:
             _raise(error)
         told = str(error)
         if is_full(error):
-            told = f"{told.rstrip('.')}. The disk is full: make room. {_again(words[0])}"
+            told = f"{told.rstrip('. ')}. The disk is full: make room. {_again(words[0])}"
         _fail(told)
     except Exception as error:
         _raise(error)
