@@ -214,7 +214,7 @@ class Machine:
             shutil.copytree(self.capture / "run", large / "run")
             write_manifest(large / "run" / "cameras.json", records(side))
             words = words_of("render", large, self.folder / case)
-            words += ["render.memory=1000000.0", "render.samples=64"]
+            words += ["render.memory=1e6", "render.samples=64", "limits.picture=2000"]
             run = subprocess.run(
                 [sys.executable, "-c", LIMITED, str(GIGABYTES * 10**9), *words],
                 stderr=subprocess.PIPE, text=True,
