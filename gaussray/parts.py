@@ -51,8 +51,7 @@ class RenderOptions(eqx.Module):
 
     A frame whose rays would take more than `memory` gigabytes at once (`strip_rows`) is traced in
     strips of rows, one after another: the same picture, and each strip looks anew for what its rays
-    meet. What the scene itself takes comes on top,
-    and with millions of Gaussians what the lists of its rays do.
+    meet. What the scene itself takes comes on top, and what the lists of millions of Gaussians do.
 
     `dilation` (square pixels) and `harmonics` (along each ray, or from the camera's center to a
     Gaussian's) show a model as the rasteriser that it was fitted through: 3DGS has 0.3 and center.

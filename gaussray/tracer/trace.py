@@ -28,9 +28,9 @@ class TraceOptions(eqx.Module):
     `k` hits are taken per round; rounds go on until the transmittance falls to `transmittance_min`
     or nothing is left, so k is a matter of speed alone. `bundle` is the side of a square bundle in
     pixels, `levels` the number of coarser bundle levels (0 for bundles that are not neighbours;
-    pictures of millions of Gaussians get more than asked for),
-    `group` how many bundles march together (0: 4 on a CPU, whose caches they fill, 16 on a GPU),
-    `chunk` how many list entries are read at once. `backend` is "array" (runs everywhere, in any
+    pictures of millions of Gaussians get more than asked for), `group` how many bundles march
+    together (0: 4 on a CPU, whose caches they fill, 16 on a GPU), `chunk` how many list entries are
+    read at once. `backend` is "array" (runs everywhere, in any
     precision), "kernel" (single precision on a CUDA device, see kernel.py) or "auto": the kernel
     where it runs.
     """
