@@ -2,7 +2,7 @@
 
 import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 
@@ -50,3 +50,13 @@ def sweep(folder: Path, *, deep: bool = False) -> None:
     for partial in (folder.rglob if deep else folder.glob)(f".*.[0-9]*{PART}*"):
         with contextlib.suppress(OSError):
             partial.unlink()
+
+
+def demand(out: Path, files: Sequence[str]) -> None:
+    """Refuse to call a work done of which files have gone from `out` since they were written."""
+    gone = [file for file in files if not (out / file).exists()]
+    if gone:
+        raise OSError(
+            f"out={out}: {len(gone)} of {len(files)} files have gone since they were written, such "
+            f"as {gone[0]}. The same command makes them again."
+        )

@@ -55,8 +55,10 @@ def _guarded(words: list[str]) -> None:
         unknown = isinstance(error, RuntimeError) and type(error).__name__ != "NonFiniteLoss"
         if unknown or os.environ.get("GAUSSRAY_TRACEBACK"):
             _raise(error)
-        room = f" The disk is full: make room. {_again(words[0])}" if is_full(error) else ""
-        _fail(f"{error}{room}")
+        told = str(error)
+        if is_full(error):
+            told = f"{told.rstrip('. ')}. The disk is full: make room. {_again(words[0])}"
+        _fail(told)
     except Exception as error:
         _raise(error)
     finally:

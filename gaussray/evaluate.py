@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Array, Bool
 
 from gaussray.alone import holds_out
-from gaussray.atomic import sweep, whole
+from gaussray.atomic import demand, sweep, whole
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
@@ -120,7 +120,7 @@ def evaluate(
     report: dict[str, Any] = {"frames": 0, "effects": {}}
     learnt = {view.camera_name for view in truth.views if view.split == "train"}
     perceived = perceptual_metrics()
-    sheet, done, lines = [], 0, []
+    sheet, done, lines, written = [], 0, [], list[str]()
     for effect, views in chosen.items():
         samples = options.samples(effect)
         sampling = dataclasses.replace(render, samples=samples)
@@ -141,16 +141,19 @@ def evaluate(
                 steady = still[view.camera_name] & (True if visible is None else visible)
                 flicker.add(rows[-1]["part"], view.camera_name, steady, real, ours)
             if options.images:
-                write_image(out / effect / _file(view), side_by_side(real, ours))
+                written.append(f"{effect}/{_file(view)}")
+                write_image(out / written[-1], side_by_side(real, ours))
                 films.setdefault(view.camera_name, []).append(np.hstack([real, ours]))
             if len(rows) == (len(views) + 1) // 2:
                 sheet.append((effect, [real, ours, side_by_side(real, ours)[:, -real.shape[1] :]]))
             done += 1
             progress.report(done, f"{effect} {np.mean([r['psnr'] for r in rows]):.2f} dB")
         for camera, film in films.items():
-            write_video(out / effect / f"{camera}.mp4", film, fps=8)
+            written.append(f"{effect}/{camera}.mp4")
+            write_video(out / written[-1], film, fps=8)
         report["effects"][effect] = summary(rows, samples, flicker)
         report["frames"] += len(views)
+    demand(out, written)
     report["scene"] = scene_facts(scene)
     report["versions"] = versions()
     write_image(out / "contact_sheet.png", contact_sheet(sheet, least=256))

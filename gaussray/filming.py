@@ -18,7 +18,7 @@ import numpy as np
 
 from gaussray.alone import holds_out
 from gaussray.annotate import SHARP, annotated, complete, described as units, write_labels
-from gaussray.atomic import sweep, whole
+from gaussray.atomic import demand, sweep, whole
 from gaussray.camera.chromatic import dispersed
 from gaussray.camera.noise import picture_key
 from gaussray.camera.sensor import (
@@ -204,15 +204,12 @@ def _label(
 
 def _demand_all(out: Path, records: Sequence[FrameRecord]) -> None:
     """Every file, also those that other hosts have written, which a network may show late."""
-    patience = clock.monotonic() + (PATIENCE if together() else 0)
     files = [path for r in records for path in (r.file_path, *(r.labels or {}).values())]
+    if not together():
+        demand(out, files)
+    patience = clock.monotonic() + PATIENCE
     while missing := [path for path in files if not (out / path).exists()]:
         if clock.monotonic() > patience:
-            if not together():
-                raise OSError(
-                    f"out={out}: {len(missing)} files have gone since they were written, such as "
-                    f"{missing[0]}. The same command makes them again."
-                )
             raise OSError(
                 f"out={out}: {len(missing)} files that other hosts have written are not here, "
                 f"such as {missing[0]}. Choose a folder that all hosts share."

@@ -284,7 +284,7 @@ class Fit:
         views, cameras = everywhere((self.footage.camera, self.cameras), self.mesh)
         state = agreed(state)
         for done, batches in self.loader.blocks(stage, int(state.step), steps, fit.block):
-            trial = trial or self.trial(state, batches)
+            trial = trial or self._noted_trial(stage, state) or self.trial(state, batches)
             # Steps that leave the state anywhere else would compile twice.
             state, looked = everywhere((state, batches), self.mesh)
             while True:
@@ -302,6 +302,7 @@ class Fit:
                 # Nothing is lost: the block is thrown away and run again with room enough.
                 trial = trial.enlarged(needed)
             self.journal.demand_finite(terms, state, block, stage)
+            self._note_trial(stage, trial)
             self.loader.tell(batches, np.asarray(error))
             self.journal.notes |= self.loader.notes()
             after = done + len(batches.time)
@@ -330,6 +331,25 @@ class Fit:
         ).capacity
         *cells, pairs, slots = agreed(np.array([*wanted.cells, wanted.pairs, wanted.slots]))
         return Trial(Capacity(tuple(map(int, cells)), int(pairs), int(slots)), mesh, keys)
+
+    def _note_trial(self, stage: str, trial: Trial) -> None:
+        held = trial.capacity
+        sizes = [*held.cells, held.pairs, held.slots]
+        self.journal.info["room"] = {"stage": stage, "devices": self.mesh.size, "sizes": sizes}
+
+    def _noted_trial(self, stage: str, state: State) -> Trial | None:
+        """The sizes that an interrupted run was compiled for: it goes on with the same programs.
+        None where nothing is noted of this stage, on so many devices."""
+        held = self.journal.info.get("room")
+        if not isinstance(held, dict) or not int(state.step):
+            return None
+        sizes, there = held.get("sizes"), (held.get("stage"), held.get("devices"))
+        if not isinstance(sizes, list) or len(sizes) != self.options.trace.levels + 3:
+            return None
+        if there != (stage, self.mesh.size) or not all(type(n) is int and n > 0 for n in sizes):
+            return None
+        *cells, pairs, slots = sizes
+        return Trial(Capacity(tuple(cells), pairs, slots), self.mesh, self.keys(state))
 
     def step(self, stage: str) -> StepOptions:
         """What the steps of a stage are told. Before the scene moves, cameras are taken as they

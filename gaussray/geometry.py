@@ -49,7 +49,8 @@ def normalize(vector: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
 def normalize_quaternion(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
     """Unit quaternion of the same rotation; the zero quaternion becomes the identity."""
     unit = normalize(quat)
-    identity = jnp.zeros_like(quat).at[..., 0].set(1)
+    # Not zeros with a one set: XLA would work that out, and keep it, for millions of Gaussians.
+    identity = jnp.broadcast_to(jnp.asarray([1, 0, 0, 0], quat.dtype), quat.shape)
     return jnp.where(jnp.any(unit != 0, axis=-1, keepdims=True), unit, identity)
 
 

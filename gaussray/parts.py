@@ -16,12 +16,20 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.shares import Share
 from gaussray.tracer.bundle import tiles
-from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.grid import OCCUPANCY
+from gaussray.tracer.trace import TraceOptions, on_kernel
 from gaussray.tracer.traverse import Capacity
 
 
 # Batches of samples whose spread is a standard error.
 BATCHES = 4
+# Samples of a pixel that are traced at once and share what their bundle may meet. That saves a GPU
+# most of the search; on a CPU the longer lists cost more (16 samples of a lens take 1.9 times as
+# long).
+_TOGETHER = 16
+# Cells of the grid times bundles of the coarsest level, at most, where levels can be added: the
+# answers of so many tests are in memory at once.
+_TESTS = 1 << 26
 # Bytes that a frame takes for each ray under way, its share of the lists included (1,000 Gaussians,
 # 256 x 256 pixels, XLA's own count on a CPU: 584 in all; a kernel keeps less, by the sizes of its
 # arrays), for each group of samples of a pixel, and for each pixel.
@@ -43,7 +51,7 @@ class RenderOptions(eqx.Module):
 
     A frame whose rays would take more than `memory` gigabytes at once (`strip_rows`) is traced in
     strips of rows, one after another: the same picture, and each strip looks anew for what its rays
-    meet. What the scene itself takes comes on top.
+    meet. What the scene itself takes comes on top, and what the lists of millions of Gaussians do.
 
     `dilation` (square pixels) and `harmonics` (along each ray, or from the camera's center to a
     Gaussian's) show a model as the rasteriser that it was fitted through: 3DGS has 0.3 and center.
@@ -102,17 +110,45 @@ def whole_picture(film: Film, trace: TraceOptions) -> tuple[Part, TraceOptions]:
     return part_of(film, order, trace)
 
 
-def strip_rows(film: Film, options: RenderOptions, trace: TraceOptions, together: int) -> int:
-    """The rows of a picture that are traced at once, of which `together` samples share their lists:
-    all of them, or whole tiles, as many as `render.memory` allows for, and at least one."""
-    ray = RAY if together == 1 else RAY_OF_KERNEL
-    each = ray * together + SAMPLE * options.samples / together + PIXEL
+def together(options: RenderOptions, trace: TraceOptions) -> int:
+    """How many samples of a pixel are traced at once."""
+    return math.gcd(options.samples, _TOGETHER) if on_kernel(trace, jnp.float32) else 1
+
+
+def strip_rows(film: Film, options: RenderOptions, trace: TraceOptions) -> int:
+    """The rows of a picture that are traced at once: all of them, or whole tiles, as many as
+    `render.memory` allows for, and at least one."""
+    ray, group = RAY_OF_KERNEL if on_kernel(trace, jnp.float32) else RAY, together(options, trace)
+    each = ray * group + SAMPLE * options.samples / group + PIXEL
     most = int(options.memory * 1e9 / (each * film.width))
     if most >= film.height:
         return film.height
     coarse = trace.bundle * 4**trace.levels
     step = coarse if most >= coarse else trace.bundle
     return min(max(most // step, 1) * step, film.height)
+
+
+def strips(
+    film: Film, options: RenderOptions, trace: TraceOptions, gaussians: int
+) -> tuple[int, TraceOptions]:
+    """The rows of a picture that are traced at once (`strip_rows`), and how: the more Gaussians,
+    the coarser the bundles that all of their cells are tested against first."""
+    rows = strip_rows(film, options, trace)
+    cells, levels = -(-gaussians // OCCUPANCY), trace.levels
+
+    def tests(side: int) -> int:
+        return -(-film.width // side) * -(-rows // side) * cells
+
+    def side(levels: int) -> int:
+        return trace.bundle * 4**levels
+
+    if on_kernel(trace, jnp.float32):
+        return rows, trace
+    while levels < 4 and tests(side(levels)) > _TESTS and side(levels + 1) <= rows:
+        levels += 1
+    if trace.levels < levels and rows < film.height:
+        rows -= rows % side(levels)
+    return rows, dataclasses.replace(trace, levels=levels)
 
 
 def strip(film: Film, rows: int, trace: TraceOptions, top: int) -> tuple[Part, TraceOptions]:

@@ -2,7 +2,6 @@
 
 import dataclasses
 import functools
-import math
 from collections.abc import Callable
 
 import equinox as eqx
@@ -18,20 +17,14 @@ from gaussray.camera.chromatic import Chromatic, achromatic, magnified
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import samples as sample_numbers, shifted_samples
 from gaussray.camera.shutter import decisive_pixels, row_number
-from gaussray.parts import Layout, Pace, Part, RenderOptions
+from gaussray.parts import Layout, Pace, Part, together
 from gaussray.raster import dilated, seen_from_center
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene, at, moving_at
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import Report, TraceOptions, on_kernel, over
-
-
-# Samples of a pixel that are traced at once and share what their bundle may meet. That saves a GPU
-# most of the search; on a CPU the longer lists cost more (16 samples of a lens take 1.9 times as
-# long).
-_TOGETHER = 16
+from gaussray.tracer.trace import Report, grid_of, over
 
 
 @functools.lru_cache(maxsize=64)
@@ -101,13 +94,20 @@ def _traced(motion: Motion, camera: Camera, part: Part, pace: Pace) -> tuple[Pix
     """The part's pixels, each the mean of its samples."""
     u, shared = _points(part, pace), together(pace.options, pace.trace)
     mine = None if part.share is None else part.share.seen
+    # Once for all samples.
+    grid = grid_of(motion, pace.trace)
 
     def trace_some(
         some: tuple[Array, Array | None],
     ) -> tuple[tuple[Pixels, Array | None], Report]:
         rays = _rays(camera, part.pixel, *some)
         pixels, report = trace_sharded(
-            motion, rays, options=pace.trace, capacity=pace.capacity, mesh=pace.mesh
+            motion,
+            rays,
+            options=pace.trace,
+            capacity=pace.capacity,
+            mesh=pace.mesh,
+            grid=grid,
         )
         weight = rays.weight
         if weight is not None:
@@ -212,9 +212,3 @@ def about_to_trace(scene: Scene, camera: Camera, part: Part, *, pace: Pace) -> t
     motion = _motion(scene, camera, part, pace)
     seen = None if part.share is None else part.share.seen[:some]
     return motion, _rays(camera, part.pixel, u[:some], seen)
-
-
-def together(options: RenderOptions, trace: TraceOptions) -> int:
-    """How many samples of a pixel are traced at once."""
-    kernel = on_kernel(trace, jnp.float32)
-    return math.gcd(options.samples, _TOGETHER) if kernel else 1

@@ -27,10 +27,10 @@ from gaussray.parts import (
     packed,
     part_of,
     strip,
-    strip_rows,
+    strips,
     whole_picture,
 )
-from gaussray.picture import about_to_trace, render_frames, render_part, together
+from gaussray.picture import about_to_trace, render_frames, render_part
 from gaussray.scene.clip import Clip, edges_of, segments_of
 from gaussray.scene.scene import Scene, key_count
 from gaussray.shares import Share, shares
@@ -164,10 +164,12 @@ class Renderer:
         """Frames that are being rendered, in one part, in strips or in chunks of rows."""
         film = views[0].camera.film
         if views[0].keys:
-            rows = strip_rows(film, self.options, self.trace, together(self.options, self.trace))
+            scene = self.scenes[views[0].segment]
+            count = scene.static.count + scene.moving.count
+            rows, trace = strips(film, self.options, self.trace, count)
         else:
-            rows = min(self.options.chunk_rows, film.height)
-        batch = _Batch(views, alone, rows)
+            rows, trace = min(self.options.chunk_rows, film.height), self.trace
+        batch = _Batch(views, alone, rows, trace)
         for top in (min(y, film.height - rows) for y in range(0, film.height, rows)):
             if batch.parts and jax.default_backend() == "cpu":
                 # Parts under way together share the cores' threads, where the sums over devices of
@@ -215,8 +217,8 @@ class Renderer:
         ]
 
     def _part(self, top: int, batch: "_Batch") -> tuple[Part, TraceOptions]:
-        film, trace = batch.film, self.trace
-        key = film.width, film.height, top, batch.rows, batch.keys == 0
+        film, trace = batch.film, batch.trace
+        key = film.width, film.height, top, batch.rows, batch.keys == 0, trace.levels
         if key not in self._parts:
             if batch.keys and batch.rows == film.height:
                 part, trace = whole_picture(film, trace)
@@ -278,8 +280,8 @@ class _View(NamedTuple):
 class _Batch:
     """Frames under way: one whose rays are spread over the devices (`alone`), or one on each."""
 
-    def __init__(self, views: list[_View], alone: bool, rows: int):
-        self.views, self.alone, self.rows = views, alone, rows
+    def __init__(self, views: list[_View], alone: bool, rows: int, trace: TraceOptions):
+        self.views, self.alone, self.rows, self.trace = views, alone, rows, trace
         self.film, self.keys = views[0].camera.film, views[0].keys
         self.began, self.compiled = clock.monotonic(), False
         self.parts: list[tuple] = []

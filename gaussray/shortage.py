@@ -1,11 +1,17 @@
 """What to say when a disk or a memory is full: what was asked for, and what to change."""
 
 import errno
+import os
 import re
 from collections.abc import Iterator
 
 import jax
 
+
+try:
+    import resource
+except ImportError:  # not on Windows
+    resource = None
 
 # What makes a verb need less memory, most effective first.
 LESS = {
@@ -41,9 +47,9 @@ def memory_message(verb: str, error: BaseException, again: str = "") -> str:
     text = "out of memory"
     if asked:
         text += f": {asked / 1e9:.3g} GB were asked for at once"
-    room = _room()
+    lender, room = _room(error)
     if room:
-        text += f" of a device with {room / 1e9:.3g} GB"
+        text += f" of a {lender} with {room / 1e9:.3g} GB"
     less = LESS.get(verb, "the size of what is read")
     if less.startswith("render.memory") and room:
         less = less.replace("render.memory", f"render.memory to {room / 4e9:.2g}", 1)
@@ -63,10 +69,18 @@ def _asked(text: str) -> float:
     return float(found[1]) * 1024**power
 
 
-def _room() -> int:
-    """Bytes that a device has; 0 if it does not say, as a CPU does not."""
+def _room(error: BaseException) -> tuple[str, int]:
+    """Whose memory it was, a device's or the host's, and the bytes that this has, or lends to a
+    process; 0 if it does not say."""
     stats = jax.local_devices()[0].memory_stats() or {}
-    return int(stats.get("bytes_limit", 0))
+    if stats.get("bytes_limit") and not any(isinstance(e, MemoryError) for e in _chain(error)):
+        return "device", int(stats["bytes_limit"])
+    names = "SC_PHYS_PAGES", "SC_PAGE_SIZE"
+    if resource is None or not set(names) <= set(os.sysconf_names):
+        return "host", 0
+    pages, size = (os.sysconf(name) for name in names)
+    lent = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return "host", pages * size if lent == resource.RLIM_INFINITY else min(pages * size, lent)
 
 
 def _chain(error: BaseException | None) -> Iterator[BaseException]:

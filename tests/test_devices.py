@@ -201,5 +201,5 @@ def test_pictures_that_another_host_keeps_to_itself_are_missed(tmp_path, monkeyp
 
 
 def test_pictures_that_vanish_from_a_host_of_its_own_are_missed_at_once(tmp_path):
-    with pytest.raises(OSError, match="12 files have gone .* The same command makes them again"):
+    with pytest.raises(OSError, match="12 of 12 files have gone .* The same command"):
         filming._demand_all(tmp_path, toy.records())

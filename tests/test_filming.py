@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray import filming
+from gaussray import evaluate as evaluation, filming
 from gaussray.camera.aperture import Aperture, FocusPull, Rim
 from gaussray.camera.camera import camera_rays
 from gaussray.camera.sensor import SensorOptions
@@ -72,6 +72,24 @@ def test_a_data_set_reads_back_is_kept_and_scores_against_itself(tmp_path):
         assert row["psnr"] is None or row["psnr"] > 45
     text = (tmp_path / "scores" / "report.json").read_text()
     json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+
+
+def test_scores_whose_pictures_vanish_are_not_called_done(tmp_path, monkeypatch):
+    toy.write_paired(tmp_path, toy.scene())
+    capture, write = read_capture(tmp_path), evaluation.write_image
+
+    def vanishes(path, picture):
+        write(path, picture)
+        if path.name == "cam_3_0.0000.png":
+            path.unlink()
+
+    monkeypatch.setattr(evaluation, "write_image", vanishes)
+    with pytest.raises(OSError, match="2 of 18 files .*cam_3_0.0000.png. The same command"):
+        evaluate(
+            toy.scene(), capture, tmp_path / "scores", options=EvaluateOptions(split="all"),
+            render=ONE, trace=toy.TRACE, quiet=True,
+        )  # fmt: skip
+    assert not (tmp_path / "scores" / "report.json").exists()
 
 
 def test_manifests_record_the_samples_that_an_error_took(tmp_path):

@@ -141,8 +141,12 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(
     with pytest.raises(ValueError, match="resume=true"):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
     assert (tmp_path / "metrics.jsonl").read_bytes() == before
+    measure, measured = Fit.trial, []
+    monkeypatch.setattr(Fit, "trial", lambda *args: measured.append(1) or measure(*args))
     reconstruct(capture, tmp_path, options=OPTIONS, resume=True, quiet=True)
     assert_same(fitted[0], tmp_path)
+    # What it was interrupted in goes on with the same programs.
+    assert len(measured) == (1 if blocks == 4 else 0)
 
 
 @pytest.mark.slow

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import toy
 
+from gaussray import parts
 from gaussray.camera.aperture import Aperture, Rim, transmitted
 from gaussray.camera.camera import Camera
 from gaussray.camera.chromatic import dispersed, magnified
@@ -16,9 +17,10 @@ from gaussray.camera.lens import KannalaBrandt
 from gaussray.camera.sampling import samples
 from gaussray.camera.shutter import Shutter, interlaced
 from gaussray.camera.trajectory import Trajectory
-from gaussray.parts import PIXEL, RAY, SAMPLE, strip_rows
+from gaussray.parts import PIXEL, RAY, RAY_OF_KERNEL, SAMPLE, strip_rows, strips, together
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.scene import Scene, key_count
+from gaussray.tracer.grid import OCCUPANCY
 from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
@@ -268,15 +270,36 @@ def test_a_frame_in_strips_is_the_frame(scene, render, turn):
     some = dataclasses.replace(ONE, memory=8 * toy.SIZE * (RAY + SAMPLE + PIXEL) / 1e9)
     strips = Renderer(scene, options=some, trace=toy.TRACE)(filmed)
     for name in ("color", "alpha", "depth"):
-        whole, parts = getattr(render(filmed), name), getattr(strips, name)
-        np.testing.assert_allclose(parts, whole, rtol=0, atol=SAME)
+        whole, joined = getattr(render(filmed), name), getattr(strips, name)
+        np.testing.assert_allclose(joined, whole, rtol=0, atol=SAME)
 
 
 def test_strips_are_whole_tiles_that_fit_and_at_least_one():
     film, trace = Film(4096, 4096, "center"), TraceOptions(levels=1)
-    rows = [
-        strip_rows(film, RenderOptions(samples=64, memory=m), trace, 1) for m in (1e3, 2.0, 1e-6)
-    ]
+    rows = [strip_rows(film, RenderOptions(samples=64, memory=m), trace) for m in (1e3, 2.0, 1e-6)]
     assert rows[0] == 4096 and rows[2] == 8
     assert rows[1] % 32 == 0
     assert 1.5 < rows[1] * 4096 * (RAY + 64 * SAMPLE + PIXEL) / 1e9 <= 2
+
+
+def test_many_gaussians_are_met_by_coarser_bundles_first():
+    film, options, trace = Film(4096, 4096, "center"), RenderOptions(samples=64), TraceOptions()
+    few, plain = strips(film, options, trace, 1000)
+    assert few == strip_rows(film, options, trace) and plain == trace
+    rows, coarse = strips(film, options, trace, 5_000_000)
+    side = 8 * 4**coarse.levels
+    assert few - side < rows <= few and rows % side == 0
+    assert rows // side * (4096 // side) * 5_000_000 // OCCUPANCY <= 2**26
+    # Bundles as high as a strip are as coarse as can be.
+    low = dataclasses.replace(options, memory=0.1)
+    assert strips(film, low, trace, 5_000_000) == (strip_rows(film, low, trace), trace)
+
+
+def test_strips_of_a_kernel_are_larger_also_where_samples_are_traced_one_by_one(monkeypatch):
+    film, options, trace = Film(4096, 4096, "center"), RenderOptions(memory=2.0), TraceOptions()
+    options = dataclasses.replace(options, samples=5)
+    arrays = strip_rows(film, options, trace)
+    monkeypatch.setattr(parts, "on_kernel", lambda *_: True)
+    assert together(options, trace) == 1
+    kernel = strip_rows(film, options, trace)
+    assert kernel > 1.5 * arrays and kernel * 4096 * (RAY_OF_KERNEL + 5 * SAMPLE + PIXEL) <= 2e9

@@ -1,6 +1,8 @@
 """Who runs out of disk or memory is told what was asked for, and what to change."""
 
 import errno
+import os
+import resource
 
 import jax
 import numpy as np
@@ -43,6 +45,15 @@ def test_the_size_is_told_and_the_key_to_lower(verb, key):
     assert f"Lower {key}" in line
 
 
+def test_what_the_host_lends_is_told_and_what_would_fit(monkeypatch):
+    unlimited, limited = resource.RLIM_INFINITY, (12 * 10**9, resource.RLIM_INFINITY)
+    monkeypatch.setattr(os, "sysconf", {"SC_PHYS_PAGES": 4_000_000, "SC_PAGE_SIZE": 4000}.get)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (unlimited, unlimited))
+    assert "of a host with 16 GB. Lower render.memory to 4." in memory_message("render", EXHAUSTED)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: limited)
+    assert "of a host with 12 GB. Lower render.memory to 3." in memory_message("render", EXHAUSTED)
+
+
 def test_the_size_that_a_host_could_not_give_is_read_too():
     with pytest.raises(MemoryError) as found:
         np.empty((1 << 50,), np.uint8)
@@ -52,8 +63,11 @@ def test_the_size_that_a_host_could_not_give_is_read_too():
 @pytest.mark.parametrize(
     ("error", "told"),
     [
-        (EXHAUSTED, "Lower render.memory. The same command goes on"),
-        (caused(OSError(errno.ENOSPC, "no")), "disk is full: make room. The same command goes on"),
+        (EXHAUSTED, "Lower render.memory"),
+        (
+            caused(OSError(errno.ENOSPC, "no")),
+            "written. The disk is full: make room. The",
+        ),
     ],
 )
 def test_the_command_ends_in_one_line(error, told, monkeypatch, capsys):

@@ -5,6 +5,7 @@
 
 import argparse
 import importlib
+import importlib.metadata
 import json
 import os
 import random
@@ -19,7 +20,7 @@ import jax
 import numpy as np
 
 from experiments.factory.kill import changed
-from experiments.faults.toy import INTERVAL, Forked, words_of, write_capture
+from experiments.faults.toy import BLOCK, INTERVAL, Forked, words_of, write_capture
 from gaussray.alone import FILE as LOCK
 from gaussray.cli import main as command
 
@@ -91,11 +92,12 @@ class Work:
         data = metrics.read_bytes()
         before, after = (whole_lines(part) for part in (data[:told], data[told:]))
         if after:
-            since = before[-1]["seconds"] if before else 0.0
-            # After a resumption the clock of the lines begins anew.
-            since = since if since <= after[0]["seconds"] else 0.0
+            # Of work: between two stages, and before the first, programs are loaded.
+            since = after[0]["seconds"]
+            if before and before[-1]["stage"] == after[0]["stage"]:
+                since = min(since, before[-1]["seconds"])
             self.lost.append(after[-1]["seconds"] - since)
-            self.steps.append(4 * len(after))
+            self.steps.append(BLOCK * len(after))
         else:
             self.lost.append(0.0)
             self.steps.append(0)
@@ -142,7 +144,8 @@ def tried(work: Work, times: int, chance: random.Random) -> int:
     while work.kills < times:
         attempt += 1
         before = finished(work.out) if work.out.exists() else {}
-        if not work.kill(chance.uniform(0, seconds), attempt % 3 == 0):
+        # What is gone on with takes less than the whole.
+        if not work.kill(chance.uniform(0, 0.7 * seconds), attempt % 3 == 0):
             # It came to its end: the next one begins anew.
             compare(work)
             work.out.rename(work.folder / f"whole_{attempt}")
@@ -175,9 +178,14 @@ def prepare(folder: Path) -> None:
     """Import what the works need, for them all; none of it may bring a device up. Programs are
     compiled in little time rather than well, once, and kept."""
     os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder / "compiled")
+    os.environ["JAX_DISABLE_MOST_OPTIMIZATIONS"] = "1"
     jax.config.update("jax_compilation_cache_dir", str(folder / "compiled"))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_disable_most_optimizations", True)
+    if importlib.metadata.version("jaxlib").startswith("0.10."):
+        # Its older way to emit code compiles in half the time; XLA ends over flags it has not.
+        flags = os.environ.get("XLA_FLAGS", "")
+        os.environ["XLA_FLAGS"] = f"{flags} --xla_cpu_use_fusion_emitters=false"
     # JAX is not at work in this process.
     warnings.filterwarnings("ignore", message=r"os\\.fork\\(\\) was called")
     for name in ("reconstruct", "evaluate", "factory", "production", "dataset.scores"):
@@ -200,7 +208,9 @@ def main() -> None:
     print(f"states are saved every {INTERVAL} s; seed {chosen.seed}; {folder}")
     print("| work | kills | while writing | seconds undisturbed | lost at most | files | differ |")
     print("|---|---|---|---|---|---|---|", flush=True)
-    wrong = 0
+    wrong, unknown = 0, set(works) - set(WORKS)
+    if unknown:
+        raise SystemExit(f"--works has no {', '.join(sorted(unknown))}; it has {', '.join(WORKS)}")
     for i, name in enumerate(works):
         share = chosen.times // len(works) + (i < chosen.times % len(works))
         wrong += tried(Work(name, folder, folder / "capture"), share, chance)

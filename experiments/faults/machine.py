@@ -113,8 +113,13 @@ class Machine:
             while file.write(bytes(4096)):
                 pass
 
-    def remount(self, how: str) -> None:
-        subprocess.run(["mount", "-o", f"remount,{how}", self.disk], check=True)
+    def lock(self) -> None:
+        """A read-only view before the disk, which itself is busy."""
+        subprocess.run(["mount", "--bind", self.disk, self.disk], check=True)
+        subprocess.run(["mount", "-o", "remount,bind,ro", self.disk], check=True)
+
+    def unlock(self) -> None:
+        subprocess.run(["umount", "-l", self.disk], check=True)
 
     def told(self, case: str, lines: list[str], held: bool, why: str = "") -> None:
         line = " ".join(lines).replace(str(self.folder), "DIR").replace("|", "/")
@@ -137,12 +142,10 @@ class Machine:
 
     def disks(self) -> None:
         """Full, read-only, and gone."""
-        room, rw = self.disk / "ballast", "rw"
+        room = self.disk / "ballast"
         for work in self.works:
             self.interrupted("disk full", work, lambda _: self.fill(), lambda _: room.unlink())
-            self.interrupted(
-                "read-only", work, lambda _: self.remount("ro"), lambda _: self.remount(rw)
-            )
+            self.interrupted("read-only", work, lambda _: self.lock(), lambda _: self.unlock())
             self.interrupted("out removed", work, shutil.rmtree, lambda _: None)
 
     def no_folder(self) -> None:
@@ -191,17 +194,17 @@ class Machine:
     def two(self) -> None:
         """A folder that another process holds, and one that it held when it was killed."""
         for work in self.works:
-            out = self.folder / f"held_{work}"
-            held = out / "takes" / "000000" if work == "takes" else out
-            words = [sys.executable, "-c", HOLDER, str(held)]
-            other = subprocess.Popen(words, stdout=subprocess.PIPE)
-            assert other.stdout is not None and other.stdout.readline()
-            code, lines = said(words_of(work, self.capture, out))
-            named = code == 2 and len(lines) == 1 and f"process {other.pid}" in lines[0]
-            other.send_signal(signal.SIGKILL)
-            other.wait()
-            again, more = said(words_of(work, self.capture, out))
-            same = again == 0 and contents(out) == self.whole[work]
+            with self.mounted() as out:
+                held = out / "takes" / "000000" if work == "takes" else out
+                words = [sys.executable, "-c", HOLDER, str(held)]
+                other = subprocess.Popen(words, stdout=subprocess.PIPE)
+                assert other.stdout is not None and other.stdout.readline()
+                code, lines = said(words_of(work, self.capture, out))
+                named = code == 2 and len(lines) == 1 and f"process {other.pid}" in lines[0]
+                other.send_signal(signal.SIGKILL)
+                other.wait()
+                again, more = said(words_of(work, self.capture, out))
+                same = again == 0 and contents(out) == self.whole[work]
             self.told(f"two processes, {work}", lines, named and same, f": {code} {again} {more}")
 
     def memory(self) -> None:
@@ -211,7 +214,7 @@ class Machine:
             shutil.copytree(self.capture / "run", large / "run")
             write_manifest(large / "run" / "cameras.json", records(side))
             words = words_of("render", large, self.folder / case)
-            words += ["render.memory=1000000.0", "render.samples=64"]
+            words += ["render.memory=1e6", "render.samples=64", "limits.picture=2000"]
             run = subprocess.run(
                 [sys.executable, "-c", LIMITED, str(GIGABYTES * 10**9), *words],
                 stderr=subprocess.PIPE, text=True,

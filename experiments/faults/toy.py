@@ -30,12 +30,12 @@ from gaussray.scene.store import save_scene
 SIDE, TIMES = 32, (0.0, 1 / 3, 2 / 3, 1.0)
 CAMERAS = {"cam_0": -0.6, "cam_1": -0.2, "cam_2": 0.6, "cam_3": 0.2}
 TRACE = ["trace.levels=0", "trace.group=2", "trace.chunk=8"]
-# Seconds between saved states.
-INTERVAL = 0.2
+# Steps of a block, and seconds between saved states.
+BLOCK, INTERVAL = 4, 0.2
 FIT = [
-    "fit.coarse=40", "fit.fine=120", "fit.tiles=4", "fit.block=4", "fit.points=100",
-    "fit.surround=0", "track.poses=0", "field.sides=[4,6]", "field.channels=4", "field.width=8",
-    "need.loss=0", f"fit.checkpoint={INTERVAL}", *TRACE,
+    f"fit.coarse={12 * BLOCK}", f"fit.fine={36 * BLOCK}", f"fit.block={BLOCK}", "fit.tiles=4",
+    "fit.points=100", "fit.surround=0", "track.poses=0", "field.sides=[4]", "field.channels=4",
+    "field.width=8", "need.loss=0", "need.precision=full", f"fit.checkpoint={INTERVAL}", *TRACE,
 ]  # fmt: skip
 
 

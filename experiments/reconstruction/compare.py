@@ -46,7 +46,7 @@ def main():
         for scene in scenes
     ]
     jobs = [job for job in jobs if not (job[1] / "score.json").exists()]
-    end = time.time() + chosen.seconds
+    end = time.monotonic() + chosen.seconds
     if chosen.processes == 1:
         for job in jobs:
             run(job, end)
@@ -74,7 +74,7 @@ def run(job: tuple[Path, Path, list[str]], end: float) -> None:
     from gaussray.verbs import reconstruct_options
 
     folder, out, overrides = job
-    if time.time() > end:
+    if time.monotonic() > end:
         return
     cfg = configuration("reconstruct", [f"capture.path={folder}", f"out={out}", *overrides])
     (out / "checkpoint.npz").unlink(missing_ok=True)

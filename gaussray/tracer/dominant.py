@@ -11,7 +11,7 @@ from gaussray.camera.rays import Rays
 from gaussray.tracer.motion import Columns, Motion, columns, control_weights, state_at, table, whole
 from gaussray.tracer.response import opacity_on_ray, reach, response
 from gaussray.tracer.trace import TraceOptions, find, in_bundles
-from gaussray.tracer.traverse import Capacity, nearest, pack
+from gaussray.tracer.traverse import Capacity, nearest, pack, slot_mask
 
 
 class Dominant(NamedTuple):
@@ -64,7 +64,7 @@ def dominant(motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Cap
 
 def _walk(rows, layout: Columns, index, bundle: _Bundle, *, options: TraceOptions, slots: int):
     """Index and weight of the dominant Gaussian of each ray of a bundle."""
-    bits = max((slots - 1).bit_length(), 1)
+    mask = slot_mask(bundle.count)
     dtype, rays = rows.dtype, bundle.origin.shape[-1]
     kind = jnp.int64 if dtype == jnp.float64 else jnp.int32
     end = jnp.iinfo(kind).max
@@ -93,14 +93,14 @@ def _walk(rows, layout: Columns, index, bundle: _Bundle, *, options: TraceOption
     low = jnp.min(order, axis=(0, 1))
     high = jnp.max(jnp.where(order == end, 0, order), axis=(0, 1))
     slot = jnp.arange(shape[0] * shape[1], dtype=jnp.int32).reshape(*shape[:2], 1)
-    key = pack(order, slot, low[None, None], high[None, None], bits)
+    key = pack(order, slot, low[None, None], high[None, None], mask)
     key = jnp.where(order == end, end, key)
 
     def round(state):
         best, weight, light, after, _ = state
         kept = nearest(key, chunks, after, k=options.k)
         there = kept != end
-        place = jnp.where(there, kept & ((1 << bits) - 1), 0).astype(jnp.int32)
+        place = jnp.where(there, kept & mask.astype(kind), 0).astype(jnp.int32)
         gaussian = jnp.maximum(index.at[bundle.start + place].get(mode="clip"), 0)
         _, alpha = met(gaussian)
         alpha = jnp.where(there, alpha, 0)

@@ -8,11 +8,11 @@ from gaussray.scene.harmonics import radiance
 from gaussray.tracer.composite import composite
 from gaussray.tracer.motion import state_at, tint_at
 from gaussray.tracer.response import opacity_on_ray, reach, response
-from gaussray.tracer.traverse import nearest, pack
+from gaussray.tracer.traverse import nearest, pack, slot_mask
 
 
 def _march(
-    table, origin, direction, weights, lists, options, columns, bits
+    table, origin, direction, weights, lists, options, columns, room
 ) -> tuple[Array, Array, Array]:
     """All bundles, in groups of similar list length: channels (red, green, blue, depth), T, hits.
 
@@ -22,19 +22,19 @@ def _march(
     dL_r = T_r g and dtau_r = (g . (total - sum up to r) + g_T T_end) / tau_r; shading is then
     differentiated by JAX.
     """
-    return _forward(table, origin, direction, weights, lists, options, columns, bits)[0]
+    return _forward(table, origin, direction, weights, lists, options, columns, room)[0]
 
 
-def _forward(table, origin, direction, weights, lists, options, columns, bits):
+def _forward(table, origin, direction, weights, lists, options, columns, room):
     groups, restore = _groups(origin, direction, weights, lists, options)
     geometry = _geometry(table, columns, options)
 
     def group(one):
-        listed = _list_keys(geometry, one, lists[0], options, columns, bits)
+        listed = _list_keys(geometry, one, lists[0], options, columns, room)
 
         def body(state):
             (channels, transmittance, after, hits, _), r, kept = state
-            found = _round(listed, one, lists[0], after, options, bits)
+            found = _round(listed, one, lists[0], after, options)
             index, last = found
             there = index >= 0
             rows = _components(table, index)
@@ -60,12 +60,12 @@ def _forward(table, origin, direction, weights, lists, options, columns, bits):
     return restore(results), kept
 
 
-def _march_forward(table, origin, direction, weights, lists, options, columns, bits):
-    out, kept = _forward(table, origin, direction, weights, lists, options, columns, bits)
+def _march_forward(table, origin, direction, weights, lists, options, columns, room):
+    out, kept = _forward(table, origin, direction, weights, lists, options, columns, room)
     return out, (table, origin, direction, weights, lists, out[0], out[1], kept)
 
 
-def _march_backward(options, columns, bits, saved, cotangent):
+def _march_backward(options, columns, room, saved, cotangent):
     table, origin, direction, weights, lists, total, end, kept = saved
     g_channels, g_end, _ = cotangent
     groups, restore = _groups(origin, direction, weights, lists, options)
@@ -107,10 +107,10 @@ def _march_backward(options, columns, bits, saved, cotangent):
             return shade_back(state, jax.tree.map(lambda x: x[r], kept)), r + 1
 
         def further_rounds(state):
-            listed = _list_keys(geometry, one, lists[0], options, columns, bits)
+            listed = _list_keys(geometry, one, lists[0], options, columns, room)
 
             def body(state):
-                found = _round(listed, one, lists[0], state[2], options, bits)
+                found = _round(listed, one, lists[0], state[2], options)
                 return shade_back(state, found)
 
             return jax.lax.while_loop(lambda s: s[5], body, state)
@@ -192,6 +192,7 @@ def _groups(origin, direction, weights, lists, options):
     parts = _split({"o": origin, "d": direction, "w": weights}, lists, options)
     for name, x in (("start", start), ("count", count)):
         parts[name] = jnp.pad(x[order], (0, padding)).reshape(groups, width)
+    parts["mask"] = slot_mask(parts["count"])[..., None]
     back = jnp.argsort(order)
 
     def restore(tree):
@@ -205,7 +206,7 @@ def _groups(origin, direction, weights, lists, options):
     return parts, restore
 
 
-def _list_keys(geometry, one, index, options, columns, bits):
+def _list_keys(geometry, one, index, options, columns, room):
     """Sort keys of every (list entry, ray) of a group, evaluated once and kept for all rounds.
 
     Chunks x entries of a chunk x bundles x rays; only as many chunks are filled as the longest list
@@ -214,7 +215,7 @@ def _list_keys(geometry, one, index, options, columns, bits):
     lanes = jnp.arange(options.chunk, dtype=jnp.int32)
     o, d, w = one["o"][:, None], one["d"][:, None], one["w"][:, None]
     kind = jnp.int64 if o.dtype == jnp.float64 else jnp.int32
-    shape = (-(-(1 << bits) // options.chunk), options.chunk, *o.shape[2:])
+    shape = (-(-room // options.chunk), options.chunk, *o.shape[2:])
 
     def fill(i, kept):
         slot = i * options.chunk + lanes
@@ -234,7 +235,7 @@ def _list_keys(geometry, one, index, options, columns, bits):
     def finish(i, kept):
         slot = (i * options.chunk + lanes)[:, None, None]
         order = kept[i]
-        key = pack(order, slot, low[None], high[None], bits)
+        key = pack(order, slot, low[None], high[None], one["mask"][None])
         return kept.at[i].set(jnp.where(order == end, end, key))
 
     chunks = -(-jnp.max(one["count"]) // options.chunk)
@@ -246,12 +247,12 @@ def _list_keys(geometry, one, index, options, columns, bits):
     return jax.lax.fori_loop(0, chunks, finish, kept), chunks
 
 
-def _round(listed, one, index, after, options, bits):
+def _round(listed, one, index, after, options):
     """The next k hits of every ray: Gaussian indices, -1 for none, and the last key."""
     held, chunks = listed
     kept = nearest(held, chunks, after, k=options.k)
     there = kept != _END[kept.dtype]
-    slot = jnp.where(there, kept & ((1 << bits) - 1), 0).astype(jnp.int32)
+    slot = jnp.where(there, kept & one["mask"].astype(kept.dtype)[None], 0).astype(jnp.int32)
     place = one["start"][None, :, None] + slot
     # The last row of the table is harmless: nothing that an empty slot shades can overflow.
     return jnp.where(there, index.at[place].get(mode="clip"), -1), kept[-1]

@@ -10,6 +10,7 @@ from jax.sharding import Mesh, PartitionSpec
 from gaussray.camera.rays import Rays
 from gaussray.tracer.bundle import FAN
 from gaussray.tracer.composite import Pixels
+from gaussray.tracer.grid import Grid
 from gaussray.tracer.motion import Motion
 from gaussray.tracer.trace import Report, TraceOptions, trace
 from gaussray.tracer.traverse import Capacity
@@ -29,7 +30,13 @@ def mesh_of_hosts(devices: int | None = None) -> Mesh:
 
 
 def trace_sharded(
-    motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Capacity, mesh: Mesh | None
+    motion: Motion,
+    rays: Rays,
+    *,
+    options: TraceOptions,
+    capacity: Capacity,
+    mesh: Mesh | None,
+    grid: Grid | None = None,
 ) -> tuple[Pixels, Report]:
     """`trace` with the rays dealt out to the devices and the scene on each; same result.
 
@@ -38,7 +45,7 @@ def trace_sharded(
     a mesh it is `trace`.
     """
     if mesh is None or mesh.size == 1:
-        return trace(motion, rays, options=options, capacity=capacity)
+        return trace(motion, rays, options=options, capacity=capacity, grid=grid)
     devices, block = mesh.size, options.bundle**2 * FAN**options.levels
     axis = rays.time.ndim - 1
     lead, count = rays.time.shape[:axis], rays.time.shape[axis]
@@ -56,8 +63,8 @@ def trace_sharded(
 
     everywhere, split = PartitionSpec(), PartitionSpec(*(None,) * axis, "rays")
 
-    def one_device(motion, rays):
-        pixels, report = trace(motion, rays, options=options, capacity=capacity)
+    def one_device(motion, rays, grid):
+        pixels, report = trace(motion, rays, options=options, capacity=capacity, grid=grid)
         total = partial(jax.lax.psum, axis_name="rays")
         largest = partial(jax.lax.pmax, axis_name="rays")
         report = Report(
@@ -71,9 +78,9 @@ def trace_sharded(
     spread = jax.shard_map(
         one_device,
         mesh=mesh,
-        in_specs=(everywhere, split),
+        in_specs=(everywhere, split, everywhere),
         out_specs=(split, everywhere),
         check_vma=False,
     )
-    pixels, report = spread(motion, jax.tree.map(deal, rays))
+    pixels, report = spread(motion, jax.tree.map(deal, rays), grid)
     return jax.tree.map(collect, pixels), report

@@ -1,6 +1,5 @@
 """Rays through Gaussians: candidates, then the march of the bundles; and what it costs."""
 
-import math
 from collections.abc import Callable
 from functools import partial
 
@@ -14,7 +13,7 @@ from gaussray.camera.rays import Rays
 from gaussray.tracer import cuda, kernel
 from gaussray.tracer.bundle import FAN, bound
 from gaussray.tracer.composite import Pixels
-from gaussray.tracer.grid import build
+from gaussray.tracer.grid import Grid, build
 from gaussray.tracer.march import march
 from gaussray.tracer.motion import Motion, columns, control_weights, table, whole
 from gaussray.tracer.traverse import Candidates, Capacity, candidates
@@ -28,9 +27,10 @@ class TraceOptions(eqx.Module):
 
     `k` hits are taken per round; rounds go on until the transmittance falls to `transmittance_min`
     or nothing is left, so k is a matter of speed alone. `bundle` is the side of a square bundle in
-    pixels, `levels` the number of coarser bundle levels (0 for bundles that are not neighbours),
-    `group` how many bundles march together (0: 4 on a CPU, whose caches they fill, 16 on a GPU),
-    `chunk` how many list entries are read at once. `backend` is "array" (runs everywhere, in any
+    pixels, `levels` the number of coarser bundle levels (0 for bundles that are not neighbours;
+    pictures of millions of Gaussians get more than asked for), `group` how many bundles march
+    together (0: 4 on a CPU, whose caches they fill, 16 on a GPU), `chunk` how many list entries are
+    read at once. `backend` is "array" (runs everywhere, in any
     precision), "kernel" (single precision on a CUDA device, see kernel.py) or "auto": the kernel
     where it runs.
     """
@@ -78,7 +78,12 @@ class Report(eqx.Module):
 
 
 def trace(
-    motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Capacity
+    motion: Motion,
+    rays: Rays,
+    *,
+    options: TraceOptions,
+    capacity: Capacity,
+    grid: Grid | None = None,
 ) -> tuple[Pixels, Report]:
     """What rays see of a moving scene, with gradients to scene, rays and times.
 
@@ -93,7 +98,14 @@ def trace(
         return jax.tree.map(lambda x: x[0], pixels), report
     if on_kernel(options, rays.time.dtype):
         return _trace_kernel(motion, rays, options=options, capacity=capacity)
-    return _trace_arrays(whole(motion), rays, options=options, capacity=capacity)
+    return _trace_arrays(whole(motion), rays, options=options, capacity=capacity, grid=grid)
+
+
+def grid_of(motion: Motion, options: TraceOptions) -> Grid | None:
+    """The grid over a motion's Gaussians; the kernel has no use for one."""
+    if on_kernel(options, motion.gaussians.mean.dtype):
+        return None
+    return build(whole(jax.lax.stop_gradient(motion)), alpha_min=options.alpha_min)
 
 
 def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
@@ -143,11 +155,10 @@ def _wants(count: Array, options: TraceOptions, capacity: Capacity) -> tuple[Arr
     return needed, jnp.sum(jnp.maximum(count - capacity.slots, 0), dtype=jnp.int32)
 
 
-def _trace_arrays(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
+def _trace_arrays(motion, rays, *, options, capacity, grid) -> tuple[Pixels, Report]:
     count = rays.time.shape[1]
-    lists, skipped = find(motion, rays, options=options, capacity=capacity)
+    lists, skipped = find(motion, rays, options=options, capacity=capacity, grid=grid)
     rows, layout = table(motion), columns(motion)
-    bits = max(math.ceil(math.log2(max(capacity.slots, 2))), 1)
     leading = partial(jnp.moveaxis, source=-1, destination=0)
 
     def one(rays: Rays):
@@ -161,7 +172,7 @@ def _trace_arrays(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
             (lists.index, lists.start, lists.count),
             options,
             layout,
-            bits,
+            capacity.slots,
         )
         flat = channels.reshape(4, -1)[:, :count]
         pixels = Pixels(flat[:3].T, transmittance.reshape(-1)[:count], flat[3])
@@ -172,11 +183,16 @@ def _trace_arrays(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
 
 
 def find(
-    motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Capacity
+    motion: Motion,
+    rays: Rays,
+    *,
+    options: TraceOptions,
+    capacity: Capacity,
+    grid: Grid | None = None,
 ) -> tuple[Candidates, Int[Array, ""]]:
     """Lists of every bundle over all samples, and the number of Gaussians that were not finite."""
     motion, rays = jax.lax.stop_gradient((motion, rays))
-    grid = build(motion, alpha_min=options.alpha_min)
+    grid = build(motion, alpha_min=options.alpha_min) if grid is None else grid
     each = jax.vmap(lambda one: in_bundles(one, options))(_sampled(rays))
     bundled = jax.tree.map(
         lambda x: jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1, *x.shape[3:]), each

@@ -3,6 +3,8 @@
 Integers only: nothing here is differentiated.
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,6 +12,10 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.tracer.bundle import FAN, Bundles
 from gaussray.tracer.grid import Grid
+
+
+# Pairs that are tested at once: what a test looks up takes many times the room of its answer.
+_AT_ONCE = 1 << 18
 
 
 class Capacity(eqx.Module):
@@ -74,12 +80,16 @@ def _refine(grid: Grid, bounds: Bundles, pair: list[Array], size: int) -> tuple[
     """
     parent, cell = pair
     real = parent >= 0
-    child = jnp.maximum(parent, 0)[:, None] * FAN + jnp.arange(FAN, dtype=jnp.int32)[None]
-    lower = grid.lower[jnp.maximum(cell, 0)]
-    upper = grid.upper[jnp.maximum(cell, 0)]
-    bundle = jax.tree.map(lambda x: x[child], bounds)
-    mask = jax.vmap(jax.vmap(_touches_box, in_axes=(0, None, None)))(bundle, lower, upper)
-    mask = mask & real[:, None]
+    fan = jnp.arange(FAN, dtype=jnp.int32)
+
+    def touched(parent: Array, cell: Array) -> Array:
+        lower, upper = (x[jnp.maximum(cell, 0)] for x in (grid.lower, grid.upper))
+        child = jnp.maximum(parent, 0)[:, None] * FAN + fan[None]
+        bundle = jax.tree.map(lambda x: x[child], bounds)
+        return jax.vmap(jax.vmap(_touches_box, in_axes=(0, None, None)))(bundle, lower, upper)
+
+    child = jnp.maximum(parent, 0)[:, None] * FAN + fan[None]
+    mask = _in_blocks(touched, parent, cell) & real[:, None]
     running = jnp.concatenate([jnp.zeros((1, FAN), jnp.int32), jnp.cumsum(mask, 0, jnp.int32)])
     parents = bounds.offset.shape[0] // FAN
     total = jnp.sum(real, dtype=jnp.int32)
@@ -102,14 +112,16 @@ def _gather(
 ) -> Candidates:
     """(bundle, cell) pairs -> the list of Gaussians of every bundle."""
     bundle, cell = pair
-    place = jnp.maximum(cell, 0)
-    side = jax.tree.map(lambda x: x[jnp.maximum(bundle, 0)], bounds)
     test = jax.vmap(_touches_ellipsoid, in_axes=(None, 0, 0))
-    mask = jax.vmap(test)(
-        side, jnp.moveaxis(grid.center, 0, 2)[place], jnp.moveaxis(grid.axes, 0, 2)[place]
-    )
-    index = grid.index[place]
-    mask = mask & (bundle >= 0)[:, None] & (index >= 0)
+    center, axes = (jnp.moveaxis(x, 0, 2) for x in (grid.center, grid.axes))
+
+    def touched(bundle: Array, cell: Array) -> Array:
+        place = jnp.maximum(cell, 0)
+        side = jax.tree.map(lambda x: x[jnp.maximum(bundle, 0)], bounds)
+        return jax.vmap(test)(side, center[place], axes[place])
+
+    index = grid.index[jnp.maximum(cell, 0)]
+    mask = _in_blocks(touched, bundle, cell) & (bundle >= 0)[:, None] & (index >= 0)
     (index,), pairs = _keep(mask.reshape(-1), capacity.pairs, index.reshape(-1))
     bundles = bounds.offset.shape[0]
     total = jnp.pad(jnp.cumsum(jnp.sum(mask, 1, dtype=jnp.int32), dtype=jnp.int32), (1, 0))
@@ -123,6 +135,21 @@ def _gather(
     fits = jnp.minimum(there, capacity.slots)
     lost = jnp.sum(jnp.maximum(sizes[:-1] - held, 0)) + jnp.sum(there - fits)
     return Candidates(index, start, fits, sizes, lost.astype(jnp.int32))
+
+
+def _in_blocks(
+    test: Callable[[Array, Array], Array], first: Int[Array, " pairs"], second: Int[Array, " pairs"]
+) -> Bool[Array, "pairs each"]:
+    """A test of pairs, of many one block after another."""
+    size = first.shape[0]
+    if size <= _AT_ONCE:
+        return test(first, second)
+
+    def cut(x: Array) -> Array:
+        return jnp.pad(x, (0, -size % _AT_ONCE)).reshape(-1, _AT_ONCE)
+
+    found = jax.lax.map(lambda pair: test(*pair), (cut(first), cut(second)))
+    return found.reshape(-1, found.shape[-1])[:size]
 
 
 def _touches_box(bundle: Bundles, lower: Array, upper: Array) -> Bool[Array, "*batch"]:
@@ -186,18 +213,29 @@ def nearest(
     return jax.lax.fori_loop(0, chunks, chunk, jnp.full((k, *after.shape), none, after.dtype))
 
 
+def slot_mask(count: Int[Array, "*lists"]) -> Int[Array, "*lists"]:
+    """The low bits that tell the slots of so many entries apart.
+
+    From the list itself, not from the room that there is for it: what rays see must not depend on
+    which frame or step the room was measured with.
+    """
+    most = jnp.maximum(count - 1, 1)
+    # The position of the highest bit, twice that, and all bits below.
+    return (2 << (jnp.iinfo(most.dtype).bits - 1 - jax.lax.clz(most))) - 1
+
+
 def pack(
     order: Int[Array, "*hits"],
     slot: Int[Array, "*slots"],
     low: Int[Array, "*rays"],
     high: Int[Array, "*rays"],
-    bits: int,
+    mask: Int[Array, "*lists"],
 ) -> Int[Array, "*hits"]:
-    """One integer that sorts by distance and remembers the slot in its low `bits`.
+    """One integer that sorts by distance and remembers the slot in the low bits of the `mask`.
 
     `order` holds the float bits of t > 0, which sort as t does, between `low` and `high` on this
     ray. Their difference is stretched over all the bits there are before the low ones are given to
-    the slot, so distances are told apart to about (high - low) 2^(bits - 29) in float32, however
+    the slot, so distances are told apart to about (high - low) mask 2^-29 in float32, however
     far away they lie. Closer ones are ordered by slot; shading restores their exact order within a
     round.
     """
@@ -205,4 +243,4 @@ def pack(
     shift = jnp.maximum(jax.lax.clz(jnp.maximum(high - low, 0)) - 2, 0)
     # The bounds may be compiled apart from the distances, and differ by their rounding.
     above = jnp.clip(order, low, high) - low
-    return ((above << shift) & ~((1 << bits) - 1)) | slot.astype(order.dtype)
+    return ((above << shift) & ~mask.astype(order.dtype)) | slot.astype(order.dtype)

@@ -266,6 +266,20 @@ def test_gaussians_that_are_not_finite_are_counted_and_harm_nothing():
         np.testing.assert_allclose(a, b, atol=1e-4)
 
 
+def test_what_rays_see_does_not_depend_on_the_room_that_lists_have():
+    # Discs whose distances differ by less than keys of 14 slot bits can tell, beside one far away.
+    crowd = gaussians(COUNT, size=(0.3, 0.6))
+    crowd.mean[:, 2] *= 1e-5
+    crowd.scale[:, 2], crowd.quat[:] = 1e-6, (1, 0, 0, 0)
+    crowd.mean[0, 2], crowd.scale[0] = 3.0, 2.0
+    lines = rays(jitter=0.0, spread=0.1)
+    seen = [
+        stacked(look(resting(crowd), shot(lines), options=OPTIONS, capacity=capacity)[0])
+        for capacity in (CAPACITY, Capacity((64, 512), 8192, 1 << 14))
+    ]
+    np.testing.assert_array_equal(*seen)
+
+
 def test_rays_without_direction_see_nothing_and_rays_that_are_nan_harm_no_other(plain):
     motion, lines, image = plain
     direction, origin = np.array(lines.direction), np.array(lines.origin)

@@ -9,6 +9,7 @@ import reference
 from pictures import seen_through
 from scenes import OPTIONS, RAYS, moving, rays, shot, wandering
 
+from gaussray.tracer import traverse
 from gaussray.tracer.trace import enlarge, find, measure
 from gaussray.tracer.traverse import Capacity, nearest, pack
 
@@ -60,6 +61,15 @@ def test_every_hit_is_in_the_list_of_its_bundle(picture):
     hit = np.isfinite(reference.hits(motion, lines, alpha_min=ALPHA_MIN)[0])
     assert np.any(hit)
     assert np.all(listed[hit])
+
+
+def test_lists_that_are_tested_block_by_block_are_the_lists(monkeypatch):
+    motion, lines = scene(), shot(PICTURES["depth_of_field"]())
+    whole, _ = search(motion, lines, options=OPTIONS, capacity=WHOLE)
+    monkeypatch.setattr(traverse, "_AT_ONCE", 7)  # divides no list
+    blocks, _ = jax.jit(lambda *seen: find(*seen, options=OPTIONS, capacity=WHOLE))(motion, lines)
+    for a, b in zip(jax.tree.leaves(whole), jax.tree.leaves(blocks), strict=True):
+        np.testing.assert_array_equal(a, b)
 
 
 def test_lists_are_short_where_rays_are_neighbours():
@@ -119,7 +129,7 @@ def test_nearest_in_rounds_is_a_sort():
     order = jnp.asarray(t.view(np.int32))
     end = np.iinfo(np.int32).max
     low, high = jnp.min(order, (0, 1), keepdims=True), jnp.max(order, (0, 1), keepdims=True)
-    key = jnp.where(missing, end, pack(order, jnp.asarray(slot), low, high, 5))
+    key = jnp.where(missing, end, pack(order, jnp.asarray(slot), low, high, jnp.asarray(31)))
     find_next = jax.jit(lambda after: nearest(key, jnp.int32(chunks), after, k=k))
     after, found = jnp.full(count, -1, jnp.int32), []
     for _ in range(-(-chunks * chunk // k) + 1):
@@ -138,6 +148,6 @@ def test_keys_tell_close_distances_apart_however_far_they_lie():
     t = np.linspace(1000, 1001, 100, dtype=np.float32)
     order = jnp.asarray(t.view(np.int32))
     ends = order[:1], order[-1:]
-    key = pack(order, jnp.arange(99, -1, -1, dtype=jnp.int32), *ends, 14)
+    key = pack(order, jnp.arange(99, -1, -1, dtype=jnp.int32), *ends, jnp.asarray(2**14 - 1))
     assert np.all(np.diff(np.asarray(key)) > 0)
     assert 0 <= int(key[0]) and int(key[-1]) < np.iinfo(np.int32).max
