@@ -32,6 +32,7 @@ from gaussray.vocabulary import choices, conf_folder, groups, keys
 
 T = TypeVar("T", bound=eqx.Module)
 
+_HYDRAS = (HydraException, OmegaConfBaseException)
 # The time of day in a text.
 _NOW = re.compile(r"\$\{now:[^${}]*\}")
 
@@ -183,17 +184,23 @@ def _hydra(verb: str, words: Sequence[str]) -> Iterator[None]:
             version_base="1.3", config_dir=str(conf_folder()), job_name="gaussray"
         ):
             yield
-    except (HydraException, OmegaConfBaseException) as error:
+    except _HYDRAS as error:
         raise _wrong(verb, error, words) from error
 
 
 def _composed(verb: str, overrides: Sequence[str]) -> DictConfig:
-    with _hydra(verb, overrides):
-        try:
-            return compose(verb, _spelled(overrides))
-        # What YAML and Python say of texts that are none, and of numbers too long to be any.
-        except (YAMLError, ValueError, OSError, RecursionError) as error:
-            raise _wrong(verb, error, overrides) from error
+    with _hydra(verb, overrides), _in_words(verb, overrides):
+        return compose(verb, _spelled(overrides))
+
+
+@contextlib.contextmanager
+def _in_words(verb: str, words: Sequence[str]) -> Iterator[None]:
+    """One message of whatever is wrong with words and files: also what YAML and Python say of texts
+    that are none, and of numbers too long to be any."""
+    try:
+        yield
+    except (*_HYDRAS, YAMLError, ValueError, OSError, RecursionError) as error:
+        raise _wrong(verb, error, words) from error
 
 
 def _spelled(overrides: Sequence[str]) -> list[str]:
