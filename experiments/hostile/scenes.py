@@ -17,6 +17,7 @@ def _scenes() -> list[Files]:
     from gaussray.scene.bodies import resting
     from gaussray.scene.clip import Clip
     from gaussray.scene.deformation import initial_deformation
+    from gaussray.scene.gaussian_folder import read_model
     from gaussray.scene.gaussians import Gaussians
     from gaussray.scene.planes import initial_planes
     from gaussray.scene.scene import Scene
@@ -34,17 +35,20 @@ def _scenes() -> list[Files]:
     bodies = resting(zero[None], jax.numpy.ones(1), jax.numpy.asarray([0.0, 1.0]))
     field = initial_deformation(key, planes, bodies, width=2)
     times = jax.numpy.asarray
+    with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
+        rest, residuals, _ = read_model(_written_model(folder))
     still = Scene(some(2), some(0), None, times([0.0, 1.0]))
     moves = Scene(some(1), some(2), field, times([1.0, 2.0]))
-    cases = [(still, "full"), (moves, "full"), (moves, "compact"), (Clip((still, moves)), "full")]
+    other = Scene(some(0), rest, residuals, times([0.0, 1.0]))
+    cases = [(still, "full"), (moves, "full"), (moves, "compact"), (other, "full")]
+    cases.append((Clip((still, moves)), "full"))
     return [{"scene.npz": written("scene.npz", lambda p, c=c: save(p, *c))} for c in cases]
 
 
 def _read_scene(folder: Path) -> object:
     from gaussray.scene.store import load_scene, scene_info
 
-    scene_info(folder)
-    return load_scene(folder)
+    return load_scene(folder), scene_info(folder)
 
 
 def _checkpoint() -> list[Files]:
@@ -60,13 +64,17 @@ def _read_checkpoint(folder: Path) -> object:
 
 
 def _model() -> list[Files]:
-    import foreign
-
     with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:
-        tensors = foreign.state(side=2, rows=2, width=2, channels=1, scales=(1,))
-        root = foreign.write_model(Path(folder), tensors, foreign.cloud(2))
+        root = _written_model(folder)
         paths = [path for path in root.rglob("*") if path.is_file()]
         return [{str(path.relative_to(root)): path.read_bytes() for path in paths}]
+
+
+def _written_model(folder: str) -> Path:
+    import foreign
+
+    tensors = foreign.state(side=2, rows=2, width=2, channels=1, scales=(1,))
+    return foreign.write_model(Path(folder), tensors, foreign.cloud(2))
 
 
 def _read_tensors(folder: Path) -> object:
