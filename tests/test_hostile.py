@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from toy import scene as toy_scene
 
+from experiments.hostile.captures import FRAME, LENS, TURN
 from gaussray.capture.calibration import read_capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.paths import read_path
@@ -26,15 +27,7 @@ from gaussray.scene.pth import read_tensors
 from gaussray.scene.store import load_scene, save_scene, write_arrays
 
 
-TURN = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-FRAME = {
-    "file_path": "a/0.png",
-    "transform_matrix": TURN,
-    "time": 0,
-    "camera": "a",
-    "split": "train",
-}
-CAPTURE = {"w": 4, "h": 3, "fl_x": 4, "fl_y": 4, "cx": 2, "cy": 1.5, "frames": [FRAME]}
+CAPTURE = {**LENS, "frames": [FRAME]}
 RENDER = ["scene=x", "out=x"]
 
 
@@ -195,6 +188,7 @@ def test_a_path_that_turns_by_nothing_is_refused(tmp_path):
         {"frames": [{"file_path": "link.png"}]},
         {"frames": [{"file_path": "pipe.png"}]},
         {"frames": [{"file_path": "a.png", "labels": {"../../evil": "a.png"}}]},
+        {"frames": [{"file_path": "a.png", "labels": {"a" * 5000: "a.png"}}]},
         {"frames": 3},
         {"frames": [{"file_path": 3}]},
         {"index": "0"},
