@@ -222,6 +222,9 @@ def preset_words(path: Path | str) -> list[str]:
         raise OSError(f"preset={path}: cannot be read: {error}") from error
     except (YAMLError, OmegaConfBaseException, ValueError, RecursionError) as error:
         raise ValueError(f"preset={path}: is no YAML file of keys: {error}") from error
+    # What OmegaConf makes of a YAML that is one number.
+    except AssertionError:
+        raise ValueError(f"preset={path}: must hold keys and values, got one value.") from None
     if not isinstance(told, dict):
         raise ValueError(f"preset={path}: must hold keys and values, got a list.")
     return [f"{key}={_word(value)}" for key, value in _flat(told)]

@@ -178,6 +178,14 @@ def test_a_path_that_turns_by_nothing_is_refused(tmp_path):
     assert len(str(caught.value)) < 1000
 
 
+@pytest.mark.parametrize("key", ["trajectory", "camera_path"])
+def test_a_path_without_poses_is_refused(tmp_path, key):
+    told = {"trajectory": {"poses": []}, "camera_path": {"poses": []}}
+    (tmp_path / "a.json").write_text(json.dumps({key: told[key]}))
+    with pytest.raises(CaptureError, match=f"a.json: {key} must be a list of blocks"):
+        read_path(tmp_path / "a.json")
+
+
 @pytest.mark.parametrize(
     "changes",
     [
@@ -295,6 +303,13 @@ def test_a_yaml_of_others_runs_nothing_and_ends_in_one_message(tmp_path, monkeyp
     with pytest.raises(ValueError, match="configuration: "):
         configuration("render", [*RENDER, "sample=mine", f"hydra.searchpath=[file://{tmp_path}]"])
     assert os.listdir(tmp_path) == ["sample"]
+
+
+@pytest.mark.parametrize("text", ["-1", "9" * 40, "[1, 2]", "[", "\0"])
+def test_a_preset_that_is_no_block_is_refused(tmp_path, text):
+    (tmp_path / "a.yaml").write_text(text)
+    with pytest.raises(ValueError, match="preset=.*a.yaml: (must hold keys|is no YAML)"):
+        configuration("render", [*RENDER, f"preset={tmp_path / 'a.yaml'}"])
 
 
 def test_no_module_imports_pickle():
