@@ -3,6 +3,7 @@
 import io
 import math
 import os
+import sys
 import zipfile
 import zlib
 from pathlib import Path
@@ -84,6 +85,9 @@ def _array(where: object, file: io.BufferedIOBase, size: int) -> np.ndarray:
         flat = _filled(np.empty(wanted, np.uint8), file).view(kind)
         # Of the machine's own byte order, as JAX demands.
         flat = flat.astype(kind.newbyteorder("="), copy=False)
+        # NumPy would make texts of them that Python itself takes for its own error.
+        if kind.kind == "U" and flat.view(np.uint32).max(initial=0) > sys.maxunicode:
+            raise ValueError("a text with numbers that are no characters")
         return flat.reshape(shape[::-1]).T if fortran else flat.reshape(shape)
     except (zipfile.BadZipFile, zlib.error):
         raise
