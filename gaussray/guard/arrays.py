@@ -1,5 +1,6 @@
 """NumPy's files of arrays, read without trust: no pickle, no promise that the file breaks."""
 
+import functools
 import io
 import math
 import os
@@ -73,8 +74,10 @@ def _array(where: object, file: io.BufferedIOBase, size: int) -> np.ndarray:
         version = npy.read_magic(file)
         if version not in ((1, 0), (2, 0)):
             raise ValueError(f"version {version}")
-        read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        shape, fortran, kind = read(file, max_header_size=_HEADER)
+        digits = file.read(2 if version == (1, 0) else 4)
+        # Whatever it says, no more is read than a header may have.
+        told = digits + file.read(min(int.from_bytes(digits, "little"), _HEADER + 1))
+        shape, fortran, kind = _header(version, told)
         if kind.hasobject or kind.subdtype is not None or kind.names or not kind.itemsize:
             raise ValueError(f"numbers of the kind {kind}")
         if kind.kind in "fiu" and kind.itemsize > 8:
@@ -94,6 +97,13 @@ def _array(where: object, file: io.BufferedIOBase, size: int) -> np.ndarray:
     # A malformed header raises ValueError, OverflowError, TypeError, SyntaxError and others.
     except Exception as error:
         raise Damaged(f"{where}: no array of NumPy: {' '.join(str(error).split())[:200]}") from None
+
+
+@functools.lru_cache(maxsize=256)
+def _header(version: tuple[int, int], told: bytes) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Shape, order and kind in a header, kept, for a file has many that are alike."""
+    read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    return read(io.BytesIO(told), max_header_size=_HEADER)
 
 
 def _filled(room: np.ndarray, file: io.BufferedIOBase) -> np.ndarray:
