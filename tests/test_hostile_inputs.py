@@ -2,8 +2,11 @@
 
 import io
 import json
+import subprocess
+import sys
 import time
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from experiments.hostile.reader import Reader, saved, text
 from gaussray.guard.arrays import read_npz
 
 
+ROOT = Path(__file__).resolve().parents[1]
 ENTRIES = {"a.npy": saved(np.arange(6.0)), "é.npy": b"x", "b.npy": b""}
 
 
@@ -102,3 +106,34 @@ def test_a_process_that_dies_or_stands_still_is_known(monkeypatch):
     assert fuzz._watched(Process(board, 3, 0, ends=False), board, never) == "hung"
     unfinished = Process(board, 10**6, 0)
     assert fuzz._watched(unfinished, board, time.monotonic()) == "" and not unfinished.is_alive()
+
+
+# For the life of a process, so in one of its own.
+SPRINGS = """
+import os, pathlib, pickle, subprocess, sys
+from experiments.hostile.trap import Trap
+folder = pathlib.Path(sys.argv[1])
+(folder / "a").write_text("a")
+os.chdir(folder)
+trap = Trap(folder)
+open("/etc/passwd").close()
+assert not trap.sprung
+deeds = {
+    "": lambda: ((folder / "a").read_text(), open("a").close(), open("./b", "w").close()),
+    "open /etc/passwd": lambda: open("/etc/passwd").close(),
+    "open /etc/hosts": lambda: os.close(os.open(b"../../../../../../../../etc/hosts", os.O_RDONLY)),
+    "subprocess.Popen": lambda: subprocess.run(["true"]),
+    "os.system": lambda: os.system("true"),
+    "pickle.find_class": lambda: pickle.loads(b"cos\\ngetcwd\\n."),
+}
+for said, deed in deeds.items():
+    with trap:
+        deed()
+    assert trap.sprung.startswith(said) and bool(trap.sprung) == bool(said), (said, trap.sprung)
+"""
+
+
+def test_the_trap_knows_what_leads_out_of_the_folder(tmp_path):
+    command = [sys.executable, "-c", SPRINGS, str(tmp_path)]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT)
+    assert done.returncode == 0, done.stderr

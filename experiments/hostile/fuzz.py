@@ -26,7 +26,7 @@ SECONDS, ROOM, TERM = 60.0, 3 << 30, 50_000
 # Where the files lie: no disk is waited for.
 SHELF = "/dev/shm"
 GOOD = ("accepted", "refused")
-KINDS = (*GOOD, "unclear", "crashed", "killed", "hung", "memory")
+KINDS = (*GOOD, "unclear", "crashed", "killed", "hung", "memory", "escaped")
 
 
 def main() -> None:
@@ -96,6 +96,7 @@ def _work(name, seed, inputs, board, folder, out, show=False):
     """Read inputs in a folder, and count on the board what became of them."""
     from experiments.hostile.mutate import damaged
     from experiments.hostile.readers import READERS
+    from experiments.hostile.trap import Trap
 
     warnings.simplefilter("ignore")
     reader = READERS[name]
@@ -107,6 +108,7 @@ def _work(name, seed, inputs, board, folder, out, show=False):
     _read(reader, samples[0], folder, lying)
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + ROOM, size + ROOM))
+    trap = Trap(folder)
     for i in inputs:
         if told is not None:
             told[0] = i
@@ -115,7 +117,10 @@ def _work(name, seed, inputs, board, folder, out, show=False):
         chosen = [x for x in files if x in reader.kinds]
         victim = chosen[int(dice.integers(len(chosen)))]
         files[victim] = damaged(dice, files[victim], reader.kinds[victim])
-        kind, why = _read(reader, files, folder, lying)
+        with trap:
+            kind, why = _read(reader, files, folder, lying)
+        if trap.sprung:
+            kind, why = "escaped", f"{trap.sprung} ({kind})"
         if told is not None:
             told[2 + KINDS.index(kind)] += 1
         if kind not in GOOD:
