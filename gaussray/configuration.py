@@ -23,6 +23,7 @@ from yaml import YAMLError
 from gaussray.alone import take
 from gaussray.atomic import whole
 from gaussray.devices import leads
+from gaussray.guard.aliases import check_aliases
 from gaussray.guard.files import read_text
 from gaussray.provenance import note_begin
 from gaussray.sample import PARTS, WORD, sample
@@ -190,7 +191,19 @@ def _hydra(verb: str, words: Sequence[str]) -> Iterator[None]:
 
 def _composed(verb: str, overrides: Sequence[str]) -> DictConfig:
     with _hydra(verb, overrides), _in_words(verb, overrides):
+        _check_searched(overrides)
         return compose(verb, _spelled(overrides))
+
+
+def _check_searched(words: Sequence[str]) -> None:
+    """Refuse files of other folders that Hydra would take for ever to read."""
+    for word in words:
+        name, _, value = word.lstrip("+").partition("=")
+        places = re.findall(r"[^\[\],'\"]+", value) if name == "hydra.searchpath" else ()
+        folders = (place.strip().removeprefix("file://") for place in places)
+        for folder in (Path(x) for x in folders if "://" not in x):
+            for path in (x for depth in ("", "*/", "*/*/") for x in folder.glob(f"{depth}*.yaml")):
+                check_aliases(path, read_text(path).decode())
 
 
 @contextlib.contextmanager
@@ -217,7 +230,9 @@ def _spelled(overrides: Sequence[str]) -> list[str]:
 def preset_words(path: Path | str) -> list[str]:
     """The keys of a YAML file as words of a command line."""
     try:
-        told = OmegaConf.to_container(OmegaConf.create(read_text(path).decode()))
+        text = read_text(path).decode()
+        check_aliases(path, text)
+        told = OmegaConf.to_container(OmegaConf.create(text))
     except OSError as error:
         raise OSError(f"preset={path}: cannot be read: {error}") from error
     except (YAMLError, OmegaConfBaseException, ValueError, RecursionError) as error:

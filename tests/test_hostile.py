@@ -312,6 +312,19 @@ def test_a_preset_that_is_no_block_is_refused(tmp_path, text):
         configuration("render", [*RENDER, f"preset={tmp_path / 'a.yaml'}"])
 
 
+def test_aliases_of_aliases_in_a_file_of_others_are_refused(tmp_path):
+    """Nine of nine of nine: each level took Hydra ten times as long."""
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    for i in range(9):
+        lines.append(f"a{i + 1}: &a{i + 1} [{', '.join(9 * [f'*a{i}'])}]")
+    (tmp_path / "sample").mkdir()
+    path = tmp_path / "sample/mine.yaml"
+    path.write_text("\n".join(lines))
+    for words in ([f"preset={path}"], ["sample=mine", f"hydra.searchpath=[file://{tmp_path}]"]):
+        with pytest.raises(ValueError, match="mine.yaml: must hold at most 100000 values"):
+            configuration("render", [*RENDER, *words])
+
+
 def test_no_module_imports_pickle():
     import ast
     import pathlib

@@ -42,10 +42,11 @@ def _command(folder: Path) -> object:
 def _yaml(folder: Path) -> object:
     from hydra.core.default_element import GroupDefault, ResultDefault
 
-    from gaussray.configuration import _in_words, _resolved
+    from gaussray.configuration import _check_searched, _in_words, _resolved
     from gaussray.production import _drawn
 
     with _in_words("render", [_search(folder)]):
+        _check_searched([_search(folder)])
         loader, repository, plain = _prepared(folder)
         repository.cache.clear()
         found = repository.load_config(NAME)
@@ -88,11 +89,13 @@ sample:
       uniform: [90, 180]
   aperture:
     radius: {log_uniform: [0.01, 0.1]}
-  fps: &a {choice: [8, 9], weights: [1, 2]}
+  fps: {choice: [8, 9], weights: &a [1, 2]}
+  exposure: {uniform: *a}
 """
 PRESET = b"""lens: fisheye
 lens.fov: 90
-camera: {names: [a, 'b c'], split: null}
+camera: {names: &a [a, 'b c'], split: null}
+labels: [*a, *a]
 out: "x\\u00e9"
 sample: {fps: {choice: [8, 9.5e0]}}
 quiet: true
