@@ -209,10 +209,10 @@ def _check_searched(words: Sequence[str]) -> None:
 @contextlib.contextmanager
 def _in_words(verb: str, words: Sequence[str]) -> Iterator[None]:
     """One message of whatever is wrong with words and files: also what YAML and Python say of texts
-    that are none, and of numbers too long to be any."""
+    that are none, and of numbers too long to be any, and Hydra of a package without a name."""
     try:
         yield
-    except (*_HYDRAS, YAMLError, ValueError, OSError, RecursionError) as error:
+    except (*_HYDRAS, YAMLError, ValueError, OSError, RecursionError, LookupError) as error:
         raise _wrong(verb, error, words) from error
 
 

@@ -294,6 +294,7 @@ def test_a_value_makes_no_object(tmp_path, monkeypatch):
         "sample: [",
         "sample: \xff",
         "# @package _global_ a b c d\nsample: 1",
+        "# @package [global_\nsample: 1",
     ],
 )
 def test_a_yaml_of_others_runs_nothing_and_ends_in_one_message(tmp_path, monkeypatch, text):
