@@ -307,6 +307,8 @@ def _calls(text: str) -> bool:
 def _wrong(verb: str, error: Exception, words: Sequence[str] = ()) -> ValueError:
     """What the user is told of an error of Hydra's: which word is wrong, if that is found."""
     told = (str(error).splitlines() or [type(error).__name__])[0][:300]
+    if isinstance(error, LookupError) and not isinstance(error, _HYDRAS):
+        told = "a file has a header (# @package NAME) or keys that cannot be understood."
     # Files of others may hold choices that are not known here.
     ours = not any(word.startswith("hydra.searchpath") for word in words)
     reasons = filter(None, (_misspelt(verb, word) for word in words if ours))

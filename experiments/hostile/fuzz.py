@@ -33,6 +33,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--reader", default="all", help="names, with commas, or all")
     parser.add_argument("--inputs", type=int, default=1000)
+    parser.add_argument("--first", type=int, default=0, help="where to go on")
     parser.add_argument("--minutes", type=float, default=1e9, help="most of them for one reader")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", type=int, help="one input, with its traceback")
@@ -50,7 +51,8 @@ def main() -> None:
     print("|---" * (len(KINDS) + 3) + "|", flush=True)
     for name in names:
         began = time.monotonic()
-        count = _campaign(name, told.seed, told.inputs, began + 60 * told.minutes, Path(told.out))
+        inputs = range(told.first, told.inputs)
+        count = _campaign(name, told.seed, inputs, began + 60 * told.minutes, Path(told.out))
         row = [name, sum(count.values()), *(count[kind] for kind in KINDS)]
         row.append(f"{time.monotonic() - began:.0f}")
         print(f"| {' | '.join(str(x) for x in row)} |", flush=True)
@@ -60,8 +62,9 @@ def _campaign(name, seed, inputs, ends, out):
     """How often each outcome came: of all inputs, or of those tried when the clock `ends`."""
     board = mmap.mmap(-1, 8 * (2 + len(KINDS)))
     told = np.frombuffer(board, np.int64)
-    while told[0] < inputs and time.monotonic() < ends:
-        term = range(int(told[0]), min(inputs, int(told[0]) + TERM))
+    told[0] = inputs.start
+    while told[0] < inputs.stop and time.monotonic() < ends:
+        term = range(int(told[0]), min(inputs.stop, int(told[0]) + TERM))
         with tempfile.TemporaryDirectory(prefix="hostile", dir=SHELF) as folder:
             work = name, seed, term, board, Path(folder), out
             child = multiprocessing.get_context("fork").Process(target=_work, args=work)
