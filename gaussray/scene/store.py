@@ -132,8 +132,9 @@ def _scene(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> 
     if not isinstance(listed, list) or not isinstance(codes, dict):
         raise ValueError(f"{path}: the header does not list its arrays; the scene is damaged.")
     for name in listed:
-        if name not in array:
-            raise ValueError(f"{path}: the array '{name}' is missing; the file is not whole.")
+        # It may be anything, a list among them, which no table takes for a name.
+        if not isinstance(name, str) or name not in array:
+            raise ValueError(f"{path}: the array '{name!s:.80}' is missing; the file is not whole.")
     array = restored(codes, array, path)
     return scene_from(array, path, residuals="deformation.encoded" in array, demanded=())
 
