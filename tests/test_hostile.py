@@ -131,6 +131,14 @@ def test_tuples_within_tuples_are_neither_printed_nor_compared(tmp_path, place):
     assert len(str(caught.value)) < 1000
 
 
+def test_entries_of_a_pth_whose_names_are_no_text_are_refused(tmp_path):
+    path = tmp_path / "a.pth"
+    foreign.write_archive(path, b"\x80\x02N.", {"\u00e9": b"1234"})
+    path.write_bytes(path.read_bytes().replace("\u00e9".encode(), b"\xb3\xb3"))
+    with pytest.raises(ValueError, match="a.pth: must be a file of torch.save"):
+        read_tensors(path)
+
+
 def test_arguments_without_end_are_refused(tmp_path):
     foreign.write_model(tmp_path, foreign.state(side=2, rows=2), foreign.cloud(2))
     for text in ("Namespace(a=" + "(" * 10_000, "Namespace(a=" + "-" * 90_000 + "1)", "a" * 10**6):

@@ -20,6 +20,8 @@ from gaussray.guard.limits import within
 _HEADER = 10_000
 # Bytes read at a time.
 _BLOCK = 1 << 24
+# What zipfile says of one that is none, of a kind it does not know, of names that are no text.
+_BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, UnicodeDecodeError)
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
@@ -44,7 +46,7 @@ def read_npz(path: Path | str) -> dict[str, np.ndarray]:
                 entry.filename.removesuffix(".npy"): _entry(path, archive, entry)
                 for entry in entries
             }
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
+    except _BROKEN as error:
         raise Damaged(f"{path}: {str(error)[:200]}") from error
     except FileNotFoundError:
         raise

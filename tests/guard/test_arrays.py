@@ -146,3 +146,11 @@ def test_a_text_of_numbers_that_are_no_characters_is_refused(tmp_path, order):
             continue
         with pytest.raises(Damaged, match="a.npz: 'x.npy': .* no characters"):
             read_npz(tmp_path / "a.npz")
+
+
+def test_names_of_entries_that_are_no_text_are_refused(tmp_path):
+    archive(tmp_path / "a.npz", **{"\u00e9": b"x"})
+    content = (tmp_path / "a.npz").read_bytes()
+    (tmp_path / "a.npz").write_bytes(content.replace("\u00e9".encode(), b"\xb3\xb3"))
+    with pytest.raises(Damaged, match="a.npz: 'utf-8' codec"):
+        read_npz(tmp_path / "a.npz")
