@@ -14,6 +14,7 @@ from toy import scene as toy_scene
 
 from experiments.hostile.captures import FRAME, LENS, TURN
 from gaussray.capture.calibration import read_capture
+from gaussray.capture.colmap import read_colmap
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.paths import read_path
 from gaussray.capture.videos import read_frames, read_video
@@ -177,6 +178,23 @@ def test_cameras_are_read_though_their_pictures_are_elsewhere(tmp_path):
     (tmp_path / "cameras.json").write_text(json.dumps(top))
     (view,) = cameras_of(tmp_path / "scene.npz", None)
     assert (view.camera_name, view.width, view.mask) == ("a", 4, None)
+
+
+@pytest.mark.parametrize(
+    ("camera", "picture"),
+    [
+        ("1 PINHOLE 4 3 4 4 2 1.5", "9" * 5000),
+        (f"1 {'9' * 7000} 4 3 4 4 2 1.5", "a.png"),
+        (f"1 PINHOLE 4 {'9' * 7000} 4 4 2 1.5", "a.png"),
+    ],
+)
+def test_words_of_any_length_in_a_model_of_colmap_are_cut(tmp_path, camera, picture):
+    (tmp_path / "cameras.txt").write_text(f"{camera}\n")
+    (tmp_path / "images.txt").write_text(f"1 1 0 0 0 0 0 0 1 {picture}\n\n")
+    (tmp_path / "points3D.txt").write_text("")
+    with pytest.raises(CaptureError, match=r"(cameras|images).txt: ") as caught:
+        read_colmap(tmp_path)
+    assert len(str(caught.value)) < 1000
 
 
 def test_a_path_that_turns_by_nothing_is_refused(tmp_path):
