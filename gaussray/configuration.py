@@ -23,6 +23,7 @@ from yaml import YAMLError
 from gaussray.alone import take
 from gaussray.atomic import whole
 from gaussray.devices import leads
+from gaussray.guard.aliases import check_aliases
 from gaussray.guard.files import read_text
 from gaussray.provenance import note_begin
 from gaussray.sample import PARTS, WORD, sample
@@ -32,6 +33,7 @@ from gaussray.vocabulary import choices, conf_folder, groups, keys
 
 T = TypeVar("T", bound=eqx.Module)
 
+_HYDRAS = (HydraException, OmegaConfBaseException)
 # The time of day in a text.
 _NOW = re.compile(r"\$\{now:[^${}]*\}")
 
@@ -183,17 +185,35 @@ def _hydra(verb: str, words: Sequence[str]) -> Iterator[None]:
             version_base="1.3", config_dir=str(conf_folder()), job_name="gaussray"
         ):
             yield
-    except (HydraException, OmegaConfBaseException) as error:
+    except _HYDRAS as error:
         raise _wrong(verb, error, words) from error
 
 
 def _composed(verb: str, overrides: Sequence[str]) -> DictConfig:
-    with _hydra(verb, overrides):
-        try:
-            return compose(verb, _spelled(overrides))
-        # What YAML and Python say of texts that are none, and of numbers too long to be any.
-        except (YAMLError, ValueError, OSError, RecursionError) as error:
-            raise _wrong(verb, error, overrides) from error
+    with _hydra(verb, overrides), _in_words(verb, overrides):
+        _check_searched(overrides)
+        return compose(verb, _spelled(overrides))
+
+
+def _check_searched(words: Sequence[str]) -> None:
+    """Refuse files of other folders that Hydra would take for ever to read."""
+    for word in words:
+        name, _, value = word.lstrip("+").partition("=")
+        places = re.findall(r"[^\[\],'\"]+", value) if name == "hydra.searchpath" else ()
+        folders = (place.strip().removeprefix("file://") for place in places)
+        for folder in (Path(x) for x in folders if "://" not in x):
+            for path in (x for depth in ("", "*/", "*/*/") for x in folder.glob(f"{depth}*.yaml")):
+                check_aliases(path, read_text(path).decode())
+
+
+@contextlib.contextmanager
+def _in_words(verb: str, words: Sequence[str]) -> Iterator[None]:
+    """One message of whatever is wrong with words and files: also what YAML and Python say of texts
+    that are none, and of numbers too long to be any, and Hydra of a package without a name."""
+    try:
+        yield
+    except (*_HYDRAS, YAMLError, ValueError, OSError, RecursionError, LookupError) as error:
+        raise _wrong(verb, error, words) from error
 
 
 def _spelled(overrides: Sequence[str]) -> list[str]:
@@ -210,11 +230,16 @@ def _spelled(overrides: Sequence[str]) -> list[str]:
 def preset_words(path: Path | str) -> list[str]:
     """The keys of a YAML file as words of a command line."""
     try:
-        told = OmegaConf.to_container(OmegaConf.create(read_text(path).decode()))
+        text = read_text(path).decode()
+        check_aliases(path, text)
+        told = OmegaConf.to_container(OmegaConf.create(text))
     except OSError as error:
         raise OSError(f"preset={path}: cannot be read: {error}") from error
     except (YAMLError, OmegaConfBaseException, ValueError, RecursionError) as error:
         raise ValueError(f"preset={path}: is no YAML file of keys: {error}") from error
+    # What OmegaConf makes of a YAML that is one number.
+    except AssertionError:
+        raise ValueError(f"preset={path}: must hold keys and values, got one value.") from None
     if not isinstance(told, dict):
         raise ValueError(f"preset={path}: must hold keys and values, got a list.")
     return [f"{key}={_word(value)}" for key, value in _flat(told)]
@@ -282,6 +307,8 @@ def _calls(text: str) -> bool:
 def _wrong(verb: str, error: Exception, words: Sequence[str] = ()) -> ValueError:
     """What the user is told of an error of Hydra's: which word is wrong, if that is found."""
     told = (str(error).splitlines() or [type(error).__name__])[0][:300]
+    if isinstance(error, LookupError) and not isinstance(error, _HYDRAS):
+        told = "a file has a header (# @package NAME) or keys that cannot be understood."
     # Files of others may hold choices that are not known here.
     ours = not any(word.startswith("hydra.searchpath") for word in words)
     reasons = filter(None, (_misspelt(verb, word) for word in words if ours))

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 from toy import scene as toy_scene
 
+from experiments.hostile.captures import FRAME, LENS, TURN
 from gaussray.capture.calibration import read_capture
+from gaussray.capture.colmap import read_colmap
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.paths import read_path
 from gaussray.capture.videos import read_frames, read_video
@@ -26,15 +28,7 @@ from gaussray.scene.pth import read_tensors
 from gaussray.scene.store import load_scene, save_scene, write_arrays
 
 
-TURN = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-FRAME = {
-    "file_path": "a/0.png",
-    "transform_matrix": TURN,
-    "time": 0,
-    "camera": "a",
-    "split": "train",
-}
-CAPTURE = {"w": 4, "h": 3, "fl_x": 4, "fl_y": 4, "cx": 2, "cy": 1.5, "frames": [FRAME]}
+CAPTURE = {**LENS, "frames": [FRAME]}
 RENDER = ["scene=x", "out=x"]
 
 
@@ -138,6 +132,14 @@ def test_tuples_within_tuples_are_neither_printed_nor_compared(tmp_path, place):
     assert len(str(caught.value)) < 1000
 
 
+def test_entries_of_a_pth_whose_names_are_no_text_are_refused(tmp_path):
+    path = tmp_path / "a.pth"
+    foreign.write_archive(path, b"\x80\x02N.", {"\u00e9": b"1234"})
+    path.write_bytes(path.read_bytes().replace("\u00e9".encode(), b"\xb3\xb3"))
+    with pytest.raises(ValueError, match="a.pth: must be a file of torch.save"):
+        read_tensors(path)
+
+
 def test_arguments_without_end_are_refused(tmp_path):
     foreign.write_model(tmp_path, foreign.state(side=2, rows=2), foreign.cloud(2))
     for text in ("Namespace(a=" + "(" * 10_000, "Namespace(a=" + "-" * 90_000 + "1)", "a" * 10**6):
@@ -178,11 +180,36 @@ def test_cameras_are_read_though_their_pictures_are_elsewhere(tmp_path):
     assert (view.camera_name, view.width, view.mask) == ("a", 4, None)
 
 
+@pytest.mark.parametrize(
+    ("camera", "picture"),
+    [
+        ("1 PINHOLE 4 3 4 4 2 1.5", "9" * 5000),
+        (f"1 {'9' * 7000} 4 3 4 4 2 1.5", "a.png"),
+        (f"1 PINHOLE 4 {'9' * 7000} 4 4 2 1.5", "a.png"),
+    ],
+)
+def test_words_of_any_length_in_a_model_of_colmap_are_cut(tmp_path, camera, picture):
+    (tmp_path / "cameras.txt").write_text(f"{camera}\n")
+    (tmp_path / "images.txt").write_text(f"1 1 0 0 0 0 0 0 1 {picture}\n\n")
+    (tmp_path / "points3D.txt").write_text("")
+    with pytest.raises(CaptureError, match=r"(cameras|images).txt: ") as caught:
+        read_colmap(tmp_path)
+    assert len(str(caught.value)) < 1000
+
+
 def test_a_path_that_turns_by_nothing_is_refused(tmp_path):
     (tmp_path / "a.txt").write_text(f"0 0 0 0 0 0 0 1\n1 0 0 0 {'9' * 5000} 0 0 1\n")
     with pytest.raises(CaptureError, match="a.txt, line 2: must be time x y z") as caught:
         read_path(tmp_path / "a.txt")
     assert len(str(caught.value)) < 1000
+
+
+@pytest.mark.parametrize("key", ["trajectory", "camera_path"])
+def test_a_path_without_poses_is_refused(tmp_path, key):
+    told = {"trajectory": {"poses": []}, "camera_path": {"poses": []}}
+    (tmp_path / "a.json").write_text(json.dumps({key: told[key]}))
+    with pytest.raises(CaptureError, match=f"a.json: {key} must be a list of blocks"):
+        read_path(tmp_path / "a.json")
 
 
 @pytest.mark.parametrize(
@@ -195,6 +222,7 @@ def test_a_path_that_turns_by_nothing_is_refused(tmp_path):
         {"frames": [{"file_path": "link.png"}]},
         {"frames": [{"file_path": "pipe.png"}]},
         {"frames": [{"file_path": "a.png", "labels": {"../../evil": "a.png"}}]},
+        {"frames": [{"file_path": "a.png", "labels": {"a" * 5000: "a.png"}}]},
         {"frames": 3},
         {"frames": [{"file_path": 3}]},
         {"index": "0"},
@@ -292,15 +320,37 @@ def test_a_value_makes_no_object(tmp_path, monkeypatch):
         "sample: [",
         "sample: \xff",
         "# @package _global_ a b c d\nsample: 1",
+        "# @package [global_\nsample: 1",
     ],
 )
 def test_a_yaml_of_others_runs_nothing_and_ends_in_one_message(tmp_path, monkeypatch, text):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "sample").mkdir()
     (tmp_path / "sample/mine.yaml").write_bytes(text.encode("latin-1"))
-    with pytest.raises(ValueError, match="configuration: "):
+    with pytest.raises(ValueError, match="configuration: ") as caught:
         configuration("render", [*RENDER, "sample=mine", f"hydra.searchpath=[file://{tmp_path}]"])
+    assert "index out of range" not in str(caught.value)
     assert os.listdir(tmp_path) == ["sample"]
+
+
+@pytest.mark.parametrize("text", ["-1", "9" * 40, "[1, 2]", "[", "\0"])
+def test_a_preset_that_is_no_block_is_refused(tmp_path, text):
+    (tmp_path / "a.yaml").write_text(text)
+    with pytest.raises(ValueError, match="preset=.*a.yaml: (must hold keys|is no YAML)"):
+        configuration("render", [*RENDER, f"preset={tmp_path / 'a.yaml'}"])
+
+
+def test_aliases_of_aliases_in_a_file_of_others_are_refused(tmp_path):
+    """Nine of nine of nine: each level took Hydra ten times as long."""
+    lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1]"]
+    for i in range(9):
+        lines.append(f"a{i + 1}: &a{i + 1} [{', '.join(9 * [f'*a{i}'])}]")
+    (tmp_path / "sample").mkdir()
+    path = tmp_path / "sample/mine.yaml"
+    path.write_text("\n".join(lines))
+    for words in ([f"preset={path}"], ["sample=mine", f"hydra.searchpath=[file://{tmp_path}]"]):
+        with pytest.raises(ValueError, match="mine.yaml: must hold at most 100000 values"):
+            configuration("render", [*RENDER, *words])
 
 
 def test_no_module_imports_pickle():

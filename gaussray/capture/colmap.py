@@ -143,10 +143,12 @@ def _held(folder: Path, path: Path) -> Path:
 def _inside(file: Path, name: str) -> PurePosixPath:
     """A picture's name as a path; it must stay inside its folder."""
     path = PurePosixPath(name)
-    if path.is_absolute() or PureWindowsPath(name).anchor or ".." in path.parts or not path.parts:
+    outside = path.is_absolute() or PureWindowsPath(name).anchor or ".." in path.parts
+    # No file system has longer ones, and each says so in its own way.
+    if outside or not path.parts or max(len(part.encode()) for part in path.parts) > 255:
         raise CaptureError(
             f"{file}: the name of a picture must be a path inside the folder of pictures, got "
-            f"{name!r}. Register the pictures by their names in that folder."
+            f"{name[:80]!r}. Register the pictures by their names in that folder."
         )
     return path
 

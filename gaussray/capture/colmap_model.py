@@ -102,7 +102,8 @@ def _camera(path, number, model, size, read) -> tuple[int, dict[str, Any]]:
     if model not in MODELS:
         raise CaptureError(
             f"{path}: the model of camera {number} must be one of {', '.join(_NUMBERS)}, "
-            f"got {model}. Run `colmap image_undistorter` on the pictures and use what it writes."
+            f"got {model!s:.80}. Run `colmap image_undistorter` on the pictures and use what it "
+            "writes."
         )
     name, names = MODELS[model]
     values: dict[str, Any] = dict(zip(names, read(len(names)), strict=True))
@@ -233,7 +234,8 @@ def _parsed(path: Path, parse: Callable[[str], T], lines: int = 1) -> Iterator[T
             raise
         except ValueError as error:
             raise CaptureError(
-                f"{path}: line {number} must be as COLMAP writes it, got {line[:200]!r} ({error})."
+                f"{path}: line {number} must be as COLMAP writes it, got {line[:200]!r} "
+                f"({str(error)[:200]})."
             ) from None
         for _ in range(lines - 1):
             next(listed, None)

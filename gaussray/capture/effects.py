@@ -149,4 +149,8 @@ def _shake(keys, dtype):
 def quaternions(poses: np.ndarray, dtype: DTypeLike) -> Float[Array, "poses 4"]:
     """world_from_camera rotations, in our camera axes, of camera-to-world matrices in OpenGL's."""
     ours = poses[:, :, :3] * np.array(BLENDER_AXES)[None, None]
-    return jax.vmap(quaternion)(jnp.asarray(ours)).astype(dtype)
+    return _quaternions(ours).astype(dtype)
+
+
+# Compiled whole: step by step it takes a hundred times as long, and every capture waits for it.
+_quaternions = jax.jit(jax.vmap(quaternion))

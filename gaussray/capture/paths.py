@@ -43,7 +43,8 @@ def _of_json(path):
     listed = content[found[0]]
     if found[0] == "trajectory" and isinstance(listed, dict):
         listed = listed.get("poses")
-    if not isinstance(listed, list) or not all(isinstance(entry, dict) for entry in listed):
+    blocks = isinstance(listed, list) and all(isinstance(entry, dict) for entry in listed)
+    if not (blocks and listed):
         raise Keys(path, content).error(found[0], "a list of blocks")
     entries = [Keys(path, entry, prefix=f"{found[0]}[{k}].") for k, entry in enumerate(listed)]
     if found[0] == "camera_path":

@@ -58,5 +58,10 @@ def _add(tar: tarfile.TarFile, data: Path, key: str, frame: Mapping[str, Any]) -
     files["json"] = json.dumps({**frame, "take": take}).encode()
     for extension, content in files.items():
         member = tarfile.TarInfo(f"{key}.{extension}")
+        if len(member.name.encode()) > tarfile.LENGTH_NAME:
+            raise ValueError(
+                f"{data / MANIFEST}: a label must be short enough for a tar file, whose names have "
+                f"at most {tarfile.LENGTH_NAME} bytes, got {member.name[:80]!r} and more."
+            )
         member.size = len(content)
         tar.addfile(member, io.BytesIO(content))

@@ -1,8 +1,10 @@
 """NumPy's files of arrays, read without trust: no pickle, no promise that the file breaks."""
 
+import functools
 import io
 import math
 import os
+import sys
 import zipfile
 import zlib
 from pathlib import Path
@@ -18,6 +20,8 @@ from gaussray.guard.limits import within
 _HEADER = 10_000
 # Bytes read at a time.
 _BLOCK = 1 << 24
+# What zipfile says of one that is none, of a kind it does not know, of names that are no text.
+_BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, UnicodeDecodeError)
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
@@ -42,7 +46,7 @@ def read_npz(path: Path | str) -> dict[str, np.ndarray]:
                 entry.filename.removesuffix(".npy"): _entry(path, archive, entry)
                 for entry in entries
             }
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
+    except _BROKEN as error:
         raise Damaged(f"{path}: {str(error)[:200]}") from error
     except FileNotFoundError:
         raise
@@ -72,8 +76,10 @@ def _array(where: object, file: io.BufferedIOBase, size: int) -> np.ndarray:
         version = npy.read_magic(file)
         if version not in ((1, 0), (2, 0)):
             raise ValueError(f"version {version}")
-        read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-        shape, fortran, kind = read(file, max_header_size=_HEADER)
+        digits = file.read(2 if version == (1, 0) else 4)
+        # Whatever it says, no more is read than a header may have.
+        told = digits + file.read(min(int.from_bytes(digits, "little"), _HEADER + 1))
+        shape, fortran, kind = _header(version, told)
         if kind.hasobject or kind.subdtype is not None or kind.names or not kind.itemsize:
             raise ValueError(f"numbers of the kind {kind}")
         if kind.kind in "fiu" and kind.itemsize > 8:
@@ -84,12 +90,22 @@ def _array(where: object, file: io.BufferedIOBase, size: int) -> np.ndarray:
         flat = _filled(np.empty(wanted, np.uint8), file).view(kind)
         # Of the machine's own byte order, as JAX demands.
         flat = flat.astype(kind.newbyteorder("="), copy=False)
+        # NumPy would make texts of them that Python itself takes for its own error.
+        if kind.kind == "U" and flat.view(np.uint32).max(initial=0) > sys.maxunicode:
+            raise ValueError("a text with numbers that are no characters")
         return flat.reshape(shape[::-1]).T if fortran else flat.reshape(shape)
     except (zipfile.BadZipFile, zlib.error):
         raise
     # A malformed header raises ValueError, OverflowError, TypeError, SyntaxError and others.
     except Exception as error:
         raise Damaged(f"{where}: no array of NumPy: {' '.join(str(error).split())[:200]}") from None
+
+
+@functools.lru_cache(maxsize=256)
+def _header(version: tuple[int, int], told: bytes) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Shape, order and kind in a header, kept, for a file has many that are alike."""
+    read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    return read(io.BytesIO(told), max_header_size=_HEADER)
 
 
 def _filled(room: np.ndarray, file: io.BufferedIOBase) -> np.ndarray:

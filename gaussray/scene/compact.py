@@ -108,7 +108,7 @@ def restored(
         try:
             found[name] = _restored(Code(**code), array[name])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise ValueError(f"{path}: the code of '{name}' is damaged ({error}).") from error
+            raise ValueError(f"{path}: the code of '{name:.80}' is damaged ({error}).") from error
     return found
 
 

@@ -61,8 +61,8 @@ def read_model(
         if text.is_file() and "kplanes_config" in _arguments(text):
             raise FileNotFoundError(f"{network}: no such file. Copy it from the trained model.")
         return read_gaussians(ply), None, ply
-    rest = read_unconstrained(ply)
     heads = _heads_in_use(_arguments(text), text)
+    rest = read_unconstrained(ply)
     if "harmonics" in heads and rest.harmonics.shape[1] != 16:
         raise ValueError(
             f"{ply}: harmonics must be of degree 3, as their residuals are, got "

@@ -26,6 +26,12 @@ _KINDS = {
     **{"LongStorage": "i8", "IntStorage": "i4", "ShortStorage": "i2", "CharStorage": "i1"},
     **{"ByteStorage": "u1", "BoolStorage": "?"},
 }
+# What zipfile says of an archive that is none, or whose entries would lie before the file, or have
+# names that are no text.
+_BROKEN = (
+    *(zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, OSError),
+    UnicodeDecodeError,
+)
 
 
 class _Storage(NamedTuple):
@@ -59,8 +65,7 @@ def read_tensors(path: Path | str) -> dict[str, np.ndarray]:
     try:
         with opened(path) as file, zipfile.ZipFile(file) as archive:
             return _tensors(path, archive)
-    # OSError is what zipfile raises of entries that would lie before the file.
-    except (zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, OSError) as error:
+    except _BROKEN as error:
         raise ValueError(
             f"{path}: must be a file of torch.save (torch 1.6 or newer), whole and uncompressed, "
             f"got {str(error)[:200]}. Save it again."

@@ -21,13 +21,11 @@ Version 4 is for clips. Its header lists under `segments` what the headers of th
 say; the arrays of segment i have the names that they would have there after "i.".
 """
 
-import functools
 import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
@@ -40,9 +38,10 @@ from gaussray.scene.clip import Clip, segments_of
 from gaussray.scene.compact import compressed, restored
 from gaussray.scene.deformation import Deformation, Layer
 from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.misfit import misfit
 from gaussray.scene.planes import Planes
 from gaussray.scene.residual_field import ResidualField
-from gaussray.scene.scene import Scene, at
+from gaussray.scene.scene import Scene
 
 
 FORMAT = "gaussray-scene"
@@ -133,8 +132,9 @@ def _scene(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> 
     if not isinstance(listed, list) or not isinstance(codes, dict):
         raise ValueError(f"{path}: the header does not list its arrays; the scene is damaged.")
     for name in listed:
-        if name not in array:
-            raise ValueError(f"{path}: the array '{name}' is missing; the file is not whole.")
+        # It may be anything, a list among them, which no table takes for a name.
+        if not isinstance(name, str) or name not in array:
+            raise ValueError(f"{path}: the array '{name!s:.80}' is missing; the file is not whole.")
     array = restored(codes, array, path)
     return scene_from(array, path, residuals="deformation.encoded" in array, demanded=())
 
@@ -199,36 +199,10 @@ def scene_from(
             f"{str(time_range)[:80]}; the scene is damaged."
         )
     scene = Scene(gaussians("static"), gaussians("moving"), deformation, time_range)
-    _check(scene, path)
-    return scene
-
-
-def _check(scene: Scene, path: Path) -> None:
-    """Refuse arrays that are of no use to one another, before they are met within a program."""
-    leaves, tree = jax.tree.flatten(scene)
-    wrong = _misfit(tree, tuple((x.shape, x.dtype) for x in leaves))
+    wrong = misfit(scene)
     if wrong:
         raise ValueError(f"{path}: its arrays do not fit together ({wrong}); the scene is damaged.")
-
-
-@functools.lru_cache(maxsize=64)
-def _misfit(tree: Any, leaves: tuple) -> str:
-    """Why the arrays of a scene of these shapes make no Gaussians, nothing if they do: the scene at
-    a time is traced, not computed."""
-    scene = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
-    rest = scene.static, scene.moving
-    coefficients = {part.harmonics.shape[1] for part in rest}
-    if not coefficients <= {1, 4, 9, 16}:
-        return f"harmonics of {sorted(coefficients)} coefficients"
-    time = jax.ShapeDtypeStruct((), scene.time_range.dtype)
-    try:
-        made = jax.eval_shape(at, scene, time)
-    except Exception as error:
-        return " ".join(str(error).split())[:200]
-    count = sum(part.mean.shape[0] for part in rest)
-    wanted = {"mean": (3,), "quat": (4,), "scale": (3,), "opacity": ()}
-    wrong = [name for name, x in wanted.items() if getattr(made, name).shape != (count, *x)]
-    return ", ".join(wrong)
+    return scene
 
 
 def deformation_from(
@@ -267,15 +241,20 @@ def _residuals(array: dict[str, np.ndarray], prefix: str, path: Path) -> Residua
         first, last = (_layer(array, f"{prefix}.{name}.{i}", path) for i in range(2))
         return first, last
 
-    heads = (head(name) for name in ("mean", "rotation", "scale", "opacity", "harmonics"))
-    logit = f"{prefix}.logit_opacity"
-    return ResidualField(
-        _planes(array, f"{prefix}.planes", path),
-        tuple(_layer(array, f"{prefix}.trunk.{i}", path) for i in range(max(depth, 1))),
-        *heads,
-        logit_opacity=_take(array, logit, path) if logit in array else None,
-        encoded=bool(_take(array, f"{prefix}.encoded", path)),
-    )
+    heads = [head(name) for name in ("mean", "rotation", "scale", "opacity", "harmonics")]
+    planes = _planes(array, f"{prefix}.planes", path)
+    trunk = tuple(_layer(array, f"{prefix}.trunk.{i}", path) for i in range(max(depth, 1)))
+    logit, encoded = f"{prefix}.logit_opacity", _take(array, f"{prefix}.encoded", path)
+    at_rest = _take(array, logit, path) if logit in array else None
+    if encoded.ndim:
+        raise ValueError(
+            f"{path}: the array '{prefix}.encoded' must be one value, got the shape "
+            f"{encoded.shape}; the scene is damaged."
+        )
+    try:
+        return ResidualField(planes, trunk, *heads, logit_opacity=at_rest, encoded=bool(encoded))
+    except ValueError as error:
+        raise ValueError(f"{path}: {error} The scene is damaged.") from error
 
 
 def _planes(array: dict[str, np.ndarray], prefix: str, path: Path) -> Planes:

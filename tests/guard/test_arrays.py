@@ -133,3 +133,24 @@ def test_numbers_are_in_the_byte_order_of_the_machine(tmp_path):
     found = read_npz(tmp_path / "a.npz")["a"]
     assert found.dtype.isnative
     np.testing.assert_array_equal(found, [0, 1, 2])
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_a_text_of_numbers_that_are_no_characters_is_refused(tmp_path, order):
+    """NumPy makes a broken text of them, of which Python says that it is at fault itself."""
+    for number, good in ((0x61, True), (0x10FFFF, True), (0x110000, False), (2**31, False)):
+        data = np.array([0x62, number], f"{order}u4").tobytes()
+        archive(tmp_path / "a.npz", x=entry(f"{order}U2", (), data))
+        if good:
+            assert str(read_npz(tmp_path / "a.npz")["x"]) == "b" + chr(number)
+            continue
+        with pytest.raises(Damaged, match="a.npz: 'x.npy': .* no characters"):
+            read_npz(tmp_path / "a.npz")
+
+
+def test_names_of_entries_that_are_no_text_are_refused(tmp_path):
+    archive(tmp_path / "a.npz", **{"\u00e9": b"x"})
+    content = (tmp_path / "a.npz").read_bytes()
+    (tmp_path / "a.npz").write_bytes(content.replace("\u00e9".encode(), b"\xb3\xb3"))
+    with pytest.raises(Damaged, match="a.npz: 'utf-8' codec"):
+        read_npz(tmp_path / "a.npz")

@@ -92,6 +92,24 @@ def test_a_missing_array_of_residuals_is_named(tmp_path, name):
         load_scene(tmp_path)
 
 
+def test_residuals_that_make_no_field_are_refused_by_name(tmp_path):
+    scene = residual_scene(tmp_path / "model")
+    changes = {"logit_opacity": None, "encoded": np.zeros((2, 1), bool)}
+    for name, x in changes.items():
+        save_scene(tmp_path / "scene.npz", scene)
+        rewritten(tmp_path / "scene.npz", 2, **{f"deformation.{name}": x})
+        with pytest.raises(ValueError, match=f"(?i)scene.npz: .*{name}.*the scene is damaged"):
+            load_scene(tmp_path)
+
+
+def test_a_list_of_arrays_that_holds_another_list_is_refused(tmp_path):
+    save_scene(tmp_path / "scene.npz", toy.scene(), precision="compact")
+    header, array = read_arrays(tmp_path / "scene.npz", "gaussray-scene", 3)
+    write_arrays(tmp_path / "scene.npz", header | {"arrays": [[], *header["arrays"]]}, array)
+    with pytest.raises(ValueError, match=r"scene.npz: the array '\[\]' is missing"):
+        load_scene(tmp_path)
+
+
 def test_a_write_that_fails_leaves_the_old_file(path, monkeypatch):
     before = path.read_bytes()
 
