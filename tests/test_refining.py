@@ -34,6 +34,8 @@ from gaussray.geometry import multiply, turning
 from gaussray.reconstruct import reconstruct
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.gaussians import unconstrain
+from gaussray.tracer.traverse import Capacity
+from gaussray.training import Trial
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -324,7 +326,8 @@ def test_the_refined_cameras_are_written_and_what_was_found_is_said(
         )
 
     monkeypatch.setattr(stage, "train_block", learnt)
-    monkeypatch.setattr(Fit, "trial", lambda *_: True)
+    room = Capacity((8,), 8, 8)
+    monkeypatch.setattr(Fit, "trial", lambda self, *_: Trial(room, self.mesh, 1))
     capture = recorded(tmp_path / "capture", pictures, ("shutter",))
     chosen = options("exposure", "shutter")
     reconstruct(capture, tmp_path / "run", options=chosen)
