@@ -22,7 +22,15 @@ from gaussray.fit.appearance import Shown
 from gaussray.fit.cameras import camera_set, rays_per_pixel
 from gaussray.fit.course import FitOptions
 from gaussray.fit.density import DensityOptions, alive, with_rows
-from gaussray.fit.initial import bodies, in_common_view, inliers, merged, on_points, surrounding
+from gaussray.fit.initial import (
+    between,
+    bodies,
+    in_common_view,
+    inliers,
+    merged,
+    on_points,
+    surrounding,
+)
 from gaussray.fit.journal import Journal, decibel
 from gaussray.fit.loss import LossOptions
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, scene_of
@@ -128,6 +136,9 @@ class Fit:
         fit, points = self.options.fit, self.capture.points
         if points is not None:
             position, color = self._cleaned(points)
+            lacking = max(fit.points - len(position), 0)
+            more = between(position, color, count=lacking, seed=fit.seed)
+            position, color = (np.concatenate(x) for x in zip((position, color), more, strict=True))
         else:
             pose = self.footage.camera.trajectory
             origin, axis = np.asarray(pose.translation)[:, 0], _axes_of_view(self.footage)

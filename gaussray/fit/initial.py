@@ -98,6 +98,28 @@ def on_points(
     )
 
 
+def between(
+    position: Float[np.ndarray, "points 3"],
+    color: Float[np.ndarray, "points 3"],
+    *,
+    count: int,
+    seed: int,
+) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count 3"]]:
+    """More points on the surface that a sparse cloud samples: random ones in triangles of a point
+    and two of its eight nearest neighbours, with the colours that lie between theirs."""
+    dice, near = np.random.default_rng(seed), min(8, len(position) - 1)
+    if near < 2:
+        at = dice.integers(len(position), size=count)
+        return position[at], color[at]
+    _, index = KDTree(position).query(position, k=near + 1)
+    own = dice.integers(len(position), size=count)
+    pair = np.argsort(dice.random((count, near)), axis=1)[:, :2] + 1
+    corner = np.concatenate([own[:, None], index[own[:, None], pair]], axis=1)
+    share = dice.dirichlet(np.ones(3), size=count).astype(np.float32)
+    place, tone = (np.einsum("nk,nkc->nc", share, x[corner]) for x in (position, color))
+    return place.astype(np.float32), tone.astype(np.float32)
+
+
 def surrounding(
     position: Float[np.ndarray, "points 3"], *, count: int, seed: int
 ) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count 3"]]:
