@@ -136,7 +136,7 @@ class Fit:
         fit, points = self.options.fit, self.capture.points
         if points is not None:
             position, color = self._cleaned(points)
-            lacking = max(fit.points - len(position), 0)
+            lacking = max(fit.points - len(position), 0) if len(position) else 0
             more = between(position, color, count=lacking, seed=fit.seed)
             position, color = (np.concatenate(x) for x in zip((position, color), more, strict=True))
         else:

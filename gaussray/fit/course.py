@@ -19,8 +19,9 @@ class FitOptions(eqx.Module):
 
     `points` random points are the start if the capture has none; of those that it has, points go
     that are further from their neighbours than usual by more than `outliers` standard deviations (0
-    keeps all, see `initial.inliers`), and around them `surround` times as many random ones are
-    added (`initial.surrounding`): for what is far, and what mirrors show. Gaussians start with
+    keeps all, see `initial.inliers`), of fewer than `points` the rest are put between them
+    (`initial.between`), and around them `surround` times as many random ones are added
+    (`initial.surrounding`): for what is far, and what mirrors show. Gaussians start with
     harmonics of this `degree`, this `opacity`, and `spread` gaps between points as scale; none gets
     smaller than `footprint` pixels of the camera that sees it most finely.
 

@@ -11,7 +11,7 @@ import toy
 
 from gaussray.fit import optimizer
 from gaussray.fit.checkpoint import load_checkpoint, save_checkpoint
-from gaussray.fit.initial import in_common_view, on_points
+from gaussray.fit.initial import between, in_common_view, on_points
 from gaussray.fit.optimizer import OptimizerOptions, Parameters, scene_of
 from gaussray.fit.refinement import no_corrections
 from gaussray.fit.state import begin_state
@@ -189,6 +189,30 @@ def test_a_random_start_lies_where_all_cameras_look():
     assert position.shape == color.shape == (500, 3)
     again, _ = in_common_view(origin, direction.astype(np.float32), count=500, seed=1)
     np.testing.assert_array_equal(position, again)
+
+
+def test_points_between_points_lie_on_their_surface_in_the_colours_between():
+    dice = np.random.default_rng(0)
+    plane = dice.uniform(-1, 1, (40, 3)).astype(np.float32) * np.float32([1, 1, 0])
+    slope = dice.uniform(0, 0.3, (3, 3)).astype(np.float32)
+    place, color = between(plane, plane @ slope + 0.5, count=300, seed=2)
+    assert place.shape == color.shape == (300, 3) and place.dtype == np.float32
+    assert (place[:, 2] == 0).all() and np.abs(place).max() <= np.abs(plane).max()
+    np.testing.assert_allclose(color, place @ slope + 0.5, atol=1e-6)
+    # None is far from those that it lies between.
+    gaps = np.linalg.norm(place[:, None] - plane[None], axis=-1).min(axis=1)
+    widest = np.sort(np.linalg.norm(plane[:, None] - plane[None], axis=-1), axis=1)[:, 8].max()
+    assert gaps.max() < widest
+    again, _ = between(plane, plane, count=300, seed=2)
+    np.testing.assert_array_equal(place, again)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_points_are_repeated(count):
+    points = np.arange(3 * count, dtype=np.float32).reshape(count, 3)
+    place, color = between(points, points, count=5, seed=0)
+    assert all((points == x).all(axis=1).any() for x in place) and (place == color).all()
+    assert between(points, points, count=0, seed=0)[0].shape == (0, 3)
 
 
 def test_a_random_start_is_the_same_in_every_unit():
