@@ -108,10 +108,10 @@ def between(
     """More points on the surface that a sparse cloud samples: random ones in triangles of a point
     and two of its eight nearest neighbours, with the colours that lie between theirs."""
     dice, near = np.random.default_rng(seed), min(8, len(position) - 1)
-    if near < 2:
+    if near < 2 or not count:
         at = dice.integers(len(position), size=count)
         return position[at], color[at]
-    _, index = KDTree(position).query(position, k=near + 1)
+    index = np.asarray(KDTree(position).query(position, k=near + 1)[1])
     own = dice.integers(len(position), size=count)
     pair = np.argsort(dice.random((count, near)), axis=1)[:, :2] + 1
     corner = np.concatenate([own[:, None], index[own[:, None], pair]], axis=1)
