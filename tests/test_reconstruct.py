@@ -30,7 +30,7 @@ pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 OPTIONS = ReconstructOptions(
     fit=FitOptions(
-        coarse=100, fine=200, tiles=4, block=10, checkpoint=0.0, points=60, surround=0.0
+        coarse=100, fine=200, tiles=4, block=10, checkpoint=0.0, points=27, surround=0.0
     ),
     track=TrackOptions(poses=8, points=4, elite=2, rounds=1, blur=(0.5,)),
     field=toy.SHORT.field,
@@ -267,9 +267,19 @@ def test_without_points_random_ones_in_view_are_the_start(bare, tmp_path):
     journal = Journal(tmp_path, resume=False, interval=0.0)
     state = Fit(bare, journal, OPTIONS, True).begin()
     assert alive(state.parameters.static).sum() == 0
-    assert alive(state.parameters.moving).sum() == 60
-    place = np.asarray(state.parameters.moving.mean)[:60]
+    assert alive(state.parameters.moving).sum() == 27
+    place = np.asarray(state.parameters.moving.mean)[:27]
     assert np.abs(place).max() < 4
+
+
+def test_few_points_are_filled_up_between_them(capture, tmp_path):
+    chosen = dataclasses.replace(OPTIONS, fit=dataclasses.replace(OPTIONS.fit, points=90))
+    state = Fit(capture, Journal(tmp_path, resume=False, interval=0.0), chosen, True).begin()
+    parts = state.parameters.static, state.parameters.moving
+    assert sum(int(alive(part).sum()) for part in parts) == 90
+    place = np.concatenate([np.asarray(part.mean)[np.asarray(alive(part))] for part in parts])
+    own = capture.points.position
+    assert (place >= own.min(axis=0) - 1e-6).all() and (place <= own.max(axis=0) + 1e-6).all()
 
 
 def test_where_every_camera_looked_but_once_everything_may_move(capture, tmp_path):
@@ -287,8 +297,8 @@ def test_where_every_camera_looked_but_once_everything_may_move(capture, tmp_pat
 def test_without_points_the_field_alone_moves_what_is_no_body(bare, tmp_path):
     scene = reconstruct(bare, tmp_path, options=toy.SHORT, quiet=True)
     assert [line["stage"] for line in lines(tmp_path)] == ["coarse", "fine"]
-    # Of the 60 points some may be where no ray comes by.
-    assert scene.static.count == 0 and 50 < scene.moving.count <= 60
+    # Of the 27 points some may be where no ray comes by.
+    assert scene.static.count == 0 and 20 < scene.moving.count <= 27
     assert scene.deformation is not None and scene.deformation.bodies.pivot.shape == (0, 3)
     assert scene.deformation.bodies.path.shape == (0, len(toy.TIMES), 3)
     found = load_scene(tmp_path)

@@ -37,6 +37,7 @@ OPTIONS = ReconstructOptions(
     fit=FitOptions(
         coarse=60,
         fine=60,
+        points=1,
         segment=5,
         tiles=4,
         block=20,
