@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from gaussray.dataset.takes import read_takes
 from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, note, table, tiles
@@ -19,11 +18,6 @@ from gaussray.report.shown import codes_of
 SHOWN, DRAWN = 24, 12
 
 Takes = Sequence[Mapping[str, Any]]
-
-
-def takes_of(out: Path) -> list[dict[str, Any]]:
-    """All takes of the data set in a folder."""
-    return list(read_takes(out))
 
 
 def figures(takes: Takes) -> Section:

@@ -4,7 +4,14 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.atomic import whole
-from gaussray.capture.calibration import Capture, View, read_cameras, read_capture
+from gaussray.capture.calibration import (
+    PINHOLE_FILE,
+    Capture,
+    View,
+    read_cameras,
+    read_capture,
+)
+from gaussray.dataset.takes import read_takes
 from gaussray.report import adjusted, fitted, scored, shown, taken
 from gaussray.report.markup import Markup
 from gaussray.report.page import Section, page, tiles
@@ -83,7 +90,7 @@ def _rendered(out: Path, scene: Scene | Clip | None, capture: Capture | None) ->
 
 
 def _taken(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _Sections:
-    takes = taken.takes_of(out)
+    takes = list(read_takes(out))
     return [
         taken.figures(takes),
         taken.pictures(out, takes),
@@ -95,8 +102,7 @@ def _taken(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _S
 def _calibrated(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _Sections:
     report = document(out / "report.json")
     name = report["effect"]
-    listed = out / ("transforms.json" if name == "pinhole" else f"{name}.json")
-    views = read_cameras(listed)
+    views = read_cameras(out / (PINHOLE_FILE if name == "pinhole" else f"{name}.json"))
     return [
         adjusted.figures(report),
         adjusted.parameters(report),

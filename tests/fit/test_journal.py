@@ -1,5 +1,6 @@
 """What a run leaves on disk is lost neither to a run that is refused nor to one that goes on."""
 
+import re
 import shutil
 
 import equinox as eqx
@@ -88,7 +89,10 @@ def test_a_parameter_that_is_not_finite_is_named_with_the_rate_to_lower(tmp_path
     before = begin_state(Parameters(free, free, toy.deformation()))
 
     def place(state):
-        return eval(f"state.parameters.{name}")
+        node = state.parameters
+        for part in re.findall(r"\w+", name):
+            node = node[int(part)] if part.isdigit() else getattr(node, part)
+        return node
 
     after = eqx.tree_at(place, before, place(before).at[0].set(np.inf))
     journal = Journal(tmp_path, resume=False, interval=0.0)
