@@ -1,0 +1,100 @@
+"""How long the page's pictures take while its camera moves, stage by stage.
+
+python -m benchmarks.bench_view RUN [view.samples=1 aperture.radius=0.05 ...]
+    [--widths 64 128 192 256 512 1920] [--frames 20]
+
+What `gaussray view scene=RUN` shows between two movements of a mouse, by the parts that the page
+is made of, without a browser: tracing, the sensor's development, the JPEG. `latency_s` is all of it.
+"""
+
+import io
+import time
+from collections.abc import Sequence
+
+import numpy as np
+
+from benchmarks.record import begin, record, show
+from gaussray.camera.chromatic import dispersed
+from gaussray.configuration import configuration
+from gaussray.view.darkroom import developed
+from gaussray.view.meter import STAGES, Meter
+from gaussray.view.sketch import Sketcher
+from gaussray.view.studio import Studio
+
+
+# What the camera moves by from picture to picture, in scene units, and what is not counted: lists
+# may turn out too short at first.
+STEP, FIRST = 2e-3, 3
+# The page's own (gaussray.view.page).
+QUALITY = 80
+
+
+def main(argv: Sequence[str] | None = None) -> None:
+    """Run it."""
+    parser = begin(__doc__)
+    parser.add_argument("scene", help="a reconstruction's folder")
+    parser.add_argument("words", nargs="*", help="values of the configuration, as view takes them")
+    parser.add_argument("--widths", type=int, nargs="+", default=[64, 128, 192, 256, 512, 1920])
+    parser.add_argument("--frames", type=int, default=20)
+    chosen = parser.parse_intermixed_args(argv)
+    words = [f"scene={chosen.scene}", f"trace.backend={chosen.backend}", *chosen.words]
+    studio = Studio(configuration("view", words), words)
+    shot = studio.shot(studio.begin, studio.stance, studio.size)
+    sketcher = Sketcher(
+        studio.scene, options=shot.options, trace=shot.trace, keys=studio.options.keys
+    )
+    rows = [_measured(studio, sketcher, width, chosen.frames) for width in chosen.widths]
+    sketcher.close()
+    show(rows, "width", "height", "samples", "k", *STAGES, "latency_s", "fps", "hits", "dropped")
+
+
+def _measured(studio: Studio, sketcher: Sketcher, width: int, frames: int) -> dict:
+    """Medians over pictures of one width."""
+    full = studio.size
+    size = width, max(round(width * full[1] / full[0]), 1)
+    values = studio.begin
+    blurs = values["aperture.radius"] or values["shutter.exposure"]
+    rays = min(studio.options.samples, values["render.samples"]) if blurs else 1
+    seen = []
+    for i in range(-FIRST, frames):
+        stance = studio.stance
+        stance = stance._replace(place=tuple(np.add(stance.place, STEP * i)))
+        meter, began = Meter(), time.perf_counter()
+        with meter.stage("tracing"):
+            shot = studio.shot(values, stance, size)
+            camera = dispersed(shot.records[0].camera, shot.sensor.chromatic)
+            while (sketch := sketcher(camera, rays)) is None or sketcher.building:
+                time.sleep(0.05)
+        with meter.stage("developing"):
+            codes = developed(sketch, shot)
+        with meter.stage("encoding"):
+            _jpeg(codes)
+        if i >= 0:
+            seen.append((*meter.stages.values(), time.perf_counter() - began, sketch))
+    *stages, seconds = (float(np.median([one[j] for one in seen])) for j in range(len(STAGES) + 1))
+    count = size[0] * size[1] * rays
+    return record(
+        "view", effect="sketch", scene="run", rays=count, samples=rays, k=shot.trace.k,
+        gaussians=sum(s.static.count + s.moving.count for s in sketcher.scenes),
+        direction="forward", width=size[0], height=size[1], run_s_median=seconds,
+        latency_s=seconds, **dict(zip(STAGES, stages, strict=True)),
+        hits=float(np.median([one[-1].hits for one in seen])) / count,
+        dropped=max(one[-1].dropped for one in seen),
+    )  # fmt: skip
+
+
+def _jpeg(codes: np.ndarray) -> bytes:
+    """As the page's server encodes pictures: OpenCV where it is installed, else Pillow."""
+    try:
+        import cv2  # type: ignore[import-not-found]
+    except ImportError:
+        from PIL import Image
+
+        file = io.BytesIO()
+        Image.fromarray(codes).save(file, "jpeg", quality=QUALITY)
+        return file.getvalue()
+    return cv2.imencode(".jpg", codes[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+
+
+if __name__ == "__main__":
+    main()
