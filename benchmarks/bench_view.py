@@ -4,7 +4,8 @@ python -m benchmarks.bench_view RUN [view.samples=1 aperture.radius=0.05 ...]
     [--widths 64 128 192 256 512 1920] [--frames 20]
 
 What `gaussray view scene=RUN` shows between two movements of a mouse, by the parts that the page
-is made of, without a browser: tracing, the sensor's development, the JPEG. `latency_s` is all of it.
+is made of, without a browser: tracing, the sensor's development, the JPEG; `latency_s` is all of
+it.
 """
 
 import io

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.shares import Share
-from gaussray.tracer.bundle import tiles
+from gaussray.tracer.bundle import FAN, tiles
 from gaussray.tracer.grid import OCCUPANCY
 from gaussray.tracer.trace import TraceOptions, on_kernel
 from gaussray.tracer.traverse import Capacity
@@ -155,6 +155,19 @@ def strip(film: Film, rows: int, trace: TraceOptions, top: int) -> tuple[Part, T
     """The strip of so many rows from `top` on as a part."""
     order = tiles(film.width, rows, trace.bundle, trace.levels)
     return part_of(film, np.where(order < 0, order, order + top * film.width), trace, top)
+
+
+def dealt(film: Film, trace: TraceOptions, devices: int) -> tuple[Part, TraceOptions, Array]:
+    """A picture in as many parts, stacked, of blocks of tiles from all over it, so that the work is
+    even; how they are traced; and where each pixel is among the slots of all parts."""
+    block = trace.bundle**2 * FAN**trace.levels
+    order = tiles(film.width, film.height, trace.bundle, trace.levels).reshape(-1, block)
+    order = np.pad(order, ((0, -len(order) % devices), (0, 0)), constant_values=-1)
+    order = order.reshape(-1, devices, block).swapaxes(0, 1).reshape(devices, -1)
+    part, trace = part_of(film, order.reshape(-1), trace)
+    slots = jnp.tile(jnp.arange(order.shape[1], dtype=jnp.int32), (devices, 1))
+    row = jnp.tile(part.row, devices)
+    return Part(part.pixel.reshape(*order.shape, 2), slots, row), trace, part.slot
 
 
 def part_of(

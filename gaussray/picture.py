@@ -49,25 +49,38 @@ def render_frames(
     structure: PyTreeDef, layout: Layout, pace: Pace
 ) -> Callable[..., tuple[Array, Report]]:
     """The same for as many cameras (a row each) as there are devices, a frame on each."""
+    return _on_each(structure, layout, pace, of_each=("row",))
+
+
+@functools.lru_cache(maxsize=64)
+def render_pieces(
+    structure: PyTreeDef, layout: Layout, pace: Pace
+) -> Callable[..., tuple[Array, Report]]:
+    """The same for a part of one frame on each device (`parts.dealt`). None waits for another, so
+    that programs may share the devices."""
+    return _on_each(structure, layout, pace, of_each=("part",))
+
+
+def _on_each(structure: PyTreeDef, layout: Layout, pace: Pace, of_each: tuple[str, ...]):
+    """Values and report of every device, stacked, where the arguments `of_each` have a row each."""
     if pace.mesh is None:
         raise ValueError("frames are spread over a mesh of devices, got none.")
-    everywhere, split = PartitionSpec(), PartitionSpec("rays")
-    placed = [NamedSharding(pace.mesh, spec) for spec in (everywhere, split, everywhere)]
+    names, split = ("leaves", "row", "part"), PartitionSpec("rays")
+    specs = tuple(split if name in of_each else PartitionSpec() for name in names)
+    placed = [NamedSharding(pace.mesh, spec) for spec in specs]
     alone = Pace(pace.capacity, pace.keys, pace.options, pace.trace, None)
 
-    def one_device(leaves, rows, part):
-        scene = jax.tree.unflatten(structure, leaves)
-        seen = _seen(scene, layout.camera(rows[0]), part, alone)
+    def one_device(*given):
+        own = (
+            jax.tree.map(lambda x: x[0], x) if name in of_each else x
+            for name, x in zip(names, given, strict=True)
+        )
+        leaves, row, part = own
+        seen = _seen(jax.tree.unflatten(structure, leaves), layout.camera(row), part, alone)
         return jax.tree.map(lambda x: x[None], seen)
 
     return jax.jit(
-        jax.shard_map(
-            one_device,
-            mesh=pace.mesh,
-            in_specs=(everywhere, split, everywhere),
-            out_specs=split,
-            check_vma=False,
-        ),
+        jax.shard_map(one_device, mesh=pace.mesh, in_specs=specs, out_specs=split, check_vma=False),
         in_shardings=tuple(placed),
     )
 

@@ -66,7 +66,7 @@ def reach(opacity: Float[Array, "*batch"], alpha_min: float) -> Float[Array, "*b
 
 
 def opacity_on_ray(
-    opacity: Float[Array, "*hits"], q: Float[Array, "*hits"], *, alpha_max: float
-) -> Float[Array, "*hits"]:
+    opacity: Float[Array, "*gaussians"], q: Float[Array, "*both"], *, alpha_max: float
+) -> Float[Array, "*both"]:
     """alpha = min(alpha_max, opacity exp(-q/2))."""
     return jnp.minimum(opacity * jnp.exp(-0.5 * q), alpha_max)

@@ -1,21 +1,19 @@
-"""Which Gaussians a bundle of rays can meet, and which of them come next along each ray.
+"""Which Gaussians a bundle of rays can meet.
 
 Integers only: nothing here is differentiated.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.tracer.bundle import FAN, Bundles
 from gaussray.tracer.grid import Grid
-
-
-# Pairs that are tested at once: what a test looks up takes many times the room of its answer.
-_AT_ONCE = 1 << 18
 
 
 class Capacity(eqx.Module):
@@ -48,88 +46,130 @@ class Candidates(eqx.Module):
 def candidates(grid: Grid, levels: list[Bundles], *, capacity: Capacity) -> Candidates:
     """Bundles against grid, coarse to fine: every level tests only what its parent kept.
 
-    `levels` runs from the coarsest bundles to the finest, FAN children to each parent.
+    `levels` runs from the coarsest bundles to the finest, FAN children to each parent. Pairs are
+    tested block by block, as many blocks as there are pairs: room in the lists costs no time, and
+    what a block is made of stays small.
     """
-    coarse = levels[0]
-    bundles, cells = coarse.offset.shape[0], grid.lower.shape[0]
-    touched = jax.vmap(lambda b: _touches_box(b, grid.lower, grid.upper))(coarse)
-    touched = touched & (grid.lower[:, 0] <= grid.upper[:, 0])[None, :]
-    bundle = jnp.repeat(jnp.arange(bundles, dtype=jnp.int32), cells)
-    cell = jnp.tile(jnp.arange(cells, dtype=jnp.int32), bundles)
-    pair, wanted = _keep(touched.reshape(-1), capacity.cells[0], bundle, cell)
+    pairs, wanted = _meetings(grid, levels[0], capacity.cells[0])
     needed = [wanted]
     for bounds, size in zip(levels[1:], capacity.cells[1:], strict=True):
-        pair, wanted = _refine(grid, bounds, pair, size)
+        pairs, wanted = _refined(grid, bounds, pairs, size)
         needed.append(wanted)
-    return _gather(grid, levels[-1], pair, needed, capacity)
+    return _gathered(grid, levels[-1], pairs, needed, capacity)
 
 
-def _keep(mask: Array, size: int, *values: Array) -> tuple[list[Array], Array]:
-    """The entries under the mask, in order, in `size` places; places left over hold -1."""
-    rank = jnp.cumsum(mask, dtype=jnp.int32)
-    place = jnp.where(mask, rank - 1, size)
-    kept = [jnp.full(size, -1, jnp.int32).at[place].set(v, mode="drop") for v in values]
-    return kept, rank[-1]
+class _Pairs(NamedTuple):
+    """(bundle, cell) pairs in the order of the bundles: the first `count` of the places."""
+
+    bundle: Int[Array, " places"]
+    cell: Int[Array, " places"]
+    count: Int[Array, ""]
+
+    def block(self, first: Int[Array, ""], size: int) -> tuple[Array, Array, Array]:
+        """Bundles and cells of so many places from `first` on, and which of them are held."""
+        one, other = (
+            jax.lax.dynamic_slice_in_dim(x, first, size) for x in (self.bundle, self.cell)
+        )
+        return one, other, first + jnp.arange(size, dtype=jnp.int32) < self.count
 
 
-def _refine(grid: Grid, bounds: Bundles, pair: list[Array], size: int) -> tuple[list[Array], Array]:
+def _meetings(grid: Grid, bounds: Bundles, size: int) -> tuple[_Pairs, Int[Array, ""]]:
+    """All bundles of a level against all cells, a few bundles at a time; and how many pairs there
+    would be."""
+    bundles, cells = bounds.offset.shape[0], grid.lower.shape[0]
+    rows = min(max(_at_once() // cells, 1), bundles)
+    filled = grid.lower[:, 0] <= grid.upper[:, 0]
+    cell = jnp.broadcast_to(jnp.arange(cells, dtype=jnp.int32), (rows, cells))
+
+    def step(first: Array, state: tuple[_Pairs, Array]) -> tuple[_Pairs, Array]:
+        # The last rows may be some of those before them, which are not asked twice.
+        begin = jnp.minimum(first, bundles - rows)
+        bundle = begin + jnp.arange(rows, dtype=jnp.int32)
+        own = jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, begin, rows), bounds)
+        touched = jax.vmap(lambda b: _touches_box(b, grid.lower, grid.upper))(own)
+        touched = touched & filled[None] & (bundle >= first)[:, None]
+        return _appended(state, touched, jnp.broadcast_to(bundle[:, None], cell.shape), cell, size)
+
+    start = _no_pairs(size), jnp.zeros((), jnp.int32)
+    return _blocks(bundles, rows, step, start)
+
+
+def _refined(
+    grid: Grid, bounds: Bundles, pairs: _Pairs, size: int
+) -> tuple[_Pairs, Int[Array, ""]]:
     """(parent, cell) pairs -> (child, cell) pairs, ordered by child without sorting.
 
-    A child's place is the start of its run, known from counts, plus its rank among the pairs of its
-    parent, known from a running sum.
+    Twice over the pairs: which children a pair has, as bits, and how many pairs each child gets;
+    then every pair to its place, the next one of its child's run.
     """
-    parent, cell = pair
-    real = parent >= 0
+    block, bundles = min(_at_once(), pairs.cell.shape[0]), bounds.offset.shape[0]
     fan = jnp.arange(FAN, dtype=jnp.int32)
 
-    def touched(parent: Array, cell: Array) -> Array:
-        lower, upper = (x[jnp.maximum(cell, 0)] for x in (grid.lower, grid.upper))
-        child = jnp.maximum(parent, 0)[:, None] * FAN + fan[None]
-        bundle = jax.tree.map(lambda x: x[child], bounds)
-        return jax.vmap(jax.vmap(_touches_box, in_axes=(0, None, None)))(bundle, lower, upper)
+    def ask(first: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
+        bits, count = state
+        parent, cell, held = pairs.block(first, block)
+        child = jax.tree.map(lambda x: x.reshape(-1, FAN, *x.shape[1:])[parent], bounds)
+        touched = _touches_box(child, grid.lower[cell][:, None], grid.upper[cell][:, None])
+        touched = touched & held[:, None]
+        told = jnp.sum(touched << fan[None], axis=1, dtype=jnp.int32)
+        return (
+            jax.lax.dynamic_update_slice_in_dim(bits, told, first, 0),
+            count.at[parent].add(touched.astype(jnp.int32)),
+        )
 
-    child = jnp.maximum(parent, 0)[:, None] * FAN + fan[None]
-    mask = _in_blocks(touched, parent, cell) & real[:, None]
-    running = jnp.concatenate([jnp.zeros((1, FAN), jnp.int32), jnp.cumsum(mask, 0, jnp.int32)])
-    parents = bounds.offset.shape[0] // FAN
-    total = jnp.sum(real, dtype=jnp.int32)
-    edge = jnp.searchsorted(jnp.where(real, parent, parents), jnp.arange(parents + 1))
-    edge = jnp.minimum(edge.astype(jnp.int32), total)
-    at_edge = running[edge]
-    count = (at_edge[1:] - at_edge[:-1]).reshape(-1)
-    start = jnp.cumsum(count, dtype=jnp.int32) - count
-    rank = running[:-1] - at_edge[jnp.maximum(parent, 0)]
-    place = jnp.where(mask, start[child] + rank, size).reshape(-1)
-    kept = [
-        jnp.full(size, -1, jnp.int32).at[place].set(v.reshape(-1), mode="drop")
-        for v in (child, jnp.broadcast_to(cell[:, None], child.shape))
-    ]
-    return kept, jnp.sum(count, dtype=jnp.int32)
+    none = jnp.zeros_like(pairs.cell), jnp.zeros((bundles // FAN, FAN), jnp.int32)
+    bits, count = _blocks(pairs.count, block, ask, none)
+    ends = jnp.cumsum(count.reshape(-1), dtype=jnp.int32)
+
+    def put(first: Array, state: tuple[_Pairs, Array]) -> tuple[_Pairs, Array]:
+        kept, following = state
+        parent, cell, _ = pairs.block(first, block)
+        told = jax.lax.dynamic_slice_in_dim(bits, first, block)
+        touched = (told[:, None] >> fan[None]) & 1
+        # Before it in this block, less those of other parents.
+        before = jnp.cumsum(touched, axis=0, dtype=jnp.int32) - touched
+        opens = jnp.concatenate([jnp.ones(1, bool), parent[1:] != parent[:-1]])
+        opening = jax.lax.cummax(jnp.where(opens, jnp.arange(block), 0))
+        place = following[parent] + before - before[opening]
+        place = jnp.where((touched > 0) & (place < size), place, kept.cell.shape[0])
+        child = parent[:, None] * FAN + fan[None]
+        return (
+            _put(kept, place, child, jnp.broadcast_to(cell[:, None], child.shape)),
+            following.at[parent].add(touched),
+        )
+
+    start = _no_pairs(size), ends.reshape(count.shape) - count
+    kept, _ = _blocks(pairs.count, block, put, start)
+    return kept._replace(count=jnp.minimum(ends[-1], size)), ends[-1]
 
 
-def _gather(
-    grid: Grid, bounds: Bundles, pair: list[Array], needed: list[Array], capacity: Capacity
+def _gathered(
+    grid: Grid, bounds: Bundles, pairs: _Pairs, needed: list[Array], capacity: Capacity
 ) -> Candidates:
     """(bundle, cell) pairs -> the list of Gaussians of every bundle."""
-    bundle, cell = pair
-    test = jax.vmap(_touches_ellipsoid, in_axes=(None, 0, 0))
-    center, axes = (jnp.moveaxis(x, 0, 2) for x in (grid.center, grid.axes))
+    block, bundles = min(_at_once(), pairs.cell.shape[0]), bounds.offset.shape[0]
+    # Components first, neighbours last: what a cell holds is tested side by side.
+    center = jnp.moveaxis(grid.center, (1, 3, 0), (0, 1, 2))
+    axes = jnp.moveaxis(grid.axes, (1, 3, 4, 0), (0, 1, 2, 3))
 
-    def touched(bundle: Array, cell: Array) -> Array:
-        place = jnp.maximum(cell, 0)
-        side = jax.tree.map(lambda x: x[jnp.maximum(bundle, 0)], bounds)
-        return jax.vmap(test)(side, center[place], axes[place])
+    def step(first: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        index, count, total = state
+        bundle, cell, held = pairs.block(first, block)
+        side = jax.tree.map(lambda x: x[bundle], bounds)
+        found = grid.index[cell]
+        mask = _touches_ellipsoid(side, center[cell], axes[cell]) & held[:, None] & (found >= 0)
+        rank = jnp.cumsum(mask.reshape(-1), dtype=jnp.int32)
+        place = jnp.where(mask.reshape(-1), total + rank - 1, capacity.pairs)
+        return (
+            index.at[place].set(found.reshape(-1), mode="drop"),
+            count.at[bundle].add(jnp.sum(mask, axis=1, dtype=jnp.int32)),
+            total + rank[-1],
+        )
 
-    index = grid.index[jnp.maximum(cell, 0)]
-    mask = _in_blocks(touched, bundle, cell) & (bundle >= 0)[:, None] & (index >= 0)
-    (index,), pairs = _keep(mask.reshape(-1), capacity.pairs, index.reshape(-1))
-    bundles = bounds.offset.shape[0]
-    total = jnp.pad(jnp.cumsum(jnp.sum(mask, 1, dtype=jnp.int32), dtype=jnp.int32), (1, 0))
-    edge = jnp.searchsorted(jnp.where(bundle >= 0, bundle, bundles), jnp.arange(bundles + 1))
-    edge = total[edge]
-    start, count = edge[:-1], edge[1:] - edge[:-1]
-    longest = jnp.max(count)
-    sizes = jnp.stack([*needed, pairs, longest])
+    none = jnp.full(capacity.pairs, -1, jnp.int32), jnp.zeros(bundles, jnp.int32)
+    index, count, total = _blocks(pairs.count, block, step, (*none, jnp.zeros((), jnp.int32)))
+    start = jnp.cumsum(count, dtype=jnp.int32) - count
+    sizes = jnp.stack([*needed, total, jnp.max(count)])
     held = jnp.asarray([*capacity.cells, capacity.pairs], jnp.int32)
     there = jnp.clip(capacity.pairs - start, 0, count)
     fits = jnp.minimum(there, capacity.slots)
@@ -137,22 +177,46 @@ def _gather(
     return Candidates(index, start, fits, sizes, lost.astype(jnp.int32))
 
 
-def _in_blocks(
-    test: Callable[[Array, Array], Array], first: Int[Array, " pairs"], second: Int[Array, " pairs"]
-) -> Bool[Array, "pairs each"]:
-    """A test of pairs, of many one block after another."""
-    size = first.shape[0]
-    if size <= _AT_ONCE:
-        return test(first, second)
-
-    def cut(x: Array) -> Array:
-        return jnp.pad(x, (0, -size % _AT_ONCE)).reshape(-1, _AT_ONCE)
-
-    found = jax.lax.map(lambda pair: test(*pair), (cut(first), cut(second)))
-    return found.reshape(-1, found.shape[-1])[:size]
+def _at_once() -> int:
+    """Pairs of a block: on a CPU as many as its caches hold."""
+    return 1 << (11 if jax.default_backend() == "cpu" else 18)
 
 
-def _touches_box(bundle: Bundles, lower: Array, upper: Array) -> Bool[Array, "*batch"]:
+def _blocks(count: Int[ArrayLike, ""], size: int, step: Callable, state):
+    """`state` after a step for every block of so many places, up to `count`."""
+    blocks = -(-count // size)
+    return jax.lax.fori_loop(0, blocks, lambda i, state: step(i * size, state), state)
+
+
+def _no_pairs(size: int) -> _Pairs:
+    """Room for as many, in whole blocks."""
+    block = min(_at_once(), size)
+    nothing = jnp.zeros(-(-size // block) * block, jnp.int32)
+    return _Pairs(nothing, nothing, jnp.zeros((), jnp.int32))
+
+
+def _appended(
+    state: tuple[_Pairs, Array], mask: Array, bundle: Array, cell: Array, size: int
+) -> tuple[_Pairs, Array]:
+    """With the pairs under the mask, in order, as many as fit; and how many there are by now."""
+    kept, total = state
+    rank = total + jnp.cumsum(mask.reshape(-1), dtype=jnp.int32)
+    place = jnp.where(mask.reshape(-1) & (rank <= size), rank - 1, kept.cell.shape[0])
+    kept = _put(kept, place, bundle.reshape(-1), cell.reshape(-1))
+    return kept._replace(count=jnp.minimum(rank[-1], size)), rank[-1]
+
+
+def _put(pairs: _Pairs, place: Array, bundle: Array, cell: Array) -> _Pairs:
+    """Pairs at their places; those beyond all are dropped."""
+    return pairs._replace(
+        bundle=pairs.bundle.at[place].set(bundle, mode="drop"),
+        cell=pairs.cell.at[place].set(cell, mode="drop"),
+    )
+
+
+def _touches_box(
+    bundle: Bundles, lower: Float[Array, "*boxes 3"], upper: Float[Array, "*boxes 3"]
+) -> Bool[Array, "*both"]:
     """False where the box lies outside one of the bundle's half-spaces."""
     inside = jnp.array(True)
     for i in range(5):
@@ -166,81 +230,25 @@ def _touches_box(bundle: Bundles, lower: Array, upper: Array) -> Bool[Array, "*b
 
 
 def _touches_ellipsoid(
-    bundle: Bundles, center: Float[Array, "keys 3"], axes: Float[Array, "keys 3 3"]
-) -> Bool[Array, ""]:
-    """False where the ellipsoid lies outside one half-space at all active control points.
+    bundle: Bundles,
+    center: Float[Array, "pairs 3 keys occupancy"],
+    axes: Float[Array, "pairs 3 3 keys occupancy"],
+) -> Bool[Array, "pairs occupancy"]:
+    """False where the ellipsoid lies outside one half-space of its bundle at all active control
+    points.
 
     Its support along n is n.c + |F^T n|. The maximum over the control points bounds every time of
     the bundle's window (see `motion.Motion`).
     """
     inside = jnp.array(True)
     for i in range(5):
-        n = bundle.normal[i]
-        along = sum(n[a] * center[:, a] for a in range(3))
+        n = bundle.normal[:, i, :, None, None]
+        along = sum(n[:, a] * center[:, a] for a in range(3))
         squared = 0
         for b in range(3):
-            part = sum(n[a] * axes[:, a, b] for a in range(3))
+            part = sum(n[:, a] * axes[:, a, b] for a in range(3))
             squared = squared + part * part
-        support = jnp.where(bundle.active, along + jnp.sqrt(squared), -jnp.inf)
-        side = jnp.max(support) >= bundle.offset[i]
+        support = jnp.where(bundle.active[..., None], along + jnp.sqrt(squared), -jnp.inf)
+        side = jnp.max(support, axis=1) >= bundle.offset[:, i, None]
         inside = inside & side
     return inside
-
-
-def nearest(
-    keys: Int[Array, "chunks chunk *rays"],
-    chunks: Int[Array, ""],
-    after: Int[Array, "*rays"],
-    *,
-    k: int,
-) -> Int[Array, " k *rays"]:
-    """The k smallest keys beyond `after` on every ray, smallest first; none left = the largest int.
-
-    The first `chunks` chunks of the keys are inserted one by one:
-    kb[i] <- min(max(x, kb[i-1]), kb[i]), two integer operations a slot.
-    """
-    none = jnp.iinfo(after.dtype).max
-    lowest = jnp.full((1, *after.shape), jnp.iinfo(after.dtype).min, after.dtype)
-
-    def insert(kept: Array, key: Array) -> tuple[Array, None]:
-        shifted = jnp.concatenate([lowest, kept[:-1]])
-        return jnp.minimum(jnp.maximum(key[None], shifted), kept), None
-
-    def chunk(i: Array, kept: Array) -> Array:
-        some = jax.lax.dynamic_index_in_dim(keys, i, keepdims=False)
-        return jax.lax.scan(insert, kept, jnp.where(some > after[None], some, none))[0]
-
-    return jax.lax.fori_loop(0, chunks, chunk, jnp.full((k, *after.shape), none, after.dtype))
-
-
-def slot_mask(count: Int[Array, "*lists"]) -> Int[Array, "*lists"]:
-    """The low bits that tell the slots of so many entries apart.
-
-    From the list itself, not from the room that there is for it: what rays see must not depend on
-    which frame or step the room was measured with.
-    """
-    most = jnp.maximum(count - 1, 1)
-    # The position of the highest bit, twice that, and all bits below.
-    return (2 << (jnp.iinfo(most.dtype).bits - 1 - jax.lax.clz(most))) - 1
-
-
-def pack(
-    order: Int[Array, "*hits"],
-    slot: Int[Array, "*slots"],
-    low: Int[Array, "*rays"],
-    high: Int[Array, "*rays"],
-    mask: Int[Array, "*lists"],
-) -> Int[Array, "*hits"]:
-    """One integer that sorts by distance and remembers the slot in the low bits of the `mask`.
-
-    `order` holds the float bits of t > 0, which sort as t does, between `low` and `high` on this
-    ray. Their difference is stretched over all the bits there are before the low ones are given to
-    the slot, so distances are told apart to about (high - low) mask 2^-29 in float32, however
-    far away they lie. Closer ones are ordered by slot; shading restores their exact order within a
-    round.
-    """
-    # Two bits stay free: the sign, and one that keeps every key below the largest integer.
-    shift = jnp.maximum(jax.lax.clz(jnp.maximum(high - low, 0)) - 2, 0)
-    # The bounds may be compiled apart from the distances, and differ by their rounding.
-    above = jnp.clip(order, low, high) - low
-    return ((above << shift) & ~mask.astype(order.dtype)) | slot.astype(order.dtype)

@@ -23,7 +23,9 @@ def developed(sketch: Sketch, shot: Shot) -> UInt8[np.ndarray, "h w 3"]:
     # An exposure of 0 stops is a step like any other, so that the first touch compiles nothing.
     steps = dataclasses.replace(steps_of(sensor), exposure=1.0)
     how = {"steps": steps, "tone": sensor.tone, "size": sketch.size}
-    return np.asarray(_codes(sketch.values, amounts(sensor), table, camera, key, **how))
+    return np.asarray(
+        _codes(jnp.asarray(sketch.values), amounts(sensor), table, camera, key, **how)
+    )
 
 
 @eqx.filter_jit

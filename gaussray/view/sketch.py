@@ -10,14 +10,25 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
-from gaussray.parts import Layout, Pace, Part, RenderOptions, packed, part_of, whole_picture
-from gaussray.picture import about_to_trace, render_part
+from gaussray.parts import (
+    Layout,
+    Pace,
+    Part,
+    RenderOptions,
+    dealt,
+    packed,
+    part_of,
+    whole_picture,
+)
+from gaussray.picture import about_to_trace, render_part, render_pieces
 from gaussray.scene.clip import Clip, edges_of, segments_of
 from gaussray.scene.scene import Scene
+from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report, TraceOptions, enlarge, measure
 from gaussray.tracer.traverse import Capacity
 
@@ -29,11 +40,11 @@ NEAR = 5.0
 
 
 class Sketch(NamedTuple):
-    """A picture that is still on the device: red, green, blue, coverage and distance of every
-    pixel, with the milliseconds and the hits that it took, and how many candidates were `dropped`
-    because lists were too short; they are being lengthened."""
+    """A picture, on a GPU still there: red, green, blue, coverage and distance of every pixel, with
+    the milliseconds and the hits that it took, and how many candidates were `dropped` because lists
+    were too short; they are being lengthened."""
 
-    values: Float[Array, "pixels 5"]
+    values: Float[Array, "pixels 5"] | Float[np.ndarray, "pixels 5"]
     size: tuple[int, int]
     milliseconds: float
     hits: int
@@ -41,9 +52,13 @@ class Sketch(NamedTuple):
 
 
 class _Program(NamedTuple):
+    """What makes a picture of a part or of the parts of all devices, whose slots hold the pixels
+    at `place`."""
+
     call: Callable[..., Any]
     capacity: Capacity
     part: Part
+    place: np.ndarray | None = None
 
 
 class _Key(NamedTuple):
@@ -59,7 +74,7 @@ class _Key(NamedTuple):
 
 
 class Sketcher:
-    """Sketches of one scene, on one device.
+    """Sketches of one scene: on a CPU each core makes its share, elsewhere one device does.
 
     A camera's numbers are inputs of its program: moving, focusing, opening never compile anything.
     Of a clip, the segment that shows the frame's time is seen by all rays.
@@ -71,7 +86,9 @@ class Sketcher:
         self._edges, self.trace, self.keys = edges_of(scene), trace, keys
         self._like = dataclasses.replace(options, chunk_rows=0, error=0.0)
         self.scenes = segments_of(scene)
+        self._mesh = device_mesh(None if jax.default_backend() == "cpu" else 1)
         self._flat = [jax.tree.flatten(jax.tree.map(jax.numpy.asarray, s)) for s in self.scenes]
+        self._shared = [self._everywhere(leaves) for leaves, _ in self._flat]
         self._programs: dict[_Key, _Program] = {}
         self._ordered: set[_Key] = set()
         self._lock = threading.Condition()
@@ -93,9 +110,10 @@ class Sketcher:
         begin = clock.monotonic()
         values, report = self._run(program, key, row, program.part)
         spent = 1000 * (clock.monotonic() - begin)
-        if report.dropped:
+        if report.dropped.any():
             self._order(key, camera, _longer(program, report))
-        return Sketch(values, key.size, spent, int(report.hits), int(report.dropped))
+        hits, dropped = int(report.hits.sum()), int(report.dropped.sum())
+        return Sketch(values, key.size, spent, hits, dropped)
 
     def probe(self, camera: Camera, pixel: tuple[int, int]) -> tuple[float, float]:
         """Coverage, and distance along the chief ray, of what a pixel (column, row) shows.
@@ -141,7 +159,14 @@ class Sketcher:
         return row, _Key(layout, (film.width, film.height), keys, samples, segment, probe)
 
     def _run(self, program: _Program, key: _Key, row: np.ndarray, part: Part):
-        return jax.block_until_ready(program.call(self._flat[key.segment][0], row, part))
+        if program.place is None:
+            return jax.block_until_ready(program.call(self._flat[key.segment][0], row, part))
+        values, report = jax.device_get(program.call(self._shared[key.segment], row, part))
+        return values.reshape(-1, 5)[program.place], report
+
+    def _everywhere(self, tree):
+        """On all devices that make a picture."""
+        return jax.device_put(tree, NamedSharding(self._mesh, PartitionSpec()))
 
     def _known(self, key: _Key, levels: int) -> Capacity | None:
         """Lists for a picture from those of one not much smaller: as long for every bundle, of
@@ -179,26 +204,34 @@ class Sketcher:
 
     def _build(self, key: _Key, camera: Camera, capacity: Capacity | None = None) -> None:
         """The program of a key, for lists as this camera needs them or as they are told."""
+        part, trace, place = self._part(key, camera)
         options = dataclasses.replace(self._like, samples=key.samples)
-        if key.probe:
-            middle = key.size[1] // 2 * key.size[0] + key.size[0] // 2
-            part, trace = part_of(camera.film, np.array([middle]), self.trace)
-        else:
-            part, trace = whole_picture(camera.film, self.trace)
         capacity = capacity or self._known(key, trace.levels)
         if capacity is None:
             unknown = Pace(Capacity((), 0, 0), key.keys, options, trace, None)
-            motion, rays = about_to_trace(self.scenes[key.segment], camera, part, pace=unknown)
+            one = part if place is None else jax.tree.map(lambda x: x[0], jax.device_get(part))
+            motion, rays = about_to_trace(self.scenes[key.segment], camera, one, pace=unknown)
             capacity = measure(motion, rays, options=trace, headroom=HEADROOM)
-        pace = Pace(capacity, key.keys, options, trace, None)
-        leaves, structure = self._flat[key.segment]
-        row, _ = packed(jax.device_get(camera))
-        run = render_part(structure, key.layout, pace)
-        jax.block_until_ready(run(leaves, row, part))
-        self._programs[key] = _Program(run, capacity, part)
+        make, mesh = (render_part, None) if place is None else (render_pieces, self._mesh)
+        pace = Pace(capacity, key.keys, options, trace, mesh)
+        call = make(self._flat[key.segment][1], key.layout, pace)
+        program = _Program(call, capacity, part, place)
+        self._run(program, key, packed(jax.device_get(camera))[0], part)
+        self._programs[key] = program
+
+    def _part(self, key: _Key, camera: Camera) -> tuple[Part, TraceOptions, np.ndarray | None]:
+        """What a program traces, how, and the places of the pixels where devices share them."""
+        if key.probe:
+            middle = key.size[1] // 2 * key.size[0] + key.size[0] // 2
+            return *part_of(camera.film, np.array([middle]), self.trace), None
+        if self._mesh.size == 1:
+            return *whole_picture(camera.film, self.trace), None
+        part, trace, place = dealt(camera.film, self.trace, self._mesh.size)
+        shared = jax.device_put(part, NamedSharding(self._mesh, PartitionSpec("rays")))
+        return shared, trace, np.asarray(place)
 
 
 def _longer(program: _Program, report: Report) -> Capacity:
     """Lists with room for what a picture needed."""
-    needed = [int(n) for n in report.needed]
-    return enlarge(program.capacity, needed, headroom=HEADROOM)
+    needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1]).max(axis=0)
+    return enlarge(program.capacity, [int(n) for n in needed], headroom=HEADROOM)

@@ -1,4 +1,6 @@
-"""Candidate lists hold every hit, say what did not fit, and yield the nearest in order."""
+"""Candidate lists hold every hit and say what did not fit."""
+
+import dataclasses
 
 import equinox as eqx
 import jax
@@ -11,7 +13,7 @@ from scenes import OPTIONS, RAYS, moving, rays, shot, wandering
 
 from gaussray.tracer import traverse
 from gaussray.tracer.trace import enlarge, find, measure
-from gaussray.tracer.traverse import Capacity, nearest, pack
+from gaussray.tracer.traverse import Capacity
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -63,12 +65,31 @@ def test_every_hit_is_in_the_list_of_its_bundle(picture):
     assert np.all(listed[hit])
 
 
-def test_lists_that_are_tested_block_by_block_are_the_lists(monkeypatch):
+@pytest.mark.parametrize("levels", [0, 1, 2])
+@pytest.mark.parametrize("capacity", ["whole", "short"])
+def test_blocks_are_of_any_size(monkeypatch, levels, capacity):
     motion, lines = scene(), shot(PICTURES["depth_of_field"]())
-    whole, _ = search(motion, lines, options=OPTIONS, capacity=WHOLE)
-    monkeypatch.setattr(traverse, "_AT_ONCE", 7)  # divides no list
-    blocks, _ = jax.jit(lambda *seen: find(*seen, options=OPTIONS, capacity=WHOLE))(motion, lines)
-    for a, b in zip(jax.tree.leaves(whole), jax.tree.leaves(blocks), strict=True):
+    room = (800,) * (levels + 1), 6400, 400
+    size = Capacity(*room) if capacity == "whole" else Capacity((33,) * (levels + 1), 150, 9)
+    options = dataclasses.replace(OPTIONS, levels=levels)
+    found = []
+    for at_once in (1 << 18, 7):  # everything, and what divides no list
+        monkeypatch.setattr(traverse, "_at_once", lambda at_once=at_once: at_once)
+        one = jax.jit(lambda *seen: find(*seen, options=options, capacity=size))
+        found.append(one(motion, lines))
+    for a, b in zip(*map(jax.tree.leaves, found), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert (int(found[0][0].dropped) > 0) == (capacity == "short")
+
+
+def test_room_in_the_lists_changes_nothing():
+    motion, lines = scene(), shot(PICTURES["narrow"]())
+    lists, _ = search(motion, lines, options=OPTIONS, capacity=WHOLE)
+    wide = Capacity((5000, 9000), 60_000, 5000)
+    roomy, _ = search(motion, lines, options=OPTIONS, capacity=wide)
+    total = int(jnp.sum(lists.count))
+    np.testing.assert_array_equal(roomy.index[:total], lists.index[:total])
+    for a, b in zip(jax.tree.leaves(lists)[1:], jax.tree.leaves(roomy)[1:], strict=True):
         np.testing.assert_array_equal(a, b)
 
 
@@ -118,36 +139,3 @@ def test_enlarge_keeps_what_is_large_enough_and_raises_what_nearly_is_not():
     grown = enlarge(capacity, [101, 160, 241, 65])
     assert grown.cells[0] >= 131 and grown.cells[1:] == (200,)
     assert grown.pairs >= 313 and grown.slots == 128
-
-
-def test_nearest_in_rounds_is_a_sort():
-    r = np.random.default_rng(0)
-    chunks, chunk, count, k = 5, 4, 7, 3
-    t = r.uniform(0.5, 8, (chunks, chunk, count)).astype(np.float32)
-    missing = r.uniform(size=t.shape) < 0.3
-    slot = np.arange(chunks * chunk).reshape(chunks, chunk, 1)
-    order = jnp.asarray(t.view(np.int32))
-    end = np.iinfo(np.int32).max
-    low, high = jnp.min(order, (0, 1), keepdims=True), jnp.max(order, (0, 1), keepdims=True)
-    key = jnp.where(missing, end, pack(order, jnp.asarray(slot), low, high, jnp.asarray(31)))
-    find_next = jax.jit(lambda after: nearest(key, jnp.int32(chunks), after, k=k))
-    after, found = jnp.full(count, -1, jnp.int32), []
-    for _ in range(-(-chunks * chunk // k) + 1):
-        found.append(np.asarray(find_next(after)))
-        after = jnp.asarray(found[-1][-1])
-    found = np.concatenate(found)
-    for ray in range(count):
-        expected = np.argsort(np.where(missing, np.inf, t)[..., ray].ravel(), kind="stable")
-        expected = expected[: np.sum(~missing[..., ray])]
-        real = found[:, ray] != end
-        np.testing.assert_array_equal(found[real, ray] & 31, expected)
-
-
-def test_keys_tell_close_distances_apart_however_far_they_lie():
-    # A key of 14 slot bits without regard to the range could tell 1000 from 1002, not from 1000.01.
-    t = np.linspace(1000, 1001, 100, dtype=np.float32)
-    order = jnp.asarray(t.view(np.int32))
-    ends = order[:1], order[-1:]
-    key = pack(order, jnp.arange(99, -1, -1, dtype=jnp.int32), *ends, jnp.asarray(2**14 - 1))
-    assert np.all(np.diff(np.asarray(key)) > 0)
-    assert 0 <= int(key[0]) and int(key[-1]) < np.iinfo(np.int32).max
