@@ -9,7 +9,6 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.tracer.bundle import FAN, Bundles
@@ -182,7 +181,7 @@ def _at_once() -> int:
     return 1 << (11 if jax.default_backend() == "cpu" else 18)
 
 
-def _blocks(count: Int[ArrayLike, ""], size: int, step: Callable, state):
+def _blocks(count: int | Int[Array, ""], size: int, step: Callable, state):
     """`state` after a step for every block of so many places, up to `count`."""
     blocks = -(-count // size)
     return jax.lax.fori_loop(0, blocks, lambda i, state: step(i * size, state), state)
