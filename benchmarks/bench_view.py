@@ -13,6 +13,7 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
+from PIL import Image
 
 from benchmarks.record import begin, record, show
 from gaussray.camera.chromatic import dispersed
@@ -85,16 +86,9 @@ def _measured(studio: Studio, sketcher: Sketcher, width: int, frames: int) -> di
 
 
 def _jpeg(codes: np.ndarray) -> bytes:
-    """As the page's server encodes pictures: OpenCV where it is installed, else Pillow."""
-    try:
-        import cv2  # type: ignore[import-not-found]
-    except ImportError:
-        from PIL import Image
-
-        file = io.BytesIO()
-        Image.fromarray(codes).save(file, "jpeg", quality=QUALITY)
-        return file.getvalue()
-    return cv2.imencode(".jpg", codes[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+    file = io.BytesIO()
+    Image.fromarray(codes).save(file, "jpeg", quality=QUALITY)
+    return file.getvalue()
 
 
 if __name__ == "__main__":

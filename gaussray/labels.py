@@ -14,13 +14,13 @@ from jaxtyping import Array, Int
 from gaussray.camera.camera import Camera
 from gaussray.camera.chromatic import achromatic
 from gaussray.camera.confusion import circle_of_confusion
-from gaussray.camera.film import pixel_grid
+from gaussray.camera.film import Film, pixel_grid
 from gaussray.camera.landing import landing, place_at
 from gaussray.camera.rays import Rays
 from gaussray.camera.shutter import time_window
 from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import normalize, safe_norm
-from gaussray.parts import Pace, Part, RenderOptions, whole_picture
+from gaussray.parts import Pace, Part, RenderOptions, strip, strips, whole_picture
 from gaussray.picture import about_to_trace
 from gaussray.scene.facing import normals
 from gaussray.scene.material import STATIC, carried, group_of
@@ -82,7 +82,7 @@ class Labeller:
 
     def __init__(self, scene: Scene, *, options: RenderOptions, trace: TraceOptions):
         self.scene, self.trace = jax.tree.map(jnp.asarray, scene), trace
-        self.options = RenderOptions(1, options.keys, 0, options.dilation, options.harmonics)
+        self.options = replace(options, samples=1, chunk_rows=0, error=0.0)
         self._capacity: dict[tuple, list[Capacity]] = {}
 
     def __call__(
@@ -105,31 +105,62 @@ class Labeller:
         camera = _geometric(camera)
         before, after = (one and _geometric(one) for one in (before, after))
         film = camera.film
-        part, trace = whole_picture(film, self.trace)
+        count = self.scene.static.count + self.scene.moving.count
+        # The one that adds most is found by the arrays everywhere, which take more memory.
+        rows, trace = strips(film, self.options, replace(self.trace, backend="array"), count)
+        strip_of = partial(self._strip, camera, (before, after), asked, rows)
+        tops = (min(y, film.height - rows) for y in range(0, film.height, rows))
+        found = [(top, strip_of(top, replace(trace, backend=self.trace.backend))) for top in tops]
+        return {name: _joined(film, [(top, seen[name]) for top, seen in found]) for name in asked}
+
+    def _strip(
+        self,
+        camera: Camera,
+        others: tuple[Camera | None, Camera | None],
+        asked: tuple[str, ...],
+        rows: int,
+        top: int,
+        trace: TraceOptions,
+    ) -> dict[str, np.ndarray]:
+        """The labels of so many rows from `top` on, pixel by pixel."""
+        film = camera.film
+        if rows == film.height:
+            part, trace = whole_picture(film, trace)
+        else:
+            part, trace = strip(film, rows, trace, top)
         begin, end = time_window(jax.device_get(camera.shutter), (film.width, film.height))
         keys = (self.options.keys or key_count(self.scene, end - begin)) if end > begin else 1
         pace = Pace(Capacity((), 0, 0), keys, self.options, trace, None)
         arrays = replace(trace, backend="array")
-        key = film.width, film.height, keys, jax.tree.structure(camera)
+        key = film.width, rows, keys, jax.tree.structure(camera)
         if key not in self._capacity and not set(asked) <= set(_OF_RAYS):
             motion, rays = about_to_trace(self.scene, camera, part, pace=pace)
             self._capacity[key] = [
                 measure(motion, rays, options=one, headroom=1.5) for one in (trace, arrays)
             ]
+        pixel = pixel_grid(film)[top : top + rows].reshape(-1, 2)
         while True:
             held = self._capacity.get(key, [pace.capacity] * 2)
             sizes = held[0], held[1]
             values, reports = _labels(
-                self.scene, camera, before, after, part, pace=pace, sizes=sizes, asked=asked
+                self.scene, camera, *others, part, pixel, pace=pace, sizes=sizes, asked=asked
             )
             short = [i for i, (_, dropped) in enumerate(reports) if int(dropped)]
             if not short:
-                break
+                return jax.device_get(values)
             for i in short:
                 needed = [int(n) for n in reports[i][0]]
                 self._capacity[key][i] = enlarge(sizes[i], needed, headroom=1.5)
-        size = film.height, film.width
-        return {k: np.asarray(x).reshape(*size, *x.shape[1:]) for k, x in values.items()}
+
+
+def _joined(film: Film, pieces: Sequence[tuple[int, np.ndarray]]) -> np.ndarray:
+    """A label's picture from strips of rows, each with its first row, which may overlap."""
+    first = pieces[0][1]
+    whole = np.empty((film.height, film.width, *first.shape[1:]), first.dtype)
+    for top, piece in pieces:
+        rows = piece.reshape(-1, *whole.shape[1:])
+        whole[top : top + len(rows)] = rows
+    return whole
 
 
 def _geometric(camera: Camera) -> Camera:
@@ -145,6 +176,7 @@ def _labels(
     before: Camera | None,
     after: Camera | None,
     part: Part,
+    pixel: Array,
     *,
     pace: Pace,
     sizes: tuple[Capacity, Capacity],
@@ -174,7 +206,7 @@ def _labels(
         else:
             index = jnp.zeros(chief.time.shape, jnp.int32)
         tasks = _tasks(scene, camera, before, after, asked)
-        pixel = pixel_grid(camera.film).reshape(-1, 2).astype(chief.time.dtype)
+        pixel = pixel.astype(chief.time.dtype)
         pixels = pixel, chief, index, jnp.where(seen["valid"] > 0, seen["depth"], 1)
 
         def one(pixel: tuple) -> dict[str, Array]:

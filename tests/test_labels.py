@@ -10,6 +10,7 @@ import toy
 from gaussray.camera.aperture import Aperture, FocusPull, Rim
 from gaussray.camera.shutter import interlaced
 from gaussray.labels import LABELS, Labeller, check_labels
+from gaussray.parts import PIXEL, RAY, SAMPLE
 from gaussray.render import RenderOptions
 from gaussray.scene.scene import Scene
 
@@ -23,6 +24,8 @@ READOUT = 0.08
 PIXELS = 0.05
 # Scene units, for the same reason.
 UNITS = 0.01
+# Of the same rays, by another program: single precision.
+SAME = 1e-5
 
 
 # Asked for by several tests, of scenes alike in size, to be compiled once.
@@ -310,6 +313,18 @@ def test_only_what_is_asked_for_is_made_and_unknown_names_are_refused():
         check_labels(["depth", "colour"])
     with pytest.raises(ValueError, match="labels must name each label once"):
         made(plates.camera(0.0), ["depth", "depth"])
+
+
+def test_labels_in_strips_are_the_labels():
+    scene = plates.moved(plates.plate(1.0), velocity=(0.3, 0, 0))
+    filmed, later = (plates.camera(time, readout=READOUT) for time in (NOW, NEXT))
+    names = [*SOME, "normal", "flow_forward", "valid"]
+    # Eight of so many rows at a time.
+    few = 8 * plates.SIDE * (RAY + SAMPLE + PIXEL) / 1e9
+    whole = labels(scene, filmed, names, after=later)
+    strips = labeller(scene, memory=few)(filmed, names, after=later)
+    for name in names:
+        np.testing.assert_allclose(strips[name], whole[name], rtol=0, atol=SAME, err_msg=name)
 
 
 def test_lists_that_are_too_short_grow_until_nothing_is_lost():

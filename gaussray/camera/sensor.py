@@ -105,14 +105,16 @@ def develop(
 def develop_by(
     amounts: Mapping[str, Float[Array, "..."]],
     light: Float[Array, "h w 3"],
-    camera: Camera,
+    camera: Camera | None,
     key: PRNGKeyArray,
     *,
     steps: SensorOptions,
 ) -> Float[Array, "h w 3"]:
-    """`develop` by numbers that a compiled program does not hold; `steps` says which it takes."""
+    """`develop` by numbers that a compiled program does not hold; `steps` says which it takes. Only
+    light that falls off towards the edges asks for the camera."""
     n = {name: x.astype(light.dtype) for name, x in amounts.items()}
     if steps.falloff or any(steps.vignetting):
+        assert camera is not None
         edge = transmission(camera.lens, camera.film, n["falloff"], n["vignetting"])
         light = light * edge[..., None]
     if steps.exposure:

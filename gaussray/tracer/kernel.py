@@ -6,7 +6,7 @@ pixels cross that both do. In `forward` a warp takes eight neighbouring rays thr
 lanes to a ray: the lanes share the entries among them and each keeps its nearest pending hits in
 registers. Hits are blended once nothing further down the list can be nearer, so the order is exact,
 and the walk ends where the rays are spent. Hits without room wait for another pass: k is a matter
-of speed alone. Hits at equal distance are taken in the order of their Gaussians. `backward` walks
+of speed alone. Hits at equal distance are taken in the order of the list. `backward` walks
 again and adds up the gradients as it goes, in no fixed order: they differ by rounding from run to
 run.
 

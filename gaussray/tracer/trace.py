@@ -7,7 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.tracer import cuda, kernel
@@ -69,12 +69,12 @@ class TraceOptions(eqx.Module):
 class Report(eqx.Module):
     """What a trace cost and whether it was whole: `needed` list sizes (see `Capacity`), entries
     `dropped` for lack of capacity, Gaussians `skipped` because they were not finite, `hits` of all
-    rays together."""
+    rays together, which may be more than 32 bits count: exact up to 2^24, then rounded."""
 
     needed: Int[Array, " sizes"]
     dropped: Int[Array, ""]
     skipped: Int[Array, ""]
-    hits: Int[Array, ""]
+    hits: Float[Array, ""]
 
 
 def trace(
@@ -91,7 +91,8 @@ def trace(
     (`bundle.tiles` for pictures, `bundle.coherent_order` for any others). Their number need not
     divide evenly. A leading axis holds samples of the same rays (of an aperture, of an exposure):
     they share what their bundle may meet, which is looked for once. Hits at exactly one distance
-    come in the order of the grid (arrays) or of the Gaussians (kernels), always the same.
+    come in the order of the grid (arrays), or in that in which the reach of their Gaussians begins
+    before the neighbouring rays, and else of the Gaussians (kernels): always the same.
     """
     if rays.time.ndim == 1:
         pixels, report = trace(motion, _sampled(rays), options=options, capacity=capacity)
@@ -132,13 +133,17 @@ def _trace_kernel(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
         lists = kernel.candidates(stage, strip)
         sums, transmittance, hits = kernel.march(stage.program, stage.rows, strip, lists)
         needed, dropped = _wants(lists.count, options, capacity)
-        return sums, transmittance, needed, dropped, jnp.sum(hits)
+        return sums, transmittance, needed, dropped, _count(hits)
 
     sums, transmittance, needed, dropped, hits = over(one, strips)
     sums = jnp.moveaxis(sums, 0, 1).reshape(samples, -1, 4)[:, :count]
     transmittance = jnp.moveaxis(transmittance, 0, 1).reshape(samples, -1)[:, :count]
     report = Report(jnp.max(needed, axis=0), jnp.sum(dropped), stage.skipped, jnp.sum(hits))
     return Pixels(sums[..., :3], transmittance, sums[..., 3]), report
+
+
+def _count(hits: Int[Array, "..."]) -> Float[Array, ""]:
+    return jnp.sum(hits, dtype=jnp.float32)
 
 
 def over(function: Callable, tree):
@@ -176,7 +181,7 @@ def _trace_arrays(motion, rays, *, options, capacity, grid) -> tuple[Pixels, Rep
         )
         flat = channels.reshape(4, -1)[:, :count]
         pixels = Pixels(flat[:3].T, transmittance.reshape(-1)[:count], flat[3])
-        return pixels, jnp.sum(hits)
+        return pixels, _count(hits)
 
     pixels, hits = over(one, rays)
     return pixels, Report(lists.needed, lists.dropped, skipped, jnp.sum(hits))

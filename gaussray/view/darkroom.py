@@ -1,6 +1,7 @@
 """Sketches as a screen shows them: light through the sensor to codes, on the device."""
 
 import dataclasses
+import functools
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,22 +19,29 @@ from gaussray.view.sketch import Sketch
 def developed(sketch: Sketch, shot: Shot) -> UInt8[np.ndarray, "h w 3"]:
     """8-bit codes of a sketch of a shot, those of its PNG up to rounding."""
     camera, sensor = shot.records[0].camera, shot.sensor
-    key = picture_key(sensor.seed, shot.records[0].file_path.rsplit(".", 1)[0])
-    table = jnp.asarray(sensor.table, jnp.float32)
+    steps, *settings = _settings(sensor, shot.records[0].file_path.rsplit(".", 1)[0])
+    # What no step asks for costs the host as much to hand over as what one does.
+    seen = camera if steps.falloff or any(steps.vignetting) else None
+    how = {"steps": steps, "tone": sensor.tone, "size": sketch.size}
+    return np.asarray(_codes(jnp.asarray(sketch.values), seen, *settings, **how))
+
+
+@functools.lru_cache(64)
+def _settings(sensor: SensorOptions, name: str) -> tuple:
+    """The steps that a sensor takes, their numbers, its table and the key of a picture's noise, on
+    the device."""
     # An exposure of 0 stops is a step like any other, so that the first touch compiles nothing.
     steps = dataclasses.replace(steps_of(sensor), exposure=1.0)
-    how = {"steps": steps, "tone": sensor.tone, "size": sketch.size}
-    return np.asarray(
-        _codes(jnp.asarray(sketch.values), amounts(sensor), table, camera, key, **how)
-    )
+    table = jnp.asarray(sensor.table, jnp.float32)
+    return steps, amounts(sensor), table, picture_key(sensor.seed, name)
 
 
 @eqx.filter_jit
 def _codes(
     values: Float[Array, "pixels 5"],
+    camera: Camera | None,
     numbers: dict[str, Array],
     table: Float[Array, " knots"],
-    camera: Camera,
     key: PRNGKeyArray,
     *,
     steps: SensorOptions,
