@@ -34,6 +34,8 @@ from gaussray.vocabulary import choices, conf_folder, groups, keys
 T = TypeVar("T", bound=eqx.Module)
 
 _HYDRAS = (HydraException, OmegaConfBaseException)
+# Letters of a wrong word that are shown.
+_SHOWN = 200
 # The time of day in a text.
 _NOW = re.compile(r"\$\{now:[^${}]*\}")
 
@@ -324,15 +326,17 @@ def _misspelt(verb: str, word: str) -> str:
     if not equals:
         chosen = [f"{group}={name}" for group in groups(verb) if name in choices(group)]
         hint = f" Did you mean {chosen[0]}?" if chosen else ""
-        return f"the words after the verb must be key=value, got {name!r}.{hint}"
+        return f"the words after the verb must be key=value, got {name[:_SHOWN]!r}.{hint}"
     if name in groups(verb):
         if value in choices(name):
             return ""
         known = choices(name)
-        return f"{name} must be one of {', '.join(known)}, got {value!r}.{meant(value, known)}"
+        got = value[:_SHOWN]
+        return f"{name} must be one of {', '.join(known)}, got {got!r}.{meant(got, known)}"
     known = [*keys(verb), *groups(verb)]
     if name in known or any(key.startswith(f"{name}.") for key in known):
         return ""
+    name = name[:_SHOWN]
     return f"{name} is no key of `gaussray {verb}`.{meant(name, known)}"
 
 

@@ -140,6 +140,12 @@ def test_a_word_that_was_probably_meant(fails, scene_file, words, named):
     assert named in fails("render", f"scene={scene_file}", "out=x", *words)
 
 
+@pytest.mark.parametrize("word", ["{}", "{}=1", "lens={}"])
+def test_of_a_long_word_the_beginning_is_shown(fails, scene_file, word):
+    line = fails("render", f"scene={scene_file}", "out=x", word.format("9" * 5000))
+    assert "9" * 200 in line and "9" * 201 not in line
+
+
 def test_a_folder_named_by_the_time_is_not_shared_by_processes(fails, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["scene=x", "factory.count=4", "factory.shard=0/2"]
