@@ -164,10 +164,10 @@ def dealt(film: Film, trace: TraceOptions, devices: int) -> tuple[Part, TraceOpt
     order = tiles(film.width, film.height, trace.bundle, trace.levels).reshape(-1, block)
     order = np.pad(order, ((0, -len(order) % devices), (0, 0)), constant_values=-1)
     order = order.reshape(-1, devices, block).swapaxes(0, 1).reshape(devices, -1)
-    part, trace = part_of(film, order.reshape(-1), trace)
-    slots = jnp.tile(jnp.arange(order.shape[1], dtype=jnp.int32), (devices, 1))
-    row = jnp.tile(part.row, devices)
-    return Part(part.pixel.reshape(*order.shape, 2), slots, row), trace, part.slot
+    whole, trace = part_of(film, order.reshape(-1), trace)
+    slots = jnp.arange(order.shape[1], dtype=jnp.int32)
+    each = [Part(x, slots, whole.row) for x in whole.pixel.reshape(*order.shape, 2)]
+    return jax.tree.map(lambda *x: jnp.stack(x), *each), trace, whole.slot
 
 
 def part_of(

@@ -17,7 +17,16 @@ from gaussray.camera.lens import KannalaBrandt
 from gaussray.camera.sampling import samples
 from gaussray.camera.shutter import Shutter, interlaced
 from gaussray.camera.trajectory import Trajectory
-from gaussray.parts import PIXEL, RAY, RAY_OF_KERNEL, SAMPLE, strip_rows, strips, together
+from gaussray.parts import (
+    PIXEL,
+    RAY,
+    RAY_OF_KERNEL,
+    SAMPLE,
+    dealt,
+    strip_rows,
+    strips,
+    together,
+)
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.grid import OCCUPANCY
@@ -280,6 +289,19 @@ def test_strips_are_whole_tiles_that_fit_and_at_least_one():
     assert rows[0] == 4096 and rows[2] == 8
     assert rows[1] % 32 == 0
     assert 1.5 < rows[1] * 4096 * (RAY + 64 * SAMPLE + PIXEL) / 1e9 <= 2
+
+
+@pytest.mark.parametrize("devices", [1, 2, 3])
+def test_every_pixel_of_a_dealt_picture_has_one_place(devices):
+    film, trace = Film(44, 20, "center"), TraceOptions(bundle=4, levels=1)
+    part, how, place = dealt(film, trace, devices)
+    assert part.pixel.shape[0] == len(part.row) == devices and how.levels == 0
+    y, x = np.mgrid[:20, :44]
+    there = np.asarray(part.pixel).reshape(-1, 2)[np.asarray(place)]
+    np.testing.assert_array_equal(there, np.stack([x, y], axis=-1).reshape(-1, 2))
+    # Blocks of sixteen tiles, six of them, go round; no device has two more than another.
+    own = np.bincount(np.asarray(place) // part.pixel.shape[1], minlength=devices)
+    assert np.all(own > 0) and part.pixel.shape[1] == -(-6 // devices) * 16 * 16
 
 
 def test_many_gaussians_are_met_by_coarser_bundles_first():

@@ -1,6 +1,10 @@
 """Sketches are pictures, made by programs that no slider compiles anew."""
 
+import os
+import subprocess
+import sys
 import time as clock
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -131,3 +135,15 @@ def test_a_sensor_develops_a_sketch_as_a_picture(studio, sketcher):
     codes = stored(shot.records[0], light, shot.sensor).astype(int)
     assert codes.std() > 5
     assert np.abs(developed(found, shot).astype(int) - codes).max() <= 1
+
+
+def test_two_cores_share_a_sketch(tmp_path):
+    # A process has its devices for life.
+    here = Path(__file__).parent
+    env = os.environ | {"JAX_NUM_CPU_DEVICES": "2", "JAX_PLATFORMS": "cpu"}
+    path = [str(here), str(here.parent), str(here.parents[1]), env.get("PYTHONPATH", "")]
+    env["PYTHONPATH"] = os.pathsep.join(filter(None, path))
+    words = [sys.executable, str(here / "two_cores.py"), str(tmp_path)]
+    done = subprocess.run(words, env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["the", "same"]

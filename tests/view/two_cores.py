@@ -1,0 +1,57 @@
+"""What `test_sketch.py` runs where JAX has two devices: they make what one renders."""
+
+import sys
+import time as clock
+from pathlib import Path
+
+import jax
+import numpy as np
+import rooms
+
+from gaussray.render import Renderer
+from gaussray.tracer.traverse import Capacity
+from gaussray.view import sketch as module
+from gaussray.view.darkroom import developed
+from gaussray.view.sketch import Sketcher
+
+
+jax.config.update("jax_disable_most_optimizations", True)
+
+# The same rays by another program, in single precision.
+SINGLE = 1e-5
+# In tiles of 8 x 8 neither side comes out even, nor does their number.
+SIZE = 44, 20
+
+
+def made(sketcher, camera, samples):
+    """The sketch, as soon as its program is there and no other is being made."""
+    until = clock.monotonic() + 120
+    while (found := sketcher(camera, samples)) is None or sketcher.building:
+        assert sketcher.failure is None and clock.monotonic() < until
+        clock.sleep(0.01)
+    return found
+
+
+def main(folder: Path) -> None:
+    assert len(jax.devices()) == 2
+    studio = rooms.studio(rooms.write_scene(folder))
+    shot = studio.shot(studio.begin | {"aperture.radius": 0.2}, studio.stance, SIZE)
+    camera = shot.records[0].camera
+    sketcher = Sketcher(studio.scene, options=shot.options, trace=shot.trace, keys=3)
+    # Lists that are too short are told of by whichever device has them, and lengthened.
+    module.measure = lambda *_, **__: Capacity((4,), 16, 8)
+    assert made(sketcher, camera, shot.options.samples) is not None
+    until = clock.monotonic() + 120
+    while (found := made(sketcher, camera, shot.options.samples)).dropped:
+        assert clock.monotonic() < until
+    frame = Renderer(studio.scene, options=shot.options, trace=shot.trace, devices=1)(camera)
+    values = np.asarray(found.values).reshape(*SIZE[::-1], 5)
+    assert frame.color.std() > 0.05 and found.hits == frame.hits
+    np.testing.assert_allclose(values[..., :3], frame.color, atol=SINGLE)
+    np.testing.assert_allclose(values[..., 3], frame.alpha, atol=SINGLE)
+    assert developed(found, shot).shape == (*SIZE[::-1], 3)
+    print("the same")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
