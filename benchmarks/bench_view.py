@@ -11,11 +11,12 @@ it.
 import io
 import time
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from benchmarks.record import begin, record, show
+from benchmarks.record import backend, begin, record, show
 from gaussray.camera.chromatic import dispersed
 from gaussray.configuration import configuration
 from gaussray.view.darkroom import developed
@@ -45,12 +46,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     sketcher = Sketcher(
         studio.scene, options=shot.options, trace=shot.trace, keys=studio.options.keys
     )
-    rows = [_measured(studio, sketcher, width, chosen.frames) for width in chosen.widths]
+    name = Path(chosen.scene).resolve().name
+    rows = [_measured(name, studio, sketcher, width, chosen.frames) for width in chosen.widths]
     sketcher.close()
     show(rows, "width", "height", "samples", "k", *STAGES, "latency_s", "fps", "hits", "dropped")
 
 
-def _measured(studio: Studio, sketcher: Sketcher, width: int, frames: int) -> dict:
+def _measured(scene: str, studio: Studio, sketcher: Sketcher, width: int, frames: int) -> dict:
     """Medians over pictures of one width."""
     full = studio.size
     size = width, max(round(width * full[1] / full[0]), 1)
@@ -76,8 +78,9 @@ def _measured(studio: Studio, sketcher: Sketcher, width: int, frames: int) -> di
     *stages, seconds = (float(np.median([one[j] for one in seen])) for j in range(len(STAGES) + 1))
     count = size[0] * size[1] * rays
     return record(
-        "view", effect="sketch", scene="run", rays=count, samples=rays, k=shot.trace.k,
+        "view", effect="sketch", scene=scene, rays=count, samples=rays, k=shot.trace.k,
         gaussians=sum(s.static.count + s.moving.count for s in sketcher.scenes),
+        backend=backend(shot.trace.backend),
         direction="forward", width=size[0], height=size[1], run_s_median=seconds,
         latency_s=seconds, **dict(zip(STAGES, stages, strict=True)),
         hits=float(np.median([one[-1].hits for one in seen])) / count,

@@ -72,6 +72,8 @@ COLUMNS = {
     "reconstruct_step": ("effect", "gaussians", "rays", "backend", "ms", "dropped"),
     "render": ("effect", "scene", "gaussians", "rays", "samples", "k", "backend", "fps", "ms",
                "latency ms", "psnr_vs_exact", "max_error", "dropped"),
+    "view": ("scene", "gaussians", "width", "height", "samples", "k", "tracing", "developing",
+             "encoding", "fps", "dropped"),
     "scaling": ("axis", "effect", "gaussians", "rays", "samples", "hits_per_ray", "devices", "ms",
                 "fps", "peak GB", "psnr_vs_exact", "dropped"),
     "trade": ("axis", "setting", "effect", "gaussians", "backend", "fps", "psnr_vs_exact",
