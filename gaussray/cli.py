@@ -29,7 +29,7 @@ from gaussray.verbs import RUN, view
 
 # How an interrupted verb is gone on with.
 AGAIN = {
-    "reconstruct": "The same command with resume=true",
+    "reconstruct": "The same command with resume=auto",
     "render": "The same command",
     "demo": "The same command",
 }

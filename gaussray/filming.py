@@ -89,7 +89,9 @@ def render_dataset(
     out, records = Path(out), annotated(records, labels)
     for record in {id(r.camera.lens): r for r in records}.values():
         check_sensor(sensor, record.camera, Path(record.file_path).suffix[1:])
-    made_with = (options, trace) if sensor == NO_SENSOR else (options, trace, sensor)
+    # However a frame is cut, it is the same: who ran out of memory goes on with less of it.
+    made_with = dataclasses.replace(options, memory=RenderOptions().memory), trace
+    made_with = made_with if sensor == NO_SENSOR else (*made_with, sensor)
     _claim(out, scene, records, (*made_with, tuple(labels)) if labels else made_with)
     if leads():
         sweep(out, deep=True)

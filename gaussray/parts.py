@@ -51,8 +51,8 @@ class RenderOptions(eqx.Module):
 
     A frame whose rays would take more than `memory` gigabytes at once (`strip_rows`) is traced in
     strips of rows, one after another: the same picture, and each strip looks anew for what its rays
-    meet. What the scene itself takes comes on top, and of the lists of millions of Gaussians 4 bytes
-    for each that a bundle may meet. Labels are cut likewise.
+    meet. What the scene itself takes comes on top, and of the lists of millions of Gaussians 4
+    bytes for each that a bundle may meet. Labels are cut likewise.
 
     `dilation` (square pixels) and `harmonics` (along each ray, or from the camera's center to a
     Gaussian's) show a model as the rasteriser that it was fitted through: 3DGS has 0.3 and center.

@@ -29,7 +29,7 @@ from gaussray.tracer.trace import TraceOptions
 TALK = ("quiet", "progress", "report")
 ELSEWHERE = ("preset", "out", "devices", "limits", "sample", "factory", *TALK)
 # Keys in which processes differ that work on one data set.
-SHARED = ("out", "devices", "factory.shard", "factory.shards", *TALK)
+SHARED = ("out", "devices", "factory.shard", "factory.shards", "render.memory", *TALK)
 SEEDS = {"integer": [0, 2**31 - 1]}
 
 
@@ -107,6 +107,8 @@ def film_share(overrides: Sequence[str], cfg: DictConfig) -> int:
         made = variations.with_values(values)
         plain: dict[str, Any] = OmegaConf.to_container(made)  # type: ignore[assignment]
         parameters = {key: value for key, value in plain.items() if key not in ELSEWHERE}
+        # No matter of the pictures: with less of it a data set is gone on with.
+        del parameters["render"]["memory"]
         return parameters, shot_of(made, load, cameras)
 
     chosen = options(FactoryOptions, cfg.factory)

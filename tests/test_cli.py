@@ -394,7 +394,7 @@ def test_an_interruption_says_how_to_go_on(fails, capture, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("gaussray.reconstruct.reconstruct", stop)
-    assert "resume=true" in fails(*reconstruct_of(capture), code=130)
+    assert "resume=auto" in fails(*reconstruct_of(capture), code=130)
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from gaussray.color import srgb_decode
 from gaussray.dataset.layers import read_layers
 from gaussray.evaluate import EvaluateOptions, evaluate
 from gaussray.filming import render_dataset
+from gaussray.parts import PIXEL, RAY, SAMPLE
 from gaussray.render import RenderOptions
 
 
@@ -62,6 +63,12 @@ def test_a_data_set_reads_back_is_kept_and_scores_against_itself(tmp_path):
         render_dataset(
             scene, records, tmp_path, options=RenderOptions(samples=2), trace=toy.TRACE, quiet=True
         )
+
+    # Who ran out of memory goes on with less.
+    gone.unlink()
+    less = dataclasses.replace(ONE, memory=8 * toy.SIZE * (RAY + SAMPLE + PIXEL) / 1e9)
+    render_dataset(scene, records, tmp_path, options=less, trace=toy.TRACE, quiet=True)
+    assert kept.stat().st_mtime_ns == before and gone.is_file()
 
     report = evaluate(
         scene, capture, tmp_path / "scores", options=EvaluateOptions(split="all"), render=ONE,
