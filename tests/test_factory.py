@@ -14,6 +14,7 @@ import pytest
 import toy
 
 from gaussray import factory
+from gaussray.camera.film import Film
 from gaussray.camera.sensor import SensorOptions
 from gaussray.camera.shutter import Shutter
 from gaussray.dataset.images import write_image
@@ -116,6 +117,19 @@ def test_a_page_shows_takes_and_how_they_are_distributed(tmp_path, filmed):
     assert text.count("data:image/") == SHOWN and "NaN" not in text
     assert ">aperture.radius<" in text and f">{np.median(radii):.4g}<" in text
     assert text == write_page("takes", tmp_path).read_text()
+
+
+def test_a_page_shows_takes_without_an_effect(tmp_path, filmed):
+    def plain(values):
+        told, shot = shoot(values)
+        (record,) = shot.records
+        camera = dataclasses.replace(record.camera, film=Film(toy.SIZE, toy.SIZE))
+        return told, shot._replace(records=[dataclasses.replace(record, camera=camera)])
+
+    made(tmp_path, shots=plain, count=1)
+    (taken,) = read_takes(tmp_path)
+    assert "effect" not in taken["frames"][0]
+    assert "0 · pinhole" in write_page("takes", tmp_path).read_text()
 
 
 def test_shards_in_any_order_leave_what_one_process_leaves(tmp_path, filmed):

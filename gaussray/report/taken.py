@@ -43,7 +43,8 @@ def pictures(out: Path, takes: Takes) -> Section:
         take = takes[i]
         frame = take["frames"][0]
         path = out / take["folder"] / frame["file_path"]
-        name = f"{take['index']} · {frame['effect'].replace('_', ' ')}"
+        effect = frame.get("effect", "pinhole").replace("_", " ")
+        name = f"{take['index']} · {effect}"
         shown.append(still(codes_of(path, frame["w"], frame["h"]), name, most=BYTES // len(place)))
     words = f"The first frame of {len(place)} of {len(takes)} takes, by the number of the take."
     return Section("Pictures", [tag("div", shown, class_="grid third"), note(words)])
