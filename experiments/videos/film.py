@@ -3,8 +3,8 @@
     python -m experiments.videos.film --out DIR
 
 Cameras stand on an arc about what happens, low and high in turn, so that the next of a row is 15
-degrees away. Their true places go to DIR/truth.json, which no step of a reconstruction reads. Needs `bpy`
-4.5 and ffmpeg.
+degrees away. Their true places go to DIR/truth.json, which no step of a reconstruction reads. Needs
+`bpy` 4.5 and ffmpeg.
 """
 
 import argparse
