@@ -1,5 +1,6 @@
 """Figures of a fit reach TensorBoard's files under names that say what they are."""
 
+import struct
 import sys
 
 import jax.numpy as jnp
@@ -43,7 +44,19 @@ def test_files_are_written_to_the_last_figure(monkeypatch, tmp_path):
     tensorboard(tmp_path)(LINE)
     ends[-1]()
     (file,) = tmp_path.glob("events.out.tfevents.*")
-    assert all(name in file.read_bytes() for name in (b"fine/psnr", b"fine/gaussians"))
+    expected = {"fine/l1": 0.25, "fine/psnr": 20.0, "fine/gaussians": 9.0}
+    assert list(scalars(file)) == [(name, 25, value) for name, value in expected.items()]
+
+
+def scalars(file):
+    """(name, step, value) of a file of events: records of length, check sum, event, check sum."""
+    from tensorboardX.proto.event_pb2 import Event
+
+    data = file.read_bytes()
+    while data:
+        (length,) = struct.unpack_from("<Q", data)
+        event, data = Event.FromString(data[12 : 12 + length]), data[16 + length :]
+        yield from ((told.tag, event.step, told.simple_value) for told in event.summary.value)
 
 
 def test_a_missing_package_is_named(monkeypatch, tmp_path):

@@ -20,9 +20,10 @@ def material(name, pattern, shine=0.0, roughness=0.15):
     tree = made.node_tree
     tree.nodes.clear()
     where = node(tree, "ShaderNodeTexCoord", {}).outputs["Object"]
-    mottle = node(tree, "ShaderNodeTexNoise", {"Vector": where, "Scale": 2.2, "Detail": 0.0})
+    soft = {"Vector": where, "Scale": 2.2, "Detail": 0.0}
+    mottle = node(tree, "ShaderNodeTexNoise", soft, name="mottle")
     span = {"From Min": 0.3, "From Max": 0.7, "To Min": 0.85, "To Max": 1.05}
-    shade = node(tree, "ShaderNodeMapRange", {"Value": mottle.outputs["Fac"], **span})
+    shade = node(tree, "ShaderNodeMapRange", {"Value": mottle.outputs["Fac"], **span}, name="shade")
     paint = node(
         tree,
         "ShaderNodeVectorMath",
@@ -37,6 +38,15 @@ def material(name, pattern, shine=0.0, roughness=0.15):
         surface = node(tree, "ShaderNodeMixShader", both).outputs["Shader"]
     node(tree, "ShaderNodeOutputMaterial", {"Surface": surface})
     return made
+
+
+def grain(painted, scale=9.0, darkest=0.45):
+    """Turn the mottling of a material into one of all sizes, as worn surfaces have it: what tells
+    the places of a pattern that repeats itself apart."""
+    nodes = painted.node_tree.nodes
+    for key, value in {"Scale": scale, "Detail": 8.0, "Roughness": 0.7}.items():
+        nodes["mottle"].inputs[key].default_value = value
+    nodes["shade"].inputs["To Min"].default_value = darkest
 
 
 def mosaic_of(palette, size, randomness):
