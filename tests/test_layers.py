@@ -24,7 +24,7 @@ LEVELS = [
     {"tracer", "capture", "fit", "dataset", "raster", "shares"},
     {"parts", "training", "gauge", "exposure", "journey", "optics", "alignment"},
     {"picture", "frame", "adjustment"},
-    {"requirement"},
+    {"requirement", "surfaces"},
     {"fitting"},
     {"reconstruct", "render", "labels"},
     {"annotate"},

@@ -133,7 +133,7 @@ def _trace_kernel(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
         lists = kernel.candidates(stage, strip)
         sums, transmittance, hits = kernel.march(stage.program, stage.rows, strip, lists)
         needed, dropped = _wants(lists.count, options, capacity)
-        return sums, transmittance, needed, dropped, _count(hits)
+        return sums, transmittance, needed, dropped, total_hits(hits)
 
     sums, transmittance, needed, dropped, hits = over(one, strips)
     sums = jnp.moveaxis(sums, 0, 1).reshape(samples, -1, 4)[:, :count]
@@ -142,7 +142,8 @@ def _trace_kernel(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
     return Pixels(sums[..., :3], transmittance, sums[..., 3]), report
 
 
-def _count(hits: Int[Array, "..."]) -> Float[Array, ""]:
+def total_hits(hits: Int[Array, "..."]) -> Float[Array, ""]:
+    """All together, in single precision: they may be more than 32 bits count."""
     return jnp.sum(hits, dtype=jnp.float32)
 
 
@@ -181,7 +182,7 @@ def _trace_arrays(motion, rays, *, options, capacity, grid) -> tuple[Pixels, Rep
         )
         flat = channels.reshape(4, -1)[:, :count]
         pixels = Pixels(flat[:3].T, transmittance.reshape(-1)[:count], flat[3])
-        return pixels, _count(hits)
+        return pixels, total_hits(hits)
 
     pixels, hits = over(one, rays)
     return pixels, Report(lists.needed, lists.dropped, skipped, jnp.sum(hits))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.chromatic import achromatic
-from gaussray.labels import COVERED
+from gaussray.surfaces import COVERED
 from gaussray.view.sketch import Sketcher
 
 

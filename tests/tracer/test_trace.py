@@ -37,7 +37,7 @@ from gaussray.geometry import quaternion, rotation_matrix
 from gaussray.tracer import march
 from gaussray.tracer.bundle import coherent_order
 from gaussray.tracer.motion import Motion
-from gaussray.tracer.trace import TraceOptions, trace
+from gaussray.tracer.trace import TraceOptions, total_hits, trace
 from gaussray.tracer.traverse import Capacity
 
 
@@ -340,3 +340,8 @@ def test_options_are_static_and_say_what_is_wrong():
     for wrong in ({"k": 0}, {"levels": 5}, {"alpha_min": 0.0}, {"transmittance_min": 1.0}):
         with pytest.raises(ValueError, match=f"trace.{next(iter(wrong))} "):
             TraceOptions(**wrong)
+
+
+def test_hits_are_told_exactly_while_they_are_few_and_beyond_32_bits():
+    few, many = (total_hits(jnp.full(5, n, jnp.int32)) for n in (3_000_001, 2**30))
+    assert int(few) == 15_000_005 and int(many) == 5 * 2**30
