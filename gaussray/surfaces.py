@@ -28,8 +28,8 @@ from gaussray.tracer.trace import TraceOptions, trace
 from gaussray.tracer.traverse import Capacity
 
 
-# Labels that are of a surface, and NaN where none is seen; those that ask for the Gaussian that adds
-# most; and those that nothing has to be traced for.
+# Labels that are of a surface, and NaN where none is seen; those that ask for the Gaussian that
+# adds most; and those that nothing has to be traced for.
 _SURFACE = ("depth", "z", "normal", "flow_forward", "flow_backward", "confusion", "blur")
 _OF_ONE = ("flow_forward", "flow_backward", "blur", "gaussian", "group", "moving")
 OF_RAYS = ("time", "origin", "direction", "sharp")
