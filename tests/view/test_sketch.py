@@ -6,6 +6,8 @@ import sys
 import time as clock
 from pathlib import Path
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import rooms
@@ -14,6 +16,7 @@ from gaussray.camera.sensor import SensorOptions
 from gaussray.filming import stored
 from gaussray.labels import Labeller
 from gaussray.render import Renderer
+from gaussray.tracer.trace import Report
 from gaussray.tracer.traverse import Capacity
 from gaussray.view import sketch as module
 from gaussray.view.controls import chosen
@@ -135,6 +138,14 @@ def test_a_sensor_develops_a_sketch_as_a_picture(studio, sketcher):
     codes = stored(shot.records[0], light, shot.sensor).astype(int)
     assert codes.std() > 5
     assert np.abs(developed(found, shot).astype(int) - codes).max() <= 1
+
+
+def test_lists_are_as_long_as_the_device_with_the_longest_wants():
+    held = module._Program(len, Capacity((64,), 64, 16), module.Part)
+    none, hits = jnp.zeros((), int), jnp.zeros(())
+    each = [Report(jnp.array(n), none, none, hits) for n in ([10, 70, 16], [90, 20, 17])]
+    longer = module._longer(held, jax.tree.map(lambda *x: np.stack(x), *each))
+    assert longer.cells[0] >= 90 and longer.pairs >= 70 and longer.slots == 64
 
 
 def test_two_cores_share_a_sketch(tmp_path):
