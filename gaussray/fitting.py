@@ -1,7 +1,6 @@
 """The host's side of a reconstruction: what is looked at, and in which order."""
 
 import warnings
-from collections.abc import Sequence
 
 import equinox as eqx
 import jax
@@ -116,13 +115,9 @@ class Fit:
         self.times = self.loader.sampler.times
         self.mesh = mesh_of_hosts(devices)
 
-    def progress(
-        self, work: str, total: int, patience: float = 0.0, parts: Sequence[int] = ()
-    ) -> Progress:
-        """Of work in `parts` each may compile a program of its own."""
+    def progress(self, work: str, total: int, patience: float = 0.0) -> Progress:
         name = f"{self.name}: {work}" if self.name else work
-        each = [(units, 1.0) for units in parts]
-        return Progress(name, total, quiet=self.quiet, patience=patience, parts=each)
+        return Progress(name, total, quiet=self.quiet, patience=patience)
 
     def resume(self, state: State) -> State:
         """Go on with the state of an interrupted run."""

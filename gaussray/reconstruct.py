@@ -125,10 +125,10 @@ def _required(fit: Fit, state: State, devices: int | None) -> tuple[Scene, dict[
     scene, unmet = fit.scene(state)
     work: list[Progress] = []
 
-    def told(done: int, parts: list[int], what: str) -> None:
+    def told(done: int, total: int, what: str) -> None:
         # The first measurement says how many there are; by then the work has begun.
         if not work:
-            work.append(fit.progress("need", sum(parts), patience=2.0, parts=parts))
+            work.append(fit.progress("need", total, patience=2.0))
         work[0].report(done, what)
 
     return required(

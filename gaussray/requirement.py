@@ -57,7 +57,7 @@ class NeedOptions(eqx.Module):
 
 
 # Is told how many of how many measurements were made, and what the last one was of.
-Told = Callable[[int, list[int], str], None]
+Told = Callable[[int, int, str], None]
 # Measurements that halving takes to come within a hundredth.
 HALVINGS = 8
 
@@ -68,7 +68,6 @@ class _Trials:
     def __init__(self, draft: Draft, gauge: Gauge, bound: float, told: Told):
         self.draft, self.gauge, self.bound = draft, gauge, bound
         self._told, self._plan, self._measured = told, _measurements(draft.scene), 0
-        self._parts = _programs(self._plan)
         self.begin("nothing")
         self.psnr, self.facts = self._cost(draft, "what does nothing"), facts(draft.scene)
         self.steps: list[dict[str, Any]] = []
@@ -106,7 +105,7 @@ class _Trials:
     def _cost(self, draft: Draft, step: str, **how: float) -> float:
         psnr = self.gauge.psnr(draft, **how)
         self._measured = min(self._measured + 1, self._end)
-        self._told(self._measured, self._parts, step)
+        self._told(self._measured, sum(self._plan.values()), step)
         return psnr
 
     def _record(self, step: str, draft: Draft, psnr: float, taken: bool) -> None:
@@ -127,13 +126,6 @@ def _measurements(scene: Scene) -> dict[str, int]:
     own = facts(scene)
     field = {"rest": HALVINGS, "reduce": own["heads"] + 2 * own["scales"]}
     return {"nothing": 1, "prune": HALVINGS, **field, **degree, "rounding": 1}
-
-
-def _programs(plan: dict[str, int]) -> list[int]:
-    """Measurements that share a program: what is left out is marked in a scene of one shape, until
-    the shape itself is another with every step."""
-    alike = sum(plan.get(part, 0) for part in ("nothing", "prune", "rest"))
-    return [alike, *[1] * (sum(plan.values()) - alike)]
 
 
 def facts(scene: Scene) -> dict[str, int]:
@@ -179,8 +171,7 @@ def required(
     harmonics of the higher degrees, and the bits that a compact file does not keep. Each is taken
     away if that costs at most `options.loss` dB on the same rays. The report holds the `facts` and
     the PSNR `before` and `after`, every step with its loss in dB and what it changes, taken or not,
-    and the `precision` to keep the scene in; of a loss of 0 only that. Every measurement is `told`:
-    its number, of how many (those that share a program together), and what for.
+    and the `precision` to keep the scene in; of a loss of 0 only that. Every measurement is `told`.
     """
     if not options.loss:
         precision = options.precision
