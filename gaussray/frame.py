@@ -72,11 +72,12 @@ def settled(batches: Iterator[Frame], options: RenderOptions) -> Frame:
     return Frame(color, alpha, depth, seconds, hits, compiled, used, error.astype(np.float32))
 
 
-def joined(film: Film, pieces: Sequence[tuple[int, np.ndarray]]) -> Float[np.ndarray, "h w 5"]:
+def joined(film: Film, pieces: Sequence[tuple[int, np.ndarray]]) -> np.ndarray:
     """A picture from chunks of rows, each with its first row, which may overlap."""
     if len(pieces) == 1:
         return pieces[0][1]
-    whole = np.empty((film.height, film.width, 5), np.float32)
+    first = pieces[0][1]
+    whole = np.empty((film.height, film.width, *first.shape[2:]), first.dtype)
     for top, piece in pieces:
         whole[top : top + len(piece)] = piece
     return whole

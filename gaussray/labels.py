@@ -10,8 +10,9 @@ import numpy as np
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.chromatic import achromatic
-from gaussray.camera.film import Film, pixel_grid
+from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
+from gaussray.frame import joined
 from gaussray.parts import Pace, RenderOptions, strip, strips, whole_picture
 from gaussray.picture import about_to_trace
 from gaussray.scene.scene import Scene, key_count
@@ -91,7 +92,7 @@ class Labeller:
         strip_of = partial(self._strip, camera, (before, after), asked, rows)
         tops = (min(y, film.height - rows) for y in range(0, film.height, rows))
         found = [(top, strip_of(top, replace(trace, backend=self.trace.backend))) for top in tops]
-        return {name: _joined(film, [(top, seen[name]) for top, seen in found]) for name in asked}
+        return {name: joined(film, [(top, seen[name]) for top, seen in found]) for name in asked}
 
     def _strip(
         self,
@@ -102,7 +103,7 @@ class Labeller:
         top: int,
         trace: TraceOptions,
     ) -> dict[str, np.ndarray]:
-        """The labels of so many rows from `top` on, pixel by pixel."""
+        """The labels of so many rows from `top` on."""
         film = camera.film
         if rows == film.height:
             part, trace = whole_picture(film, trace)
@@ -127,20 +128,11 @@ class Labeller:
             )
             short = [i for i, (_, dropped) in enumerate(reports) if int(dropped)]
             if not short:
-                return jax.device_get(values)
+                seen = jax.device_get(values)
+                return {k: x.reshape(rows, film.width, *x.shape[1:]) for k, x in seen.items()}
             for i in short:
                 needed = [int(n) for n in reports[i][0]]
                 self._capacity[key][i] = enlarge(sizes[i], needed, headroom=1.5)
-
-
-def _joined(film: Film, pieces: Sequence[tuple[int, np.ndarray]]) -> np.ndarray:
-    """A label's picture from strips of rows, each with its first row, which may overlap."""
-    first = pieces[0][1]
-    whole = np.empty((film.height, film.width, *first.shape[1:]), first.dtype)
-    for top, piece in pieces:
-        rows = piece.reshape(-1, *whole.shape[1:])
-        whole[top : top + len(rows)] = rows
-    return whole
 
 
 def _geometric(camera: Camera) -> Camera:

@@ -88,7 +88,8 @@ class Sketcher:
         self.scenes = segments_of(scene)
         self._mesh = device_mesh(None if jax.default_backend() == "cpu" else 1)
         self._flat = [jax.tree.flatten(jax.tree.map(jax.numpy.asarray, s)) for s in self.scenes]
-        self._shared = [self._everywhere(leaves) for leaves, _ in self._flat]
+        alone = self._mesh.size == 1
+        self._shared = [] if alone else [self._everywhere(leaves) for leaves, _ in self._flat]
         self._programs: dict[_Key, _Program] = {}
         self._ordered: set[_Key] = set()
         self._lock = threading.Condition()
