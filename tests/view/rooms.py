@@ -1,5 +1,6 @@
 """A studio with the toy's scene, for the tests of the page."""
 
+import time as clock
 from pathlib import Path
 
 import toy
@@ -30,3 +31,12 @@ def studio(folder: Path, *words: str) -> Studio:
     """Of the scene in a folder."""
     told = [f"scene={folder}", *WORDS, *words]
     return Studio(configuration("view", told), told)
+
+
+def made(sketcher, camera, samples):
+    """The sketch, as soon as its program is there."""
+    until = clock.monotonic() + 120
+    while (found := sketcher(camera, samples)) is None:
+        assert sketcher.failure is None and clock.monotonic() < until
+        clock.sleep(0.01)
+    return found

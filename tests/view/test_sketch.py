@@ -49,19 +49,10 @@ def shot_with(studio, **changes):
     return studio.shot(values, studio.stance, studio.size)
 
 
-def made(sketcher, camera, samples):
-    """The sketch, as soon as its program is there."""
-    until = clock.monotonic() + 120
-    while (found := sketcher(camera, samples)) is None:
-        assert sketcher.failure is None and clock.monotonic() < until
-        clock.sleep(0.01)
-    return found
-
-
 def test_a_sketch_is_the_picture_that_is_rendered(studio, sketcher):
     shot = shot_with(studio, aperture__radius=0.2, aperture__focus_distance=3.0)
     camera = shot.records[0].camera
-    found = made(sketcher, camera, shot.options.samples)
+    found = rooms.made(sketcher, camera, shot.options.samples)
     frame = Renderer(studio.scene, options=shot.options, trace=shot.trace)(camera)
     values = np.asarray(found.values).reshape(16, 16, 5)
     assert frame.color.std() > 0.05
@@ -73,7 +64,7 @@ def test_a_sketch_is_the_picture_that_is_rendered(studio, sketcher):
 
 
 def test_no_slider_compiles_anything(studio, sketcher):
-    made(sketcher, shot_with(studio, aperture__radius=0.2).records[0].camera, 2)
+    rooms.made(sketcher, shot_with(studio, aperture__radius=0.2).records[0].camera, 2)
     programs = len(sketcher._programs)
     for change in (
         {"lens__fov": 40.0},
@@ -104,7 +95,7 @@ def test_lists_that_are_too_short_are_told_of_and_lengthened(studio, sketcher, m
     one = Sketcher(studio.scene, options=shot.options, trace=shot.trace, keys=3)
     monkeypatch.setattr(module, "measure", lambda *_, **__: Capacity((64,), 16, 8))
     camera = shot.records[0].camera
-    first = made(one, camera, 1)
+    first = rooms.made(one, camera, 1)
     assert first.dropped > 0
     until = clock.monotonic() + 120
     while one(camera, 1).dropped and clock.monotonic() < until:
@@ -133,7 +124,7 @@ def test_a_sensor_develops_a_sketch_as_a_picture(studio, sketcher):
     values = studio.begin | chosen("sensor", "filmic") | {"aperture.radius": 0.2}
     shot = studio.shot(values, studio.stance, studio.size)
     assert shot.sensor != SensorOptions()
-    found = made(sketcher, shot.records[0].camera, 2)
+    found = rooms.made(sketcher, shot.records[0].camera, 2)
     light = np.asarray(found.values)[:, :3].reshape(16, 16, 3)
     codes = stored(shot.records[0], light, shot.sensor).astype(int)
     assert codes.std() > 5

@@ -1,7 +1,6 @@
 """What `test_sketch.py` runs where JAX has two devices: they make what one renders."""
 
 import sys
-import time as clock
 from pathlib import Path
 
 import jax
@@ -22,15 +21,6 @@ SINGLE = 1e-5
 SIZE = 44, 20
 
 
-def made(sketcher, camera, samples):
-    """The sketch, as soon as its program is there."""
-    until = clock.monotonic() + 120
-    while (found := sketcher(camera, samples)) is None:
-        assert sketcher.failure is None and clock.monotonic() < until
-        clock.sleep(0.01)
-    return found
-
-
 def main(folder: Path) -> None:
     assert len(jax.devices()) == 2
     studio = rooms.studio(rooms.write_scene(folder))
@@ -38,7 +28,7 @@ def main(folder: Path) -> None:
     camera = shot.records[0].camera
     sketcher = Sketcher(studio.scene, options=shot.options, trace=shot.trace, keys=3)
     module.measure = Renderer._measure = lambda *_, **__: rooms.ROOM
-    found = made(sketcher, camera, shot.options.samples)
+    found = rooms.made(sketcher, camera, shot.options.samples)
     frame = Renderer(studio.scene, options=shot.options, trace=shot.trace, devices=1)(camera)
     values = np.asarray(found.values).reshape(*SIZE[::-1], 5)
     assert frame.color.std() > 0.05 and found.hits == frame.hits and found.dropped == 0
