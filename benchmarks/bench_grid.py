@@ -20,8 +20,8 @@ from gaussray.scene.scene import Scene, at, moving_at
 from gaussray.tracer import kernel
 from gaussray.tracer.bundle import tiles
 from gaussray.tracer.grid import build
+from gaussray.tracer.kernel_layout import boxes_of, rows_of
 from gaussray.tracer.motion import Motion, still, whole
-from gaussray.tracer.rows import boxes_of, rows_of
 from gaussray.tracer.trace import TraceOptions, find, measure
 from gaussray.tracer.traverse import Capacity
 

@@ -31,9 +31,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--capture", help="another capture than the sample")
     chosen = parser.parse_args(argv)
     # They read pictures: not needed to know what the script is for.
-    from gaussray.capture.calibration import read_capture
-    from gaussray.fit.journal import Journal
-    from gaussray.fitting import Fit, ReconstructOptions
+    from gaussray.capture.formats.paired import read_capture
+    from gaussray.reconstruct.log import Journal
+    from gaussray.reconstruct.session import Fit, ReconstructOptions
 
     capture = read_capture(chosen.capture or SAMPLE)
     trace = replace(ReconstructOptions().trace, backend=backend(chosen.backend))
@@ -72,8 +72,8 @@ def main(argv: Sequence[str] | None = None) -> None:
 
 def _stepped(fit, state, stage: str, steps: int):
     """State, seconds a step of every block, the last one's terms, and entries dropped."""
-    from gaussray.devices import everywhere
-    from gaussray.training import train_block
+    from gaussray.reconstruct.step import train_block
+    from gaussray.runtime.devices import everywhere
 
     trial, seconds, lost = fit.trial(state, fit.loader.batches(stage, 0, BLOCK)), [], 0
     cameras = everywhere(fit.footage.camera, fit.mesh)

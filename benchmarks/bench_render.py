@@ -99,7 +99,7 @@ def _shot(effect: str) -> tuple[str, int]:
 
 def in_capture(chosen) -> list[dict]:
     """Lines of a trained scene."""
-    from gaussray.capture.calibration import read_capture
+    from gaussray.capture.formats.paired import read_capture
 
     scene, capture = load_scene(chosen.scene), read_capture(SAMPLE)
     views = {"pinhole": [v for v in capture.views if v.split == "test"], **capture.effects}

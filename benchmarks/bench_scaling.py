@@ -29,8 +29,8 @@ from benchmarks.problem import cameras, dynamic_room, film_of
 from benchmarks.record import backend, begin, record, show
 from gaussray.camera.camera import Camera
 from gaussray.dataset.manifest import FrameRecord
-from gaussray.filming import render_dataset
 from gaussray.render import Renderer, RenderOptions
+from gaussray.render.dataset import render_dataset
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
 

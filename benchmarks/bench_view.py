@@ -18,17 +18,17 @@ from PIL import Image
 
 from benchmarks.record import backend, begin, record, show
 from gaussray.camera.chromatic import dispersed
-from gaussray.configuration import configuration
-from gaussray.view.darkroom import developed
-from gaussray.view.meter import STAGES, Meter
-from gaussray.view.sketch import Sketcher
-from gaussray.view.studio import Studio
+from gaussray.config.compose import configuration
+from gaussray.viewer.develop import developed
+from gaussray.viewer.model import Studio
+from gaussray.viewer.preview import Sketcher
+from gaussray.viewer.timing import STAGES, Meter
 
 
 # What the camera moves by from picture to picture, in scene units, and what is not counted: lists
 # may turn out too short at first.
 STEP, FIRST = 2e-3, 3
-# The page's own (gaussray.view.page).
+# The page's own (gaussray.viewer.page).
 QUALITY = 80
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from benchmarks import exact
 from benchmarks.record import backend, timed
 from gaussray.camera.camera import Camera
-from gaussray.render import Frame, Renderer, RenderOptions
+from gaussray.render import Renderer, RenderOptions
+from gaussray.render.renderer import Frame
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions, enlarge
 from gaussray.tracer.traverse import Capacity

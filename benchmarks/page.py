@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from gaussray.atomic import whole
+from gaussray.io.atomic import whole
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, page, table
 

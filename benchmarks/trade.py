@@ -165,7 +165,7 @@ def _generated(count: int, side: int) -> Problem:
 
 
 def _trained(path: str) -> Problem:
-    from gaussray.capture.calibration import read_capture
+    from gaussray.capture.formats.paired import read_capture
 
     scene, capture = load_scene(path), read_capture(SAMPLE)
     views = {name: own[0].camera for name, own in capture.effects.items()}

@@ -10,8 +10,8 @@ from markdown.extensions import Extension
 from markdown.preprocessors import Preprocessor
 from mkdocs.structure.files import File
 
-from gaussray.sample import sample
-from gaussray.vocabulary import choices, groups, keys
+from gaussray.config.schema import choices, groups, keys
+from gaussray.io.sample_data import sample
 
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -9,9 +9,9 @@ from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import Shutter
 from gaussray.dataset.images import contact_sheet, write_image
+from gaussray.io.sample_data import sample
 from gaussray.render import Renderer, RenderOptions
-from gaussray.rig import cameras_of
-from gaussray.sample import sample
+from gaussray.render.rig.rig import cameras_of
 from gaussray.scene.store import load_scene
 
 

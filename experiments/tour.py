@@ -24,8 +24,8 @@ import jax
 import jax.numpy as jnp
 
 from gaussray import at, load_scene
-from gaussray.rig import cameras_of
-from gaussray.sample import sample
+from gaussray.render.rig.rig import cameras_of
+from gaussray.io.sample_data import sample
 
 
 scene = load_scene(sample("scene"))
@@ -55,7 +55,7 @@ camera = dataclasses.replace(camera, film=Film(64, 64), time=jnp.float32(0.4))
 # film, by the keys that the command has.
 
 # %%
-from gaussray.optics import LensOptions, mounted
+from gaussray.render.rig.lens import LensOptions, mounted
 
 
 pinhole = mounted(camera.film, LensOptions("pinhole", fov=65.0))
@@ -102,7 +102,7 @@ print(f"from {moments[0]:.3f} to {moments[-1]:.3f}")
 # Light becomes a picture in the sensor: lens edge, exposure, colour filters, noise, digits.
 
 # %%
-from gaussray.camera.noise import noisy
+from gaussray.camera.sensor.noise import noisy
 
 
 counted = noisy(jax.random.key(0), jnp.asarray(plain.color), full_well=5000.0, read_noise=3.0)

@@ -1,6 +1,6 @@
 """`python -m gaussray` is the command."""
 
-from gaussray.cli import main
+from gaussray.cli.main import main
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 import struct
 
-from gaussray.capture.colmap_model import MODELS
+from gaussray.capture.formats.colmap_files import MODELS
 
 
 NUMBERS = {name: number for number, (name, _) in MODELS.items()}

@@ -81,9 +81,10 @@ def quick_compilation():
 def known_sizes():
     """Lists with room for every toy: nothing is measured, and scenes that differ in numbers alone
     share what is compiled. Where they are too short after all, they grow as ever."""
-    from gaussray import fitting, render
+    from gaussray.reconstruct import session as fitting
+    from gaussray.reconstruct.step import Trial
+    from gaussray.render import renderer as render
     from gaussray.tracer.traverse import Capacity
-    from gaussray.training import Trial
 
     def room(trace):
         return Capacity((512,) * (trace.levels + 1), 512, 64)

@@ -11,8 +11,8 @@ import sys
 import jax
 import numpy as np
 
-from gaussray.cli import main
-from gaussray.render import Frame, Renderer
+from gaussray.cli.main import main
+from gaussray.render.renderer import Frame, Renderer
 
 
 def mortal(at: int) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from experiments.paired_benchmark.geometry.proof import PYTHON_KEY, blender_python
-from gaussray.capture.calibration import read_capture
+from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import check_images, read_stored
 
 

@@ -15,19 +15,21 @@ import jax
 import pytest
 import toy
 
-from gaussray import configuration as configurations, reconstruct as stage, sample as samples
-from gaussray.camera.sensor import SensorOptions
-from gaussray.cli import main
-from gaussray.configuration import configuration, options
+from gaussray.camera.sensor.sensor import SensorOptions
+from gaussray.cli.commands import reconstruct_options
+from gaussray.cli.help import VERBS
+from gaussray.cli.main import main
+from gaussray.config import compose as configurations
+from gaussray.config.compose import configuration, options
+from gaussray.config.jobs import shot_of
+from gaussray.config.schema import choices, groups, keys
 from gaussray.dataset.manifest import write_manifest
-from gaussray.evaluate import EvaluateOptions
-from gaussray.production import shot_of
-from gaussray.rig import cameras_of
-from gaussray.sample import sample
+from gaussray.evaluate.pipeline import EvaluateOptions
+from gaussray.io import sample_data as samples
+from gaussray.io.sample_data import sample
+from gaussray.reconstruct import pipeline as stage
+from gaussray.render.rig.rig import cameras_of
 from gaussray.scene.store import save_scene
-from gaussray.usage import VERBS
-from gaussray.verbs import reconstruct_options
-from gaussray.vocabulary import choices, groups, keys
 
 
 ROOT = Path(__file__).parents[1]

@@ -14,7 +14,7 @@ import pytest
 from experiments.hostile import clouds, fuzz, mutate, pictures, settings
 from experiments.hostile.fuzz import _read
 from experiments.hostile.reader import Reader, saved, text
-from gaussray.guard.arrays import read_npz
+from gaussray.io.safe.arrays import read_npz
 
 
 ROOT = Path(__file__).resolve().parents[1]

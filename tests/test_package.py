@@ -11,8 +11,8 @@ import zipfile
 
 import pytest
 
-from gaussray.configuration import configuration
-from gaussray.sample import PARTS, WORD, sample
+from gaussray.config.compose import configuration
+from gaussray.io.sample_data import PARTS, WORD, sample
 from gaussray.scene.store import load_scene
 
 
@@ -86,7 +86,7 @@ def test_a_wheel_holds_all_and_works_elsewhere(tmp_path):
     assert wheel.stat().st_size < MOST
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "there")
-    code = "from gaussray.sample import sample; print(sample('scene'), sample('capture'))"
+    code = "from gaussray.io.sample_data import sample; print(sample('scene'), sample('capture'))"
     env = os.environ | {"PYTHONPATH": str(tmp_path / "there")}
     done = subprocess.run(
         [sys.executable, "-c", code],

@@ -11,7 +11,7 @@ from experiments.paired_benchmark import table
 from experiments.paired_benchmark.plan import EFFECTS, PRESETS, plan
 from experiments.paired_benchmark.stage import FRAMES, READOUT, Rig
 from gaussray.camera.camera import camera_rays
-from gaussray.capture.calibration import read_capture
+from gaussray.capture.formats.paired import read_capture
 
 
 RIG = Rig((2.5, 2.0), (0.8, 2.4), (0.0, 0.0, 1.0), 65.0, 0.05, 2.5)

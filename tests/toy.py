@@ -15,13 +15,13 @@ from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
-from gaussray.filming import render_dataset
-from gaussray.fit.course import FitOptions
-from gaussray.fit.tracking import TrackOptions
 from gaussray.geometry import quaternion
-from gaussray.reconstruct import ReconstructOptions
-from gaussray.render import Renderer, RenderOptions
-from gaussray.requirement import NeedOptions
+from gaussray.reconstruct.initialize.body_tracking import TrackOptions
+from gaussray.reconstruct.options import FitOptions
+from gaussray.reconstruct.pipeline import ReconstructOptions
+from gaussray.reconstruct.simplify.prune import NeedOptions
+from gaussray.render.dataset import render_dataset
+from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.bodies import resting
 from gaussray.scene.deformation import Deformation, FieldOptions, Layer, deform, initial_deformation
 from gaussray.scene.gaussians import Gaussians

@@ -9,8 +9,8 @@ import sys
 import jax
 import toy
 
-from gaussray.cli import main
-from gaussray.fit.journal import Journal
+from gaussray.cli.main import main
+from gaussray.reconstruct.log import Journal
 
 
 FIT = [*toy.overrides(toy.SHORT), "fit.checkpoint=0"]

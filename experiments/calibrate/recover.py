@@ -12,12 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.calibrate import CalibrateOptions, calibrate
-from gaussray.capture.calibration import read_capture
+from gaussray.calibrate.parameters import applied, readings, units, unknowns
+from gaussray.calibrate.results import table
+from gaussray.capture.formats.paired import read_capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
-from gaussray.findings import table
-from gaussray.fit.unknowns import applied, readings, units, unknowns
 from gaussray.geometry import RigidTransform, turning
-from gaussray.guard.limits import Limits, limit
+from gaussray.io.safe.limits import Limits, limit
 from gaussray.scene.store import load_scene
 
 

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from experiments.extremes.sweep import Sweep, decades
 from gaussray import geometry
 from gaussray.color import srgb_decode, srgb_encode
-from gaussray.fit import loss, regularizer
+from gaussray.reconstruct.optimize import loss, regularizer
 from gaussray.scene.bodies import resting
 from gaussray.scene.deformation import Layer, deform, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain

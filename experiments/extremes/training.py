@@ -19,33 +19,33 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray import fitting, reconstruct as stage
+from gaussray.reconstruct import session as fitting, pipeline as stage
 from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.lens import pinhole
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
-from gaussray.capture import footage
-from gaussray.capture.calibration import Capture, View
+from gaussray.reconstruct.data import pictures as footage
+from gaussray.capture.formats.paired import Capture, View
 from gaussray.capture.points import Points
 from gaussray.color import srgb_encode
-from gaussray.fit.course import FitOptions
-from gaussray.fit.density import DensityOptions
-from gaussray.fit.loss import LossOptions
-from gaussray.fit.tracking import TrackOptions
-from gaussray.fitting import Fit, point_activity as activity
+from gaussray.reconstruct.options import FitOptions
+from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.loss import LossOptions
+from gaussray.reconstruct.initialize.body_tracking import TrackOptions
+from gaussray.reconstruct.session import Fit, point_activity as activity
 from gaussray.geometry import quaternion
 from gaussray.reconstruct import ReconstructOptions
 from gaussray.render import Renderer, RenderOptions
-from gaussray.requirement import NeedOptions
+from gaussray.reconstruct.simplify.prune import NeedOptions
 from gaussray.scene.deformation import FieldOptions
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
-from gaussray.training import Trial
+from gaussray.reconstruct.step import Trial
 
 
 SIDE, TIMES = 32, np.linspace(0, 1, 4)

@@ -21,8 +21,8 @@ import numpy as np
 
 from experiments.factory.kill import changed
 from experiments.faults.toy import BLOCK, INTERVAL, Forked, words_of, write_capture
-from gaussray.alone import FILE as LOCK
 from gaussray.cli import main as command
+from gaussray.runtime.lock import FILE as LOCK
 
 
 WORKS = ("reconstruct", "render", "takes", "evaluate")

@@ -20,10 +20,11 @@ from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.lens import pinhole
-from gaussray.compilation import compiled
-from gaussray.parts import Pace, strips
-from gaussray.picture import render_part
-from gaussray.render import Renderer, RenderOptions, _Batch
+from gaussray.render import Renderer, RenderOptions
+from gaussray.render.plan import Pace, strips
+from gaussray.render.program import render_part
+from gaussray.render.renderer import _Batch
+from gaussray.runtime.jit_cache import compiled
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
 

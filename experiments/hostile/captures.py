@@ -51,7 +51,7 @@ def _paired() -> list[Files]:
 
 
 def _read_capture(folder: Path) -> object:
-    from gaussray.capture.formats import open_capture
+    from gaussray.capture.open import open_capture
 
     return open_capture(folder)
 

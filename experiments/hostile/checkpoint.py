@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
-from gaussray.fit.checkpoint import save_checkpoint
-from gaussray.fit.density import Pull
-from gaussray.fit.optimizer import Parameters
-from gaussray.fit.state import State
+from gaussray.reconstruct.optimize.checkpoint import save_checkpoint
+from gaussray.reconstruct.optimize.density import Pull
+from gaussray.reconstruct.optimize.optimizer import Parameters
+from gaussray.reconstruct.optimize.state import State
 from gaussray.scene.gaussians import Unconstrained
 
 

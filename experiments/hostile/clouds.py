@@ -36,7 +36,7 @@ def _points(folder: Path) -> object:
 
 
 def _gaussians(folder: Path) -> object:
-    from gaussray.scene.gaussian_ply import read_gaussians
+    from gaussray.scene.formats.gaussian_ply import read_gaussians
 
     return read_gaussians(folder / "p.ply")
 

@@ -15,12 +15,12 @@ def _scenes() -> list[Files]:
     import jax
 
     from gaussray.scene.bodies import resting
-    from gaussray.scene.clip import Clip
     from gaussray.scene.deformation import initial_deformation
-    from gaussray.scene.gaussian_folder import read_model
+    from gaussray.scene.formats.gaussian_folder import read_model
     from gaussray.scene.gaussians import Gaussians
     from gaussray.scene.planes import initial_planes
     from gaussray.scene.scene import Scene
+    from gaussray.scene.segmented import Clip
     from gaussray.scene.store import save_scene
 
     def some(count):
@@ -58,7 +58,7 @@ def _checkpoint() -> list[Files]:
 
 
 def _read_checkpoint(folder: Path) -> object:
-    from gaussray.fit.journal import Journal
+    from gaussray.reconstruct.log import Journal
 
     return Journal(folder, resume=True, interval=1.0).resumed()
 
@@ -78,13 +78,13 @@ def _written_model(folder: str) -> Path:
 
 
 def _read_tensors(folder: Path) -> object:
-    from gaussray.scene.pth import read_tensors
+    from gaussray.scene.formats.pth import read_tensors
 
     return read_tensors(folder / "point_cloud/iteration_20/deformation.pth")
 
 
 def _read_model(folder: Path) -> object:
-    from gaussray.scene.gaussian_folder import read_model
+    from gaussray.scene.formats.gaussian_folder import read_model
 
     return read_model(folder)
 

@@ -20,21 +20,21 @@ NAME = "sample/mine"
 
 
 def _words(folder: Path) -> object:
-    from gaussray.configuration import configuration
+    from gaussray.config.compose import configuration
 
     words = (folder / "words").read_bytes().decode("latin-1").replace("\0", "").split("\n")
     return configuration("render", [*PLAIN, *(word for word in words if word)])
 
 
 def _preset(folder: Path) -> object:
-    from gaussray.configuration import preset_words
+    from gaussray.config.compose import preset_words
 
     return preset_words(folder / "preset.yaml")
 
 
 def _command(folder: Path) -> object:
-    from gaussray.configuration import configuration
-    from gaussray.production import _drawn
+    from gaussray.config.compose import configuration
+    from gaussray.config.jobs import _drawn
 
     return _drawn(configuration("render", [*PLAIN, "sample=mine", _search(folder)]))
 
@@ -42,8 +42,8 @@ def _command(folder: Path) -> object:
 def _yaml(folder: Path) -> object:
     from hydra.core.default_element import GroupDefault, ResultDefault
 
-    from gaussray.configuration import _check_searched, _in_words, _resolved
-    from gaussray.production import _drawn
+    from gaussray.config.compose import _check_searched, _in_words, _resolved
+    from gaussray.config.jobs import _drawn
 
     with _in_words("render", [_search(folder)]):
         _check_searched([_search(folder)])
@@ -68,7 +68,7 @@ def _prepared(folder: Path) -> tuple[Any, Any, Any]:
     from hydra.core.global_hydra import GlobalHydra
     from omegaconf import OmegaConf
 
-    from gaussray.configuration import _composed, _hydra
+    from gaussray.config.compose import _composed, _hydra
 
     cfg = OmegaConf.masked_copy(_composed("render", PLAIN), GROUPS)
     OmegaConf.set_struct(cfg, None)

@@ -14,8 +14,8 @@ def main(folder: str) -> None:
     """Print PSNR in linear light against one state per row, and seconds a frame, for each way."""
     jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
 
-    from gaussray.capture.calibration import read_capture
-    from gaussray.demo import SAMPLE
+    from gaussray.capture.formats.paired import read_capture
+    from gaussray.cli.demo import SAMPLE
     from gaussray.render import Renderer, RenderOptions
     from gaussray.scene.store import load_scene
 

@@ -12,12 +12,12 @@ import numpy as np
 
 from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
-from gaussray.camera.sharp import sharp
+from gaussray.camera.ideal_pinhole import sharp
 from gaussray.camera.shutter import Shutter
 from gaussray.dataset.images import contact_sheet, write_image
-from gaussray.labels import LABELS, Labeller
 from gaussray.render import Renderer, RenderOptions
-from gaussray.rig import cameras_of
+from gaussray.render.aov.labeller import LABELS, Labeller
+from gaussray.render.rig.rig import cameras_of
 from gaussray.scene.store import load_scene
 from gaussray.tracer.trace import TraceOptions
 

@@ -75,7 +75,7 @@ def views():
     from gaussray.camera.lens import pinhole
     from gaussray.camera.shutter import global_shutter
     from gaussray.camera.trajectory import Trajectory
-    from gaussray.capture.calibration import View
+    from gaussray.capture.formats.paired import View
     from gaussray.geometry import quaternion
 
     yaw = 0.15
@@ -106,12 +106,12 @@ def twisted(path):
 def main(out):
     jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
 
-    from gaussray.configuration import configuration, options
+    from gaussray.config.compose import configuration, options
+    from gaussray.config.schema import conf_folder
     from gaussray.dataset.images import contact_sheet, write_image
     from gaussray.render import Renderer, RenderOptions
-    from gaussray.rig import LensOptions, RigOptions, rig
+    from gaussray.render.rig.rig import LensOptions, RigOptions, rig
     from gaussray.scene.scene import Scene
-    from gaussray.vocabulary import conf_folder
 
     every = room()
     none = jax.tree.map(lambda x: x[:0], every)

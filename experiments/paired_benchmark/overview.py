@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 
 from experiments.paired_benchmark.plan import EFFECTS
-from gaussray.capture.calibration import read_capture
+from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_codes
 from gaussray.dataset.images import contact_sheet, write_image
 

@@ -65,13 +65,13 @@ def _run(work):
 
 def run(job: tuple[Path, Path, list[str]], end: float) -> None:
     """One way on one capture: reconstruct, then score."""
-    from gaussray.capture.formats import open_capture
-    from gaussray.configuration import configuration
+    from gaussray.capture.open import open_capture
+    from gaussray.cli.commands import reconstruct_options
+    from gaussray.config.compose import configuration
     from gaussray.evaluate import EvaluateOptions, evaluate
     from gaussray.reconstruct import reconstruct
     from gaussray.render import RenderOptions
     from gaussray.tracer.trace import TraceOptions
-    from gaussray.verbs import reconstruct_options
 
     folder, out, overrides = job
     if time.monotonic() > end:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaussray.ply import read_vertices
+from gaussray.io.ply import read_vertices
 
 
 def main() -> None:

@@ -14,12 +14,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.camera.landing import place_at
-from gaussray.capture.formats import open_capture
+from gaussray.camera.rolling_projection import place_at
 from gaussray.capture.frames import read_encoded
+from gaussray.capture.open import open_capture
 from gaussray.dataset.images import codes
-from gaussray.labels import Labeller
 from gaussray.render import Renderer, RenderOptions
+from gaussray.render.aov.labeller import Labeller
 from gaussray.scene.scene import Scene
 from gaussray.scene.store import load_scene
 from gaussray.tracer.trace import TraceOptions

@@ -15,15 +15,15 @@ import numpy as np
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import Shutter
-from gaussray.capture.calibration import read_capture
-from gaussray.capture.formats import open_capture
+from gaussray.capture.formats.paired import read_capture
+from gaussray.capture.open import open_capture
 from gaussray.capture.selection import Selection
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.evaluate import EvaluateOptions, evaluate
-from gaussray.fit.course import FitOptions
-from gaussray.guard.limits import Limits, limit
+from gaussray.io.safe.limits import Limits, limit
 from gaussray.reconstruct import ReconstructOptions, reconstruct
+from gaussray.reconstruct.options import FitOptions
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
 from gaussray.tracer.trace import TraceOptions

@@ -17,11 +17,11 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.chromatic import dispersed
 from gaussray.camera.film import Film
 from gaussray.camera.lens import pinhole
-from gaussray.camera.noise import picture_key
-from gaussray.camera.sensor import SensorOptions, develop, encode, exposed
+from gaussray.camera.sensor.noise import picture_key
+from gaussray.camera.sensor.sensor import SensorOptions, develop, encode, exposed
 from gaussray.dataset.images import codes, contact_sheet, write_image
 from gaussray.render import Renderer, RenderOptions
-from gaussray.rig import cameras_of
+from gaussray.render.rig.rig import cameras_of
 from gaussray.scene.store import load_scene
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gaussray.capture.colmap_model import model_folder, read_model
+from gaussray.capture.formats.colmap_files import model_folder, read_model
 from gaussray.geometry import BLENDER_AXES
 
 

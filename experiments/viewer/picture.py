@@ -18,9 +18,9 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 
-from gaussray.configuration import configuration
-from gaussray.view.meter import Reading
-from gaussray.view.serve import serve
+from gaussray.config.compose import configuration
+from gaussray.viewer.serve import serve
+from gaussray.viewer.timing import Reading
 
 
 FLAGS = (

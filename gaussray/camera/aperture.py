@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.camera.checks import known, require
+from gaussray.camera.validate import known, require
 from gaussray.geometry import normalize
 
 

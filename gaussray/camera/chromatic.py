@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.camera.axis import axis_of
 from gaussray.camera.camera import Camera
-from gaussray.camera.checks import require
 from gaussray.camera.lens import AbstractLens
+from gaussray.camera.principal_point import axis_of
+from gaussray.camera.validate import require
 
 
 class Magnified(AbstractLens):

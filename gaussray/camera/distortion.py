@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from gaussray.camera.inverse import keeps_orientation, plane_root
+from gaussray.camera.roots import keeps_orientation, plane_root
 
 
 # The coefficients in OpenCV's order: radial and tangential, the thin prism's, the sensor's tilt.

@@ -6,8 +6,8 @@ import numpy as np
 from jax.scipy.special import ndtri
 from jaxtyping import Array, Float
 
-from gaussray.camera.checks import require
 from gaussray.camera.sampling import scrambled
+from gaussray.camera.validate import require
 from gaussray.geometry import RigidTransform, multiply, turning
 
 

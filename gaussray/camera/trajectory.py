@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from gaussray.camera.checks import require
 from gaussray.camera.shake import Shake, shaken
+from gaussray.camera.validate import require
 from gaussray.geometry import (
     RigidTransform,
     conjugate,

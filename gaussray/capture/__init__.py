@@ -1,0 +1,8 @@
+"""Pictures and their cameras, read from folders of many formats."""
+
+from gaussray.capture.formats.paired import (
+    Capture as Capture,
+    View as View,
+    read_capture as read_capture,
+)
+from gaussray.capture.open import open_capture as open_capture

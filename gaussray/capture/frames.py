@@ -14,9 +14,9 @@ from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.videos import frame_of, read_frame, read_frames, read_video
 from gaussray.capture.window import Window, averaged
 from gaussray.color import srgb_decode, srgb_encode
-from gaussray.guard.files import opened
-from gaussray.guard.openimageio import oiio
-from gaussray.guard.pictures import complaint, open_picture
+from gaussray.io.safe.files import opened
+from gaussray.io.safe.openimageio import oiio
+from gaussray.io.safe.pictures import complaint, open_picture
 
 
 COLOR_SPACES = ("srgb", "linear")

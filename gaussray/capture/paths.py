@@ -6,11 +6,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gaussray.capture.calibration import content_of
-from gaussray.capture.effects import quaternions
 from gaussray.capture.errors import CaptureError
-from gaussray.capture.keys import Keys
-from gaussray.guard.files import read_text
+from gaussray.capture.formats.effects import quaternions
+from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.paired import content_of
+from gaussray.io.safe.files import read_text
 
 
 def read_path(

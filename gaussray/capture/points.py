@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.color import srgb_decode
-from gaussray.ply import read_vertices
+from gaussray.io.ply import read_vertices
 
 
 _COLORS = ("red", "green", "blue")

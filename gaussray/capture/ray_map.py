@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureError
-from gaussray.guard.arrays import read_npz
-from gaussray.guard.pictures import complaint, open_picture
+from gaussray.io.safe.arrays import read_npz
+from gaussray.io.safe.pictures import complaint, open_picture
 
 
 # Unit vectors of single precision are nearer to 1 than this and stay as they are; those of half

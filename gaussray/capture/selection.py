@@ -12,8 +12,8 @@ import numpy as np
 
 from gaussray.camera.lens import AbstractLens, FisheyePolynomial, FocalLens
 from gaussray.camera.shutter import Shutter
-from gaussray.capture.calibration import Capture, View
 from gaussray.capture.errors import CaptureError
+from gaussray.capture.formats.paired import Capture, View
 from gaussray.capture.window import Window
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gaussray.capture.errors import CaptureError
-from gaussray.guard.limits import limits, within
+from gaussray.io.safe.limits import limits, within
 
 
 SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm")

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Array, Bool, UInt8
 
-from gaussray.atomic import whole
 from gaussray.color import srgb_encode
-from gaussray.guard.openimageio import oiio
+from gaussray.io.atomic import whole
+from gaussray.io.safe.openimageio import oiio
 
 
 def codes(

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from gaussray.dataset.images import write_pixels
-from gaussray.guard.openimageio import oiio
-from gaussray.guard.pictures import complaint, open_picture
+from gaussray.io.safe.openimageio import oiio
+from gaussray.io.safe.pictures import complaint, open_picture
 
 
 # Last letters of the channel names of vectors.

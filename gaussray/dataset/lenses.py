@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from gaussray.atomic import whole
 from gaussray.camera import distortion
 from gaussray.camera.lens import (
     AbstractLens,
@@ -24,6 +23,7 @@ from gaussray.camera.lens import (
     UnifiedSphere,
     thin_prism,
 )
+from gaussray.io.atomic import whole
 
 
 def lens_keys(lens: AbstractLens) -> dict[str, Any]:

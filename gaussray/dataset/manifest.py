@@ -11,13 +11,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.atomic import whole
 from gaussray.camera.aperture import FocusPull
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.trajectory import pose_at
 from gaussray.dataset.lenses import lens_keys, plain, write_tables
 from gaussray.geometry import BLENDER_AXES, rotation_matrix
+from gaussray.io.atomic import whole
 
 
 _OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split", "labels")

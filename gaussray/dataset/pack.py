@@ -8,9 +8,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from gaussray.atomic import whole
 from gaussray.dataset.takes import MANIFEST, read_frames
-from gaussray.guard.files import inside, opened
+from gaussray.io.atomic import whole
+from gaussray.io.safe.files import inside, opened
 
 
 def pack(data: Path | str, out: Path | str, *, frames_per_tar: int = 1000) -> list[Path]:

@@ -14,13 +14,13 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.atomic import sweep, whole
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import Shutter, sample_time
 from gaussray.dataset.lenses import plain
 from gaussray.dataset.manifest import FrameRecord
-from gaussray.guard.files import opened, parse_json, read_json
-from gaussray.guard.limits import limits, within
+from gaussray.io.atomic import sweep, whole
+from gaussray.io.safe.files import opened, parse_json, read_json
+from gaussray.io.safe.limits import limits, within
 
 
 # Of the schema: raised when a key changes its meaning or goes; keys may be added.

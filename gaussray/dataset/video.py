@@ -10,8 +10,8 @@ import numpy as np
 from av.video.reformatter import ColorRange, Colorspace
 from jaxtyping import Array
 
-from gaussray.atomic import whole
 from gaussray.dataset.images import codes, enlarge
+from gaussray.io.atomic import whole
 
 
 # Without these one file in 800 differs from the others of the same pictures, where sides are no

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gaussray.dataset.images import write_image
-from gaussray.guard.openimageio import oiio
+from gaussray.io.safe.openimageio import oiio
 from gaussray.report.markup import Markup, tag
 
 

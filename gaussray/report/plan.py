@@ -9,14 +9,14 @@ from jaxtyping import Float
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.trajectory import pose_at
-from gaussray.capture.calibration import View
+from gaussray.capture.formats.paired import View
 from gaussray.color import srgb_encode
 from gaussray.geometry import rotation_matrix
 from gaussray.report.chart import color
 from gaussray.report.markup import Markup, escape, tag
-from gaussray.scene.clip import Clip, segments_of
 from gaussray.scene.harmonics import C0
 from gaussray.scene.scene import Scene
+from gaussray.scene.segmented import Clip, segments_of
 
 
 WIDTH, HEIGHT, EDGE = 480.0, 340.0, 16.0

@@ -4,9 +4,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from gaussray.provenance import command, noted
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, facts, folded, note
+from gaussray.runtime.provenance import command, noted
 
 
 def subtitle(out: Path) -> str:

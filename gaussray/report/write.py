@@ -3,21 +3,21 @@
 from pathlib import Path
 from typing import Any
 
-from gaussray.atomic import whole
-from gaussray.capture.calibration import (
-    PINHOLE_FILE,
-    Capture,
-    View,
-    read_cameras,
-    read_capture,
-)
+from gaussray.capture.formats.paired import PINHOLE_FILE, Capture, View, read_cameras, read_capture
 from gaussray.dataset.takes import read_takes
-from gaussray.report import adjusted, fitted, scored, shown, taken
+from gaussray.io.atomic import whole
+from gaussray.report import (
+    calibration as adjusted,
+    cameras as shown,
+    dataset as taken,
+    evaluation as scored,
+    reconstruction as fitted,
+)
 from gaussray.report.markup import Markup
 from gaussray.report.page import Section, page, tiles
 from gaussray.report.run import clock, document, reproduce, size, subtitle
-from gaussray.scene.clip import Clip
 from gaussray.scene.scene import Scene
+from gaussray.scene.segmented import Clip
 
 
 _Sections = list[Section | None]

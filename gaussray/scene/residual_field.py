@@ -5,10 +5,10 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from gaussray.scene.codes import decoded
 from gaussray.scene.deformation import Layer, head_output
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.planes import Planes, features
+from gaussray.scene.srgb_harmonics import decoded
 
 
 Head = tuple[Layer, Layer]

@@ -30,18 +30,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
-from gaussray.atomic import settle, whole
-from gaussray.guard.arrays import Damaged, read_npz
-from gaussray.guard.files import parse_json
+from gaussray.io.atomic import settle, whole
+from gaussray.io.safe.arrays import Damaged, read_npz
+from gaussray.io.safe.files import parse_json
 from gaussray.scene.bodies import Bodies
-from gaussray.scene.clip import Clip, segments_of
-from gaussray.scene.compact import compressed, restored
+from gaussray.scene.compression import compressed, restored
 from gaussray.scene.deformation import Deformation, Layer
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.misfit import misfit
 from gaussray.scene.planes import Planes
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene
+from gaussray.scene.segmented import Clip, segments_of
+from gaussray.scene.shape_check import misfit
 
 
 FORMAT = "gaussray-scene"

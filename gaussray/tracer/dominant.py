@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
+from gaussray.tracer.k_nearest import nearest, pack, slot_mask
 from gaussray.tracer.motion import Columns, Motion, columns, control_weights, state_at, table, whole
-from gaussray.tracer.nearest import nearest, pack, slot_mask
 from gaussray.tracer.response import opacity_on_ray, reach, response
 from gaussray.tracer.trace import TraceOptions, find, in_bundles
 from gaussray.tracer.traverse import Capacity

@@ -36,8 +36,8 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.tracer.cuda import launch, ptx
+from gaussray.tracer.kernel_layout import Rows, boxes_of, is_tinted, rows_of
 from gaussray.tracer.motion import Motion, arc_weights, whole
-from gaussray.tracer.rows import Rows, boxes_of, is_tinted, rows_of
 
 
 _SOURCE = Path(__file__).with_suffix(".cu")

@@ -8,8 +8,8 @@ from jaxtyping import Array
 
 from gaussray.scene.harmonics import radiance
 from gaussray.tracer.composite import composite
+from gaussray.tracer.k_nearest import nearest, pack, slot_mask
 from gaussray.tracer.motion import state_at, tint_at
-from gaussray.tracer.nearest import nearest, pack, slot_mask
 from gaussray.tracer.response import opacity_on_ray, reach, response
 
 

@@ -7,10 +7,10 @@ import pytest
 import toy
 from jax.test_util import check_grads
 
-from gaussray.camera.axis import axis_of, require_axis
 from gaussray.camera.camera import camera_rays
 from gaussray.camera.chromatic import Chromatic, Magnified, achromatic, dispersed, magnified
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, pinhole
+from gaussray.camera.principal_point import axis_of, require_axis
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")

@@ -9,13 +9,7 @@ import numpy as np
 import pytest
 from lenses import any_way, assert_slopes, moved, sloped
 
-from gaussray.camera.lens import (
-    FisheyePolynomial,
-    KannalaBrandt,
-    Pinhole,
-    check_lens,
-    pinhole,
-)
+from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole, check_lens, pinhole
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")

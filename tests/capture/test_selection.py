@@ -11,14 +11,14 @@ import pytest
 
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import DIRECTIONS, sample_time
-from gaussray.capture.calibration import read_capture
 from gaussray.capture.errors import CaptureError
-from gaussray.capture.footage import footage
-from gaussray.capture.formats import open_capture
+from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import check_images, load_encoded, read_encoded, read_mask
+from gaussray.capture.open import open_capture
 from gaussray.capture.selection import Selection, selected
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.dataset.images import write_image, write_mask
+from gaussray.reconstruct.data.pictures import footage
 
 
 # A code is rounded to the nearest.

@@ -18,7 +18,7 @@ from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, pinhole
 from gaussray.camera.shake import Shake
 from gaussray.camera.shutter import Shutter, global_shutter
 from gaussray.camera.trajectory import Trajectory
-from gaussray.capture.calibration import read_capture, read_views
+from gaussray.capture.formats.paired import read_capture, read_views
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 
 

@@ -5,8 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.test_util import check_grads
 
-from gaussray.fit.initial import bodies as found_bodies
 from gaussray.geometry import rotation_matrix
+from gaussray.reconstruct.initialize.from_points import bodies as found_bodies
 from gaussray.scene.bodies import body_of, pose_at, reaching, resting
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.scene.gaussian_folder import read_model
+from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.scene import Scene
 from gaussray.scene.store import load_scene, named, read_arrays, save_scene, write_arrays
 

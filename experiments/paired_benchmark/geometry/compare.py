@@ -13,7 +13,7 @@ from experiments.paired_benchmark.geometry.cases import CLIP
 from gaussray.camera.camera import camera_rays
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.trajectory import pose_at
-from gaussray.capture.calibration import View
+from gaussray.capture.formats.paired import View
 from gaussray.geometry import RigidTransform
 
 
@@ -31,7 +31,7 @@ class Picture(NamedTuple):
 
 
 def read_picture(path: Path) -> Picture:
-    """The four passes of an EXR of `render.py`."""
+    """The four passes of an EXR of `render/renderer.py`."""
     image = oiio.ImageBuf(str(path))
     if image.has_error:
         raise OSError(f"{path}: the picture cannot be read: {image.geterror()}")

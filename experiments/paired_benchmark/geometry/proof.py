@@ -13,7 +13,7 @@ import numpy as np
 
 from experiments.paired_benchmark.geometry.cases import CLIP, DIFFERS, SPEED, cases
 from experiments.paired_benchmark.geometry.compare import compare
-from gaussray.capture.calibration import read_views
+from gaussray.capture.formats.paired import read_views
 
 
 ROOT = Path(__file__).parents[3]

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaussray.camera.checks import known, require
+from gaussray.camera.validate import known, require
 
 
 class AbstractLens(eqx.Module):

@@ -4,10 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.camera.checks import require
-from gaussray.camera.inverse import increasing_root
 from gaussray.camera.lens.abstract import AbstractLens
 from gaussray.camera.lens.radial import polar
+from gaussray.camera.roots import increasing_root
+from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 
 

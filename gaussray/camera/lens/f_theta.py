@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.camera.checks import require
-from gaussray.camera.inverse import increasing_root
 from gaussray.camera.lens.radial import RadialLens
+from gaussray.camera.roots import increasing_root
+from gaussray.camera.validate import require
 
 
 # Which of NVIDIA's two polynomials the coefficients are: PIXELDIST_TO_ANGLE, ANGLE_TO_PIXELDIST.

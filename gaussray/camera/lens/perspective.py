@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaussray.camera.checks import known, require
 from gaussray.camera.distortion import COUNTS, distort, undistort, unfolded
 from gaussray.camera.lens.abstract import FocalLens
+from gaussray.camera.validate import known, require
 from gaussray.geometry import normalize
 
 

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaussray.camera.checks import require
 from gaussray.camera.lens.abstract import FocalLens
+from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 
 

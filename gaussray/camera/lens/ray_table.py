@@ -5,9 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from gaussray.camera.checks import require
-from gaussray.camera.inverse import plane_root
 from gaussray.camera.lens.abstract import FocalLens
+from gaussray.camera.roots import plane_root
+from gaussray.camera.validate import require
 from gaussray.geometry import normalize, product
 
 

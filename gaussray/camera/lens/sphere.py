@@ -4,8 +4,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.camera.checks import require
 from gaussray.camera.lens.radial import RadialLens, root
+from gaussray.camera.validate import require
 
 
 class UnifiedSphere(RadialLens):

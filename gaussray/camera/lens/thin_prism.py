@@ -5,10 +5,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaussray.camera.checks import require
-from gaussray.camera.inverse import keeps_orientation, plane_root
 from gaussray.camera.lens.abstract import FocalLens
 from gaussray.camera.lens.radial import polar
+from gaussray.camera.roots import keeps_orientation, plane_root
+from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 
 

@@ -1,0 +1,3 @@
+"""Cameras, estimated from pictures of a known scene."""
+
+from gaussray.calibrate.pipeline import CalibrateOptions as CalibrateOptions, calibrate as calibrate

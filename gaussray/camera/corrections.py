@@ -1,0 +1,248 @@
+"""What may be wrong with the recorded training cameras, learnt along with the scene."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from gaussray.camera.array import CameraSet
+from gaussray.camera.camera import Camera
+from gaussray.camera.lens import (
+    AbstractLens,
+    Equirectangular,
+    FisheyePolynomial,
+    FocalLens,
+    FTheta,
+    Pinhole,
+    RadialLens,
+    RayTable,
+)
+from gaussray.camera.shutter import Shutter
+from gaussray.geometry import multiply, product, turning
+
+
+# What fit.refine can name: the fields of `Corrections`.
+REFINABLE = ("pose", "lens", "shutter", "exposure", "offset")
+
+
+class Corrections(eqx.Module):
+    """Corrections of every training camera: all zero is the cameras as recorded, None is not
+    refined.
+
+    `pose` is a rotation vector about the camera's own place and a shift, along the world's axes, in
+    radians and extents. `lens` is the logarithm of a factor of both focal lengths, a shift of the
+    principal point in focal lengths (those on the axis), and what is added to the lens's
+    coefficients (those that are not zero). `shutter` is the logarithm of a factor of row step and
+    row offset: a single one, for cameras of one make read alike, and what one of them sees says
+    little. `exposure` is the logarithm of exposure times white balance, by channel of linear light.
+    `offset` is how much later than recorded a camera looks, in intervals between the capture's
+    instants.
+    """
+
+    pose: Float[Array, "*cameras 6"] | None = None
+    lens: Float[Array, "*cameras parameters"] | None = None
+    shutter: Float[Array, "..."] | None = None
+    exposure: Float[Array, "*cameras 3"] | None = None
+    offset: Float[Array, "*cameras"] | None = None
+
+
+def no_corrections(refine: Sequence[str], count: int, camera: Camera) -> Corrections | None:
+    """Zeros for what is refined of so many cameras like these; None if nothing is."""
+    if not refine:
+        return None
+    shutter = camera.shutter
+    if "shutter" in refine and not (np.any(shutter.row_step) or shutter.row_times is not None):
+        raise ValueError(
+            "fit.refine=[shutter] scales the recorded readout, but every shutter.row_step of the "
+            "capture is 0. Write an estimate into transforms.json, or leave shutter out."
+        )
+    lens = 3 + coefficients(camera.lens).shape[-1] if "lens" in refine else 0
+    shape = {
+        "pose": (count, 6),
+        "lens": (count, lens),
+        "shutter": (),
+        "exposure": (count, 3),
+        "offset": (count,),
+    }
+    return Corrections(**{kind: jnp.zeros(shape[kind], camera.time.dtype) for kind in refine})
+
+
+def refined_kinds(corrections: Corrections | None) -> tuple[str, ...]:
+    """What of `REFINABLE` the corrections hold."""
+    return tuple(kind for kind in REFINABLE if getattr(corrections, kind, None) is not None)
+
+
+def coefficients(
+    lens: AbstractLens, key: str = "fit.refine"
+) -> Float[Array, "*cameras coefficients"]:
+    """The coefficients that bend a lens's rays; an ideal pinhole has none. `key` is who asks."""
+    match lens:
+        case Pinhole():
+            return lens.distortion if lens.distorted else lens.distortion[..., :0]
+        case Equirectangular() | RayTable():
+            raise ValueError(
+                f"{key}=[lens] must be for lenses with a focal length of their own, got "
+                f"{type(lens).__name__}, whose rays are given with its pictures. Leave lens out."
+            )
+        case FisheyePolynomial():
+            return lens.coefficients
+        case FocalLens():
+            return getattr(lens, "coefficients", lens.center[..., :0])
+        case _:
+            raise TypeError(f"{key} has no words for a lens of type {type(lens).__name__}.")
+
+
+def settled(corrections: Corrections, cameras: CameraSet) -> Corrections:
+    """The corrections without what the scene can make up for, a row for every camera.
+
+    A scene that is moved, turned or scaled, brightened or delayed with all its cameras looks the
+    same. So a similarity is taken out of the poses, and the mean out of exposures and offsets:
+    cameras that are held out keep what was recorded for them, and the mean of many recorded errors
+    is nearer to none than that of one camera which stays as it is.
+    """
+    pose, shutter, exposure, offset = (
+        corrections.pose,
+        corrections.shutter,
+        corrections.exposure,
+        corrections.offset,
+    )
+    if pose is not None:
+        pose = product("ij,j->i", cameras.free, pose.reshape(-1)).reshape(pose.shape)
+    if shutter is not None:
+        shutter = jnp.broadcast_to(shutter, (cameras.count,))
+    if exposure is not None:
+        exposure = exposure - jnp.mean(exposure, axis=0, keepdims=True)
+    if offset is not None:
+        offset = offset - jnp.mean(offset)
+    return Corrections(pose, corrections.lens, shutter, exposure, offset)
+
+
+def refined(camera: Camera, own: Corrections, cameras: CameraSet) -> Camera:
+    """One camera with its own row of the `settled` corrections; its exposure is no part of it."""
+    trajectory, shutter, lens = camera.trajectory, camera.shutter, camera.lens
+    if own.pose is not None:
+        turn = turning(own.pose[:3])
+        quat = jax.vmap(multiply, in_axes=(None, 0))(turn, trajectory.quat)
+        place = trajectory.translation + cameras.extent * own.pose[None, 3:]
+        trajectory = dataclasses.replace(trajectory, quat=quat, translation=place)
+    if own.lens is not None:
+        bends = coefficients(lens) != 0
+        change = jnp.where(bends, own.lens[3:], 0)
+        lens = corrected_lens(lens, jnp.concatenate([own.lens[:3], change]))
+    if own.shutter is not None:
+        factor = jnp.exp(own.shutter)
+        readout = "row_offset", "row_step", "row_times"
+        told = {key: getattr(shutter, key) for key in readout}
+        scaled = jax.tree.map(lambda x: factor * x, told)
+        shutter = dataclasses.replace(shutter, **scaled)
+    if own.offset is not None:
+        late = shutter.row_offset + cameras.interval * own.offset
+        shutter = dataclasses.replace(shutter, row_offset=late)
+    return Camera(camera.film, lens, camera.aperture, shutter, trajectory, camera.time)
+
+
+def corrected_lens(lens: AbstractLens, own: Float[Array, " parameters"]) -> AbstractLens:
+    """A lens with its row of `Corrections`, also where its coefficients are zero."""
+    scale, center, bent, change = jnp.exp(own[0]), own[1:3], coefficients(lens), own[3:]
+    match lens:
+        case FisheyePolynomial():
+            # Its focal length is 1/|k1|; at half the sensor's width all changes are angles.
+            power = jnp.arange(bent.shape[0])
+            slope = jnp.where(bent[1] != 0, jnp.abs(bent[1]), 1)
+            shift = center / (slope * lens.sensor) * jnp.array([-1, 1], bent.dtype)
+            return FisheyePolynomial(
+                (bent + change / (lens.sensor[0] / 2) ** power) / scale**power,
+                lens.sensor,
+                lens.resolution,
+                lens.shift + shift,
+                lens.fov,
+            )
+        case FocalLens():
+            paraxial = lens.focal * (lens.slope() if isinstance(lens, RadialLens) else 1)
+            new = {"focal": scale * lens.focal, "center": lens.center + paraxial * center}
+            if isinstance(lens, FTheta):
+                # At the rim all changes are angles, or focal lengths.
+                unit = 1 if lens.polynomial == "angle_of_radius" else jnp.abs(bent[1])
+                change = change * unit / lens.limit ** jnp.arange(bent.shape[0])
+            name = "distortion" if isinstance(lens, Pinhole) else "coefficients"
+            if bent.shape[0]:
+                new[name] = bent + change
+            return dataclasses.replace(lens, **new)
+        case _:
+            raise TypeError(f"fit.refine has no words for a lens of type {type(lens).__name__}.")
+
+
+def refined_views(
+    corrections: Corrections | None,
+    cameras: CameraSet,
+    views: Camera,
+    owner: Int[Array, " frames"],
+) -> tuple[Camera, Float[Array, "frames 3"] | None]:
+    """Stacked views as they are refined, and what their linear light is multiplied by, None if
+    exposures are not; `owner` is the number of each view's camera."""
+    if corrections is None:
+        return views, None
+    own = jax.tree.map(lambda x: x[owner], settled(corrections, cameras))
+    views = jax.vmap(refined, in_axes=(0, 0, None))(views, own, cameras)
+    return views, None if own.exposure is None else jnp.exp(own.exposure)
+
+
+_refined = jax.jit(refined)
+
+
+def refined_frames(
+    corrections: Corrections | None,
+    cameras: CameraSet,
+    names: Sequence[str],
+    frames: Sequence[tuple[str, Camera]],
+) -> list[Camera]:
+    """The cameras of frames, each with the name of its camera: those in `names`, the set's, as
+    they are refined, all others as they are."""
+    if corrections is None:
+        return [camera for _, camera in frames]
+    rows = settled(corrections, cameras)
+    own = {name: jax.tree.map(lambda x, i=i: x[i], rows) for i, name in enumerate(names)}
+    return [
+        _refined(camera, own[name], cameras) if name in own else camera for name, camera in frames
+    ]
+
+
+def gains(
+    corrections: Corrections | None, cameras: CameraSet, names: Sequence[str]
+) -> dict[str, list[float]]:
+    """Red, green and blue of every camera over the scene's, in linear light; empty if exposures are
+    not refined."""
+    exposure = None if corrections is None else settled(corrections, cameras).exposure
+    if exposure is None:
+        return {}
+    gain = np.exp(np.asarray(exposure, np.float64)).round(6)
+    return dict(zip(names, gain.tolist(), strict=True))
+
+
+def found(corrections: Corrections, cameras: CameraSet, shutter: Shutter, unit: str) -> str:
+    """One line of what the corrections amount to; `shutter` is the training frames', stacked."""
+    c, said = jax.tree.map(np.asarray, settled(corrections, cameras)), []
+    if c.pose is not None:
+        turn, shift = (np.linalg.norm(x, axis=1).max() for x in (c.pose[:, :3], c.pose[:, 3:]))
+        way = float(cameras.extent) * shift
+        said.append(f"poses turned by up to {np.degrees(turn):.3g} degrees, moved by {way:.3g}")
+    if c.lens is not None:
+        factor = np.exp(c.lens[:, 0])
+        said.append(f"focal lengths x {factor.min():.4f} to {factor.max():.4f}")
+    if c.shutter is not None:
+        step = np.asarray(shutter.row_step, np.float64)
+        step = step[np.argmax(np.abs(step))]
+        factor = np.exp(c.shutter[0])
+        even = f"time of a row {step:.4g} -> {step * factor:.4g} ({unit})"
+        said.append(even if shutter.row_times is None else f"times of rows x {factor:.4f}")
+    if c.exposure is not None:
+        gain = np.exp(c.exposure)
+        said.append(f"exposures x {gain.min():.3f} to {gain.max():.3f}")
+    if c.offset is not None:
+        late = float(cameras.interval) * c.offset
+        said.append(f"offsets {late.min():.4g} to {late.max():.4g} ({unit})")
+    return f"refined cameras: {'; '.join(said)}"

@@ -1,0 +1,187 @@
+"""What a sensor makes of the light on the film: from linear light to what a picture stores."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PRNGKeyArray
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.principal_point import require_axis
+from gaussray.camera.sensor.mosaic import PATTERNS, demosaic, mosaic
+from gaussray.camera.sensor.noise import noisy
+from gaussray.camera.sensor.tone import CURVES, toned
+from gaussray.camera.sensor.vignetting import darkest, transmission
+
+
+# Electrons up to which single precision draws Poisson's law: the variance of 10^6 draws is as near
+# as that of any (at 3e5 it is 0.9 % off).
+MOST = 100_000
+
+
+class SensorOptions(eqx.Module):
+    """Each key does nothing by default, and then costs nothing.
+
+    `chromatic` magnifies red, green and blue (`camera.chromatic`); `falloff` and `vignetting`
+    darken the edges (`camera.vignetting`). `exposure` doubles the light so many times. `full_well`
+    electrons stand for the light `white` (or 1), `read_noise` electrons come from reading them
+    (`camera.noise`), and `gain` (ISO over the sensor's own) multiplies both. `white` is where
+    values are cut after that, and what `bits` count up to; 0 is nowhere. `bayer` is the pattern of
+    colour filters and `demosaic` bilinear or none (`camera.mosaic`); `tone` the curve of PNG files
+    with its `table` (`camera.tone`). `seed` is that of the noise.
+    """
+
+    chromatic: tuple[float, ...] = eqx.field(static=True, default=(1.0, 1.0, 1.0))
+    falloff: float = eqx.field(static=True, default=0.0)
+    vignetting: tuple[float, ...] = eqx.field(static=True, default=(0.0, 0.0, 0.0))
+    exposure: float = eqx.field(static=True, default=0.0)
+    full_well: float = eqx.field(static=True, default=0.0)
+    read_noise: float = eqx.field(static=True, default=0.0)
+    gain: float = eqx.field(static=True, default=1.0)
+    white: float = eqx.field(static=True, default=0.0)
+    bits: int = eqx.field(static=True, default=0)
+    bayer: str = eqx.field(static=True, default="none")
+    demosaic: str = eqx.field(static=True, default="bilinear")
+    tone: str = eqx.field(static=True, default="srgb")
+    table: tuple[float, ...] = eqx.field(static=True, default=())
+    seed: int = eqx.field(static=True, default=0)
+
+    def __check_init__(self):
+        _demand(self, "chromatic", _numbers(self.chromatic, 3, above=0.0), "3 numbers above 0")
+        _demand(self, "vignetting", _numbers(self.vignetting, 3), "3 numbers")
+        _demand(
+            self,
+            "vignetting",
+            darkest(self.vignetting) >= 0,
+            "a1, a2, a3 with 1 + a1 r^2 + a2 r^4 + a3 r^6 at least 0 for r up to 1",
+        )
+        _demand(self, "full_well", 0 <= self.full_well <= MOST, f"in 0 ... {MOST} electrons")
+        for key in ("falloff", "read_noise", "white"):
+            _demand(self, key, 0 <= getattr(self, key) < math.inf, "at least 0")
+        _demand(self, "exposure", math.isfinite(self.exposure), "finite")
+        _demand(self, "gain", 1 <= self.gain < math.inf, "at least 1")
+        _demand(self, "bits", 0 <= self.bits <= 16, "in 0 ... 16")
+        _demand(self, "bayer", self.bayer in ("none", *PATTERNS), f"none or one of {PATTERNS}")
+        _demand(self, "demosaic", self.demosaic in ("bilinear", "none"), "bilinear or none")
+        _demand(self, "tone", self.tone in CURVES, f"one of {CURVES}")
+        _demand(self, "seed", 0 <= self.seed < 2**32, "in 0 ... 2^32 - 1")
+        if self.tone == "table":
+            rising = all(a <= b for a, b in zip(self.table, self.table[1:], strict=False))
+            good = _numbers(self.table, len(self.table)) and len(self.table) > 1 and rising
+            _demand(self, "table", good, "at least 2 numbers that never fall")
+        elif self.table:
+            raise ValueError(f"sensor.table needs sensor.tone=table, got {self.tone!r}.")
+        for key, needed in (("read_noise", "full_well"), ("bits", "white")):
+            if getattr(self, key) and not getattr(self, needed):
+                raise ValueError(
+                    f"sensor.{key} needs sensor.{needed} above 0, got {getattr(self, key)} and 0."
+                )
+
+
+def check_sensor(options: SensorOptions, camera: Camera, format: str) -> None:
+    """Raise a ValueError unless a camera can have this sensor and a file of this format hold it."""
+    if format == "exr" and options.tone != "srgb":
+        raise ValueError(
+            f"sensor.tone must be srgb with format=exr, which holds linear light, got "
+            f"{options.tone!r}. Choose format=png."
+        )
+    for key in ("chromatic", "vignetting"):
+        if getattr(options, key) != getattr(SensorOptions(), key):
+            require_axis(f"sensor.{key}", camera.lens)
+
+
+def develop(
+    light: Float[Array, "h w 3"], camera: Camera, key: PRNGKeyArray, *, options: SensorOptions
+) -> Float[Array, "h w 3"]:
+    """The sensor's linear values of the light on the film, in the order of the physics: lens edge,
+    exposure, electrons, amplifier, colour filters, saturation, digits, colours. Differentiable up
+    to the digits.
+    """
+    return develop_by(amounts(options), light, camera, key, steps=options)
+
+
+def develop_by(
+    amounts: Mapping[str, Float[Array, "..."]],
+    light: Float[Array, "h w 3"],
+    camera: Camera | None,
+    key: PRNGKeyArray,
+    *,
+    steps: SensorOptions,
+) -> Float[Array, "h w 3"]:
+    """`develop` by numbers that a compiled program does not hold; `steps` says which it takes. Only
+    light that falls off towards the edges asks for the camera."""
+    n = {name: x.astype(light.dtype) for name, x in amounts.items()}
+    if steps.falloff or any(steps.vignetting):
+        assert camera is not None
+        edge = transmission(camera.lens, camera.film, n["falloff"], n["vignetting"])
+        light = light * edge[..., None]
+    if steps.exposure:
+        light = exposed(light, n["exposure"])
+    white = n["white"] if steps.white else jnp.ones((), light.dtype)
+    if steps.full_well:
+        light = white * noisy(key, light / white, n["full_well"], n["read_noise"])
+    if steps.gain != 1:
+        light = n["gain"] * light
+    if steps.bayer != "none":
+        light = mosaic(light, steps.bayer)
+    if steps.white:
+        light = jnp.clip(light, 0, white)
+    if steps.bits:
+        light = white * digital(light / white, steps.bits)
+    if steps.bayer != "none" and steps.demosaic == "bilinear":
+        light = demosaic(light, steps.bayer)
+    return light
+
+
+# A number for every step that a sensor takes, for all that take it.
+_TAKEN = {"falloff": 1.0, "vignetting": (-0.5, 0.0, 0.0), "exposure": 1.0, "full_well": 1.0,
+          "read_noise": 1.0, "gain": 2.0, "white": 1.0}  # fmt: skip
+
+
+def amounts(options: SensorOptions) -> dict[str, Float[Array, "..."]]:
+    """The numbers of a sensor that may differ from picture to picture."""
+    return {name: jnp.asarray(getattr(options, name), float) for name in _TAKEN}
+
+
+def steps_of(options: SensorOptions) -> SensorOptions:
+    """A sensor that stands for all that take the same steps, whatever their numbers: one program
+    develops the pictures of them all."""
+    none = SensorOptions()
+    taken = {k: v for k, v in _TAKEN.items() if getattr(options, k) != getattr(none, k)}
+    kept = {name: getattr(options, name) for name in ("bits", "bayer", "demosaic")}
+    return SensorOptions(**taken, **kept)
+
+
+def encode(light: Float[Array, "h w 3"], *, options: SensorOptions) -> Float[Array, "h w 3"]:
+    """What a PNG stores of the sensor's values."""
+    return toned(light, options.tone, jnp.asarray(options.table, light.dtype))
+
+
+def exposed(light: Float[Array, "*n"], stops: Float[Array, ""] | float) -> Float[Array, "*n"]:
+    """Light after an exposure longer by a factor of 2^stops."""
+    return light * 2.0**stops
+
+
+def digital(value: Float[Array, "*n"], bits: int) -> Float[Array, "*n"]:
+    """The nearest of the 2^bits numbers that count evenly from 0 to 1."""
+    steps = 2**bits - 1
+    return jnp.round(value * steps) / steps
+
+
+def described(options: SensorOptions) -> Mapping[str, Any]:
+    """The sensor as a manifest records it, with how its noise can be had again."""
+    told = {name: getattr(options, name) for name in options.__dataclass_fields__}
+    key = "jax.random.key(seed), then fold_in of the first two little-endian 32-bit words of "
+    return told | {"noise_key": key + "sha256(file_path without suffix)"}
+
+
+def _numbers(values: tuple[Any, ...], count: int, above: float = -math.inf) -> bool:
+    numbers = [x for x in values if isinstance(x, int | float) and above < x < math.inf]
+    return len(values) == count == len(numbers)
+
+
+def _demand(options: SensorOptions, key: str, holds: bool, rule: str) -> None:
+    if not holds:
+        raise ValueError(f"sensor.{key} must be {rule}, got {getattr(options, key)!r}.")

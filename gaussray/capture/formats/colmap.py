@@ -1,0 +1,234 @@
+"""Captures that COLMAP has calibrated, standing still or with a folder or video per camera."""
+
+import dataclasses
+import os
+import re
+from pathlib import Path, PurePosixPath, PureWindowsPath
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import DTypeLike, Float
+from scipy.spatial.transform import Rotation
+
+from gaussray.capture.errors import CaptureError
+from gaussray.capture.formats.colmap_files import (
+    PLACES,
+    Model,
+    Registered,
+    model_folder,
+    read_model,
+)
+from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.paired import Capture, View, filmed, views_of
+from gaussray.capture.videos import SUFFIXES, frame_path, read_video
+from gaussray.geometry import BLENDER_AXES
+
+
+PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+# Registered pictures of a camera that stands still may differ by this angle (in radians, about a
+# pixel) and by this share of the cameras' extent.
+TURN, SHIFT = 1e-3, 1e-3
+# A shorter quaternion has, squared, no length.
+_LEAST = 1e-30
+
+
+# Focal lengths in widths of a picture beyond which hardly a lens is: 136 degrees wide, or 3.
+NEAR, FAR = 0.2, 20.0
+
+
+class Filmed(NamedTuple):
+    """A camera: the folder that is its own, and what COLMAP has registered of it by path."""
+
+    folder: Path
+    images: dict[Path, Registered]
+
+
+def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
+    """The pictures that a COLMAP model has registered, or all frames of the cameras they stand for.
+
+    The model (binary or text) lies in sparse/0, sparse, colmap/sparse/0 or the folder itself;
+    pictures in images/, or else by the same names in the folder. World, poses and pixel centres are
+    COLMAP's own; its points are the starting points.
+
+    A registered picture in a folder of its own camera (`cam00/0000.png`, of several such folders)
+    stands for all pictures of that folder, in the order of their names with numbers counted; any
+    other (`cam00.jpg`) for those of the folder `cam00`. Where that holds no second picture, the
+    video `cam00.mp4` (or .mov .mkv .avi .webm) counts, in the capture's folder, in videos/ or in
+    images/. All cameras must then have as many frames; frame i of n is at time i / n. If several
+    pictures of a folder are registered at one place, that place is the camera's; if at several, the
+    camera moves: only registered pictures are used, each as a camera of its own, and each at its
+    place in the folder. Without any second frame the capture is static, at time 0, with a warning.
+
+    No camera is held out. Raises CaptureError, FileNotFoundError or OSError, naming file
+    and remedy.
+    """
+    folder = Path(folder)
+    found = model_folder(folder)
+    if found is None:
+        raise FileNotFoundError(
+            f"{folder}: a capture of COLMAP must hold cameras and images (.bin or .txt) in one of "
+            f"{', '.join(PLACES)}, got none. Name the folder that has them."
+        )
+    model = read_model(found)
+    cameras = _cameras(folder, model)
+    frames = {name: _frames(folder, name, camera) for name, camera in cameras.items()}
+    _check_counts(folder, model, {name: len(paths) for name, paths in frames.items()})
+    poses = {image: _pose(model.file, image) for image in model.images}
+    extent = float(np.linalg.norm(np.ptp([pose[:, 3] for pose in poses.values()], axis=0)))
+    registered = views_of(Keys(model.file, {}), _keys(model, poses), dtype)
+    _check_lenses(model)
+    view_of = dict(zip(poses, registered, strict=True))
+    views = []
+    for name, camera in cameras.items():
+        placed = {path: view_of[image] for path, image in camera.images.items()}
+        if _stands(np.array([poses[image] for image in camera.images.values()]), extent):
+            still = dataclasses.replace(next(iter(placed.values())), camera_name=name)
+            views += filmed(still, frames[name])
+        else:
+            views += _moving(name, placed, frames[name])
+    times = [view.time for view in views]
+    return Capture(folder, views, {}, model.points, (min(times), max(times)), "normalised")
+
+
+def _check_lenses(model: Model) -> None:
+    """Warn of lenses that COLMAP has hardly found: with few pictures it bends them at will."""
+    for number, lens in model.cameras.items():
+        share = lens["fl_x"] / lens["w"]
+        if not NEAR <= share <= FAR:
+            Keys(model.file, {}).warn(
+                f"camera {number} has a focal length of {lens['fl_x']:.4g} pixels for a picture "
+                f"{lens['w']} wide: hardly a lens that anybody has. Let COLMAP find one for all "
+                "cameras that are alike (--single_camera 1 --camera_model SIMPLE_PINHOLE), or tell "
+                "it what is known."
+            )
+
+
+def _check_counts(folder: Path, model: Model, counts: dict[str, int]) -> None:
+    if max(counts.values()) == 1:
+        Keys(model.file, {}).warn(
+            "no camera has a folder or video of frames: the capture is taken as static, at time 0."
+        )
+    elif len(set(counts.values())) > 1:
+        listed = ", ".join(f"{name} {count}" for name, count in counts.items())
+        raise CaptureError(
+            f"{folder}: all cameras must have as many frames, got {listed}. Each needs its "
+            "pictures in a folder, or a video, of its name; cut them to the same instants."
+        )
+
+
+def _cameras(folder: Path, model: Model) -> dict[str, Filmed]:
+    """The capture's cameras by name."""
+    inside = {image.name: _inside(model.file, image.name) for image in model.images}
+    roots = [folder / "images", folder]
+    known = [r for r in roots if any((r / path.parts[0]).exists() for path in inside.values())]
+    root = (known or roots)[0]
+    parents = {path.parent for path in inside.values()}
+    shared = 0 if len(parents) == 1 else len(os.path.commonprefix([p.parts for p in parents]))
+    cameras: dict[str, Filmed] = {}
+    for image in model.images:
+        path = inside[image.name]
+        own = path.parent.parts[shared:] if len(parents) > 1 else ()
+        name, place = ("_".join(own), path.parent) if own else (path.stem, path.with_suffix(""))
+        camera = cameras.setdefault(name, Filmed(root / place, {}))
+        if camera.images and not (own and camera.folder == root / place):
+            raise CaptureError(
+                f"{model.file}: each camera must have a name of its own, got {image.name} for "
+                f"{name} again. Rename the picture."
+            )
+        camera.images[_held(folder, root / path)] = image
+    return cameras
+
+
+def _held(folder: Path, path: Path) -> Path:
+    """A file of the capture's folder, which no link leads out of."""
+    name = path.relative_to(folder).as_posix()
+    return Keys(folder / "capture", {"picture": name}).inside("picture")
+
+
+def _inside(file: Path, name: str) -> PurePosixPath:
+    """A picture's name as a path; it must stay inside its folder."""
+    path = PurePosixPath(name)
+    outside = path.is_absolute() or PureWindowsPath(name).anchor or ".." in path.parts
+    # No file system has longer ones, and each says so in its own way.
+    if outside or not path.parts or max(len(part.encode()) for part in path.parts) > 255:
+        raise CaptureError(
+            f"{file}: the name of a picture must be a path inside the folder of pictures, got "
+            f"{name[:80]!r}. Register the pictures by their names in that folder."
+        )
+    return path
+
+
+def _frames(folder: Path, name: str, camera: Filmed) -> list[Path]:
+    """All frames of a camera: its folder's pictures, a video's, or what is registered."""
+    if camera.folder.is_dir():
+        pictures = [p for p in camera.folder.iterdir() if p.suffix.lower() in PICTURES]
+        if len(pictures) > 1:
+            return [_held(folder, path) for path in sorted(pictures, key=_numbers_counted)]
+    places = [folder, folder / "videos", folder / "images"]
+    for path in (place / f"{name}{suffix}" for place in places for suffix in SUFFIXES):
+        if path.is_file():
+            frames = read_video(_held(folder, path)).frames
+            return [frame_path(path, i) for i in range(frames)]
+    return list(camera.images)
+
+
+def _numbers_counted(path: Path) -> list[Any]:
+    parts = re.split(r"(\d+)", path.name)
+    return [int(part) if k % 2 else part for k, part in enumerate(parts)]
+
+
+def _pose(file: Path, image: Registered) -> np.ndarray:
+    """The camera-to-world matrix [3, 4] in OpenGL axes."""
+    quat, translation = np.array(image.quat), np.array(image.translation)
+    if not (np.isfinite([*quat, *translation]).all() and np.abs(quat).max() > _LEAST):
+        raise CaptureError(
+            f"{file}: the pose of {image.name} must be finite, with a quaternion that is not 0, "
+            f"got {image.quat} and {image.translation}. Remove the picture, or place it again."
+        )
+    turn = Rotation.from_quat(quat[[1, 2, 3, 0]]).as_matrix().T
+    return np.column_stack([turn * BLENDER_AXES, -turn @ translation])
+
+
+def _keys(model: Model, poses: dict[Registered, np.ndarray]) -> list[Keys]:
+    """What frames of JSON would say of the registered pictures."""
+    told = {"time": 0.0, "camera": "camera", "split": "train"}
+    return [
+        Keys(
+            model.file,
+            {
+                **{**told, **model.cameras[image.camera]},
+                **{"file_path": image.name, "transform_matrix": pose},
+            },
+            k,
+        )
+        for k, (image, pose) in enumerate(poses.items())
+    ]
+
+
+def _stands(poses: Float[np.ndarray, "poses 3 4"], extent: float) -> bool:
+    """Whether all poses of a camera are one."""
+    change = np.abs(poses - poses[0])
+    turn = np.linalg.norm(change[:, :, :3], axis=(1, 2)) / np.sqrt(2)
+    shift = np.linalg.norm(change[:, :, 3], axis=1)
+    return bool(turn.max() <= TURN and shift.max() <= SHIFT * extent)
+
+
+def _moving(name: str, placed: dict[Path, View], frames: list[Path]) -> list[View]:
+    """The registered pictures of a camera that moves, at their places among all."""
+    moments = filmed(next(iter(placed.values())), frames)
+    times = dict(zip(frames, moments, strict=True))
+    for path in placed:
+        if path not in times:
+            raise FileNotFoundError(
+                f"{path}: the picture does not exist, but COLMAP has registered camera {name} "
+                "there, at another pose than before. Copy it there."
+            )
+    return [
+        dataclasses.replace(
+            times[path],
+            camera=dataclasses.replace(view.camera, time=times[path].camera.time),
+            camera_name=f"{name}_{path.stem}",
+        )
+        for path, view in placed.items()
+    ]

@@ -1,0 +1,241 @@
+"""COLMAP's files: cameras, images and points, binary or text."""
+
+import os
+import struct
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from gaussray.capture.errors import CaptureError
+from gaussray.capture.points import Points
+from gaussray.color import srgb_decode
+from gaussray.io.safe.files import opened, read_text
+from gaussray.io.safe.limits import within
+
+
+T = TypeVar("T")
+
+# Where the files lie in a capture's folder.
+PLACES = ("sparse/0", "sparse", "colmap/sparse/0", ".")
+# Number and name of each model, and its parameters in their order.
+MODELS: dict[int, tuple[str, tuple[str, ...]]] = {
+    0: ("SIMPLE_PINHOLE", ("f", "cx", "cy")),
+    1: ("PINHOLE", ("fl_x", "fl_y", "cx", "cy")),
+    2: ("SIMPLE_RADIAL", ("f", "cx", "cy", "k1")),
+    3: ("RADIAL", ("f", "cx", "cy", "k1", "k2")),
+    4: ("OPENCV", ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2")),
+    5: ("OPENCV_FISHEYE", ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "k3", "k4")),
+    6: (
+        "FULL_OPENCV",
+        ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+    ),
+    8: ("SIMPLE_RADIAL_FISHEYE", ("f", "cx", "cy", "k1")),
+    9: ("RADIAL_FISHEYE", ("f", "cx", "cy", "k1", "k2")),
+    10: (
+        "THIN_PRISM_FISHEYE",
+        ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "s1", "s2"),
+    ),
+}
+_NUMBERS = {name: number for number, (name, _) in MODELS.items()}
+
+
+class Registered(NamedTuple):
+    """A picture that COLMAP has placed: camera_from_world rotation (wxyz) and translation, OpenCV
+    axes, and the number of its camera."""
+
+    name: str
+    quat: tuple[float, ...]
+    translation: tuple[float, ...]
+    camera: int
+
+
+class Model(NamedTuple):
+    """What a folder of COLMAP's files says; `file` is the one with the images. Each camera has the
+    keys of a capture's JSON (`camera_model w h fl_x ...`)."""
+
+    file: Path
+    cameras: dict[int, dict[str, Any]]
+    images: list[Registered]
+    points: Points | None
+
+
+def model_folder(folder: Path) -> Path | None:
+    """The folder with COLMAP's files of a capture, None if there is none."""
+    for place in PLACES:
+        for suffix in (".bin", ".txt"):
+            names = [folder / place / f"{name}{suffix}" for name in ("cameras", "images")]
+            if all(path.is_file() for path in names):
+                return folder / place
+    return None
+
+
+def read_model(folder: Path) -> Model:
+    """The model in a folder: `cameras`, `images` and, if there are any, `points3D`, all `.bin` or
+    else all `.txt`.
+
+    CaptureError for a file that is malformed or truncated, or a kind of camera that no lens of ours
+    is; no count in a file takes more memory than the file has bytes.
+    """
+    suffix = ".bin" if (folder / "cameras.bin").is_file() else ".txt"
+    cameras, images, points = (folder / f"{n}{suffix}" for n in ("cameras", "images", "points3D"))
+    binary = suffix == ".bin"
+    known = dict((_binary_cameras if binary else _text_cameras)(cameras))
+    listed = sorted((_binary_images if binary else _text_images)(images))
+    if not listed:
+        raise CaptureError(f"{images}: the model must have at least one image, got none.")
+    for image in listed:
+        if image.camera not in known:
+            raise CaptureError(
+                f"{images}: the camera of {image.name} must be in {cameras.name}, got number "
+                f"{image.camera}."
+            )
+    table = []
+    if points.is_file():
+        table = list((_binary_points if binary else _text_points)(points))
+    return Model(images, known, listed, _points(points, table))
+
+
+def _camera(path, number, model, size, read) -> tuple[int, dict[str, Any]]:
+    """A camera's number and keys; `read(count)` gives the parameters that follow in the file."""
+    if model not in MODELS:
+        raise CaptureError(
+            f"{path}: the model of camera {number} must be one of {', '.join(_NUMBERS)}, "
+            f"got {model!s:.80}. Run `colmap image_undistorter` on the pictures and use what it "
+            "writes."
+        )
+    name, names = MODELS[model]
+    values: dict[str, Any] = dict(zip(names, read(len(names)), strict=True))
+    if "f" in values:
+        values["fl_x"] = values["fl_y"] = values.pop("f")
+    kind = "OPENCV_FISHEYE" if name.endswith("RADIAL_FISHEYE") else name
+    return number, {**values, "camera_model": kind, "w": size[0], "h": size[1]}
+
+
+def _points(path, table) -> Points | None:
+    if not table:
+        return None
+    rows = np.array(table, np.float64)
+    if not np.isfinite(rows).all():
+        raise CaptureError(f"{path}: points must be finite, got {rows[~np.isfinite(rows)][0]}.")
+    color = srgb_decode(rows[:, 3:] / 255)
+    return Points(rows[:, :3].astype(np.float32), color.astype(np.float32))
+
+
+def _bytes(path: Path) -> bytes:
+    with opened(path) as file:
+        within(path, "the file in GB", os.fstat(file.fileno()).st_size, "arrays", 1e9)
+        return file.read()
+
+
+class _Bytes:
+    """A binary file, little endian, read from its start; never beyond its end."""
+
+    def __init__(self, path: Path):
+        self.path, self.data, self.at = path, _bytes(path), 0
+
+    def take(self, layout: str) -> tuple:
+        size = struct.calcsize("<" + layout)
+        self.skip(size)
+        return struct.unpack_from("<" + layout, self.data, self.at - size)
+
+    def skip(self, size: int) -> None:
+        if size > len(self.data) - self.at:
+            raise CaptureError(
+                f"{self.path}: the file must go on for {size} bytes after byte {self.at}, got "
+                f"{len(self.data) - self.at}; it is truncated or no file of COLMAP. Copy it again."
+            )
+        self.at += size
+
+    def rows(self) -> range:
+        count = self.take("Q")[0]
+        # Of no more rows than bytes: else the file ends before them, which is said there.
+        held = min(count, len(self.data))
+        within(self.path, "the millions of rows", held, "points", 1e6)
+        return range(count)
+
+    def text(self) -> str:
+        end = self.data.find(b"\0", self.at)
+        start = self.at
+        self.skip((end if end >= 0 else len(self.data)) + 1 - start)
+        return self.data[start:end].decode("utf-8", "replace")
+
+
+def _binary_cameras(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
+    file = _Bytes(path)
+    for _ in file.rows():
+        number, model, *size = file.take("IiQQ")
+        yield _camera(path, number, model, size, lambda count: file.take(f"{count}d"))
+
+
+def _binary_images(path: Path) -> Iterator[Registered]:
+    file = _Bytes(path)
+    for _ in file.rows():
+        _, *pose, camera = file.take("I7dI")
+        yield Registered(file.text(), tuple(pose[:4]), tuple(pose[4:]), camera)
+        file.skip(24 * file.take("Q")[0])
+
+
+def _binary_points(path: Path) -> Iterator[tuple[float, ...]]:
+    file = _Bytes(path)
+    for _ in file.rows():
+        _, *point, _, track = file.take("Q3d3BdQ")
+        file.skip(8 * track)
+        yield tuple(point)
+
+
+def _text_cameras(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
+    def parse(line: str) -> tuple[int, dict[str, Any]]:
+        number, model, *rest = line.split()
+        size, parameters = [int(word) for word in rest[:2]], [float(word) for word in rest[2:]]
+
+        def read(count: int) -> list[float]:
+            if len(parameters) != count:
+                raise ValueError(f"{model} has {count} parameters")
+            return parameters
+
+        return _camera(path, int(number), _NUMBERS.get(model, model), size, read)
+
+    return _parsed(path, parse)
+
+
+def _text_images(path: Path) -> Iterator[Registered]:
+    def parse(line: str) -> Registered:
+        words = line.split(maxsplit=9)
+        if len(words) < 10:
+            raise ValueError("an image has nine numbers and a name")
+        _, *pose, camera, name = words
+        numbers = tuple(float(word) for word in pose)
+        return Registered(name.strip(), numbers[:4], numbers[4:], int(camera))
+
+    return _parsed(path, parse, lines=2)
+
+
+def _text_points(path: Path) -> Iterator[tuple[float, ...]]:
+    def parse(line: str) -> tuple[float, ...]:
+        words = line.split()
+        if len(words) < 8:
+            raise ValueError("a point has at least eight numbers")
+        return tuple(float(word) for word in words[1:7])
+
+    return _parsed(path, parse)
+
+
+def _parsed(path: Path, parse: Callable[[str], T], lines: int = 1) -> Iterator[T]:
+    """What `parse` makes of every first of so many lines, comments left out."""
+    listed = enumerate(read_text(path).decode("utf-8", "replace").splitlines(), 1)
+    for number, line in listed:
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        try:
+            yield parse(line)
+        except CaptureError:
+            raise
+        except ValueError as error:
+            raise CaptureError(
+                f"{path}: line {number} must be as COLMAP writes it, got {line[:200]!r} "
+                f"({str(error)[:200]})."
+            ) from None
+        for _ in range(lines - 1):
+            next(listed, None)

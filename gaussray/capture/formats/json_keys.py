@@ -1,0 +1,164 @@
+"""The keys of a capture's JSON, each fetched with its rule and its place in the message."""
+
+import dataclasses
+import math
+import numbers
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.io.safe.files import inside
+
+
+_ABSENT = object()
+# What can be counted: fits into 32 bits.
+_MOST = 2**31
+
+
+@dataclasses.dataclass(frozen=True)
+class Keys:
+    """Values under one heading of a file: the top level, one frame, or a block of either.
+
+    `null` counts as absent, so that a frame can switch off a block of the top level.
+    """
+
+    file: Path
+    values: Mapping[str, Any]
+    frame: int | None = None
+    prefix: str = ""
+
+    @property
+    def where(self) -> str:
+        return f"{self.file}" + ("" if self.frame is None else f", frame {self.frame}")
+
+    def error(self, key: str, rule: str, remedy: str = "") -> CaptureError:
+        """The house's message: `<key> must be <rule>, got <value>.` and the remedy."""
+        value = repr(self.values[key]) if key in self.values else "nothing"
+        value = value if len(value) <= 200 else value[:200] + "..."
+        return CaptureError(
+            f"{self.where}: {self.prefix}{key} must be {rule}, got {value}. {remedy}".rstrip()
+        )
+
+    def warn(self, message: str) -> None:
+        warnings.warn(f"{self.where}: {message}", CaptureWarning, stacklevel=3)
+
+    def has(self, key: str) -> bool:
+        return self.values.get(key) is not None
+
+    def _get(self, key, default, rule, remedy=""):
+        value = self.values.get(key)
+        if value is not None:
+            return value
+        if default is _ABSENT:
+            raise self.error(
+                key, rule, remedy or "It is required: add it here or at the top level."
+            )
+        return default
+
+    def number(self, key: str, default: Any = _ABSENT, remedy: str = "") -> float:
+        """A finite number."""
+        value = self._get(key, default, "a number", remedy)
+        if not _is_number(value) or not math.isfinite(value):
+            raise self.error(key, "a finite number", remedy)
+        return float(value)
+
+    def count(self, key: str, default: Any = _ABSENT, least: int = 1) -> int:
+        """A whole number of at least `least`."""
+        rule = f"a whole number of at least {least}"
+        value = self._get(key, default, rule)
+        if not _is_number(value) or value != value // 1 or not least <= value < _MOST:
+            raise self.error(key, rule)
+        return int(value)
+
+    def text(self, key: str, default: Any = _ABSENT, remedy: str = "") -> str:
+        value = self._get(key, default, "a text", remedy)
+        if not isinstance(value, str) or not value:
+            raise self.error(key, "a text that is not empty", remedy)
+        return value
+
+    def choice(self, key: str, choices: Sequence[str], default: Any = _ABSENT) -> str:
+        rule = f"one of {', '.join(choices)}"
+        value = self._get(key, default, rule)
+        if value not in choices:
+            raise self.error(key, rule)
+        return value
+
+    def vector(self, key: str, length: int, default: Any = _ABSENT) -> list[float]:
+        """A list of `length` finite numbers."""
+        rule = f"a list of {length} finite numbers"
+        value = self._get(key, default, rule)
+        good = isinstance(value, list) and len(value) == length
+        if not good or not all(_is_number(v) and math.isfinite(v) for v in value):
+            raise self.error(key, rule)
+        return [float(v) for v in value]
+
+    def numbers(self, key: str) -> list[float]:
+        """A list of at least one finite number."""
+        value = self._get(key, _ABSENT, "a list of finite numbers")
+        return self.vector(key, len(value) or 1) if isinstance(value, list) else self.vector(key, 1)
+
+    def inside(self, key: str) -> Path:
+        """The path of a file in the folder of this one (`guard.files.inside`)."""
+        try:
+            return inside(self.file.parent, self.text(key), f"{self.where}: {self.prefix}{key}")
+        except CaptureError:
+            raise
+        except ValueError as error:
+            raise CaptureError(str(error)) from None
+
+    def path(self, key: str) -> Path | None:
+        """The same, None if nothing is named."""
+        return self.inside(key) if self.has(key) else None
+
+    def block(self, key: str, known: Sequence[str]) -> "Keys | None":
+        """The block of that name, None if absent; a key that it should not hold is warned of."""
+        value = self.values.get(key)
+        if value is None:
+            return None
+        if not isinstance(value, dict):
+            raise self.error(key, f"a block with the keys {', '.join(known)}")
+        block = Keys(self.file, value, self.frame, f"{self.prefix}{key}.")
+        for name in value:
+            if name not in known:
+                block.warn(
+                    f"the key {block.prefix}{name} is unknown and ignored. "
+                    f"Known here: {', '.join(known)}."
+                )
+        return block
+
+    def pose(self, key: str = "transform_matrix") -> np.ndarray:
+        """A rigid camera-to-world matrix, OpenGL axes, as [3, 4]; its rotation is orthogonal."""
+        rule = "a rigid 4x4 camera-to-world matrix"
+        value = self._get(key, _ABSENT, rule)
+        try:
+            matrix = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            matrix = np.empty(0)
+        if matrix.shape not in ((4, 4), (3, 4)):
+            raise self.error(key, rule, "Write four rows of four numbers.")
+        if not (np.abs(matrix) < np.finfo(np.float32).max).all():
+            raise self.error(key, "finite", "Remove the frame, or estimate its pose again.")
+        if len(matrix) == 4 and np.abs(matrix[3] - (0, 0, 0, 1)).max() > 1e-6:
+            raise self.error(key, f"{rule}, last row 0 0 0 1")
+        linear = matrix[:3, :3]
+        gram = linear.T @ linear
+        scale = math.sqrt(np.trace(gram) / 3)
+        if np.abs(gram - scale**2 * np.eye(3)).max() > 1e-3 * max(scale**2, 1e-12):
+            remedy = "Its first three columns must be unit vectors at right angles."
+            raise self.error(key, f"{rule} without shear or unequal scale", remedy)
+        if abs(scale - 1) > 1e-3:
+            remedy = f"Divide its first three columns by {scale:.6g} (the translation stays)."
+            raise self.error(key, f"{rule} without scale", remedy)
+        if np.linalg.det(linear) < 0:
+            remedy = "It mirrors: a camera-to-world rotation has determinant +1."
+            raise self.error(key, f"{rule} without reflection", remedy)
+        u, _, vt = np.linalg.svd(linear)
+        return np.concatenate([u @ vt, matrix[:3, 3:]], axis=1)
+
+
+def _is_number(value):
+    return isinstance(value, numbers.Real) and not isinstance(value, bool)

@@ -1,0 +1,3 @@
+"""The command `gaussray`."""
+
+from gaussray.cli.main import main as main

@@ -1,0 +1,83 @@
+"""Scores of many pictures as one report, and a report as a table."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gaussray.evaluate.flicker import Flicker
+
+
+# Heading, key of the report, digits.
+COLUMNS = (
+    ("PSNR", "psnr", 2),
+    ("SSIM", "ssim", 3),
+    ("masked PSNR", "psnr_masked", 2),
+    ("masked SSIM", "ssim_masked", 3),
+    ("moving PSNR", "psnr_moving", 2),
+    ("flicker", "flicker", 2),
+    ("truth's", "flicker_truth", 2),
+    ("FLIP", "flip", 3),
+    ("LPIPS", "lpips", 3),
+    ("FPS", "fps", 1),
+    ("frames", "frames", 0),
+)
+OPTIONAL = ("flicker", "flicker_truth", "flip", "lpips")
+MEANS = (
+    *("psnr", "ssim", "psnr_masked", "ssim_masked", "psnr_circle", "ssim_circle"),
+    *("flip", "lpips"),
+)
+
+
+def summary(
+    rows: Sequence[dict[str, Any]], samples: int, flicker: Flicker | None = None
+) -> dict[str, Any]:
+    """Means over the pictures, PSNR of moving pixels from their mean squared error, the `flicker`,
+    and the same of every `part` under `parts`, if there are several."""
+    names = sorted({row["part"] for row in rows})
+    flicker = flicker or Flicker()
+    parts = {
+        name: _means([row for row in rows if row["part"] == name], samples) | flicker.figures(name)
+        for name in names
+    }
+    own = _means(rows, samples) | flicker.figures()
+    return own | ({"parts": parts} if len(parts) > 1 else {})
+
+
+def table(report: dict[str, Any]) -> str:
+    """The effects of a report as text, with their parts below them; flicker, FLIP and LPIPS if
+    measured."""
+    rows = []
+    for name, row in report["effects"].items():
+        rows.append((name, row))
+        rows += [("  " + part.replace("_", " "), own) for part, own in row.get("parts", {}).items()]
+    measured = {key for _, row in rows for key in row}
+    columns = [c for c in COLUMNS if c[1] in measured or c[1] not in OPTIONAL]
+    lines = [("effect", [head for head, _, _ in columns])]
+    lines += [(n, [_figure(row.get(key), digits) for _, key, digits in columns]) for n, row in rows]
+    widths = [max(len(head) + 2, 8) for head, _, _ in columns]
+    return "\n".join(
+        f"{name:<20}" + "".join(f"{v:>{w}}" for v, w in zip(values, widths, strict=True))
+        for name, values in lines
+    )
+
+
+def _means(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
+    means: dict[str, Any] = {}
+    for name in MEANS:
+        values = [row[name] for row in rows if name in row]
+        if values:
+            mean = float(np.mean(values))
+            # Equal pictures have an infinite PSNR, for which JSON has no word.
+            means[name] = round(mean, 4) if np.isfinite(mean) else None
+    error = [row["moving"] for row in rows if "moving" in row]
+    if error:
+        mse = sum(e for e, _ in error) / sum(n for _, n in error)
+        means["psnr_moving"] = round(-10 * float(np.log10(mse)), 4) if mse else None
+    seconds = [row["seconds"] for row in rows if row["seconds"] is not None]
+    means["fps"] = round(1 / float(np.median(seconds)), 2) if seconds else None
+    return means | {"samples": samples, "frames": len(rows)}
+
+
+def _figure(value: float | int | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"

@@ -1,0 +1,169 @@
+"""PLY files (Turk 1994): the table of their vertices."""
+
+from itertools import islice
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+import numpy as np
+
+from gaussray.io.safe.files import opened
+from gaussray.io.safe.limits import within
+
+
+_KINDS = {
+    **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4"},
+    **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
+    **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
+}
+# Byte order; none for text.
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+
+
+class _Property(NamedTuple):
+    """A column of an element; a list has another kind for its length."""
+
+    name: str
+    kind: str
+    length: str | None = None
+
+
+class _Element(NamedTuple):
+    name: str
+    count: int
+    properties: list[_Property]
+
+
+def read_vertices(path: Path | str) -> np.ndarray:
+    """The element `vertex` of a PLY file, ASCII or binary, as records with the file's own types.
+
+    Elements that stand before it are passed over. ValueError names the file and what is wrong:
+    a malformed header, data that end too early, text that is no number or does not fit its type.
+    Memory is taken only for what the file really holds.
+    """
+    path = Path(path)
+    with opened(path) as file:
+        order, elements = _header(path, file)
+        for element in elements:
+            if element.name != "vertex":
+                _skip(path, file, order, element)
+                continue
+            if any(p.length for p in element.properties):
+                raise ValueError(f"{path}: element vertex must not have list properties.")
+            if not element.properties:
+                raise ValueError(f"{path}: element vertex must have properties, got none.")
+            try:
+                kind = np.dtype([(p.name, (order or "<") + p.kind) for p in element.properties])
+            except ValueError as error:
+                raise ValueError(f"{path}: element vertex is malformed: {error}.") from None
+            return (_binary if order else _text)(path, file, kind, element.count)
+    raise ValueError(f"{path}: the PLY file must have an element vertex, got none.")
+
+
+def _header(path: Path, file: BinaryIO) -> tuple[str, list[_Element]]:
+    if file.readline(64).strip() != b"ply":
+        raise ValueError(f"{path}: a PLY file must begin with the line 'ply', got something else.")
+    order, elements = None, []
+    while raw := file.readline(4096):
+        words = raw.decode("ascii", "replace").split()
+        try:
+            match words:
+                case ["end_header"]:
+                    break
+                case ["format", name, _]:
+                    order = name
+                case ["element", name, count] if count.isdigit():
+                    elements.append(_Element(name, int(count), []))
+                case ["property", "list", length, kind, name]:
+                    elements[-1].properties.append(_Property(name, _KINDS[kind], _KINDS[length]))
+                case ["property", kind, name]:
+                    elements[-1].properties.append(_Property(name, _KINDS[kind]))
+                case [] | ["comment" | "obj_info", *_]:
+                    pass
+                case _:
+                    raise ValueError
+        except (ValueError, KeyError, IndexError):
+            line = " ".join(words)
+            raise ValueError(f"{path}: the PLY header has a malformed line: {line!r}.") from None
+    else:
+        raise ValueError(f"{path}: the PLY header must end with 'end_header'; it is truncated.")
+    if order not in _ORDERS:
+        raise ValueError(
+            f"{path}: the PLY format must be one of {', '.join(_ORDERS)}, got {order!r}."
+        )
+    return _ORDERS[order], elements
+
+
+def _skip(path: Path, file: BinaryIO, order: str, element: _Element) -> None:
+    if not order:
+        got = sum(1 for _ in islice(file, min(element.count, _left(file))))
+        if got < element.count:
+            raise _truncated(path, got, element.count)
+        return
+    size = sum(np.dtype(p.kind).itemsize for p in element.properties)
+    if not any(p.length for p in element.properties):
+        file.seek(min(element.count * size, _left(file)), 1)
+        return
+    for row in range(element.count):
+        for p in element.properties:
+            times = 1
+            if p.length:
+                size = np.dtype(order + p.length)
+                raw = file.read(size.itemsize)
+                if len(raw) < size.itemsize:
+                    raise _truncated(path, row, element.count)
+                times = int(np.frombuffer(raw, size)[0])
+            # A negative length would lead back, and around for ever.
+            room = times * np.dtype(p.kind).itemsize
+            if not 0 <= room <= _left(file):
+                raise _truncated(path, row, element.count)
+            file.seek(room, 1)
+
+
+def _binary(path: Path, file: BinaryIO, kind: np.dtype, count: int) -> np.ndarray:
+    left = _left(file) // kind.itemsize
+    if left < count:
+        raise _truncated(path, left, count)
+    within(path, "the millions of points", count, "points", 1e6)
+    return np.frombuffer(file.read(count * kind.itemsize), kind, count)
+
+
+def _text(path: Path, file: BinaryIO, kind: np.dtype, count: int) -> np.ndarray:
+    within(path, "the text in MB", _left(file), "text", 1e6)
+    lines = list(islice(file, min(count, _left(file))))
+    if len(lines) < count:
+        raise _truncated(path, len(lines), count)
+    within(path, "the millions of points", count, "points", 1e6)
+    names = kind.names or ()
+    if not count:
+        return np.empty(0, kind)
+    try:
+        numbers = np.loadtxt(lines, np.float64, comments=None, ndmin=2, encoding="ascii")
+        if numbers.shape != (count, len(names)):
+            raise ValueError(f"{numbers.shape[0]} rows of {numbers.shape[1]}")
+        table = np.empty(count, kind)
+        for i, name in enumerate(names):
+            with np.errstate(over="ignore", invalid="ignore"):
+                table[name] = numbers[:, i]
+            if kind[name].kind in "iu" and (table[name] != numbers[:, i]).any():
+                raise ValueError(f"{name} beyond its type {kind[name]}")
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: the PLY data must be {count} rows of {len(names)} numbers, got other text "
+            f"({error})."
+        ) from None
+    return table
+
+
+def _left(file: BinaryIO) -> int:
+    """Bytes after the place that is read next."""
+    here = file.tell()
+    left = max(file.seek(0, 2) - here, 0)
+    file.seek(here)
+    return left
+
+
+def _truncated(path: Path, got: int, count: int) -> ValueError:
+    return ValueError(
+        f"{path}: the PLY data must hold the {count} rows of the header, got {got}; the file is "
+        "truncated. Copy it again."
+    )

@@ -1,0 +1,74 @@
+"""Pictures opened without trust: which library reads them is decided here, not by the file."""
+
+from pathlib import Path
+from typing import Any
+
+from gaussray.io.safe.files import opened
+from gaussray.io.safe.limits import limits, within
+from gaussray.io.safe.openimageio import oiio
+
+
+# First bytes of each format that is read, and how its files are called. OpenImageIO knows twenty
+# more, some of which take any bytes for a picture.
+SIGNATURES = {
+    b"\x89PNG\r\n\x1a\n": ("PNG", (".png",)),
+    b"\xff\xd8\xff": ("JPEG", (".jpg", ".jpeg")),
+    b"II*\0": ("TIFF", (".tif", ".tiff")),
+    b"MM\0*": ("TIFF", (".tif", ".tiff")),
+    b"II+\0": ("TIFF", (".tif", ".tiff")),
+    b"MM\0+": ("TIFF", (".tif", ".tiff")),
+    b"v/1\x01": ("OpenEXR", (".exr",)),
+    b"BM": ("BMP", (".bmp",)),
+    b"RIFF": ("WebP", (".webp",)),
+}
+
+
+def open_picture(path: Path | str, config: "oiio.ImageSpec | None" = None) -> "oiio.ImageInput":
+    """A picture whose header keeps to the limits, none of its pixels read yet.
+
+    The format is that of the first bytes, and the name must say the same. OSError for what is no
+    picture, ValueError for one beyond limits.picture or limits.channels.
+    """
+    _check_format(Path(path))
+    most = limits()
+    # Of the process: no other library tries its luck, and none allocates what is refused below.
+    oiio.attribute("try_all_readers", 0)
+    oiio.attribute("limits:channels", most.channels)
+    pixels = 4 * most.picture * most.channels
+    oiio.attribute("limits:imagesize_MB", int(min(pixels, 1e6)) + 1)
+    file = oiio.ImageInput.open(str(path), config or oiio.ImageSpec())
+    if file is None:
+        raise OSError(f"{path}: the picture cannot be opened: {complaint(oiio)}")
+    spec = file.spec()
+    try:
+        _ = spec.channelnames
+    except UnicodeDecodeError:
+        raise OSError(f"{path}: the picture's channels must have names in UTF-8.") from None
+    within(path, "its megapixels", spec.width * spec.height * spec.depth, "picture", 1e6)
+    within(path, "its channels", spec.nchannels, "channels")
+    if min(spec.width, spec.height, spec.nchannels) < 1 or spec.depth != 1 or spec.deep:
+        raise OSError(f"{path}: the picture must be flat, with pixels and channels.")
+    return file
+
+
+def _check_format(path: Path) -> None:
+    with opened(path) as file:
+        begin = file.read(16)
+    found = [known for bytes_, known in SIGNATURES.items() if begin.startswith(bytes_)]
+    if not found or (found[0][0] == "WebP" and begin[8:12] != b"WEBP"):
+        names = ", ".join(dict.fromkeys(name for name, _ in SIGNATURES.values()))
+        raise OSError(f"{path}: the picture cannot be opened: it is none of {names}.")
+    name, suffixes = found[0]
+    if path.suffix.lower() not in suffixes or "?" in path.name:
+        raise OSError(
+            f"{path}: the picture cannot be opened: its name must end in {' or '.join(suffixes)}, "
+            f"without ?, for it is a {name} file. Rename it."
+        )
+
+
+def complaint(told: Any) -> str:
+    """What OpenImageIO says is wrong with a file, in which it may quote the file's own bytes."""
+    try:
+        return told.geterror().strip().split("\n")[0][:300]
+    except UnicodeDecodeError:
+        return "it is damaged"

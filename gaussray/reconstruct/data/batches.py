@@ -1,0 +1,71 @@
+"""What a step looks at: tiles of pictures, and their rays."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, Shaped
+
+from gaussray.camera.camera import Camera, camera_rays
+from gaussray.camera.rays import Rays
+from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.tiles import tile_grid
+
+
+class Batch(eqx.Module):
+    """Tiles of one instant, or with a leading axis those of many steps.
+
+    `pixel` holds their sRGB-encoded values, bytes or fractions; `visible` is False where a pixel is
+    to be ignored, None if all count.
+    """
+
+    frame: Int[Array, "*steps tiles"]
+    tile: Int[Array, "*steps tiles"]
+    time: Float[Array, "*steps"]
+    pixel: Shaped[Array, "*steps tiles pixels 3"]
+    visible: Bool[Array, "*steps tiles pixels"] | None
+
+
+def gather(
+    footage: Footage,
+    frame: Int[np.ndarray, "steps tiles"],
+    tile: Int[np.ndarray, "steps tiles"],
+    time: Float[np.ndarray, " steps"],
+) -> Batch:
+    """The tiles of many steps, from the host to the device."""
+    parts = (frame, tile, time, footage.pixel[frame, tile], footage.visible(frame, tile))
+    return Batch(*(None if x is None else jnp.asarray(x) for x in parts))  # type: ignore[arg-type]
+
+
+def tile_rays(
+    camera: Camera, tile: Int[Array, " tiles"], u: Float[Array, "samples 5"], *, side: int
+) -> Rays:
+    """Rays through the tiles' pixels, tile after tile, for every sample `u` (see `camera_ray`).
+
+    `camera` is a stack: the camera that sees each tile.
+    """
+    width, height = camera.film.width, camera.film.height
+    columns, _ = tile_grid(camera.film, side)
+    dy, dx = jnp.mgrid[:side, :side]
+
+    def one(camera: Camera, tile: Array, u: Array) -> Rays:
+        left = jnp.minimum(tile % columns * side, width - side)
+        top = jnp.minimum(tile // columns * side, height - side)
+        pixel = jnp.stack([(left + dx).reshape(-1), (top + dy).reshape(-1)], axis=-1)
+        pixel = pixel.astype(camera.time.dtype)
+        return camera_rays(camera, pixel, jnp.broadcast_to(u, (side * side, u.shape[0])))
+
+    each = jax.vmap(jax.vmap(one, in_axes=(0, 0, None)), in_axes=(None, None, 0))
+    rays = each(camera, tile, u.astype(camera.time.dtype))
+    return jax.tree.map(lambda x: x.reshape(x.shape[0], -1, *x.shape[3:]), rays)
+
+
+def tile_colors(batch: Batch) -> tuple[Float[Array, "rays 3"], Float[Array, " rays"]]:
+    """Encoded colours in [0, 1] of one step's pixels, in the order of `tile_rays`, and the weight
+    of each: 0 where it is to be ignored, else 1."""
+    dtype = batch.time.dtype
+    scale = 255 if batch.pixel.dtype == jnp.uint8 else 1
+    color = jnp.asarray(batch.pixel, dtype).reshape(-1, 3) / scale
+    if batch.visible is None:
+        return color, jnp.ones(color.shape[0], dtype)
+    return color, jnp.asarray(batch.visible, dtype).reshape(-1)

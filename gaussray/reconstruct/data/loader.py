@@ -1,0 +1,83 @@
+"""Blocks of steps' tiles, prepared while the device is at work on those before."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+from gaussray.reconstruct.data.batches import Batch, gather
+from gaussray.reconstruct.data.motion_mask import Activity
+from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.sampler import Sampler, TileErrors
+
+
+class Loader:
+    """What the steps of a fit look at: `tiles` tiles of one instant each, drawn by a `Sampler`.
+
+    A block depends on seed, stage and step, and on the errors told of the blocks before the last.
+    """
+
+    def __init__(
+        self,
+        footage: Footage,
+        activity: Activity,
+        *,
+        tiles: int,
+        balance: float,
+        error: float,
+        seed: int,
+    ):
+        _, camera = np.unique(footage.name, return_inverse=True)
+        self.footage, self.seed = footage, seed
+        self.errors = TileErrors(camera, footage.pixel.shape[1]) if error else None
+        self.sampler = Sampler(
+            footage.times,
+            activity.moved,
+            footage.visible_tiles(),
+            tiles=tiles,
+            balance=balance,
+            error=error,
+            errors=self.errors,
+        )
+
+    def batches(self, stage: str, done: int, size: int) -> Batch:
+        """The block of `size` steps after `done` others of a stage; the coarse one sees the first
+        instant alone."""
+        dice = np.random.default_rng([self.seed, stage == "fine", done])
+        among = self.sampler.instants if stage == "fine" else self.sampler.instants[:1]
+        instant = among[dice.integers(len(among), size=size)]
+        frame, tile = self.sampler.draw(instant, dice)
+        time = self.sampler.times[instant].astype(self.footage.times.dtype)
+        return gather(self.footage, frame, tile, time)
+
+    def blocks(self, stage: str, done: int, steps: int, block: int) -> Iterator[tuple[int, Batch]]:
+        """All blocks of up to `block` steps that are left of a stage of `steps`, with the steps
+        done before each. A thread prepares the next one; what fails there is raised here."""
+        sizes = {at: min(block, steps - at) for at in range(done, steps, block)}
+        ahead = None
+        with ThreadPoolExecutor(1) as thread:
+            for at, size in sizes.items():
+                batches = ahead.result() if ahead else self.batches(stage, at, size)
+                # Only now: the block at hand was drawn without knowing the last one's errors, and
+                # after an interruption it must be drawn so again.
+                if self.errors is not None:
+                    self.errors.learn()
+                after = at + size
+                ahead = None
+                if after in sizes:
+                    ahead = thread.submit(self.batches, stage, after, sizes[after])
+                yield at, batches
+
+    def tell(self, batches: Batch, error: np.ndarray) -> None:
+        """The errors of a block's tiles."""
+        if self.errors is not None:
+            self.errors.tell(np.asarray(batches.frame), np.asarray(batches.tile), error)
+
+    def notes(self) -> dict[str, np.ndarray]:
+        """What has to be kept to go on after an interruption."""
+        return {} if self.errors is None else self.errors.arrays()
+
+    def restore(self, notes: dict[str, np.ndarray]) -> None:
+        """Go on with what `notes` gave."""
+        if self.errors is not None and notes:
+            self.errors.restore(notes)

@@ -1,0 +1,160 @@
+"""Training pictures on the host: in memory, or in a file where they would not fit."""
+
+import dataclasses
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Bool, Int, Shaped, UInt8
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.film import Film
+from gaussray.capture.errors import CaptureError
+from gaussray.capture.formats.paired import View
+from gaussray.capture.frames import read_mask, stream_encoded
+from gaussray.reconstruct.data.tiles import cut, join, tile_pixels
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Footage:
+    """Every training picture with its camera; the leading axis is the frame.
+
+    Pictures are kept as tiles of `side` x `side` pixels, so that what a step draws lies together:
+    `pixel` holds sRGB-encoded values, bytes or, if any file has more than 8 bits, float32 in 0..1.
+    `mask` packs one bit per pixel, 0 where it is to be ignored; None if no view has a mask. `name`
+    is the camera's; `camera` is stacked.
+    """
+
+    pixel: Shaped[np.ndarray, "frames tiles pixels 3"]
+    mask: UInt8[np.ndarray, "frames tiles bytes"] | None
+    camera: Camera
+    name: Shaped[np.ndarray, " frames"]
+    side: int
+
+    @property
+    def film(self) -> Film:
+        """Size of every picture."""
+        return self.camera.film
+
+    @property
+    def times(self) -> np.ndarray:
+        """Time of every picture."""
+        return np.asarray(self.camera.time)
+
+    @property
+    def scale(self) -> int:
+        """What full scale is in `pixel`."""
+        return 255 if self.pixel.dtype == np.uint8 else 1
+
+    def visible(self, *index) -> Bool[np.ndarray, "*index pixels"] | None:
+        """Which pixels count, of the frames and tiles at this index; None if all do."""
+        if self.mask is None:
+            return None
+        return np.unpackbits(self.mask[index], axis=-1, count=self.side**2).astype(bool)
+
+    def visible_tiles(self) -> Bool[np.ndarray, "frames tiles"] | None:
+        """Tiles of which any pixel counts; None if all do."""
+        return None if self.mask is None else np.any(self.mask, axis=-1)
+
+    def pictures(self, frames: Int[np.ndarray, " n"]) -> Shaped[np.ndarray, "n h w 3"]:
+        """Whole pictures."""
+        pixels = tile_pixels(self.film, self.side)
+        return np.stack([join(self.pixel[frame], pixels, self.film) for frame in frames])
+
+    def masks(self, frames: Int[np.ndarray, " n"]) -> Bool[np.ndarray, "n h w"] | None:
+        """Which pixels of whole pictures count; None if all do."""
+        visible = self.visible(frames)
+        if visible is None:
+            return None
+        pixels = tile_pixels(self.film, self.side)
+        return np.stack([join(tiles, pixels, self.film) for tiles in visible])
+
+
+def footage(
+    views: Sequence[View],
+    *,
+    side: int,
+    memory: float = 4.0,
+    folder: Path | str | None = None,
+    report: Callable[[int], object] = lambda done: None,
+) -> Footage:
+    """The views' pictures as tiles, and their cameras.
+
+    Pictures are decoded one after another and kept in memory if all of them take no more than
+    `memory` gigabytes, else in a file without a name in `folder` (None: the system's own for
+    temporary files), of which the system keeps in memory what it has room for; the file goes when
+    the footage goes. `report(done)` is called after each picture. OSError if the disk is full.
+    """
+    camera = stacked(views)
+    pixels = tile_pixels(camera.film, side)
+    masked = any(view.mask is not None for view in views)
+    dtype, pictures = stream_encoded(views)
+    shape = (len(views), *pixels.shape, 3)
+    packed = (len(views), len(pixels), -(-(side**2) // 8))
+    size = np.prod(shape) * dtype.itemsize + masked * np.prod(packed)
+    room = np.empty if size <= 1e9 * memory else _on_disk(folder)
+    pixel = room(shape, dtype)
+    mask = room(packed, np.dtype(np.uint8)) if masked else None
+    for done, (place, picture) in enumerate(pictures):
+        pixel[place] = cut(picture, pixels)
+        if mask is not None:
+            mask[place] = np.packbits(cut(_mask_of(views[place]), pixels), axis=-1)
+        report(done + 1)
+    return Footage(pixel, mask, camera, np.array([view.camera_name for view in views]), side)
+
+
+def stacked(views: Sequence[View]) -> Camera:
+    """The cameras of training views, which must be of one kind."""
+    if not views:
+        raise CaptureError(
+            "capture.path holds no view of split 'train'. Mark some frames with "
+            '"split": "train" in transforms.json.'
+        )
+    first = _kind(views[0].camera)
+    for view in views:
+        if _kind(view.camera) != first:
+            raise CaptureError(
+                f"{view.image}: training views must share one size, lens model, film and number of "
+                f"poses, but this one differs from {views[0].image}. Resize the pictures or use "
+                "one kind of camera."
+            )
+    # On the host: a device takes long to join thousands of small arrays.
+    cameras = jax.device_get([view.camera for view in views])
+    return jax.tree.map(lambda *x: jnp.asarray(np.stack(x)), *cameras)
+
+
+def _kind(camera: Camera) -> tuple:
+    """What must be alike for cameras to be stacked."""
+    return jax.tree.structure(camera), [leaf.shape for leaf in jax.tree.leaves(camera)]
+
+
+def _mask_of(view: View) -> Bool[np.ndarray, "h w"]:
+    if view.mask is None:
+        return np.ones((view.height, view.width), bool)
+    return read_mask(view.mask, view.width, view.height, view.window)
+
+
+def _on_disk(folder: Path | str | None) -> Callable[[tuple[int, ...], np.dtype], np.ndarray]:
+    """Makes arrays in files that have no name, and go with the arrays."""
+
+    def empty(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
+        size = int(np.prod(shape)) * dtype.itemsize
+        where = Path(folder or tempfile.gettempdir())
+        try:
+            where.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=where) as file:
+                # Otherwise a full disk would end the process while pictures are written.
+                if hasattr(os, "posix_fallocate"):
+                    os.posix_fallocate(file.fileno(), 0, size)
+                return np.memmap(file, dtype, "w+", shape=shape)
+        except OSError as error:
+            raise OSError(
+                f"{where}: the training pictures take {size / 1e9:.1f} GB and cannot be kept there "
+                f"({error.strerror}). Free the disk, raise fit.memory, or lower capture.scale."
+            ) from error
+
+    return empty

@@ -1,0 +1,47 @@
+"""A long capture as a course of segments, each for a reconstruction of its own."""
+
+import dataclasses
+
+import numpy as np
+
+from gaussray.capture.formats.paired import Capture, View
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Segment:
+    """The training views from one instant to another, both included, and the interval of time that
+    they stand for; `name` is what it is called, nothing if it is the whole capture."""
+
+    views: list[View]
+    time_range: tuple[float, float]
+    name: str = ""
+
+
+def training_views(capture: Capture) -> list[View]:
+    """What there is to learn from."""
+    return [view for view in capture.views if view.split == "train"]
+
+
+def segments(capture: Capture, most: int) -> list[Segment]:
+    """The training views in segments of as even length as can be, of at most so many instants (0:
+    all in one); neighbours share one.
+
+    So what is exposed, read out or held out around that instant is inside of one or the other. The
+    first segment begins and the last one ends as the capture does.
+    """
+    views = training_views(capture)
+    times = np.unique([view.time for view in views])
+    count = -(-(len(times) - 1) // (most - 1)) if most else 1
+    if count <= 1:
+        return [Segment(views, capture.time_range)]
+    inner = times[np.linspace(0, len(times) - 1, count + 1).round().astype(int)[1:-1]].tolist()
+    begin, end = capture.time_range
+    edges = [begin, *inner, end]
+    return [
+        Segment(
+            [view for view in views if first <= view.time <= last],
+            (first, last),
+            f"segment {i} of {count}",
+        )
+        for i, (first, last) in enumerate(zip(edges, edges[1:], strict=False), 1)
+    ]

@@ -1,0 +1,187 @@
+"""Stage 1: multi-view video in, a dynamic scene out."""
+
+import json
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from gaussray.camera.corrections import found, gains, refined_frames
+from gaussray.capture.formats.paired import Capture
+from gaussray.dataset.manifest import FrameRecord, write_manifest
+from gaussray.io.atomic import sweep, whole
+from gaussray.reconstruct.data.segments import segments
+from gaussray.reconstruct.log import Journal
+from gaussray.reconstruct.optimize.state import State
+from gaussray.reconstruct.session import Fit, ReconstructOptions as ReconstructOptions
+from gaussray.reconstruct.simplify.prune import required, sentence, total
+from gaussray.runtime.devices import leads, wait
+from gaussray.runtime.lock import holds_out
+from gaussray.runtime.progress import Progress, say
+from gaussray.scene.scene import Scene
+from gaussray.scene.segmented import Clip
+from gaussray.scene.store import load_scene, save_scene, scene_info
+
+
+@holds_out
+def reconstruct(
+    capture: Capture,
+    out: Path | str,
+    *,
+    options: ReconstructOptions,
+    resume: bool = False,
+    devices: int | None = None,
+    quiet: bool = False,
+    told: Callable[[dict[str, Any]], None] | None = None,
+) -> Scene | Clip:
+    """Fit a scene to the training views of a capture and leave it in `out`/scene.npz.
+
+    A coarse stage on the first instant; then the bodies are tracked, and a fine stage with
+    deformation fits all instants. What is kept and returned is what of the scene the pictures
+    require (`required`), which requirement.json and, unless `quiet`, a printed line tell;
+    cameras.json holds the cameras as they were refined. `out` also gets metrics.jsonl and, at
+    intervals, checkpoint.npz, from which `resume` goes on exactly as if nothing had happened. The
+    rays of a step are dealt out to so many `devices` (None is all) of every host; the first host
+    alone writes. Whatever metrics.jsonl gets is also `told`, line by line.
+
+    A capture of more than options.fit.segment instants becomes a clip, one segment after another:
+    each loads its own pictures, starts from what the one before ended with, and is kept in
+    `out`/segments until all are there. Cameras are refined in the first one.
+    """
+    out, course = Path(out), segments(capture, options.fit.segment)
+    kept: dict[str, Any] = {"interval": options.fit.checkpoint, "writes": leads(), "told": told}
+    journal = Journal(out, resume=resume, **kept)
+    if leads():
+        sweep(out, deep=len(course) > 1)
+    state, stage = journal.resumed() if resume else (None, "coarse")
+    _demand_same_course(journal, len(course), resume)
+    files = [out / "segments" / f"{i:04d}.npz" for i in range(1, len(course) + 1)]
+    files = files if len(files) > 1 else [out / "scene.npz"]
+    finished = files[: journal.info.get("segment", 1) - 1]
+    scenes: list[Any] = [load_scene(path) for path in finished]
+    reports = [scene_info(path) for path in finished]
+    for i in range(len(finished), len(course)):
+        if len(course) > 1:
+            journal.info |= {"segment": i + 1, "segments": len(course)}
+        fit = Fit(capture, journal, options, quiet or not leads(), devices, course[i])
+        state = _fitted(fit, state, stage)
+        scene, report = _required(fit, state, devices)
+        if leads():
+            _save(files[i], scene, report)
+            if i == 0:
+                _write_cameras(out / "cameras.json", capture, fit, state)
+        _say(_found(fit, state) if i == 0 else "", fit.quiet)
+        _say(sentence(report, fit.name or "the scene") if "steps" in report else "", fit.quiet)
+        scenes.append(scene)
+        reports.append(report)
+        if i + 1 < len(course):
+            state, stage = fit.handed_on(state), "begin"
+            journal.info["segment"], journal.notes = i + 2, {}
+            journal.save(state, stage)
+        # Its pictures make room for those of the next one.
+        del fit
+    result, report = scenes[0], reports[0]
+    if len(course) > 1:
+        result, report = Clip(tuple(scenes)), total(reports)
+        if leads():
+            _save(out / "scene.npz", result, report)
+        whole_clip = f"the clip of {len(course)} segments"
+        _say(sentence(report, whole_clip) if "after" in report else "", quiet or not leads())
+    if leads():
+        with whole(out / "requirement.json") as partial:
+            partial.write_text(json.dumps(report, indent=2) + "\n")
+        journal.checkpoint.unlink(missing_ok=True)
+        if len(course) > 1:
+            _remove(files)
+    wait("reconstructed")
+    return result
+
+
+def _demand_same_course(journal: Journal, count: int, resume: bool) -> None:
+    """Refuse to go on in other segments than before."""
+    held = journal.info.get("segments", 1)
+    if resume and held != count:
+        raise ValueError(
+            f"fit.segment must cut the capture into {held} segments, as in the run that is gone on "
+            f"with, but it is cut into {count}."
+        )
+
+
+def _fitted(fit: Fit, state: State | None, stage: str) -> State:
+    """All stages that are left of a segment."""
+    if state is None:
+        state = fit.begin()
+    elif stage == "begin":
+        state, stage = fit.with_deformation(fit.take_over(fit.resume(state))), "fine"
+    else:
+        state = fit.resume(state)
+    if stage == "coarse":
+        state = fit.with_deformation(fit.run("coarse", state))
+    return fit.run("fine", state) if len(fit.times) > 1 else state
+
+
+def _required(fit: Fit, state: State, devices: int | None) -> tuple[Scene, dict[str, Any]]:
+    """What of a fitted scene its pictures require, and the report."""
+    scene, unmet = fit.scene(state)
+    work: list[Progress] = []
+
+    def told(done: int, total: int, what: str) -> None:
+        # The first measurement says how many there are; by then the work has begun.
+        if not work:
+            work.append(fit.progress("need", total, patience=2.0))
+        work[0].report(done, what)
+
+    return required(
+        scene,
+        fit.footage,
+        *fit.training_cameras(state),
+        unmet=unmet,
+        options=fit.options.need,
+        trace=fit.options.trace,
+        seed=fit.options.fit.seed,
+        keys=fit.keys(state),
+        devices=devices,
+        told=told,
+    )
+
+
+def _save(path: Path, scene: Scene | Clip, report: dict[str, Any]) -> None:
+    """Write what a report is about as precisely as it says, and note the bytes that took."""
+    parts = report.get("segments", [report])
+    save_scene(path, scene, info=report, precision=[part["precision"] for part in parts])
+    report["file"] = path.stat().st_size
+
+
+def _remove(files: list[Path]) -> None:
+    """Take away segments that are kept elsewhere."""
+    for path in files:
+        path.unlink(missing_ok=True)
+    with suppress(OSError):
+        files[0].parent.rmdir()
+
+
+def _write_cameras(path: Path, capture: Capture, fit: Fit, state: State) -> None:
+    """Every camera of the capture, as refined, and the exposures that were found."""
+    corrections, names = state.parameters.corrections, fit.names
+    frames = [(view.camera_name, view.camera) for view in capture.views]
+    cameras = refined_frames(corrections, fit.cameras, names, frames)
+    records = [
+        FrameRecord(str(view.image.resolve()), camera, view.camera_name, view.split)
+        for view, camera in zip(capture.views, cameras, strict=True)
+    ]
+    gain = gains(corrections, fit.cameras, names)
+    write_manifest(path, records, extra={"info": {"gain": gain}} if gain else None)
+
+
+def _found(fit: Fit, state: State) -> str:
+    """What was found of the cameras, nothing if they are as recorded."""
+    corrections = state.parameters.corrections
+    if corrections is None:
+        return ""
+    shutter, unit = fit.footage.camera.shutter, fit.capture.time_unit
+    return found(corrections, fit.cameras, shutter, unit)
+
+
+def _say(line: str, quiet: bool) -> None:
+    if line and not quiet:
+        say(line)

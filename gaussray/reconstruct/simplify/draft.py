@@ -1,0 +1,236 @@
+"""A scene of which parts are taken away on trial, in arrays that keep their shapes."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from gaussray.geometry import normalize_quaternion, product
+from gaussray.reconstruct.optimize.density import DEAD
+from gaussray.reconstruct.optimize.state import take
+from gaussray.scene.bodies import body_of
+from gaussray.scene.deformation import Deformation, Layer
+from gaussray.scene.gaussians import Gaussians, axes, concatenate, folded
+from gaussray.scene.planes import Planes, features
+from gaussray.scene.scene import Scene
+from gaussray.scene.store import HEADS
+
+
+class Draft(eqx.Module):
+    """A scene as it would be with only the Gaussians in `kept`, static ones first, and with those
+    in `resting` in their state of `rest` at all times."""
+
+    scene: Scene
+    rest: Gaussians
+    kept: Bool[Array, " gaussians"]
+    resting: Bool[Array, " moving"]
+
+
+def whole_draft(scene: Scene) -> Draft:
+    """The scene as it is."""
+    count = scene.static.count + scene.moving.count
+    kept, resting = jnp.ones(count, bool), jnp.zeros(scene.moving.count, bool)
+    return Draft(scene, scene.moving, kept, resting)
+
+
+def begin_draft(scene: Scene, times: Float[np.ndarray, " instants"]) -> tuple[Draft, np.ndarray]:
+    """Everything kept and nothing at rest, and how much every moving Gaussian changes.
+
+    It rests in the mean of its states over the times (logarithms of scale and tint). Its change is
+    the largest, over the times, of its distance from there in units of its largest scale, of the
+    change of its axes relative to their length (turn and stretch), and of the logarithm of its
+    tint: 0.1 is a tenth of its size, or of its light.
+    """
+    draft = whole_draft(scene)
+    if scene.deformation is None or not scene.moving.count:
+        return draft, np.zeros(scene.moving.count)
+    rest, change = _rest(scene, jnp.asarray(times, scene.moving.mean.dtype))
+    return eqx.tree_at(lambda d: d.rest, draft, rest), np.asarray(change)
+
+
+@eqx.filter_jit
+def _rest(scene: Scene, times: Float[Array, " instants"]) -> tuple[Gaussians, Array]:
+    states = jax.lax.map(lambda time: _moved(scene, time), times)
+    quat = normalize_quaternion(states.quat)
+    aligned = jnp.sum(quat * quat[:1], axis=-1, keepdims=True) < 0
+    quat = normalize_quaternion(jnp.mean(jnp.where(aligned, -quat, quat), axis=0))
+    mean = jnp.mean(states.mean, axis=0)
+    scale = jnp.exp(jnp.mean(jnp.log(states.scale), axis=0))
+    light = jnp.log(states.tint)
+    tint = jnp.mean(light, axis=0)
+
+    def length(x: Array, trailing: int) -> Array:
+        return jnp.sqrt(jnp.sum(x * x, axis=tuple(range(-trailing, 0))))
+
+    own = axes(quat, scale)
+    changes = (
+        length(states.mean - mean[None], 1) / jnp.max(scale, axis=-1)[None],
+        length(axes(states.quat, states.scale) - own[None], 2) / length(own, 2)[None],
+        jnp.max(jnp.abs(light - tint[None]), axis=-1),
+    )
+    moving = scene.moving
+    rest = Gaussians(mean, quat, scale, moving.opacity, moving.harmonics, jnp.exp(tint))
+    return folded(rest), jnp.max(jnp.stack(changes), axis=(0, 1))
+
+
+def _moved(scene: Scene, time: Float[Array, ""]) -> Gaussians:
+    """The moving Gaussians at a time, with a tint."""
+    moved = scene.moving if scene.deformation is None else scene.deformation(scene.moving, time)
+    tint = jnp.ones_like(moved.mean) if moved.tint is None else moved.tint
+    return Gaussians(moved.mean, moved.quat, moved.scale, moved.opacity, moved.harmonics, tint)
+
+
+def at_time(draft: Draft, time: Float[Array, ""]) -> Gaussians:
+    """All Gaussians of a draft at one time, those that are not kept too faint to be met."""
+    scene = draft.scene
+    moved, rests = _moved(scene, time), draft.resting
+    still = eqx.tree_at(
+        lambda g: g.tint, draft.rest, jnp.ones_like(moved.mean), is_leaf=lambda x: x is None
+    )
+
+    def chosen(a: Array, b: Array) -> Array:
+        return jnp.where(rests.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
+
+    every = concatenate(scene.static, jax.tree.map(chosen, still, moved))
+    opacity = jnp.where(draft.kept, every.opacity, jax.nn.sigmoid(DEAD).astype(every.opacity.dtype))
+    return eqx.tree_at(lambda g: g.opacity, every, opacity)
+
+
+def finish_draft(draft: Draft) -> Scene:
+    """The scene that a draft stands for, without all that does nothing.
+
+    That are harmonics of the highest degrees that are zero; a deformation of nothing; bodies that
+    hold nothing; heads whose last layer is zero, and scales of the planes that the trunk does not
+    look at, or the whole field if no head is left; rows of time planes that are all the same.
+    """
+    scene, deformation = draft.scene, draft.scene.deformation
+    # On the host: nothing shall be compiled for every number of rows.
+    parts = scene.static, scene.moving, draft.rest, draft.kept, draft.resting
+    static, moving, rest, kept, resting = jax.device_get(parts)
+    stay, move = np.split(kept, [len(static.mean)])
+    still = _joined(take(static, np.flatnonzero(stay)), take(rest, np.flatnonzero(move & resting)))
+    moved = np.flatnonzero(move & ~resting)
+    if not len(moved):
+        deformation = None
+    elif isinstance(deformation, Deformation):
+        held = np.asarray(body_of(deformation.bodies, scene.moving.mean))[moved]
+        deformation = _simplified(deformation, held)
+    still, mobile = (
+        jax.tree.map(jnp.asarray, _without_zeros(x)) for x in (still, take(moving, moved))
+    )
+    return Scene(still, mobile, deformation, scene.time_range)
+
+
+def _joined(first: Gaussians, second: Gaussians) -> Gaussians:
+    """Both sets of rows, on the host."""
+    most = max(x.harmonics.shape[1] for x in (first, second))
+
+    def padded(x: Gaussians) -> Gaussians:
+        missing = most - x.harmonics.shape[1]
+        harmonics = np.pad(x.harmonics, ((0, 0), (0, missing), (0, 0)))
+        return eqx.tree_at(lambda g: g.harmonics, x, harmonics)
+
+    return jax.tree.map(lambda a, b: np.concatenate([a, b]), padded(first), padded(second))
+
+
+def without_head(draft: Draft, name: str) -> Draft:
+    """The same without the residual of one head."""
+    head = getattr(_field(draft), name)
+    return eqx.tree_at(
+        lambda d: getattr(d.scene.deformation, name),
+        draft,
+        None if head is None else (head[0], jax.tree.map(jnp.zeros_like, head[1])),
+        is_leaf=lambda x: x is None,
+    )
+
+
+def without_scale(draft: Draft, scale: int, times: Float[np.ndarray, " instants"]) -> Draft:
+    """The same with the features of one scale replaced by their mean over the moving Gaussians and
+    the times."""
+    field = _field(draft)
+    own = scale_rows(field.planes)[scale]
+    place, weight = draft.scene.moving.mean, field.trunk.weight
+    mean = _mean_features(field.planes, place, jnp.asarray(times, place.dtype))[own]
+    trunk = Layer(weight.at[own].set(0), field.trunk.bias + product("i,io->o", mean, weight[own]))
+    return eqx.tree_at(lambda d: d.scene.deformation.trunk, draft, trunk)
+
+
+@eqx.filter_jit
+def _mean_features(planes: Planes, place: Array, times: Array) -> Float[Array, " features"]:
+    every = jax.lax.map(lambda time: jnp.mean(features(planes, place, time), axis=0), times)
+    return jnp.mean(every, axis=0)
+
+
+def with_steady(draft: Draft, scale: int) -> Draft:
+    """The same with the time planes of one scale at their mean over time."""
+    plane = _field(draft).planes.time[scale]
+    mean = jnp.broadcast_to(jnp.mean(plane, axis=1, keepdims=True), plane.shape)
+    return eqx.tree_at(lambda d: d.scene.deformation.planes.time[scale], draft, mean)
+
+
+def with_degree(draft: Draft, part: str, degree: int) -> Draft:
+    """The same with harmonics up to a degree only, of the Gaussians that move or of the static
+    ones, with which those at rest will be."""
+    cut = (degree + 1) ** 2
+    if part == "static":
+        rest = draft.rest.harmonics.at[:, cut:].set(0)
+        draft = eqx.tree_at(lambda d: d.rest.harmonics, draft, rest)
+    harmonics = getattr(draft.scene, part).harmonics.at[:, cut:].set(0)
+    return eqx.tree_at(lambda d: getattr(d.scene, part).harmonics, draft, harmonics)
+
+
+def _field(draft: Draft) -> Deformation:
+    field = draft.scene.deformation
+    assert isinstance(field, Deformation)
+    return field
+
+
+def scale_rows(planes: Planes) -> list[np.ndarray]:
+    """Which rows of the trunk belong to each scale."""
+    widths = [plane.shape[-1] for plane in planes.space]
+    return np.split(np.arange(sum(widths)), np.cumsum(widths)[:-1]) if widths else []
+
+
+def _simplified(deformation: Deformation, held: np.ndarray) -> Deformation:
+    """The deformation for Gaussians that these bodies hold, without what does nothing."""
+    bodies, planes, trunk = deformation.bodies, deformation.planes, deformation.trunk
+    held = np.unique(held)
+    held = held[held < len(bodies.pivot)]
+    bodies = eqx.tree_at(
+        lambda b: (b.pivot, b.radius, b.path, b.turn),
+        bodies,
+        (bodies.pivot[held], bodies.radius[held], bodies.path[held], bodies.turn[held]),
+    )
+    heads = {name: _or_none(getattr(deformation, name)) for name in HEADS}
+    rows = scale_rows(planes)
+    used = [s for s, own in enumerate(rows) if np.any(np.asarray(trunk.weight[own]))]
+    weight, bias = (
+        trunk.weight[np.concatenate([np.arange(0), *(rows[s] for s in used)])],
+        trunk.bias,
+    )
+    if not any(heads.values()):
+        used, weight, bias = [], weight[:0, :0], bias[:0]
+    planes = eqx.tree_at(
+        lambda p: (p.space, p.time),
+        planes,
+        (tuple(planes.space[s] for s in used), tuple(_shortest(planes.time[s]) for s in used)),
+    )
+    return Deformation(bodies, planes, Layer(weight, bias), **heads, light=deformation.light)
+
+
+def _without_zeros(gaussians: Gaussians) -> Gaussians:
+    used = np.any(np.asarray(gaussians.harmonics), axis=(0, 2))
+    cut = min(n for n in (1, 4, 9, 16) if not used[n:].any())
+    return eqx.tree_at(lambda g: g.harmonics, gaussians, gaussians.harmonics[:, :cut])
+
+
+def _or_none(head: tuple[Layer, Layer] | None) -> tuple[Layer, Layer] | None:
+    """The head, if it adds anything."""
+    adds = head is not None and any(np.any(np.asarray(x)) for x in jax.tree.leaves(head[1]))
+    return head if adds else None
+
+
+def _shortest(plane: Array) -> Array:
+    """One row of a time plane whose rows are all the same."""
+    return plane[:, :1] if np.all(np.asarray(plane == plane[:, :1])) else plane

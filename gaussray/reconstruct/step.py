@@ -1,0 +1,257 @@
+"""One block of training steps, compiled: rays, loss, gradients, Adam, without the host."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array, Float, Int
+
+from gaussray.camera.array import CameraSet, resolved
+from gaussray.camera.camera import Camera
+from gaussray.camera.corrections import refined_views
+from gaussray.camera.rays import Rays
+from gaussray.camera.sampling import step_samples
+from gaussray.color import srgb_encode
+from gaussray.reconstruct.data.batches import Batch, tile_colors, tile_rays
+from gaussray.reconstruct.optimize import loss as losses, regularizer
+from gaussray.reconstruct.optimize.loss import LossOptions
+from gaussray.reconstruct.optimize.optimizer import (
+    OptimizerOptions,
+    Parameters,
+    descend,
+    rates,
+    scene_of,
+)
+from gaussray.reconstruct.optimize.state import State, watch
+from gaussray.scene.gaussians import Unconstrained
+from gaussray.scene.scene import Scene, at, moving_at
+from gaussray.tracer.motion import Motion, still
+from gaussray.tracer.shard import trace_sharded
+from gaussray.tracer.trace import TraceOptions, enlarge, measure
+from gaussray.tracer.traverse import Capacity
+
+
+# Logarithm of how much flatter than wide a Gaussian of least size may be.
+FLAT = 1.1
+
+
+class StepOptions(eqx.Module):
+    """What a training step can be told: also how many `samples` a pixel takes, how many pixels'
+    `footprint` a Gaussian has at least, what of the cameras the stage refines, and whether the
+    Gaussians are `formed` already (`rates`)."""
+
+    loss: LossOptions
+    optimizer: OptimizerOptions
+    trace: TraceOptions
+    samples: int = eqx.field(static=True, default=1)
+    footprint: float = eqx.field(static=True, default=0.0)
+    refine: tuple[str, ...] = eqx.field(static=True, default=())
+    formed: bool = eqx.field(static=True, default=False)
+
+
+class Trial(eqx.Module):
+    """Static sizes a block of steps is compiled for: list capacities, devices, and the key states
+    of the scene across a step (1: all its rays share one time)."""
+
+    capacity: Capacity
+    mesh: Mesh = eqx.field(static=True)
+    keys: int = eqx.field(static=True, default=1)
+
+    def enlarged(self, needed) -> "Trial":
+        """Room for lists of the sizes that a block turned out to need."""
+        capacity = enlarge(self.capacity, [int(n) for n in needed], headroom=1.5)
+        return Trial(capacity, self.mesh, self.keys)
+
+
+def first_trial(
+    state: State,
+    views: Camera,
+    batches: Batch,
+    cameras: CameraSet,
+    *,
+    options: StepOptions,
+    mesh: Mesh,
+    keys: int = 1,
+    growth: float = 1.0,
+) -> Trial:
+    """Sizes measured on the first step of a block, doubled: steps differ in what they look at.
+    `growth` is by how much lists will grow, as far as that is known."""
+
+    @eqx.filter_jit
+    def looked_at(state, views, batch, cameras):
+        rays, _ = _rays(state.parameters, views, batch, cameras, state.step, options)
+        scene = scene_of(state.parameters, jnp.zeros(2))
+        part = jax.tree.map(lambda x: x[:, : -(-x.shape[1] // mesh.size)], rays)
+        return _motion(scene, rays, batch.time, cameras, keys), part
+
+    motion, rays = looked_at(state, views, jax.tree.map(lambda x: x[0], batches), cameras)
+    return Trial(measure(motion, rays, options=options.trace, headroom=2.0 * growth), mesh, keys)
+
+
+def loss_of(
+    parameters: Parameters,
+    views: Camera,
+    batch: Batch,
+    cameras: CameraSet,
+    step: Int[Array, ""],
+    *,
+    options: StepOptions,
+    trial: Trial,
+):
+    """Weighted sum of the terms of one step's loss, the terms, and what there is to report."""
+    rays, gain = _rays(parameters, views, batch, cameras, step, options)
+    truth, weight = tile_colors(batch)
+    scene = _dealt_out(scene_of(parameters, jnp.zeros(2)), trial.mesh)
+    pixels, report = trace_sharded(
+        _motion(scene, rays, batch.time, cameras, trial.keys),
+        rays,
+        options=options.trace,
+        capacity=trial.capacity,
+        mesh=trial.mesh,
+    )
+    light = pixels.color if rays.weight is None else rays.weight[..., None] * pixels.color
+    color = jnp.mean(light, axis=0)
+    image = losses.developed(srgb_encode(color if gain is None else gain * color), truth)
+    # Where the lens forms no ray there is nothing to learn.
+    weight = weight * jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
+    image = jnp.where(weight[:, None] > 0, image, truth)
+    terms = losses.terms(image, truth, options=options.loss, side=options.trace.bundle)
+    if parameters.deformation is not None:
+        terms |= regularizer.terms(parameters.deformation.planes)
+    total = sum(getattr(options.loss, name) * term for name, term in terms.items())
+    terms["mse"] = jnp.sum((image - truth) ** 2) / (3 * jnp.maximum(jnp.sum(weight), 1))
+    error = _tile_errors(image, truth, weight, batch)
+    return total, (terms, report, rays.origin.reshape(-1, 3), error)
+
+
+def _rays(
+    parameters: Parameters,
+    views: Camera,
+    batch: Batch,
+    cameras: CameraSet,
+    step: Int[Array, ""],
+    options: StepOptions,
+) -> tuple[Rays, Float[Array, "rays 3"] | None]:
+    """Rays of a step (samples x rays) from the cameras as they are refined, and the gain of each
+    pixel, None if none is."""
+    seen, owner = jax.tree.map(lambda x: x[batch.frame], (views, cameras.owner))
+    camera, gain = refined_views(parameters.corrections, cameras, seen, owner)
+    side = options.trace.bundle
+    if gain is not None:
+        gain = jnp.repeat(gain, side**2, axis=0)
+    u = step_samples(options.samples, step)
+    return tile_rays(camera, batch.tile, u, side=side), gain
+
+
+def _motion(scene: Scene, rays: Rays, time: Array, cameras: CameraSet, keys: int) -> Motion:
+    """The scene across the times of a step's rays, or at the step's own time for a single key."""
+    if keys == 1 or scene.deformation is None:
+        return still(at(scene, time))
+    # Rays that happen to share one time still need an interval to be in.
+    first = jnp.min(rays.time)
+    last = jnp.maximum(jnp.max(rays.time), first + 1e-3 * cameras.interval)
+    key_time = jax.lax.stop_gradient(jnp.linspace(first, last, keys, dtype=first.dtype))
+    rest = scene.static if scene.static.count else None
+    return Motion(key_time, moving_at(scene, key_time), rest)
+
+
+@eqx.filter_jit
+def train_block(
+    state: State,
+    views: Camera,
+    batches: Batch,
+    cameras: CameraSet,
+    *,
+    options: StepOptions,
+    steps: int,
+    trial: Trial,
+):
+    """The state after a block of steps, mean terms, errors of all tiles, largest list sizes,
+    entries dropped.
+
+    `views` are the cameras of all frames as recorded, `batches` what each step looks at; `steps` is
+    the length of the stage, over which the rates fall. A tile's error is its mean absolute
+    difference. If anything was dropped, the block is void: run it again with an enlarged trial.
+    """
+
+    shortest = _shortest(state.parameters, cameras, options.footprint)
+
+    def step(state: State, batch: Batch):
+        slope = jax.value_and_grad(loss_of, has_aux=True)
+        (_, (terms, report, eye, error)), gradient = slope(
+            state.parameters, views, batch, cameras, state.step, options=options, trial=trial
+        )
+        rate = rates(
+            state.parameters,
+            state.step,
+            options=options.optimizer,
+            extent=cameras.extent,
+            steps=steps,
+            refine=options.refine,
+            formed=options.formed,
+        )
+        static, moving = watch(state, gradient, eye)
+        parameters, adam = descend(state.parameters, gradient, state.adam, rate)
+        parameters = _widened(parameters, shortest)
+        state = State(parameters, adam, static, moving, state.step + 1)
+        return state, (terms, error, report.needed, report.dropped)
+
+    state, (terms, error, needed, dropped) = jax.lax.scan(step, state, batches)
+    terms, needed = jax.tree.map(jnp.mean, terms), jnp.max(needed, axis=0)
+    found = state, terms, error, needed, jnp.sum(dropped)
+    # Every host reads them.
+    return jax.lax.with_sharding_constraint(found, NamedSharding(trial.mesh, PartitionSpec()))
+
+
+def _shortest(
+    parameters: Parameters, cameras: CameraSet, footprint: float
+) -> tuple[Float[Array, " static"], Float[Array, " moving"]] | None:
+    """Logarithm of the least scale of Gaussians of either kind; None if there is no bound.
+
+    What is smaller than the pixels is met by some of the rays that should see it and missed by
+    others: it fits the training pixels one by one, and flickers in all other pictures
+    (Mip-Splatting's three-dimensional filter, as a bound). A block of steps changes no distance
+    much.
+    """
+    if not footprint:
+        return None
+    static, moving = (
+        jnp.log(footprint * resolved(cameras, free.mean) + 1e-30)
+        for free in (parameters.static, parameters.moving)
+    )
+    return static, moving
+
+
+def _widened(parameters: Parameters, shortest) -> Parameters:
+    """Scales of at least these; a third of them along the shortest axis, for what is flat."""
+    if shortest is None:
+        return parameters
+
+    def wide(scale: Float[Array, "gaussians 3"], least: Array) -> Float[Array, "gaussians 3"]:
+        flat = scale <= jnp.min(scale, axis=1, keepdims=True)
+        return jnp.maximum(scale, jnp.where(flat, least[:, None] - FLAT, least[:, None]))
+
+    scales = [
+        wide(free.log_scale, least) for free, least in zip(_both(parameters), shortest, strict=True)
+    ]
+    return eqx.tree_at(lambda p: [free.log_scale for free in _both(p)], parameters, scales)
+
+
+def _both(parameters: Parameters) -> tuple[Unconstrained, Unconstrained]:
+    return parameters.static, parameters.moving
+
+
+def _tile_errors(image: Array, truth: Array, weight: Array, batch: Batch) -> Float[Array, " tiles"]:
+    """Mean absolute difference over the visible pixels of every tile."""
+    tiles = batch.tile.shape[0]
+    difference = jnp.sum(jnp.abs(image - truth).reshape(tiles, -1), axis=1)
+    return difference / (3 * jnp.maximum(jnp.sum(weight.reshape(tiles, -1), axis=1), 1))
+
+
+def _dealt_out(scene: Scene, mesh: Mesh) -> Scene:
+    """The moving Gaussians dealt out to the devices while they are deformed."""
+    if mesh.size == 1 or scene.moving.count % mesh.size:
+        return scene
+    spread = NamedSharding(mesh, PartitionSpec("rays"))
+    moving = jax.tree.map(lambda x: jax.lax.with_sharding_constraint(x, spread), scene.moving)
+    return eqx.tree_at(lambda s: s.moving, scene, moving)

@@ -1,0 +1,219 @@
+"""What is traced at once, how it is sampled, and what it is compiled for."""
+
+import dataclasses
+import math
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh
+from jax.tree_util import PyTreeDef
+from jaxtyping import Array, Float, Int
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.film import Film
+from gaussray.render.segments import Share
+from gaussray.tracer.bundle import FAN, tiles
+from gaussray.tracer.grid import OCCUPANCY
+from gaussray.tracer.trace import TraceOptions, on_kernel
+from gaussray.tracer.traverse import Capacity
+
+
+# Batches of samples whose spread is a standard error.
+BATCHES = 4
+# Samples of a pixel that are traced at once and share what their bundle may meet. That saves a GPU
+# most of the search; on a CPU the longer lists cost more (16 samples of a lens take 1.9 times as
+# long).
+_TOGETHER = 16
+# Cells of the grid times bundles of the coarsest level, at most, where levels can be added: the
+# answers of so many tests are in memory at once.
+_TESTS = 1 << 26
+# Bytes that a frame takes for each ray under way, its share of the lists included (1,000 Gaussians,
+# 256 x 256 pixels, XLA's own count on a CPU: 584 in all; a kernel keeps less, by the sizes of its
+# arrays), for each group of samples of a pixel, and for each pixel.
+RAY, RAY_OF_KERNEL, SAMPLE, PIXEL = 520, 100, 20, 60
+
+
+class RenderOptions(eqx.Module):
+    """How a picture is sampled.
+
+    `samples` rays per pixel over film, lens and exposure. `keys` states of the scene across the
+    times of one frame, between which each ray moves the Gaussians to its own time; 0 takes three
+    for every interval between the capture's instants (they share their ends), and a frame whose
+    rays share one time needs and takes only one. `chunk_rows` > 0 is the paper's way instead: one
+    state for so many rows (1 = a state for every row).
+
+    With an `error` above 0, batches of `samples` are added until the standard error of the mean of
+    95 % of the pixels (linear light, the worst of three channels) is at most that, or until the
+    next batch would take more than `samples_most` rays per pixel.
+
+    A frame whose rays would take more than `memory` gigabytes at once (`strip_rows`) is traced in
+    strips of rows, one after another: the same picture, and each strip looks anew for what its rays
+    meet. What the scene itself takes comes on top, and of the lists of millions of Gaussians 4
+    bytes for each that a bundle may meet. Labels are cut likewise.
+
+    `dilation` (square pixels) and `harmonics` (along each ray, or from the camera's center to a
+    Gaussian's) show a model as the rasteriser that it was fitted through: 3DGS has 0.3 and center.
+    """
+
+    samples: int = eqx.field(static=True, default=4)
+    keys: int = eqx.field(static=True, default=0)
+    chunk_rows: int = eqx.field(static=True, default=0)
+    dilation: float = eqx.field(static=True, default=0.0)
+    harmonics: str = eqx.field(static=True, default="ray")
+    error: float = eqx.field(static=True, default=0.0)
+    samples_most: int = eqx.field(static=True, default=1024)
+    memory: float = eqx.field(static=True, default=8.0)
+
+    def __check_init__(self):
+        if self.samples < 1:
+            raise ValueError(f"render.samples must be at least 1, got {self.samples}.")
+        if self.keys not in (0, 2) and (self.keys < 3 or self.keys % 2 == 0):
+            raise ValueError(
+                f"render.keys must be 0 (as many as it takes), 2 or odd from 3, got {self.keys}."
+            )
+        if self.chunk_rows < 0:
+            raise ValueError(f"render.chunk_rows must be at least 0, got {self.chunk_rows}.")
+        if not self.memory > 0:
+            raise ValueError(f"render.memory must be above 0, got {self.memory}.")
+        if not 0 <= self.dilation < math.inf:
+            raise ValueError(f"render.dilation must be at least 0, got {self.dilation}.")
+        if self.harmonics not in ("ray", "center"):
+            raise ValueError(f"render.harmonics must be ray or center, got {self.harmonics!r}.")
+        if not 0 <= self.error < math.inf:
+            raise ValueError(f"render.error must be at least 0, got {self.error}. 0 is off.")
+        least = BATCHES * self.samples
+        if self.error and self.samples_most < least:
+            raise ValueError(
+                f"render.samples_most must be at least {least}, which is {BATCHES} batches of "
+                f"render.samples, got {self.samples_most}."
+            )
+
+
+class Part(eqx.Module):
+    """What is traced at once: `pixel` index (column, row) in the order of the bundles (padding
+    repeats a pixel), and the `slot` of each pixel in it. `row` is where a chunk of rows has its
+    time. Of a frame that several segments of a clip show, one traces its `share`. `batch` is the
+    number of a batch of samples, None if there is only one."""
+
+    pixel: Float[Array, "slots 2"]
+    slot: Int[Array, " pixels"]
+    row: Float[Array, ""]
+    share: Share | None = None
+    batch: Int[Array, ""] | None = None
+
+
+def whole_picture(film: Film, trace: TraceOptions) -> tuple[Part, TraceOptions]:
+    """A picture traced at once, and how: small ones have no use for coarser bundles."""
+    order = tiles(film.width, film.height, trace.bundle, trace.levels)
+    return part_of(film, order, trace)
+
+
+def together(options: RenderOptions, trace: TraceOptions) -> int:
+    """How many samples of a pixel are traced at once."""
+    return math.gcd(options.samples, _TOGETHER) if on_kernel(trace, jnp.float32) else 1
+
+
+def strip_rows(film: Film, options: RenderOptions, trace: TraceOptions) -> int:
+    """The rows of a picture that are traced at once: all of them, or whole tiles, as many as
+    `render.memory` allows for, and at least one."""
+    ray, group = RAY_OF_KERNEL if on_kernel(trace, jnp.float32) else RAY, together(options, trace)
+    each = ray * group + SAMPLE * options.samples / group + PIXEL
+    most = int(options.memory * 1e9 / (each * film.width))
+    if most >= film.height:
+        return film.height
+    coarse = trace.bundle * 4**trace.levels
+    step = coarse if most >= coarse else trace.bundle
+    return min(max(most // step, 1) * step, film.height)
+
+
+def strips(
+    film: Film, options: RenderOptions, trace: TraceOptions, gaussians: int
+) -> tuple[int, TraceOptions]:
+    """The rows of a picture that are traced at once (`strip_rows`), and how: the more Gaussians,
+    the coarser the bundles that all of their cells are tested against first."""
+    rows = strip_rows(film, options, trace)
+    cells, levels = -(-gaussians // OCCUPANCY), trace.levels
+
+    def tests(side: int) -> int:
+        return -(-film.width // side) * -(-rows // side) * cells
+
+    def side(levels: int) -> int:
+        return trace.bundle * 4**levels
+
+    if on_kernel(trace, jnp.float32):
+        return rows, trace
+    while levels < 4 and tests(side(levels)) > _TESTS and side(levels + 1) <= rows:
+        levels += 1
+    if trace.levels < levels and rows < film.height:
+        rows -= rows % side(levels)
+    return rows, dataclasses.replace(trace, levels=levels)
+
+
+def strip(film: Film, rows: int, trace: TraceOptions, top: int) -> tuple[Part, TraceOptions]:
+    """The strip of so many rows from `top` on as a part."""
+    order = tiles(film.width, rows, trace.bundle, trace.levels)
+    return part_of(film, np.where(order < 0, order, order + top * film.width), trace, top)
+
+
+def dealt(film: Film, trace: TraceOptions, devices: int) -> tuple[Part, TraceOptions, Array]:
+    """A picture in as many parts, stacked, of blocks of tiles from all over it, so that the work is
+    even; how they are traced; and where each pixel is among the slots of all parts."""
+    block = trace.bundle**2 * FAN**trace.levels
+    order = tiles(film.width, film.height, trace.bundle, trace.levels).reshape(-1, block)
+    order = np.pad(order, ((0, -len(order) % devices), (0, 0)), constant_values=-1)
+    order = order.reshape(-1, devices, block).swapaxes(0, 1).reshape(devices, -1)
+    whole, trace = part_of(film, order.reshape(-1), trace)
+    slots = jnp.arange(order.shape[1], dtype=jnp.int32)
+    each = [Part(x, slots, whole.row) for x in whole.pixel.reshape(*order.shape, 2)]
+    return jax.tree.map(lambda *x: jnp.stack(x), *each), trace, whole.slot
+
+
+def part_of(
+    film: Film, order: Int[np.ndarray, " slots"], trace: TraceOptions, top: int = 0
+) -> tuple[Part, TraceOptions]:
+    """The pixels of `order` (row-major indices, whole rows from `top` on; -1 is padding, which
+    repeats the first pixel and is in no one's slot) as a part."""
+    if len(order) < trace.bundle**2 * 256:
+        trace = dataclasses.replace(trace, levels=0)
+    inside = np.flatnonzero(order >= 0)
+    slot = inside[np.argsort(order[inside])].astype(np.int32)
+    index = np.maximum(order, 0)
+    pixel = np.stack([index % film.width, index // film.width], axis=-1)
+    middle = top + (len(inside) // film.width - 1) / 2
+    place = jnp.asarray(pixel, jnp.float32), jnp.asarray(slot), jnp.asarray(middle, jnp.float32)
+    return Part(*place), trace
+
+
+class Pace(eqx.Module):
+    """What a part is compiled for: list sizes, and how many key states (0: that of its row)."""
+
+    capacity: Capacity
+    keys: int = eqx.field(static=True)
+    options: RenderOptions
+    trace: TraceOptions
+    mesh: Mesh | None = eqx.field(static=True)
+
+
+class Layout(NamedTuple):
+    """How a camera's numbers lie in a row, which costs a frame one transfer instead of a dozen."""
+
+    structure: PyTreeDef
+    shapes: tuple[tuple[int, ...], ...]
+    dtypes: tuple[np.dtype, ...]
+
+    def camera(self, row: Float[Array, " numbers"]) -> Camera:
+        """The camera of a row."""
+        ends = np.cumsum([math.prod(shape) for shape in self.shapes])
+        parts = jnp.split(row, ends[:-1])
+        told = zip(parts, self.shapes, self.dtypes, strict=True)
+        return jax.tree.unflatten(self.structure, [x.reshape(s).astype(d) for x, s, d in told])
+
+
+def packed(camera: Camera) -> tuple[Float[np.ndarray, " numbers"], Layout]:
+    """A camera whose numbers are on the host as one row."""
+    leaves, structure = jax.tree.flatten(camera)
+    layout = Layout(structure, tuple(x.shape for x in leaves), tuple(x.dtype for x in leaves))
+    return np.concatenate([x.ravel() for x in leaves]), layout

@@ -1,0 +1,227 @@
+"""One picture, compiled: rays, the scene at their times, the trace, the film."""
+
+import dataclasses
+import functools
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
+from jax.tree_util import PyTreeDef
+from jaxtyping import Array, Bool, Float
+
+from gaussray.camera.camera import Camera, camera_rays
+from gaussray.camera.chromatic import Chromatic, achromatic, magnified
+from gaussray.camera.rays import Rays
+from gaussray.camera.sampling import samples as sample_numbers, shifted_samples
+from gaussray.camera.shutter import decisive_pixels, row_number
+from gaussray.render.plan import Layout, Pace, Part, together
+from gaussray.render.splat_compat import dilated, seen_from_center
+from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.scene import Scene, at, moving_at
+from gaussray.tracer.composite import Pixels
+from gaussray.tracer.motion import Motion, still
+from gaussray.tracer.shard import trace_sharded
+from gaussray.tracer.trace import Report, grid_of, over
+
+
+@functools.lru_cache(maxsize=64)
+def render_part(
+    structure: PyTreeDef, layout: Layout, pace: Pace
+) -> Callable[..., tuple[Array, Report]]:
+    """A compiled function of (leaves of a scene of this structure, row of a camera, part): red,
+    green, blue, coverage and mean distance of the part's pixels, the rays spread over the devices.
+
+    Made once for each pace, so that a frame costs the host as little as can be.
+    """
+
+    @jax.jit
+    def run(leaves: list[Array], row: Array, part: Part):
+        return _seen(jax.tree.unflatten(structure, leaves), layout.camera(row), part, pace)
+
+    return run
+
+
+@functools.lru_cache(maxsize=64)
+def render_frames(
+    structure: PyTreeDef, layout: Layout, pace: Pace
+) -> Callable[..., tuple[Array, Report]]:
+    """The same for as many cameras (a row each) as there are devices, a frame on each."""
+    return _on_each(structure, layout, pace, of_each=("row",))
+
+
+@functools.lru_cache(maxsize=64)
+def render_pieces(
+    structure: PyTreeDef, layout: Layout, pace: Pace
+) -> Callable[..., tuple[Array, Report]]:
+    """The same for a part of one frame on each device (`parts.dealt`). None waits for another, so
+    that programs may share the devices."""
+    return _on_each(structure, layout, pace, of_each=("part",))
+
+
+def _on_each(structure: PyTreeDef, layout: Layout, pace: Pace, of_each: tuple[str, ...]):
+    """Values and report of every device, stacked, where the arguments `of_each` have a row each."""
+    if pace.mesh is None:
+        raise ValueError("frames are spread over a mesh of devices, got none.")
+    names, split = ("leaves", "row", "part"), PartitionSpec("rays")
+    specs = tuple(split if name in of_each else PartitionSpec() for name in names)
+    placed = [NamedSharding(pace.mesh, spec) for spec in specs]
+    alone = Pace(pace.capacity, pace.keys, pace.options, pace.trace, None)
+
+    def one_device(*given):
+        own = (
+            jax.tree.map(lambda x: x[0], x) if name in of_each else x
+            for name, x in zip(names, given, strict=True)
+        )
+        leaves, row, part = own
+        seen = _seen(jax.tree.unflatten(structure, leaves), layout.camera(row), part, alone)
+        return jax.tree.map(lambda x: x[None], seen)
+
+    return jax.jit(
+        jax.shard_map(one_device, mesh=pace.mesh, in_specs=specs, out_specs=split, check_vma=False),
+        in_shardings=tuple(placed),
+    )
+
+
+def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, Report]:
+    motion = _motion(scene, camera, part, pace)
+    if isinstance(camera.lens, Chromatic):
+
+        def channel(magnification: Float[Array, ""]) -> tuple[Pixels, Report]:
+            return _traced(motion, magnified(camera, magnification), part, pace)
+
+        seen, reports = over(channel, camera.lens.magnification)
+        color = jnp.stack([seen.color[i, :, i] for i in range(3)], axis=-1)
+        pixels = Pixels(color, jnp.mean(seen.transmittance, axis=0), jnp.mean(seen.depth, axis=0))
+        report = _all_of(reports)
+    else:
+        pixels, report = _traced(motion, camera, part, pace)
+    alpha = 1 - pixels.transmittance
+    depth = pixels.depth / jnp.maximum(alpha, 1e-6)
+    return jnp.concatenate([pixels.color, alpha[:, None], depth[:, None]], axis=1), report
+
+
+def _traced(motion: Motion, camera: Camera, part: Part, pace: Pace) -> tuple[Pixels, Report]:
+    """The part's pixels, each the mean of its samples."""
+    u, shared = _points(part, pace), together(pace.options, pace.trace)
+    mine = None if part.share is None else part.share.seen
+    # Once for all samples.
+    grid = grid_of(motion, pace.trace)
+
+    def trace_some(
+        some: tuple[Array, Array | None],
+    ) -> tuple[tuple[Pixels, Array | None], Report]:
+        rays = _rays(camera, part.pixel, *some)
+        pixels, report = trace_sharded(
+            motion,
+            rays,
+            options=pace.trace,
+            capacity=pace.capacity,
+            mesh=pace.mesh,
+            grid=grid,
+        )
+        weight = rays.weight
+        if weight is not None:
+            pixels = jax.tree.map(lambda x: x * _like(weight, x), pixels)
+        return jax.tree.map(lambda x: jnp.mean(x, axis=0), (pixels, weight)), report
+
+    groups = jax.tree.map(lambda x: x.reshape(-1, shared, x.shape[1]), (u, mine))
+    seen, reports = over(trace_some, groups)
+    pixels, weight = jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], seen)
+    return pixels if weight is None else _vignetted(pixels, weight), _all_of(reports)
+
+
+def _points(part: Part, pace: Pace) -> Float[Array, "samples 5"]:
+    count = pace.options.samples
+    u = sample_numbers(count) if part.batch is None else shifted_samples(count, part.batch)
+    return u.astype(part.pixel.dtype)
+
+
+def _vignetted(pixels: Pixels, weight: Array) -> Pixels:
+    """Means of weight times value: light that is lost stays dark, and what else is told becomes the
+    mean over the light that is not."""
+    some = weight > 0
+    whole = jnp.where(some, weight, 1)
+    told = jax.tree.map(lambda x: x / _like(whole, x), pixels)
+    clear = jnp.where(some, told.transmittance, 1)
+    return dataclasses.replace(told, color=pixels.color, transmittance=clear)
+
+
+def _like(weight: Array, value: Array) -> Array:
+    """Weights of rays beside what those see, which may have channels."""
+    return weight.reshape(weight.shape + (1,) * (value.ndim - weight.ndim))
+
+
+def _all_of(reports: Report) -> Report:
+    return Report(
+        needed=jnp.max(reports.needed, axis=0),
+        dropped=jnp.sum(reports.dropped),
+        skipped=jnp.max(reports.skipped),
+        hits=jnp.sum(reports.hits),
+    )
+
+
+def _rays(
+    camera: Camera,
+    pixel: Array,
+    u: Float[Array, "samples 5"],
+    seen: Bool[Array, "samples rows"] | None,
+) -> Rays:
+    """Rays of all samples; those that another segment traces have no direction."""
+    size = camera.film.width, camera.film.height
+
+    def sample(one: Float[Array, "5"], seen: Bool[Array, " rows"] | None) -> Rays:
+        rays = camera_rays(camera, pixel, jnp.broadcast_to(one, (pixel.shape[0], 5)))
+        if seen is None:
+            return rays
+        row = jax.vmap(lambda p: row_number(camera.shutter, p, size))(pixel).astype(jnp.int32)
+        direction = jnp.where(seen[row][:, None], rays.direction, 0)
+        return dataclasses.replace(rays, direction=direction)
+
+    return jax.vmap(sample)(u, seen)
+
+
+def _motion(scene: Scene, camera: Camera, part: Part, pace: Pace) -> Motion:
+    camera = achromatic(camera)
+    key_time, options = _key_times(camera, part, pace.keys), pace.options
+
+    def shown(gaussians: Gaussians) -> Gaussians:
+        if options.dilation:
+            gaussians = dilated(gaussians, camera, options.dilation)
+        if options.harmonics == "center":
+            mean = gaussians.mean
+            mean = mean if mean.ndim == 2 else mean[mean.shape[0] // 2]
+            gaussians = seen_from_center(gaussians, camera, mean)
+        return gaussians
+
+    if key_time.shape[0] == 1 or scene.deformation is None:
+        return still(shown(at(scene, key_time[0])))
+    rest = shown(scene.static) if scene.static.count else None
+    return Motion(key_time, shown(moving_at(scene, key_time)), rest)
+
+
+def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
+    dtype = camera.time.dtype
+    bounds = (None, None) if part.share is None else (part.share.span[0], part.share.span[1])
+    if not keys:
+        place = jnp.stack([jnp.zeros_like(part.row), part.row])
+        time = camera_rays(camera, place[None], jnp.full((1, 5), 0.5, dtype)).time
+        return jnp.clip(time, *bounds)
+    pixel = decisive_pixels(camera.shutter, (camera.film.width, camera.film.height))
+    place = jnp.asarray(np.repeat(pixel, 2, axis=0), dtype)
+    u = np.full((len(place), 5), 0.5)
+    u[:, 4] = np.tile([0, 1], len(pixel))
+    time = jnp.clip(camera_rays(camera, place, jnp.asarray(u, dtype)).time, *bounds)
+    first, last = jnp.min(time), jnp.max(time)
+    return jnp.linspace(first, last, keys, dtype=dtype) if keys > 1 else first[None]
+
+
+@eqx.filter_jit
+def about_to_trace(scene: Scene, camera: Camera, part: Part, *, pace: Pace) -> tuple[Motion, Rays]:
+    """What is traced at once, to measure list sizes with."""
+    u, some = _points(part, pace), together(pace.options, pace.trace)
+    motion = _motion(scene, camera, part, pace)
+    seen = None if part.share is None else part.share.seen[:some]
+    return motion, _rays(camera, part.pixel, u[:some], seen)

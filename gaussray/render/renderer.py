@@ -1,0 +1,312 @@
+"""Stage 2: a scene and a camera in, pictures out."""
+
+import itertools
+import threading
+import time as clock
+from collections import deque
+from collections.abc import Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
+from jaxtyping import Array, Float
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.shutter import SIDEWAYS, time_window
+from gaussray.render.frame import Frame as Frame, channels, joined, settled, united
+from gaussray.render.plan import (
+    Layout,
+    Pace,
+    Part,
+    RenderOptions as RenderOptions,
+    packed,
+    part_of,
+    strip,
+    strips,
+    whole_picture,
+)
+from gaussray.render.program import about_to_trace, render_frames, render_part
+from gaussray.render.segments import Share, shares
+from gaussray.scene.scene import Scene, key_count
+from gaussray.scene.segmented import Clip, edges_of, segments_of
+from gaussray.tracer.shard import mesh as device_mesh
+from gaussray.tracer.trace import TraceOptions, enlarge, measure
+from gaussray.tracer.traverse import Capacity
+
+
+# Batches of frames that are begun before the first of them has been fetched, and their bytes.
+_IN_FLIGHT, _BYTES = 8, 2 * 1024**3
+
+
+class Renderer:
+    """Renders frame after frame of one scene; list sizes are measured once and kept.
+
+    An overflow is caught, the sizes are raised, and the frame is rendered again: nothing is lost.
+    Of a clip, every ray sees the segment that shows its time: a frame that looks into several costs
+    as many.
+    """
+
+    def __init__(
+        self,
+        scene: Scene | Clip,
+        *,
+        options: RenderOptions | None = None,
+        trace: TraceOptions | None = None,
+        devices: int | None = None,
+    ):
+        self.scenes, self._edges = segments_of(scene), edges_of(scene)
+        self.options = options or RenderOptions()
+        self.trace = trace or TraceOptions()
+        self.mesh = device_mesh(devices)
+        flat = [jax.tree.flatten(one) for one in self.scenes]
+        self._flat = [(self._everywhere(leaves), structure) for leaves, structure in flat]
+        self._capacity: dict[tuple, Capacity] = {}
+        self._parts: dict[tuple, tuple[Part, TraceOptions]] = {}
+        self._ready: set = set()
+        self._repairing = threading.Lock()
+        # Key states by segment and span: a frame shall not ask the device for the instants.
+        self._counts: dict[tuple[int, float], int] = {}
+
+    def __call__(self, camera: Camera) -> Frame:
+        """One frame, its rays spread over the devices."""
+        if self.options.error:
+            return settled(map(partial(self._alone, camera), itertools.count()), self.options)
+        return self._alone(camera)
+
+    def _alone(self, camera: Camera, batch: int | None = None) -> Frame:
+        """One frame, of the plain samples or of a batch of them."""
+        views = self._views([camera], batch)
+        return united([self._finish(self._begin([view], alone=True))[0] for view in views])
+
+    def film(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
+        """Frame after frame, one on each device, begun before the last ones are finished. A frame's
+        `seconds` are those since it was begun.
+
+        Threads fetch the pictures: pages of memory for a picture take the host longer than a GPU
+        takes to make it. With `render.error` one frame is finished before the next is begun.
+        """
+        if self.options.error:
+            yield from map(self, cameras)
+            return
+        parts: list[Frame] = []
+        for view, part in self._filmed(cameras):
+            parts.append(part)
+            if view.last:
+                yield united(parts)
+                parts = []
+
+    def _filmed(self, cameras: Iterable[Camera]) -> Iterator[tuple["_View", Frame]]:
+        """What every segment shows of every frame."""
+        waiting: deque[tuple[list[_View], Future[list[Frame]]]] = deque()
+        with ThreadPoolExecutor(_IN_FLIGHT) as pool:
+            for views in self._batches(self._views(cameras)):
+                batch = self._begin(views, alone=self.mesh.size == 1)
+                waiting.append((views, pool.submit(self._finish, batch)))
+                # After a compilation lists may turn out too short: better for one frame than eight.
+                while waiting and (len(waiting) > batch.in_flight or batch.compiled):
+                    begun, frames = waiting.popleft()
+                    yield from zip(begun, frames.result(), strict=True)
+            for begun, frames in waiting:
+                yield from zip(begun, frames.result(), strict=True)
+
+    def _views(self, cameras: Iterable[Camera], number: int | None = None) -> Iterator["_View"]:
+        """Cameras on the host, whose business small numbers are: a device is asked for many of them
+        at once. One for every segment that a frame looks into, of this batch of samples."""
+        cameras = iter(cameras)
+        while some := list(itertools.islice(cameras, 64)):
+            for camera in jax.device_get(some):
+                row, layout = packed(camera)
+                divided = shares(camera, self._edges, self.options.samples, number)
+                for segment, share in divided:
+                    keys, last = self._keys(camera, segment, share), segment == divided[-1][0]
+                    yield _View(camera, row, layout, keys, segment, share, last, number)
+
+    def _batches(self, views: Iterable["_View"]) -> Iterator[list["_View"]]:
+        """Neighbours that can be compiled as one, as many as there are devices."""
+        batch: list[_View] = []
+        for view in views:
+            if batch and (len(batch) == self.mesh.size or not batch[0].is_like(view)):
+                yield batch
+                batch = []
+            batch.append(view)
+        if batch:
+            yield batch
+
+    def _keys(self, camera: Camera, segment: int, share: Share | None) -> int:
+        """Key states for what a segment shows of a frame; 0 where chunks of rows are called for."""
+        span = _time_span(camera) if share is None else float(share.span[1] - share.span[0])
+        if span == 0:
+            return 1
+        if not self.options.chunk_rows:
+            known = segment, span
+            if known not in self._counts:
+                counted = self.options.keys or key_count(self.scenes[segment], span)
+                self._counts[known] = counted
+            return self._counts[known]
+        if camera.shutter.direction in SIDEWAYS:
+            raise ValueError(
+                "render.chunk_rows must be 0 for a shutter that reads columns, as "
+                f"{camera.shutter.direction} does: key states suit any direction."
+            )
+        if self.options.chunk_rows > 1 and camera.shutter.row_times is not None:
+            raise ValueError(
+                "render.chunk_rows must be 0 or 1 for a shutter with row_times, got "
+                f"{self.options.chunk_rows}: neighbouring rows may be read at distant times."
+            )
+        return 0
+
+    def _begin(self, views: list["_View"], *, alone: bool) -> "_Batch":
+        """Frames that are being rendered, in one part, in strips or in chunks of rows."""
+        film = views[0].camera.film
+        if views[0].keys:
+            scene = self.scenes[views[0].segment]
+            count = scene.static.count + scene.moving.count
+            rows, trace = strips(film, self.options, self.trace, count)
+        else:
+            rows, trace = min(self.options.chunk_rows, film.height), self.trace
+        batch = _Batch(views, alone, rows, trace)
+        for top in (min(y, film.height - rows) for y in range(0, film.height, rows)):
+            if batch.parts and jax.default_backend() == "cpu":
+                # Parts under way together share the cores' threads, where the sums over devices of
+                # one can wait for those of another without end.
+                jax.block_until_ready(batch.parts[-1][1])
+            batch.parts.append((top, *self._launch(batch, top)))
+        return batch
+
+    def _launch(self, batch: "_Batch", top: int):
+        """Values and report of a part, under way."""
+        size = batch.size
+        part, trace = self._part(top, batch)
+        if size not in self._capacity:
+            self._capacity[size] = self._measure(batch, part, trace)
+        pace = Pace(self._capacity[size], batch.keys, self.options, trace, self.mesh)
+        batch.compiled |= (size, pace.capacity) not in self._ready
+        self._ready.add((size, pace.capacity))
+        rows, layout = [view.row for view in batch.views], batch.views[0].layout
+        leaves, structure = self._flat[batch.views[0].segment]
+        if batch.alone:
+            return render_part(structure, layout, pace)(leaves, rows[0], part)
+        # A device without a frame of its own repeats the last.
+        rows = np.stack(rows + rows[-1:] * (self.mesh.size - len(rows)))
+        return render_frames(structure, layout, pace)(leaves, rows, part)
+
+    def _finish(self, batch: "_Batch") -> list[Frame]:
+        """The frames of a batch; parts whose lists were too short are rendered again."""
+        film, hits, count = batch.film, 0, len(batch.views)
+        pieces = []
+        for top, values, report in batch.parts:
+            while np.any(report.dropped):
+                needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1])
+                wanted = [int(n) for n in needed.max(axis=0)]
+                with self._repairing:
+                    held = self._capacity[batch.size]
+                    self._capacity[batch.size] = enlarge(held, wanted, headroom=1.5)
+                    values, report = self._launch(batch, top)
+            seen = [x.reshape(batch.rows, film.width, 5) for x in _pictures(values, count)]
+            pieces.append((top, seen))
+            hits += int(np.sum(report.hits))
+        seconds = (clock.monotonic() - batch.began) / count
+        return [
+            Frame(*channels(x), seconds, hits // count, batch.compiled, self.options.samples)
+            for x in (joined(film, [(top, seen[i]) for top, seen in pieces]) for i in range(count))
+        ]
+
+    def _part(self, top: int, batch: "_Batch") -> tuple[Part, TraceOptions]:
+        film, trace = batch.film, batch.trace
+        key = film.width, film.height, top, batch.rows, batch.keys == 0, trace.levels
+        if key not in self._parts:
+            if batch.keys and batch.rows == film.height:
+                part, trace = whole_picture(film, trace)
+            elif batch.keys:
+                part, trace = strip(film, batch.rows, trace, top)
+            else:
+                y, x = np.mgrid[top : top + batch.rows, : film.width]
+                part, trace = part_of(film, (y * film.width + x).T.reshape(-1), trace, top)
+            self._parts[key] = self._everywhere(part), trace
+        part, trace = self._parts[key]
+        view = batch.views[0]
+        number = None if view.number is None else jnp.asarray(view.number, jnp.int32)
+        share, number = self._everywhere((view.share, number))
+        return replace(part, share=share, batch=number), trace
+
+    def _everywhere(self, tree):
+        """On every device, once for all frames."""
+        if self.mesh.size == 1:
+            return tree
+        return jax.device_put(tree, NamedSharding(self.mesh, PartitionSpec()))
+
+    def _measure(self, batch: "_Batch", part: Part, trace: TraceOptions) -> Capacity:
+        unknown = Pace(Capacity((), 0, 0), batch.keys, self.options, trace, None)
+        part = jax.device_get(part)
+        camera = batch.views[0].camera
+        scene = self.scenes[batch.views[0].segment]
+        motion, rays = about_to_trace(scene, camera, part, pace=unknown)
+        found = measure(motion, rays, options=trace, headroom=1.5)
+        # A device sees its share of the bundles, but any one device may get the fullest.
+        share = self.mesh.size if batch.alone else 1
+        return Capacity(
+            tuple(max(-(-c * 5 // (4 * share)), 64) for c in found.cells),
+            max(-(-found.pairs * 5 // (4 * share)), 64),
+            found.slots,
+        )
+
+
+class _View(NamedTuple):
+    """A camera, its numbers in a row, and of its frame the key states, a segment, that one's share
+    (None is all of it), whether it is the `last` to show any, and the `number` of a batch of
+    samples (None is the plain ones)."""
+
+    camera: Camera
+    row: Float[np.ndarray, " numbers"]
+    layout: Layout
+    keys: int
+    segment: int = 0
+    share: Share | None = None
+    last: bool = True
+    number: int | None = None
+
+    def is_like(self, other: "_View") -> bool:
+        """Whether one call of one program serves both."""
+        whole = self.share is None and other.share is None
+        alike = self.layout == other.layout and self.keys == other.keys
+        return whole and alike and self.segment == other.segment
+
+
+class _Batch:
+    """Frames under way: one whose rays are spread over the devices (`alone`), or one on each."""
+
+    def __init__(self, views: list[_View], alone: bool, rows: int, trace: TraceOptions):
+        self.views, self.alone, self.rows, self.trace = views, alone, rows, trace
+        self.film, self.keys = views[0].camera.film, views[0].keys
+        self.began, self.compiled = clock.monotonic(), False
+        self.parts: list[tuple] = []
+        of = views[0].segment, views[0].share is None
+        self.size = (self.film.width, rows, self.keys, views[0].layout, alone, *of)
+
+    @property
+    def in_flight(self) -> int:
+        """Batches like this that may be under way before one is fetched; a CPU fetches nothing."""
+        if jax.default_backend() == "cpu":
+            return 1
+        size = len(self.views) * self.film.width * self.film.height * 5 * 4
+        return min(max(_BYTES // size, 1), _IN_FLIGHT)
+
+
+def _pictures(values: Array, count: int) -> list[np.ndarray]:
+    """The frames of a batch, one from each device, as they came: nothing is copied once more."""
+    if values.ndim == 2:
+        return [np.asarray(values)]
+    shards = sorted(values.addressable_shards, key=lambda shard: shard.index[0].start)
+    return [np.asarray(shard.data) for shard in shards[:count]]
+
+
+def _time_span(camera: Camera) -> float:
+    """How long the camera looks, from the first ray's time to the last one's."""
+    film = camera.film
+    earliest, latest = time_window(jax.device_get(camera.shutter), (film.width, film.height))
+    return latest - earliest

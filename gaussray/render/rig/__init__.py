@@ -1,0 +1,1 @@
+"""The cameras that film a scene, from options."""

@@ -1,0 +1,209 @@
+"""A camera's numbers in millimetres, f-numbers and milliseconds, in the units of the scene."""
+
+import dataclasses
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import equinox as eqx
+
+from gaussray.camera.film import Film
+from gaussray.render.rig.rig import RigOptions
+
+
+# What a key needs beside it.
+NEEDS = {
+    "f_number": ("focal_length", "focus_distance", "units_per_metre"),
+    "focus_distance": ("units_per_metre",),
+    "breathing": ("focal_length", "focus_distance"),
+    "readout": ("seconds_per_unit",),
+    "exposure": ("seconds_per_unit",),
+    "shutter_angle": ("frame_rate", "seconds_per_unit"),
+}
+
+
+class PhysicalOptions(eqx.Module):
+    """Numbers as they stand on a real camera; None is not given.
+
+    `focal_length` and `sensor` (width, height) in mm, `focus_distance` in metres, `readout` and
+    `exposure` in ms, `shutter_angle` in degrees of the frame's 360, `frame_rate` per second.
+    `units_per_metre` are scene units, `seconds_per_unit` is what the capture's unit of time lasts.
+    `breathing` puts the film where a thin lens has its image, not at the focal length.
+    """
+
+    focal_length: float | None = eqx.field(static=True, default=None)
+    sensor: tuple[float, ...] = eqx.field(static=True, default=())
+    f_number: float | None = eqx.field(static=True, default=None)
+    focus_distance: float | None = eqx.field(static=True, default=None)
+    breathing: bool = eqx.field(static=True, default=False)
+    readout: float | None = eqx.field(static=True, default=None)
+    exposure: float | None = eqx.field(static=True, default=None)
+    shutter_angle: float | None = eqx.field(static=True, default=None)
+    frame_rate: float | None = eqx.field(static=True, default=None)
+    units_per_metre: float | None = eqx.field(static=True, default=None)
+    seconds_per_unit: float | None = eqx.field(static=True, default=None)
+
+    def __check_init__(self):
+        positive = ("focal_length", "f_number", "frame_rate", "units_per_metre", "seconds_per_unit")
+        for key in positive:
+            self._demand(key, lambda x: 0 < x < math.inf, "above 0")
+        self._demand("focus_distance", lambda x: x > 0, "above 0 (inf is infinity)")
+        for key in ("readout", "exposure"):
+            self._demand(key, lambda x: 0 <= x < math.inf, "at least 0")
+        self._demand("shutter_angle", lambda x: 0 <= x <= 360, "in 0 ... 360 degrees")
+        good = all(isinstance(x, int | float) and 0 < x < math.inf for x in self.sensor)
+        if self.sensor and not (good and len(self.sensor) == 2):
+            raise ValueError(
+                f"physical.sensor must be width and height in mm, above 0, got {self.sensor}."
+            )
+        for key, needed in NEEDS.items():
+            lacking = [name for name in needed if getattr(self, name) is None]
+            if getattr(self, key) not in (None, False) and lacking:
+                raise ValueError(f"physical.{key} needs physical.{lacking[0]}, which is null.")
+        self._check_focus()
+        self._check_frame()
+
+    def _demand(self, key, holds, rule):
+        value = getattr(self, key)
+        if value is not None and not holds(value):
+            raise ValueError(f"physical.{key} must be {rule}, got {value}.")
+
+    def _check_focus(self):
+        if self.focal_length is None or self.focus_distance is None:
+            return
+        if self.focus_distance * 1000 <= self.focal_length:
+            raise ValueError(
+                f"physical.focus_distance = {self.focus_distance} m must be beyond "
+                f"physical.focal_length = {self.focal_length} mm: nearer, a lens forms no image."
+            )
+
+    def _check_frame(self):
+        if self.exposure is not None and self.shutter_angle is not None:
+            raise ValueError(
+                f"physical.exposure = {self.exposure} and physical.shutter_angle = "
+                f"{self.shutter_angle} say the same twice: leave one of them null."
+            )
+        if self.frame_rate is None:
+            return
+        for key in ("readout", "exposure"):
+            value, frame = getattr(self, key), 1000 / self.frame_rate
+            if value is not None and value > frame:
+                raise ValueError(
+                    f"physical.{key} = {value} ms must be at most the {frame:.6g} ms of a frame "
+                    f"(physical.frame_rate = {self.frame_rate}). Lower one of them."
+                )
+
+
+def converted(options: PhysicalOptions) -> dict[str, Any]:
+    """What the given numbers amount to, as values of the camera's keys.
+
+    lens.fov = 2 atan(w / 2 v) in degrees with v = f (with `breathing` f d / (d - f)),
+    aperture.radius = f / 2 N in scene units, and the shutter's times in the capture's unit.
+    """
+    values: dict[str, Any] = {}
+    f, d, frame = options.focal_length, options.focus_distance, options.frame_rate
+    if options.sensor:
+        values["lens.sensor"] = options.sensor
+        if f is not None:
+            image = 1 / (1 / f - 1 / (1000 * d)) if options.breathing and d is not None else f
+            values["lens.fov"] = math.degrees(2 * math.atan(options.sensor[0] / 2 / image))
+    if d is not None and options.units_per_metre is not None:
+        values["aperture.focus_distance"] = d * options.units_per_metre
+        if f is not None and options.f_number is not None:
+            values["aperture.radius"] = f / (2 * options.f_number) / 1000 * options.units_per_metre
+    if options.seconds_per_unit is not None:
+        exposure = options.exposure
+        if options.shutter_angle is not None and frame is not None:
+            exposure = options.shutter_angle / 360 * 1000 / frame
+        for key, value in (("shutter.readout", options.readout), ("shutter.exposure", exposure)):
+            if value is not None:
+                values[key] = value / 1000 / options.seconds_per_unit
+    return values
+
+
+def applied(options: RigOptions, given: PhysicalOptions) -> RigOptions:
+    """The rig with what the given numbers amount to in the place of its own keys, which must be at
+    their defaults."""
+    for key, value in derived(options, given).items():
+        group, name = key.split(".")
+        chosen = getattr(options, group)
+        default = type(chosen).__dataclass_fields__[name].default
+        if key not in ("lens.model", "shutter.kind") and getattr(chosen, name) != default:
+            source = _source(key, given)
+            raise ValueError(
+                f"{key} = {getattr(chosen, name)} and physical.{source} = {getattr(given, source)} "
+                f"both say what it is: leave {key} at {default}, or physical.{source} at null."
+            )
+        changed = dataclasses.replace(chosen, **{name: value})
+        options = dataclasses.replace(options, **{group: changed})
+    return options
+
+
+def derived(options: RigOptions, given: PhysicalOptions) -> dict[str, Any]:
+    """Values of the keys of this rig that the given numbers decide."""
+    values = converted(given)
+    if given.focal_length is not None and not (given.sensor or given.f_number):
+        raise ValueError("physical.focal_length needs physical.sensor or physical.f_number.")
+    if options.lens.model not in ("keep", "pinhole"):
+        # A fisheye's own keys say what it sees; the focal length is for the aperture alone.
+        values.pop("lens.fov", None)
+    elif values.pop("lens.sensor", None):
+        if given.focal_length is None:
+            raise ValueError("physical.sensor needs physical.focal_length.")
+        values["lens.model"] = "pinhole"
+    if "aperture.radius" not in values and values.pop("aperture.focus_distance", None):
+        if not given.breathing:
+            raise ValueError("physical.focus_distance needs physical.f_number.")
+    if given.focus_distance is not None and options.aperture.focus_times:
+        raise ValueError(
+            f"aperture.focus_times = {list(options.aperture.focus_times)} and "
+            f"physical.focus_distance = {given.focus_distance} both say where the focus is: leave "
+            "one of them out."
+        )
+    shutter = options.shutter
+    refused = {"kind": shutter.kind in ("global", "table"), "row_step": shutter.row_step != 0}
+    for key, holds in refused.items():
+        if "shutter.readout" in values and holds:
+            raise ValueError(
+                f"physical.readout = {given.readout} and shutter.{key} = {getattr(shutter, key)} "
+                "contradict each other: leave one of them out."
+            )
+    if options.shutter.kind == "keep" and any(key.startswith("shutter.") for key in values):
+        values["shutter.kind"] = "rolling" if "shutter.readout" in values else "global"
+    return values
+
+
+def _source(key: str, given: PhysicalOptions) -> str:
+    """The physical key that decides a key."""
+    if key == "shutter.exposure" and given.exposure is None:
+        return "shutter_angle"
+    names = {"lens.fov": "focal_length", "aperture.radius": "f_number"}
+    return names.get(key, key.split(".")[1])
+
+
+def check_shape(given: PhysicalOptions, films: Iterable[Film]) -> None:
+    """Raise a ValueError unless the sensor has the shape of every picture, to half a pixel."""
+    for w, h in {(film.width, film.height) for film in films}:
+        if given.sensor and abs(h - w * given.sensor[1] / given.sensor[0]) > 0.5:
+            raise ValueError(
+                f"physical.sensor must have the shape of the picture, {w} x {h} pixels, got "
+                f"{given.sensor[0]} x {given.sensor[1]} mm. Give the part that the picture shows."
+            )
+
+
+def described(options: RigOptions, given: PhysicalOptions) -> dict[str, Any]:
+    """The numbers that were given beside what they amount to, for a manifest; empty if none were.
+    Infinity is a word, which JSON has no number for."""
+    if given == PhysicalOptions():
+        return {}
+    told = {"given": vars(given), "derived": derived(options, given)}
+    return {
+        "physical": {
+            part: {
+                name: "infinity" if value == math.inf else value
+                for name, value in values.items()
+                if value is not None and value is not False and value != ()
+            }
+            for part, values in told.items()
+        }
+    }

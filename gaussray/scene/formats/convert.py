@@ -1,0 +1,200 @@
+"""Models of others in, ours out: Gaussians as other programs keep them."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaussray.color import srgb_decode, srgb_encode
+from gaussray.runtime.devices import leads, wait
+from gaussray.scene.formats.gaussian_folder import read_model
+from gaussray.scene.formats.gaussian_ply import write_gaussians
+from gaussray.scene.gaussians import Gaussians, folded
+from gaussray.scene.residual_field import ResidualField
+from gaussray.scene.scene import Scene, at
+from gaussray.scene.segmented import Clip, segment_at
+from gaussray.scene.srgb_harmonics import directions, projection
+from gaussray.scene.store import save_scene
+
+
+# What a light can be kept as: codes of sRGB, which fits to 8-bit pictures hold, or linear.
+COLORS = ("srgb", "linear")
+# Gaussians whose colours are converted at a time: bounds the memory.
+BLOCK = 1 << 16
+
+
+def import_model(
+    source: Path | str, out: Path | str, *, color: str = "srgb", iteration: int | None = None
+) -> tuple[Scene, str]:
+    """A trained model of others as a scene, left in `out`/scene.npz.
+
+    `source` is a PLY file of 3D Gaussian Splatting, which stands still, or the folder of a model of
+    4DGaussians or of one of its iterations (`read_model`; `iteration` chooses one, None the
+    newest). `color` says what the model's colours are: srgb, the codes of the 8-bit pictures that
+    it was fitted to, which are converted to linear light (`converted`; at every time anew if they
+    change), or linear, taken as they are. The time range is 0 to 1. Returns the scene and what had
+    to be assumed. ValueError if `out` holds a scene already, or the source no model.
+    """
+    _check_color(color)
+    out = Path(out)
+    if (out / "scene.npz").exists():
+        raise ValueError(f"out={out} holds a scene already. Choose another folder.")
+    gaussians, field, file = read_model(source, iteration)
+    error = 0.0
+    if color == "srgb":
+        gaussians, field, error = _decoded(gaussians, field)
+    none = jax.tree.map(lambda x: x[:0], gaussians)
+    static, moving = (gaussians, none) if field is None else (none, gaussians)
+    scene = Scene(static, moving, field, jnp.asarray([0, 1], jnp.float32))
+    # No process shall find what another has just written.
+    wait("import")
+    if leads():
+        info = {"source": file.name, "color": color}
+        save_scene(out / "scene.npz", scene, info=info)
+    return scene, _assumed(file, field, color, error)
+
+
+def _decoded(
+    gaussians: Gaussians, field: ResidualField | None
+) -> tuple[Gaussians, ResidualField | None, float]:
+    """The same in linear light, and the error of the harmonics (`converted`), at first if they
+    change."""
+    if field is None or field.harmonics is None:
+        harmonics, error = converted(gaussians.harmonics, encode=False)
+        return _with_harmonics(gaussians, harmonics), field, error
+    zero = jnp.zeros((), gaussians.mean.dtype)
+    first = jax.jit(lambda field, rest, time: field(rest, time))(field, gaussians, zero)
+    _, error = converted(first.harmonics, encode=False)
+    return gaussians, replace(field, encoded=True), error
+
+
+def export_model(
+    scene: Scene | Clip,
+    out: Path | str,
+    time: float | None = None,
+    *,
+    color: str = "srgb",
+    degree: int = 3,
+) -> tuple[Gaussians, str]:
+    """A scene's Gaussians at one `time` as a 3D Gaussian Splatting model, the PLY file `out`.
+
+    `time` is in the unit of the scene's time range; None will do where nothing moves. Tints, which
+    the layout has no place for, are folded into the harmonics (`folded`, exact). `color` says what
+    the file shall hold: srgb, the codes that viewers show as they are (`converted`), or linear,
+    ours. `degree` is that of the file's harmonics, at least the scene's; some viewers demand 3.
+    Returns what was written and a line about it. ValueError if the time is outside of the range.
+    """
+    _check_color(color)
+    instant = _instant(scene, time)
+    scene = segment_at(scene, instant)
+    gaussians = folded(at(scene, jnp.asarray(instant, scene.time_range.dtype)))
+    coefficients = gaussians.harmonics.shape[1]
+    own = math.isqrt(coefficients) - 1
+    if not own <= degree <= 3:
+        raise ValueError(f"degree must be in {own} ... 3 for this scene, got {degree}.")
+    missing = (degree + 1) ** 2 - coefficients
+    harmonics, error = jnp.pad(gaussians.harmonics, ((0, 0), (0, missing), (0, 0))), 0.0
+    if color == "srgb":
+        harmonics, error = converted(harmonics, encode=True)
+    gaussians = _with_harmonics(gaussians, harmonics)
+    if leads():
+        write_gaussians(out, gaussians)
+    kept = f"sRGB codes, {_off(error)}" if color == "srgb" else "linear light"
+    return gaussians, f"{gaussians.count} Gaussians, colours as {kept}."
+
+
+def converted(
+    harmonics: Float[Array, "gaussians coefficients 3"], *, encode: bool
+) -> tuple[Float[Array, "gaussians coefficients 3"], float]:
+    """Harmonics of the colours' sRGB codes (`encode`) or of the codes' linear light, and the error.
+
+    The colour max(0, 1/2 + sum c_i Y_i) is taken through the sRGB curve in directions all around
+    and projected on the same harmonics: c'_i is the mean over the sphere of 4 pi Y_i (f - 1/2).
+    Exact for a colour that is the same from everywhere; the error is the root mean square of what
+    the harmonics cannot follow, over directions, channels and Gaussians, in sRGB codes 0 to 1.
+    """
+    count, coefficients, _ = harmonics.shape
+    _, weight = directions()
+    values, sums = (np.asarray(x, np.float32) for x in projection(coefficients))
+    result, square = np.empty(harmonics.shape, np.float32), 0.0
+    for begin in range(0, count, BLOCK):
+        part = np.asarray(harmonics[begin : begin + BLOCK], np.float32)
+        seen = _seen(values, part)
+        wanted = srgb_encode(seen) if encode else srgb_decode(seen)
+        fitted = np.einsum("dc,dnk->nck", sums, wanted - 0.5, optimize=True)
+        result[begin : begin + BLOCK] = fitted
+        shown = _seen(values, fitted)
+        off = shown - wanted if encode else srgb_encode(shown) - seen
+        square += float(np.einsum("d,dnk->", weight, np.square(off, dtype=np.float64)))
+    return jnp.asarray(result, harmonics.dtype), math.sqrt(square / max(3 * count, 1))
+
+
+def _seen(
+    values: Float[np.ndarray, "directions coefficients"],
+    harmonics: Float[np.ndarray, "gaussians coefficients 3"],
+) -> Float[np.ndarray, "directions gaussians 3"]:
+    """The colours from all directions."""
+    return np.maximum(np.einsum("dc,nck->dnk", values, harmonics, optimize=True) + 0.5, 0)
+
+
+def _with_harmonics(gaussians: Gaussians, harmonics: Array) -> Gaussians:
+    return Gaussians(gaussians.mean, gaussians.quat, gaussians.scale, gaussians.opacity, harmonics)
+
+
+def _instant(scene: Scene | Clip, time: float | None) -> float:
+    begin, end = (float(x) for x in scene.time_range)
+    if time is None:
+        if isinstance(scene, Clip) or scene.deformation is not None:
+            raise ValueError(
+                f"time must be given for a scene that moves, in its range {begin:g} ... {end:g}."
+            )
+        return begin
+    # The range is kept in single precision: 0.1 shall not be outside of 0 ... 0.1.
+    if not begin <= np.float32(time) <= end:
+        raise ValueError(f"time must be in the scene's range {begin:g} ... {end:g}, got {time:g}.")
+    return time
+
+
+def _check_color(color: str) -> None:
+    if color not in COLORS:
+        raise ValueError(f"color must be one of {', '.join(COLORS)}, got {color!r}.")
+
+
+def _off(error: float) -> str:
+    return f"off by {255 * error:.2g} of 255 (root mean square) for the degree of the harmonics"
+
+
+def _assumed(file: Path, field: ResidualField | None, color: str, error: float) -> str:
+    light = f"sRGB codes, now linear light, {_off(error)}" if color == "srgb" else "linear light"
+    return (
+        f"{file}: {_moves(field)}\n"
+        f"assumed, as the file does not say: colours are {light}; light is blended linearly; "
+        "scene units and world axes are the model's own.\nIts own rasteriser saw harmonics from "
+        "the camera's center, added 0.3 square pixels on the screen and left out alpha below "
+        "1/255: render.harmonics=center render.dilation=0.3 trace.alpha_min=0.00392 do so too; "
+        "by default each ray sees its own colour, and nothing is added."
+    )
+
+
+def _moves(field: ResidualField | None) -> str:
+    if field is None:
+        return "stands still."
+    heads = {
+        "place": field.mean,
+        "rotation": field.rotation,
+        "size": field.scale,
+        "opacity": field.opacity,
+        "colour": field.harmonics,
+    }
+    changing = [name for name, head in heads.items() if head is not None]
+    text = f"what changes over the times 0 to 1: {', '.join(changing) or 'nothing'}."
+    if field.opacity is not None or field.harmonics is not None:
+        text += (
+            " Opacity and colour are those in the middle of a frame's times; render.chunk_rows=1 "
+            "takes them at every row's."
+        )
+    return text

@@ -1,0 +1,147 @@
+"""Trained models of 4DGaussians (Wu et al. 2024): a folder of Gaussians and of how they move.
+
+`<model>/cfg_args` is the text of the arguments it was trained with; each `iteration_<n>` in
+`<model>/point_cloud` holds `point_cloud.ply`, the Gaussians at rest, and `deformation.pth`, the
+network (`gaussian_network`). A `coarse_iteration_<n>`, and a model of 3D Gaussian Splatting, which
+has the same folders, stands still.
+"""
+
+import ast
+import re
+from pathlib import Path
+from typing import Any
+
+from gaussray.io.safe.files import read_text
+from gaussray.scene.formats.gaussian_network import read_field
+from gaussray.scene.formats.gaussian_ply import read_gaussians, read_unconstrained
+from gaussray.scene.gaussians import Gaussians, constrain
+from gaussray.scene.residual_field import ResidualField
+
+
+# The argument that leaves a head out. All five are in the file, trained or not.
+FLAGS = {
+    "mean": "no_dx",
+    "rotation": "no_dr",
+    "scale": "no_ds",
+    "opacity": "no_do",
+    "harmonics": "no_dshs",
+}
+# Layouts without a reader that is both kept and safe: one hangs on a header that is cut off.
+COMPRESSED = (".spz", ".splat", ".ksplat", ".sog")
+# Arguments that would make another network of it.
+UNKNOWN = ("no_grid", "grid_pe", "static_mlp", "empty_voxel", "apply_rotation")
+
+# Characters of the arguments; a model has some two thousand.
+_LONGEST = 100_000
+
+
+def read_model(
+    source: Path | str, iteration: int | None = None
+) -> tuple[Gaussians, ResidualField | None, Path]:
+    """The Gaussians at rest, how they move (None: not at all), and the PLY file they are from.
+
+    `source` is a PLY file, the folder of an iteration, or that of a model, of which the newest
+    iteration is taken or the one that is named. The colours are the model's own. ValueError or
+    FileNotFoundError names the file and what is wrong: nothing there, arguments without which the
+    network cannot be understood or that ask for another one, tensors that do not fit.
+    """
+    if Path(source).suffix in COMPRESSED:
+        raise ValueError(
+            f"{source}: must be a PLY file or a folder; compressed models "
+            f"({', '.join(COMPRESSED)}) must be exported as uncompressed PLY first."
+        )
+    folder = _iteration_folder(Path(source), iteration)
+    if folder is None:
+        return read_gaussians(source), None, Path(source)
+    ply, network = folder / "point_cloud.ply", folder / "deformation.pth"
+    text = folder.parent.parent / "cfg_args"
+    if folder.name.startswith("coarse_"):
+        return read_gaussians(ply), None, ply
+    if not network.is_file():
+        if text.is_file() and "kplanes_config" in _arguments(text):
+            raise FileNotFoundError(f"{network}: no such file. Copy it from the trained model.")
+        return read_gaussians(ply), None, ply
+    heads = _heads_in_use(_arguments(text), text)
+    rest = read_unconstrained(ply)
+    if "harmonics" in heads and rest.harmonics.shape[1] != 16:
+        raise ValueError(
+            f"{ply}: harmonics must be of degree 3, as their residuals are, got "
+            f"{rest.harmonics.shape[1]} coefficients. Copy the file of the same model."
+        )
+    logit = rest.logit_opacity if "opacity" in heads else None
+    return constrain(rest), read_field(network, heads, logit), ply
+
+
+def _iteration_folder(source: Path, iteration: int | None) -> Path | None:
+    """The folder with the Gaussians; None for a file."""
+    clouds = source / "point_cloud"
+    if clouds.is_dir():
+        held = {
+            int(m[1]): path
+            for path in clouds.iterdir()
+            if path.is_dir() and (m := re.fullmatch(r"iteration_(\d+)", path.name))
+        }
+        if iteration is None and held:
+            return held[max(held)]
+        if iteration not in held:
+            listed = ", ".join(str(n) for n in sorted(held)) or "none"
+            raise ValueError(
+                f"{source}: iteration must be one of those in {clouds.name}, got "
+                f"{iteration} of {listed}. To import a coarse stage name its folder as the source."
+            )
+        return held[iteration]
+    if iteration is not None:
+        raise ValueError(f"iteration must be null unless source is a model's folder, got {source}.")
+    if source.is_dir():
+        if not (source / "point_cloud.ply").is_file():
+            raise FileNotFoundError(
+                f"{source}: holds no point_cloud.ply. Name a PLY file, the folder of a model or "
+                "that of one of its iterations."
+            )
+        return source.resolve()
+    return None
+
+
+def _arguments(path: Path) -> dict[str, Any]:
+    """The arguments of a text Namespace(name=value, ...) whose values are literals; it is parsed,
+    never run."""
+    if not path.is_file():
+        raise FileNotFoundError(
+            f"{path}: no such file. It says which parts of the network are in use: copy it from "
+            "the trained model."
+        )
+    try:
+        text = read_text(path).decode("utf-8").strip()
+        if len(text) > _LONGEST:
+            raise ValueError(f"{len(text)} characters")
+        call = ast.parse(text, mode="eval").body
+        if not (isinstance(call, ast.Call) and getattr(call.func, "id", "") == "Namespace"):
+            raise ValueError("no Namespace")
+    except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
+        raise ValueError(
+            f"{path}: must be a text Namespace(name=value, ...), got something else ({error}). "
+            "Copy it again."
+        ) from None
+    values = {}
+    for keyword in call.keywords:
+        try:
+            values[keyword.arg] = ast.literal_eval(keyword.value)
+        except (ValueError, TypeError, SyntaxError, RecursionError, MemoryError):
+            values[keyword.arg] = None
+    return values
+
+
+def _heads_in_use(arguments: dict[str, Any], path: Path) -> list[str]:
+    for name in UNKNOWN:
+        if arguments.get(name):
+            raise ValueError(
+                f"{path}: {name} must be off, got {arguments[name]!r}: such a network is not "
+                "understood. Export its frames as PLY files instead."
+            )
+    for flag in FLAGS.values():
+        if not isinstance(arguments.get(flag), bool):
+            raise ValueError(
+                f"{path}: must hold {flag}=True or {flag}=False, got {arguments.get(flag)!r}. Add "
+                "what the model was trained with."
+            )
+    return [name for name, flag in FLAGS.items() if not arguments[flag]]

@@ -1,0 +1,238 @@
+"""Pictures made at once, by programs that are ready; those that are not are compiled meanwhile."""
+
+import dataclasses
+import math
+import threading
+import time as clock
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
+from jaxtyping import Array, Float
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.shutter import time_window
+from gaussray.render.plan import (
+    Layout,
+    Pace,
+    Part,
+    RenderOptions,
+    dealt,
+    packed,
+    part_of,
+    whole_picture,
+)
+from gaussray.render.program import about_to_trace, render_part, render_pieces
+from gaussray.scene.scene import Scene
+from gaussray.scene.segmented import Clip, edges_of, segments_of
+from gaussray.tracer.shard import mesh as device_mesh
+from gaussray.tracer.trace import Report, TraceOptions, enlarge, measure
+from gaussray.tracer.traverse import Capacity
+
+
+# Room in the lists beyond what the first picture needed: the next ones look elsewhere.
+HEADROOM = 2.0
+# How many times as many pixels a picture may have for another's lists to be a measure of its own.
+NEAR = 5.0
+
+
+class Sketch(NamedTuple):
+    """A picture, on a GPU still there: red, green, blue, coverage and distance of every pixel, with
+    the milliseconds and the hits that it took, and how many candidates were `dropped` because lists
+    were too short; they are being lengthened."""
+
+    values: Float[Array, "pixels 5"] | Float[np.ndarray, "pixels 5"]
+    size: tuple[int, int]
+    milliseconds: float
+    hits: int
+    dropped: int
+
+
+class _Program(NamedTuple):
+    """What makes a picture of a part or of the parts of all devices, whose slots hold the pixels
+    at `place`."""
+
+    call: Callable[..., Any]
+    capacity: Capacity
+    part: Part
+    place: np.ndarray | None = None
+
+
+class _Key(NamedTuple):
+    """What a program is compiled for: the camera's kind, the picture's size, key states, rays a
+    pixel, a segment, and whether it is for a single pixel."""
+
+    layout: Layout
+    size: tuple[int, int]
+    keys: int
+    samples: int
+    segment: int
+    probe: bool
+
+
+class Sketcher:
+    """Sketches of one scene: on a CPU each core makes its share, elsewhere one device does.
+
+    A camera's numbers are inputs of its program: moving, focusing, opening never compile anything.
+    Of a clip, the segment that shows the frame's time is seen by all rays.
+    """
+
+    def __init__(
+        self, scene: Scene | Clip, *, options: RenderOptions, trace: TraceOptions, keys: int
+    ):
+        self._edges, self.trace, self.keys = edges_of(scene), trace, keys
+        self._like = dataclasses.replace(options, chunk_rows=0, error=0.0)
+        self.scenes = segments_of(scene)
+        self._mesh = device_mesh(None if jax.default_backend() == "cpu" else 1)
+        self._flat = [jax.tree.flatten(jax.tree.map(jax.numpy.asarray, s)) for s in self.scenes]
+        alone = self._mesh.size == 1
+        self._shared = [] if alone else [self._everywhere(leaves) for leaves, _ in self._flat]
+        self._programs: dict[_Key, _Program] = {}
+        self._ordered: set[_Key] = set()
+        self._lock = threading.Condition()
+        self._builder = ThreadPoolExecutor(1, thread_name_prefix="compile")
+        self.failure: Exception | None = None
+
+    @property
+    def building(self) -> int:
+        """How many programs are being compiled or wait for it."""
+        return len(self._ordered)
+
+    def __call__(self, camera: Camera, samples: int) -> Sketch | None:
+        """The picture, or None while its program is being compiled."""
+        row, key = self._key(camera, samples)
+        program = self._programs.get(key)
+        if program is None:
+            self._order(key, camera)
+            return None
+        begin = clock.monotonic()
+        values, report = self._run(program, key, row, program.part)
+        spent = 1000 * (clock.monotonic() - begin)
+        if report.dropped.any():
+            self._order(key, camera, _longer(program, report))
+        hits, dropped = int(report.hits.sum()), int(report.dropped.sum())
+        return Sketch(values, key.size, spent, hits, dropped)
+
+    def probe(self, camera: Camera, pixel: tuple[int, int]) -> tuple[float, float]:
+        """Coverage, and distance along the chief ray, of what a pixel (column, row) shows.
+
+        One ray is traced. Its program is compiled when the first pixel is asked for.
+        """
+        row, key = self._key(camera, 1, probe=True)
+        self._await(key)
+        if key not in self._programs:
+            self._build(key, camera)
+        at = np.array([pixel[1] * key.size[0] + pixel[0]])
+        part, _ = part_of(camera.film, at, self.trace)
+        while True:
+            program = self._programs[key]
+            values, report = self._run(program, key, row, part)
+            if not report.dropped:
+                own = np.asarray(values)[0]
+                return float(own[3]), float(own[4])
+            self._build(key, camera, _longer(program, report))
+
+    def has(self, camera: Camera, samples: int) -> bool:
+        """Whether a picture would come at once."""
+        return self._key(camera, samples)[1] in self._programs
+
+    def prepare(self, camera: Camera, samples: int, probe: bool = False) -> None:
+        """Compile what is missing for such pictures (or for a `probe` in them), meanwhile."""
+        key = self._key(camera, samples, probe)[1]
+        if key not in self._programs:
+            self._order(key, camera)
+
+    def close(self) -> None:
+        """Compile nothing more."""
+        self._builder.shutdown(wait=False, cancel_futures=True)
+
+    def _key(self, camera: Camera, samples: int, probe: bool = False):
+        camera = jax.device_get(camera)
+        row, layout = packed(camera)
+        film = camera.film
+        begin, end = time_window(camera.shutter, (film.width, film.height))
+        segment = int(np.searchsorted(self._edges, float(camera.time), side="right"))
+        moves = end > begin and self.scenes[segment].deformation is not None
+        keys = self.keys if moves else 1
+        return row, _Key(layout, (film.width, film.height), keys, samples, segment, probe)
+
+    def _run(self, program: _Program, key: _Key, row: np.ndarray, part: Part):
+        if program.place is None:
+            return jax.block_until_ready(program.call(self._flat[key.segment][0], row, part))
+        values, report = jax.device_get(program.call(self._shared[key.segment], row, part))
+        return values.reshape(-1, 5)[program.place], report
+
+    def _everywhere(self, tree):
+        """On all devices that make a picture."""
+        return jax.device_put(tree, NamedSharding(self._mesh, PartitionSpec()))
+
+    def _known(self, key: _Key, levels: int) -> Capacity | None:
+        """Lists for a picture from those of one not much smaller: as long for every bundle, of
+        which there are more. Measuring would have to be compiled, too."""
+        for other, program in self._programs.items():
+            ratio, whole = math.prod(key.size) / math.prod(other.size), program.capacity
+            same = other.segment == key.segment and len(whole.cells) == levels + 1
+            if same and not key.probe and not other.probe and ratio <= NEAR:
+                ratio = max(ratio, 1)
+                cells = tuple(math.ceil(ratio * count) for count in whole.cells)
+                return Capacity(cells, math.ceil(ratio * whole.pairs), whole.slots)
+        return None
+
+    def _await(self, key: _Key) -> None:
+        """Until a program that is being compiled is there."""
+        with self._lock:
+            self._lock.wait_for(lambda: key not in self._ordered)
+
+    def _order(self, key: _Key, camera: Camera, capacity: Capacity | None = None) -> None:
+        with self._lock:
+            if key in self._ordered or self._builder._shutdown:
+                return
+            self._ordered.add(key)
+        self._builder.submit(self._made, key, camera, capacity)
+
+    def _made(self, key: _Key, camera: Camera, capacity: Capacity | None) -> None:
+        try:
+            self._build(key, camera, capacity)
+        except Exception as error:
+            self.failure = error
+        finally:
+            with self._lock:
+                self._ordered.discard(key)
+                self._lock.notify_all()
+
+    def _build(self, key: _Key, camera: Camera, capacity: Capacity | None = None) -> None:
+        """The program of a key, for lists as this camera needs them or as they are told."""
+        part, trace, place = self._part(key, camera)
+        options = dataclasses.replace(self._like, samples=key.samples)
+        capacity = capacity or self._known(key, trace.levels)
+        if capacity is None:
+            unknown = Pace(Capacity((), 0, 0), key.keys, options, trace, None)
+            one = part if place is None else jax.tree.map(lambda x: x[0], jax.device_get(part))
+            motion, rays = about_to_trace(self.scenes[key.segment], camera, one, pace=unknown)
+            capacity = measure(motion, rays, options=trace, headroom=HEADROOM)
+        make, mesh = (render_part, None) if place is None else (render_pieces, self._mesh)
+        pace = Pace(capacity, key.keys, options, trace, mesh)
+        call = make(self._flat[key.segment][1], key.layout, pace)
+        program = _Program(call, capacity, part, place)
+        self._run(program, key, packed(jax.device_get(camera))[0], part)
+        self._programs[key] = program
+
+    def _part(self, key: _Key, camera: Camera) -> tuple[Part, TraceOptions, np.ndarray | None]:
+        """What a program traces, how, and the places of the pixels where devices share them."""
+        if key.probe:
+            middle = key.size[1] // 2 * key.size[0] + key.size[0] // 2
+            return *part_of(camera.film, np.array([middle]), self.trace), None
+        if self._mesh.size == 1:
+            return *whole_picture(camera.film, self.trace), None
+        part, trace, place = dealt(camera.film, self.trace, self._mesh.size)
+        shared = jax.device_put(part, NamedSharding(self._mesh, PartitionSpec("rays")))
+        return shared, trace, np.asarray(place)
+
+
+def _longer(program: _Program, report: Report) -> Capacity:
+    """Lists with room for what a picture needed."""
+    needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1]).max(axis=0)
+    return enlarge(program.capacity, [int(n) for n in needed], headroom=HEADROOM)

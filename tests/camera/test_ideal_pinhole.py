@@ -1,0 +1,63 @@
+"""The twin without effects sees the same field of view, in the middle of the frame's time."""
+
+import dataclasses
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gaussray.camera.aperture import Aperture
+from gaussray.camera.camera import Camera
+from gaussray.camera.film import Film
+from gaussray.camera.ideal_pinhole import sharp
+from gaussray.camera.lens import KannalaBrandt, pinhole
+from gaussray.camera.shutter import Shutter
+from gaussray.camera.trajectory import Trajectory
+
+
+def filmed(lens):
+    """A camera that moves along x, one unit per unit of time, with every effect."""
+    path = Trajectory(
+        jnp.array([0.0, 10.0]),
+        jnp.array([[1.0, 0, 0, 0]] * 2),
+        jnp.array([[0.0, 0, 0], [10, 0, 0]]),
+    )
+    shutter = Shutter(jnp.array(0.5), jnp.array(0.1), jnp.array(0.3))
+    aperture = Aperture(*map(jnp.array, (0.1, 2.0, 0.0, 1.0)))
+    return Camera(Film(20, 11), lens, aperture, shutter, path, jnp.array(4.0))
+
+
+def fisheye(focal, limit=1.5):
+    return KannalaBrandt(jnp.full(2, focal), jnp.array([10.0, 5.5]), jnp.zeros(4), jnp.array(limit))
+
+
+def test_a_perspective_lens_loses_its_distortion_and_the_pose_is_that_of_the_middle_row():
+    lens = pinhole(jnp.array([30.0, 31.0]), jnp.array([9.0, 6.0]), jnp.full(8, 1e-3))
+    twin = sharp(filmed(lens))
+    np.testing.assert_array_equal(twin.lens.focal, lens.focal)
+    np.testing.assert_array_equal(twin.lens.center, lens.center)
+    assert not np.any(twin.lens.distortion) and float(twin.aperture.radius) == 0
+    # Rows 0 to 10 are read from 4.5 to 5.5.
+    np.testing.assert_allclose([twin.time, twin.trajectory.translation[0, 0]], 5.0, rtol=1e-12)
+    assert not any(jax.tree.leaves(twin.shutter))
+
+
+def test_a_fisheye_becomes_the_pinhole_of_the_same_angle_across():
+    # r = f theta: the edges, 10 pixels away, are seen at 10 / f.
+    twin = sharp(filmed(fisheye(12.5)))
+    edge = np.asarray(twin.lens.direction(jnp.array([20.0, 5.5])))
+    np.testing.assert_allclose(np.arctan2(edge[0], edge[2]), 0.8, rtol=1e-12)
+
+
+def test_more_than_a_pinhole_shows_is_refused():
+    with pytest.raises(ValueError, match="labels: sharp needs a picture of at most 170 degrees"):
+        sharp(filmed(fisheye(5.0, limit=1.6)))
+
+
+def test_the_twin_of_a_twin_is_the_twin():
+    twin = sharp(filmed(fisheye(12.5)))
+    again = sharp(twin)
+    for a, b in zip(jax.tree.leaves(twin), jax.tree.leaves(again), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-12)
+    assert dataclasses.replace(again, film=twin.film).film == twin.film

@@ -1,0 +1,418 @@
+"""What the user does wrong ends in one line that names key or file, and in exit code 2."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+import toy
+from omegaconf import OmegaConf
+
+from gaussray.cli.commands import RUN, resumes
+from gaussray.cli.help import EXITS, MOST_USED, VERBS
+from gaussray.cli.main import main
+from gaussray.config.schema import keys
+from gaussray.dataset.images import write_image
+from gaussray.dataset.manifest import write_manifest
+from gaussray.scene.store import save_scene, write_arrays
+
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
+
+@pytest.fixture(scope="module")
+def scene_file(tmp_path_factory):
+    """A scene with the cameras that filmed it."""
+    folder = tmp_path_factory.mktemp("run")
+    save_scene(folder / "scene.npz", toy.scene())
+    write_manifest(folder / "cameras.json", toy.records())
+    return folder / "scene.npz"
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory):
+    """A capture of grey pictures."""
+    folder = tmp_path_factory.mktemp("capture")
+    for record in toy.records():
+        write_image(folder / record.file_path, np.full((toy.SIZE, toy.SIZE, 3), 128, np.uint8))
+    write_manifest(folder / "transforms.json", toy.records(), extra={"time_unit": "s"})
+    return folder
+
+
+@pytest.fixture
+def capture(original, tmp_path):
+    """A copy to be broken."""
+    import shutil
+
+    return shutil.copytree(original, tmp_path / "capture")
+
+
+@pytest.fixture
+def fails(capsys):
+    """Runs a command that must fail; returns its one line on stderr."""
+
+    def run(*words, code=2):
+        with pytest.raises(SystemExit) as stop:
+            main([str(word) for word in words])
+        assert stop.value.code == code
+        out, err = capsys.readouterr()
+        # A busy machine tells how far it is, too.
+        lines = [line for line in err.splitlines() if not line.endswith(" spent")]
+        assert len(lines) == 1, err
+        assert lines[0].startswith("gaussray: ")
+        return lines[0]
+
+    return run
+
+
+def edited(capture, change):
+    """The capture after a change of its JSON document."""
+    path = capture / "transforms.json"
+    document = json.loads(path.read_text())
+    change(document)
+    path.write_text(json.dumps(document))
+    return capture
+
+
+def test_no_word_and_help_print_the_verbs(capsys):
+    for words in ([], ["--help"], ["-h"]):
+        main(words)
+        text = capsys.readouterr().out
+        assert all(verb in text for verb in VERBS)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_help_of_a_verb_prints_its_groups_with_choices(verb, capsys):
+    main([verb, "--help"])
+    text = capsys.readouterr().out
+    assert "devices.count" in text and f"gaussray {verb} --help=all" in text
+    lines = text.splitlines()
+    assert len(lines) <= 72 and max(map(len, lines)) <= 100
+    if verb == "render":
+        assert "aperture.focus_distance   2.5           scene units" in text
+        assert "fisheye, kannala_brandt, opencv, orthographic, pinhole" in text
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_all_help_of_a_verb_prints_every_key(verb, capsys):
+    main([verb, "--help=all"])
+    text = capsys.readouterr().out
+    assert "devices." in text and "choices:" in text
+    assert all(f"{key}:" in text or f"{key.split('.')[-1]}:" in text for key in keys(verb))
+    if verb == "render":
+        assert "fisheye, kannala_brandt, keep, opencv, orthographic, pinhole" in text
+
+
+def test_help_says_how_the_command_ends(capsys):
+    main(["--help"])
+    text = capsys.readouterr().out
+    assert all(f"{code}  {word}" in text for code, word in EXITS.items())
+    assert set(EXITS) == {0, 1, 2, 130}
+
+
+def test_every_key_that_is_used_most_is_a_key_with_a_meaning():
+    for verb, named in MOST_USED.items():
+        known = keys(verb)
+        assert all(known[name].meaning for name in named.split())
+
+
+def test_an_unknown_verb(fails):
+    line = fails("paint")
+    assert "'paint'" in line and all(verb in line for verb in VERBS)
+    assert "Did you mean render?" in fails("rendr")
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["apertur.radius=1"], "apertur.radius is no key of `gaussray render`"),
+        (["apertur.radius=1"], "Did you mean aperture.radius?"),
+        (["aperture.focus_distanc=1"], "Did you mean aperture.focus_distance?"),
+        (["+shutter.exposur=1"], "shutter.exposur is unknown"),
+        (["+shutter.exposur=1"], "Did you mean exposure?"),
+        (["lens=fisheey"], "got 'fisheey'. Did you mean fisheye?"),
+        (["fisheye"], "must be key=value, got 'fisheye'. Did you mean lens=fisheye?"),
+        (["progress=loud"], "progress must be one of auto, bar, lines, json, quiet, got 'loud'"),
+        (["sample.lens.fov.uniform=[1,2]", "devices.hosts=2"], "devices"),
+    ],
+)
+def test_a_word_that_was_probably_meant(fails, scene_file, words, named):
+    assert named in fails("render", f"scene={scene_file}", "out=x", *words)
+
+
+@pytest.mark.parametrize("word", ["{}", "{}=1", "lens={}"])
+def test_of_a_long_word_the_beginning_is_shown(fails, scene_file, word):
+    line = fails("render", f"scene={scene_file}", "out=x", word.format("9" * 5000))
+    assert "9" * 200 in line and "9" * 201 not in line
+
+
+def test_a_folder_named_by_the_time_is_not_shared_by_processes(fails, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    words = ["scene=x", "factory.count=4", "factory.shard=0/2"]
+    assert "out must be given where several processes share it" in fails("render", *words)
+    hosts = ["capture.path=x", "devices.hosts=2", "devices.process=0"]
+    assert "out must be given" in fails("reconstruct", *hosts)
+
+
+def test_an_error_is_told_in_json_too(capsys):
+    with pytest.raises(SystemExit):
+        main(["render", "scene=none", "out=x", "progress=json"])
+    out, err = capsys.readouterr()
+    told = json.loads(out)
+    assert (told["event"], told["code"]) == ("error", 2) and told["text"] in err
+
+
+def test_a_fault_of_ours_is_raised_and_ends_with_one(monkeypatch):
+    def stumble(*_):
+        raise TypeError("a fault")
+
+    monkeypatch.setitem(RUN, "render", stumble)
+    with pytest.raises(TypeError, match="a fault"):
+        main(["render", "scene=x", "out=x"])
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["reconstruct", "out=x"], "capture.path must be given"),
+        (["import", "source=x"], "out must be given"),
+        (["render", "out=x"], "scene must be given"),
+        (["evaluate", "scene=x"], "truth must be given"),
+        (["reconstruct", "capture.path=x", "out=x", "fit.steps=3"], "fit.steps"),
+        (["reconstruct", "capture.path=x", "out=x", "+fit.steps=3"], "fit.steps is unknown"),
+        (
+            ["reconstruct", "capture.path=x", "out=x", "trace=quick"],
+            "trace must be one of balanced, default, exact, fast, fit, fit_far",
+        ),
+        (["reconstruct", "capture.path=x", "out=x", "--fast"], "--fast"),
+        (
+            ["reconstruct", "capture.path=x", "out=x", "trace.k=0"],
+            "trace.k must be at least 1, got 0",
+        ),
+        (["demo", "out=x", "fit.coarse=many"], "fit.coarse must be a whole number"),
+    ],
+)
+def test_a_wrong_key(fails, tmp_path, monkeypatch, words, named):
+    monkeypatch.chdir(tmp_path)
+    assert named in fails(*words)
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_capture_that_is_not_there(fails, tmp_path):
+    line = fails("reconstruct", f"capture.path={tmp_path}/none", f"out={tmp_path}/out")
+    assert f"{tmp_path}/none" in line
+    assert not (tmp_path / "out").exists()
+    assert "capture.path" in fails("demo", f"capture.path={tmp_path}/none", f"out={tmp_path}/out")
+
+
+@pytest.mark.parametrize("verb", ["render", "evaluate"])
+def test_a_scene_that_is_not_there_or_not_one(fails, tmp_path, capture, verb):
+    rest = [f"out={tmp_path}/out"] + [f"truth={capture}"] * (verb == "evaluate")
+    assert "no such file" in fails(verb, f"scene={tmp_path}/none.npz", *rest)
+    other = tmp_path / "other.npz"
+    other.write_text("a text")
+    assert "is not a gaussray-scene file" in fails(verb, f"scene={other}", *rest)
+    np.savez(other, a=np.zeros(3))
+    assert "is not a gaussray-scene file" in fails(verb, f"scene={other}", *rest)
+
+
+def test_a_scene_of_another_version_or_kind(fails, tmp_path):
+    path = tmp_path / "scene.npz"
+    write_arrays(path, {"format": "gaussray-scene", "version": 99}, {})
+    assert "version 99" in fails("render", f"scene={path}", f"out={tmp_path}/out")
+    write_arrays(path, {"format": "gaussray-checkpoint", "version": 2}, {})
+    assert "gaussray-checkpoint" in fails("render", f"scene={path}", f"out={tmp_path}/out")
+
+
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.98])
+def test_a_truncated_scene(fails, tmp_path, scene_file, share):
+    path = tmp_path / "scene.npz"
+    content = scene_file.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    assert "damaged" in fails("render", f"scene={path}", f"out={tmp_path}/out")
+
+
+def test_a_scene_without_cameras(fails, tmp_path):
+    save_scene(tmp_path / "scene.npz", toy.scene())
+    line = fails("render", f"scene={tmp_path}/scene.npz", f"out={tmp_path}/out")
+    assert "cameras.json" in line and "cameras=DIR" in line
+
+
+@pytest.mark.parametrize(
+    ("override", "named"),
+    [
+        ("aperture.radius=-0.5", "aperture.radius must be at least 0, got -0.5"),
+        ("shutter.exposure=-1 shutter.kind=global", "shutter.exposure must be at least 0"),
+        ("shutter.kind=sideways", "shutter.kind must be keep, global, rolling"),
+        ("shutter.kind=rolling shutter.direction=up", "shutter.direction must be one of"),
+        ("lens.model=mirror", "lens.model must be"),
+        ("lens=pinhole lens.fov=180", "lens.fov must be in (0, 180)"),
+        (
+            "lens=kannala_brandt lens.k=[1.0]",
+            "lens.k must hold 4 coefficients for kannala_brandt, got 1",
+        ),
+        ("film.filter=sharp", "film.filter must be one of"),
+        ("trajectory.kind=fly", "trajectory.kind must be keep, between, path"),
+        ("trajectory=between", "needs at least two cameras"),
+        ("trajectory=between trajectory.steps=0 camera.split=train", "trajectory.steps"),
+        ("camera.names=[cam_9]", "camera.names must be among"),
+        ("camera.times=[0.25]", "choose no frame"),
+        ("camera.split=validation", "camera.split"),
+        ("render.samples=0", "render.samples must be at least 1"),
+        ("shutter=rolling shutter.readout=-1", "shutter.readout must be at least 0, got -1"),
+        ("aperture.focus_distance=0", "aperture.focus_distance must be above 0, got 0"),
+        (
+            "factory.count=3 aperture.radius=0.1 sample.aperture.focus_distance.choice=[0,-1]",
+            "take 0 is impossible: aperture.focus_distance must be above 0, got",
+        ),
+        (
+            "factory.count=2 sample.lens.choice=[kannala_brandt] sample.lens.k.choice=[[-9,0,0,0]]",
+            "take 0 is impossible: lens.",
+        ),
+        (
+            "factory.count=2 shutter.kind=global sample.shutter.exposure.uniform=[0.6,0.7]",
+            "take 0 is impossible: shutter.exposure must be at most the 0.5 from one frame",
+        ),
+        ("factory.count=2 sample.fps=3", "sample.fps must be a distribution"),
+        ("factory.count=2 sample.lens.fog.uniform=[0,1]", "sample.lens.fog: lens.fog is no key"),
+        ("factory.count=2 sample.lens.choice=[mirror]", "got 'mirror'"),
+        ("fps=0", "fps"),
+        ("sensor.tone=filmic format=exr", "sensor.tone must be srgb with format=exr"),
+        ("sensor.bits=8", "sensor.bits needs sensor.white above 0"),
+        ("physical.f_number=2", "physical.f_number needs physical.focal_length"),
+        (
+            "physical.focal_length=50 physical.sensor=[36,24]",
+            "physical.sensor must have the shape of the picture",
+        ),
+        (
+            "shutter=rolling physical.readout=10 physical.seconds_per_unit=1",
+            "shutter.readout = 0.25 and physical.readout = 10.0 both say what it is",
+        ),
+    ],
+)
+def test_a_camera_that_cannot_be(fails, tmp_path, scene_file, override, named):
+    words = override.split()
+    assert named in fails("render", f"scene={scene_file}", f"out={tmp_path}/out", *words)
+
+
+def test_a_page_without_its_package_says_what_to_install(fails, scene_file, monkeypatch):
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert "pip install -e '.[viewer]'" in fails("view", f"scene={scene_file}")
+
+
+@pytest.mark.parametrize("verb", ["reconstruct", "render", "evaluate"])
+def test_an_output_folder_that_cannot_be_made(fails, tmp_path, scene_file, capture, verb):
+    (tmp_path / "file").write_text("")
+    given = {
+        "reconstruct": [f"capture.path={capture}"],
+        "render": [f"scene={scene_file}"],
+        "evaluate": [f"scene={scene_file}", f"truth={capture}"],
+    }
+    line = fails(verb, *given[verb], f"out={tmp_path}/file/out")
+    assert f"out={tmp_path}/file/out: cannot be written" in line
+
+
+def reconstruct_of(capture):
+    return ["reconstruct", f"capture.path={capture}", f"out={capture}/out"]
+
+
+def test_a_malformed_json(fails, capture):
+    (capture / "transforms.json").write_text('{"frames": [')
+    line = fails(*reconstruct_of(capture))
+    assert "transforms.json" in line and "malformed JSON at line 1" in line
+
+
+def test_a_pose_that_is_not_finite(fails, capture):
+    def spoil(document):
+        document["frames"][2]["transform_matrix"][0][3] = float("nan")
+
+    line = fails(*reconstruct_of(edited(capture, spoil)))
+    assert "frame 2" in line and "transform_matrix must be finite" in line
+
+
+def test_a_capture_without_training_views(fails, capture):
+    def spoil(document):
+        for frame in document["frames"]:
+            frame["split"] = "test"
+        document.pop("split", None)
+
+    assert "train" in fails(*reconstruct_of(edited(capture, spoil)))
+
+
+def test_a_picture_that_is_missing(fails, capture):
+    path = capture / "images" / "cam_1" / "0001.png"
+    path.unlink()
+    line = fails(*reconstruct_of(capture))
+    assert str(path) in line and "does not exist" in line
+
+
+def test_a_picture_that_is_truncated(fails, capture):
+    path = capture / "images" / "cam_1" / "0001.png"
+    path.write_bytes(path.read_bytes()[:-30])
+    line = fails(*reconstruct_of(capture))
+    assert str(path) in line and "truncated or corrupt" in line
+
+
+def test_a_picture_of_another_size(fails, capture):
+    path = capture / "images" / "cam_1" / "0001.png"
+    write_image(path, np.zeros((8, 20, 3), np.uint8))
+    line = fails(*reconstruct_of(capture))
+    assert str(path) in line and "got 20 x 8" in line and "16 x 16" in line
+
+
+def test_a_bundle_larger_than_the_picture(fails, capture):
+    assert "trace.bundle must be at most" in fails(*reconstruct_of(capture), "trace.bundle=32")
+
+
+def test_resuming_where_nothing_was_left(fails, capture):
+    line = fails(*reconstruct_of(capture), "resume=true")
+    assert "checkpoint.npz" in line and "resume" in line
+    assert not (capture / "out").exists()
+
+
+def test_a_refused_run_leaves_the_settings_of_the_unfinished_one(fails, capture):
+    out = capture / "out"
+    out.mkdir()
+    (out / "checkpoint.npz").touch()
+    (out / "config.yaml").write_text("as it was")
+    assert "holds an unfinished reconstruction" in fails(*reconstruct_of(capture))
+    assert (out / "config.yaml").read_text() == "as it was"
+
+
+def test_a_truth_without_frames_of_the_split(fails, capture, scene_file):
+    def spoil(document):
+        for frame in document["frames"]:
+            frame["split"] = "train"
+
+    line = fails("evaluate", f"scene={scene_file}", f"truth={edited(capture, spoil)}",
+                 f"out={capture}/out")  # fmt: skip
+    assert "evaluate.split=all" in line
+
+
+def test_an_interruption_says_how_to_go_on(fails, capture, monkeypatch):
+    def stop(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("gaussray.reconstruct.reconstruct", stop)
+    assert "resume=auto" in fails(*reconstruct_of(capture), code=130)
+
+
+@pytest.mark.parametrize(
+    ("resume", "left", "told"),
+    [
+        ("auto", [], False),
+        ("auto", ["checkpoint.npz"], True),
+        ("auto", ["checkpoint.npz", "scene.npz", "requirement.json"], True),
+        ("auto", ["scene.npz", "requirement.json"], None),
+        (False, ["checkpoint.npz"], False),
+    ],
+)
+def test_the_same_words_serve_a_run_at_every_moment(tmp_path, resume, left, told):
+    for name in left:
+        (tmp_path / name).touch()
+    assert resumes(OmegaConf.create({"out": str(tmp_path), "resume": resume})) is told
+
+
+def test_any_other_resumption_is_refused(capture, fails):
+    line = fails(*reconstruct_of(capture), "resume=perhaps")
+    assert "resume must be true, false or auto, got 'perhaps'" in line

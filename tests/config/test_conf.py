@@ -1,0 +1,252 @@
+"""One YAML leaf is one options class, with the same keys and the same defaults."""
+
+import functools
+import pathlib
+import re
+import tomllib
+
+import jax
+import pytest
+from omegaconf import OmegaConf
+
+from benchmarks.trade import PRESETS
+from gaussray.calibrate.pipeline import CalibrateOptions
+from gaussray.camera.sensor.sensor import SensorOptions
+from gaussray.capture.open import FORMATS
+from gaussray.capture.selection import Selection
+from gaussray.cli.help import VERBS
+from gaussray.config.compose import Variations, configuration, options
+from gaussray.config.schema import conf_folder
+from gaussray.evaluate.pipeline import EvaluateOptions
+from gaussray.io.safe.limits import Limits
+from gaussray.reconstruct import session as stage
+from gaussray.render.randomize.distributions import distributions, drawn
+from gaussray.render.randomize.options import FactoryOptions
+from gaussray.render.renderer import RenderOptions
+from gaussray.render.rig import rig
+from gaussray.render.rig.physical_units import PhysicalOptions
+from gaussray.runtime.devices import DevicesOptions
+from gaussray.tracer.trace import TraceOptions
+from gaussray.viewer.options import ViewOptions
+
+
+# Every group of conf/, its class, and the leaf that holds the defaults of the class.
+GROUPS = {
+    "fit": (stage.FitOptions, "default"),
+    "track": (stage.TrackOptions, "default"),
+    "field": (stage.FieldOptions, "default"),
+    "loss": (stage.LossOptions, "default"),
+    "optimizer": (stage.OptimizerOptions, "default"),
+    "density": (stage.DensityOptions, "default"),
+    "need": (stage.NeedOptions, "default"),
+    "trace": (TraceOptions, "default"),
+    "devices": (DevicesOptions, "default"),
+    "render": (RenderOptions, "default"),
+    "evaluate": (EvaluateOptions, "default"),
+    "calibrate": (CalibrateOptions, "default"),
+    "camera": (rig.CameraOptions, "default"),
+    "lens": (rig.LensOptions, "keep"),
+    "aperture": (rig.ApertureOptions, "keep"),
+    "shutter": (rig.ShutterOptions, "keep"),
+    "trajectory": (rig.TrajectoryOptions, "keep"),
+    "film": (rig.FilmOptions, "keep"),
+    "physical": (PhysicalOptions, "none"),
+    "sensor": (SensorOptions, "none"),
+    "factory": (FactoryOptions, "default"),
+    "view": (ViewOptions, "default"),
+    "limits": (Limits, "default"),
+}
+CHOICES = [
+    (group, path.stem)
+    for group in GROUPS
+    for path in sorted((conf_folder() / group).glob("*.yaml"))
+]
+# What each verb demands before it says anything else.
+GIVEN = {
+    "demo": [],
+    "reconstruct": ["capture.path=x", "out=x"],
+    "render": ["scene=x", "out=x"],
+    "view": ["scene=x"],
+    "evaluate": ["scene=x", "truth=x"],
+    "calibrate": ["scene=x", "capture.path=x", "out=x"],
+    "import": ["source=x", "out=x"],
+    "export": ["scene=x", "out=x"],
+    "pack": ["data=x", "out=x"],
+}
+
+
+@functools.cache
+def group_of(group, choice):
+    """What one YAML file says, in the words of a verb."""
+    fitted = "fit", "track", "field", "loss", "optimizer", "density", "need"
+    verb = "reconstruct" if group in fitted else "render"
+    verb = group if group in ("evaluate", "calibrate", "view") else verb
+    return configuration(verb, [*GIVEN[verb], f"{group}={choice}"])[group]
+
+
+def leaf(group, choice):
+    """The options of one YAML file."""
+    return options(GROUPS[group][0], group_of(group, choice))
+
+
+def test_every_group_has_a_class():
+    groups = {path.name for path in conf_folder().iterdir() if path.is_dir()}
+    assert groups == {*GROUPS, "capture", "sample"}
+
+
+@pytest.mark.parametrize("name", [path.stem for path in (conf_folder() / "sample").glob("*.yaml")])
+def test_every_sample_holds_distributions_of_keys_that_there_are(name):
+    cfg = configuration("render", [*GIVEN["render"], f"sample={name}"])
+    found = distributions(OmegaConf.to_container(cfg.sample) if "sample" in cfg else {})
+    assert bool(found) == (name != "none")
+    made = Variations("render", GIVEN["render"]).with_values(drawn(0, 0, 0, found))
+    assert all(OmegaConf.select(made, key) is not None for key in found)
+
+
+def test_every_format_of_captures_is_a_choice_that_differs_in_nothing_else():
+    choices = {path.stem for path in (conf_folder() / "capture").glob("*.yaml")}
+    assert choices == {"auto", *FORMATS}
+    auto = configuration("reconstruct", GIVEN["reconstruct"]).capture
+    for name in choices:
+        chosen = configuration("reconstruct", [*GIVEN["reconstruct"], f"capture={name}"]).capture
+        assert chosen == {**auto, "format": name}
+    assert set(auto) == {"path", "format", "background", *Selection.__dataclass_fields__}
+    plain = {key: auto[key] for key in ("frames", "crop", "test")}
+    lists = {key: tuple(value) for key, value in plain.items()}
+    assert Selection(**lists, scale=auto.scale) == Selection()
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_the_defaults_in_yaml_are_the_defaults_in_code(group):
+    kind, choice = GROUPS[group]
+    assert leaf(group, choice) == kind()
+
+
+def test_a_reconstruction_traces_as_its_class_says():
+    assert leaf("trace", "fit") == stage.ReconstructOptions().trace
+
+
+def test_presets_of_the_trace_are_those_that_were_measured():
+    for name, changes in PRESETS.items():
+        assert leaf("trace", name) == TraceOptions(**changes)
+
+
+@pytest.mark.parametrize(("group", "choice"), CHOICES)
+def test_every_choice_names_every_key_and_builds_options_without_leaves(group, choice):
+    built = leaf(group, choice)
+    assert not jax.tree.leaves(built)
+    assert hash(built) == hash(leaf(group, choice))
+    listed = (conf_folder() / group / f"{choice}.yaml").read_text().splitlines()
+    keys = {line.split(":")[0] for line in listed if line[:1].isalpha()}
+    assert keys == set(GROUPS[group][0].__dataclass_fields__)
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_has_a_configuration(verb):
+    assert configuration(verb, GIVEN[verb])
+
+
+@pytest.mark.parametrize("override", ["fit.steps=3", "+fit.steps=3"])
+def test_an_unknown_key_fails_and_is_named(override):
+    with pytest.raises(ValueError, match="fit.steps"):
+        cfg = configuration("demo", [override])
+        options(stage.FitOptions, cfg.fit)
+
+
+@pytest.mark.parametrize(
+    ("verb", "override", "message"),
+    [
+        ("demo", "fit.coarse=many", "fit.coarse must be a whole number, got 'many'"),
+        ("demo", "fit.coarse=2.5", "fit.coarse must be a whole number, got 2.5"),
+        ("demo", "fit.opacity=null", "fit.opacity must be a number, got None"),
+        ("evaluate", "evaluate.images=3", "evaluate.images must be true or false, got 3"),
+        ("render", "camera.names=cam_0", "camera.names must be a list, got 'cam_0'"),
+        (
+            "render",
+            "aperture.focus_distances=[1.5,far]",
+            "aperture.focus_distances must be a list of numbers, got 'far' in it",
+        ),
+        ("render", "lens.model=7", "lens.model must be a text, got 7"),
+        ("demo", "field.sides=[1]", "field.sides must hold"),
+        ("demo", "density.start=0.9", "density.start and density.stop must satisfy"),
+        ("demo", "devices.count=-1", "devices.count must be at least 0, got -1"),
+        ("demo", "devices.hosts=2", "devices.process must be in 0 ... 1 with devices.hosts=2"),
+        ("render", "devices.coordinator=here", "devices.coordinator must be HOST:PORT"),
+        ("demo", "loss.l1=-1", "loss.l1 must be at least 0, got -1"),
+        ("demo", "optimizer.decay=0", "optimizer.decay must be in"),
+        ("render", "render.keys=1", "render.keys must be 0 (as many"),
+        ("render", "sensor.gain=0.5", "sensor.gain must be at least 1, got 0.5"),
+        ("render", "sensor.gain=null", "sensor.gain must be a number, got None"),
+        ("render", "physical.f_number=0", "physical.f_number must be above 0, got 0"),
+        ("render", "physical.readout=fast", "physical.readout must be a number, got 'fast'"),
+        ("render", "factory.count=-1", "factory.count must be at least 0, got -1"),
+        ("render", "factory.shard=2/2", "factory.shard must be i/n with i from 0 to n - 1"),
+        ("render", "factory.shards=2", "factory.shards = 2 needs factory.count above 0"),
+        ("view", "view.port=0", "view.port must be in 1 ... 65535, got 0"),
+        ("view", "view.rate=0", "view.rate must be above 0 frames a second, got 0"),
+        ("view", "view.keys=4", "view.keys must be 2 or odd from 3, got 4"),
+        ("evaluate", "evaluate.split=both", "evaluate.split must be train, test or all"),
+    ],
+)
+def test_a_bad_value_fails_with_key_rule_and_value(verb, override, message):
+    group = override.split(".")[0]
+    cfg = configuration(verb, [*GIVEN[verb], override])
+    with pytest.raises(ValueError, match=re.escape(message)):
+        options(GROUPS[group][0], cfg[group])
+
+
+def test_a_whole_number_does_for_a_fraction():
+    cfg = configuration("demo", ["fit.opacity=1"])
+    assert options(stage.FitOptions, cfg.fit).opacity == 1.0
+    cfg = configuration("render", [*GIVEN["render"], "physical.sensor=[36,24.0]"])
+    sensor = options(PhysicalOptions, cfg.physical).sensor
+    assert sensor == (36.0, 24.0) and {type(x) for x in sensor} == {float}
+
+
+def test_a_page_begins_with_any_camera_that_can_be_rendered():
+    cfg = [configuration(verb, GIVEN[verb]) for verb in ("render", "view")]
+    groups = {"lens", "aperture", "shutter", "trajectory", "film", "physical", "sensor", "trace"}
+    assert all(cfg[0][group] == cfg[1][group] for group in groups | {"camera", "render"})
+
+
+def test_a_preset_is_every_kind_of_value_as_a_word(tmp_path):
+    path = tmp_path / "a b.yaml"
+    path.write_text(
+        "lens: {k: [1.0e-8, -2], file: 'it''s, [a] \"b\"'}\ncameras: null\nquiet: true\n"
+    )
+    cfg = configuration("render", [*GIVEN["render"], "cameras=y", f"preset={path}"])
+    assert cfg.lens.k == [1e-8, -2] and cfg.lens.file == 'it\'s, [a] "b"'
+    assert cfg.cameras is None and cfg.quiet is True
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[1, 2]", "must hold keys and values"),
+        ("lens: {fov: [", "is no YAML file of keys"),
+        ("lens: {fog: 1}", "fog"),
+        (None, "cannot be read"),
+    ],
+)
+def test_a_preset_that_is_none_is_refused_by_its_name(tmp_path, text, message):
+    path = tmp_path / "wrong.yaml"
+    if text is not None:
+        path.write_text(text)
+    with pytest.raises((ValueError, OSError), match=message):
+        configuration("render", [*GIVEN["render"], f"preset={path}"])
+
+
+def test_null_is_for_what_may_be_left_out():
+    given = [*GIVEN["render"], "physical.readout=0", "physical.f_number=null"]
+    read = options(
+        PhysicalOptions, configuration("render", [*given, "physical.seconds_per_unit=2"]).physical
+    )
+    assert (read.readout, read.f_number, read.seconds_per_unit) == (0.0, None, 2.0)
+
+
+def test_the_wheel_carries_the_configuration():
+    project = pathlib.Path(__file__).parents[2] / "pyproject.toml"
+    if not project.is_file():
+        pytest.skip("not a checkout")
+    wheel = tomllib.loads(project.read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    assert wheel["force-include"]["conf"] == "gaussray/conf"

@@ -1,0 +1,48 @@
+"""Reports of scores against values worked out by hand."""
+
+import math
+
+from gaussray.evaluate.scores import summary, table
+
+
+def row(psnr, part, moving=None, seconds=0.5, **more):
+    own = {"psnr": psnr, "ssim": 0.5, "part": part, "seconds": seconds, **more}
+    return own | ({"moving": moving} if moving else {})
+
+
+def test_means_over_pictures_and_over_moving_pixels():
+    rows = [row(20.0, "train", (1.0, 10)), row(30.0, "train", (0.0, 90), seconds=None)]
+    found = summary(rows, 4)
+    assert found["psnr"] == 25 and found["samples"] == 4 and found["frames"] == 2
+    # One squared unit over a hundred values: 1e-2, whatever picture it is in.
+    assert found["psnr_moving"] == 20
+    assert found["fps"] == 2
+    assert "parts" not in found
+
+
+def test_parts_are_the_same_means_of_their_own_rows():
+    rows = [row(20.0, "held_out_cameras"), row(30.0, "held_out_times"), row(40.0, "held_out_times")]
+    found = summary(rows, 1)
+    assert found["psnr"] == 30
+    assert {n: (p["psnr"], p["frames"]) for n, p in found["parts"].items()} == {
+        "held_out_cameras": (20, 1),
+        "held_out_times": (35, 2),
+    }
+
+
+def test_what_has_no_number_is_none_and_a_dash():
+    found = summary([row(math.inf, "train", seconds=None)], 1)
+    assert found["psnr"] is None and found["fps"] is None
+    assert table({"effects": {"pinhole": found}}).splitlines()[1].split()[1] == "-"
+
+
+def test_a_table_shows_parts_below_their_effect_and_only_metrics_that_were_measured():
+    rows = [row(20.0, "train", flip=0.125), row(30.0, "held_out_times", flip=0.375)]
+    text = table({"effects": {"fisheye": summary(rows, 1)}}).splitlines()
+    assert "FLIP" in text[0] and "LPIPS" not in text[0]
+    assert [line.split("  ")[0] or line.strip().split("  ")[0] for line in text[1:]] == [
+        "fisheye",
+        "held out times",
+        "train",
+    ]
+    assert "0.250" in text[1] and "0.375" in text[2] and "0.125" in text[3]

@@ -1,0 +1,143 @@
+"""Bodies are found where they went, whatever the light does, and nothing else is touched."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import toy
+from scipy.spatial.transform import Rotation
+
+from gaussray.color import srgb_encode
+from gaussray.reconstruct.initialize.appearance import Shown
+from gaussray.reconstruct.initialize.body_tracking import TrackOptions, track
+from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.scene.bodies import resting
+from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.harmonics import constant
+from gaussray.scene.scene import Scene
+
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
+TIMES = np.array([0.0, 0.5, 1.0])
+SIZE, RADIUS = 48, 0.5
+# About a pixel (there are 17.6 to a unit): 1.3 at the ball's rim, which is 8.8 from its centre, and
+# 0.9 of path.
+RADIANS, METRES = 0.15, 0.05
+# From one instant to the next the ball moves by 0.75 and 0.45 of its radius, and turns by about
+# 0.45 rad, most of a patch's half width.
+PATH = np.array([[0, 0, 0], [0.3, -0.2, 0.1], [0.5, -0.2, 0.2]])
+TURN = Rotation.from_rotvec([[0, 0, 0], [0.1, 0.4, 0.2], [0.2, 0.8, 0.3]])
+OPTIONS = TrackOptions(side=SIZE)
+
+
+def ball(count=300):
+    """Discs on a ball with patches of six colours, and their outward normals."""
+    i = np.arange(count) + 0.5
+    height, angle = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
+    flat = np.sqrt(1 - height**2)
+    normal = np.stack([flat * np.cos(angle), flat * np.sin(angle), height], axis=1)
+    seeds = np.random.default_rng(3).normal(size=(12, 3))
+    patch = np.argmax(normal @ (seeds / np.linalg.norm(seeds, axis=1, keepdims=True)).T, axis=1)
+    palette = np.array([[8, 1, 1], [1, 7, 1], [1, 2, 8], [8, 7, 1], [7, 2, 7], [7, 7, 7]]) / 10
+    return RADIUS * normal, normal, palette[patch % 6]
+
+
+SIZES: dict = {}
+
+
+def filmed(light=(1.0, 1.0, 1.0), path=PATH, turn=TURN):
+    """The thrown ball seen by six cameras at three instants, under light that may change."""
+    place, _, color = ball()
+    wall = toy.gaussians([[0, 0, 9]], 9.0, [[0.2, 0.2, 0.2]])
+    pictures, cameras = [], []
+    for i, time in enumerate(TIMES):
+        mean = place @ turn[i].as_matrix().T + path[i]
+        scale = np.full((len(mean), 3), 0.06, np.float32)
+        quat = np.tile(np.float32([1, 0, 0, 0]), (len(mean), 1))
+        parts = [toy.single(x) for x in (mean, quat, scale, np.full(len(mean), 0.95))]
+        moving = Gaussians(*parts, constant(toy.single(color * light[i]), 0))
+        render = Renderer(
+            Scene(wall, moving, None, toy.single([0, 1])),
+            options=RenderOptions(samples=1),
+            trace=toy.TRACE,
+        )
+        # What the first one measures serves them all.
+        render._capacity = SIZES
+        for angle in np.linspace(-1.5, 1.5, 6):
+            cameras.append(toy.camera(angle, time, SIZE, SIZE))
+            pictures.append(render(cameras[-1]).color)
+    encoded = np.round(255 * np.clip(srgb_encode(np.stack(pictures)), 0, 1)).astype(np.uint8)
+    return encoded, jax.tree.map(lambda *x: jnp.stack(x), *cameras)
+
+
+def tracked(picture, camera, mask=None, **options):
+    place, normal, color = ball()
+    # The first pixel of every picture shows the wall.
+    moved = np.abs(picture / 255.0 - picture[:, :1, :1] / 255.0).max(-1) > 0.1
+    body = resting(jnp.zeros((1, 3)), jnp.ones(1), jnp.asarray(TIMES))
+    sign = np.where(np.arange(len(normal)) % 2, 1, -1)[:, None]
+    parts = {name: getattr(OPTIONS, name) for name in OPTIONS.__dataclass_fields__}
+    return track(
+        body,
+        np.zeros(len(place), int),
+        place,
+        normal * sign,
+        color,
+        lambda own: Shown(picture[own], moved[own], None if mask is None else mask[own]),
+        camera,
+        options=TrackOptions(**(parts | options)),
+        seed=0,
+    )
+
+
+@pytest.fixture(scope="module")
+def film(quick_compilation):
+    return filmed()
+
+
+def assert_found(body):
+    turn = Rotation.from_quat(np.asarray(body.turn[0])[:, [1, 2, 3, 0]])
+    assert (TURN * turn.inv()).magnitude().max() < RADIANS
+    np.testing.assert_allclose(body.path[0], PATH, atol=METRES)
+
+
+def test_a_thrown_ball_is_found_at_every_instant(film):
+    assert_found(tracked(*film))
+
+
+def test_light_that_changes_by_half_does_not_mislead(quick_compilation):
+    assert_found(tracked(*filmed(light=(1.0, 0.5, 0.7))))
+
+
+def test_what_light_alone_changes_is_no_body(quick_compilation):
+    still = filmed(light=(1.0, 0.5, 0.7), path=0 * PATH, turn=[Rotation.identity()] * 3)
+    assert tracked(*still).pivot.shape == (0, 3)
+
+
+def test_masked_pixels_say_nothing(film):
+    picture, camera = film
+    mask = np.ones(picture.shape[:3], bool)
+    mask[:, :, : SIZE // 3] = False
+    dirty = np.where(mask[..., None], picture, np.uint8([255, 0, 255]))
+    assert_found(tracked(dirty, camera, mask))
+
+
+def test_the_same_seed_finds_the_same_poses(film):
+    one, two = tracked(*film), tracked(*film)
+    np.testing.assert_array_equal(one.path, two.path)
+    np.testing.assert_array_equal(one.turn, two.turn)
+
+
+def test_without_poses_to_try_bodies_rest(film):
+    body = tracked(*film, poses=0)
+    assert np.abs(body.path).max() == 0
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("poses", -1), ("points", 0), ("rounds", 0), ("side", 0), ("elite", 1), ("blur", ())],
+)
+def test_an_option_that_cannot_be_is_named(key, value):
+    with pytest.raises(ValueError, match=f"track.{key} must"):
+        TrackOptions(**{key: value})

@@ -1,0 +1,112 @@
+"""The terms of the loss, by hand."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jax.test_util import check_grads
+
+from gaussray.reconstruct.optimize import regularizer
+from gaussray.reconstruct.optimize.loss import LossOptions, developed, dssim, l1, terms
+from gaussray.scene.planes import initial_planes
+
+
+SIDE = 8
+
+
+@pytest.fixture(scope="module")
+def tiles():
+    """Two pictures of three tiles."""
+    dice = np.random.default_rng(0)
+    return tuple(jnp.asarray(dice.uniform(size=(3 * SIDE**2, 3))) for _ in range(2))
+
+
+def planes(**changes):
+    lower, upper = jnp.zeros(3), jnp.ones(3)
+    start = initial_planes(
+        jax.random.key(0), lower, upper, (0.0, 1.0), sides=(3, 5), instants=4, channels=2
+    )
+    return type(start)(**(vars(start) | changes))
+
+
+def test_l1_is_the_mean_absolute_difference():
+    ours, truth = jnp.array([[1.0, 2, 3], [0, 0, 0]]), jnp.array([[0.0, 2, 5], [0, 0, 3]])
+    assert l1(ours, truth) == 1.0
+
+
+def test_an_excess_counts_only_where_the_file_could_have_held_it():
+    encoded, truth = jnp.array([[1.5, 1.5, 0.2]]), jnp.array([[1.0, 0.5, 1.0]])
+    np.testing.assert_array_equal(developed(encoded, truth), [[1.0, 1.5, 0.2]])
+
+
+def test_dssim_of_equal_pictures_is_zero(tiles):
+    np.testing.assert_allclose(dssim(tiles[0], tiles[0], side=SIDE), 0, atol=1e-15)
+
+
+def test_dssim_equals_the_formula_tile_by_tile(tiles):
+    ours, truth = (np.asarray(x).reshape(3, SIDE * SIDE, 3) for x in tiles)
+    place = np.arange(SIDE) - 3.5
+    weight = np.exp(-(place[:, None] ** 2 + place[None] ** 2) / (2 * 1.5**2)).reshape(-1)
+    weight /= weight.sum()
+    values = []
+    for a, b in zip(ours, truth, strict=True):
+        for x, y in zip(a.T, b.T, strict=True):
+            mx, my = weight @ x, weight @ y
+            vx, vy = weight @ (x - mx) ** 2, weight @ (y - my) ** 2
+            cov = weight @ ((x - mx) * (y - my))
+            top = (2 * mx * my + 1e-4) * (2 * cov + 9e-4)
+            values.append((1 - top / ((mx**2 + my**2 + 1e-4) * (vx + vy + 9e-4))) / 2)
+    np.testing.assert_allclose(dssim(*tiles, side=SIDE), np.mean(values), rtol=1e-12)
+
+
+def test_dssim_has_the_derivative_of_finite_differences(tiles):
+    check_grads(
+        jax.jit(lambda x: dssim(jnp.asarray(x), tiles[1], side=SIDE)), (tiles[0],), order=1,
+        modes=["rev"], atol=1e-6, rtol=1e-5,
+    )  # fmt: skip
+
+
+def test_a_weight_of_zero_leaves_dssim_out(tiles):
+    assert set(terms(*tiles, options=LossOptions(), side=SIDE)) == {"l1"}
+    assert set(terms(*tiles, options=LossOptions(dssim=0.2), side=SIDE)) == {"l1", "dssim"}
+
+
+def test_the_regulariser_of_constant_planes_is_zero():
+    start = planes()
+    flat = planes(space=tuple(jnp.full_like(x, 0.3) for x in start.space))
+    assert {name: float(x) for name, x in regularizer.terms(flat).items()} == {
+        "space": 0.0, "time": 0.0, "one": 0.0,
+    }  # fmt: skip
+
+
+def test_the_regularisers_by_hand():
+    start = planes()
+    space, time = [np.array(x) for x in start.space], [np.array(x) for x in start.time]
+    space = [x * 0 for x in space]
+    space[0][0, 1, 1, 0] = 3.0  # in the middle of 3 x 3: two differences each way
+    time[0][1, 2, 0, 0] = 2.0  # row 2 of 4: second differences 1, -2
+    found = regularizer.terms(planes(space=tuple(map(jnp.asarray, space)),
+                                     time=tuple(map(jnp.asarray, time))))  # fmt: skip
+    each_way = 2 * 3.0**2 / (3 * 2 * 3 * 2)
+    np.testing.assert_allclose(found["space"], 2 * each_way, rtol=1e-12)
+    np.testing.assert_allclose(found["time"], (1 + 4) / (3 * 2 * 3 * 2), rtol=1e-12)
+    np.testing.assert_allclose(found["one"], 1 / (3 * 4 * 3 * 2), rtol=1e-12)
+
+
+def test_two_instants_have_no_curvature():
+    start = planes()
+    found = regularizer.terms(planes(time=tuple(x[:, :2] for x in start.time)))
+    assert found["time"] == 0
+
+
+@pytest.mark.parametrize("name", ["l1", "dssim", "space", "time", "one"])
+def test_a_negative_weight_is_named(name):
+    with pytest.raises(ValueError, match=f"loss.{name} must be at least 0"):
+        LossOptions(**{name: -0.1})
+
+
+def test_dssim_keeps_its_digits_where_pictures_are_nearly_equal(tiles):
+    truth = tiles[0].astype(jnp.float32)
+    ours = truth + jnp.asarray(1e-4 * np.random.default_rng(2).normal(size=truth.shape), "float32")
+    double = dssim(ours.astype(float), truth.astype(float), side=SIDE)
+    np.testing.assert_allclose(dssim(ours, truth, side=SIDE), double, rtol=1e-4)

@@ -1,0 +1,228 @@
+"""Every array learns at its own rate, and what is fixed does not move."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import toy
+
+from gaussray.camera.corrections import no_corrections
+from gaussray.reconstruct.initialize.from_points import between, in_common_view, on_points
+from gaussray.reconstruct.optimize import optimizer
+from gaussray.reconstruct.optimize.checkpoint import load_checkpoint, save_checkpoint
+from gaussray.reconstruct.optimize.optimizer import OptimizerOptions, Parameters, scene_of
+from gaussray.reconstruct.optimize.state import begin_state
+from gaussray.scene.gaussians import unconstrain
+from gaussray.scene.store import read_arrays, write_arrays
+
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
+OPTIONS = OptimizerOptions()
+SCENE = ("static", "moving", "deformation")
+FIXED = ("lower", "upper", "begin", "end")
+
+rates, descend = eqx.filter_jit(optimizer.rates), eqx.filter_jit(optimizer.descend)
+
+
+@pytest.fixture(scope="module")
+def parameters():
+    """Still and moving Gaussians, and a field that moves them."""
+    scene = toy.scene()
+    return Parameters(unconstrain(scene.static), unconstrain(scene.moving), scene.deformation)
+
+
+def rate_at(parameters, step, **changes):
+    options = OptimizerOptions(**changes)
+    return rates(parameters, jnp.asarray(step), options=options, extent=3.0, steps=100)
+
+
+def test_the_means_learn_in_proportion_to_the_extent(parameters):
+    rate = rate_at(parameters, 0)
+    for side in (rate.static, rate.moving):
+        np.testing.assert_allclose(side.mean, 3 * OPTIONS.mean, rtol=1e-6)
+        np.testing.assert_allclose(side.quat, OPTIONS.quat, rtol=1e-6)
+        np.testing.assert_allclose(side.log_scale, OPTIONS.scale, rtol=1e-6)
+        np.testing.assert_allclose(side.logit_opacity, OPTIONS.opacity, rtol=1e-6)
+
+
+def test_what_a_network_adds_to_means_is_learnt_in_proportion_to_the_extent(parameters):
+    rate = rate_at(parameters, 0).deformation
+    np.testing.assert_allclose([rate.mean[1].weight, rate.mean[1].bias], 3 * OPTIONS.motion)
+    assert rate.mean[0].weight == rate.scale[1].weight == rate.trunk.bias == OPTIONS.network
+    none = dataclasses.replace(parameters.deformation, mean=None)
+    moved = rate_at(dataclasses.replace(parameters, deformation=none), 0).deformation
+    assert moved.mean is None and moved.scale[1].bias == OPTIONS.network
+
+
+def test_before_anything_moves_all_gaussians_learn_alike(parameters):
+    rate = rate_at(Parameters(parameters.static, parameters.moving, None), 0)
+    for side in (rate.static, rate.moving):
+        np.testing.assert_allclose(side.quat, OPTIONS.quat, rtol=1e-6)
+
+
+def test_a_stage_ends_at_a_share_of_every_rate(parameters):
+    first, last = rate_at(parameters, 0), rate_at(parameters, 100, decay=0.01)
+    for a, b in zip(jax.tree.leaves(first), jax.tree.leaves(last), strict=True):
+        np.testing.assert_allclose(b, 0.01 * np.asarray(a), rtol=1e-5)
+
+
+def test_colour_learns_faster_than_the_other_harmonics(parameters):
+    harmonics = jnp.zeros((parameters.static.mean.shape[0], 4, 3))
+    static = type(parameters.static)(**(vars(parameters.static) | {"harmonics": harmonics}))
+    rate = rate_at(Parameters(static, parameters.moving, None), 0).static.harmonics
+    expected = [OPTIONS.color] + [OPTIONS.harmonics] * 3
+    np.testing.assert_allclose(np.ravel(rate), expected, rtol=1e-6)
+
+
+def test_bounds_and_pivots_never_move_and_everything_else_does(parameters):
+    ones = jax.tree.map(jnp.ones_like, parameters)
+    moved, _ = descend(
+        parameters, ones, begin_state(parameters).adam, rate_at(parameters, 0)
+    )  # fmt: skip
+    before, after = parameters.deformation, moved.deformation
+    for name in FIXED:
+        np.testing.assert_array_equal(getattr(after.planes, name), getattr(before.planes, name))
+    for name in ("pivot", "radius", "time"):
+        np.testing.assert_array_equal(getattr(after.bodies, name), getattr(before.bodies, name))
+    still = [
+        path
+        for (path, a), b in zip(
+            jax.tree_util.tree_leaves_with_path(parameters), jax.tree.leaves(moved), strict=True
+        )
+        if not (np.asarray(a) != np.asarray(b)).all()
+    ]
+    assert len(still) == len(FIXED) + 3
+    # Adam's first step is one rate long.
+    np.testing.assert_allclose(
+        after.trunk.bias, before.trunk.bias - OPTIONS.network, rtol=1e-4, atol=1e-7
+    )
+    np.testing.assert_allclose(
+        moved.static.mean,
+        parameters.static.mean - 3 * OPTIONS.mean,
+        rtol=1e-4,
+        atol=1e-6,
+    )
+    for a, b in zip(jax.tree.leaves(parameters), jax.tree.leaves(moved), strict=True):
+        assert a.dtype == b.dtype
+
+
+def test_a_scene_holds_physical_values(parameters):
+    scene, expected = scene_of(parameters, toy.single([0, 1])), toy.scene()
+    np.testing.assert_allclose(scene.static.scale, expected.static.scale, rtol=1e-5)
+    np.testing.assert_allclose(scene.moving.opacity, expected.moving.opacity, rtol=1e-5)
+
+
+def test_cameras_learn_what_is_named_and_nothing_else(parameters):
+    corrections = no_corrections(("pose", "shutter", "exposure"), 3, toy.rolling(toy.camera()))
+    kept = Parameters(parameters.static, parameters.moving, parameters.deformation, corrections)
+    rate = eqx.filter_jit(optimizer.rates)(
+        kept, jnp.asarray(50), options=OPTIONS, extent=3.0, steps=100, refine=("pose", "exposure")
+    ).corrections
+    assert (rate.pose, rate.shutter, rate.exposure) == pytest.approx(
+        (OPTIONS.pose, 0, OPTIONS.exposure), rel=1e-6
+    )
+    assert rate.lens is None and rate.offset is None
+
+
+@pytest.mark.parametrize("kind", ["moves", "stands", "refines"])
+def test_a_checkpoint_gives_back_the_same_bits(parameters, tmp_path, kind):
+    kept = parameters if kind == "moves" else Parameters(parameters.static, parameters.moving, None)
+    if kind == "refines":
+        corrections = no_corrections(("lens", "shutter", "offset"), 3, toy.rolling(toy.camera()))
+        kept = Parameters(*(getattr(parameters, n) for n in SCENE), corrections)
+    state = begin_state(kept)
+    dice = np.random.default_rng(0)
+    noise = lambda x: jnp.asarray(dice.integers(1, 99, x.shape).astype(x.dtype) / 7, x.dtype)  # noqa: E731
+    state = jax.tree.map(noise, state)
+    info = {"stage": "fine", "limit": [3, 4]}
+    notes = {"errors.mean": np.float32([[0.5, np.nan]])}
+    save_checkpoint(tmp_path / "checkpoint.npz", state, info=info, notes=notes)
+    found, noted, arrays = load_checkpoint(tmp_path / "checkpoint.npz")
+    assert noted == info and arrays.keys() == notes.keys()
+    np.testing.assert_array_equal(arrays["errors.mean"], notes["errors.mean"])
+    assert jax.tree.structure(found) == jax.tree.structure(state)
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(state), strict=True):
+        assert a.dtype == b.dtype
+        np.testing.assert_array_equal(a, b)
+
+
+@pytest.mark.parametrize("name", ["step", "adam.mu.static.mean", "parameters.moving.quat"])
+def test_a_checkpoint_without_an_array_is_refused(parameters, tmp_path, name):
+    path = tmp_path / "checkpoint.npz"
+    save_checkpoint(path, begin_state(parameters), info={}, notes={})
+    header, array = read_arrays(path, "gaussray-checkpoint", 2)
+    del array[name]
+    write_arrays(path, header, array)
+    with pytest.raises(ValueError, match=f"'{name}' is missing"):
+        load_checkpoint(path)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 30])
+def test_any_number_of_points_is_a_start(count):
+    position = np.random.default_rng(0).normal(size=(count, 3)).astype(np.float32)
+    start = on_points(position, np.full((count, 3), 0.5, np.float32), degree=1, opacity=0.8)
+    assert start.count == count and start.harmonics.shape == (count, 4, 3)
+    assert (np.asarray(start.scale) > 0).all()
+    for leaf in jax.tree.leaves(start):
+        assert np.isfinite(leaf).all() and leaf.dtype == jnp.float32
+
+
+def test_points_that_coincide_are_a_start():
+    start = on_points(np.zeros((9, 3), np.float32), np.zeros((9, 3), np.float32), degree=0,
+                      opacity=0.8)  # fmt: skip
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(start))
+    assert (np.asarray(start.scale) > 0).all()
+
+
+def test_a_random_start_lies_where_all_cameras_look():
+    origin = np.array([[0, 0, -3], [3, 0, 0], [0, 0, 3]], np.float32)
+    center = np.array([0.1, 0.2, 0.3])
+    direction = center - origin
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    position, color = in_common_view(origin, direction.astype(np.float32), count=500, seed=1)
+    np.testing.assert_allclose(position.mean(0), center, atol=0.3)
+    assert np.linalg.norm(position - center, axis=1).max() < 3.2
+    assert position.shape == color.shape == (500, 3)
+    again, _ = in_common_view(origin, direction.astype(np.float32), count=500, seed=1)
+    np.testing.assert_array_equal(position, again)
+
+
+def test_points_between_points_lie_on_their_surface_in_the_colours_between():
+    dice = np.random.default_rng(0)
+    plane = dice.uniform(-1, 1, (40, 3)).astype(np.float32) * np.float32([1, 1, 0])
+    slope = dice.uniform(0, 0.3, (3, 3)).astype(np.float32)
+    place, color = between(plane, plane @ slope + 0.5, count=300, seed=2)
+    assert place.shape == color.shape == (300, 3) and place.dtype == np.float32
+    assert (place[:, 2] == 0).all() and np.abs(place).max() <= np.abs(plane).max()
+    np.testing.assert_allclose(color, place @ slope + 0.5, atol=1e-6)
+    # None is far from those that it lies between.
+    gaps = np.linalg.norm(place[:, None] - plane[None], axis=-1).min(axis=1)
+    widest = np.sort(np.linalg.norm(plane[:, None] - plane[None], axis=-1), axis=1)[:, 8].max()
+    assert gaps.max() < widest
+    again, _ = between(plane, plane, count=300, seed=2)
+    np.testing.assert_array_equal(place, again)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_few_points_are_repeated(count):
+    points = np.arange(3 * count, dtype=np.float32).reshape(count, 3)
+    place, color = between(points, points, count=5, seed=0)
+    assert all((points == x).all(axis=1).any() for x in place) and (place == color).all()
+    assert between(points, points, count=0, seed=0)[0].shape == (0, 3)
+
+
+def test_a_random_start_is_the_same_in_every_unit():
+    origin = np.array([[0, 0, -3], [3, 0, 0], [0, 0, 3]])
+    direction = np.float32(np.array([0.1, 0.2, 0.3]) - origin)
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
+    expected, _ = in_common_view(np.float32(origin), direction, count=20, seed=1)
+    for unit in np.exp2([-40, -20, 20, 40]):
+        place, _ = in_common_view(np.float32(unit * origin), direction, count=20, seed=1)
+        np.testing.assert_array_equal(place, np.float32(unit) * expected)
+    at_once = np.zeros((3, 3), np.float32)
+    place, _ = in_common_view(at_once, direction, count=20, seed=1)
+    assert 0.1 < np.linalg.norm(place, axis=1).max() <= 1

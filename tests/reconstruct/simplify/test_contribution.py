@@ -1,0 +1,109 @@
+"""What Gaussians add to pictures sums to what is seen, and looks see all that there is."""
+
+import equinox as eqx
+import jax
+import numpy as np
+import pytest
+import toy
+
+from gaussray.capture.formats.paired import read_capture
+from gaussray.color import srgb_encode
+from gaussray.evaluate.metrics import psnr
+from gaussray.reconstruct.data.pictures import footage
+from gaussray.reconstruct.simplify.contribution import Gauge, looks
+from gaussray.reconstruct.simplify.draft import whole_draft
+from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.tracer.shard import mesh
+
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
+TRACE = toy.SHORT.trace
+# Rays end where 1 % of their light is left, and their sums are of single precision.
+REST, CLOSE = 0.01, 1e-4
+
+
+@pytest.fixture(scope="module")
+def seen(tmp_path_factory, quick_compilation):
+    """Training pictures of the toy scene."""
+    capture = read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
+    views = [view for view in capture.views if view.split == "train"]
+    return footage(views, side=TRACE.bundle)
+
+
+@pytest.fixture(scope="module")
+def whole(seen):
+    """All tiles of three instants, as they fall to them."""
+    return looks(seen, seen.camera, tiles=4, instants=3, weigh=12, seed=0)
+
+
+def test_together_the_further_looks_see_every_tile_of_every_camera_once(seen, whole):
+    some, further = whole
+    assert len(some) == len(further) == 3
+    assert [float(look.time) for look in some] == list(toy.TIMES)
+    # Rays of static cameras are as many as their pixels, each another one.
+    origin, direction = (
+        np.concatenate([np.asarray(getattr(x.rays, name)) for x in further])
+        for name in ("origin", "direction")
+    )
+    assert len(np.unique(np.concatenate([origin, direction], axis=1), axis=0)) == 3 * toy.SIZE**2
+
+
+def test_looks_depend_on_the_seed_alone(seen, whole):
+    again = looks(seen, seen.camera, tiles=4, instants=3, weigh=12, seed=0)
+    other = looks(seen, seen.camera, tiles=4, instants=3, weigh=12, seed=1)
+    for a, b in zip(jax.tree.leaves(whole), jax.tree.leaves(again), strict=True):
+        np.testing.assert_array_equal(a, b)
+    assert any(np.any(a.truth != b.truth) for a, b in zip(whole[0], other[0], strict=True))
+
+
+def test_fewer_instants_and_tiles_are_spread_evenly(seen):
+    some, further = looks(seen, seen.camera, tiles=2, instants=2, weigh=4, seed=0)
+    assert [float(look.time) for look in some] == [0.0, 1.0]
+    assert len(further) == 2 and further[0].truth.shape == (2 * TRACE.bundle**2, 3)
+
+
+def test_what_all_gaussians_add_is_what_they_cover(seen, whole):
+    scene = toy.scene()
+    gauge = Gauge(whole[0], trace=TRACE, mesh=mesh(1))
+    draft = whole_draft(scene)
+    weight = gauge.weights(draft, whole[1])
+    assert weight.shape == (27,) and (weight >= 0).all()
+    covered = 0.0
+    renderer = Renderer(scene, options=RenderOptions(samples=1), trace=toy.TRACE)
+    for record in toy.records(cameras=toy.CAMERAS[:3]):
+        covered += renderer(record.camera).alpha.sum() / 3
+    # Instants see other tiles each, and what moves covers about as much at each of them.
+    assert weight.sum() == pytest.approx(covered, rel=0.05)
+    alone = eqx.tree_at(lambda d: d.kept, draft, draft.kept & (np.arange(27) == 12))
+    single = gauge.weights(alone, whole[1])
+    assert single[12] >= weight[12] - CLOSE and np.delete(single, 12).max() < CLOSE
+
+
+def test_the_psnr_is_that_of_the_pictures(seen):
+    tiles = (toy.SIZE // TRACE.bundle) ** 2
+    some, _ = looks(seen, seen.camera, tiles=400 * tiles, instants=1, weigh=1, seed=0)
+    dark = toy.scene()
+    dark = eqx.tree_at(lambda s: s.static.harmonics, dark, dark.static.harmonics - 0.3)
+    found = Gauge(some, trace=TRACE, mesh=mesh(1)).psnr(whole_draft(dark))
+    renderer = Renderer(dark, options=RenderOptions(samples=1), trace=toy.TRACE)
+    first = [i for i, time in enumerate(seen.times) if time == 0]
+    camera = [jax.tree.map(lambda x, i=i: x[i], seen.camera) for i in first]
+    ours = [srgb_encode(renderer(one).color) for one in camera]
+    truth = seen.pictures(np.array(first))
+    square = [10 ** (-psnr(a, x) / 10) for a, x in zip(truth, ours, strict=True)]
+    # Tiles are drawn at random, each about 400 times.
+    assert found == pytest.approx(-10 * np.log10(np.mean(square)), abs=0.2)
+
+
+@pytest.mark.slow
+def test_a_psnr_that_is_not_reached_is_not_measured_to_the_end(whole):
+    gauge, draft = Gauge(whole[0], trace=TRACE, mesh=mesh(1)), whole_draft(toy.scene())
+    faint = eqx.tree_at(lambda d: d.kept, draft, draft.kept & False)
+    exact, low = gauge.psnr(draft), gauge.psnr(faint)
+    assert gauge.psnr(draft, least=exact - 0.01) == exact
+    assert gauge.psnr(faint, least=low + 0.01) == gauge.psnr(draft, least=exact + 0.01) == -np.inf
+    looked = []
+    gauge._run = lambda *x, run=gauge._run: looked.append(x) or run(*x)
+    gauge.psnr(faint, least=exact)
+    assert len(looked) == 1 < len(gauge.looks)

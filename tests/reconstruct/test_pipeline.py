@@ -1,0 +1,347 @@
+"""From pictures to a scene: it learns, repeats, can be interrupted, and says what fails."""
+
+import dataclasses
+import json
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import toy
+
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.formats.paired import View, read_capture
+from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
+from gaussray.reconstruct import pipeline as recipe, session as stage, step as training
+from gaussray.reconstruct.data.loader import Loader
+from gaussray.reconstruct.initialize.body_tracking import TrackOptions
+from gaussray.reconstruct.log import Journal, NonFiniteLoss
+from gaussray.reconstruct.optimize.density import DensityOptions, alive
+from gaussray.reconstruct.options import FitOptions
+from gaussray.reconstruct.pipeline import reconstruct
+from gaussray.reconstruct.session import Fit, ReconstructOptions
+from gaussray.reconstruct.simplify.prune import NeedOptions
+from gaussray.render.renderer import RenderOptions
+from gaussray.scene.store import load_scene
+
+
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+
+OPTIONS = ReconstructOptions(
+    fit=FitOptions(
+        coarse=100, fine=200, tiles=4, block=10, checkpoint=0.0, points=27, surround=0.0
+    ),
+    track=TrackOptions(poses=8, points=4, elite=2, rounds=1, blur=(0.5,)),
+    field=toy.SHORT.field,
+    density=DensityOptions(interval=20),
+    trace=toy.SHORT.trace,
+    need=NeedOptions(loss=0.0),
+)
+# The loss of the toy falls by this factor from the first block of steps to the last.
+FALL = 2.0
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory, quick_compilation, known_sizes):
+    """Two bodies in front of a wall, filmed by four cameras at three instants."""
+    return read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
+
+
+@pytest.fixture(scope="module")
+def fitted(capture, tmp_path_factory):
+    """A finished run, and how often its steps were traced."""
+    patch = pytest.MonkeyPatch()
+    traced, loss_of = [], training.loss_of
+
+    def counted(*arguments, **options):
+        traced.append(1)
+        return loss_of(*arguments, **options)
+
+    patch.setattr(training, "loss_of", counted)
+    out = tmp_path_factory.mktemp("run")
+    reconstruct(capture, out, options=OPTIONS, quiet=True)
+    yield out, len(traced)
+    patch.undo()
+
+
+def lines(out):
+    return [json.loads(line) for line in (out / "metrics.jsonl").read_text().splitlines()]
+
+
+def arrays(out):
+    with open(out / "scene.npz", "rb") as raw, np.load(raw) as file:
+        return {name: file[name] for name in file.files}
+
+
+def assert_same(one, two):
+    one, two = arrays(one), arrays(two)
+    assert one.keys() == two.keys()
+    for name, array in one.items():
+        np.testing.assert_array_equal(array, two[name], err_msg=name)
+
+
+def test_the_loss_falls(fitted):
+    out, _ = fitted
+    fine = [line for line in lines(out) if line["stage"] == "fine"]
+    first, last = lines(out)[0], np.mean([line["l1"] for line in fine[-5:]])
+    assert last < first["l1"] / FALL, (first["l1"], last)
+    assert lines(out)[-1]["step"] == 200
+    assert {"l1", "space", "time", "one", "mse", "psnr", "seconds"} <= set(lines(out)[-1])
+
+
+def test_a_stage_is_compiled_once(fitted):
+    _, traced = fitted
+    # Once for the coarse stage and once for the fine one; JAX may look twice at a scan's body.
+    assert traced <= 4
+
+
+def test_the_scene_holds_what_moves_and_the_cameras(fitted, capture):
+    out, _ = fitted
+    scene = load_scene(out)
+    assert scene.deformation is not None and scene.moving.count > 0 and scene.static.count > 0
+    assert (np.asarray(scene.time_range) == capture.time_range).all()
+    assert not (out / "checkpoint.npz").exists()
+    assert len(json.loads((out / "cameras.json").read_text())["frames"]) == len(capture.views)
+
+
+def test_a_run_ends_with_a_line_about_the_file(capture, tmp_path, capsys, monkeypatch):
+    report = {"precision": "compact", "steps": []}
+    monkeypatch.setattr(recipe, "required", lambda scene, *_, **__: (scene, dict(report)))
+    monkeypatch.setattr(recipe, "sentence", lambda told, _: f"it has {told['file']} bytes")
+    reconstruct(capture, tmp_path, options=OPTIONS)
+    size = (tmp_path / "scene.npz").stat().st_size
+    assert capsys.readouterr().out == f"it has {size} bytes\n"
+    assert json.loads((tmp_path / "requirement.json").read_text()) == report | {"file": size}
+
+
+def test_the_same_seed_gives_the_same_bytes(fitted, capture, tmp_path):
+    reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+    assert_same(fitted[0], tmp_path)
+
+
+# In the coarse stage; in the fine one.
+@pytest.mark.parametrize("blocks", [pytest.param(4, marks=pytest.mark.slow), 18])
+def test_an_interrupted_run_goes_on_to_the_same_bytes(
+    fitted, capture, tmp_path, monkeypatch, blocks
+):
+    record, count = Journal.record, []
+
+    def stop(self, *arguments):
+        record(self, *arguments)
+        count.append(1)
+        if len(count) == blocks:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Journal, "record", stop)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+    monkeypatch.setattr(Journal, "record", record)
+    before = (tmp_path / "metrics.jsonl").read_bytes()
+    with pytest.raises(ValueError, match="resume=true"):
+        reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+    assert (tmp_path / "metrics.jsonl").read_bytes() == before
+    measure, measured = Fit.trial, []
+    monkeypatch.setattr(Fit, "trial", lambda *args: measured.append(1) or measure(*args))
+    reconstruct(capture, tmp_path, options=OPTIONS, resume=True, quiet=True)
+    assert_same(fitted[0], tmp_path)
+    # What it was interrupted in goes on with the same programs.
+    assert len(measured) == (1 if blocks == 4 else 0)
+
+
+@pytest.mark.slow
+def test_drawing_by_error_goes_on_after_an_interruption_to_the_same_bytes(
+    fitted, capture, tmp_path, monkeypatch
+):
+    options = dataclasses.replace(OPTIONS, fit=dataclasses.replace(OPTIONS.fit, error=0.5))
+    record, batches, count, drawn = Journal.record, Loader.batches, [], []
+
+    def stop(self, *arguments):
+        record(self, *arguments)
+        count.append(1)
+        if len(count) == 13:  # 3 of the 20 blocks of the fine stage
+            raise KeyboardInterrupt
+
+    def seen(self, *arguments):
+        found = batches(self, *arguments)
+        drawn.append(np.asarray(found.tile))
+        return found
+
+    reconstruct(capture, tmp_path / "whole", options=options, quiet=True)
+    monkeypatch.setattr(Journal, "record", stop)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(capture, tmp_path / "two", options=options, quiet=True)
+    monkeypatch.setattr(Journal, "record", record)
+    monkeypatch.setattr(Loader, "batches", seen)
+    reconstruct(capture, tmp_path / "two", options=options, resume=True, quiet=True)
+    assert_same(tmp_path / "whole", tmp_path / "two")
+    # What is drawn depends on what was learned before the interruption.
+    blind = Fit(capture, Journal(tmp_path / "x", resume=False, interval=0.0), options, True)
+    assert (np.asarray(batches(blind.loader, "fine", 30, 10).tile) != drawn[0]).any()
+
+
+def test_an_error_while_a_block_is_prepared_reaches_the_caller(capture, tmp_path, monkeypatch):
+    batches = Loader.batches
+
+    def fails(self, stage, done, size):
+        if done:
+            raise OSError("the disk is gone")
+        return batches(self, stage, done, size)
+
+    monkeypatch.setattr(Loader, "batches", fails)
+    with pytest.raises(OSError, match="the disk is gone"):
+        reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+
+
+def test_footage_in_a_file_gives_the_same_batches(capture, tmp_path):
+    blocks = []
+    for memory in (0.0, 4.0):
+        options = dataclasses.replace(OPTIONS, fit=dataclasses.replace(OPTIONS.fit, memory=memory))
+        fit = Fit(capture, Journal(tmp_path, resume=False, interval=0.0), options, True)
+        assert isinstance(fit.footage.pixel, np.memmap) == (memory == 0)
+        blocks.append(fit.loader.batches("fine", 30, 10))
+    for a, b in zip(*map(jax.tree.leaves, blocks), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_points_that_are_twice_there_or_far_away_are_left_out_with_a_warning(capture, tmp_path):
+    dense = np.random.default_rng(0).uniform(-1, 1, (200, 3)).astype(np.float32)
+    position = np.concatenate([dense, dense[:3], np.float32([[0, 0, 40]])])
+    noisy = type(capture.points)(position, np.full_like(position, 0.5))
+    fit = Fit(capture, Journal(tmp_path, resume=False, interval=0.0), OPTIONS, True)
+    with pytest.warns(CaptureWarning, match="of 204 starting points, 3 at the place of .* 1 far"):
+        place, color = fit._cleaned(noisy)
+    np.testing.assert_array_equal(place, dense)
+    assert len(color) == 200
+
+
+def test_of_what_no_ray_has_met_the_captures_points_stay_and_random_ones_go(capture, tmp_path):
+    around = dataclasses.replace(OPTIONS.fit, surround=0.5)
+    options = dataclasses.replace(OPTIONS, fit=around)
+    journal = Journal(tmp_path, resume=False, interval=0.0)
+    fit = Fit(capture, journal, options, True)
+    state = fit.begin()
+    points = len(capture.points.position)
+    started = state.parameters.static, state.parameters.moving
+    whole = points + round(0.5 * points)
+    assert sum(alive(free).sum() for free in started) == whole
+    assert len(fit.scene(state)[1]) == whole
+    state = eqx.tree_at(lambda s: s.step, state, jnp.asarray(1))
+    scene, unmet = fit.scene(state)
+    assert scene.static.count + scene.moving.count == len(unmet) == points and unmet.all()
+    met = eqx.tree_at(
+        lambda s: s.adam.nu.static.mean, state, jnp.ones_like(state.parameters.static.mean)
+    )
+    scene, unmet = fit.scene(met)
+    assert len(unmet) == whole and unmet.sum() == scene.moving.count
+
+
+@pytest.mark.parametrize("where", ["term", "parameter"])
+def test_what_is_not_finite_stops_the_run_and_is_named(capture, tmp_path, monkeypatch, where):
+    def broken(state, *_, options, steps, trial):
+        terms = {"l1": jnp.asarray(0.1), "mse": jnp.asarray(0.1)}
+        if where == "term":
+            terms["l1"] = jnp.asarray(jnp.nan)
+        mean = state.parameters.static.mean.at[0, 0].set(jnp.nan)
+        after = eqx.tree_at(lambda s: s.parameters.static.mean, state, mean)
+        return after, terms, jnp.zeros((10, 4)), jnp.zeros(3, int), jnp.asarray(0)
+
+    monkeypatch.setattr(stage, "train_block", broken)
+    monkeypatch.setattr(Fit, "trial", lambda *_: True)
+    named = "loss.l1 and static.mean" if where == "term" else "static.mean"
+    told = f"^{named} became infinite or not a number between steps 0 and 0 of the coarse stage"
+    with pytest.raises(NonFiniteLoss, match=told) as found:
+        reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
+    assert "resume=true and a smaller optimizer.mean (" in str(found.value)
+    state, _ = Journal(tmp_path, resume=True, interval=0.0).resumed()
+    assert all(np.isfinite(x).all() for x in jax.tree.leaves(state))
+
+
+@pytest.fixture
+def bare(capture):
+    """The same pictures and cameras, without points."""
+    return type(capture)(**(vars(capture) | {"points": None}))
+
+
+def test_without_points_random_ones_in_view_are_the_start(bare, tmp_path):
+    journal = Journal(tmp_path, resume=False, interval=0.0)
+    state = Fit(bare, journal, OPTIONS, True).begin()
+    assert alive(state.parameters.static).sum() == 0
+    assert alive(state.parameters.moving).sum() == 27
+    place = np.asarray(state.parameters.moving.mean)[:27]
+    assert np.abs(place).max() < 4
+
+
+def test_few_points_are_filled_up_between_them(capture, tmp_path):
+    chosen = dataclasses.replace(OPTIONS, fit=dataclasses.replace(OPTIONS.fit, points=90))
+    state = Fit(capture, Journal(tmp_path, resume=False, interval=0.0), chosen, True).begin()
+    parts = state.parameters.static, state.parameters.moving
+    assert sum(int(alive(part).sum()) for part in parts) == 90
+    place = np.concatenate([np.asarray(part.mean)[np.asarray(alive(part))] for part in parts])
+    own = capture.points.position
+    assert (place >= own.min(axis=0) - 1e-6).all() and (place <= own.max(axis=0) + 1e-6).all()
+
+
+def test_where_every_camera_looked_but_once_everything_may_move(capture, tmp_path):
+    views = [
+        View(**(vars(view) | {"camera_name": f"{view.camera_name}_{view.time}"}))
+        for view in capture.views
+    ]
+    once = type(capture)(**(vars(capture) | {"views": views}))
+    state = Fit(once, Journal(tmp_path, resume=False, interval=0.0), OPTIONS, True).begin()
+    assert alive(state.parameters.static).sum() == 0
+    assert alive(state.parameters.moving).sum() == len(capture.points.position)
+
+
+@pytest.mark.slow
+def test_without_points_the_field_alone_moves_what_is_no_body(bare, tmp_path):
+    scene = reconstruct(bare, tmp_path, options=toy.SHORT, quiet=True)
+    assert [line["stage"] for line in lines(tmp_path)] == ["coarse", "fine"]
+    # Of the 27 points some may be where no ray comes by.
+    assert scene.static.count == 0 and 20 < scene.moving.count <= 27
+    assert scene.deformation is not None and scene.deformation.bodies.pivot.shape == (0, 3)
+    assert scene.deformation.bodies.path.shape == (0, len(toy.TIMES), 3)
+    found = load_scene(tmp_path)
+    assert jax.tree.structure(found) == jax.tree.structure(scene)
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(scene), strict=True):
+        assert np.isfinite(a).all()
+        np.testing.assert_array_equal(a, b)
+
+
+def test_a_single_instant_gives_a_scene_that_stands_still(capture, tmp_path, quick_compilation):
+    views = [view for view in capture.views if view.time == 0]
+    one = type(capture)(**(vars(capture) | {"views": views, "time_range": (0.0, 0.0)}))
+    scene = reconstruct(one, tmp_path, options=toy.SHORT, quiet=True)
+    assert scene.deformation is None and scene.moving.count == 0
+    assert [line["stage"] for line in lines(tmp_path)] == ["coarse"]
+
+
+@pytest.mark.slow
+def test_where_nothing_moves_all_instants_are_fitted_by_a_scene_that_stands_still(
+    capture, tmp_path
+):
+    first = {view.camera_name: view.image for view in capture.views if view.time == 0}
+    views = [View(**(vars(view) | {"image": first[view.camera_name]})) for view in capture.views]
+    frozen = type(capture)(**(vars(capture) | {"views": views}))
+    scene = reconstruct(frozen, tmp_path, options=toy.SHORT, quiet=True)
+    assert scene.deformation is None and scene.moving.count == 0
+    assert [line["stage"] for line in lines(tmp_path)] == ["coarse", "fine"]
+
+
+def test_the_report_says_what_the_design_says(fitted, capture, tmp_path):
+    report = evaluate(
+        load_scene(fitted[0]),
+        capture,
+        tmp_path,
+        options=EvaluateOptions(),
+        render=RenderOptions(samples=1),
+        trace=toy.TRACE,
+        quiet=True,
+    )
+    assert json.loads((tmp_path / "report.json").read_text()) == report
+    assert set(report) == {"frames", "effects", "scene", "versions"}
+    assert report["frames"] == 3
+    assert {"psnr", "ssim", "fps", "frames"} <= set(report["effects"]["pinhole"])
+    assert set(report["scene"]) == {"gaussians", "moving", "bytes"}
+    assert report["effects"]["pinhole"]["psnr"] > 15
+    assert (tmp_path / "contact_sheet.png").is_file()

@@ -1,0 +1,72 @@
+"""Labels as files: beside the pictures, in their lists, and only if they are asked for."""
+
+import json
+
+import numpy as np
+import pytest
+import toy
+
+from gaussray.capture.formats.paired import read_capture
+from gaussray.dataset.layers import read_layers
+from gaussray.render import dataset as filming
+from gaussray.render.aov.files import annotated, neighbours
+from gaussray.render.dataset import render_dataset
+from gaussray.render.renderer import RenderOptions
+
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
+ASKED = ("depth", "flow_forward", "moving", "sharp")
+
+
+def film(folder, records, labels=()):
+    """Every file that filming leaves, by its path."""
+    render_dataset(
+        toy.scene(speed=0), records, folder, options=RenderOptions(samples=1), trace=toy.TRACE,
+        labels=labels, quiet=True,
+    )  # fmt: skip
+    return {p.relative_to(folder).as_posix(): p for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+def test_labels_are_written_and_listed_beside_pictures_that_stay_as_they_are(tmp_path, monkeypatch):
+    records = toy.records()[:3]
+    with monkeypatch.context() as patch:
+        patch.setattr(filming, "Labeller", lambda *_, **__: pytest.fail("nothing was asked for"))
+        plain = film(tmp_path / "plain", records)
+    assert not any(path.startswith("labels") or "sharp" in path for path in plain)
+    assert "labels" not in (tmp_path / "plain" / "transforms.json").read_text()
+
+    found = film(tmp_path / "all", records, ASKED)
+    for path in plain.keys() - {"transforms.json", "render.sha256"}:
+        assert found[path].read_bytes() == plain[path].read_bytes()
+    document = json.loads(found["transforms.json"].read_text())
+    assert list(document["info"]["labels"]) == list(ASKED)
+    for frame in document["frames"]:
+        assert set(frame["labels"]) == {"layers", "moving", "sharp"}
+        assert set(frame["labels"].values()) <= found.keys()
+    layers = [read_layers(found[frame["labels"]["layers"]]) for frame in document["frames"]]
+    assert all(set(x) == {"depth", "flow_forward.x", "flow_forward.y"} for x in layers)
+    # The last frame has none behind it; those before it, of a scene that stands still, do.
+    flow = [x["flow_forward.x"] for x in layers]
+    assert np.isnan(flow[-1]).all() and np.nanmax(np.abs(flow[0])) < 1e-3
+    capture = read_capture(tmp_path / "all")
+    assert len(capture.views) == 3 and len(capture.effects["sharp"]) == 3
+
+    gone = found[document["frames"][1]["labels"]["layers"]]
+    before = read_layers(gone)
+    gone.unlink()
+    again = film(tmp_path / "all", records, ASKED)
+    assert again.keys() == found.keys()
+    np.testing.assert_equal(read_layers(gone), before)
+    with pytest.raises(ValueError, match="holds pictures of another scene, camera or option"):
+        film(tmp_path / "all", records)
+
+
+def test_neighbours_are_those_in_time_of_the_same_camera():
+    records = toy.records()
+    near = neighbours(records[::-1])
+    first, second, third = records[:3]
+    assert near[first.file_path] == (None, second.camera)
+    assert near[second.file_path] == (first.camera, third.camera)
+    assert near[third.file_path] == (second.camera, None)
+    assert annotated(records, ()) == records

@@ -1,0 +1,254 @@
+"""Takes of a distribution: each from its index alone, whatever was filmed before and by whom."""
+
+import dataclasses
+import hashlib
+import json
+import os
+import pathlib
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import toy
+
+from gaussray.camera.film import Film
+from gaussray.camera.sensor.sensor import SensorOptions
+from gaussray.camera.shutter import Shutter
+from gaussray.dataset.images import write_image
+from gaussray.dataset.manifest import FrameRecord, write_manifest
+from gaussray.dataset.takes import read_frames, read_takes
+from gaussray.render.randomize import generate as factory
+from gaussray.render.randomize.distributions import distributions, drawn
+from gaussray.render.randomize.generate import Shot, produce, take
+from gaussray.render.randomize.options import FactoryOptions
+from gaussray.render.renderer import RenderOptions
+from gaussray.report import write_page
+from gaussray.report.dataset import SHOWN
+from gaussray.scene.store import save_scene
+
+
+RADIUS = distributions({"aperture": {"radius": {"uniform": [0.0, 1.0]}}})
+SCENE = toy.scene(speed=0)
+RUN = pathlib.Path(__file__).parents[2] / "takes.py"
+# Single precision of times of about 1.
+ROUNDING = 1e-6
+
+
+def shoot(values):
+    """A shot of one frame; radii above 0.8 are impossible."""
+    radius = possible(values)["aperture.radius"]
+    camera = dataclasses.replace(toy.camera(), time=toy.single(radius))
+    record = FrameRecord("images/pinhole/cam_0/0000.png", camera, "cam_0", "test")
+    shot = Shot(SCENE, [record], RenderOptions(samples=1), toy.TRACE, SensorOptions(), {}, (), 8.0)
+    return {"aperture": {"radius": radius}, "far": float("inf")}, shot
+
+
+def possible(values):
+    """The values if they are."""
+    if values["aperture.radius"] > 0.8:
+        raise ValueError(f"aperture.radius must be at most 0.8, got {values['aperture.radius']}.")
+    return values
+
+
+def drawn_at(index, **options):
+    """The take that an index has become, without a shot."""
+    told = FactoryOptions(**{"redraws": 50, **options})
+    return take(index, RADIUS, lambda values: (possible(values), None), options=told)
+
+
+def first_drawn(index, seed=0):
+    """What was drawn for an index, be it possible or not."""
+    return drawn(seed, index, 0, RADIUS)
+
+
+@pytest.fixture
+def filmed(monkeypatch):
+    """Folders that were filmed, by a camera that is quick."""
+    folders = []
+
+    def film(scene, records, out, **how):
+        folders.append(out)
+        light = np.full((toy.SIZE, toy.SIZE, 3), float(records[0].camera.time))
+        write_image(out / records[0].file_path, light)
+        write_manifest(out / "transforms.json", records)
+        return out
+
+    monkeypatch.setattr(factory, "render_dataset", film)
+    return folders
+
+
+def made(out, of=RADIUS, shots=shoot, **options):
+    told = FactoryOptions(**{"redraws": 50, **options})
+    return produce(out, of, shots, options=told, quiet=True)
+
+
+def contents(out):
+    """All files by their paths."""
+    files = (path for path in out.rglob("*") if path.is_file())
+    return {str(path.relative_to(out)): path.read_bytes() for path in files}
+
+
+def test_a_manifest_lists_takes_by_their_index_with_what_was_drawn(tmp_path, filmed):
+    assert made(tmp_path, count=12, seed=3) == 0
+    takes = list(read_takes(tmp_path))
+    assert [one["index"] for one in takes] == list(range(12))
+    for index, one in enumerate(takes):
+        expected = drawn_at(index, seed=3)
+        radius = expected.values["aperture.radius"]
+        assert one["drawn"] == expected.values
+        assert one["parameters"] == {"aperture": {"radius": radius}, "far": "infinity"}
+        assert (one["seed"], one["attempt"]) == (3, expected.attempt)
+        assert one["frames"][0]["time"] == pytest.approx(one["drawn"]["aperture.radius"])
+    assert len({one["drawn"]["aperture.radius"] for one in takes}) == 12
+    assert {one["scene_sha256"] for one in takes} == {takes[0]["scene_sha256"]}
+    commit = takes[0]["git"]
+    assert commit is None or re.fullmatch("[0-9a-f]{40}(-dirty)?", commit)
+    frames = list(read_frames(tmp_path))
+    assert all((tmp_path / frame["file_path"]).is_file() for frame in frames)
+    assert [frame["take"]["index"] for frame in frames] == list(range(12))
+
+
+def test_a_page_shows_takes_and_how_they_are_distributed(tmp_path, filmed):
+    made(tmp_path, count=30, seed=3)
+    text = write_page("takes", tmp_path).read_text()
+    radii = [take["drawn"]["aperture.radius"] for take in read_takes(tmp_path)]
+    assert text.count("data:image/") == SHOWN and "NaN" not in text
+    assert ">aperture.radius<" in text and f">{np.median(radii):.4g}<" in text
+    assert text == write_page("takes", tmp_path).read_text()
+
+
+def test_a_page_shows_takes_without_an_effect(tmp_path, filmed):
+    def plain(values):
+        told, shot = shoot(values)
+        (record,) = shot.records
+        camera = dataclasses.replace(record.camera, film=Film(toy.SIZE, toy.SIZE))
+        return told, shot._replace(records=[dataclasses.replace(record, camera=camera)])
+
+    made(tmp_path, shots=plain, count=1)
+    (taken,) = read_takes(tmp_path)
+    assert "effect" not in taken["frames"][0]
+    assert "0 · pinhole" in write_page("takes", tmp_path).read_text()
+
+
+def test_shards_in_any_order_leave_what_one_process_leaves(tmp_path, filmed):
+    made(tmp_path / "whole", count=7)
+    assert made(tmp_path / "parts", count=7, shard="2/3") == 5
+    assert made(tmp_path / "parts", count=7, shard="0/3") == 2
+    assert not (tmp_path / "parts" / "manifest.jsonl").exists()
+    assert made(tmp_path / "parts", count=7, shard="1/3") == 0
+    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+    assert len(filmed) == 14
+    # A share without a take.
+    assert made(tmp_path / "parts", count=7, shard="8/9") == 0 and len(filmed) == 14
+
+
+def test_what_is_there_is_kept_and_more_takes_leave_the_first_as_they_are(tmp_path, filmed):
+    made(tmp_path, count=3)
+    before = contents(tmp_path)
+    made(tmp_path, count=3)
+    assert len(filmed) == 3
+    made(tmp_path, count=5)
+    assert len(filmed) == 5
+    after = contents(tmp_path)
+    assert after["manifest.jsonl"].startswith(before.pop("manifest.jsonl"))
+    assert before.items() <= after.items()
+
+
+def test_a_take_of_another_distribution_or_scene_is_refused(tmp_path, filmed):
+    made(tmp_path, count=2)
+    with pytest.raises(ValueError, match="made of another seed and .*drawn and parameters"):
+        made(tmp_path, count=2, seed=1)
+
+    def elsewhere(values):
+        parameters, shot = shoot(values)
+        return parameters, shot._replace(scene=toy.scene(speed=0.5))
+
+    with pytest.raises(ValueError, match="takes/000000/take.json: .* another scene_sha256. Choose"):
+        made(tmp_path, count=2, shots=elsewhere)
+    assert len(filmed) == 2
+
+
+def test_an_impossible_take_is_refused_by_index_and_key_before_anything_is_filmed(tmp_path, filmed):
+    radii = [first_drawn(index, seed=1)["aperture.radius"] for index in range(20)]
+    wrong = next(i for i, radius in enumerate(radii) if radius > 0.8)
+    assert wrong > 0
+    message = f"take {wrong} is impossible: aperture.radius must be at most 0.8, got {radii[wrong]}"
+    with pytest.raises(ValueError, match=re.escape(message)):
+        made(tmp_path, count=20, seed=1, redraws=0)
+    assert not filmed
+
+
+def test_a_take_that_is_drawn_anew_says_how_often_and_leaves_the_others():
+    found = [drawn_at(index) for index in range(200)]
+    again = [one for one in found if one.attempt]
+    # A fifth is impossible at first: three deviations of how many that are.
+    assert abs(len(again) - 40) < 3 * (200 * 0.2 * 0.8) ** 0.5
+    for one in found:
+        assert (first_drawn(one.index) == one.values) == (one.attempt == 0)
+    with pytest.raises(ValueError, match="take 0 is impossible in 3 attempts: aperture.radius"):
+        never = distributions({"aperture": {"radius": {"uniform": [0.9, 1.0]}}})
+        take(0, never, shoot, options=FactoryOptions(redraws=2))
+
+
+def test_times_of_rows_are_those_of_the_shutter(tmp_path, filmed):
+    def rolling(direction, offset, step):
+        def shots(values):
+            parameters, shot = shoot({"aperture.radius": 0.5})
+            numbers = (toy.single(x) for x in (offset, step, 0.1))
+            shutter = Shutter(*numbers, direction=direction)
+            camera = dataclasses.replace(toy.camera(time=0.5, width=24), shutter=shutter)
+            return parameters, shot._replace(
+                records=[dataclasses.replace(shot.records[0], camera=camera)]
+            )
+
+        return shots
+
+    lines = {"top_to_bottom": 16, "bottom_to_top": 16, "right_to_left": 24}
+    for direction, count in lines.items():
+        made(tmp_path / direction, shots=rolling(direction, -0.2, 0.01), count=1)
+        (frame,) = read_frames(tmp_path / direction)
+        expected = 0.5 - 0.2 + 0.01 * np.arange(count)
+        expected = expected if direction == "top_to_bottom" else expected[::-1]
+        np.testing.assert_allclose(frame["row_times"], expected, atol=ROUNDING)
+    made(tmp_path / "global", shots=rolling("top_to_bottom", 0.1, 0.0), count=1)
+    (frame,) = read_frames(tmp_path / "global")
+    np.testing.assert_allclose(frame["row_times"], [0.6], atol=ROUNDING)
+
+
+def killed(folder, out, at, camera):
+    """Runs the command until it is about to move its file number `at` into place; the files that
+    were there then, and when they were written."""
+    run = subprocess.run(
+        [sys.executable, RUN, folder, out, str(at), camera],
+        capture_output=True, text=True, check=False,
+        env={**os.environ, "JAX_COMPILATION_CACHE_DIR": str(folder / "compiled")},
+    )  # fmt: skip
+    assert run.returncode == (-9 if at else 0), run.stderr
+    files = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
+    halves = [path for path in files if ".part" in path.name]
+    assert len(halves) >= bool(at), "a kill leaves at least the file that it interrupts"
+    finished = {path: files[path] for path in files if path not in halves}
+    return finished if at else files
+
+
+@pytest.mark.parametrize("camera", ["quick", pytest.param("real", marks=pytest.mark.slow)])
+def test_a_data_set_that_was_killed_twice_is_that_of_an_undisturbed_run(tmp_path, camera):
+    save_scene(tmp_path / "scene.npz", toy.scene(speed=0))
+    write_manifest(tmp_path / "cameras.json", toy.records())
+    whole = killed(tmp_path, tmp_path / "whole", 0, camera)
+    first = killed(tmp_path, tmp_path / "broken", 9, camera)
+    second = killed(tmp_path, tmp_path / "broken", 13, camera)
+    last = killed(tmp_path, tmp_path / "broken", 0, camera)
+    pictures = [path for path in last if path.suffix == ".exr"]
+    assert len(pictures) == len([path for path in whole if path.suffix == ".exr"]) == 12
+    kept = [path for path in pictures if path in first or path in second]
+    assert 0 < len([path for path in pictures if path in first]) < len(kept) < 12
+    assert all(last[path] == {**second, **first}[path] for path in kept)
+    # The page names its folder.
+    one, two = ({k: hashlib.sha256(v).hexdigest() for k, v in contents(tmp_path / name).items()
+                 if k != "report.html"} for name in ("whole", "broken"))  # fmt: skip
+    assert one == two
+    lines = (tmp_path / "broken" / "manifest.jsonl").read_text().splitlines()
+    assert [json.loads(line)["index"] for line in lines] == list(range(6))

@@ -1,0 +1,277 @@
+"""Every option of the rig exchanges what it names and nothing else."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import toy
+
+from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
+from gaussray.capture.formats.paired import read_views
+from gaussray.config.compose import configuration, options
+from gaussray.config.schema import conf_folder
+from gaussray.dataset.images import write_image
+from gaussray.dataset.manifest import write_manifest
+from gaussray.render.rig import rig
+
+
+look = jax.jit(jax.vmap(lambda lens, pixel: lens.direction(pixel), in_axes=(None, 0)))
+
+
+@pytest.fixture(scope="module")
+def views(tmp_path_factory):
+    path = tmp_path_factory.mktemp("rig") / "transforms.json"
+    write_manifest(path, toy.records())
+    return read_views(path)
+
+
+def built(views, **groups):
+    return rig.rig(views, options=rig.RigOptions(**groups), samples=3)
+
+
+def test_keep_keeps_the_held_out_cameras(views):
+    records = built(views)
+    assert [r.camera_name for r in records] == ["cam_3"] * 3
+    assert {(r.effect, r.samples, r.split) for r in records} == {("pinhole", 3, "test")}
+    for record, view in zip(records, views[-3:], strict=True):
+        assert record.camera.lens is view.camera.lens
+        assert record.camera.shutter is view.camera.shutter
+        assert record.camera.time == view.camera.time
+
+
+def test_names_and_times_choose(views):
+    camera = rig.CameraOptions(names=("cam_0", "cam_1"), times=(0.5,))
+    assert [r.camera_name for r in built(views, camera=camera)] == ["cam_0", "cam_1"]
+
+
+def test_every_lens_is_what_it_says(views):
+    k = (0.0, -0.0745, -1.5e-4, -2.5e-5, 2e-7)
+    flat = built(views, lens=rig.LensOptions("pinhole", 90.0))[0]
+    assert isinstance(flat.camera.lens, Pinhole) and flat.effect == "pinhole"
+    np.testing.assert_allclose(flat.camera.lens.focal, toy.SIZE / 2, rtol=1e-6)
+    fish = built(views, lens=rig.LensOptions("fisheye_polynomial", 166.0, k))[0]
+    assert isinstance(fish.camera.lens, FisheyePolynomial) and fish.effect == "fisheye"
+    kannala = built(views, lens=rig.LensOptions("kannala_brandt", 150.0, (-0.02, 0.0, 0.0, 0.0)))[0]
+    assert isinstance(kannala.camera.lens, KannalaBrandt)
+    np.testing.assert_allclose(kannala.camera.lens.max_angle, np.deg2rad(75), rtol=1e-6)
+
+
+CHOICES = sorted(path.stem for path in (conf_folder() / "lens").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("choice", [name for name in CHOICES if name not in ("keep", "table")])
+def test_every_choice_of_lens_is_one_that_fills_the_picture_and_is_named(views, choice):
+    cfg = configuration("render", ["scene=x", "out=x", f"lens={choice}"])
+    record = built(views, lens=options(rig.LensOptions, cfg.lens))[0]
+    effects = {"pinhole": "pinhole", "opencv": "distortion", "equirectangular": choice}
+    assert record.effect == effects.get(choice, "fisheye")
+    column = jnp.arange(toy.SIZE, dtype=jnp.float32) + 0.5
+    middle = jnp.stack([column, jnp.full_like(column, toy.SIZE / 2)], -1)
+    direction = np.asarray(look(record.camera.lens, middle))
+    assert (direction != 0).any(axis=-1).all()
+    assert direction[toy.SIZE // 2 - 1 : toy.SIZE // 2 + 1, 2].min() > 0.9
+    angle = np.arctan2(direction[:, 0], direction[:, 2])
+    spanned = np.rad2deg(np.unwrap(angle))
+    # From side to side it spans the field of view, less half a pixel each; at an orthographic rim
+    # that is much, and the polynomials suit other pictures.
+    if choice not in ("fisheye", "f_theta", "opencv", "orthographic"):
+        assert spanned[-1] - spanned[0] == pytest.approx(cfg.lens.fov, rel=0.1)
+
+
+@pytest.mark.slow
+def test_a_table_of_rays_is_mounted_from_its_file(views, tmp_path):
+    mounted = built(views, lens=rig.LensOptions("double_sphere", 150.0, (-0.2, 0.6)))[0]
+    place = jnp.arange(33) + 0.5
+    pixel = jnp.stack(jnp.meshgrid(place, place), -1) * toy.SIZE / 33
+    rays = np.asarray(jax.vmap(look, in_axes=(None, 0))(mounted.camera.lens, pixel))
+    lit = np.any(rays != 0, axis=-1)
+    np.savez(tmp_path / "rays.npz", rays=rays)
+    write_image(tmp_path / "rays.exr", rays, depth="half")
+    for name, error in (("rays.npz", 1e-4), ("rays.exr", 1e-3)):
+        record = built(views, lens=rig.LensOptions("table", file=str(tmp_path / name)))[0]
+        assert record.effect == "ray_table"
+        again = np.asarray(jax.vmap(look, in_axes=(None, 0))(record.camera.lens, pixel))
+        same = np.any(again != 0, axis=-1)
+        assert lit.sum() > same.sum() > 0.6 * lit.sum()
+        np.testing.assert_allclose(again[same], rays[same], atol=error)
+
+
+@pytest.mark.parametrize(
+    "lens, message",
+    [
+        (("spherical",), "lens.model must be keep or one of pinhole, .*, got 'spherical'"),
+        (("pinhole", 180.0), r"lens.fov must be in \(0, 180\) for a pinhole, got 180.0"),
+        (("pinhole", 65.0, (0.1,)), "lens.k must hold 0 or 4 or 5 or 8 or 12 or 14 coeff.* got 1"),
+        (("orthographic", 190.0), r"lens.fov must be in \(0, 180\] for orthographic, got 190.0"),
+        (("equidistant", 400.0), r"lens.fov must be in \(0, 360\] degrees, got 400.0"),
+        (("unified_sphere", 200.0, (0.1,)), "lens.k must be monotone"),
+        (("double_sphere", 190.0, (0.1,)), "lens.k must hold 2 coefficients for double_sphere"),
+        (("f_theta", 90.0, (0.0, 0.1), (1.0, 1.0), 1.0, "x"), "lens.polynomial must be one of"),
+        (("equirectangular", 360.0, (), (1.0, 1.0), 200.0), r"lens.fov_y must be in \(0, 180\] d"),
+        (("equisolid", 90.0, (0.1,)), "lens.k must hold 0 coefficients for equisolid, got 1"),
+        (("table",), "lens.file must name a table of directions"),
+    ],
+)
+def test_impossible_lenses_are_refused_by_key_and_rule(views, lens, message):
+    with pytest.raises(ValueError, match=message):
+        built(views, lens=rig.LensOptions(*lens))
+
+
+def test_a_lens_that_sees_behind_focuses_on_a_sphere(views):
+    lens = rig.LensOptions("equidistant", 220.0)
+    with pytest.raises(ValueError, match="aperture.focus must be sphere .* got plane"):
+        built(views, lens=lens, aperture=rig.ApertureOptions(0.1))
+    sphere = built(views, lens=lens, aperture=rig.ApertureOptions(0.1, focus="sphere"))[0]
+    assert sphere.effect == "fisheye_depth_of_field"
+
+
+def test_effects_compose_and_are_named(views):
+    shutter = rig.ShutterOptions("rolling", 0.25, 0.1, "left_to_right")
+    aperture = rig.ApertureOptions(0.09, 2.0, blades=6)
+    record = built(views, shutter=shutter, aperture=aperture,
+                   film=rig.FilmOptions("gaussian", 2.0))[0]  # fmt: skip
+    assert record.effect == "depth_of_field_rolling_shutter_motion_blur"
+    camera = record.camera
+    np.testing.assert_allclose(camera.shutter.row_offset, -0.125)
+    np.testing.assert_allclose(camera.shutter.row_step * (toy.SIZE - 1), 0.25, rtol=1e-6)
+    assert camera.shutter.direction == "left_to_right" and camera.aperture.blades == 6
+    assert camera.film.filter == "gaussian" and camera.film.filter_width == 2.0
+
+
+def test_a_ride_passes_every_camera(views):
+    options = rig.CameraOptions(names=("cam_0", "cam_1", "cam_2"))
+    records = built(views, camera=options, trajectory=rig.TrajectoryOptions("between", 7))
+    assert len(records) == 7 and len({r.file_path for r in records}) == 7
+    times = [float(r.camera.time) for r in records]
+    np.testing.assert_allclose(times, np.linspace(0, 1, 7), rtol=1e-6)
+    assert records[0].camera.trajectory.time.shape == (3,)
+
+
+def test_a_rim_and_a_focus_pull_are_those_of_the_keys(views):
+    pull = {"focus_times": (0.0, 1.0), "focus_distances": (2.0, np.inf), "focus_ease": "smooth"}
+    options = rig.ApertureOptions(0.09, rim_radius=0.1, rim_distance=0.3, **pull)
+    aperture = built(views, aperture=options)[0].camera.aperture
+    np.testing.assert_array_equal(aperture.focus_distance.distance, [2, np.inf])
+    assert aperture.focus_distance.ease == "smooth"
+    np.testing.assert_allclose([aperture.rim.radius, aperture.rim.distance], [0.1, 0.3])
+
+
+def test_a_readout_is_a_row_step_and_fields_and_tables_are_row_times(views):
+    rows = toy.SIZE
+    by_time = built(views, shutter=rig.ShutterOptions("rolling", 0.25))[0].camera.shutter
+    step = rig.ShutterOptions("rolling", row_step=0.25 / (rows - 1))
+    by_step = built(views, shutter=step)[0].camera.shutter
+    for key in ("row_offset", "row_step"):
+        np.testing.assert_allclose(getattr(by_step, key), getattr(by_time, key), rtol=1e-6)
+    fields = rig.ShutterOptions("interlaced", field_time=0.1, first_field="odd")
+    record = built(views, shutter=fields)[0]
+    assert record.effect == "interlaced"
+    np.testing.assert_allclose(record.camera.shutter.row_times[:3], [0.05, -0.05, 0.05])
+    times = tuple(float(x) for x in np.linspace(0, 1, rows) ** 2)
+    table = built(views, shutter=rig.ShutterOptions("table", row_times=times))[0]
+    assert table.effect == "rolling_shutter"
+    np.testing.assert_allclose(table.camera.shutter.row_times, times, rtol=1e-6)
+
+
+def test_every_camera_has_its_trigger(views):
+    chosen = rig.CameraOptions(names=("cam_0", "cam_2"))
+    shutter = rig.ShutterOptions("rolling", 0.25, trigger=(0.0, 0.02))
+    for record in built(views, camera=chosen, shutter=shutter):
+        expected = {"cam_0": 0.0, "cam_2": 0.02}[record.camera_name]
+        np.testing.assert_allclose(record.camera.shutter.trigger, expected)
+    for record in built(views, camera=chosen, shutter=rig.ShutterOptions(trigger=(0.3,))):
+        np.testing.assert_allclose(record.camera.shutter.trigger, 0.3)
+
+
+@pytest.mark.parametrize(
+    ("group", "chosen", "message"),
+    [
+        ("shutter", {"kind": "table", "row_times": (0.0, 1.0)}, "shutter.row_times must be one"),
+        ("shutter", {"kind": "global", "row_step": 0.1}, "shutter.row_step needs shutter.kind="),
+        ("shutter", {"kind": "rolling", "readout": 1.0, "row_step": 0.1}, "both say how long"),
+        ("shutter", {"kind": "rolling", "row_times": (1.0,)}, "shutter.row_times needs"),
+        ("shutter", {"trigger": (0.1, 0.2)}, "shutter.trigger must be one delay, or one for each"),
+        ("shutter", {"kind": "interlaced", "first_field": "x"}, "shutter.first_field must be"),
+        ("aperture", {"radius": 0.1, "rim_radius": 0.1}, "aperture.rim_distance must be above 0"),
+        ("aperture", {"radius": 0.1, "focus_times": (0.0,)}, "aperture.focus_distances must be"),
+        ("trajectory", {"file": "a.txt"}, "trajectory.file needs trajectory.kind=path"),
+        ("trajectory", {"kind": "path"}, "trajectory.kind=path needs trajectory.file"),
+        ("trajectory", {"interpolation": "x"}, "trajectory.interpolation must be one of"),
+        ("trajectory", {"shake_degrees": -1.0}, "trajectory.shake_degrees must be at least 0"),
+        (
+            "trajectory",
+            {"shake_degrees": 1.0, "shake_time": 0.0},
+            "trajectory.shake_time must be above 0",
+        ),
+    ],
+)
+def test_what_cannot_be_built_is_refused_by_its_key(views, group, chosen, message):
+    kinds = {
+        "shutter": rig.ShutterOptions,
+        "aperture": rig.ApertureOptions,
+        "trajectory": rig.TrajectoryOptions,
+    }
+    with pytest.raises(ValueError, match=message):
+        built(views, **{group: kinds[group](**chosen)})
+
+
+def test_every_camera_is_held_by_a_hand_of_its_own_on_any_path(views):
+    options = rig.CameraOptions(names=("cam_0", "cam_1"))
+    hand = {"shake_degrees": 0.5, "shake_distance": 0.01, "shake_time": 0.2, "shake_seed": 5}
+    for record in built(views, camera=options, trajectory=rig.TrajectoryOptions(**hand)):
+        shake = record.camera.trajectory.shake
+        assert shake.seed == {"cam_0": 5, "cam_1": 6}[record.camera_name]
+        np.testing.assert_allclose(shake.turn, np.deg2rad(0.5), rtol=1e-6)
+    ride = rig.TrajectoryOptions("between", 3, interpolation="spline", **hand)
+    path = built(views, camera=options, trajectory=ride)[0].camera.trajectory
+    assert path.interpolation == "spline" and path.shake.seed == 5
+
+
+TUM = """# time x y z qx qy qz qw
+100.0 0 0 -3 0 0 0 1
+100.5 1 0 -3 0 0 0 1
+102.0 2 0 -3 0 0.6 0 0.8
+"""
+
+
+@pytest.mark.parametrize("clock", ["span", "file"])
+def test_a_path_comes_from_a_file(views, tmp_path, clock):
+    (tmp_path / "path.txt").write_text(TUM)
+    options = rig.TrajectoryOptions("path", 5, file=str(tmp_path / "path.txt"), clock=clock)
+    records = built(views, trajectory=options)
+    first, last = (0, 1) if clock == "span" else (100, 102)
+    times = [float(r.camera.time) for r in records]
+    np.testing.assert_allclose(times, np.linspace(first, last, 5), rtol=1e-6)
+    path = records[0].camera.trajectory
+    np.testing.assert_allclose(path.time, first + (last - first) * np.array([0, 0.25, 1]))
+    np.testing.assert_allclose(path.quat[2], [0.8, 0, 0.6, 0], rtol=1e-6)
+    np.testing.assert_array_equal(path.translation[1], [1, 0, -3])
+
+
+def test_cameras_come_from_a_capture_or_from_beside_the_scene(tmp_path):
+    write_manifest(tmp_path / "cameras.json", toy.records())
+    assert len(rig.cameras_of(tmp_path, None)) == 12
+    assert len(rig.cameras_of(tmp_path / "scene.npz", None)) == 12
+    with pytest.raises(FileNotFoundError, match="cameras=DIR"):
+        rig.cameras_of(tmp_path / "none" / "scene.npz", None)
+
+
+def test_pictures_are_png_or_exr(views):
+    records = rig.rig(views, options=rig.RigOptions(), samples=1, format="exr")
+    assert all(record.file_path.endswith(".exr") for record in records)
+    with pytest.raises(ValueError, match="format must be png .* or exr .*, got 'jpg'"):
+        rig.rig(views, options=rig.RigOptions(), samples=1, format="jpg")
+
+
+def test_cameras_of_a_capture_in_splits(tmp_path):
+    pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 4], [0, 0, 0, 1]]
+    for split in ("train", "test"):
+        write_image(tmp_path / split / "r_0.png", np.full((12, 16, 3), 0.5))
+        frame = {"file_path": f"./{split}/r_0", "time": 0.5, "transform_matrix": pose}
+        content = {"camera_angle_x": 0.8, "frames": [frame]}
+        (tmp_path / f"transforms_{split}.json").write_text(json.dumps(content))
+    views = rig.cameras_of(tmp_path / "none", tmp_path)
+    assert [view.split for view in views] == ["train", "test"]
+    assert (views[0].width, views[0].height, views[0].time) == (16, 12, 0.5)

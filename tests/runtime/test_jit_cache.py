@@ -1,0 +1,45 @@
+"""What is compiled is kept where it may be, and nowhere else."""
+
+import jax
+import pytest
+
+from gaussray.runtime import jit_cache as compilation
+from gaussray.runtime.jit_cache import keep_programs
+
+
+@pytest.fixture
+def nowhere(monkeypatch):
+    """No folder of programs is known; afterwards it is again that of the tests."""
+    before = (
+        jax.config.jax_compilation_cache_dir,
+        jax.config.jax_persistent_cache_min_compile_time_secs,
+    )
+    jax.config.update("jax_compilation_cache_dir", None)
+    yield
+    jax.config.update("jax_compilation_cache_dir", before[0])
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", before[1])
+
+
+def test_programs_are_kept_in_the_users_cache_by_processor(nowhere, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    path = keep_programs("auto")
+    assert path == tmp_path / "gaussray" / compilation._processor()
+    assert path.is_dir() and jax.config.jax_compilation_cache_dir == str(path)
+
+
+def test_the_environment_comes_first(tmp_path):
+    assert str(keep_programs(str(tmp_path / "other"))) == jax.config.jax_compilation_cache_dir
+    assert not (tmp_path / "other").exists()
+
+
+def test_nothing_is_kept_if_nowhere_is_asked_for_or_possible(nowhere, tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
+    assert keep_programs("auto") is None and keep_programs("") is None
+    assert not jax.config.jax_compilation_cache_dir
+
+
+def test_a_folder_that_cannot_be_is_named_by_its_key(nowhere, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match=r"devices.programs=.*cannot be written"):
+        keep_programs(str(tmp_path / "file" / "in"))

@@ -1,0 +1,151 @@
+"""Sketches are pictures, made by programs that no slider compiles anew."""
+
+import os
+import subprocess
+import sys
+import time as clock
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import rooms
+
+from gaussray.camera.sensor.sensor import SensorOptions
+from gaussray.render.aov.labeller import Labeller
+from gaussray.render.dataset import stored
+from gaussray.render.renderer import Renderer
+from gaussray.tracer.trace import Report
+from gaussray.tracer.traverse import Capacity
+from gaussray.viewer import preview as module
+from gaussray.viewer.controls import chosen
+from gaussray.viewer.develop import developed
+from gaussray.viewer.focus import focus_at
+from gaussray.viewer.preview import Sketcher
+
+
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+
+# Programs of other lengths of lists add in another order: single precision.
+SINGLE = 1e-5
+
+
+@pytest.fixture(scope="module")
+def studio(tmp_path_factory):
+    return rooms.studio(rooms.write_scene(tmp_path_factory.mktemp("run")))
+
+
+@pytest.fixture(scope="module")
+def sketcher(studio, quick_compilation):
+    shot = studio.shot(studio.begin, studio.stance, studio.size)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "measure", lambda *_, **__: rooms.ROOM)
+        yield Sketcher(studio.scene, options=shot.options, trace=shot.trace, keys=3)
+
+
+def shot_with(studio, **changes):
+    values = studio.begin | {key.replace("__", "."): value for key, value in changes.items()}
+    return studio.shot(values, studio.stance, studio.size)
+
+
+def test_a_sketch_is_the_picture_that_is_rendered(studio, sketcher):
+    shot = shot_with(studio, aperture__radius=0.2, aperture__focus_distance=3.0)
+    camera = shot.records[0].camera
+    found = rooms.made(sketcher, camera, shot.options.samples)
+    frame = Renderer(studio.scene, options=shot.options, trace=shot.trace)(camera)
+    values = np.asarray(found.values).reshape(16, 16, 5)
+    assert frame.color.std() > 0.05
+    np.testing.assert_allclose(values[..., :3], frame.color, atol=SINGLE)
+    np.testing.assert_allclose(values[..., 3], frame.alpha, atol=SINGLE)
+    assert found.dropped == 0 and found.hits == frame.hits
+    codes = stored(shot.records[0], frame.color, shot.sensor).astype(int)
+    assert np.abs(developed(found, shot).astype(int) - codes).max() <= 1
+
+
+def test_no_slider_compiles_anything(studio, sketcher):
+    rooms.made(sketcher, shot_with(studio, aperture__radius=0.2).records[0].camera, 2)
+    programs = len(sketcher._programs)
+    for change in (
+        {"lens__fov": 40.0},
+        {"aperture__radius": 0.05},
+        {"aperture__focus_distance": 1.5},
+        {"aperture__rotation": 1.0},
+    ):
+        shot = shot_with(studio, **({"aperture__radius": 0.2} | change))
+        assert sketcher(shot.records[0].camera, 2) is not None
+    stance = studio.stance._replace(time=0.3, place=(0.1, 0.2, -3.0))
+    shot = studio.shot(studio.begin | {"aperture.radius": 0.1}, stance, studio.size)
+    assert sketcher(shot.records[0].camera, 2) is not None
+    assert len(sketcher._programs) == programs
+
+
+def test_readout_and_exposure_share_a_program_of_few_key_states(studio, sketcher):
+    cameras = [
+        shot_with(studio, shutter__kind="rolling", **told).records[0].camera
+        for told in ({"shutter__readout": 0.1}, {"shutter__readout": 0.9, "shutter__exposure": 0.2})
+    ]
+    assert sketcher._key(cameras[0], 2)[1] == sketcher._key(cameras[1], 2)[1]
+    assert sketcher._key(cameras[0], 2)[1].keys == 3
+
+
+@pytest.mark.slow
+def test_lists_that_are_too_short_are_told_of_and_lengthened(studio, sketcher, monkeypatch):
+    shot = shot_with(studio)
+    one = Sketcher(studio.scene, options=shot.options, trace=shot.trace, keys=3)
+    monkeypatch.setattr(module, "measure", lambda *_, **__: Capacity((64,), 16, 8))
+    camera = shot.records[0].camera
+    first = rooms.made(one, camera, 1)
+    assert first.dropped > 0
+    until = clock.monotonic() + 120
+    while one(camera, 1).dropped and clock.monotonic() < until:
+        clock.sleep(0.01)
+    assert one(camera, 1).dropped == 0 and one.building == 0
+    one.close()
+
+
+def test_the_focus_is_on_what_is_under_the_mouse(studio, sketcher):
+    shot = shot_with(studio, aperture__radius=0.2)
+    camera = shot.records[0].camera
+    labels = Labeller(studio.scene, options=shot.options, trace=shot.trace)(camera, ["z", "alpha"])
+    seen = np.argwhere(labels["alpha"] > 0.6)
+    row, column = seen[len(seen) // 2]
+    found = focus_at(sketcher, camera, (int(column), int(row)))
+    assert found == pytest.approx(labels["z"][row, column], rel=1e-4)
+
+
+def test_where_nothing_is_seen_there_is_no_focus(studio, sketcher):
+    away = studio.stance._replace(place=(0.0, 0.0, 50.0))
+    camera = studio.shot(studio.begin, away, studio.size).records[0].camera
+    assert focus_at(sketcher, camera, (8, 8)) is None
+
+
+def test_a_sensor_develops_a_sketch_as_a_picture(studio, sketcher):
+    values = studio.begin | chosen("sensor", "filmic") | {"aperture.radius": 0.2}
+    shot = studio.shot(values, studio.stance, studio.size)
+    assert shot.sensor != SensorOptions()
+    found = rooms.made(sketcher, shot.records[0].camera, 2)
+    light = np.asarray(found.values)[:, :3].reshape(16, 16, 3)
+    codes = stored(shot.records[0], light, shot.sensor).astype(int)
+    assert codes.std() > 5
+    assert np.abs(developed(found, shot).astype(int) - codes).max() <= 1
+
+
+def test_lists_are_as_long_as_the_device_with_the_longest_wants():
+    held = module._Program(len, Capacity((64,), 64, 16), module.Part)
+    none, hits = jnp.zeros((), int), jnp.zeros(())
+    each = [Report(jnp.array(n), none, none, hits) for n in ([10, 70, 16], [90, 20, 17])]
+    longer = module._longer(held, jax.tree.map(lambda *x: np.stack(x), *each))
+    assert longer.cells[0] >= 90 and longer.pairs >= 70 and longer.slots == 64
+
+
+def test_two_cores_share_a_sketch(tmp_path):
+    # A process has its devices for life.
+    here = Path(__file__).parent
+    env = os.environ | {"JAX_NUM_CPU_DEVICES": "2", "JAX_PLATFORMS": "cpu"}
+    path = [str(here), str(here.parent), str(here.parents[1]), env.get("PYTHONPATH", "")]
+    env["PYTHONPATH"] = os.pathsep.join(filter(None, path))
+    words = [sys.executable, str(here / "two_cores.py"), str(tmp_path)]
+    done = subprocess.run(words, env=env, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split() == ["the", "same"]

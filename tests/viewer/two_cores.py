@@ -1,0 +1,42 @@
+"""What `test_sketch.py` runs where JAX has two devices: they make what one renders."""
+
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import rooms
+
+from gaussray.render.renderer import Renderer
+from gaussray.viewer import preview as module
+from gaussray.viewer.develop import developed
+from gaussray.viewer.preview import Sketcher
+
+
+jax.config.update("jax_disable_most_optimizations", True)
+
+# The same rays by another program, in single precision.
+SINGLE = 1e-5
+# In tiles of 8 x 8 neither side comes out even, nor does their number.
+SIZE = 44, 20
+
+
+def main(folder: Path) -> None:
+    assert len(jax.devices()) == 2
+    studio = rooms.studio(rooms.write_scene(folder))
+    shot = studio.shot(studio.begin | {"aperture.radius": 0.2}, studio.stance, SIZE)
+    camera = shot.records[0].camera
+    sketcher = Sketcher(studio.scene, options=shot.options, trace=shot.trace, keys=3)
+    module.measure = Renderer._measure = lambda *_, **__: rooms.ROOM
+    found = rooms.made(sketcher, camera, shot.options.samples)
+    frame = Renderer(studio.scene, options=shot.options, trace=shot.trace, devices=1)(camera)
+    values = np.asarray(found.values).reshape(*SIZE[::-1], 5)
+    assert frame.color.std() > 0.05 and found.hits == frame.hits and found.dropped == 0
+    np.testing.assert_allclose(values[..., :3], frame.color, atol=SINGLE)
+    np.testing.assert_allclose(values[..., 3], frame.alpha, atol=SINGLE)
+    assert developed(found, shot).shape == (*SIZE[::-1], 3)
+    print("the same")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]))
