@@ -13,7 +13,7 @@ import numpy as np
 
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.rays import Rays
-from gaussray.camera.sampling import samples as sample_numbers
+from gaussray.camera.sampling import sobol_samples
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene, at
 from gaussray.tracer.motion import Motion, still
@@ -58,7 +58,7 @@ def picture(
     """Colours of chosen pixels (row-major numbers), the mean over their samples."""
     width = camera.film.width
     pixel = jnp.asarray(np.stack([chosen % width, chosen // width], axis=-1), jnp.float32)
-    rays = _rays(camera, pixel, sample_numbers(samples).astype(jnp.float32))
+    rays = _rays(camera, pixel, sobol_samples(samples).astype(jnp.float32))
     moving = bool(np.ptp(np.asarray(rays.time)) > 0) and scene.deformation is not None
     with jax.enable_x64(True):
         scene, rays = _double(scene), _double(rays)

@@ -13,7 +13,7 @@ from gaussray.calibrate.parameters import Unknown, applied
 from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.rays import Rays
-from gaussray.camera.sampling import samples as sample_numbers
+from gaussray.camera.sampling import sobol_samples
 from gaussray.color import srgb_encode
 from gaussray.geometry import product
 from gaussray.reconstruct.optimize.loss import developed
@@ -162,7 +162,7 @@ class Slopes(NamedTuple):
 def _rays(camera, unit, pixel, weight, value, told, samples) -> Rays:
     """Rays of all samples; those without weight meet nothing."""
     seen, _ = applied(value, camera, unit, told)
-    u = sample_numbers(samples).astype(value.dtype)
+    u = sobol_samples(samples).astype(value.dtype)
 
     def sample(one: Float[Array, "5"]) -> Rays:
         return camera_rays(seen, pixel, jnp.broadcast_to(one, (pixel.shape[0], 5)))

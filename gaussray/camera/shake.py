@@ -6,7 +6,7 @@ import numpy as np
 from jax.scipy.special import ndtri
 from jaxtyping import Array, Float
 
-from gaussray.camera.sampling import scrambled
+from gaussray.camera.sampling import pcg_hash
 from gaussray.camera.validate import require
 from gaussray.geometry import RigidTransform, multiply, turning
 
@@ -60,7 +60,7 @@ def wander(shake: Shake, time: Float[Array, ""]) -> Float[Array, "6"]:
     phase = ndtri(share) * time / shake.correlation_time
     wave = jnp.stack([jnp.cos(phase), jnp.sin(phase)])
     number = jnp.arange(12 * WAVES, dtype=jnp.uint32)
-    bits = scrambled(number + scrambled(shake.seed.astype(jnp.uint32)))
+    bits = pcg_hash(number + pcg_hash(shake.seed.astype(jnp.uint32)))
     # In the middles of 2^23 equal shares, which single precision holds exactly.
     uniform = ((bits >> 9).astype(time.dtype) + 0.5) / 2**23
     normal = ndtri(uniform).reshape(2, WAVES, 6)

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.chromatic import Chromatic, achromatic, magnified
 from gaussray.camera.rays import Rays
-from gaussray.camera.sampling import samples as sample_numbers, shifted_samples
+from gaussray.camera.sampling import shifted_samples, sobol_samples
 from gaussray.camera.shutter import decisive_pixels, row_number
 from gaussray.render.plan import Layout, Pace, Part, together
 from gaussray.render.splat_compat import dilated, seen_from_center
@@ -135,7 +135,7 @@ def _traced(motion: Motion, camera: Camera, part: Part, pace: Pace) -> tuple[Pix
 
 def _points(part: Part, pace: Pace) -> Float[Array, "samples 5"]:
     count = pace.options.samples
-    u = sample_numbers(count) if part.batch is None else shifted_samples(count, part.batch)
+    u = sobol_samples(count) if part.batch is None else shifted_samples(count, part.batch)
     return u.astype(part.pixel.dtype)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaussray.camera.camera import Camera
-from gaussray.camera.sampling import samples, shifted_samples
+from gaussray.camera.sampling import shifted_samples, sobol_samples
 from gaussray.camera.shutter import row_moments, time_window
 
 
@@ -67,5 +67,5 @@ def _span(edges: np.ndarray, segment: int, first: float, last: float) -> Float[A
 @functools.lru_cache
 def _moments(count: int, batch: int | None) -> Float[np.ndarray, "samples 1"]:
     """When in the exposure every sample looks, from its middle."""
-    u = samples(count) if batch is None else shifted_samples(count, jnp.asarray(batch))
+    u = sobol_samples(count) if batch is None else shifted_samples(count, jnp.asarray(batch))
     return np.asarray(u, np.float64)[:, 4:] - 0.5

@@ -11,7 +11,7 @@ from gaussray.camera.aperture import Aperture, no_aperture
 from gaussray.camera.camera import Camera, camera_ray, camera_rays, project
 from gaussray.camera.film import Film, pixel_grid
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, pinhole
-from gaussray.camera.sampling import samples
+from gaussray.camera.sampling import sobol_samples
 from gaussray.camera.shutter import Shutter, global_shutter
 from gaussray.camera.trajectory import Trajectory, fixed
 from gaussray.geometry import BLENDER_AXES, RigidTransform, quaternion, rotation_matrix
@@ -116,7 +116,7 @@ def test_a_moving_camera_has_moved_on_at_every_row():
 
 def test_all_film_samples_of_a_pixel_share_its_rows_time():
     rolling = Shutter(number(0.0), number(0.01), number(0.0))
-    u = samples(32)
+    u = sobol_samples(32)
     pixel = jnp.broadcast_to(jnp.array([2.0, 6.0]), (32, 2))
     filtered = camera(shutter=rolling, film=Film(WIDTH, HEIGHT, "blackman_harris", 3.0))
     rays = shoot(filtered, pixel, u)
@@ -125,7 +125,7 @@ def test_all_film_samples_of_a_pixel_share_its_rows_time():
 
 
 def test_lens_samples_start_on_the_aperture_and_meet_in_focus():
-    u = samples(32).at[:, :2].set(0.5)
+    u = sobol_samples(32).at[:, :2].set(0.5)
     pixel = jnp.broadcast_to(jnp.array([2.0, 6.0]), (32, 2))
     rays = shoot(camera(aperture=wide()), pixel, u)
     into_camera = jax.vmap(POSE.inverse_apply)

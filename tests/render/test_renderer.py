@@ -13,7 +13,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.chromatic import dispersed, magnified
 from gaussray.camera.film import Film, pixel_grid
 from gaussray.camera.lens import KannalaBrandt
-from gaussray.camera.sampling import samples
+from gaussray.camera.sampling import sobol_samples
 from gaussray.camera.shutter import Shutter, interlaced
 from gaussray.camera.trajectory import Trajectory
 from gaussray.render import plan as parts
@@ -152,7 +152,7 @@ def test_a_rim_darkens_by_the_share_of_the_rays_that_it_stops(still):
     views = [dataclasses.replace(plain, aperture=small)]
     views.append(dataclasses.replace(plain, aperture=dataclasses.replace(small, rim=rim)))
     whole, clipped = (render(view) for view in views)
-    u = samples(4)[:, 2:4].astype(jnp.float32)
+    u = sobol_samples(4)[:, 2:4].astype(jnp.float32)
     pixel = pixel_grid(plain.film).astype(jnp.float32).reshape(-1, 2) + 0.5
     chief = jax.vmap(plain.lens.direction)(pixel)
     each = jax.vmap(jax.vmap(transmitted, in_axes=(None, None, 0)), in_axes=(None, 0, None))

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.camera.sampling import samples, shifted_samples
+from gaussray.camera.sampling import shifted_samples, sobol_samples
 from gaussray.camera.shutter import DIRECTIONS, Shutter, interlaced
 from gaussray.render.segments import LEAST, shares
 
@@ -28,7 +28,7 @@ def times(camera, count):
     film, shutter = camera.film, camera.shutter
     sideways = shutter.direction in ("left_to_right", "right_to_left")
     row = np.arange(film.width if sideways else film.height)[None]
-    u = np.asarray(samples(count), np.float64)[:, 4:]
+    u = np.asarray(sobol_samples(count), np.float64)[:, 4:]
     value = (float(x) for x in (camera.time, shutter.row_offset, shutter.row_step))
     time, offset, step = value
     return time + offset + step * row + float(shutter.exposure) * (u - 0.5)
@@ -57,7 +57,7 @@ def test_fields_triggers_and_batches_of_samples_have_times_of_their_own():
     camera = filmed(-0.02, 0.01, 0.05, time=0.44, **more)
     for batch in (None, 0, 3):
         number = jax.numpy.asarray(batch or 0)
-        u = samples(8) if batch is None else shifted_samples(8, number)
+        u = sobol_samples(8) if batch is None else shifted_samples(8, number)
         u = np.asarray(u, np.float64)[:, 4:]
         time = 0.44 + late - 0.02 + 0.01 * np.arange(5) + table + 0.05 * (u - 0.5)
         owner = np.searchsorted(EDGES, time, side="right")
