@@ -22,7 +22,7 @@ import numpy as np
 from experiments.factory.kill import changed
 from experiments.faults.toy import BLOCK, INTERVAL, Forked, words_of, write_capture
 from gaussray.cli import main as command
-from gaussray.runtime.lock import FILE as LOCK
+from gaussray.runtime.lock import LOCK_FILE as LOCK
 
 
 WORKS = ("reconstruct", "render", "takes", "evaluate")

@@ -35,8 +35,8 @@ MOMENTS = {
 GIGABYTES = 12
 HOLDER = """
 import sys, time
-from gaussray.alone import take
-take(sys.argv[1])
+from gaussray.runtime.lock import lock_output
+lock_output(sys.argv[1])
 print("held", flush=True)
 time.sleep(600)
 """

@@ -8,7 +8,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from gaussray.config.compose import as_kind, options, run_folder
 from gaussray.runtime.devices import DevicesOptions, begin, leads
-from gaussray.runtime.lock import take
+from gaussray.runtime.lock import lock_output
 from gaussray.runtime.progress import say
 
 
@@ -53,7 +53,7 @@ def _reconstruct(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     chosen = reconstruct_options(cfg)
     capture = _capture(cfg.capture.path, cfg.capture, "capture.")
     # Whether there is a run to go on with is for nobody to ask while another process is at it.
-    take(Path(cfg.out))
+    lock_output(Path(cfg.out))
     resume = resumes(cfg)
     if resume is None:
         out = Path(cfg.out)

@@ -18,7 +18,7 @@ from gaussray.config.suggest import meant
 from gaussray.io.safe.limits import Limits, limit
 from gaussray.runtime import provenance
 from gaussray.runtime.devices import DevicesOptions, begin, leads, leave, together
-from gaussray.runtime.lock import release
+from gaussray.runtime.lock import release_locks
 from gaussray.runtime.progress import STYLES, check_style, end_line, say, style, told_as
 from gaussray.runtime.provenance import asked_by
 from gaussray.runtime.resource_errors import is_full, is_memory, memory_message
@@ -59,7 +59,7 @@ def _guarded(words: list[str]) -> None:
     except Exception as error:
         _raise(error)
     finally:
-        release()
+        release_locks()
 
 
 def _again(verb: str) -> str:

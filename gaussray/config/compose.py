@@ -27,7 +27,7 @@ from gaussray.io.safe.aliases import check_aliases
 from gaussray.io.safe.files import read_text
 from gaussray.io.sample_data import PARTS, WORD, sample
 from gaussray.runtime.devices import leads
-from gaussray.runtime.lock import take
+from gaussray.runtime.lock import lock_output
 from gaussray.runtime.provenance import note_begin
 
 
@@ -156,11 +156,11 @@ def as_kind(kind: type, value: Any, key: str) -> Any:
 
 
 def run_folder(cfg: DictConfig, without: Sequence[str] = (), part: str = "") -> Path:
-    """The output folder, held until the verb ends (`alone.take`, its `part`), with the resolved
+    """The output folder, locked until the command ends (`lock_output`, its `part`), with the resolved
     configuration in it, but for the keys `without`, and, if there are none of these, run.json
     (`provenance`)."""
     out, told = Path(cfg.out), copy.deepcopy(cfg)
-    take(out, part)
+    lock_output(out, part)
     OmegaConf.set_struct(told, False)
     for key in without:
         parent, _, name = key.rpartition(".")

@@ -25,7 +25,7 @@ from gaussray.evaluate.scores import summary
 from gaussray.io.atomic import demand, sweep, whole, write_json
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.runtime.devices import agreed, leads
-from gaussray.runtime.lock import holds_out
+from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress
 from gaussray.runtime.provenance import versions
 from gaussray.scene.scene import Scene
@@ -71,7 +71,7 @@ class EvaluateOptions(eqx.Module):
         return getattr(self, effect if effect in known else "other")
 
 
-@holds_out
+@locks_output
 def evaluate(
     scene: Scene | Clip,
     truth: Capture,

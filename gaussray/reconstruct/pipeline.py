@@ -16,14 +16,14 @@ from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.session import Fit, ReconstructOptions as ReconstructOptions
 from gaussray.reconstruct.simplify.prune import required, sentence, total
 from gaussray.runtime.devices import leads, wait
-from gaussray.runtime.lock import holds_out
+from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress, say
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene, save_scene, scene_info
 
 
-@holds_out
+@locks_output
 def reconstruct(
     capture: Capture,
     out: Path | str,

@@ -38,7 +38,7 @@ from gaussray.render.aov.labeller import Labeller
 from gaussray.render.frame import SHARE, Frame
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.runtime.devices import agreed, leads, share, together, wait
-from gaussray.runtime.lock import holds_out
+from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
@@ -55,7 +55,7 @@ NO_SENSOR = SensorOptions()
 HALF_BITS = 10
 
 
-@holds_out
+@locks_output
 def render_dataset(
     scene: Scene | Clip,
     records: Sequence[FrameRecord],

@@ -1,4 +1,4 @@
-"""One process at a time for a folder of output."""
+"""Locks of output folders: one process at a time writes into a folder."""
 
 import contextlib
 import errno
@@ -8,7 +8,9 @@ import os
 import socket
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import NamedTuple, ParamSpec, TypeVar
+
+from filelock import FileLock, Timeout
 
 from gaussray.runtime.devices import leads
 
@@ -16,117 +18,120 @@ from gaussray.runtime.devices import leads
 P = ParamSpec("P")
 R = TypeVar("R")
 
-try:
-    import fcntl
-except ImportError:  # a system without such locks has none here
-    fcntl = None
+# The lock of a folder. Its file is removed at the end; a killed process leaves a file without lock.
+LOCK_FILE = ".gaussray.lock"
+# File systems without locks answer with these; the folder is then used without one.
+_NO_LOCKS = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP}
 
 
-# Says who works there: removed at the end, left by a process that was killed, and then of no use.
-FILE = ".gaussray.lock"
-# File systems that know no locks.
-_LOCKLESS = {errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP}
-# Descriptors of this process's locks, and whether their folders were made for them.
-_held: dict[Path, tuple[int, bool]] = {}
+class _Held(NamedTuple):
+    """A lock of this process; `made` tells whether its folder was made for it."""
+
+    lock: FileLock
+    made: bool
+
+
+_held: dict[Path, _Held] = {}
 
 
 @contextlib.contextmanager
-def alone(out: Path | str, part: str = "") -> Iterator[None]:
-    """Within the block no other process writes into `out`, or works on this `part` of it; an
-    OSError names the one that does. A process may hold a folder several times over."""
-    new = take(out, part)
+def output_lock(out: Path | str, part: str = "") -> Iterator[None]:
+    """Lock an output folder within the block.
+
+    A process may lock the same folder several times; the outermost block releases it.
+
+    Args:
+        out: the output folder; it is made if missing, and removed again if it stays empty.
+        part: name of a share of the folder's work that has a lock of its own ("0/4").
+
+    Raises:
+        OSError: another process holds the lock, or the folder cannot be written.
+    """
+    path = lock_output(out, part)
     try:
         yield
     finally:
-        if new is not None:
-            _release(new)
+        if path is not None:
+            _release(path)
 
 
-def holds_out(function: Callable[P, R]) -> Callable[P, R]:
-    """The function, at work `alone` in the folder that it is given as `out`."""
+def locks_output(function: Callable[P, R]) -> Callable[P, R]:
+    """Decorate a function that has an argument `out`: the folder is locked while it runs."""
     signature = inspect.signature(function)
 
     @functools.wraps(function)
-    def held(*args: P.args, **kwargs: P.kwargs) -> R:
-        with alone(signature.bind(*args, **kwargs).arguments["out"]):
+    def locked(*args: P.args, **kwargs: P.kwargs) -> R:
+        with output_lock(signature.bind(*args, **kwargs).arguments["out"]):
             return function(*args, **kwargs)
 
-    return held
+    return locked
 
 
-def take(out: Path | str, part: str = "") -> Path | None:
-    """Hold a folder, which is made, until `release` or the end of the process, however that comes:
-    the system forgets the lock. The lock's file, None if it was held already. Of several hosts the
-    first one holds it for all."""
-    name = FILE if not part else f".gaussray.{part.replace('/', '-')}.lock"
+def lock_output(out: Path | str, part: str = "") -> Path | None:
+    """Lock an output folder until `release_locks` or the end of the process.
+
+    The operating system drops the lock of a process that is killed. With several hosts, process 0
+    holds the lock for all of them.
+
+    Args:
+        out: the output folder; it is made if missing.
+        part: name of a share of the folder's work that has a lock of its own ("0/4").
+
+    Returns:
+        The lock's file, or None if this process held the lock already or another host holds it.
+
+    Raises:
+        OSError: another process holds the lock, or the folder cannot be written.
+    """
+    name = LOCK_FILE if not part else f".gaussray.{part.replace('/', '-')}.lock"
     path = Path(out).absolute() / name
-    if path in _held or fcntl is None or not leads():
+    if path in _held or not leads():
         return None
     made = not path.parent.exists()
+    lock = FileLock(path, timeout=0, thread_local=False)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        _held[path] = _locked(path), made
-    except BlockingIOError as error:
-        who = _holder(path)
+        lock.acquire()
+        _owner(path).write_text(f"{os.getpid()} {socket.gethostname()}\n")
+    except Timeout as error:
         raise OSError(
-            f"out={out}: {who} is writing there. Wait for it, or choose another folder."
+            f"out={out}: {_holder(path)} is writing there. Wait for it, or choose another folder."
         ) from error
     except OSError as error:
-        raise OSError(f"out={out}: cannot be written: {error.strerror}") from error
+        if error.errno not in _NO_LOCKS:
+            lock.release()
+            raise OSError(f"out={out}: cannot be written: {error.strerror}") from error
+    _held[path] = _Held(lock, made)
     return path
 
 
-def release() -> None:
-    """Let go of all folders that are held."""
+def release_locks() -> None:
+    """Release all locks of this process."""
     for path in list(_held):
         _release(path)
 
 
-def _locked(path: Path) -> int:
-    """The descriptor of a locked file that says who holds it."""
-    while True:
-        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            _lock(file)
-            # The one before may have removed it between the opening and the lock.
-            if _is_at(file, path):
-                os.ftruncate(file, 0)
-                os.write(file, f"{os.getpid()} {socket.gethostname()}\n".encode())
-                return file
-        except BaseException:
-            os.close(file)
-            raise
-        os.close(file)
-
-
-def _lock(file: int) -> None:
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # type: ignore[union-attr]
-    except OSError as error:
-        if error.errno not in _LOCKLESS:
-            raise
-
-
-def _is_at(file: int, path: Path) -> bool:
-    try:
-        return os.path.samestat(os.fstat(file), os.stat(path))
-    except FileNotFoundError:
-        return False
+def _owner(path: Path) -> Path:
+    """The file beside a lock that names the process; Windows lets nobody read a locked file."""
+    return path.with_suffix(".owner")
 
 
 def _holder(path: Path) -> str:
-    """Who holds a lock, as far as its file tells."""
+    """The process that holds a lock, as far as the file beside the lock tells."""
     with contextlib.suppress(OSError, ValueError):
-        pid, host = path.read_text().split()
+        pid, host = _owner(path).read_text().split()
         return f"process {int(pid)} on {host}"
     return "another process"
 
 
 def _release(path: Path) -> None:
-    file, made = _held.pop(path)
-    # Before it is unlocked: whoever waits for it finds that it is gone, and makes one anew.
-    with contextlib.suppress(OSError):
-        path.unlink()
-        if made:
-            path.parent.rmdir()  # where nothing came of it
-    os.close(file)
+    lock, made = _held.pop(path)
+    for file in (_owner(path), path):
+        # Before the release: a process that waits finds the file gone and makes a new one. Windows
+        # refuses to remove an open file; filelock removes it there after the release.
+        with contextlib.suppress(OSError):
+            file.unlink()
+    if made:
+        with contextlib.suppress(OSError):
+            path.parent.rmdir()
+    lock.release()

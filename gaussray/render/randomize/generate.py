@@ -17,7 +17,7 @@ from gaussray.render.dataset import NO_SENSOR, render_dataset
 from gaussray.render.randomize.distributions import drawn
 from gaussray.render.randomize.options import FactoryOptions
 from gaussray.render.renderer import Renderer, RenderOptions
-from gaussray.runtime.lock import alone
+from gaussray.runtime.lock import output_lock
 from gaussray.runtime.progress import Progress
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
@@ -115,7 +115,7 @@ def produce(
     for done, index in enumerate(own, 1):
         one = take(index, of, shoot, options=options)
         frames = len(one.shot.records)
-        with alone(out / folder_of(index)):
+        with output_lock(out / folder_of(index)):
             _film(out, one, options.seed, stages)
         progress.report(done, f"{frames} frames of {one.shot.records[0].effect}")
     return write_takes(out, options.count)
