@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.record import backend, begin, record, show
-from gaussray.camera.chromatic import dispersed
+from gaussray.camera.camera import with_chromatic
 from gaussray.config.compose import configuration
 from gaussray.viewer.develop import developed
 from gaussray.viewer.model import Studio
@@ -66,7 +66,7 @@ def _measured(scene: str, studio: Studio, sketcher: Sketcher, width: int, frames
         meter, began = Meter(), time.perf_counter()
         with meter.stage("tracing"):
             shot = studio.shot(values, stance, size)
-            camera = dispersed(shot.records[0].camera, shot.sensor.chromatic)
+            camera = with_chromatic(shot.records[0].camera, shot.sensor.chromatic)
             while (sketch := sketcher(camera, rays)) is None or sketcher.building:
                 time.sleep(0.05)
         with meter.stage("developing"):

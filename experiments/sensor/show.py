@@ -13,8 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.camera.camera import Camera
-from gaussray.camera.chromatic import dispersed
+from gaussray.camera.camera import Camera, with_chromatic
 from gaussray.camera.film import Film
 from gaussray.camera.lens import pinhole
 from gaussray.camera.sensor.noise import picture_key
@@ -69,7 +68,7 @@ def main(scene: str, out: Path, camera: str, time: float, size: int) -> None:
         for name, chosen in row.items():
             options = SensorOptions(**chosen)
             if options.chromatic not in lights:
-                lights[options.chromatic] = render(dispersed(seen_by, options.chromatic)).color
+                lights[options.chromatic] = render(with_chromatic(seen_by, options.chromatic)).color
             light = jnp.asarray(lights[options.chromatic])
             values = develop(light, seen_by, picture_key(0, name), options=options)
             stored = codes(np.asarray(encode(values, options=options)), lambda x: x)

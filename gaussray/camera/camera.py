@@ -1,19 +1,43 @@
-"""A camera is its film, lens, aperture, shutter and trajectory, in this order."""
+"""A camera: film, lens, aperture, shutter and trajectory, and the rays that they form together."""
+
+import dataclasses
+from collections.abc import Sequence
 
 import equinox as eqx
 import jax
+import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.camera.aperture import Aperture, focused, thin_lens, transmitted
+from gaussray.camera.chromatic import reference_pixel
 from gaussray.camera.film import Film, sample_offset
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.rays import Rays
 from gaussray.camera.shutter import Shutter, sample_time
 from gaussray.camera.trajectory import Trajectory, pose_at
+from gaussray.camera.validate import require
 
 
 class Camera(eqx.Module):
-    """Everything between the scene and one picture taken at `time`."""
+    """The camera of one picture.
+
+    All geometry (projection, labels, focus) is that of `lens`; `chromatic` concerns only the rays
+    of a single colour channel.
+
+    Args:
+        film: Size of the picture in pixels, and the pixel filter.
+        lens: The map between pixels and viewing directions.
+        aperture: Aperture and focus in scene units; radius 0 is a pinhole.
+        shutter: Exposure and readout in the capture's unit of time.
+        trajectory: world_from_camera over time.
+        time: The frame's own time, in the capture's unit.
+        chromatic: Magnifications of red, green and blue about the optical axis
+            (`chromatic.reference_pixel`); None is no chromatic aberration.
+
+    Raises:
+        ValueError: If a magnification is not above 0.
+    """
 
     film: Film
     lens: AbstractLens
@@ -21,33 +45,68 @@ class Camera(eqx.Module):
     shutter: Shutter
     trajectory: Trajectory
     time: Float[Array, ""]
+    chromatic: Float[Array, "3"] | None = None
+
+    def __check_init__(self):
+        if self.chromatic is not None:
+            rule = "above 0"
+            require("chromatic", self.chromatic, lambda m: np.isfinite(m) & (m > 0), rule)
 
 
-def camera_ray(camera: Camera, pixel: Float[Array, "2"], u: Float[Array, "5"]) -> Rays:
-    """The ray of one sample of the pixel with index (column, row), in the world.
+def with_chromatic(camera: Camera, magnification: Sequence[float]) -> Camera:
+    """The camera with these magnifications of red, green and blue; all 1 is no aberration."""
+    none = all(m == 1 for m in magnification)
+    chromatic = None if none else jnp.asarray(magnification, camera.time.dtype)
+    return dataclasses.replace(camera, chromatic=chromatic)
 
-    `u` in [0, 1) is film x, film y, lens x, lens y, shutter; 1/2 everywhere is the chief ray of the
-    pixel's centre in the middle of its exposure.
+
+def camera_ray(
+    camera: Camera,
+    pixel: Float[Array, "2"],
+    u: Float[Array, "5"],
+    magnification: Float[Array, ""] | None = None,
+) -> Rays:
+    """The ray of one sample of a pixel, in world space.
+
+    Args:
+        camera: The camera.
+        pixel: Index of the pixel (column, row).
+        u: Film x, film y, lens x, lens y and shutter, in [0, 1). 1/2 everywhere is the chief ray of
+            the pixel's centre in the middle of its exposure.
+        magnification: Of one colour channel, an element of `camera.chromatic`; None is the lens
+            itself (magnification 1).
+
+    Returns:
+        One ray. Its direction is zero where the lens forms none.
     """
     film = camera.film
     time = sample_time(camera.shutter, pixel, (film.width, film.height), camera.time, u[4])
     aperture = focused(camera.aperture, time)
-    chief = camera.lens.direction(pixel + 0.5 + sample_offset(film, u[:2]))
+    position = pixel + 0.5 + sample_offset(film, u[:2])
+    if magnification is not None:
+        position = reference_pixel(camera.lens, position, magnification)
+    chief = camera.lens.direction(position)
     origin, direction = thin_lens(aperture, chief, u[2:4])
     weight = transmitted(aperture, chief, u[2:4])
     world_from_camera = pose_at(camera.trajectory, time)
     return Rays(world_from_camera.apply(origin), world_from_camera.rotate(direction), time, weight)
 
 
-def camera_rays(camera: Camera, pixel: Float[Array, "rays 2"], u: Float[Array, "rays 5"]) -> Rays:
-    """`camera_ray` for many samples."""
-    return jax.vmap(camera_ray, in_axes=(None, 0, 0))(camera, pixel, u)
+def camera_rays(
+    camera: Camera,
+    pixel: Float[Array, "rays 2"],
+    u: Float[Array, "rays 5"],
+    magnification: Float[Array, ""] | None = None,
+) -> Rays:
+    """`camera_ray` of many samples, all of one colour channel or of the lens itself."""
+    return jax.vmap(camera_ray, in_axes=(None, 0, 0, None))(camera, pixel, u, magnification)
 
 
 def project(camera: Camera, point: Float[Array, "3"]) -> Float[Array, "2"]:
-    """Pixel of a point of the world, seen from the camera's pose at the frame's own time.
+    """Pixel (column, row) of a point in world space, seen at the frame's own time.
 
-    A rolling shutter and the aperture are left out. NaN where the point is not imaged.
+    Rolling shutter (see `rolling_projection`), aperture and chromatic aberration are left out. NaN
+    where the lens does not image the point.
     """
     world_from_camera = pose_at(camera.trajectory, camera.time)
     return camera.lens.project(world_from_camera.inverse_apply(point))

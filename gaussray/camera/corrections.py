@@ -142,7 +142,7 @@ def refined(camera: Camera, own: Corrections, cameras: CameraSet) -> Camera:
     if own.offset is not None:
         late = shutter.row_offset + cameras.interval * own.offset
         shutter = dataclasses.replace(shutter, row_offset=late)
-    return Camera(camera.film, lens, camera.aperture, shutter, trajectory, camera.time)
+    return dataclasses.replace(camera, lens=lens, shutter=shutter, trajectory=trajectory)
 
 
 def corrected_lens(lens: AbstractLens, own: Float[Array, " parameters"]) -> AbstractLens:

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.camera.chromatic import dispersed
+from gaussray.camera.camera import with_chromatic
 from gaussray.camera.sensor.noise import picture_key
 from gaussray.camera.sensor.sensor import (
     SensorOptions,
@@ -102,7 +102,7 @@ def render_dataset(
     render = renderer or Renderer(scene, options=options, trace=trace, devices=devices)
     progress = Progress("render", len(own), quiet=quiet or not leads())
     frames = render.film(
-        dispersed(record.camera, _sensor_of(record, sensor).chromatic) for record in own
+        with_chromatic(record.camera, _sensor_of(record, sensor).chromatic) for record in own
     )
     missing = Counter(_video(record) for record, old in zip(records, there, strict=True) if not old)
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:

@@ -13,7 +13,6 @@ from jax.tree_util import PyTreeDef
 from jaxtyping import Array, Bool, Float
 
 from gaussray.camera.camera import Camera, camera_rays
-from gaussray.camera.chromatic import Chromatic, achromatic, magnified
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import shifted_samples, sobol_samples
 from gaussray.camera.shutter import decisive_pixels, row_number
@@ -87,12 +86,12 @@ def _on_each(structure: PyTreeDef, layout: Layout, pace: Pace, of_each: tuple[st
 
 def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, Report]:
     motion = _motion(scene, camera, part, pace)
-    if isinstance(camera.lens, Chromatic):
+    if camera.chromatic is not None:
 
         def channel(magnification: Float[Array, ""]) -> tuple[Pixels, Report]:
-            return _traced(motion, magnified(camera, magnification), part, pace)
+            return _traced(motion, camera, part, pace, magnification)
 
-        seen, reports = over(channel, camera.lens.magnification)
+        seen, reports = over(channel, camera.chromatic)
         color = jnp.stack([seen.color[i, :, i] for i in range(3)], axis=-1)
         pixels = Pixels(color, jnp.mean(seen.transmittance, axis=0), jnp.mean(seen.depth, axis=0))
         report = _all_of(reports)
@@ -103,8 +102,14 @@ def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, 
     return jnp.concatenate([pixels.color, alpha[:, None], depth[:, None]], axis=1), report
 
 
-def _traced(motion: Motion, camera: Camera, part: Part, pace: Pace) -> tuple[Pixels, Report]:
-    """The part's pixels, each the mean of its samples."""
+def _traced(
+    motion: Motion,
+    camera: Camera,
+    part: Part,
+    pace: Pace,
+    magnification: Float[Array, ""] | None = None,
+) -> tuple[Pixels, Report]:
+    """The part's pixels, each the mean of its samples; `magnification` is that of one colour."""
     u, shared = _points(part, pace), together(pace.options, pace.trace)
     mine = None if part.share is None else part.share.seen
     # Once for all samples.
@@ -113,7 +118,7 @@ def _traced(motion: Motion, camera: Camera, part: Part, pace: Pace) -> tuple[Pix
     def trace_some(
         some: tuple[Array, Array | None],
     ) -> tuple[tuple[Pixels, Array | None], Report]:
-        rays = _rays(camera, part.pixel, *some)
+        rays = _rays(camera, part.pixel, *some, magnification)
         pixels, report = trace_sharded(
             motion,
             rays,
@@ -168,12 +173,14 @@ def _rays(
     pixel: Array,
     u: Float[Array, "samples 5"],
     seen: Bool[Array, "samples rows"] | None,
+    magnification: Float[Array, ""] | None = None,
 ) -> Rays:
     """Rays of all samples; those that another segment traces have no direction."""
     size = camera.film.width, camera.film.height
 
     def sample(one: Float[Array, "5"], seen: Bool[Array, " rows"] | None) -> Rays:
-        rays = camera_rays(camera, pixel, jnp.broadcast_to(one, (pixel.shape[0], 5)))
+        points = jnp.broadcast_to(one, (pixel.shape[0], 5))
+        rays = camera_rays(camera, pixel, points, magnification)
         if seen is None:
             return rays
         row = jax.vmap(lambda p: row_number(camera.shutter, p, size))(pixel).astype(jnp.int32)
@@ -184,7 +191,6 @@ def _rays(
 
 
 def _motion(scene: Scene, camera: Camera, part: Part, pace: Pace) -> Motion:
-    camera = achromatic(camera)
     key_time, options = _key_times(camera, part, pace.keys), pace.options
 
     def shown(gaussians: Gaussians) -> Gaussians:

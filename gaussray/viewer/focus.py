@@ -7,16 +7,14 @@ import jax.numpy as jnp
 
 from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
-from gaussray.camera.chromatic import achromatic
 from gaussray.render.aov.trace import COVERED
 from gaussray.viewer.preview import Sketcher
 
 
 def pointing(camera: Camera) -> Camera:
     """The camera of chief rays alone: what is seen where, of whatever opening."""
-    camera = achromatic(camera)
     none = jax.tree.map(lambda x: x.astype(camera.time.dtype), no_aperture())
-    return dataclasses.replace(camera, aperture=none)
+    return dataclasses.replace(camera, aperture=none, chromatic=None)
 
 
 def focus_at(sketcher: Sketcher, camera: Camera, pixel: tuple[int, int]) -> float | None:

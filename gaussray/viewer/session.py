@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import UInt8
 
-from gaussray.camera.camera import Camera
-from gaussray.camera.chromatic import dispersed
+from gaussray.camera.camera import Camera, with_chromatic
 from gaussray.render.dataset import stored
 from gaussray.render.randomize.generate import Shot
 from gaussray.render.renderer import Renderer
@@ -253,4 +252,4 @@ class Session:
 
 
 def _camera(shot: Shot) -> Camera:
-    return dispersed(shot.records[0].camera, shot.sensor.chromatic)
+    return with_chromatic(shot.records[0].camera, shot.sensor.chromatic)

@@ -9,8 +9,7 @@ import pytest
 import toy
 
 from gaussray.camera.aperture import Aperture, Rim, transmitted
-from gaussray.camera.camera import Camera
-from gaussray.camera.chromatic import dispersed, magnified
+from gaussray.camera.camera import Camera, with_chromatic
 from gaussray.camera.film import Film, pixel_grid
 from gaussray.camera.lens import KannalaBrandt
 from gaussray.camera.sampling import sobol_samples
@@ -203,8 +202,8 @@ def test_without_an_error_to_reach_a_picture_is_what_it_was(still):
 
 def test_each_colour_is_seen_through_a_lens_of_its_own(still, render_still):
     plain, sizes = toy.camera(0.2), (1.1, 1.0, 0.9)
-    fringed = render_still(dispersed(plain, sizes))
-    alone = [render_still(magnified(plain, toy.single(m))) for m in sizes]
+    fringed = render_still(with_chromatic(plain, sizes))
+    alone = [render_still(with_chromatic(plain, (m, m, m))) for m in sizes]
     for channel, frame in enumerate(alone):
         # The same rays, over lists of other lengths.
         np.testing.assert_allclose(
@@ -214,7 +213,7 @@ def test_each_colour_is_seen_through_a_lens_of_its_own(still, render_still):
     np.testing.assert_allclose(fringed.color[..., 1], usual.color[..., 1], atol=SAME)
     assert np.abs(fringed.color - usual.color).max() > 0.01
     np.testing.assert_allclose(fringed.alpha, np.mean([f.alpha for f in alone], axis=0), atol=SAME)
-    assert render_still(dispersed(plain, (1.0, 1.0, 1.0))).compiled is False
+    assert render_still(with_chromatic(plain, (1.0, 1.0, 1.0))).compiled is False
 
 
 def test_a_time_outside_the_clip_is_its_border(render):

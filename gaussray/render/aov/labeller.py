@@ -9,7 +9,6 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.camera.camera import Camera
-from gaussray.camera.chromatic import achromatic
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
 from gaussray.render.aov.trace import OF_RAYS, labelled
@@ -136,6 +135,5 @@ class Labeller:
 
 
 def _geometric(camera: Camera) -> Camera:
-    """The camera without what only takes light or spreads colours."""
-    camera = achromatic(camera)
+    """The camera without the rim, which changes light but no geometry."""
     return replace(camera, aperture=replace(camera.aperture, rim=None))
