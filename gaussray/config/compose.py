@@ -156,9 +156,10 @@ def as_kind(kind: type, value: Any, key: str) -> Any:
 
 
 def run_folder(cfg: DictConfig, without: Sequence[str] = (), part: str = "") -> Path:
-    """The output folder, locked until the command ends (`lock_output`, its `part`), with the resolved
-    configuration in it, but for the keys `without`, and, if there are none of these, run.json
-    (`provenance`)."""
+    """Make and lock the output folder (`lock_output`, its `part`) and write config.yaml into it.
+
+    The keys `without` are left out of the configuration; if there are none of these, run.json
+    (`provenance`) is written too."""
     out, told = Path(cfg.out), copy.deepcopy(cfg)
     lock_output(out, part)
     OmegaConf.set_struct(told, False)

@@ -74,7 +74,7 @@ CURVES: dict[str, tuple[Callable, Callable]] = {
 def compressed(
     array: dict[str, np.ndarray],
 ) -> tuple[dict[str, dict[str, Any]], dict[str, np.ndarray]]:
-    """The named arrays of a scene (`store.named`) as they are kept: fields of the `Code` of those
+    """The named arrays of a scene (`named_arrays`) as they are kept: fields of the `Code` of those
     that became bytes, and all arrays, Gaussians in Morton order. ValueError where one is not
     finite."""
     array, numbers, steps = dict(array), {}, {}

@@ -17,6 +17,8 @@ from gaussray.scene.planes import Planes, features
 STRETCH = 0.3
 # Largest change of the logarithm of the colour: from sun to deep shade.
 CONTRAST = 3.0
+# The fields of a `Deformation` that are output heads of its network; each may be None.
+HEADS = ("mean", "rotation", "scale", "tint")
 
 
 class FieldOptions(eqx.Module):

@@ -14,7 +14,8 @@ from gaussray.cli.main import main
 from gaussray.config.schema import keys
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
-from gaussray.scene.store import save_scene, write_arrays
+from gaussray.scene.array_file import write_arrays
+from gaussray.scene.store import save_scene
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")

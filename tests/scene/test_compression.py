@@ -13,12 +13,14 @@ import pytest
 import toy
 
 from gaussray.color import srgb_encode
+from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.compression import CURVES, compressed, restored
 from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0
+from gaussray.scene.named_arrays import named_arrays
 from gaussray.scene.scene import Scene
-from gaussray.scene.store import as_stored, load_scene, named, read_arrays, save_scene, write_arrays
+from gaussray.scene.store import as_stored, load_scene, save_scene
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -71,7 +73,7 @@ def in_order(array, wanted):
 
 
 def test_every_value_is_within_half_a_step_on_its_curve(scene):
-    wanted = named(scene)
+    wanted = named_arrays(scene)
     codes, kept = compressed(wanted)
     found = in_order(restored(codes, kept, Path("a file")), wanted)
     assert {"static.mean", "moving.quat", "deformation.trunk.bias"} <= set(codes)
@@ -90,7 +92,7 @@ def test_every_value_is_within_half_a_step_on_its_curve(scene):
 
 
 def test_steps_are_those_that_are_told(scene):
-    wanted = named(scene)
+    wanted = named_arrays(scene)
     codes, _ = compressed(wanted)
     exponent = {name: code["exponent"] for name, code in codes.items()}
     assert exponent["static.quat"] == exponent["moving.quat"] == -10

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 import toy
 
+from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.segmented import Clip, edges_of, segment_at, segments_of
-from gaussray.scene.store import load_scene, read_arrays, save_scene, scene_info, write_arrays
+from gaussray.scene.store import load_scene, save_scene, scene_info
 
 
 def part(begin, end, speed=0.0):

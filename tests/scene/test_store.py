@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 import toy
 
+from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.formats.gaussian_folder import read_model
+from gaussray.scene.named_arrays import named_arrays
 from gaussray.scene.scene import Scene
-from gaussray.scene.store import load_scene, named, read_arrays, save_scene, write_arrays
+from gaussray.scene.store import load_scene, save_scene
 
 
 def same(a, b):
@@ -165,4 +167,4 @@ def test_values_that_are_not_finite_are_refused(path):
 
 def test_named_follows_modules_tuples_and_named_tuples():
     tree = (np.zeros(1), (np.ones(2), None))
-    assert set(named(tree)) == {"0", "1.0"}
+    assert set(named_arrays(tree)) == {"0", "1.0"}

@@ -24,7 +24,7 @@ def opened(path: Path | str) -> io.BufferedReader:
     A pipe, device or folder is refused, and never waited for. FileNotFoundError or another OSError,
     naming the file.
     """
-    # O_NONBLOCK: opening a pipe does not wait for its writer; O_BINARY: Windows alters no line ends.
+    # O_NONBLOCK: opening a pipe does not wait for a writer. O_BINARY: Windows keeps line ends.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
         number = os.open(path, flags)

@@ -12,8 +12,9 @@ from gaussray.camera.corrections import Corrections
 from gaussray.reconstruct.optimize.density import Pull
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import State
+from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.gaussians import Unconstrained
-from gaussray.scene.store import deformation_from, named, read_arrays, write_arrays
+from gaussray.scene.named_arrays import deformation_from, named_arrays
 
 
 FORMAT, VERSION = "gaussray-checkpoint", 2
@@ -25,7 +26,7 @@ def save_checkpoint(
 ) -> None:
     """Write the state, whole or not at all."""
     header = {"format": FORMAT, "version": VERSION, "info": info}
-    write_arrays(path, header, named(state) | {NOTE + name: x for name, x in notes.items()})
+    write_arrays(path, header, named_arrays(state) | {NOTE + name: x for name, x in notes.items()})
 
 
 def load_checkpoint(path: Path) -> tuple[State, dict[str, Any], dict[str, np.ndarray]]:

@@ -10,11 +10,10 @@ from gaussray.geometry import normalize_quaternion, product
 from gaussray.reconstruct.optimize.density import DEAD
 from gaussray.reconstruct.optimize.state import take
 from gaussray.scene.bodies import body_of
-from gaussray.scene.deformation import Deformation, Layer
+from gaussray.scene.deformation import HEADS, Deformation, Layer
 from gaussray.scene.gaussians import Gaussians, axes, concatenate, folded
 from gaussray.scene.planes import Planes, features
 from gaussray.scene.scene import Scene
-from gaussray.scene.store import HEADS
 
 
 class Draft(eqx.Module):

@@ -22,9 +22,9 @@ from gaussray.reconstruct.simplify.draft import (
     without_head,
     without_scale,
 )
-from gaussray.scene.deformation import Deformation
+from gaussray.scene.deformation import HEADS, Deformation
 from gaussray.scene.scene import Scene
-from gaussray.scene.store import HEADS, PRECISIONS, as_stored
+from gaussray.scene.store import PRECISIONS, as_stored
 from gaussray.tracer.shard import mesh
 from gaussray.tracer.trace import TraceOptions
 

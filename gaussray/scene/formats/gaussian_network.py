@@ -20,7 +20,7 @@ from gaussray.scene.residual_field import Head, ResidualField
 
 
 # Name and outputs of each head.
-HEADS = {
+NETWORK_HEADS = {
     "mean": ("pos_deform", 3),
     "rotation": ("rotations_deform", 4),
     "scale": ("scales_deform", 3),
@@ -57,11 +57,13 @@ class _Network:
         def head(name: str) -> Head | None:
             if name not in heads:
                 return None
-            layers, outputs = HEADS[name]
+            layers, outputs = NETWORK_HEADS[name]
             first = self._layer(f"{layers}.1", width, width)
             return first, self._layer(f"{layers}.3", width, outputs)
 
-        return ResidualField(planes, tuple(trunk), *map(head, HEADS), logit_opacity=logit_opacity)
+        return ResidualField(
+            planes, tuple(trunk), *map(head, NETWORK_HEADS), logit_opacity=logit_opacity
+        )
 
     def _planes(self) -> Planes:
         upper, lower = self._take("grid.aabb", 2, 3)

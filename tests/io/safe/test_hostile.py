@@ -23,9 +23,10 @@ from gaussray.dataset.pack import pack
 from gaussray.io.ply import read_vertices
 from gaussray.io.safe.limits import Limits, limit, limits
 from gaussray.render.rig.rig import cameras_of
+from gaussray.scene.array_file import write_arrays
 from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.formats.pth import read_tensors
-from gaussray.scene.store import load_scene, save_scene, write_arrays
+from gaussray.scene.store import load_scene, save_scene
 
 
 CAPTURE = {**LENS, "frames": [FRAME]}
@@ -248,12 +249,12 @@ def test_what_is_packed_lies_in_the_data_set(tmp_path, changes):
 
 
 def test_a_scene_whose_arrays_do_not_fit_is_refused_when_it_is_read(tmp_path):
-    from gaussray.scene.store import named
+    from gaussray.scene.named_arrays import named_arrays
 
     scene = toy_scene()
     save_scene(tmp_path / "good.npz", scene)
     load_scene(tmp_path / "good.npz")
-    array = named(scene)
+    array = named_arrays(scene)
     header = {"format": "gaussray-scene", "version": 1, "info": {}}
     width = array["deformation.trunk.weight"].shape[1]
     wrong = {

@@ -15,8 +15,8 @@ from gaussray.reconstruct.optimize import optimizer
 from gaussray.reconstruct.optimize.checkpoint import load_checkpoint, save_checkpoint
 from gaussray.reconstruct.optimize.optimizer import OptimizerOptions, Parameters, scene_of
 from gaussray.reconstruct.optimize.state import begin_state
+from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.gaussians import unconstrain
-from gaussray.scene.store import read_arrays, write_arrays
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
