@@ -1,5 +1,6 @@
-"""The sRGB curve, between linear light and the values that 8-bit pictures store."""
+"""The sRGB curve between linear light and stored 8-bit values, and PSNR of encoded values."""
 
+import math
 from typing import Any, TypeVar
 
 import jax
@@ -28,3 +29,13 @@ def srgb_decode(encoded: Values) -> Values:
     low = encoded <= 0.04045
     power = ((xp.where(low, 0.04045, encoded) + 0.055) / 1.055) ** 2.4
     return xp.where(low, encoded / 12.92, power).astype(encoded.dtype)
+
+
+def psnr_from_mse(mse: float | np.ndarray | np.floating | jax.Array, *, least: float = 0.0) -> float:
+    """Peak signal-to-noise ratio in dB of a mean squared error between values in 0..1.
+
+    -10 log10(mse), infinity for 0. An error below `least` counts as `least`, which keeps the result
+    finite.
+    """
+    error = max(float(mse), least)
+    return math.inf if error == 0 else -10 * math.log10(error)

@@ -13,7 +13,7 @@ import numpy as np
 
 from gaussray.calibrate import CalibrateOptions, calibrate
 from gaussray.calibrate.parameters import applied, readings, units, unknowns
-from gaussray.calibrate.results import table
+from gaussray.calibrate.results import calibration_table
 from gaussray.capture.formats.paired import read_capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.geometry import RigidTransform, turning
@@ -48,7 +48,7 @@ def main(scene, folder, out, *effects):
         truth = recorded(wrong, effect, views)
         options = CalibrateOptions(parameters=FOUND[effect], frames=FRAMES)
         found = calibrate(scene, read_capture(wrong), out / effect / "found", options=options)
-        print(effect, table(found), sep="\n")
+        print(effect, calibration_table(found), sep="\n")
         for row in found["parameters"]:
             real = truth[row["name"]]
             errors = abs(row["start"] - real), abs(row["value"] - real)

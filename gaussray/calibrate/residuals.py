@@ -1,15 +1,14 @@
-"""How well a picture of a known scene agrees with a camera, and how each of its numbers matters."""
+"""Photometric residuals of a camera estimate, and their derivatives by every unknown."""
 
 import dataclasses
-from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.calibrate.parameters import Unknown, applied
+from gaussray.calibrate.pixel_blocks import PixelBlocks
 from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.rays import Rays
@@ -18,154 +17,124 @@ from gaussray.color import srgb_encode
 from gaussray.geometry import product
 from gaussray.reconstruct.optimize.loss import developed
 from gaussray.scene.scene import Scene, at, moving_at
-from gaussray.tracer.bundle import tiles
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.shard import trace_sharded
 from gaussray.tracer.trace import TraceOptions, enlarge, measure
 from gaussray.tracer.traverse import Capacity
 
 
-# Rays along the side of a block of pixels whose mean is compared, and tiles of rays traced at once:
-# one program serves all levels.
-_SIDE, _TILES = 4, 64
-# What key states reach beyond the times of the rays, in their span: no ray shall be at the edge,
-# where time has no slope.
+# Key states reach this share of the rays' time span beyond it: at the outermost key the derivative
+# by time would be 0.
 _MARGIN = 0.05
 
 
-class Sight(eqx.Module):
-    """Some tiles of a picture, in blocks of pixels: the index (column, row) of each ray's pixel,
-    its weight (0 where there is nothing to see), and the encoded mean of each block."""
+class CameraEstimate(eqx.Module):
+    """A recorded camera and a value for each of its unknowns; zeros are the camera as recorded.
 
-    pixel: Float[Array, "rays 2"]
-    weight: Float[Array, " rays"]
-    truth: Float[Array, "blocks 3"]
+    `unit` gives the units of the unknowns (`parameters.units`).
+    """
 
-    @property
-    def side(self) -> int:
-        """Rays along the side of a block."""
-        return round((self.weight.shape[0] / self.truth.shape[0]) ** 0.5)
+    camera: Camera
+    unit: CameraSet
+    unknowns: tuple[Unknown, ...]
+    value: Float[Array, " unknowns"]
+
+    def at(self, value: Float[Array, " unknowns"]) -> tuple[Camera, Float[Array, "3"]]:
+        """The camera with these values of its unknowns, and its exposure gains."""
+        return applied(value, self.camera, self.unit, self.unknowns)
 
 
-class Agreement(eqx.Module):
-    """Residuals of the blocks (0 where there is none), whether they count, and sums over them with
-    Huber's loss: its gradient, the curvature that a step takes (weights) and that which errors take
-    (what lies within the bend), and the scatter of gradients, block by block and tile by tile."""
+class TraceSettings(eqx.Module):
+    """How pictures are rendered: rays per pixel, key states of the scene, tracer options."""
+
+    samples: int = eqx.field(static=True)
+    keys: int = eqx.field(static=True)
+    trace: TraceOptions
+
+
+class NormalEquations(eqx.Module):
+    """Residuals of pixel blocks and the sums of robust least squares over them.
+
+    `residual` is rendered minus recorded sRGB value (0 where a block does not count), `counts` is 1
+    where it counts. With Huber's loss: `gradient`; `curvature`, the weighted Gauss-Newton Hessian
+    of a step; `inlier_curvature`, that of the residuals below the bend, for standard errors;
+    `scatter`, the sums of g g^T over blocks and over ray tiles, g being their share of the
+    gradient.
+    """
 
     residual: Float[Array, "blocks 3"]
     counts: Float[Array, " blocks"]
     gradient: Float[Array, " unknowns"]
     curvature: Float[Array, "unknowns unknowns"]
-    inner: Float[Array, "unknowns unknowns"]
+    inlier_curvature: Float[Array, "unknowns unknowns"]
     scatter: Float[Array, "2 unknowns unknowns"]
 
 
-def sights(
-    light: Float[np.ndarray, "h w 3"], mask: np.ndarray, factor: int, *, bundle: int
-) -> list[Sight]:
-    """A picture (linear light) in blocks of `factor` x `factor` pixels, where the mask is not 0.
+class ResidualEvaluator:
+    """Compares camera estimates with pictures; keeps the list capacities that the tracer needs.
 
-    Blocks are compared by their means: of all pixels in the picture, of at most 4 x 4 rays, evenly
-    spread, in what is rendered. Rays are those of whole pixels, so that row times and lens need no
-    scaling. Tiles of bundle x bundle rays hold whole blocks.
+    Args:
+        samples: Rays per pixel.
+        trace: Options of the tracer.
+        bend: Where Huber's loss turns linear, in standard deviations.
     """
-    (height, width), dtype = mask.shape, light.dtype
-    side = min(factor, _SIDE, bundle & -bundle)
-    across, down = -(-width // factor), -(-height // factor)
-    pad = (0, down * factor - height), (0, across * factor - width)
-    full = np.pad(mask.astype(np.float64), pad)
-    light = np.pad(light.astype(np.float64), (*pad, (0, 0))) * full[..., None]
-    shape = down, factor, across, factor
-    count = full.reshape(shape).sum(axis=(1, 3))
-    mean = light.reshape(*shape, 3).sum(axis=(1, 3)) / np.maximum(count, 1)[..., None]
 
-    order = tiles(across * side, down * side, bundle, 0).reshape(-1, bundle**2)
-    inside, (y, x) = order >= 0, np.divmod(np.maximum(order, 0), across * side)
-    place = ((np.arange(side) + 0.5) * factor / side).astype(int)
-    row, column = (v // side * factor + place[v % side] for v in (y, x))
-    weight = full[row, column] * inside
-    each = bundle // side
-    first = (slice(None), slice(0, None, side), slice(0, None, side))
-    block = tuple(v.reshape(-1, bundle, bundle)[first].reshape(-1, each**2) for v in (y, x))
-    truth = srgb_encode(mean[block[0] // side, block[1] // side])
-
-    seen = np.flatnonzero(weight.any(axis=1))
-    most = min(_TILES, -(-width // bundle) * -(-height // bundle))
-    result = []
-    for begin in range(0, len(seen), most):
-        own = seen[begin : begin + most]
-        spare = most - len(own)
-        pixel = np.stack([column[own], row[own]], axis=-1)
-        values = pixel.reshape(-1, 2), weight[own].reshape(-1), truth[own].reshape(-1, 3)
-        room = spare * bundle**2, spare * bundle**2, spare * each**2
-        padded = [
-            np.pad(x, [(0, n)] + [(0, 0)] * (x.ndim - 1)) for x, n in zip(values, room, strict=True)
-        ]
-        result.append(Sight(*(jnp.asarray(x, dtype) for x in padded)))
-    return result
-
-
-class Aligner:
-    """Compares pictures with cameras; list sizes are measured once and grow where they must."""
-
-    def __init__(
-        self, told: tuple[Unknown, ...], *, samples: int, trace: TraceOptions, bend: float
-    ):
-        self.told, self.samples, self.bend = told, samples, bend
-        # Tiles of a part need not be neighbours.
+    def __init__(self, *, samples: int, trace: TraceOptions, bend: float):
+        self.samples, self.bend = samples, bend
+        # Ray tiles of a group need not be neighbours, so there are no coarser bundles.
         self.trace = dataclasses.replace(trace, levels=0)
-        self._capacity: dict[Any, Capacity] = {}
+        self._capacity: dict[tuple[int, int], Capacity] = {}
 
     def __call__(
         self,
         scene: Scene,
-        camera: Camera,
-        unit: CameraSet,
-        sight: Sight,
-        at: np.ndarray,
-        spread: float,
+        estimate: CameraEstimate,
+        blocks: PixelBlocks,
+        deviation: float,
         *,
         keys: int,
-    ) -> Agreement:
-        """How a sight agrees with a camera `at` these values of its unknowns; Huber's loss bends at
-        `bend` times the spread."""
-        dtype = camera.time.dtype
-        value = jnp.asarray(at, dtype)
-        given = scene, camera, unit, sight.pixel, sight.weight, value
-        how = {"told": self.told, "samples": self.samples, "keys": keys}
-        size = sight.weight.shape, keys
+    ) -> NormalEquations:
+        """Residuals of the blocks if the camera is as estimated, and their normal equations.
+
+        `deviation` is the standard deviation of residuals in units of which the bend is given;
+        `keys` is the number of key states of the scene.
+        """
+        settings = TraceSettings(self.samples, keys, self.trace)
+        inputs = scene, estimate, blocks, settings
+        size = blocks.weight.shape[0], keys
         if size not in self._capacity:
             self._capacity[size] = measure(
-                *_looked_at(*given, **how), options=self.trace, headroom=1.5
+                *_scene_and_rays(*inputs), options=self.trace, headroom=1.5
             )
         while True:
             capacity = self._capacity[size]
-            slopes, needed, dropped = _slopes(*given, **how, trace=self.trace, capacity=capacity)
+            colors, needed, dropped = _color_slopes(*inputs, capacity)
             if not int(dropped):
                 break
             self._capacity[size] = enlarge(capacity, [int(n) for n in needed], headroom=1.5)
-        bend = jnp.asarray(self.bend * spread, dtype)
-        found = _agreement(
-            slopes, camera, unit, value, sight, bend, told=self.told, bundle=self.trace.bundle
-        )
-        return jax.device_get(found)
+        bend = jnp.asarray(self.bend * deviation, estimate.value.dtype)
+        equations = _normal_equations(colors, estimate, blocks, bend, self.trace.bundle)
+        return jax.device_get(equations)
 
 
-class Slopes(NamedTuple):
-    """What rays see, in linear light, how that changes with the unknowns, and what each weighs."""
+class ColorSlopes(eqx.Module):
+    """Linear colours that rays see, their derivatives by the unknowns, and the rays' weights."""
 
     color: Float[Array, "rays 3"]
-    change: Float[Array, "rays 3 unknowns"]
+    slope: Float[Array, "rays 3 unknowns"]
     weight: Float[Array, " rays"]
 
 
-def _rays(camera, unit, pixel, weight, value, told, samples) -> Rays:
-    """Rays of all samples; those without weight meet nothing."""
-    seen, _ = applied(value, camera, unit, told)
-    u = sobol_samples(samples).astype(value.dtype)
+def _rays(
+    estimate: CameraEstimate, value: Array, blocks: PixelBlocks, settings: TraceSettings
+) -> Rays:
+    """Rays of all samples; a ray without weight has no direction and meets nothing."""
+    camera, _ = estimate.at(value)
+    pixel, weight = blocks.pixel, blocks.weight
+    u = sobol_samples(settings.samples).astype(value.dtype)
 
     def sample(one: Float[Array, "5"]) -> Rays:
-        return camera_rays(seen, pixel, jnp.broadcast_to(one, (pixel.shape[0], 5)))
+        return camera_rays(camera, pixel, jnp.broadcast_to(one, (pixel.shape[0], 5)))
 
     rays = jax.vmap(sample)(u)
     direction = jnp.where(weight[None, :, None] > 0, rays.direction, 0)
@@ -173,7 +142,7 @@ def _rays(camera, unit, pixel, weight, value, told, samples) -> Rays:
 
 
 def _motion(scene: Scene, rays: Rays, keys: int) -> Motion:
-    """The scene across the times of rays, and a little beyond."""
+    """Key states of the scene across the times of the rays, and a little beyond."""
     if scene.deformation is None:
         return still(at(scene, jnp.zeros_like(rays.time[0, 0])))
     time = jax.lax.stop_gradient(rays.time)
@@ -187,82 +156,92 @@ def _motion(scene: Scene, rays: Rays, keys: int) -> Motion:
 
 
 @eqx.filter_jit
-def _looked_at(
-    scene, camera, unit, pixel, weight, value, *, told, samples, keys
+def _scene_and_rays(
+    scene: Scene, estimate: CameraEstimate, blocks: PixelBlocks, settings: TraceSettings
 ) -> tuple[Motion, Rays]:
-    rays = _rays(camera, unit, pixel, weight, value, told, samples)
-    return _motion(scene, rays, keys), rays
+    """What is traced: the moving scene and the rays, for measuring capacities."""
+    rays = _rays(estimate, estimate.value, blocks, settings)
+    return _motion(scene, rays, settings.keys), rays
 
 
 @eqx.filter_jit
-def _slopes(
-    scene, camera, unit, pixel, weight, value, *, told, samples, keys, trace, capacity
-) -> tuple[Slopes, Array, Array]:
-    """What rays see and how it changes, list sizes and how many entries were dropped.
+def _color_slopes(
+    scene: Scene,
+    estimate: CameraEstimate,
+    blocks: PixelBlocks,
+    settings: TraceSettings,
+    capacity: Capacity,
+) -> tuple[ColorSlopes, Array, Array]:
+    """Colours of the rays and their derivatives, list sizes, and the number of dropped entries.
 
-    A ray sees for itself alone. So three backward passes, one for each channel, give the slope of
-    every ray's colour along its own origin, direction and time; how those follow from the unknowns
-    is a forward derivative. The cost hardly depends on how many unknowns there are.
+    A ray's colour depends on that ray alone. So three backward passes, one per channel, give the
+    slope of every colour by the ray's own origin, direction and time; the slopes of these by the
+    unknowns come from forward mode. The cost hardly depends on the number of unknowns.
     """
 
     def rays_of(value: Array) -> Rays:
-        return _rays(camera, unit, pixel, weight, value, told, samples)
+        return _rays(estimate, value, blocks, settings)
 
-    rays, turn = rays_of(value), jax.jacfwd(rays_of)(value)
-    motion = _motion(scene, rays, keys)
+    rays, ray_slope = rays_of(estimate.value), jax.jacfwd(rays_of)(estimate.value)
+    motion = _motion(scene, rays, settings.keys)
 
     def color_of(rays: Rays):
-        pixels, report = trace_sharded(motion, rays, options=trace, capacity=capacity, mesh=None)
+        options = settings.trace
+        pixels, report = trace_sharded(motion, rays, options=options, capacity=capacity, mesh=None)
         return pixels.color, report
 
     color, pull, report = jax.vjp(color_of, rays, has_aux=True)
     channels = jnp.broadcast_to(jnp.eye(3, dtype=color.dtype)[:, None, None], (3, *color.shape))
     slope = jax.lax.map(lambda one: pull(one)[0], channels)
-    change = (
-        product("csrx,srxp->rcp", slope.origin, turn.origin)
-        + product("csrx,srxp->rcp", slope.direction, turn.direction)
-        + product("csr,srp->rcp", slope.time, turn.time)
+    by_unknown = (
+        product("csrx,srxp->rcp", slope.origin, ray_slope.origin)
+        + product("csrx,srxp->rcp", slope.direction, ray_slope.direction)
+        + product("csr,srp->rcp", slope.time, ray_slope.time)
     ) / color.shape[0]
     formed = jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
-    slopes = Slopes(jnp.mean(color, axis=0), change, jnp.where(formed, weight, 0))
-    return slopes, report.needed, report.dropped
+    weight = jnp.where(formed, blocks.weight, 0)
+    colors = ColorSlopes(jnp.mean(color, axis=0), by_unknown, weight)
+    return colors, report.needed, report.dropped
 
 
 @eqx.filter_jit
-def _agreement(slopes: Slopes, camera, unit, value, sight, bend, *, told, bundle) -> Agreement:
-    """Blocks against their truth, as encoded values."""
+def _normal_equations(
+    colors: ColorSlopes, estimate: CameraEstimate, blocks: PixelBlocks, bend: Array, bundle: int
+) -> NormalEquations:
+    """Sums over all blocks, from sRGB-encoded mean colours."""
 
     def gain_of(value: Array) -> Array:
-        return applied(value, camera, unit, told)[1]
+        return estimate.at(value)[1]
 
-    color, change, counts = _blocks(slopes, sight.side, bundle)
-    gain, brighten = gain_of(value), jax.jacfwd(gain_of)(value)
-    change = gain[None, :, None] * change + color[..., None] * brighten[None]
+    color, slope, counts = _block_colors(colors, blocks.side, bundle)
+    gain, gain_slope = gain_of(estimate.value), jax.jacfwd(gain_of)(estimate.value)
+    slope = gain[None, :, None] * slope + color[..., None] * gain_slope[None]
     light = gain[None] * color
-    encoded, bright = jax.jvp(
-        lambda x: developed(srgb_encode(x), sight.truth), (light,), (jnp.ones_like(light),)
+    encoded, encoding_slope = jax.jvp(
+        lambda x: developed(srgb_encode(x), blocks.truth), (light,), (jnp.ones_like(light),)
     )
     seen = counts[:, None] > 0
-    residual = jnp.where(seen, encoded - sight.truth, 0)
-    change = jnp.where(seen[..., None], bright[..., None] * change, 0)
+    residual = jnp.where(seen, encoded - blocks.truth, 0)
+    slope = jnp.where(seen[..., None], encoding_slope[..., None] * slope, 0)
     size = jnp.abs(residual)
-    inner = (size < bend).astype(size.dtype)
-    weigh = jnp.where(size < bend, 1, bend / jnp.where(size < bend, 1, size))
-    own = product("bcp,bc->bp", change, weigh * residual)
-    tile = jnp.sum(own.reshape(-1, (bundle // sight.side) ** 2, own.shape[1]), axis=1)
-    return Agreement(
+    inlier = (size < bend).astype(size.dtype)
+    weight = jnp.where(size < bend, 1, bend / jnp.where(size < bend, 1, size))
+    of_block = product("bcp,bc->bp", slope, weight * residual)
+    of_tile = jnp.sum(of_block.reshape(-1, (bundle // blocks.side) ** 2, of_block.shape[1]), axis=1)
+    return NormalEquations(
         residual,
         counts,
-        jnp.sum(own, axis=0),
-        product("bcp,bc,bcq->pq", change, weigh, change),
-        product("bcp,bc,bcq->pq", change, inner, change),
-        jnp.stack([product("bp,bq->pq", x, x) for x in (own, tile)]),
+        jnp.sum(of_block, axis=0),
+        product("bcp,bc,bcq->pq", slope, weight, slope),
+        product("bcp,bc,bcq->pq", slope, inlier, slope),
+        jnp.stack([product("bp,bq->pq", x, x) for x in (of_block, of_tile)]),
     )
 
 
-def _blocks(slopes: Slopes, side: int, bundle: int) -> tuple[Array, Array, Array]:
-    """Weighted means over the blocks of side x side rays, and which blocks hold any."""
-    each, weight = bundle // side, slopes.weight
+def _block_colors(colors: ColorSlopes, side: int, bundle: int) -> tuple[Array, Array, Array]:
+    """Weighted means of colours and slopes over each block of side x side rays, and 1 for each
+    block that has a ray with weight."""
+    each, weight = bundle // side, colors.weight
     shape = -1, each, side, each, side
 
     def summed(x: Array) -> Array:
@@ -271,6 +250,6 @@ def _blocks(slopes: Slopes, side: int, bundle: int) -> tuple[Array, Array, Array
 
     count = summed(weight)
     total = jnp.where(count > 0, count, 1)
-    color = summed(weight[:, None] * slopes.color) / total[:, None]
-    change = summed(weight[:, None, None] * slopes.change) / total[:, None, None]
-    return color, change, (count > 0).astype(weight.dtype)
+    color = summed(weight[:, None] * colors.color) / total[:, None]
+    slope = summed(weight[:, None, None] * colors.slope) / total[:, None, None]
+    return color, slope, (count > 0).astype(weight.dtype)

@@ -1,5 +1,6 @@
-"""What an adjustment found, in words and figures: values, standard errors, what is confounded."""
+"""Results of a calibration: values, standard errors, correlations, and the calibrated manifest."""
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -8,18 +9,21 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.calibrate.least_squares import confounded, covariance
-from gaussray.calibrate.parameters import SHARED, Unknown, readings
-from gaussray.calibrate.solver import Adjustment, Found, Total
+from gaussray.calibrate.parameters import SHARED, Unknown, applied, readings
+from gaussray.calibrate.solver import CameraSolver, Solution, Sums
+from gaussray.capture.formats.paired import View
+from gaussray.color import psnr_from_mse
+from gaussray.dataset.manifest import FrameRecord
 
 
-# RMS change of the encoded picture, per unit of an unknown, below which it has no effect.
+# RMS change of the encoded picture per unit of an unknown, below which it has no effect.
 NO_EFFECT = 1e-6
-# Correlation from which two numbers are said to be confounded.
+# Two unknowns whose errors correlate by at least this much are reported as confounded.
 CONFOUNDED = 0.98
 
 
 class Label(NamedTuple):
-    """An unknown, and whose it is (None: that of all cameras)."""
+    """An unknown and the name of its camera; None if all cameras share it."""
 
     unknown: Unknown
     camera: str | None
@@ -28,53 +32,58 @@ class Label(NamedTuple):
         return " ".join(filter(None, (self.camera, self.unknown.name)))
 
 
-def labels(adjustment: Adjustment, names: Sequence[str]) -> list[Label]:
-    """A label for every unknown of the cameras of these names, in the order of the values."""
-    found: dict[int, Label] = {}
-    for camera, row in zip(names, adjustment.places, strict=True):
-        for one, place in zip(adjustment.told, row, strict=True):
-            shared = one.kind in SHARED or len(names) == 1
-            found.setdefault(int(place), Label(one, None if shared else camera))
-    return [found[i] for i in range(len(found))]
+def labels(solver: CameraSolver, cameras: Sequence[str]) -> list[Label]:
+    """A label for every unknown of the cameras with these names, in the order of the values."""
+    result: dict[int, Label] = {}
+    for camera, row in zip(cameras, solver.places, strict=True):
+        for unknown, place in zip(solver.unknowns, row, strict=True):
+            shared = unknown.kind in SHARED or len(cameras) == 1
+            result.setdefault(int(place), Label(unknown, None if shared else camera))
+    return [result[i] for i in range(len(result))]
 
 
-def demand_effect(total: Total, labelled: Sequence[Label]) -> None:
-    """ValueError for an unknown that changes nothing in the pictures."""
-    effect = np.sqrt(np.diag(total.inner) / len(total.residual))
-    for label, size in zip(labelled, effect, strict=True):
-        if size < NO_EFFECT:
+def demand_effect(sums: Sums, labels: Sequence[Label]) -> None:
+    """Raise ValueError for an unknown that changes nothing in the pictures."""
+    effects = np.sqrt(np.diag(sums.inlier_curvature) / len(sums.residual))
+    for label, effect in zip(labels, effects, strict=True):
+        if effect < NO_EFFECT:
             kind = label.unknown.kind
-            moves = kind in ("shutter", "offset")
-            why = "nothing that they see moves" if moves else "they do not show it"
+            still = kind in ("shutter", "offset")
+            reason = "nothing moves in them" if still else "they do not show it"
             raise ValueError(
-                f"calibrate.parameters: {label} has no effect on these pictures ({why}). Leave "
+                f"calibrate.parameters: {label} has no effect on these pictures ({reason}). Leave "
                 f"{kind} out."
             )
 
 
-def parameters(
-    adjustment: Adjustment, found: Found, labelled: Sequence[Label]
+def parameter_rows(
+    solver: CameraSolver, solution: Solution, labels: Sequence[Label]
 ) -> list[dict[str, Any]]:
-    """Name, camera (of what is one's own), start, value, standard errors and unit of every number;
-    errors to first order (`least_squares.covariance`)."""
-    told, cameras = {}, {shot.owner: shot.camera for shot in adjustment.shots}
-    errors = [covariance(found.after.inner, scatter) for scatter in found.after.scatter]
+    """Name, camera (unless shared), start, value, standard errors and unit of every unknown.
+
+    Standard errors are of first order (`least_squares.covariance`).
+    """
+    cameras = {one.camera_index: one.camera for one in solver.observations}
+    errors = [
+        covariance(solution.after.inlier_curvature, scatter) for scatter in solution.after.scatter
+    ]
 
     @jax.jit
     def read(value, camera):
-        return readings(value, camera, adjustment.unit, adjustment.told)
+        return readings(value, camera, solver.unit, solver.unknowns)
 
-    for owner, camera in cameras.items():
-        place = adjustment.places[owner]
-        value = jnp.asarray(found.value[place], camera.time.dtype)
+    figures: dict[int, list[float]] = {}
+    for index, camera in cameras.items():
+        place = solver.places[index]
+        value = jnp.asarray(solution.value[place], camera.time.dtype)
         slope = np.asarray(jax.jacfwd(read)(value, camera), np.float64)
-        own = [np.sqrt(np.diag(slope @ c[np.ix_(place, place)] @ slope.T)) for c in errors]
+        deviations = [np.sqrt(np.diag(slope @ c[np.ix_(place, place)] @ slope.T)) for c in errors]
         start, end = read(jnp.zeros_like(value), camera), read(value, camera)
-        figures = zip(start, end, *own, strict=True)
-        told |= {int(i): [float(x) for x in row] for i, row in zip(place, figures, strict=True)}
+        columns = zip(start, end, *deviations, strict=True)
+        figures |= {int(i): [float(x) for x in row] for i, row in zip(place, columns, strict=True)}
     rows = []
-    for i, label in enumerate(labelled):
-        start, value, independent, tiles = told[i]
+    for i, label in enumerate(labels):
+        start, value, independent, tiles = figures[i]
         rows.append(
             {"name": label.unknown.name}
             | ({"camera": label.camera} if label.camera else {})
@@ -85,22 +94,59 @@ def parameters(
     return rows
 
 
-def undone(found: Found, labelled: Sequence[Label]) -> list[str]:
-    """A line for every two numbers that the pictures can hardly tell apart."""
+def confounded_pairs(solution: Solution, labels: Sequence[Label]) -> list[str]:
+    """A sentence for every two unknowns that the pictures can hardly tell apart."""
     return [
-        f"{labelled[i]} and {labelled[j]} can hardly be told apart in these pictures (their errors "
-        f"correlate by {correlation:.4f}): trust what they do together, or hold one of them."
-        for i, j, correlation in confounded(found.after.inner, CONFOUNDED)
+        f"{labels[i]} and {labels[j]} can hardly be told apart in these pictures (their errors "
+        f"correlate by {correlation:.4f}): trust only their combined effect, or fix one of them."
+        for i, j, correlation in confounded(solution.after.inlier_curvature, CONFOUNDED)
     ]
 
 
-def decibel(total: Total) -> float:
-    """PSNR of the compared pixels, encoded values."""
-    return round(-10 * float(np.log10(np.mean(total.residual.astype(np.float64) ** 2))), 4)
+def residual_psnr(sums: Sums) -> float:
+    """PSNR of the compared blocks, from sRGB-encoded values, in dB."""
+    return round(psnr_from_mse(np.mean(sums.residual.astype(np.float64) ** 2)), 4)
 
 
-def table(report: dict[str, Any]) -> str:
-    """A report as text: a line for every number, then what cannot be told apart."""
+def calibrated_records(
+    solver: CameraSolver, solution: Solution, views: Sequence[View], effect: str, cameras: list[str]
+) -> list[FrameRecord]:
+    """Manifest records of these cameras' views, with the calibrated cameras.
+
+    ValueError if the estimated coefficients make no valid lens.
+    """
+    lens, records = solver.observations[0].camera.lens, []
+    for view in views:
+        if view.camera_name not in cameras:
+            continue
+        camera = dataclasses.replace(view.camera, lens=lens)
+        place = solver.places[cameras.index(view.camera_name)]
+        value = jnp.asarray(solution.value[place], camera.time.dtype)
+        try:
+            camera, _ = applied(value, camera, solver.unit, solver.unknowns)
+        except ValueError as error:
+            raise ValueError(
+                f"the estimated coefficients make no valid lens: {error} Nothing is written. Start "
+                "from better recorded cameras, with more calibrate.coarsest blocks, or estimate "
+                "fewer calibrate.coefficients."
+            ) from error
+        records.append(
+            FrameRecord(
+                str(view.image.resolve()),
+                camera,
+                view.camera_name,
+                view.split,
+                effect,
+                view.samples,
+                None if view.mask is None else str(view.mask.resolve()),
+                None if view.depth is None else str(view.depth.resolve()),
+            )
+        )
+    return records
+
+
+def calibration_table(report: dict[str, Any]) -> str:
+    """A report as text: a line per unknown, the PSNR, then confounded unknowns."""
     lines = [f"{'':<24}{'start':>12}{'value':>12}{'+-':>11}{'tiles +-':>11}  unit"]
     for row in report["parameters"]:
         name = " ".join(filter(None, (row.get("camera"), row["name"])))

@@ -1,188 +1,214 @@
-"""Cameras adjusted to pictures of a known scene: robust least squares, from coarse to fine."""
+"""Camera unknowns from pictures of a known scene: robust Levenberg-Marquardt, coarse to fine."""
 
 import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from gaussray.calibrate.least_squares import huber, spread, step
 from gaussray.calibrate.parameters import SHARED, Unknown
-from gaussray.calibrate.residuals import Agreement, Aligner, Sight, sights
+from gaussray.calibrate.pixel_blocks import PixelBlocks, pixel_blocks
+from gaussray.calibrate.residuals import CameraEstimate, NormalEquations, ResidualEvaluator
 from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera
 from gaussray.scene.scene import Scene
-from gaussray.tracer.trace import TraceOptions
 
 
-# Least standard deviation of residuals: the rounding of 8 bits.
-ROUNDING = 1 / 255 / math.sqrt(12)
-# A level is done when a step gains less than this share of the cost: coarse ones, and the finest.
+# Least standard deviation of residuals: that of rounding to 8 bits.
+QUANTISATION = 1 / 255 / math.sqrt(12)
+# A level ends when a step lowers the cost by less than this share: coarse levels, the finest one.
 COARSE, FINE = 1e-2, 1e-4
-# Damping of the first step, its factor after a good and a bad one, and where it is given up.
+# Damping of the first step, its factor after a good and after a bad step, and where a level ends.
 _DAMPING, _BETTER, _WORSE, _MOST = 1e-3, 0.2, 8.0, 1e8
 
 
-class Shot(NamedTuple):
-    """A picture in linear light, where it counts, the camera as recorded and its number, and the
-    scene that it shows in so many key states."""
+class Observation(NamedTuple):
+    """A picture in linear light with its mask, its camera as recorded, the index of that camera,
+    and the scene that it shows with the number of key states to render it with."""
 
     light: Float[np.ndarray, "h w 3"]
     mask: Bool[np.ndarray, "h w"]
     camera: Camera
-    owner: int
+    camera_index: int
     scene: Scene
     keys: int
 
 
-class Total(NamedTuple):
-    """The agreement of all shots together: residuals that count, and sums in double precision."""
+class Sums(NamedTuple):
+    """Residuals of all blocks that count, and the normal equations over all observations, in
+    double precision (see `residuals.NormalEquations`)."""
 
     residual: Float[np.ndarray, " n"]
     gradient: Float[np.ndarray, " unknowns"]
     curvature: Float[np.ndarray, "unknowns unknowns"]
-    inner: Float[np.ndarray, "unknowns unknowns"]
+    inlier_curvature: Float[np.ndarray, "unknowns unknowns"]
     scatter: Float[np.ndarray, "2 unknowns unknowns"]
 
     def cost(self, bend: float) -> float:
-        """Mean loss, so that it does not matter how much of a picture a lens reaches."""
+        """Mean loss; a mean, because the number of blocks that count changes with the lens."""
         return huber(self.residual, bend) / len(self.residual)
 
 
-class Found(NamedTuple):
-    """What an adjustment found: a value of every unknown, the agreement there and before, the
-    standard deviation of residuals, and (factor, steps, deviation) of every level."""
+class Solution(NamedTuple):
+    """Values of all unknowns, the sums before and after, the standard deviation of residuals, and
+    (block side, steps, deviation) of every level."""
 
     value: Float[np.ndarray, " unknowns"]
-    before: Total
-    after: Total
-    spread: float
+    before: Sums
+    after: Sums
+    deviation: float
     levels: list[tuple[int, int, float]]
 
 
-def places(told: Sequence[Unknown], cameras: int) -> Int[np.ndarray, "cameras unknowns"]:
-    """Where each camera's unknowns stand in the row of all: first those that are shared, then each
-    camera's own."""
-    shared = np.array([one.kind in SHARED for one in told], bool)
-    own = int(np.sum(~shared))
-    place = np.zeros((cameras, len(told)), int)
+# Called after each step with the block side of the level, the step and the deviation.
+StepCallback = Callable[[int, int, float], None]
+
+
+def unknown_places(
+    unknowns: Sequence[Unknown], cameras: int
+) -> Int[np.ndarray, "cameras unknowns"]:
+    """Index of each camera's unknowns among all: first the shared ones, then camera by camera."""
+    shared = np.array([one.kind in SHARED for one in unknowns], bool)
+    separate = int(np.sum(~shared))
+    place = np.zeros((cameras, len(unknowns)), int)
     place[:, shared] = np.arange(np.sum(shared))
-    first = np.sum(shared) + own * np.arange(cameras)
-    place[:, ~shared] = first[:, None] + np.arange(own)
+    first = np.sum(shared) + separate * np.arange(cameras)
+    place[:, ~shared] = first[:, None] + np.arange(separate)
     return place
 
 
-def factors(shots: Sequence[Shot], coarsest: int) -> list[int]:
-    """Sides of the blocks, in pixels, from coarse to fine: powers of two, such that the smaller
-    side of every picture has at least `coarsest` blocks, or is whole."""
-    least = min(min(shot.mask.shape) for shot in shots)
+def block_sides(observations: Sequence[Observation], coarsest: int) -> list[int]:
+    """Block sides in pixels, coarse to fine: powers of two down to 1, such that the smaller side of
+    every picture has at least `coarsest` blocks at the first level where it has the pixels."""
+    least = min(min(one.mask.shape) for one in observations)
     return [2**i for i in range(max(int(math.log2(max(least / coarsest, 1))), 0), -1, -1)]
 
 
-class Adjustment:
-    """Shots of some cameras, and what is unknown of those."""
+class CameraSolver:
+    """Estimates the unknowns of some cameras from observations of a known scene.
+
+    Args:
+        observations: Pictures with their recorded cameras.
+        unknowns: The unknowns of each camera.
+        unit: Units of the unknowns (`parameters.units`).
+        residuals: Compares a camera estimate with a picture.
+    """
 
     def __init__(
         self,
-        shots: Sequence[Shot],
-        told: tuple[Unknown, ...],
+        observations: Sequence[Observation],
+        unknowns: tuple[Unknown, ...],
         unit: CameraSet,
-        *,
-        samples: int,
-        bend: float,
-        trace: TraceOptions,
+        residuals: ResidualEvaluator,
     ):
-        self.shots, self.told, self.unit, self.bend = shots, told, unit, bend
-        self.places = places(told, 1 + max(shot.owner for shot in shots))
-        self._align = Aligner(told, samples=samples, trace=trace, bend=bend)
+        self.observations, self.unknowns, self.unit = observations, unknowns, unit
+        self.places = unknown_places(unknowns, 1 + max(one.camera_index for one in observations))
+        self._residuals = residuals
 
     @property
     def count(self) -> int:
-        """How many unknowns there are in all."""
+        """Number of unknowns of all cameras together."""
         return int(self.places.max()) + 1
 
-    def level(self, factor: int) -> list[list[Sight]]:
-        """What is compared of every shot, in blocks of so many pixels a side."""
-        bundle = self._align.trace.bundle
-        return [sights(shot.light, shot.mask, factor, bundle=bundle) for shot in self.shots]
+    def blocks(self, factor: int) -> list[list[PixelBlocks]]:
+        """Every observation in blocks of `factor` x `factor` pixels."""
+        bundle = self._residuals.trace.bundle
+        return [
+            pixel_blocks(one.light, one.mask, factor, bundle=bundle) for one in self.observations
+        ]
 
-    def begin(self, factor: int) -> Total:
-        """The agreement of the cameras as recorded."""
-        return self.total(np.zeros(self.count), self.level(factor), math.inf)
+    def recorded(self, factor: int) -> Sums:
+        """The sums for the cameras as recorded, in blocks of `factor` x `factor` pixels."""
+        return self.sums(np.zeros(self.count), self.blocks(factor), math.inf)
 
-    def total(self, value: np.ndarray, seen: list[list[Sight]], spread: float) -> Total:
-        """The agreement of all shots with these values, if residuals have this deviation."""
+    def sums(self, value: np.ndarray, level: list[list[PixelBlocks]], deviation: float) -> Sums:
+        """The sums over a level's blocks at these values, if residuals have this deviation."""
         n, residuals = self.count, []
-        sums = np.zeros(n), np.zeros((n, n)), np.zeros((n, n)), np.zeros((2, n, n))
-        for shot, parts in zip(self.shots, seen, strict=True):
-            own = self.places[shot.owner]
-            for sight in parts:
-                how = shot.scene, shot.camera, self.unit, sight, value[own], spread
-                found: Agreement = self._align(*how, keys=shot.keys)
-                residuals.append(found.residual[found.counts > 0].ravel())
-                sums[0][own] += found.gradient
-                sums[1][np.ix_(own, own)] += found.curvature
-                sums[2][np.ix_(own, own)] += found.inner
-                for total, scatter in zip(sums[3], found.scatter, strict=True):
-                    total[np.ix_(own, own)] += scatter
+        gradient, scatter = np.zeros(n), np.zeros((2, n, n))
+        curvature, inlier_curvature = np.zeros((n, n)), np.zeros((n, n))
+        for one, groups in zip(self.observations, level, strict=True):
+            place = self.places[one.camera_index]
+            square = np.ix_(place, place)
+            numbers = jnp.asarray(value[place], one.camera.time.dtype)
+            estimate = CameraEstimate(one.camera, self.unit, self.unknowns, numbers)
+            for blocks in groups:
+                part: NormalEquations = self._residuals(
+                    one.scene, estimate, blocks, deviation, keys=one.keys
+                )
+                residuals.append(part.residual[part.counts > 0].ravel())
+                gradient[place] += part.gradient
+                curvature[square] += part.curvature
+                inlier_curvature[square] += part.inlier_curvature
+                scatter[:, *square] += part.scatter
         residual = np.concatenate(residuals) if residuals else np.zeros(0)
-        if not residual.size or not all(np.isfinite(x).all() for x in (residual, *sums)):
+        result = Sums(residual, gradient, curvature, inlier_curvature, scatter)
+        if not residual.size or not all(np.isfinite(x).all() for x in result):
             raise ValueError(
-                "the cameras see nothing that can be compared with their pictures (masks, rays "
-                "that the lens does not form, or numbers that are not finite). Start from a nearer "
-                "guess, or with fewer calibrate.parameters."
+                "calibrate must have pixels to compare, got none (all are masked or outside the "
+                "lens's field of view), or values that are not finite. Start from better recorded "
+                "cameras, or estimate fewer calibrate.parameters."
             )
-        return Total(residual, *sums)
+        return result
 
-    def solve(
-        self, levels: Sequence[int], *, steps: int, told: Callable[[int, int, float], None]
-    ) -> Found:
-        """The values that agree best, by Levenberg's and Marquardt's steps at one level after
-        another, at most so many at each; `told` hears of every one (factor, step, deviation)."""
+    def solve(self, levels: Sequence[int], *, steps: int, report: StepCallback) -> Solution:
+        """Minimise the robust cost level by level, with at most `steps` steps at each.
+
+        `levels` are block sides, coarse to fine (`block_sides`).
+        """
         value, deviation, course = np.zeros(self.count), math.inf, []
-        seen = []
+        level = []
         for factor in levels:
-            seen = self.level(factor)
-            enough = FINE if factor == levels[-1] else COARSE
-            value, deviation, taken = self._descend(
-                value, seen, deviation, steps, enough, lambda i, s, f=factor: told(f, i, s)
+            level = self.blocks(factor)
+            minimiser = _Level(self, level, steps, FINE if factor == levels[-1] else COARSE)
+            value, deviation, count = minimiser.run(
+                value, deviation, lambda i, s, f=factor: report(f, i, s)
             )
-            course.append((factor, taken, deviation))
-        before = self.total(np.zeros(self.count), seen, deviation)
-        return Found(value, before, self.total(value, seen, deviation), deviation, course)
+            course.append((factor, count, deviation))
+        before = self.sums(np.zeros(self.count), level, deviation)
+        return Solution(value, before, self.sums(value, level, deviation), deviation, course)
 
-    def _descend(
-        self,
-        value: np.ndarray,
-        seen: list[list[Sight]],
-        deviation: float,
-        steps: int,
-        enough: float,
-        told: Callable[[int, float], None],
+    @property
+    def bend(self) -> float:
+        """Where Huber's loss turns linear, in standard deviations."""
+        return self._residuals.bend
+
+
+class _Level(NamedTuple):
+    """Levenberg-Marquardt at one level: its blocks, the most steps, and the gain that ends it."""
+
+    solver: CameraSolver
+    blocks: list[list[PixelBlocks]]
+    steps: int
+    least_gain: float
+
+    def run(
+        self, value: np.ndarray, deviation: float, report: Callable[[int, float], None]
     ) -> tuple[np.ndarray, float, int]:
-        """The best values at a level, the deviation of residuals there, and the steps taken."""
-        now, damping = self.total(value, seen, deviation), _DAMPING
-        deviation, taken = spread(now.residual, ROUNDING), 0
-        while taken < steps and damping < _MOST:
-            taken += 1
+        """The best values, the deviation of residuals there, and the number of steps."""
+        now, damping = self.solver.sums(value, self.blocks, deviation), _DAMPING
+        deviation, count = spread(now.residual, QUANTISATION), 0
+        while count < self.steps and damping < _MOST:
+            count += 1
             change = step(now.curvature, now.gradient, damping)
-            trial, bend = self._tried(value + change, seen, deviation), self.bend * deviation
-            held = max(now.cost(bend), np.finfo(float).tiny)
-            gain = -1.0 if trial is None else 1 - trial.cost(bend) / held
+            trial, bend = self._trial(value + change, deviation), self.solver.bend * deviation
+            cost = max(now.cost(bend), np.finfo(float).tiny)
+            gain = -1.0 if trial is None else 1 - trial.cost(bend) / cost
             if trial is None or gain < 0:
                 damping *= _WORSE
                 continue
             value, now, damping = value + change, trial, damping * _BETTER
-            deviation = spread(now.residual, ROUNDING)
-            told(taken, deviation)
-            if gain < enough:
+            deviation = spread(now.residual, QUANTISATION)
+            report(count, deviation)
+            if gain < self.least_gain:
                 break
-        return value, deviation, taken
+        return value, deviation, count
 
-    def _tried(self, value: np.ndarray, seen: list[list[Sight]], spread: float) -> Total | None:
-        """The agreement, None where there is none."""
+    def _trial(self, value: np.ndarray, deviation: float) -> Sums | None:
+        """The sums at these values; None if nothing can be compared there."""
         try:
-            return self.total(value, seen, spread)
+            return self.solver.sums(value, self.blocks, deviation)
         except ValueError:
             return None

@@ -143,7 +143,7 @@ def _evaluate(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
 
 def _calibrate(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     from gaussray.calibrate.pipeline import CalibrateOptions, calibrate
-    from gaussray.calibrate.results import table
+    from gaussray.calibrate.results import calibration_table
     from gaussray.scene.store import load_scene
     from gaussray.tracer.trace import TraceOptions
 
@@ -151,7 +151,7 @@ def _calibrate(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     scene, capture = load_scene(cfg.scene), _capture(cfg.capture.path, cfg.capture, "capture.")
     out = run_folder(cfg)
     report = calibrate(scene, capture, out, options=chosen, trace=trace, quiet=cfg.quiet)
-    _say(table(report), out=str(out), report=report)
+    _say(calibration_table(report), out=str(out), report=report)
     return {"scene": scene, "capture": capture}
 
 

@@ -6,6 +6,8 @@ import numpy as np
 from jaxtyping import Array, Bool
 from skimage.metrics import structural_similarity
 
+from gaussray.color import psnr_from_mse
+
 
 Mask = Bool[np.ndarray, "h w"] | Bool[Array, "h w"]
 _WINDOW = 11  # of the SSIM paper: Gaussian, sigma 1.5, cut at 3.5 sigma
@@ -23,8 +25,7 @@ def psnr(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None
         square = square[mask]
     if square.size == 0:
         return float("nan")
-    mean = float(square.mean())
-    return float("inf") if mean == 0 else float(-10 * np.log10(mean))
+    return psnr_from_mse(square.mean())
 
 
 def ssim(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None = None) -> float:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from gaussray.color import psnr_from_mse
 from gaussray.evaluate.flicker import Flicker
 
 
@@ -73,7 +74,7 @@ def _means(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
     error = [row["moving"] for row in rows if "moving" in row]
     if error:
         mse = sum(e for e, _ in error) / sum(n for _, n in error)
-        means["psnr_moving"] = round(-10 * float(np.log10(mse)), 4) if mse else None
+        means["psnr_moving"] = round(psnr_from_mse(mse), 4) if mse else None
     seconds = [row["seconds"] for row in rows if row["seconds"] is not None]
     means["fps"] = round(1 / float(np.median(seconds)), 2) if seconds else None
     return means | {"samples": samples, "frames": len(rows)}

@@ -1,8 +1,7 @@
-"""Cameras that are recorded wrong are found in pictures of a known scene, and how well."""
+"""Calibration recovers cameras that are recorded wrong, as well as its standard errors say."""
 
 import dataclasses
 import json
-from types import SimpleNamespace
 
 import equinox as eqx
 import jax
@@ -12,7 +11,10 @@ import pytest
 import toy
 
 from gaussray.calibrate.parameters import applied, units, unknowns
-from gaussray.calibrate.pipeline import CalibrateOptions, _write, calibrate
+from gaussray.calibrate.pipeline import CalibrateOptions, calibrate
+from gaussray.calibrate.residuals import ResidualEvaluator
+from gaussray.calibrate.results import calibrated_records
+from gaussray.calibrate.solver import CameraSolver, Observation, Solution, Sums
 from gaussray.camera.lens import KannalaBrandt, pinhole
 from gaussray.capture.formats.paired import read_capture
 from gaussray.cli.main import main
@@ -156,7 +158,10 @@ def test_the_list_that_is_left_is_a_capture_with_the_camera_as_found(run, elsewh
     ("word", "message"),
     [
         ("calibrate.parameters=[zoom]", "calibrate.parameters must be some of focal"),
-        ("calibrate.coefficients=[k9]", "calibrate.coefficients are found with the lens"),
+        (
+            "calibrate.coefficients=[k9]",
+            "calibrate.coefficients must be empty unless",
+        ),
         ("calibrate.cameras=[cam9]", "calibrate.cameras must be among cam, got 'cam9'"),
         ("calibrate.effect=blur", "calibrate.effect must be among pinhole"),
         ("calibrate.parameters=[shutter]", "got a shutter.row_step of 0. Write an estimate"),
@@ -178,25 +183,28 @@ def test_a_frame_across_two_segments_is_refused(tmp_path):
     camera = toy.rolling(toy.camera(0.15, 0.5, SIDE, SIDE), READOUT)
     grey = np.full((SIDE, SIDE, 3), 128, np.uint8)
     capture = read_capture(written(tmp_path, [camera], [grey]))
-    with pytest.raises(ValueError, match="0000.png: is read out across the time 0.5"):
+    with pytest.raises(
+        ValueError,
+        match="0000.png: must show one segment of the scene, got a readout across the time 0.5",
+    ):
         calibrate(clip, capture, tmp_path, options=CalibrateOptions(), quiet=True)
 
 
-def test_what_is_found_but_is_no_lens_is_told_and_not_written(tmp_path):
+def test_coefficients_that_make_no_lens_are_refused(tmp_path):
     cameras = filmed(FISHEYE, 0)[:1]
     grey = np.full((SIDE, SIDE, 3), 128, np.uint8)
-    capture = read_capture(written(tmp_path, cameras, [grey]))
-    lens = capture.views[0].camera.lens
-    told = unknowns(("lens",), lens)
+    views = read_capture(written(tmp_path, cameras, [grey])).views
+    camera = views[0].camera
+    parameters = unknowns(("lens",), camera.lens)
+    shot = Observation(np.zeros(()), np.zeros(()), camera, 0, SCENE, 1)
+    evaluator = ResidualEvaluator(samples=1, trace=toy.TRACE, bend=1.0)
+    solver = CameraSolver([shot], parameters, units(camera), evaluator)
     # r(theta) turns back before the rim.
-    value = [-1e6 * (one.name == "k2") for one in told]
-    shot = SimpleNamespace(camera=dataclasses.replace(capture.views[0].camera, lens=lens))
-    unit = units(capture.views[0].camera)
-    found = SimpleNamespace(value=np.array(value))
-    adjustment = SimpleNamespace(shots=[shot], places=[slice(None)], unit=unit, told=told)
-    with pytest.raises(ValueError, match=r"no lens: lens.k .*more calibrate.coarsest blocks"):
-        _write(tmp_path / "out", capture, "pinhole", ["cam"], adjustment, found, {})
-    assert not (tmp_path / "out").exists()
+    value = np.array([-1e6 * (one.name == "k2") for one in parameters])
+    sums = Sums(*(np.zeros(1),) * 5)
+    solution = Solution(value, sums, sums, 1.0, [])
+    with pytest.raises(ValueError, match=r"no valid lens: lens.k .*more calibrate.coarsest blocks"):
+        calibrated_records(solver, solution, views, "pinhole", ["cam"])
 
 
 @pytest.mark.slow

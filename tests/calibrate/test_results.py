@@ -1,11 +1,11 @@
-"""What is said of an adjustment."""
+"""Results of a calibration: unknowns without effect, PSNR, the printed table."""
 
 import numpy as np
 import pytest
 
 from gaussray.calibrate.parameters import Unknown
-from gaussray.calibrate.results import Label, decibel, demand_effect, table
-from gaussray.calibrate.solver import Total
+from gaussray.calibrate.results import Label, calibration_table, demand_effect, residual_psnr
+from gaussray.calibrate.solver import Sums
 
 
 LABELS = [
@@ -15,28 +15,28 @@ LABELS = [
 ]
 
 
-def total(*effect):
+def sums(*effect):
     inner = 1000 * np.diag(np.square(effect))
-    return Total(np.full(1000, 0.1, np.float32), np.zeros(3), inner, inner, np.stack([inner] * 2))
+    return Sums(np.full(1000, 0.1, np.float32), np.zeros(3), inner, inner, np.stack([inner] * 2))
 
 
 def test_what_changes_nothing_is_named_with_the_reason():
-    demand_effect(total(1, 1, 1), LABELS)
-    message = r"readout has no effect on these pictures \(nothing that they see moves\)"
+    demand_effect(sums(1, 1, 1), LABELS)
+    message = r"readout has no effect on these pictures \(nothing moves in them\)"
     with pytest.raises(ValueError, match=message):
-        demand_effect(total(1, 1e-9, 1), LABELS)
+        demand_effect(sums(1, 1e-9, 1), LABELS)
     with pytest.raises(ValueError, match="cam_1 turn.right has no effect .* Leave pose out"):
-        demand_effect(total(1, 1, 0), LABELS)
+        demand_effect(sums(1, 1, 0), LABELS)
 
 
 def test_psnr_is_that_of_the_residuals():
-    np.testing.assert_allclose(decibel(total(1, 1, 1)), 20)
+    np.testing.assert_allclose(residual_psnr(sums(1, 1, 1)), 20)
 
 
 def test_the_table_has_a_line_for_every_number():
     error = {"independent": 0.01, "tiles": 0.02}
     row = {"name": "focal", "start": 100.0, "value": 104.5, "standard_error": error, "unit": "px"}
     report = {"parameters": [row], "psnr": {"before": 20.0, "after": 30.0}, "confounded": ["x"]}
-    lines = table(report).splitlines()
+    lines = calibration_table(report).splitlines()
     assert lines[1].split() == ["focal", "100", "104.5", "0.01", "0.02", "px"]
     assert lines[2:] == ["PSNR 20.00 -> 30.00 dB", "x"]
