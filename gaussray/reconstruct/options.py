@@ -9,9 +9,9 @@ class FitOptions(eqx.Module):
     """The course of a reconstruction.
 
     `coarse` steps on the first instant, without deformation; `fine` steps on all. A step sees
-    `tiles` tiles of trace.bundle^2 pixels, a share `error` of them in proportion to the errors last
-    seen there, and of the others a share `balance` where things move. Gaussians whose pixels change
-    more than a share `moving` of the time get a deformation. A block of `block` steps runs without
+    `tiles` tiles of `tile_side` x `tile_side` pixels (whole ray bundles), a share `error` of them
+    in proportion to the errors last seen there, and of the others a share `balance` where things
+    move. Gaussians whose pixels change more than a share `moving` of the time get a deformation. A block of `block` steps runs without
     the host; `checkpoint` is the interval in seconds between saved states. Pictures of more than
     `memory` gigabytes are kept in a file. A capture of more than `segment` instants is cut into
     segments of at most so many (0: into none), of which each takes `fine` steps and loads its own
@@ -34,6 +34,7 @@ class FitOptions(eqx.Module):
     fine: int = eqx.field(static=True, default=2500)
     segment: int = eqx.field(static=True, default=0)
     tiles: int = eqx.field(static=True, default=64)
+    tile_side: int = eqx.field(static=True, default=8)
     block: int = eqx.field(static=True, default=25)
     balance: float = eqx.field(static=True, default=0.5)
     error: float = eqx.field(static=True, default=0.0)
@@ -52,7 +53,7 @@ class FitOptions(eqx.Module):
     seed: int = eqx.field(static=True, default=0)
 
     def __check_init__(self):
-        for name in ("coarse", "tiles", "block", "points"):
+        for name in ("coarse", "tiles", "tile_side", "block", "points"):
             if getattr(self, name) < 1:
                 raise ValueError(f"fit.{name} must be at least 1, got {getattr(self, name)}.")
         for name in (

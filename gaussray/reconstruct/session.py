@@ -91,7 +91,8 @@ class Fit:
         self.later = part.time_range[0] > capture.time_range[0]
         self.footage = footage(
             part.views,
-            side=options.trace.bundle,
+            side=max(options.fit.tile_side, options.trace.bundle),
+            bundle=options.trace.bundle,
             memory=options.fit.memory,
             folder=journal.out,
             report=self.progress("read", len(part.views), patience=2.0).report,

@@ -115,7 +115,9 @@ def loss_of(
     # Where the lens forms no ray there is nothing to learn.
     weight = weight * jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
     image = jnp.where(weight[:, None] > 0, image, truth)
-    terms = losses.terms(image, truth, options=options.loss, side=options.trace.bundle)
+    terms = losses.terms(
+        image, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
+    )
     if parameters.deformation is not None:
         terms |= regularizer.terms(parameters.deformation.planes)
     total = sum(getattr(options.loss, name) * term for name, term in terms.items())
@@ -136,11 +138,10 @@ def _rays(
     pixel, None if none is."""
     seen, owner = jax.tree.map(lambda x: x[batch.frame], (views, cameras.owner))
     camera, gain = refined_views(parameters.corrections, cameras, seen, owner)
-    side = options.trace.bundle
     if gain is not None:
-        gain = jnp.repeat(gain, side**2, axis=0)
+        gain = jnp.repeat(gain, batch.side**2, axis=0)
     u = step_samples(options.samples, step)
-    return tile_rays(camera, batch.tile, u, side=side), gain
+    return tile_rays(camera, batch.tile, u, side=batch.side, bundle=options.trace.bundle), gain
 
 
 def _motion(scene: Scene, rays: Rays, time: Array, cameras: CameraSet, keys: int) -> Motion:

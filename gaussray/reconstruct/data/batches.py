@@ -1,5 +1,7 @@
 """What a step looks at: tiles of pictures, and their rays."""
 
+import math
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -9,7 +11,7 @@ from jaxtyping import Array, Bool, Float, Int, Shaped
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.rays import Rays
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.data.tiles import tile_grid
+from gaussray.reconstruct.data.tiles import tile_grid, tile_order
 
 
 class Batch(eqx.Module):
@@ -25,6 +27,11 @@ class Batch(eqx.Module):
     pixel: Shaped[Array, "*steps tiles pixels 3"]
     visible: Bool[Array, "*steps tiles pixels"] | None
 
+    @property
+    def side(self) -> int:
+        """Pixels along a tile's side."""
+        return math.isqrt(self.pixel.shape[-2])
+
 
 def gather(
     footage: Footage,
@@ -38,20 +45,26 @@ def gather(
 
 
 def tile_rays(
-    camera: Camera, tile: Int[Array, " tiles"], u: Float[Array, "samples 5"], *, side: int
+    camera: Camera,
+    tile: Int[Array, " tiles"],
+    u: Float[Array, "samples 5"],
+    *,
+    side: int,
+    bundle: int | None = None,
 ) -> Rays:
-    """Rays through the tiles' pixels, tile after tile, for every sample `u` (see `camera_ray`).
+    """Rays through the tiles' pixels, tile after tile in `tile_order`, for every sample `u` (see
+    `camera_ray`).
 
     `camera` is a stack: the camera that sees each tile.
     """
     width, height = camera.film.width, camera.film.height
     columns, _ = tile_grid(camera.film, side)
-    dy, dx = jnp.mgrid[:side, :side]
+    dy, dx = np.divmod(tile_order(side, bundle), side)
 
     def one(camera: Camera, tile: Array, u: Array) -> Rays:
         left = jnp.minimum(tile % columns * side, width - side)
         top = jnp.minimum(tile // columns * side, height - side)
-        pixel = jnp.stack([(left + dx).reshape(-1), (top + dy).reshape(-1)], axis=-1)
+        pixel = jnp.stack([left + dx, top + dy], axis=-1)
         pixel = pixel.astype(camera.time.dtype)
         return camera_rays(camera, pixel, jnp.broadcast_to(u, (side * side, u.shape[0])))
 

@@ -51,7 +51,8 @@ def activity(footage: Footage) -> Activity:
 
 def moved_pixels(footage: Footage, activity: Activity, frames) -> Bool[np.ndarray, "n h w"]:
     """Which pixels of these frames differ from what they show most of the time."""
-    names, pixels = np.unique(footage.name), tile_pixels(footage.film, footage.side)
+    names = np.unique(footage.name)
+    pixels = tile_pixels(footage.film, footage.side, footage.bundle)
     rows = np.searchsorted(names, footage.name[frames])
     return np.stack(
         [
@@ -84,7 +85,8 @@ def point_activity(
         pixel = np.asarray(jax.vmap(project, in_axes=(None, 0))(camera, jnp.asarray(position)))
         with np.errstate(invalid="ignore"):
             inside = np.all((pixel >= 0) & (pixel < (film.width, film.height)), axis=1)
-        tile, place = tile_of(film, footage.side, *pixel[inside].astype(int).T)
+        column, row = pixel[inside].astype(int).T
+        tile, place = tile_of(film, footage.side, column, row, footage.bundle)
         before = footage.pixel[first, tile, place]
         changed, told = np.zeros(len(tile)), np.zeros(len(tile))
         for frame in own:

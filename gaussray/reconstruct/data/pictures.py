@@ -16,14 +16,15 @@ from gaussray.camera.film import Film
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.paired import View
 from gaussray.capture.frames import read_mask, stream_encoded
-from gaussray.reconstruct.data.tiles import cut, join, tile_pixels
+from gaussray.reconstruct.data.tiles import cut, fitting_side, join, tile_pixels
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Footage:
     """Every training picture with its camera; the leading axis is the frame.
 
-    Pictures are kept as tiles of `side` x `side` pixels, so that what a step draws lies together:
+    Pictures are kept as tiles of `side` x `side` pixels, so that what a step draws lies together,
+    in the order in which ray bundles of `bundle` x `bundle` pixels are traced (`tile_order`):
     `pixel` holds sRGB-encoded values, bytes or, if any file has more than 8 bits, float32 in 0..1.
     `mask` packs one bit per pixel, 0 where it is to be ignored; None if no view has a mask. `name`
     is the camera's; `camera` is stacked.
@@ -34,6 +35,7 @@ class Footage:
     camera: Camera
     name: Shaped[np.ndarray, " frames"]
     side: int
+    bundle: int | None = None
 
     @property
     def film(self) -> Film:
@@ -62,7 +64,7 @@ class Footage:
 
     def pictures(self, frames: Int[np.ndarray, " n"]) -> Shaped[np.ndarray, "n h w 3"]:
         """Whole pictures."""
-        pixels = tile_pixels(self.film, self.side)
+        pixels = tile_pixels(self.film, self.side, self.bundle)
         return np.stack([join(self.pixel[frame], pixels, self.film) for frame in frames])
 
     def masks(self, frames: Int[np.ndarray, " n"]) -> Bool[np.ndarray, "n h w"] | None:
@@ -70,7 +72,7 @@ class Footage:
         visible = self.visible(frames)
         if visible is None:
             return None
-        pixels = tile_pixels(self.film, self.side)
+        pixels = tile_pixels(self.film, self.side, self.bundle)
         return np.stack([join(tiles, pixels, self.film) for tiles in visible])
 
 
@@ -78,11 +80,12 @@ def footage(
     views: Sequence[View],
     *,
     side: int,
+    bundle: int | None = None,
     memory: float = 4.0,
     folder: Path | str | None = None,
     report: Callable[[int], object] = lambda done: None,
 ) -> Footage:
-    """The views' pictures as tiles, and their cameras.
+    """The views' pictures as tiles of at most `side` x `side` pixels, and their cameras.
 
     Pictures are decoded one after another and kept in memory if all of them take no more than
     `memory` gigabytes, else in a file without a name in `folder` (None: the system's own for
@@ -90,7 +93,8 @@ def footage(
     the footage goes. `report(done)` is called after each picture. OSError if the disk is full.
     """
     camera = stacked(views)
-    pixels = tile_pixels(camera.film, side)
+    side = fitting_side(camera.film, side, bundle or side)
+    pixels = tile_pixels(camera.film, side, bundle)
     masked = any(view.mask is not None for view in views)
     dtype, pictures = stream_encoded(views)
     shape = (len(views), *pixels.shape, 3)
@@ -104,7 +108,8 @@ def footage(
         if mask is not None:
             mask[place] = np.packbits(cut(_mask_of(views[place]), pixels), axis=-1)
         report(done + 1)
-    return Footage(pixel, mask, camera, np.array([view.camera_name for view in views]), side)
+    names = np.array([view.camera_name for view in views])
+    return Footage(pixel, mask, camera, names, side, bundle)
 
 
 def stacked(views: Sequence[View]) -> Camera:

@@ -1,10 +1,41 @@
-"""Pictures as square tiles, the pieces in which training looks at them."""
+"""Pictures as square tiles, the pieces in which training looks at them.
+
+A tile of `side` x `side` pixels consists of ray bundles of `bundle` x `bundle` pixels. Its pixels
+are stored in the order in which their rays are traced: bundle after bundle along the Morton curve,
+row after row within a bundle. Without `bundle` a tile is one bundle.
+"""
 
 import numpy as np
 from jaxtyping import Int, Shaped
 
 from gaussray.camera.film import Film
 from gaussray.capture.errors import CaptureError
+from gaussray.tracer.bundle import tiles as morton_tiles
+
+
+def fitting_side(film: Film, wanted: int, bundle: int) -> int:
+    """The side of a tile: at most `wanted` pixels and the picture's smaller side, a multiple of the
+    bundle's side. At least one bundle."""
+    return max(min(wanted, film.width, film.height) // bundle, 1) * bundle
+
+
+def tile_order(side: int, bundle: int | None = None) -> Int[np.ndarray, " pixels"]:
+    """Pixel (row x side + column) at every place of a tile."""
+    bundle = bundle or side
+    if side == bundle:
+        return np.arange(side * side, dtype=np.int32)
+    if side % bundle:
+        raise ValueError(f"A tile's side must be a multiple of {bundle}, got {side}.")
+    levels = 0
+    while bundle * 4**levels < side:
+        levels += 1
+    order = morton_tiles(side, side, bundle, levels)
+    return order[order >= 0]
+
+
+def tile_places(side: int, bundle: int | None = None) -> Int[np.ndarray, " pixels"]:
+    """Place in a tile of every pixel, row after row: the inverse of `tile_order`."""
+    return np.argsort(tile_order(side, bundle)).astype(np.int32)
 
 
 def tile_grid(film: Film, side: int) -> tuple[int, int]:
@@ -17,25 +48,33 @@ def tile_grid(film: Film, side: int) -> tuple[int, int]:
     return -(-film.width // side), -(-film.height // side)
 
 
-def tile_pixels(film: Film, side: int) -> Int[np.ndarray, "tiles pixels"]:
-    """Which pixels each tile holds (row x width + column), a tile row after row, and its pixels
-    too."""
+def tile_pixels(
+    film: Film, side: int, bundle: int | None = None
+) -> Int[np.ndarray, "tiles pixels"]:
+    """Which pixels each tile holds (row x width + column); tiles are listed row after row, their
+    pixels in `tile_order`."""
     columns, rows = tile_grid(film, side)
     left = np.minimum(np.arange(columns) * side, film.width - side)
     top = np.minimum(np.arange(rows) * side, film.height - side)
     corner = top[:, None] * film.width + left[None, :]
-    inside = np.arange(side)[:, None] * film.width + np.arange(side)[None, :]
+    row, column = np.divmod(tile_order(side, bundle), side)
+    inside = row * film.width + column
     return (corner.reshape(-1, 1) + inside.reshape(1, -1)).astype(np.int32)
 
 
 def tile_of(
-    film: Film, side: int, column: Int[np.ndarray, " points"], row: Int[np.ndarray, " points"]
+    film: Film,
+    side: int,
+    column: Int[np.ndarray, " points"],
+    row: Int[np.ndarray, " points"],
+    bundle: int | None = None,
 ) -> tuple[Int[np.ndarray, " points"], Int[np.ndarray, " points"]]:
     """A tile that holds the pixel, and the pixel's place in it."""
     columns, _ = tile_grid(film, side)
     left = np.minimum(column // side * side, film.width - side)
     top = np.minimum(row // side * side, film.height - side)
-    return row // side * columns + column // side, (row - top) * side + column - left
+    place = tile_places(side, bundle)[(row - top) * side + column - left]
+    return row // side * columns + column // side, place
 
 
 def cut(

@@ -1,15 +1,22 @@
-"""How far what we render is from what was filmed."""
+"""How far a rendered picture is from the photograph."""
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from gaussray.reconstruct.data.tiles import tile_places
+
+
+# Pixels along a side of SSIM's window.
+_WINDOW = 11
+
 
 class LossOptions(eqx.Module):
     """Weights of the terms; 0 switches a term off and costs nothing.
 
-    `l1` and `dssim` compare sRGB-encoded colours (4D-GRT: 1 and 0; 3DGRT: 0.8 and 0.2). `space`,
+    `l1` (mean absolute difference) and `dssim` (1 - SSIM) compare sRGB-encoded colours (4D-GRT: 1
+    and 0; 3DGS and 3DGRT: 0.8 and 0.2). `space`,
     `time` and `one` weigh the plane regularisers (`regularizer.terms`).
     """
 
@@ -31,11 +38,13 @@ def terms(
     *,
     options: LossOptions,
     side: int,
+    bundle: int | None = None,
 ) -> dict[str, Float[Array, ""]]:
-    """The terms that compare colours, unweighted, by the name of their weight."""
+    """The terms that compare colours of tiles of `side` x `side` rays, unweighted, by the name of
+    their weight."""
     values = {"l1": l1(rendered, truth)}
     if options.dssim:
-        values["dssim"] = dssim(rendered, truth, side=side)
+        values["dssim"] = dssim(rendered, truth, side=side, bundle=bundle)
     return values
 
 
@@ -53,26 +62,51 @@ def l1(rendered: Float[Array, "rays 3"], truth: Float[Array, "rays 3"]) -> Float
 
 
 def dssim(
-    rendered: Float[Array, "rays 3"], truth: Float[Array, "rays 3"], *, side: int
+    rendered: Float[Array, "rays 3"],
+    truth: Float[Array, "rays 3"],
+    *,
+    side: int,
+    bundle: int | None = None,
 ) -> Float[Array, ""]:
-    """(1 - SSIM) / 2 with each square tile of `side` x `side` rays as one Gaussian window.
+    """1 - SSIM, the mean over all windows inside square tiles of `side` x `side` rays.
 
-    The window (sigma 1.5, as Wang et al. 2004) sits in the tile's middle: one SSIM value per tile,
-    for batches of tiles that have no neighbours. SSIM is (1 - a) (1 - b), a the squared difference
-    of the means and b the variance of the difference, each over its own denominator: 1 - SSIM is
-    a + b - a b, which keeps its digits where pictures are nearly equal.
+    Rays come tile after tile, in `tile_order`. Windows are Gaussian (sigma 1.5, 11 x 11 pixels, as
+    Wang et al. 2004; a tile of fewer pixels is one window) and never reach beyond their tile, whose
+    neighbours a batch does not hold. SSIM is (1 - a) (1 - b), a the squared difference of the means
+    and b the variance of the difference, each over its own denominator: 1 - SSIM is a + b - a b,
+    which keeps its digits where pictures are nearly equal.
     """
-    place = np.arange(side) - (side - 1) / 2
-    line = np.exp(-0.5 * (place / 1.5) ** 2)
-    window = np.outer(line, line).reshape(-1)
-    weight = jnp.asarray(window / window.sum(), rendered.dtype)[None, :, None]
-    x = rendered.reshape(-1, side * side, 3)
-    y = truth.reshape(-1, side * side, 3)
-    mean_x, mean_y, apart = (jnp.sum(weight * z, axis=1, keepdims=True) for z in (x, y, x - y))
-    squares = ((x - mean_x) ** 2, (y - mean_y) ** 2, (x - y - apart) ** 2)
-    var_x, var_y, var_apart = (jnp.sum(weight * square, axis=1) for square in squares)
-    mean_x, mean_y, apart = mean_x[:, 0], mean_y[:, 0], apart[:, 0]
+    window = jnp.asarray(_windows(side), rendered.dtype)
+    place = tile_places(side, bundle)
+
+    def averaged(image: Float[Array, "tiles side side 3"]) -> Float[Array, "tiles out out 3"]:
+        rows = jnp.einsum("oi,tijc->tojc", window, image, precision="highest")
+        return jnp.einsum("oj,tijc->tioc", window, rows, precision="highest")
+
+    x, y = (
+        z.reshape(-1, side**2, 3)[:, place].reshape(-1, side, side, 3) for z in (rendered, truth)
+    )
+    apart, center = x - y, jnp.mean(y, axis=(1, 2), keepdims=True)
+    # Squares of values about their mean lose fewer digits.
+    x, y = x - center, y - center
+    mean_y, mean_apart = averaged(y), averaged(apart)
+    mean_x = mean_y + mean_apart
+    var_apart = jnp.maximum(averaged(apart * apart) - mean_apart * mean_apart, 0)
+    var_both = averaged(x * x + y * y) - mean_x * mean_x - mean_y * mean_y
+    mean_x, mean_y = mean_x + center, mean_y + center
     c1, c2 = 0.01**2, 0.03**2
-    light = apart * apart / (mean_x * mean_x + mean_y * mean_y + c1)
-    shape = var_apart / (var_x + var_y + c2)
-    return jnp.mean(light + shape - light * shape) / 2
+    light = mean_apart**2 / (mean_x * mean_x + mean_y * mean_y + c1)
+    shape = var_apart / (jnp.maximum(var_both, 0) + c2)
+    return jnp.mean(light + shape - light * shape)
+
+
+def _windows(side: int) -> Float[np.ndarray, "windows side"]:
+    """Weights of the pixels of a row in every window that lies inside the row."""
+    width = min(_WINDOW, side)
+    place = np.arange(width) - (width - 1) / 2
+    line = np.exp(-0.5 * (place / 1.5) ** 2)
+    count = side - width + 1
+    table = np.zeros((count, side))
+    for i in range(count):
+        table[i, i : i + width] = line / line.sum()
+    return table

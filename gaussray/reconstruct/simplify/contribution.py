@@ -50,14 +50,15 @@ def looks(
     weigh: int,
     seed: int,
 ) -> tuple[list[Look], list[Look]]:
-    """Looks at random tiles, `tiles` (at most all) at each of so many instants, evenly spread; and
-    further ones at about `weigh` tiles in all. `views` and `gain` are the frames' cameras and
-    exposures, as refined.
+    """Looks at random tiles, as many as hold `tiles` ray bundles (at most all) at each of so many
+    instants, evenly spread; and further ones at about `weigh` bundles in all. `views` and `gain`
+    are the frames' cameras and exposures, as refined.
 
     The further ones go through all tiles from instant to instant, so that together they see all of
     what stands still if their number allows.
     """
-    each = seen.pixel.shape[1]
+    each, bundles = seen.pixel.shape[1], (seen.side // (seen.bundle or seen.side)) ** 2
+    tiles, weigh = -(-tiles // bundles), -(-weigh // bundles)
     times, frames = np.unique(seen.times, return_counts=True)
     tiles = min(tiles, each * int(frames.max()))
     chosen = np.unique(np.linspace(0, len(times) - 1, instants).round().astype(int))
@@ -80,7 +81,7 @@ def looks(
 def _look(seen: Footage, views: Camera, gain, frame, tile, time) -> Look:
     batch = jax.tree.map(lambda x: x[0], gather(seen, frame[None], tile[None], time[None]))
     truth, weight = tile_colors(batch)
-    rays = _chief_rays(views, batch.frame, batch.tile, side=seen.side)
+    rays = _chief_rays(views, batch.frame, batch.tile, side=seen.side, bundle=seen.bundle)
     weight = weight * jnp.any(rays.direction != 0, axis=-1)
     return Look(
         batch.time, rays, truth, weight, jnp.repeat(jnp.asarray(gain), seen.side**2, axis=0)
@@ -88,9 +89,9 @@ def _look(seen: Footage, views: Camera, gain, frame, tile, time) -> Look:
 
 
 @eqx.filter_jit
-def _chief_rays(views: Camera, frame: Array, tile: Array, *, side: int) -> Rays:
+def _chief_rays(views: Camera, frame: Array, tile: Array, *, side: int, bundle: int | None) -> Rays:
     camera = jax.tree.map(lambda x: x[frame], views)
-    rays = tile_rays(camera, tile, jnp.full((1, 5), 0.5), side=side)
+    rays = tile_rays(camera, tile, jnp.full((1, 5), 0.5), side=side, bundle=bundle)
     return jax.tree.map(lambda x: x[0], rays)
 
 

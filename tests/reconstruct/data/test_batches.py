@@ -25,7 +25,7 @@ CAMERAS = [toy.camera(0.2 * i, time, WIDTH, HEIGHT) for i, time in enumerate((0.
 
 MIDDLE = jnp.full((1, 5), 0.5)
 
-cast = jax.jit(tile_rays, static_argnames="side")
+cast = jax.jit(tile_rays, static_argnames=("side", "bundle"))
 
 
 def picture(frame):
@@ -135,3 +135,13 @@ def test_without_masks_every_weight_is_1():
 def test_pictures_of_fractions_are_taken_as_they_are(seen):
     found = jax.vmap(tile_colors)(gathered(filmed(dtype=np.float32)))
     np.testing.assert_allclose(found[0], seen[0], atol=SAME)
+
+
+def test_rays_of_large_tiles_come_in_the_order_of_their_pixels():
+    camera = toy.camera(0.2, 0.0, 37, 50)
+    stack = jax.tree.map(lambda x: jnp.stack([x] * 2), camera)
+    rays = cast(stack, jnp.array([0, 3], jnp.int32), MIDDLE, side=16, bundle=8)
+    pixels = tile_pixels(camera.film, 16, 8)[[0, 3]].reshape(-1)
+    place = jnp.stack([pixels % 37, pixels // 37], axis=-1).astype(jnp.float32)
+    expected = camera_rays(camera, place, jnp.full((len(place), 5), 0.5, jnp.float32))
+    np.testing.assert_allclose(rays.direction[0], expected.direction, atol=SAME)

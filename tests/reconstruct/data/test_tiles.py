@@ -5,7 +5,16 @@ import pytest
 
 from gaussray.camera.film import Film
 from gaussray.capture.errors import CaptureError
-from gaussray.reconstruct.data.tiles import cut, join, tile_grid, tile_of, tile_pixels
+from gaussray.reconstruct.data.tiles import (
+    cut,
+    fitting_side,
+    join,
+    tile_grid,
+    tile_of,
+    tile_order,
+    tile_pixels,
+    tile_places,
+)
 
 
 # Odd sides that tiles of SIDE do not divide: 2 x 3 tiles.
@@ -55,3 +64,38 @@ def test_every_pixel_is_found_in_its_tile(picture):
 def test_a_tile_larger_than_the_picture_is_refused():
     with pytest.raises(CaptureError, match="at most the picture's smaller side, got 14"):
         tile_grid(FILM, FILM.width + 1)
+
+
+@pytest.mark.parametrize(("side", "bundle"), [(8, 8), (16, 8), (24, 8), (32, 8), (32, 16)])
+def test_a_large_tile_is_stored_bundle_after_bundle(side, bundle):
+    order = tile_order(side, bundle)
+    np.testing.assert_array_equal(np.sort(order), np.arange(side**2))
+    np.testing.assert_array_equal(order[tile_places(side, bundle)], np.arange(side**2))
+    row, column = np.divmod(order.reshape(-1, bundle, bundle), side)
+    inside = np.arange(bundle)
+    np.testing.assert_array_equal(row - row[:, :1, :1], np.broadcast_to(inside[:, None], row.shape))
+    np.testing.assert_array_equal(column - column[:, :1, :1], np.broadcast_to(inside, row.shape))
+
+
+def test_four_bundles_in_turn_are_a_square():
+    for part in np.divmod(tile_order(32, 8).reshape(4, 256), 32):
+        np.testing.assert_array_equal(np.ptp(part, axis=1), 15)
+
+
+def test_every_pixel_is_found_in_its_large_tile():
+    film = Film(37, 50, "center")
+    values = np.arange(film.height * film.width).reshape(film.height, film.width)
+    row, column = np.mgrid[: film.height, : film.width].reshape(2, -1)
+    tile, place = tile_of(film, 32, column, row, 8)
+    pixels = tile_pixels(film, 32, 8)
+    np.testing.assert_array_equal(cut(values, pixels)[tile, place], values[row, column])
+    np.testing.assert_array_equal(join(cut(values, pixels), pixels, film), values)
+
+
+def test_a_tile_fits_into_the_picture_and_is_whole_bundles():
+    assert fitting_side(Film(135, 240, "center"), 32, 8) == 32
+    assert fitting_side(Film(30, 240, "center"), 32, 8) == 24
+    assert fitting_side(Film(135, 240, "center"), 20, 8) == 16
+    assert fitting_side(Film(135, 240, "center"), 4, 8) == 8
+    with pytest.raises(ValueError, match="multiple of 8, got 12"):
+        tile_order(12, 8)

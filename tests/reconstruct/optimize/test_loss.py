@@ -5,7 +5,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.test_util import check_grads
+from skimage.metrics import structural_similarity
 
+from gaussray.reconstruct.data.tiles import tile_order
 from gaussray.reconstruct.optimize import regularizer
 from gaussray.reconstruct.optimize.loss import LossOptions, developed, dssim, l1, terms
 from gaussray.scene.planes import initial_planes
@@ -55,7 +57,7 @@ def test_dssim_equals_the_formula_tile_by_tile(tiles):
             vx, vy = weight @ (x - mx) ** 2, weight @ (y - my) ** 2
             cov = weight @ ((x - mx) * (y - my))
             top = (2 * mx * my + 1e-4) * (2 * cov + 9e-4)
-            values.append((1 - top / ((mx**2 + my**2 + 1e-4) * (vx + vy + 9e-4))) / 2)
+            values.append(1 - top / ((mx**2 + my**2 + 1e-4) * (vx + vy + 9e-4)))
     np.testing.assert_allclose(dssim(*tiles, side=SIDE), np.mean(values), rtol=1e-12)
 
 
@@ -64,6 +66,24 @@ def test_dssim_has_the_derivative_of_finite_differences(tiles):
         jax.jit(lambda x: dssim(jnp.asarray(x), tiles[1], side=SIDE)), (tiles[0],), order=1,
         modes=["rev"], atol=1e-6, rtol=1e-5,
     )  # fmt: skip
+
+
+@pytest.mark.parametrize(("side", "bundle"), [(16, 16), (32, 8), (24, 8)])
+def test_dssim_of_larger_tiles_is_the_mean_over_the_windows_inside_them(side, bundle):
+    dice = np.random.default_rng(1)
+    truth = dice.uniform(size=(2, side, side, 3))
+    ours = np.clip(truth + 0.2 * dice.normal(size=truth.shape), 0, 1)
+    # scikit-image blurs beyond the borders; windows that stay inside are 5 pixels away from them.
+    options = {"channel_axis": 2, "data_range": 1, "gaussian_weights": True, "full": True}
+    inside = slice(5, side - 5)
+    maps = [
+        structural_similarity(a, b, use_sample_covariance=False, **options)[1][inside, inside]
+        for a, b in zip(ours, truth, strict=True)
+    ]
+    order = tile_order(side, bundle)
+    ordered = [jnp.asarray(x.reshape(2, -1, 3)[:, order].reshape(-1, 3)) for x in (ours, truth)]
+    found = dssim(*ordered, side=side, bundle=bundle)
+    np.testing.assert_allclose(found, 1 - np.mean(maps), rtol=1e-9)
 
 
 def test_a_weight_of_zero_leaves_dssim_out(tiles):
