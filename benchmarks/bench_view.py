@@ -18,7 +18,7 @@ from PIL import Image
 
 from benchmarks.record import backend, begin, record, show
 from gaussray.camera.camera import with_chromatic
-from gaussray.config.compose import configuration
+from gaussray.config.compose import compose_config
 from gaussray.viewer.develop import developed
 from gaussray.viewer.model import Studio
 from gaussray.viewer.preview import Sketcher
@@ -41,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--frames", type=int, default=20)
     chosen = parser.parse_intermixed_args(argv)
     words = [f"scene={chosen.scene}", f"trace.backend={chosen.backend}", *chosen.words]
-    studio = Studio(configuration("view", words), words)
+    studio = Studio(compose_config("view", words), words)
     shot = studio.shot(studio.begin, studio.stance, studio.size)
     sketcher = Sketcher(
         studio.scene, options=shot.options, trace=shot.trace, keys=studio.options.keys

@@ -20,8 +20,9 @@ from gaussray.cli.commands import reconstruct_options
 from gaussray.cli.help import VERBS
 from gaussray.cli.main import main
 from gaussray.config import compose as configurations
-from gaussray.config.compose import configuration, options
+from gaussray.config.compose import compose_config
 from gaussray.config.jobs import shot_of
+from gaussray.config.options import build_options
 from gaussray.config.schema import choices, groups, keys
 from gaussray.dataset.manifest import write_manifest
 from gaussray.evaluate.pipeline import EvaluateOptions
@@ -96,13 +97,13 @@ def checked_verb(words):
         plain.append("out=OUT")
     if any(word.startswith("-") for word in plain):
         return
-    cfg = configuration(verb, plain)
+    cfg = compose_config(verb, plain)
     if verb in ("reconstruct", "demo"):
         reconstruct_options(cfg)
     if verb == "evaluate":
-        options(EvaluateOptions, cfg.evaluate)
+        build_options(EvaluateOptions, cfg.evaluate)
     if verb == "render":
-        options(SensorOptions, cfg.sensor)
+        build_options(SensorOptions, cfg.sensor)
         if not cfg.factory.count:
             shot_of(cfg, lambda _: None, lambda *_: views())
 

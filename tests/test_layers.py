@@ -30,6 +30,17 @@ def level(part):
 
 def imported_parts(source):
     """Top-level parts of gaussray that a module imports, wherever in it."""
+    names = imported_names(source)
+    return [name.split(".")[1] for name in names if name.startswith("gaussray.")]
+
+
+def imported_modules(source):
+    """Top-level modules and packages of any origin that a module imports."""
+    return [name.split(".")[0] for name in imported_names(source)]
+
+
+def imported_names(source):
+    """Full names of all modules that a module imports."""
     names = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
@@ -40,7 +51,7 @@ def imported_parts(source):
                 names += [f"gaussray.{name.name}" for name in node.names]
             else:
                 names.append(node.module)
-    return [name.split(".")[1] for name in names if name.startswith("gaussray.")]
+    return names
 
 
 def wrong_imports(path, source):
@@ -59,6 +70,15 @@ def test_imports_only_point_down():
         if inside.parts[0] not in ("__init__.py", "__main__.py", "conf"):
             wrong += wrong_imports(inside, path.read_text())
     assert not wrong, wrong
+
+
+def test_omegaconf_and_hydra_are_imported_by_the_configuration_and_the_command_alone():
+    importers = {
+        path.relative_to(PACKAGE).parts[0]
+        for path in PACKAGE.rglob("*.py")
+        if set(imported_modules(path.read_text())) & {"hydra", "omegaconf"}
+    }
+    assert importers <= {"config", "cli"}
 
 
 def test_the_root_holds_packages_alone():

@@ -11,7 +11,7 @@ import zipfile
 
 import pytest
 
-from gaussray.config.compose import configuration
+from gaussray.config.compose import compose_config
 from gaussray.io.sample_data import PARTS, WORD, sample
 from gaussray.scene.store import load_scene
 
@@ -60,12 +60,12 @@ def test_the_sample_is_a_capture_and_a_scene_of_it():
 def test_a_word_stands_for_the_sample_unless_a_folder_has_its_name(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     words = ["scene=sample", "cameras=sample", "out=OUT"]
-    cfg = configuration("render", words)
+    cfg = compose_config("render", words)
     assert cfg.scene == str(sample("scene")) and cfg.cameras == str(sample("capture"))
-    assert configuration("evaluate", ["scene=sample", "truth=sample"]).out == "sample/evaluation"
+    assert compose_config("evaluate", ["scene=sample", "truth=sample"]).out == "sample/evaluation"
     assert set(PARTS) == {"scene", "cameras", "truth", "capture.path"}
     (tmp_path / WORD).mkdir()
-    assert configuration("render", words).scene == WORD
+    assert compose_config("render", words).scene == WORD
 
 
 @pytest.mark.slow

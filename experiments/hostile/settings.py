@@ -20,33 +20,33 @@ NAME = "sample/mine"
 
 
 def _words(folder: Path) -> object:
-    from gaussray.config.compose import configuration
+    from gaussray.config.compose import compose_config
 
     words = (folder / "words").read_bytes().decode("latin-1").replace("\0", "").split("\n")
-    return configuration("render", [*PLAIN, *(word for word in words if word)])
+    return compose_config("render", [*PLAIN, *(word for word in words if word)])
 
 
 def _preset(folder: Path) -> object:
-    from gaussray.config.compose import preset_words
+    from gaussray.config.yaml_files import preset_words
 
     return preset_words(folder / "preset.yaml")
 
 
 def _command(folder: Path) -> object:
-    from gaussray.config.compose import configuration
+    from gaussray.config.compose import compose_config
     from gaussray.config.jobs import _drawn
 
-    return _drawn(configuration("render", [*PLAIN, "sample=mine", _search(folder)]))
+    return _drawn(compose_config("render", [*PLAIN, "sample=mine", _search(folder)]))
 
 
 def _yaml(folder: Path) -> object:
     from hydra.core.default_element import GroupDefault, ResultDefault
 
-    from gaussray.config.compose import _check_searched, _in_words, _resolved
+    from gaussray.config.compose import check_search_path, one_message, resolve
     from gaussray.config.jobs import _drawn
 
-    with _in_words("render", [_search(folder)]):
-        _check_searched([_search(folder)])
+    with one_message("render", [_search(folder)]):
+        check_search_path([_search(folder)])
         loader, repository, plain = _prepared(folder)
         repository.cache.clear()
         found = repository.load_config(NAME)
@@ -59,7 +59,7 @@ def _yaml(folder: Path) -> object:
         placed = ResultDefault(config_path=NAME, package=chosen.get_final_package())
         cfg = copy.deepcopy(plain)
         cfg.merge_with(loader._load_single_config(placed, repository).config)
-    return _drawn(_resolved("render", cfg))
+    return _drawn(resolve("render", cfg))
 
 
 @functools.cache
@@ -68,11 +68,11 @@ def _prepared(folder: Path) -> tuple[Any, Any, Any]:
     from hydra.core.global_hydra import GlobalHydra
     from omegaconf import OmegaConf
 
-    from gaussray.config.compose import _composed, _hydra
+    from gaussray.config.compose import compose_unresolved, hydra_session
 
-    cfg = OmegaConf.masked_copy(_composed("render", PLAIN), GROUPS)
+    cfg = OmegaConf.masked_copy(compose_unresolved("render", PLAIN), GROUPS)
     OmegaConf.set_struct(cfg, None)
-    with _hydra("render", ()):
+    with hydra_session("render", ()):
         loader: Any = GlobalHydra.instance().config_loader()
         _, files = loader._parse_overrides_and_create_caching_repo("render", [_search(folder)])
     return loader, files, cfg

@@ -106,7 +106,8 @@ def twisted(path):
 def main(out):
     jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
 
-    from gaussray.config.compose import configuration, options
+    from gaussray.config.compose import compose_config
+    from gaussray.config.options import build_options
     from gaussray.config.schema import conf_folder
     from gaussray.dataset.images import contact_sheet, write_image
     from gaussray.render import Renderer, RenderOptions
@@ -125,9 +126,9 @@ def main(out):
             if name == "keep":
                 continue
             file = f"lens.file={table}" if name == "table" else "lens.file=''"
-            chosen = configuration("render", ["scene=x", "out=x", f"lens={name}", file]).lens
+            chosen = compose_config("render", ["scene=x", "out=x", f"lens={name}", file]).lens
             view = wide if name == "equirectangular" else square
-            lens = options(LensOptions, chosen)
+            lens = build_options(LensOptions, chosen)
             (record,) = rig([view], options=RigOptions(lens=lens), samples=4)
             frame = render(record.camera)
             title = name if name == "table" else f"{name} {lens.fov:g}"

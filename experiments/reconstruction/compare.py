@@ -67,7 +67,7 @@ def run(job: tuple[Path, Path, list[str]], end: float) -> None:
     """One way on one capture: reconstruct, then score."""
     from gaussray.capture.open import open_capture
     from gaussray.cli.commands import reconstruct_options
-    from gaussray.config.compose import configuration
+    from gaussray.config.compose import compose_config
     from gaussray.evaluate import EvaluateOptions, evaluate
     from gaussray.reconstruct import reconstruct
     from gaussray.render import RenderOptions
@@ -76,7 +76,7 @@ def run(job: tuple[Path, Path, list[str]], end: float) -> None:
     folder, out, overrides = job
     if time.monotonic() > end:
         return
-    cfg = configuration("reconstruct", [f"capture.path={folder}", f"out={out}", *overrides])
+    cfg = compose_config("reconstruct", [f"capture.path={folder}", f"out={out}", *overrides])
     (out / "checkpoint.npz").unlink(missing_ok=True)
     capture = open_capture(folder)
     began = time.monotonic()

@@ -18,7 +18,7 @@ from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 
-from gaussray.config.compose import configuration
+from gaussray.config.compose import compose_config
 from gaussray.viewer.serve import serve
 from gaussray.viewer.timing import Reading
 
@@ -34,7 +34,7 @@ PATIENCE, TURN = 900, 20.0
 
 def main(scene: str, out: Path, words: list[str]) -> None:
     told = [f"scene={scene}", f"out={out}/presets", "view.port=8912", *words]
-    server = serve(configuration("view", told), told)
+    server = serve(compose_config("view", told), told)
     browser = chromium()
     began = clock.monotonic()
     browser.get(server.url)

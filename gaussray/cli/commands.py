@@ -4,40 +4,39 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
-
-from gaussray.config.compose import as_kind, options, run_folder
+from gaussray.config.compose import Configuration
+from gaussray.config.options import as_type, build_options
+from gaussray.config.run_folder import begin_run_folder
+from gaussray.config.yaml_files import to_plain
 from gaussray.runtime.devices import DevicesOptions, begin, leads
 from gaussray.runtime.lock import lock_output
 from gaussray.runtime.progress import say
 
 
-def reconstruct_options(cfg: DictConfig) -> Any:
+def reconstruct_options(cfg: Configuration) -> Any:
     """ReconstructOptions of a configuration."""
     from gaussray.reconstruct import session as stage
 
     return stage.ReconstructOptions(
-        fit=options(stage.FitOptions, cfg.fit),
-        track=options(stage.TrackOptions, cfg.track),
-        field=options(stage.FieldOptions, cfg.field),
-        loss=options(stage.LossOptions, cfg.loss),
-        optimizer=options(stage.OptimizerOptions, cfg.optimizer),
-        density=options(stage.DensityOptions, cfg.density),
-        trace=options(stage.TraceOptions, cfg.trace),
-        need=options(stage.NeedOptions, cfg.need),
+        fit=build_options(stage.FitOptions, cfg.fit),
+        track=build_options(stage.TrackOptions, cfg.track),
+        field=build_options(stage.FieldOptions, cfg.field),
+        loss=build_options(stage.LossOptions, cfg.loss),
+        optimizer=build_options(stage.OptimizerOptions, cfg.optimizer),
+        density=build_options(stage.DensityOptions, cfg.density),
+        trace=build_options(stage.TraceOptions, cfg.trace),
+        need=build_options(stage.NeedOptions, cfg.need),
     )
 
 
-def _capture(path: str, node: DictConfig, label: str, prefix: str = "") -> Any:
+def _capture(path: str, node: Configuration, label: str, prefix: str = "") -> Any:
     """The capture at a path, as the keys of a node say that begin with `prefix`; `label` stands
     before them in messages."""
     from gaussray.capture.open import open_capture
     from gaussray.capture.selection import Selection
 
     def told(kind: type, name: str) -> Any:
-        value = node[prefix + name]
-        plain = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
-        return as_kind(kind, plain, f"{label}{name}")
+        return as_type(kind, to_plain(node[prefix + name]), f"{label}{name}")
 
     fields = Selection.__dataclass_fields__.items()
     chosen = {name: told(type(field.default), name) for name, field in fields}
@@ -45,7 +44,7 @@ def _capture(path: str, node: DictConfig, label: str, prefix: str = "") -> Any:
     return open_capture(path, *names, selection=Selection(**chosen))
 
 
-def _reconstruct(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
+def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.evaluate.pipeline import scene_facts
     from gaussray.reconstruct.log import refuse
     from gaussray.reconstruct.pipeline import reconstruct
@@ -60,7 +59,7 @@ def _reconstruct(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
         _say(f"{out / 'scene.npz'}: finished already. resume=false makes it anew.", out=str(out))
         return {}
     refuse(Path(cfg.out), resume=resume)
-    out = run_folder(cfg)
+    out = begin_run_folder(cfg)
     how: dict[str, Any] = {"devices": devices, "quiet": cfg.quiet, "told": _scalars(cfg, out)}
     scene = reconstruct(capture, out, options=chosen, resume=resume, **how)
     facts = scene_facts(scene)
@@ -69,7 +68,7 @@ def _reconstruct(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     return {"scene": scene, "capture": capture}
 
 
-def resumes(cfg: DictConfig) -> bool | None:
+def resumes(cfg: Configuration) -> bool | None:
     """Whether the run in `out` is gone on with; None if resume=auto finds nothing left to do."""
     if isinstance(cfg.resume, bool):
         return cfg.resume
@@ -82,29 +81,29 @@ def resumes(cfg: DictConfig) -> bool | None:
     return None if ended and not begun else begun
 
 
-def _scalars(cfg: DictConfig, out: Path) -> Callable[[dict[str, Any]], None] | None:
+def _scalars(cfg: Configuration, out: Path) -> Callable[[dict[str, Any]], None] | None:
     """Who else is told the figures of a fit."""
     from gaussray.runtime.tensorboard import tensorboard
 
     return tensorboard(out / "tensorboard") if cfg.tensorboard and leads() else None
 
 
-def _render(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
+def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.config.jobs import shot_of
     from gaussray.render.randomize.generate import film
 
     shot = shot_of(cfg)
-    out = film(shot, run_folder(cfg), devices=devices, quiet=cfg.quiet)
+    out = film(shot, begin_run_folder(cfg), devices=devices, quiet=cfg.quiet)
     effect, count = shot.records[0].effect, len(shot.records)
     _say(f"{out}: {count} frames of {effect}.", out=str(out), frames=count, effect=effect)
     return {"scene": shot.scene}
 
 
-def view(cfg: DictConfig, overrides: Sequence[str]) -> None:
+def view(cfg: Configuration, overrides: Sequence[str]) -> None:
     """Serve the page until the user stops it."""
     from gaussray.viewer.serve import serve
 
-    begin(options(DevicesOptions, cfg.devices))
+    begin(build_options(DevicesOptions, cfg.devices))
     server = serve(cfg, overrides)
     _say(
         f"{server.url} shows {cfg.scene}; the first pictures take as long as their programs take "
@@ -114,19 +113,22 @@ def view(cfg: DictConfig, overrides: Sequence[str]) -> None:
     server.wait()
 
 
-def _evaluate(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
+def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
     from gaussray.evaluate.scores import table
     from gaussray.render.renderer import RenderOptions
     from gaussray.scene.store import load_scene
     from gaussray.tracer.trace import TraceOptions
 
-    chosen, trace = options(EvaluateOptions, cfg.evaluate), options(TraceOptions, cfg.trace)
-    render = options(RenderOptions, cfg.render)
+    chosen, trace = (
+        build_options(EvaluateOptions, cfg.evaluate),
+        build_options(TraceOptions, cfg.trace),
+    )
+    render = build_options(RenderOptions, cfg.render)
     scene, truth = load_scene(cfg.scene), _capture(cfg.truth, cfg, "truth_", "truth_")
     if cfg.out == f"{cfg.scene}/evaluation" and Path(cfg.scene).is_file():
         cfg.out = str(Path(cfg.scene).parent / "evaluation")
-    out = run_folder(cfg)
+    out = begin_run_folder(cfg)
     report = evaluate(
         scene,
         truth,
@@ -141,51 +143,54 @@ def _evaluate(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
     return {"scene": scene, "capture": truth}
 
 
-def _calibrate(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
+def _calibrate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.calibrate.pipeline import CalibrateOptions, calibrate
     from gaussray.calibrate.results import calibration_table
     from gaussray.scene.store import load_scene
     from gaussray.tracer.trace import TraceOptions
 
-    chosen, trace = options(CalibrateOptions, cfg.calibrate), options(TraceOptions, cfg.trace)
+    chosen, trace = (
+        build_options(CalibrateOptions, cfg.calibrate),
+        build_options(TraceOptions, cfg.trace),
+    )
     scene, capture = load_scene(cfg.scene), _capture(cfg.capture.path, cfg.capture, "capture.")
-    out = run_folder(cfg)
+    out = begin_run_folder(cfg)
     report = calibrate(scene, capture, out, options=chosen, trace=trace, quiet=cfg.quiet)
     _say(calibration_table(report), out=str(out), report=report)
     return {"scene": scene, "capture": capture}
 
 
-def _import(cfg: DictConfig, devices: int | None) -> None:
+def _import(cfg: Configuration, devices: int | None) -> None:
     from gaussray.scene.formats.convert import import_model
 
-    color = as_kind(str, cfg.color, "color")
-    iteration = None if cfg.iteration is None else as_kind(int, cfg.iteration, "iteration")
+    color = as_type(str, cfg.color, "color")
+    iteration = None if cfg.iteration is None else as_type(int, cfg.iteration, "iteration")
     scene, assumed = import_model(cfg.source, cfg.out, color=color, iteration=iteration)
-    out = run_folder(cfg)
+    out = begin_run_folder(cfg)
     _say(f"{out / 'scene.npz'}: {scene.static.count + scene.moving.count} Gaussians.\n{assumed}")
 
 
-def _export(cfg: DictConfig, devices: int | None) -> None:
+def _export(cfg: Configuration, devices: int | None) -> None:
     from gaussray.scene.formats.convert import export_model
     from gaussray.scene.store import load_scene
 
     if cfg.format != "ply":
         raise ValueError(f"format must be ply, got {cfg.format!r}.")
-    time = None if cfg.time is None else as_kind(float, cfg.time, "time")
-    color, degree = as_kind(str, cfg.color, "color"), as_kind(int, cfg.degree, "degree")
+    time = None if cfg.time is None else as_type(float, cfg.time, "time")
+    color, degree = as_type(str, cfg.color, "color"), as_type(int, cfg.degree, "degree")
     _, said = export_model(load_scene(cfg.scene), cfg.out, time, color=color, degree=degree)
     _say(f"{cfg.out}: {said}")
 
 
-def _pack(cfg: DictConfig, devices: int | None) -> None:
+def _pack(cfg: Configuration, devices: int | None) -> None:
     from gaussray.dataset.pack import pack
 
-    count = as_kind(int, cfg.frames_per_tar, "frames_per_tar")
+    count = as_type(int, cfg.frames_per_tar, "frames_per_tar")
     written = pack(cfg.data, cfg.out, frames_per_tar=count)
     _say(f"{cfg.out}: {len(written)} tar files.")
 
 
-def _demo(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
+def _demo(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.capture.formats.paired import read_capture
     from gaussray.cli.demo import demo
     from gaussray.evaluate.pipeline import EvaluateOptions
@@ -195,10 +200,10 @@ def _demo(cfg: DictConfig, devices: int | None) -> dict[str, Any]:
 
     chosen = {
         "reconstruction": reconstruct_options(cfg),
-        "render": options(RenderOptions, cfg.render),
-        "evaluation": options(EvaluateOptions, cfg.evaluate),
+        "render": build_options(RenderOptions, cfg.render),
+        "evaluation": build_options(EvaluateOptions, cfg.evaluate),
     }
-    out = run_folder(cfg)
+    out = begin_run_folder(cfg)
     how: dict[str, Any] = {"devices": devices, "quiet": cfg.quiet, "told": _scalars(cfg, out)}
     demo(cfg.capture.path, out, **chosen, **how)
     capture = read_capture(cfg.capture.path or sample("capture"))
@@ -212,7 +217,7 @@ def _say(text: str, **facts: Any) -> None:
 
 
 # What a verb does, and what of it the page shows: the scene, the capture.
-RUN: dict[str, Callable[[DictConfig, int | None], dict[str, Any] | None]] = {
+RUN: dict[str, Callable[[Configuration, int | None], dict[str, Any] | None]] = {
     "demo": _demo,
     "reconstruct": _reconstruct,
     "render": _render,

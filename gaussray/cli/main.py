@@ -13,8 +13,9 @@ from typing import Any
 from gaussray.cli.commands import RUN, view
 from gaussray.cli.completion import script
 from gaussray.cli.help import VERBS, full_help, short_help, usage
-from gaussray.config.compose import configuration, options
-from gaussray.config.suggest import meant
+from gaussray.config.compose import compose_config
+from gaussray.config.options import build_options
+from gaussray.config.suggest import did_you_mean
 from gaussray.io.safe.limits import Limits, limit
 from gaussray.runtime import provenance
 from gaussray.runtime.devices import DevicesOptions, begin, leads, leave, together
@@ -76,10 +77,9 @@ def _main(words: list[str]) -> None:
         # Hydra's own way to ask for it is -sc install=bash.
         print(script(words[1].removeprefix("install=") if len(words) > 1 else "bash"), end="")
     elif words[0] not in VERBS:
-        known = ", ".join(VERBS)
+        known, hint = ", ".join(VERBS), did_you_mean(words[0], VERBS)
         raise ValueError(
-            f"the verb must be one of {known}, got {words[0]!r}.{meant(words[0], VERBS)} See "
-            "`gaussray --help`."
+            f"the command must be one of {known}, got {words[0]!r}.{hint} See `gaussray --help`."
         )
     elif "--help=all" in words:
         print(full_help(words[0]))
@@ -91,9 +91,9 @@ def _main(words: list[str]) -> None:
 
 def _run(verb: str, overrides: Sequence[str]) -> None:
     began = time.monotonic()
-    cfg = configuration(verb, overrides)
+    cfg = compose_config(verb, overrides)
     check_style(str(cfg.get("progress", "auto")))
-    limit(options(Limits, cfg.limits))
+    limit(build_options(Limits, cfg.limits))
     if verb == "render" and cfg.factory.count:
         from gaussray.config.jobs import produce
         from gaussray.dataset.takes import MANIFEST
@@ -106,7 +106,7 @@ def _run(verb: str, overrides: Sequence[str]) -> None:
     if verb == "view":
         view(cfg, overrides)
         return
-    had = RUN[verb](cfg, begin(options(DevicesOptions, cfg.devices))) or {}
+    had = RUN[verb](cfg, begin(build_options(DevicesOptions, cfg.devices))) or {}
     out = Path(str(cfg.out))
     if leads() and (out / provenance.FILE).is_file():
         provenance.note_end(out, time.monotonic() - began)

@@ -6,10 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
 from gaussray.camera.sensor.sensor import SensorOptions
-from gaussray.config.compose import Variations, as_kind, launched, options, run_folder
+from gaussray.config.compose import Configuration, Variations
+from gaussray.config.launch import launch_jobs
+from gaussray.config.options import as_type, build_options
+from gaussray.config.run_folder import begin_run_folder
+from gaussray.config.yaml_files import to_plain
 from gaussray.dataset.takes import MANIFEST, write_takes
 from gaussray.io.safe.limits import Limits, limit
 from gaussray.render.aov.labeller import check_labels
@@ -33,37 +37,39 @@ SHARED = ("out", "devices", "factory.shard", "factory.shards", "render.memory", 
 SEEDS = {"integer": [0, 2**31 - 1]}
 
 
-def rig_options(cfg: DictConfig) -> rigs.RigOptions:
+def rig_options(cfg: Configuration) -> rigs.RigOptions:
     """The camera that a configuration asks for, but for its `physical` numbers."""
     return rigs.RigOptions(
-        camera=options(rigs.CameraOptions, cfg.camera),
-        lens=options(rigs.LensOptions, cfg.lens),
-        aperture=options(rigs.ApertureOptions, cfg.aperture),
-        shutter=options(rigs.ShutterOptions, cfg.shutter),
-        trajectory=options(rigs.TrajectoryOptions, cfg.trajectory),
-        film=options(rigs.FilmOptions, cfg.film),
+        camera=build_options(rigs.CameraOptions, cfg.camera),
+        lens=build_options(rigs.LensOptions, cfg.lens),
+        aperture=build_options(rigs.ApertureOptions, cfg.aperture),
+        shutter=build_options(rigs.ShutterOptions, cfg.shutter),
+        trajectory=build_options(rigs.TrajectoryOptions, cfg.trajectory),
+        film=build_options(rigs.FilmOptions, cfg.film),
     )
 
 
 def shot_of(
-    cfg: DictConfig, load: Callable = load_scene, cameras: Callable = rigs.cameras_of
+    cfg: Configuration, load: Callable = load_scene, cameras: Callable = rigs.cameras_of
 ) -> Shot:
     """What is filmed; `load` and `cameras` read scenes and views where many shots share them."""
     wanted = rig_options(cfg)
-    given = options(physical.PhysicalOptions, cfg.physical)
-    sensor = options(SensorOptions, cfg.sensor)
-    sampling, trace = options(RenderOptions, cfg.render), options(TraceOptions, cfg.trace)
-    fps = as_kind(float, cfg.fps, "fps")
+    given = build_options(physical.PhysicalOptions, cfg.physical)
+    sensor = build_options(SensorOptions, cfg.sensor)
+    sampling, trace = (
+        build_options(RenderOptions, cfg.render),
+        build_options(TraceOptions, cfg.trace),
+    )
+    fps = as_type(float, cfg.fps, "fps")
     if not fps > 0:
         raise ValueError(f"fps must be above 0, got {fps}.")
-    named = OmegaConf.to_container(cfg.labels) if OmegaConf.is_config(cfg.labels) else cfg.labels
-    asked = as_kind(tuple, named, "labels")
+    asked = as_type(tuple, to_plain(cfg.labels), "labels")
     check_labels(asked)
     scene = load(cfg.scene)
     views = cameras(cfg.scene, cfg.cameras)
     film = physical.applied(wanted, given)
     records = rigs.rig(
-        views, options=film, samples=sampling.samples, format=as_kind(str, cfg.format, "format")
+        views, options=film, samples=sampling.samples, format=as_type(str, cfg.format, "format")
     )
     physical.check_shape(given, (record.camera.film for record in records))
     check_possible(film, records)
@@ -72,16 +78,16 @@ def shot_of(
     )
 
 
-def produce(cfg: DictConfig, overrides: Sequence[str]) -> str:
+def produce(cfg: Configuration, overrides: Sequence[str]) -> str:
     """Film takes of the distributions in `sample`, this process's share or all by Hydra's launcher;
     what is to be said of it."""
-    chosen, out = options(FactoryOptions, cfg.factory), Path(cfg.out)
+    chosen, out = build_options(FactoryOptions, cfg.factory), Path(cfg.out)
     if chosen.shards > 1:
         shares = range(chosen.shards)
         # All name one folder, also if it is named by the time.
         overrides = [*(word for word in overrides if not word.startswith("out=")), f"out={out}"]
         jobs = [[f"factory.shard={i}/{chosen.shards}", "factory.shards=1"] for i in shares]
-        launched("render", overrides, jobs, functools.partial(film_share, overrides))
+        launch_jobs("render", overrides, jobs, functools.partial(film_share, overrides))
         with contextlib.suppress(OSError):
             (out / "jobs").rmdir()  # where no cluster has left anything
         missing = write_takes(out, chosen.count)
@@ -92,10 +98,10 @@ def produce(cfg: DictConfig, overrides: Sequence[str]) -> str:
     return f"{out / MANIFEST}: {chosen.count} takes."
 
 
-def film_share(overrides: Sequence[str], cfg: DictConfig) -> int:
+def film_share(overrides: Sequence[str], cfg: Configuration) -> int:
     """Film the takes of one shard; how many of all are not there yet."""
-    limit(options(Limits, cfg.limits))
-    devices = begin(options(DevicesOptions, cfg.devices))
+    limit(build_options(Limits, cfg.limits))
+    devices = begin(build_options(DevicesOptions, cfg.devices))
     if together():
         raise ValueError(
             "devices.hosts must be 1 with factory.count: processes share takes by factory.shard."
@@ -105,19 +111,18 @@ def film_share(overrides: Sequence[str], cfg: DictConfig) -> int:
 
     def shoot(values: Mapping[str, Any]) -> tuple[dict[str, Any], Shot]:
         made = variations.with_values(values)
-        plain: dict[str, Any] = OmegaConf.to_container(made)  # type: ignore[assignment]
-        parameters = {key: value for key, value in plain.items() if key not in ELSEWHERE}
+        parameters = {key: value for key, value in to_plain(made).items() if key not in ELSEWHERE}
         # No matter of the pictures: with less of it a data set is gone on with.
         del parameters["render"]["memory"]
         return parameters, shot_of(made, load, cameras)
 
-    chosen = options(FactoryOptions, cfg.factory)
-    out = run_folder(cfg, without=SHARED, part=chosen.shard)
+    chosen = build_options(FactoryOptions, cfg.factory)
+    out = begin_run_folder(cfg, without=SHARED, part=chosen.shard)
     how = {"options": chosen, "devices": devices}
     return produce_takes(out, _drawn(cfg), shoot, **how, quiet=cfg.quiet)
 
 
-def _drawn(cfg: DictConfig) -> dict[str, dict[str, Any]]:
+def _drawn(cfg: Configuration) -> dict[str, dict[str, Any]]:
     """The distributions of the configuration, and of all seeds in it: what happens by chance shall
     not happen twice."""
     seeds = {
@@ -127,6 +132,4 @@ def _drawn(cfg: DictConfig) -> dict[str, dict[str, Any]]:
         for key in node
         if str(key).endswith("seed")
     }
-    told = cfg.get("sample") or {}
-    sample: Any = OmegaConf.to_container(told) if OmegaConf.is_config(told) else told
-    return seeds | distributions(sample)
+    return seeds | distributions(to_plain(cfg.get("sample") or {}))

@@ -1,5 +1,4 @@
-"""The words that each verb knows, as the YAML files have them: keys with defaults and meanings,
-groups with choices."""
+"""Keys and groups of every command, as the YAML files of conf/ have them."""
 
 import functools
 import re
@@ -9,29 +8,29 @@ from typing import NamedTuple
 from omegaconf import OmegaConf
 
 
-_LINE = re.compile(r"^( *)([\w]+):(?: +(.*?))?(?: +# (.*))?$")
-_MORE = re.compile(r"^ +# (.*)$")
+_KEY_LINE = re.compile(r"^( *)([\w]+):(?: +(.*?))?(?: +# (.*))?$")
+_COMMENT_LINE = re.compile(r"^ +# (.*)$")
 
 
 class Key(NamedTuple):
-    """What a YAML file says of a key: `???` is a default that must be given."""
+    """A key's default (`???`: it must be given) and the comment that explains it."""
 
     default: str
     meaning: str
 
 
 def conf_folder() -> Path:
-    """The configuration: beside the package in a checkout, inside it when installed."""
+    """The folder conf/: inside the package when installed, beside it in a checkout."""
     package = Path(__file__).resolve().parents[1]
     inside, beside = package / "conf", package.parent / "conf"
     return inside if inside.is_dir() else beside
 
 
 @functools.cache
-def groups(verb: str) -> dict[str, str]:
-    """The groups of a verb, and the choice that each has by default."""
-    listed = OmegaConf.load(conf_folder() / f"{verb}.yaml").get("defaults")  # type: ignore[call-arg]
-    return {group: chosen for one in listed if one != "_self_" for group, chosen in one.items()}
+def groups(command: str) -> dict[str, str]:
+    """The groups of a command, each with its default choice."""
+    defaults = OmegaConf.load(conf_folder() / f"{command}.yaml").get("defaults")  # type: ignore[call-arg]
+    return {group: name for one in defaults if one != "_self_" for group, name in one.items()}
 
 
 def choices(group: str) -> list[str]:
@@ -40,38 +39,41 @@ def choices(group: str) -> list[str]:
 
 
 @functools.cache
-def keys(verb: str) -> dict[str, Key]:
-    """All keys of a verb. What a choice says nothing of is said in the words of another."""
-    found = _read((conf_folder() / f"{verb}.yaml").read_text().split("_self_", 1)[1])
-    for group, chosen in groups(verb).items():
-        told = {name: _read(_text(group, name)) for name in choices(group)}
-        for name, key in told[chosen].items():
+def keys(command: str) -> dict[str, Key]:
+    """All keys of a command. A key without a comment in the default choice of its group gets the
+    comment of another choice."""
+    top_level = (conf_folder() / f"{command}.yaml").read_text().split("_self_", 1)[1]
+    all_keys = _keys_of(top_level)
+    for group, default_choice in groups(command).items():
+        files = {name: _keys_of(_text(group, name)) for name in choices(group)}
+        for name, key in files[default_choice].items():
             meanings = [
                 key.meaning,
-                *(other[name].meaning for other in told.values() if name in other),
+                *(other[name].meaning for other in files.values() if name in other),
             ]
             meaning = next(filter(None, meanings), "")
-            own = found.get(f"{group}.{name}", key)
-            found[f"{group}.{name}"] = Key(own.default, own.meaning or meaning)
-    return found
+            overridden = all_keys.get(f"{group}.{name}", key)
+            all_keys[f"{group}.{name}"] = Key(overridden.default, overridden.meaning or meaning)
+    return all_keys
 
 
 def _text(group: str, choice: str) -> str:
     return (conf_folder() / group / f"{choice}.yaml").read_text()
 
 
-def _read(text: str) -> dict[str, Key]:
-    """The keys of a YAML file, those of its groups by their full names; comments may go on in the
-    lines below."""
-    found, group, last = dict[str, Key](), "", ""
+def _keys_of(text: str) -> dict[str, Key]:
+    """The keys of a YAML file, those of its groups by their full names. A comment may continue in
+    the lines below its key."""
+    keys_here, group, last = dict[str, Key](), "", ""
     for line in text.splitlines():
-        if match := _LINE.match(line):
+        if match := _KEY_LINE.match(line):
             indent, name, value, meaning = match.groups()
             if not value and not indent:
                 group, last = name, ""
                 continue
             last = f"{group}.{name}" if indent else name
-            found[last] = Key(value or "", meaning or "")
-        elif last and (match := _MORE.match(line)):
-            found[last] = Key(found[last].default, f"{found[last].meaning} {match[1]}".strip())
-    return found
+            keys_here[last] = Key(value or "", meaning or "")
+        elif last and (match := _COMMENT_LINE.match(line)):
+            previous = keys_here[last]
+            keys_here[last] = Key(previous.default, f"{previous.meaning} {match[1]}".strip())
+    return keys_here

@@ -1,26 +1,31 @@
-"""What was probably meant by a word that is not known."""
+"""Suggests the word that the user probably meant instead of an unknown one."""
 
 import difflib
 from collections.abc import Iterable
 
 
-def nearest(word: str, known: Iterable[str]) -> str:
-    """The known word nearest to this one, or nothing. Of `group.key`, a key of the same name in
-    another group, or a similar one in the same group, is nearer than what merely looks alike."""
+# Similarity of two words (0 to 1, difflib's ratio) from which one is suggested for the other.
+_SIMILAR = 0.6
+
+
+def closest_word(word: str, known: Iterable[str]) -> str:
+    """The known word closest to this one, empty if none is similar. For `group.key`, a key of the
+    same name in another group comes first, then a similar key of the same group, then any key."""
     known = list(known)
     group, _, name = word.rpartition(".")
-    own = [key for key in known if group and key.startswith(f"{group}.")]
-    alike = [key for key in known if key.rpartition(".")[2] == name]
-    if len(alike) == 1 and alike[0] != word:
-        return alike[0]
-    for some in (own, known):
-        found = difflib.get_close_matches(word, some, n=1, cutoff=0.6)
-        if found and found[0] != word:
-            return found[0]
+    same_group = [key for key in known if group and key.startswith(f"{group}.")]
+    same_name = [key for key in known if key.rpartition(".")[2] == name]
+    if len(same_name) == 1 and same_name[0] != word:
+        return same_name[0]
+    for candidates in (same_group, known):
+        matches = difflib.get_close_matches(word, candidates, n=1, cutoff=_SIMILAR)
+        if matches and matches[0] != word:
+            return matches[0]
     return ""
 
 
-def meant(word: str, known: Iterable[str]) -> str:
-    """A question that ends a message: " Did you mean aperture.radius?", or nothing."""
-    found = nearest(word, known)
-    return f" Did you mean {found}?" if found else ""
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """The question that ends a message, such as " Did you mean aperture.radius?"; empty if no known
+    word is similar."""
+    suggestion = closest_word(word, known)
+    return f" Did you mean {suggestion}?" if suggestion else ""

@@ -3,8 +3,8 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
-from gaussray.config.compose import leaf
 from gaussray.config.schema import choices
+from gaussray.config.yaml_files import group_values
 
 
 # The groups whose every key the page holds, in its order, and what it calls their choices.
@@ -102,7 +102,7 @@ def offered(group: str) -> list[str]:
 
 def chosen(group: str, choice: str) -> Values:
     """All values that a choice of a group sets."""
-    return {f"{group}.{key}": value for key, value in leaf(group, choice).items()}
+    return {f"{group}.{key}": value for key, value in group_values(group, choice).items()}
 
 
 def plain(values: Mapping[str, Any], fov: float) -> Values:

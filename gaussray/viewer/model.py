@@ -7,11 +7,12 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from omegaconf import DictConfig, OmegaConf
 
 from gaussray.capture.formats.paired import View
-from gaussray.config.compose import Variations, options
+from gaussray.config.compose import Configuration, Variations
 from gaussray.config.jobs import rig_options, shot_of
+from gaussray.config.options import build_options
+from gaussray.config.yaml_files import to_plain
 from gaussray.render.randomize.generate import Shot
 from gaussray.render.rig import physical_units as physical, rig as rigs
 from gaussray.scene.scene import Scene
@@ -41,10 +42,10 @@ class Studio:
     `camera` chooses first, from where the page looks first.
     """
 
-    def __init__(self, cfg: DictConfig, words: Sequence[str]):
-        self.options = options(ViewOptions, cfg.view)
+    def __init__(self, cfg: Configuration, words: Sequence[str]):
+        self.options = build_options(ViewOptions, cfg.view)
         self.source, self.cameras, self.fps = cfg.scene, cfg.cameras, float(cfg.fps)
-        self.physical = options(physical.PhysicalOptions, cfg.physical)
+        self.physical = build_options(physical.PhysicalOptions, cfg.physical)
         wanted = physical.applied(rig_options(cfg), self.physical)
         self.scene: Scene | Clip = load_scene(cfg.scene)
         self.views: list[View] = rigs.cameras_of(cfg.scene, cfg.cameras)
@@ -95,7 +96,7 @@ class Studio:
         """The same through an ideal pinhole."""
         return self.shot(plain(values, self.field), stance, size)
 
-    def configured(self, values: Mapping[str, Any]) -> DictConfig:
+    def configured(self, values: Mapping[str, Any]) -> Configuration:
         """The configuration with the controls at these values; not to be changed."""
         return self._made(_frozen(values))
 
@@ -104,7 +105,7 @@ class Studio:
         view = standing(self.start, self.stance._replace(time=time), size)
         return shot_of(self._made(items), lambda _: self.scene, lambda *_: [view])
 
-    def _configured(self, items: Items) -> DictConfig:
+    def _configured(self, items: Items) -> Configuration:
         told = {key: list(v) if isinstance(v, tuple) else v for key, v in items}
         return self._variations.with_values({**told, **FREE})
 
@@ -118,10 +119,10 @@ class Studio:
         ]
         return (fits or self.views)[0]
 
-    def _begin(self, cfg: DictConfig, wanted: rigs.RigOptions) -> Values:
+    def _begin(self, cfg: Configuration, wanted: rigs.RigOptions) -> Values:
         values: Values = {"render.samples": cfg.render.samples}
         for group in GROUPS:
-            block: Any = OmegaConf.to_container(cfg[group])
+            block: Any = to_plain(cfg[group])
             if group != "sensor":
                 block = {key: getattr(getattr(wanted, group), key) for key in block}
             values |= {f"{group}.{key}": value for key, value in block.items()}

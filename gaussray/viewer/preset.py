@@ -7,15 +7,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from omegaconf import OmegaConf
-from omegaconf.errors import OmegaConfBaseException
-from yaml import YAMLError
 
 from gaussray.capture.formats.paired import read_cameras
+from gaussray.config.yaml_files import read_yaml, to_plain, yaml_text
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.io.atomic import whole
-from gaussray.io.safe.files import read_text
 from gaussray.render.randomize.generate import Shot
 from gaussray.viewer.controls import GROUPS, Values, flat, settled
 from gaussray.viewer.model import Studio
@@ -53,14 +50,14 @@ def save_preset(
     shot: Shot = studio.shot(values, stance, studio.size)
     record = dataclasses.replace(shot.records[0], file_path=PICTURE)
     write_manifest(folder / CAMERA, [record], extra={"info": {"scene": str(studio.source)}})
-    made: Any = OmegaConf.to_container(studio.configured(values))
+    made: Any = to_plain(studio.configured(values))
     told = {
         "scene": str(Path(studio.source).resolve()),
         "cameras": str((folder / CAMERA).resolve()),
         **{group: made[group] for group in HELD},
     }
     with whole(folder / CONFIG) as partial:
-        partial.write_text(f"# {command(folder)}\n{OmegaConf.to_yaml(OmegaConf.create(told))}")
+        partial.write_text(f"# {command(folder)}\n{yaml_text(told)}")
     if picture is not None:
         write_image(folder / PICTURE, picture)
     return folder / CONFIG
@@ -70,12 +67,12 @@ def read_preset(folder: Path) -> Preset:
     """A preset as `save_preset` wrote it."""
     path = folder / CONFIG
     try:
-        told: Any = OmegaConf.to_container(OmegaConf.create(read_text(path).decode()))
+        told: Any = read_yaml(path)
         blocks = {group: told[group] for group in GROUPS}
         samples = told["render"]["samples"]
     except OSError as error:
         raise OSError(f"{path}: cannot be read: {error}") from error
-    except (YAMLError, OmegaConfBaseException, KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise ValueError(f"{path}: is no preset of the viewer: {error}") from error
     values = dict(flat(blocks)) | {"render.samples": samples}
     return Preset(settled(values), stance_of(read_cameras(folder / CAMERA)[0].camera))

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from omegaconf import DictConfig
 
+from gaussray.config.compose import Configuration
 from gaussray.viewer.model import Studio
 from gaussray.viewer.overlay import Around, marks, points
 from gaussray.viewer.preview import Sketcher
@@ -16,7 +16,7 @@ from gaussray.viewer.viewpoint import distance_of, forwards, upwards
 from gaussray.viewer.window import field_of_window
 
 
-def serve(cfg: DictConfig, words: Sequence[str]) -> "Server":
+def serve(cfg: Configuration, words: Sequence[str]) -> "Server":
     """Start the page; ValueError where its camera is impossible, ImportError text without viser."""
     try:
         import viser  # type: ignore[import-not-found]  # noqa: F401

@@ -15,7 +15,8 @@ from gaussray.camera.sensor.sensor import SensorOptions
 from gaussray.capture.open import FORMATS
 from gaussray.capture.selection import Selection
 from gaussray.cli.help import VERBS
-from gaussray.config.compose import Variations, configuration, options
+from gaussray.config.compose import Variations, compose_config
+from gaussray.config.options import build_options
 from gaussray.config.schema import conf_folder
 from gaussray.evaluate.pipeline import EvaluateOptions
 from gaussray.io.safe.limits import Limits
@@ -81,12 +82,12 @@ def group_of(group, choice):
     fitted = "fit", "track", "field", "loss", "optimizer", "density", "need"
     verb = "reconstruct" if group in fitted else "render"
     verb = group if group in ("evaluate", "calibrate", "view") else verb
-    return configuration(verb, [*GIVEN[verb], f"{group}={choice}"])[group]
+    return compose_config(verb, [*GIVEN[verb], f"{group}={choice}"])[group]
 
 
 def leaf(group, choice):
     """The options of one YAML file."""
-    return options(GROUPS[group][0], group_of(group, choice))
+    return build_options(GROUPS[group][0], group_of(group, choice))
 
 
 def test_every_group_has_a_class():
@@ -96,7 +97,7 @@ def test_every_group_has_a_class():
 
 @pytest.mark.parametrize("name", [path.stem for path in (conf_folder() / "sample").glob("*.yaml")])
 def test_every_sample_holds_distributions_of_keys_that_there_are(name):
-    cfg = configuration("render", [*GIVEN["render"], f"sample={name}"])
+    cfg = compose_config("render", [*GIVEN["render"], f"sample={name}"])
     found = distributions(OmegaConf.to_container(cfg.sample) if "sample" in cfg else {})
     assert bool(found) == (name != "none")
     made = Variations("render", GIVEN["render"]).with_values(drawn(0, 0, 0, found))
@@ -106,9 +107,9 @@ def test_every_sample_holds_distributions_of_keys_that_there_are(name):
 def test_every_format_of_captures_is_a_choice_that_differs_in_nothing_else():
     choices = {path.stem for path in (conf_folder() / "capture").glob("*.yaml")}
     assert choices == {"auto", *FORMATS}
-    auto = configuration("reconstruct", GIVEN["reconstruct"]).capture
+    auto = compose_config("reconstruct", GIVEN["reconstruct"]).capture
     for name in choices:
-        chosen = configuration("reconstruct", [*GIVEN["reconstruct"], f"capture={name}"]).capture
+        chosen = compose_config("reconstruct", [*GIVEN["reconstruct"], f"capture={name}"]).capture
         assert chosen == {**auto, "format": name}
     assert set(auto) == {"path", "format", "background", *Selection.__dataclass_fields__}
     plain = {key: auto[key] for key in ("frames", "crop", "test")}
@@ -143,14 +144,14 @@ def test_every_choice_names_every_key_and_builds_options_without_leaves(group, c
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_every_verb_has_a_configuration(verb):
-    assert configuration(verb, GIVEN[verb])
+    assert compose_config(verb, GIVEN[verb])
 
 
 @pytest.mark.parametrize("override", ["fit.steps=3", "+fit.steps=3"])
 def test_an_unknown_key_fails_and_is_named(override):
     with pytest.raises(ValueError, match="fit.steps"):
-        cfg = configuration("demo", [override])
-        options(stage.FitOptions, cfg.fit)
+        cfg = compose_config("demo", [override])
+        build_options(stage.FitOptions, cfg.fit)
 
 
 @pytest.mark.parametrize(
@@ -190,21 +191,21 @@ def test_an_unknown_key_fails_and_is_named(override):
 )
 def test_a_bad_value_fails_with_key_rule_and_value(verb, override, message):
     group = override.split(".")[0]
-    cfg = configuration(verb, [*GIVEN[verb], override])
+    cfg = compose_config(verb, [*GIVEN[verb], override])
     with pytest.raises(ValueError, match=re.escape(message)):
-        options(GROUPS[group][0], cfg[group])
+        build_options(GROUPS[group][0], cfg[group])
 
 
 def test_a_whole_number_does_for_a_fraction():
-    cfg = configuration("demo", ["fit.opacity=1"])
-    assert options(stage.FitOptions, cfg.fit).opacity == 1.0
-    cfg = configuration("render", [*GIVEN["render"], "physical.sensor=[36,24.0]"])
-    sensor = options(PhysicalOptions, cfg.physical).sensor
+    cfg = compose_config("demo", ["fit.opacity=1"])
+    assert build_options(stage.FitOptions, cfg.fit).opacity == 1.0
+    cfg = compose_config("render", [*GIVEN["render"], "physical.sensor=[36,24.0]"])
+    sensor = build_options(PhysicalOptions, cfg.physical).sensor
     assert sensor == (36.0, 24.0) and {type(x) for x in sensor} == {float}
 
 
 def test_a_page_begins_with_any_camera_that_can_be_rendered():
-    cfg = [configuration(verb, GIVEN[verb]) for verb in ("render", "view")]
+    cfg = [compose_config(verb, GIVEN[verb]) for verb in ("render", "view")]
     groups = {"lens", "aperture", "shutter", "trajectory", "film", "physical", "sensor", "trace"}
     assert all(cfg[0][group] == cfg[1][group] for group in groups | {"camera", "render"})
 
@@ -214,7 +215,7 @@ def test_a_preset_is_every_kind_of_value_as_a_word(tmp_path):
     path.write_text(
         "lens: {k: [1.0e-8, -2], file: 'it''s, [a] \"b\"'}\ncameras: null\nquiet: true\n"
     )
-    cfg = configuration("render", [*GIVEN["render"], "cameras=y", f"preset={path}"])
+    cfg = compose_config("render", [*GIVEN["render"], "cameras=y", f"preset={path}"])
     assert cfg.lens.k == [1e-8, -2] and cfg.lens.file == 'it\'s, [a] "b"'
     assert cfg.cameras is None and cfg.quiet is True
 
@@ -233,13 +234,14 @@ def test_a_preset_that_is_none_is_refused_by_its_name(tmp_path, text, message):
     if text is not None:
         path.write_text(text)
     with pytest.raises((ValueError, OSError), match=message):
-        configuration("render", [*GIVEN["render"], f"preset={path}"])
+        compose_config("render", [*GIVEN["render"], f"preset={path}"])
 
 
 def test_null_is_for_what_may_be_left_out():
     given = [*GIVEN["render"], "physical.readout=0", "physical.f_number=null"]
-    read = options(
-        PhysicalOptions, configuration("render", [*given, "physical.seconds_per_unit=2"]).physical
+    read = build_options(
+        PhysicalOptions,
+        compose_config("render", [*given, "physical.seconds_per_unit=2"]).physical,
     )
     assert (read.readout, read.f_number, read.seconds_per_unit) == (0.0, None, 2.0)
 

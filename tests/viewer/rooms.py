@@ -5,7 +5,7 @@ from pathlib import Path
 
 import toy
 
-from gaussray.config.compose import configuration
+from gaussray.config.compose import compose_config
 from gaussray.dataset.manifest import write_manifest
 from gaussray.scene.store import save_scene
 from gaussray.tracer.traverse import Capacity
@@ -30,7 +30,7 @@ def write_scene(folder: Path) -> Path:
 def studio(folder: Path, *words: str) -> Studio:
     """Of the scene in a folder."""
     told = [f"scene={folder}", *WORDS, *words]
-    return Studio(configuration("view", told), told)
+    return Studio(compose_config("view", told), told)
 
 
 def made(sketcher, camera, samples):

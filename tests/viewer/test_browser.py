@@ -12,7 +12,7 @@ import pytest
 import rooms
 
 from gaussray.cli.main import main
-from gaussray.config.compose import configuration
+from gaussray.config.compose import compose_config
 
 
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
@@ -44,7 +44,7 @@ def server(run, quick_compilation):
     from gaussray.viewer.serve import serve
 
     words = [f"scene={run}", f"out={run}/presets", "view.port=8911", *rooms.WORDS]
-    server = serve(configuration("view", words), words)
+    server = serve(compose_config("view", words), words)
     yield server
     server.stop()
 

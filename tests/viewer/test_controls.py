@@ -5,7 +5,7 @@ import math
 import pytest
 
 from gaussray.camera.film import Film
-from gaussray.config.compose import configuration
+from gaussray.config.compose import compose_config
 from gaussray.render.rig.lens import LensOptions, mounted
 from gaussray.viewer.controls import (
     GROUPS,
@@ -29,7 +29,7 @@ def begin():
 
 
 def test_every_control_is_a_key_of_the_configuration():
-    cfg = configuration("view", ["scene=x"])
+    cfg = compose_config("view", ["scene=x"])
     for one in controls(3.0, 1.0):
         group, name = one.key.split(".")
         assert name in cfg[group] and one.group == group

@@ -8,7 +8,7 @@ import rooms
 
 from gaussray.capture.frames import read_stored
 from gaussray.cli.main import main
-from gaussray.config.compose import configuration
+from gaussray.config.compose import compose_config
 from gaussray.viewer import preview as module
 from gaussray.viewer.controls import chosen
 from gaussray.viewer.preset import command, folder_of, presets, read_preset, save_preset
@@ -131,9 +131,9 @@ def test_keys_after_a_preset_win_and_those_before_do_not(studio, run):
     save_preset(studio, {**studio.begin, "lens.fov": 50.0}, studio.stance, run / "presets" / "c")
     word = f"preset={run}/presets/c/preset.yaml"
     given = ["out=x", word]
-    assert configuration("render", given).lens.fov == 50.0
-    assert configuration("render", [*given, "lens.fov=70"]).lens.fov == 70
-    assert configuration("render", ["lens.fov=70", *given]).lens.fov == 50.0
+    assert compose_config("render", given).lens.fov == 50.0
+    assert compose_config("render", [*given, "lens.fov=70"]).lens.fov == 70
+    assert compose_config("render", ["lens.fov=70", *given]).lens.fov == 50.0
 
 
 def test_the_stages_are_timed_and_told():

@@ -18,7 +18,7 @@ from gaussray.capture.formats.colmap import read_colmap
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.paths import read_path
 from gaussray.capture.videos import read_frames, read_video
-from gaussray.config.compose import configuration
+from gaussray.config.compose import compose_config
 from gaussray.dataset.pack import pack
 from gaussray.io.ply import read_vertices
 from gaussray.io.safe.limits import Limits, limit, limits
@@ -290,13 +290,13 @@ def test_a_value_calls_no_program(monkeypatch, word):
     """Of a file that is shared, the environment is none of its business."""
     monkeypatch.setenv("SECRET", "a secret")
     with pytest.raises(ValueError, match="which calls a resolver|configuration: ") as caught:
-        configuration("render", [*RENDER, word])
+        compose_config("render", [*RENDER, word])
     assert "a secret" not in str(caught.value)
 
 
 def test_a_value_may_be_another_and_hold_a_colon():
     told = ["devices.coordinator=host:7777", "camera.split=${lens.model}", "out='${scene}: x'"]
-    cfg = configuration("render", ["scene=s", *told])
+    cfg = compose_config("render", ["scene=s", *told])
     assert (cfg.devices.coordinator, cfg.camera.split) == ("host:7777", cfg.lens.model)
     assert cfg.out == "s: x"
 
@@ -304,8 +304,8 @@ def test_a_value_may_be_another_and_hold_a_colon():
 def test_a_value_makes_no_object(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(ValueError, match="_target_"):
-        configuration("render", [*RENDER, "lens._target_=os.mkdir"])
-    cfg = configuration("render", [*RENDER, "+lens._target_=os.mkdir", "+lens._args_=[owned]"])
+        compose_config("render", [*RENDER, "lens._target_=os.mkdir"])
+    cfg = compose_config("render", [*RENDER, "+lens._target_=os.mkdir", "+lens._args_=[owned]"])
     from gaussray.config.jobs import shot_of
 
     with pytest.raises(ValueError, match="lens._target_ is unknown"):
@@ -329,7 +329,7 @@ def test_a_yaml_of_others_runs_nothing_and_ends_in_one_message(tmp_path, monkeyp
     (tmp_path / "sample").mkdir()
     (tmp_path / "sample/mine.yaml").write_bytes(text.encode("latin-1"))
     with pytest.raises(ValueError, match="configuration: ") as caught:
-        configuration("render", [*RENDER, "sample=mine", f"hydra.searchpath=[file://{tmp_path}]"])
+        compose_config("render", [*RENDER, "sample=mine", f"hydra.searchpath=[file://{tmp_path}]"])
     assert "index out of range" not in str(caught.value)
     assert os.listdir(tmp_path) == ["sample"]
 
@@ -338,7 +338,7 @@ def test_a_yaml_of_others_runs_nothing_and_ends_in_one_message(tmp_path, monkeyp
 def test_a_preset_that_is_no_block_is_refused(tmp_path, text):
     (tmp_path / "a.yaml").write_text(text)
     with pytest.raises(ValueError, match="preset=.*a.yaml: (must hold keys|is no YAML)"):
-        configuration("render", [*RENDER, f"preset={tmp_path / 'a.yaml'}"])
+        compose_config("render", [*RENDER, f"preset={tmp_path / 'a.yaml'}"])
 
 
 def test_aliases_of_aliases_in_a_file_of_others_are_refused(tmp_path):
@@ -351,7 +351,7 @@ def test_aliases_of_aliases_in_a_file_of_others_are_refused(tmp_path):
     path.write_text("\n".join(lines))
     for words in ([f"preset={path}"], ["sample=mine", f"hydra.searchpath=[file://{tmp_path}]"]):
         with pytest.raises(ValueError, match="mine.yaml: must hold at most 100000 values"):
-            configuration("render", [*RENDER, *words])
+            compose_config("render", [*RENDER, *words])
 
 
 def test_no_module_imports_pickle():

@@ -10,7 +10,8 @@ import toy
 
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
 from gaussray.capture.formats.paired import read_views
-from gaussray.config.compose import configuration, options
+from gaussray.config.compose import compose_config
+from gaussray.config.options import build_options
 from gaussray.config.schema import conf_folder
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
@@ -63,8 +64,8 @@ CHOICES = sorted(path.stem for path in (conf_folder() / "lens").glob("*.yaml"))
 
 @pytest.mark.parametrize("choice", [name for name in CHOICES if name not in ("keep", "table")])
 def test_every_choice_of_lens_is_one_that_fills_the_picture_and_is_named(views, choice):
-    cfg = configuration("render", ["scene=x", "out=x", f"lens={choice}"])
-    record = built(views, lens=options(rig.LensOptions, cfg.lens))[0]
+    cfg = compose_config("render", ["scene=x", "out=x", f"lens={choice}"])
+    record = built(views, lens=build_options(rig.LensOptions, cfg.lens))[0]
     effects = {"pinhole": "pinhole", "opencv": "distortion", "equirectangular": choice}
     assert record.effect == effects.get(choice, "fisheye")
     column = jnp.arange(toy.SIZE, dtype=jnp.float32) + 0.5

@@ -1,0 +1,54 @@
+"""Error messages for words of the command line that the configuration does not accept."""
+
+from collections.abc import Sequence
+
+from hydra.errors import HydraException
+from omegaconf.errors import OmegaConfBaseException
+
+from gaussray.config.schema import choices, groups, keys
+from gaussray.config.suggest import did_you_mean
+
+
+# What Hydra and OmegaConf raise for wrong words.
+CONFIGURATION_ERRORS = (HydraException, OmegaConfBaseException)
+# Letters of a wrong word that a message shows.
+_SHOWN = 200
+# Letters of another library's message that are shown.
+_SHOWN_OF_ERROR = 300
+
+
+def configuration_error(command: str, error: Exception, words: Sequence[str] = ()) -> ValueError:
+    """The error that the user sees: it names the wrong word if one is found, otherwise it repeats
+    the first line of `error`."""
+    text = (str(error).splitlines() or [type(error).__name__])[0][:_SHOWN_OF_ERROR]
+    if isinstance(error, LookupError) and not isinstance(error, CONFIGURATION_ERRORS):
+        text = "a file has a header (# @package NAME) or keys that cannot be understood."
+    # The files of a search path may define choices that are not known here.
+    only_ours = not any(word.startswith("hydra.searchpath") for word in words)
+    problems = filter(None, (_problem_of(command, word) for word in words if only_ours))
+    problem = next(problems, f"configuration: {text}")
+    return ValueError(f"{problem} `gaussray {command} --help` lists the keys.")
+
+
+def _problem_of(command: str, word: str) -> str:
+    """Why a command does not accept a word, with a suggestion; empty if it does."""
+    name, equals, value = word.lstrip("+~").partition("=")
+    if name.startswith(("hydra", "sample.")) or word.startswith("~"):
+        return ""
+    if not equals:
+        choice = [f"{group}={name}" for group in groups(command) if name in choices(group)]
+        hint = f" Did you mean {choice[0]}?" if choice else ""
+        return f"the words after `{command}` must be key=value, got {name[:_SHOWN]!r}.{hint}"
+    if name in groups(command):
+        if value in choices(name):
+            return ""
+        known = choices(name)
+        shown = value[:_SHOWN]
+        return (
+            f"{name} must be one of {', '.join(known)}, got {shown!r}.{did_you_mean(shown, known)}"
+        )
+    known = [*keys(command), *groups(command)]
+    if name in known or any(key.startswith(f"{name}.") for key in known):
+        return ""
+    name = name[:_SHOWN]
+    return f"{name} is no key of `gaussray {command}`.{did_you_mean(name, known)}"

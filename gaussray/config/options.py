@@ -1,0 +1,67 @@
+"""Builds typed options from the groups of a configuration."""
+
+from typing import Any, TypeVar, get_args
+
+import equinox as eqx
+from omegaconf import OmegaConf
+
+from gaussray.config.compose import Configuration
+from gaussray.config.suggest import did_you_mean
+
+
+OptionsT = TypeVar("OptionsT", bound=eqx.Module)
+
+_TYPE_NAMES = {
+    int: "a whole number",
+    float: "a number",
+    bool: "true or false",
+    tuple: "a list",
+}
+
+
+def build_options(kind: type[OptionsT], node: Configuration) -> OptionsT:
+    """One group of a configuration becomes one options object.
+
+    Args:
+        kind: The options class, whose fields are the keys of the group and have defaults.
+        node: The group's values. `null` is accepted for fields of type `X | None` alone.
+
+    Raises:
+        ValueError: A key is unknown, or a value does not have the type of its field.
+    """
+    values: dict[str, Any] = OmegaConf.to_container(node, resolve=True)  # type: ignore[assignment]
+    fields = kind.__dataclass_fields__  # type: ignore[attr-defined]
+    group = node._key() or kind.__name__
+    for name, value in values.items():
+        if name not in fields:
+            raise ValueError(
+                f"{group}.{name} is unknown; known are {', '.join(fields)}."
+                f"{did_you_mean(name, fields)}"
+            )
+        default, types = fields[name].default, get_args(fields[name].type)
+        if isinstance(value, list) and float in types:
+            value = _numbers(value, f"{group}.{name}")
+        if default is None and value is not None:
+            values[name] = as_type(types[0], value, f"{group}.{name}")
+        else:
+            values[name] = as_type(type(default), value, f"{group}.{name}")
+    return kind(**values)
+
+
+def _numbers(values: list[Any], key: str) -> list[Any]:
+    """A list whose whole numbers are floats; everything but numbers is refused."""
+    for wrong in (x for x in values if type(x) not in (int, float)):
+        raise ValueError(f"{key} must be a list of numbers, got {wrong!r} in it.")
+    return [float(x) if type(x) is int else x for x in values]
+
+
+def as_type(kind: type, value: Any, key: str) -> Any:
+    """A YAML value as this type; a list becomes a tuple, and a whole number a float. A ValueError
+    names the `key` if the value is of another type."""
+    if kind is tuple and isinstance(value, list):
+        return tuple(value)
+    if kind is float and type(value) is int:
+        return float(value)
+    if type(value) is kind:
+        return value
+    raise ValueError(f"{key} must be {_TYPE_NAMES.get(kind, 'a text')}, got {value!r}.")

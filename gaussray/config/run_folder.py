@@ -1,0 +1,42 @@
+"""The output folder of a command, with the records of how its files were made."""
+
+import copy
+from collections.abc import Sequence
+from pathlib import Path
+
+from omegaconf import OmegaConf
+
+from gaussray.config.compose import Configuration
+from gaussray.io.atomic import whole
+from gaussray.runtime.devices import leads
+from gaussray.runtime.lock import lock_output
+from gaussray.runtime.provenance import note_begin
+
+
+def begin_run_folder(cfg: Configuration, without: Sequence[str] = (), part: str = "") -> Path:
+    """Make the output folder, lock it until the command ends, and record the configuration in it.
+
+    The folder gets config.yaml, the resolved configuration but for the keys `without`. If no key is
+    left out, it also gets run.json, with the command and the time. The lock is for one `part` of
+    the folder where several processes share it (`runtime.lock`). With several hosts, host 0 writes.
+
+    Raises:
+        OSError: The folder cannot be written, or another process is writing into it.
+    """
+    out, recorded = Path(cfg.out), copy.deepcopy(cfg)
+    lock_output(out, part)
+    OmegaConf.set_struct(recorded, False)
+    for key in without:
+        parent, _, name = key.rpartition(".")
+        (OmegaConf.select(recorded, parent) if parent else recorded).pop(name)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        if leads():
+            with whole(out / "config.yaml") as partial:
+                partial.write_text(OmegaConf.to_yaml(recorded))
+            # Processes that share a folder write equal files; the time and the command differ.
+            if not without:
+                note_begin(out)
+    except OSError as error:
+        raise OSError(f"out={out}: cannot be written: {error.strerror or error}") from error
+    return out
