@@ -28,6 +28,10 @@ SIDE = 2 * toy.SIZE
 PIXELS = 1e-3
 
 
+# Held-out PSNR in dB. This reconstruction reaches 20.7; fixed seeds leave about 1 dB to platforms.
+FLOOR = 18.5
+
+
 @pytest.fixture(scope="module")
 def shown(quick_compilation, known_sizes):
     """Camera and frames of the toy by name; the one that is held out is cam00."""
@@ -125,5 +129,5 @@ def test_a_scene_is_learnt_from_the_smaller_pictures(run):
 def test_the_camera_that_was_held_out_is_scored_and_what_moves_in_each_frame(run):
     report = json.loads((run / "evaluation/report.json").read_text())
     (row,) = report["effects"].values()
-    assert row["frames"] == 3 and row["psnr"] > 5 and np.isfinite(row["psnr_moving"])
+    assert row["frames"] == 3 and row["psnr"] > FLOOR and np.isfinite(row["psnr_moving"])
     assert len(list((run / "evaluation/pinhole").glob("cam00_*.png"))) == 3

@@ -28,6 +28,10 @@ CODE = 0.5 / 255 + HALF
 DECIBEL = 0.01
 
 
+# Held-out PSNR in dB. This reconstruction reaches 20.1; fixed seeds leave about 1 dB to platforms.
+FLOOR = 18.0
+
+
 @pytest.fixture(scope="module")
 def truth(tmp_path_factory, quick_compilation, known_sizes):
     """The folder of a paired capture with one effect."""
@@ -137,7 +141,7 @@ def test_evaluate_scores_every_effect_of_the_truth(run, truth):
         "rolling_shutter": 1,
     }
     for row in report["effects"].values():
-        assert row["psnr"] > 5 and -1 <= row["ssim"] <= 1
+        assert row["psnr"] > FLOOR and -1 <= row["ssim"] <= 1
     # The score of the pictures that `render` has written of the same views.
     held_out = [view for view in read_capture(truth).views if view.split == "test"]
     film = read_capture(run / "film").views

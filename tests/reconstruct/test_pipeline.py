@@ -42,6 +42,10 @@ OPTIONS = ReconstructOptions(
 FALL = 2.0
 
 
+# Held-out PSNR in dB. This reconstruction reaches 27.2; fixed seeds leave about 1 dB to platforms.
+FLOOR = 25.0
+
+
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory, quick_compilation, known_sizes):
     """Two bodies in front of a wall, filmed by four cameras at three instants."""
@@ -343,5 +347,5 @@ def test_the_report_says_what_the_design_says(fitted, capture, tmp_path):
     assert report["frames"] == 3
     assert {"psnr", "ssim", "fps", "frames"} <= set(report["effects"]["pinhole"])
     assert set(report["scene"]) == {"gaussians", "moving", "bytes"}
-    assert report["effects"]["pinhole"]["psnr"] > 15
+    assert report["effects"]["pinhole"]["psnr"] > FLOOR
     assert (tmp_path / "contact_sheet.png").is_file()

@@ -65,6 +65,10 @@ STEADY = 60 * 2e-3 * C0
 SINGLE = 2e-4
 
 
+# Held-out PSNR in dB. This reconstruction reaches 26.3; fixed seeds leave about 1 dB to platforms.
+FLOOR = 24.0
+
+
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory, quick_compilation, known_sizes):
     """Two bodies in front of a wall, filmed by four cameras at nine instants."""
@@ -241,7 +245,7 @@ def test_verbs_take_a_clip_as_they_take_a_scene(fitted, capture, tmp_path):
     main(["evaluate", f"scene={out}", truth, f"out={tmp_path}/scores", "quiet=true"])
     report = json.loads((tmp_path / "scores" / "report.json").read_text())
     assert report["frames"] == 9 and report["scene"]["segments"] == 2
-    assert report["effects"]["pinhole"]["psnr"] > 15
+    assert report["effects"]["pinhole"]["psnr"] > FLOOR
     words = [f"scene={out}", f"out={tmp_path}/film", "quiet=true", "render.samples=1"]
     main(["render", *words, "shutter=rolling", "shutter.readout=0.3"])
     film = read_capture(tmp_path / "film").effects["rolling_shutter"]
