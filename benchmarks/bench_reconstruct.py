@@ -32,21 +32,24 @@ def main(argv: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(argv)
     # They read pictures: not needed to know what the script is for.
     from gaussray.capture.formats.paired import read_capture
-    from gaussray.reconstruct.log import Journal
-    from gaussray.reconstruct.session import Fit, ReconstructOptions
+    from gaussray.reconstruct.log import RunLog
+    from gaussray.reconstruct.options import ReconstructOptions
+    from gaussray.reconstruct.run_progress import RunProgress
+    from gaussray.reconstruct.session import Session
+    from gaussray.reconstruct.start import initial_state, with_deformation
 
     capture = read_capture(chosen.capture or SAMPLE)
     trace = replace(ReconstructOptions().trace, backend=backend(chosen.backend))
     options = ReconstructOptions(trace=trace)
     rows = []
     with tempfile.TemporaryDirectory() as out:
-        journal = Journal(Path(out), resume=False, interval=60.0)
-        fit = Fit(capture, journal, options, True)
-        state = fit.begin()
+        log = RunLog(Path(out), resume=False, interval=60.0)
+        session = Session(capture, log, options, True)
+        state, progress = initial_state(session, RunProgress())
         for stage in chosen.stages:
             if stage == "fine":
-                state = fit.with_deformation(state)
-            state, seconds, terms, dropped = _stepped(fit, state, stage, chosen.steps)
+                state = with_deformation(session, state, progress)
+            state, seconds, terms, dropped = _stepped(session, state, stage, chosen.steps)
             parameters = state.parameters
             count = sum(x.logit_opacity.shape[0] for x in (parameters.static, parameters.moving))
             rows.append(
@@ -70,26 +73,28 @@ def main(argv: Sequence[str] | None = None) -> None:
     show(rows, "effect", "gaussians", "rays", "backend", "compile_s", "run_s_median", "dropped")
 
 
-def _stepped(fit, state, stage: str, steps: int):
+def _stepped(session, state, stage: str, steps: int):
     """State, seconds a step of every block, the last one's terms, and entries dropped."""
+    from gaussray.reconstruct.loop import first_sizes, step_options
     from gaussray.reconstruct.step import train_block
     from gaussray.runtime.devices import everywhere
 
-    trial, seconds, lost = fit.trial(state, fit.loader.batches(stage, 0, BLOCK)), [], 0
-    cameras = everywhere(fit.footage.camera, fit.mesh)
+    loader, mesh, seconds, lost = session.loader, session.mesh, [], 0
+    sizes = first_sizes(session, state, loader.batches(stage, 0, BLOCK))
+    cameras = everywhere(session.footage.camera, mesh)
     for block in range(steps // BLOCK + 1):
-        state = everywhere(state, fit.mesh)
-        batches = everywhere(fit.loader.batches(stage, BLOCK * block, BLOCK), fit.mesh)
+        state = everywhere(state, mesh)
+        batches = everywhere(loader.batches(stage, BLOCK * block, BLOCK), mesh)
         began = time.perf_counter()
         state, terms, _, _, dropped = jax.block_until_ready(
             train_block(
                 state,
                 cameras,
                 batches,
-                fit.cameras,
-                options=fit.step(stage),
+                session.cameras,
+                options=step_options(session, stage),
                 steps=10_000,
-                trial=trial,
+                sizes=sizes,
             )
         )
         seconds.append((time.perf_counter() - began) / BLOCK)

@@ -31,7 +31,9 @@ def srgb_decode(encoded: Values) -> Values:
     return xp.where(low, encoded / 12.92, power).astype(encoded.dtype)
 
 
-def psnr_from_mse(mse: float | np.ndarray | np.floating | jax.Array, *, least: float = 0.0) -> float:
+def psnr_from_mse(
+    mse: float | np.ndarray | np.floating | jax.Array, *, least: float = 0.0
+) -> float:
     """Peak signal-to-noise ratio in dB of a mean squared error between values in 0..1.
 
     -10 log10(mse), infinity for 0. An error below `least` counts as `least`, which keeps the result

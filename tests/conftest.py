@@ -81,18 +81,18 @@ def quick_compilation():
 def known_sizes():
     """Lists with room for every toy: nothing is measured, and scenes that differ in numbers alone
     share what is compiled. Where they are too short after all, they grow as ever."""
-    from gaussray.reconstruct import session as fitting
-    from gaussray.reconstruct.step import Trial
+    from gaussray.reconstruct import loop
+    from gaussray.reconstruct.step import BlockSizes
     from gaussray.render import renderer as render
     from gaussray.tracer.traverse import Capacity
 
     def room(trace):
         return Capacity((512,) * (trace.levels + 1), 512, 64)
 
-    def trial(*_, options, mesh, keys, growth):
-        return Trial(room(options.trace), mesh, keys)
+    def sizes(*_, options, mesh, keys, growth):
+        return BlockSizes(room(options.trace), mesh, keys)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(render.Renderer, "_measure", lambda *parts: room(parts[-1]))
-        patch.setattr(fitting, "first_trial", trial)
+        patch.setattr(loop, "measure_sizes", sizes)
         yield

@@ -10,7 +10,7 @@ import jax
 import toy
 
 from gaussray.cli.main import main
-from gaussray.reconstruct.log import Journal
+from gaussray.reconstruct.log import RunLog
 
 
 FIT = [*toy.overrides(toy.SHORT), "fit.checkpoint=0"]
@@ -35,19 +35,19 @@ def run(truth: str, out: str, verbs: str, devices: list[str]) -> None:
 
 def interrupted(words: list[str]) -> None:
     """Stops after the first block of the fine stage, with the state before it on disk."""
-    record = Journal.record
+    record = RunLog.record
 
-    def stop(self, stage, step, terms, gaussians):
-        if stage == "fine":
+    def stop(self, progress, *arguments):
+        if progress.stage == "fine":
             raise KeyboardInterrupt
-        record(self, stage, step, terms, gaussians)
+        record(self, progress, *arguments)
 
-    Journal.record = stop
+    RunLog.record = stop
     try:
         main(words)
     except SystemExit as error:
         assert error.code == 130
-    Journal.record = record
+    RunLog.record = record
 
 
 if __name__ == "__main__":

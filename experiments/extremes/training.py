@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.reconstruct import session as fitting, pipeline as stage
+from gaussray.reconstruct import loop, pipeline as stage, start
 from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
@@ -34,7 +34,7 @@ from gaussray.reconstruct.options import FitOptions
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
-from gaussray.reconstruct.session import Fit, point_activity as activity
+from gaussray.reconstruct.data.motion_mask import point_activity as activity
 from gaussray.geometry import quaternion
 from gaussray.reconstruct import ReconstructOptions
 from gaussray.render import Renderer, RenderOptions
@@ -45,7 +45,7 @@ from gaussray.scene.harmonics import constant
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
-from gaussray.reconstruct.step import Trial
+from gaussray.reconstruct.step import BlockSizes
 
 
 SIDE, TIMES = 32, np.linspace(0, 1, 4)
@@ -191,8 +191,10 @@ def fitted(case: Case, steps: int) -> Outcome:
         np.dtype(np.uint8),
         ((i, held[view.image]) for i, view in enumerate(views)),
     )
-    fitting.point_activity = activity if case.rests else lambda _, place: np.ones(len(place))
-    Fit.trial = lambda self, state, batches: Trial(ROOM, self.mesh, self.keys(state))
+    start.point_activity = activity if case.rests else lambda _, place: np.ones(len(place))
+    loop.first_sizes = lambda session, state, batches: BlockSizes(
+        ROOM, session.mesh, session.key_states(state)
+    )
     with tempfile.TemporaryDirectory() as out:
         scene = stage.reconstruct(capture(case), out, options=told, quiet=True)
         lines = [json.loads(line) for line in (Path(out) / "metrics.jsonl").open()]

@@ -6,10 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 
+from gaussray.reconstruct.data.sampler import TileErrorState
 from gaussray.reconstruct.optimize.checkpoint import save_checkpoint
-from gaussray.reconstruct.optimize.density import Pull
+from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import State
+from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.scene.gaussians import Unconstrained
 
 
@@ -21,9 +23,10 @@ def sample(path: Path) -> None:
         return Unconstrained(*(jnp.zeros((count, *shape)) for shape in shapes))
 
     own = Parameters(some(2), some(0), None, None)
-    pull = Pull(jnp.zeros(2), jnp.zeros(2))
+    pull = GradientStatistic(jnp.zeros(2), jnp.zeros(2))
     adam = optax.ScaleByAdamState(jnp.zeros((), jnp.int32), own, own)  # type: ignore[arg-type]
-    none = Pull(jnp.zeros(0), jnp.zeros(0))
+    none = GradientStatistic(jnp.zeros(0), jnp.zeros(0))
     state = State(own, adam, pull, none, jnp.zeros((), jnp.int32))
-    info = {"stage": "coarse", "most": 9, "limit": [[0.0] * 3, [1.0] * 3]}
-    save_checkpoint(path, state, info=info, notes={"errors": np.zeros(3)})
+    errors = TileErrorState(np.zeros((1, 3)), np.zeros((2, 2), int), np.zeros(2))
+    progress = RunProgress(initial=(2, 0), limit=(4, 5), most=9, tile_errors=errors)
+    save_checkpoint(path, state, progress)

@@ -58,9 +58,9 @@ def _checkpoint() -> list[Files]:
 
 
 def _read_checkpoint(folder: Path) -> object:
-    from gaussray.reconstruct.log import Journal
+    from gaussray.reconstruct.log import RunLog
 
-    return Journal(folder, resume=True, interval=1.0).resumed()
+    return RunLog(folder, resume=True, interval=1.0).resumed()
 
 
 def _model() -> list[Files]:

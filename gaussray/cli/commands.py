@@ -15,7 +15,7 @@ from gaussray.runtime.progress import say
 
 def reconstruct_options(cfg: Configuration) -> Any:
     """ReconstructOptions of a configuration."""
-    from gaussray.reconstruct import session as stage
+    from gaussray.reconstruct import options as stage
 
     return stage.ReconstructOptions(
         fit=build_options(stage.FitOptions, cfg.fit),

@@ -1,9 +1,10 @@
-"""What a fit leaves on disk as it goes: a line of figures per block, and a state to go on from."""
+"""What a run writes as it goes: a line of metrics.jsonl per block of steps, and checkpoint.npz."""
 
 import json
 import os
 import time as clock
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,7 @@ from jaxtyping import Array
 from gaussray.reconstruct.optimize.checkpoint import load_checkpoint, save_checkpoint
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import State
-
-
-# Of a fit, and of the hand-over from one segment to the next.
-STAGES = ("coarse", "begin", "fine")
+from gaussray.reconstruct.run_progress import RunProgress
 
 
 class NonFiniteLoss(RuntimeError):
@@ -40,13 +38,13 @@ def refuse(out: Path, *, resume: bool) -> None:
         )
 
 
-class Journal:
-    """metrics.jsonl and checkpoint.npz in the folder `out`; `info` and the arrays `notes` are saved
-    with every state.
+class RunLog:
+    """metrics.jsonl and checkpoint.npz in the output folder `out` of a run.
 
     A folder with an unfinished run is open to `resume` alone, and `resume` to no other folder; what
-    does not fit is refused before anything is written. Of several processes one `writes`. Every
-    line of figures is also `told` to whoever wants to know.
+    does not fit is refused before anything is written. `interval` are the seconds between two
+    checkpoints. With several processes, only one `writes`. `listener` is called with every line of
+    metrics.jsonl.
     """
 
     def __init__(
@@ -56,92 +54,87 @@ class Journal:
         resume: bool,
         interval: float,
         writes: bool = True,
-        told: Callable[[dict[str, Any]], None] | None = None,
+        listener: Callable[[dict[str, Any]], None] | None = None,
     ):
-        self.out, self.interval, self.writes, self.told = out, interval, writes, told
-        self.info: dict[str, Any] = {}
-        self.notes: dict[str, np.ndarray] = {}
+        self.out, self.interval, self.writes, self.listener = out, interval, writes, listener
         self.began = self.saved = clock.monotonic()
-        self.checkpoint = out / "checkpoint.npz"
+        self.checkpoint, self.metrics = out / "checkpoint.npz", out / "metrics.jsonl"
         refuse(out, resume=resume)
         if not writes:
             return
         try:
             out.mkdir(parents=True, exist_ok=True)
-            (out / "metrics.jsonl").open("a" if resume else "w").close()
+            self.metrics.open("a" if resume else "w").close()
         except OSError as error:
             raise OSError(f"out={out}: cannot be written: {error.strerror}") from error
 
-    def resumed(self) -> tuple[State, str]:
-        """The state of an interrupted run, and its stage."""
-        state, self.info, self.notes = load_checkpoint(self.checkpoint)
-        stage, told = self.info.pop("stage", None), self.info.pop("metrics", None)
-        parts = [self.info.get(key, 1) for key in ("segment", "segments")]
-        if stage not in STAGES or any(type(part) is not int or part < 1 for part in parts):
-            raise ValueError(
-                f"{self.checkpoint}: does not say where the fit stopped; the file is damaged. "
-                "Start again without resume=true."
-            )
-        if self.writes and type(told) is int:
-            self._forget(told)
-        return state, stage
+    def resumed(self) -> tuple[State, RunProgress]:
+        """State and progress of the interrupted run.
 
-    def _forget(self, told: int) -> None:
-        """Take the lines of steps after the saved state away, for they come again; the last of
-        them may be half a line."""
-        metrics = self.out / "metrics.jsonl"
-        if 0 <= told < metrics.stat().st_size:
-            os.truncate(metrics, told)
+        Lines of metrics.jsonl about later steps go, for these steps are done again; the last line
+        may be half a line.
+        """
+        state, progress = load_checkpoint(self.checkpoint)
+        length = progress.metrics_bytes
+        if self.writes and length is not None and 0 <= length < self.metrics.stat().st_size:
+            os.truncate(self.metrics, length)
+        return state, progress
 
-    def record(self, stage: str, step: int, terms: dict[str, Array], gaussians: int) -> None:
-        """One line of figures, of so many Gaussians."""
+    def record(
+        self, progress: RunProgress, step: int, terms: dict[str, Array], gaussians: int
+    ) -> None:
+        """Write one line of metrics: the mean terms of the loss in the block that ended at `step`,
+        and the number of Gaussians."""
         if not self.writes:
             return
-        line: dict[str, Any] = {"segment": self.info["segment"]} if "segment" in self.info else {}
-        line |= {"stage": stage, "step": step}
+        line: dict[str, Any] = {"segment": progress.segment} if progress.segments > 1 else {}
+        line |= {"stage": progress.stage, "step": step}
         line["seconds"] = round(clock.monotonic() - self.began, 3)
         line |= {name: float(value) for name, value in terms.items()}
         line |= {"psnr": decibel(terms["mse"]), "gaussians": gaussians}
-        metrics = self.out / "metrics.jsonl"
         try:
-            with metrics.open("a") as file:
+            with self.metrics.open("a") as file:
                 file.write(json.dumps(line) + "\n")
         except OSError as error:
-            raise OSError(f"{metrics}: cannot be written: {error.strerror}") from error
-        if self.told:
-            self.told(line)
+            raise OSError(f"{self.metrics}: cannot be written: {error.strerror}") from error
+        if self.listener:
+            self.listener(line)
 
-    def save(self, state: State, stage: str) -> None:
-        """Write the state, whole or not at all."""
+    def save(self, state: State, progress: RunProgress) -> None:
+        """Write a checkpoint, whole or not at all."""
         if not self.writes:
             return
-        metrics = self.out / "metrics.jsonl"
-        told = metrics.stat().st_size if metrics.exists() else 0
-        info = self.info | {"stage": stage, "metrics": told}
-        save_checkpoint(self.checkpoint, state, info=info, notes=self.notes)
+        length = self.metrics.stat().st_size if self.metrics.exists() else 0
+        save_checkpoint(self.checkpoint, state, replace(progress, metrics_bytes=length))
         self.saved = clock.monotonic()
 
-    def save_in_time(self, state: State, stage: str) -> None:
-        """Write the state if the last one is older than the interval."""
+    def save_in_time(self, state: State, progress: RunProgress) -> None:
+        """Write a checkpoint if the last one is older than the interval."""
         if clock.monotonic() - self.saved > self.interval:
-            self.save(state, stage)
+            self.save(state, progress)
 
-    def demand_finite(self, terms: dict[str, Array], before: State, after: State, stage: str):
-        """Stop at the first value that is not a number, with the state before it on disk."""
+    def demand_finite(
+        self, terms: dict[str, Array], before: State, after: State, progress: RunProgress
+    ) -> None:
+        """Stop at the first value that is not finite, with the state `before` on disk.
+
+        Raises:
+            NonFiniteLoss: a term of the loss or a parameter `after` the block is not finite.
+        """
         wrong = [f"loss.{name}" for name, value in terms.items() if not np.isfinite(float(value))]
         # The tracer passes over Gaussians that are not finite, so the loss alone would not tell.
         if not wrong and bool(_all_finite(after.parameters)):
             return
         lost = _not_finite(after.parameters)
-        told = " and ".join([*wrong[:1], *lost[:1]])
+        names = " and ".join([*wrong[:1], *lost[:1]])
         rates = list(dict.fromkeys(_rate_of(name) for name in lost)) or ["optimizer.mean"]
-        self.save(before, stage)
-        where = f" of segment {self.info['segment']}" if "segment" in self.info else ""
+        self.save(before, progress)
+        where = f" of segment {progress.segment}" if progress.segments > 1 else ""
         first, last = int(before.step), int(after.step)
         raise NonFiniteLoss(
-            f"{told} became infinite or not a number between steps {first} and {last} of the "
-            f"{stage} stage{where}. The state at step {first} is in {self.checkpoint}; go on from "
-            f"it with resume=true and a smaller {' or '.join(rates[:3])} (a third, say)."
+            f"{names} became infinite or not a number between steps {first} and {last} of the "
+            f"{progress.stage} stage{where}. The state at step {first} is in {self.checkpoint}; go "
+            f"on from it with resume=true and a smaller {' or '.join(rates[:3])} (a third, say)."
         )
 
 

@@ -1,8 +1,15 @@
-"""How a reconstruction proceeds: how many steps of which size, on what, from which start."""
+"""The options of a reconstruction: one class per group of conf/, put together."""
 
 import equinox as eqx
 
 from gaussray.camera.corrections import REFINABLE
+from gaussray.reconstruct.initialize.body_tracking import TrackOptions
+from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.loss import LossOptions
+from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
+from gaussray.reconstruct.simplify.prune import NeedOptions
+from gaussray.scene.deformation import FieldOptions
+from gaussray.tracer.trace import TraceOptions
 
 
 class FitOptions(eqx.Module):
@@ -74,3 +81,18 @@ class FitOptions(eqx.Module):
             raise ValueError(f"fit.segment must be 0 or at least 2, got {self.segment}.")
         if self.degree not in (0, 1, 2, 3):
             raise ValueError(f"fit.degree must be 0, 1, 2 or 3, got {self.degree}.")
+
+
+class ReconstructOptions(eqx.Module):
+    """All options of `reconstruct`, one class per config group."""
+
+    fit: FitOptions = eqx.field(default_factory=FitOptions)
+    track: TrackOptions = eqx.field(default_factory=TrackOptions)
+    field: FieldOptions = eqx.field(default_factory=FieldOptions)
+    loss: LossOptions = eqx.field(default_factory=LossOptions)
+    optimizer: OptimizerOptions = eqx.field(default_factory=OptimizerOptions)
+    density: DensityOptions = eqx.field(default_factory=DensityOptions)
+    trace: TraceOptions = eqx.field(
+        default_factory=lambda: TraceOptions(levels=0, transmittance_min=1e-2)
+    )
+    need: NeedOptions = eqx.field(default_factory=NeedOptions)

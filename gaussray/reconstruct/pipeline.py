@@ -1,4 +1,4 @@
-"""Stage 1: multi-view video in, a dynamic scene out."""
+"""Stage 1: pictures become a scene."""
 
 import json
 from collections.abc import Callable
@@ -11,10 +11,14 @@ from gaussray.capture.formats.paired import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole
 from gaussray.reconstruct.data.segments import segments
-from gaussray.reconstruct.log import Journal
+from gaussray.reconstruct.log import RunLog
+from gaussray.reconstruct.loop import run_stage
 from gaussray.reconstruct.optimize.state import State
-from gaussray.reconstruct.session import Fit, ReconstructOptions as ReconstructOptions
+from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
+from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.reconstruct.session import Session, hand_over
 from gaussray.reconstruct.simplify.prune import required, sentence, total
+from gaussray.reconstruct.start import continued_state, initial_state, with_deformation
 from gaussray.runtime.devices import leads, wait
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress, say
@@ -49,37 +53,34 @@ def reconstruct(
     `out`/segments until all are there. Cameras are refined in the first one.
     """
     out, course = Path(out), segments(capture, options.fit.segment)
-    kept: dict[str, Any] = {"interval": options.fit.checkpoint, "writes": leads(), "told": told}
-    journal = Journal(out, resume=resume, **kept)
+    log = RunLog(out, resume=resume, interval=options.fit.checkpoint, writes=leads(), listener=told)
     if leads():
         sweep(out, deep=len(course) > 1)
-    state, stage = journal.resumed() if resume else (None, "coarse")
-    _demand_same_course(journal, len(course), resume)
+    state, progress = log.resumed() if resume else (None, RunProgress(segments=len(course)))
+    _demand_same_segments(progress, len(course))
     files = [out / "segments" / f"{i:04d}.npz" for i in range(1, len(course) + 1)]
     files = files if len(files) > 1 else [out / "scene.npz"]
-    finished = files[: journal.info.get("segment", 1) - 1]
+    finished = files[: progress.segment - 1]
     scenes: list[Any] = [load_scene(path) for path in finished]
     reports = [scene_info(path) for path in finished]
     for i in range(len(finished), len(course)):
-        if len(course) > 1:
-            journal.info |= {"segment": i + 1, "segments": len(course)}
-        fit = Fit(capture, journal, options, quiet or not leads(), devices, course[i])
-        state = _fitted(fit, state, stage)
-        scene, report = _required(fit, state, devices)
+        session = Session(capture, log, options, quiet or not leads(), devices, course[i])
+        state, progress = _fitted(session, state, progress)
+        scene, report = _required(session, state, progress, devices)
         if leads():
             _save(files[i], scene, report)
             if i == 0:
-                _write_cameras(out / "cameras.json", capture, fit, state)
-        _say(_found(fit, state) if i == 0 else "", fit.quiet)
-        _say(sentence(report, fit.name or "the scene") if "steps" in report else "", fit.quiet)
+                _write_cameras(out / "cameras.json", session, state)
+        _say(_found(session, state) if i == 0 else "", session.quiet)
+        line = sentence(report, session.name or "the scene") if "steps" in report else ""
+        _say(line, session.quiet)
         scenes.append(scene)
         reports.append(report)
         if i + 1 < len(course):
-            state, stage = fit.handed_on(state), "begin"
-            journal.info["segment"], journal.notes = i + 2, {}
-            journal.save(state, stage)
-        # Its pictures make room for those of the next one.
-        del fit
+            state, progress = hand_over(session, state, progress)
+            log.save(state, progress)
+        # Its pictures make room for those of the next segment.
+        del session
     result, report = scenes[0], reports[0]
     if len(course) > 1:
         result, report = Clip(tuple(scenes)), total(reports)
@@ -90,56 +91,63 @@ def reconstruct(
     if leads():
         with whole(out / "requirement.json") as partial:
             partial.write_text(json.dumps(report, indent=2) + "\n")
-        journal.checkpoint.unlink(missing_ok=True)
+        log.checkpoint.unlink(missing_ok=True)
         if len(course) > 1:
             _remove(files)
     wait("reconstructed")
     return result
 
 
-def _demand_same_course(journal: Journal, count: int, resume: bool) -> None:
-    """Refuse to go on in other segments than before."""
-    held = journal.info.get("segments", 1)
-    if resume and held != count:
+def _demand_same_segments(progress: RunProgress, count: int) -> None:
+    """Refuse to resume with other segments than before."""
+    if progress.segments != count:
         raise ValueError(
-            f"fit.segment must cut the capture into {held} segments, as in the run that is gone on "
-            f"with, but it is cut into {count}."
+            f"fit.segment must cut the capture into {progress.segments} segments, as in the run "
+            f"that is resumed, but it is cut into {count}."
         )
 
 
-def _fitted(fit: Fit, state: State | None, stage: str) -> State:
+def _fitted(
+    session: Session, state: State | None, progress: RunProgress
+) -> tuple[State, RunProgress]:
     """All stages that are left of a segment."""
     if state is None:
-        state = fit.begin()
-    elif stage == "begin":
-        state, stage = fit.with_deformation(fit.take_over(fit.resume(state))), "fine"
+        state, progress = initial_state(session, progress)
     else:
-        state = fit.resume(state)
-    if stage == "coarse":
-        state = fit.with_deformation(fit.run("coarse", state))
-    return fit.run("fine", state) if len(fit.times) > 1 else state
+        session.resume(state, progress)
+    if progress.stage == "coarse":
+        state, progress = run_stage(session, "coarse", state, progress)
+        state = with_deformation(session, state, progress)
+    elif progress.stage == "begin":
+        state, progress = continued_state(session, state, progress)
+        state = with_deformation(session, state, progress)
+    return (
+        run_stage(session, "fine", state, progress) if len(session.times) > 1 else (state, progress)
+    )
 
 
-def _required(fit: Fit, state: State, devices: int | None) -> tuple[Scene, dict[str, Any]]:
+def _required(
+    session: Session, state: State, progress: RunProgress, devices: int | None
+) -> tuple[Scene, dict[str, Any]]:
     """What of a fitted scene its pictures require, and the report."""
-    scene, unmet = fit.scene(state)
+    scene, unmet = session.scene(state, progress)
     work: list[Progress] = []
 
     def told(done: int, total: int, what: str) -> None:
         # The first measurement says how many there are; by then the work has begun.
         if not work:
-            work.append(fit.progress("need", total, patience=2.0))
+            work.append(session.progress_bar("need", total, patience=2.0))
         work[0].report(done, what)
 
     return required(
         scene,
-        fit.footage,
-        *fit.training_cameras(state),
+        session.footage,
+        *session.training_cameras(state),
         unmet=unmet,
-        options=fit.options.need,
-        trace=fit.options.trace,
-        seed=fit.options.fit.seed,
-        keys=fit.keys(state),
+        options=session.options.need,
+        trace=session.options.trace,
+        seed=session.options.fit.seed,
+        keys=session.key_states(state),
         devices=devices,
         told=told,
     )
@@ -160,26 +168,27 @@ def _remove(files: list[Path]) -> None:
         files[0].parent.rmdir()
 
 
-def _write_cameras(path: Path, capture: Capture, fit: Fit, state: State) -> None:
-    """Every camera of the capture, as refined, and the exposures that were found."""
-    corrections, names = state.parameters.corrections, fit.names
-    frames = [(view.camera_name, view.camera) for view in capture.views]
-    cameras = refined_frames(corrections, fit.cameras, names, frames)
+def _write_cameras(path: Path, session: Session, state: State) -> None:
+    """Write every camera of the capture as refined, and the exposures that were found."""
+    corrections, names = state.parameters.corrections, session.names
+    views = session.capture.views
+    frames = [(view.camera_name, view.camera) for view in views]
+    cameras = refined_frames(corrections, session.cameras, names, frames)
     records = [
         FrameRecord(str(view.image.resolve()), camera, view.camera_name, view.split)
-        for view, camera in zip(capture.views, cameras, strict=True)
+        for view, camera in zip(views, cameras, strict=True)
     ]
-    gain = gains(corrections, fit.cameras, names)
+    gain = gains(corrections, session.cameras, names)
     write_manifest(path, records, extra={"info": {"gain": gain}} if gain else None)
 
 
-def _found(fit: Fit, state: State) -> str:
+def _found(session: Session, state: State) -> str:
     """What was found of the cameras, nothing if they are as recorded."""
     corrections = state.parameters.corrections
     if corrections is None:
         return ""
-    shutter, unit = fit.footage.camera.shutter, fit.capture.time_unit
-    return found(corrections, fit.cameras, shutter, unit)
+    shutter, unit = session.footage.camera.shutter, session.capture.time_unit
+    return found(corrections, session.cameras, shutter, unit)
 
 
 def _say(line: str, quiet: bool) -> None:

@@ -22,7 +22,7 @@ from gaussray.reconstruct.optimize.optimizer import (
     rates,
     scene_of,
 )
-from gaussray.reconstruct.optimize.state import State, watch
+from gaussray.reconstruct.optimize.state import State, accumulated_statistics
 from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.scene import Scene, at, moving_at
 from gaussray.tracer.motion import Motion, still
@@ -49,21 +49,22 @@ class StepOptions(eqx.Module):
     formed: bool = eqx.field(static=True, default=False)
 
 
-class Trial(eqx.Module):
-    """Static sizes a block of steps is compiled for: list capacities, devices, and the key states
-    of the scene across a step (1: all its rays share one time)."""
+class BlockSizes(eqx.Module):
+    """The static sizes that a block of steps is compiled for: the capacity of the tracer's lists,
+    the devices, and the number of key states of the scene across a step (1: all its rays share one
+    time)."""
 
     capacity: Capacity
     mesh: Mesh = eqx.field(static=True)
     keys: int = eqx.field(static=True, default=1)
 
-    def enlarged(self, needed) -> "Trial":
-        """Room for lists of the sizes that a block turned out to need."""
+    def enlarged(self, needed) -> "BlockSizes":
+        """Sizes for a block whose lists needed this much room."""
         capacity = enlarge(self.capacity, [int(n) for n in needed], headroom=1.5)
-        return Trial(capacity, self.mesh, self.keys)
+        return BlockSizes(capacity, self.mesh, self.keys)
 
 
-def first_trial(
+def measure_sizes(
     state: State,
     views: Camera,
     batches: Batch,
@@ -73,7 +74,7 @@ def first_trial(
     mesh: Mesh,
     keys: int = 1,
     growth: float = 1.0,
-) -> Trial:
+) -> BlockSizes:
     """Sizes measured on the first step of a block, doubled: steps differ in what they look at.
     `growth` is by how much lists will grow, as far as that is known."""
 
@@ -85,7 +86,9 @@ def first_trial(
         return _motion(scene, rays, batch.time, cameras, keys), part
 
     motion, rays = looked_at(state, views, jax.tree.map(lambda x: x[0], batches), cameras)
-    return Trial(measure(motion, rays, options=options.trace, headroom=2.0 * growth), mesh, keys)
+    return BlockSizes(
+        measure(motion, rays, options=options.trace, headroom=2.0 * growth), mesh, keys
+    )
 
 
 def loss_of(
@@ -96,18 +99,18 @@ def loss_of(
     step: Int[Array, ""],
     *,
     options: StepOptions,
-    trial: Trial,
+    sizes: BlockSizes,
 ):
     """Weighted sum of the terms of one step's loss, the terms, and what there is to report."""
     rays, gain = _rays(parameters, views, batch, cameras, step, options)
     truth, weight = tile_colors(batch)
-    scene = _dealt_out(scene_of(parameters, jnp.zeros(2)), trial.mesh)
+    scene = _dealt_out(scene_of(parameters, jnp.zeros(2)), sizes.mesh)
     pixels, report = trace_sharded(
-        _motion(scene, rays, batch.time, cameras, trial.keys),
+        _motion(scene, rays, batch.time, cameras, sizes.keys),
         rays,
         options=options.trace,
-        capacity=trial.capacity,
-        mesh=trial.mesh,
+        capacity=sizes.capacity,
+        mesh=sizes.mesh,
     )
     light = pixels.color if rays.weight is None else rays.weight[..., None] * pixels.color
     color = jnp.mean(light, axis=0)
@@ -165,14 +168,14 @@ def train_block(
     *,
     options: StepOptions,
     steps: int,
-    trial: Trial,
+    sizes: BlockSizes,
 ):
     """The state after a block of steps, mean terms, errors of all tiles, largest list sizes,
     entries dropped.
 
     `views` are the cameras of all frames as recorded, `batches` what each step looks at; `steps` is
     the length of the stage, over which the rates fall. A tile's error is its mean absolute
-    difference. If anything was dropped, the block is void: run it again with an enlarged trial.
+    difference. If anything was dropped, the block is void: run it again with an enlarged sizes.
     """
 
     shortest = _shortest(state.parameters, cameras, options.footprint)
@@ -180,7 +183,7 @@ def train_block(
     def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)
         (_, (terms, report, eye, error)), gradient = slope(
-            state.parameters, views, batch, cameras, state.step, options=options, trial=trial
+            state.parameters, views, batch, cameras, state.step, options=options, sizes=sizes
         )
         rate = rates(
             state.parameters,
@@ -191,7 +194,7 @@ def train_block(
             refine=options.refine,
             formed=options.formed,
         )
-        static, moving = watch(state, gradient, eye)
+        static, moving = accumulated_statistics(state, gradient, eye)
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)
         parameters = _widened(parameters, shortest)
         state = State(parameters, adam, static, moving, state.step + 1)
@@ -201,7 +204,7 @@ def train_block(
     terms, needed = jax.tree.map(jnp.mean, terms), jnp.max(needed, axis=0)
     found = state, terms, error, needed, jnp.sum(dropped)
     # Every host reads them.
-    return jax.lax.with_sharding_constraint(found, NamedSharding(trial.mesh, PartitionSpec()))
+    return jax.lax.with_sharding_constraint(found, NamedSharding(sizes.mesh, PartitionSpec()))
 
 
 def _shortest(

@@ -22,17 +22,19 @@ from gaussray.capture.formats.paired import read_capture
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.geometry import multiply, turning
-from gaussray.reconstruct import session as stage, step as training
+from gaussray.reconstruct import loop, step as training
 from gaussray.reconstruct.data.batches import gather
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
-from gaussray.reconstruct.log import Journal
+from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.optimize.optimizer import OptimizerOptions, Parameters
 from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.options import FitOptions
 from gaussray.reconstruct.pipeline import reconstruct
-from gaussray.reconstruct.session import Fit
-from gaussray.reconstruct.step import Trial
+from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.reconstruct.session import Session
+from gaussray.reconstruct.start import initial_state, with_deformation
+from gaussray.reconstruct.step import BlockSizes
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.gaussians import unconstrain
 from gaussray.tracer.traverse import Capacity
@@ -152,7 +154,7 @@ def options(*refine, steps=100):
 
 
 def fit_of(capture, folder, chosen):
-    return Fit(capture, Journal(folder, resume=False, interval=1e9), chosen, True)
+    return Session(capture, RunLog(folder, resume=False, interval=1e9), chosen, True)
 
 
 def known_scene(fit):
@@ -181,7 +183,8 @@ def assert_found(folder, pictures, kinds, steps=100):
     fit = fit_of(
         recorded(folder / "capture", pictures, kinds), folder, options(*kinds, steps=steps)
     )
-    corrections = fit.run("fine", known_scene(fit)).parameters.corrections
+    state, _ = loop.run_stage(fit, "fine", known_scene(fit), RunProgress())
+    corrections = state.parameters.corrections
     found = settled(corrections, fit.cameras)
     if "exposure" in kinds:
         np.testing.assert_allclose(np.exp(found.exposure), list(GAIN.values()), rtol=FRACTION)
@@ -232,7 +235,7 @@ def soft(tmp_path_factory, quick_compilation):
     fit = fit_of(capture, folder, chosen)
     state = known_scene(fit)
     drawn = fit.loader.batches("fine", 0, 1)
-    trial = fit.trial(state, drawn)
+    sizes = loop.first_sizes(fit, state, drawn)
 
     @eqx.filter_jit
     def loss(views, batches, step):
@@ -242,8 +245,8 @@ def soft(tmp_path_factory, quick_compilation):
             jax.tree.map(lambda x: x[0], batches),
             fit.cameras,
             step,
-            options=fit.step("fine"),
-            trial=trial,
+            options=loop.step_options(fit, "fine"),
+            sizes=sizes,
         )
         return value, report.dropped
 
@@ -252,12 +255,12 @@ def soft(tmp_path_factory, quick_compilation):
         assert int(dropped) == 0
         return float(value)
 
-    return fit, trial, whole
+    return fit, sizes, whole
 
 
 def test_a_step_sees_what_rendering_shows_through_every_effect(soft):
-    fit, trial, loss = soft
-    assert trial.keys > 1
+    fit, sizes, loss = soft
+    assert sizes.keys > 1
     # The first step takes the very samples of rendering, others take their own.
     assert loss() < CODE / 8
     assert CODE / 8 < loss(step=5) < CODE
@@ -289,19 +292,20 @@ def test_sharp_pictures_taken_at_once_cost_what_they_did(tmp_path, pictures):
     listed = [(n, toy.camera(ANGLES[n], float(c.time), SIDE, SIDE)) for n, c in frames()]
     fit = fit_of(written(tmp_path / "capture", listed, pictures), tmp_path, options())
     state, batches = known_scene(fit), fit.loader.batches("fine", 0, 1)
-    assert fit.step("fine").samples == 1 and fit.trial(state, batches).keys == 1
+    assert loop.step_options(fit, "fine").samples == 1
+    assert loop.first_sizes(fit, state, batches).keys == 1
     assert state.parameters.corrections is None
 
 
 def test_before_the_scene_moves_only_exposures_are_refined(tmp_path, pictures):
     fit = fit_of(recorded(tmp_path / "capture", pictures, ()), tmp_path, options(*REFINABLE))
-    assert fit.step("coarse").refine == ("exposure",)
-    assert fit.step("fine").refine == REFINABLE
+    assert loop.step_options(fit, "coarse").refine == ("exposure",)
+    assert loop.step_options(fit, "fine").refine == REFINABLE
 
 
 def test_bodies_have_poses_as_far_as_the_rows_reach(tmp_path, pictures):
     fit = fit_of(recorded(tmp_path / "capture", pictures, ()), tmp_path, options())
-    deformation = fit.with_deformation(fit.begin()).parameters.deformation
+    deformation = with_deformation(fit, *initial_state(fit, RunProgress())).parameters.deformation
     half = READOUT / 2
     expected = [TIMES[0] - half, *TIMES, TIMES[-1] + half]
     np.testing.assert_allclose(deformation.bodies.time, expected, atol=1e-6)
@@ -312,7 +316,7 @@ def test_bodies_have_poses_as_far_as_the_rows_reach(tmp_path, pictures):
 def test_the_refined_cameras_are_written_and_what_was_found_is_said(
     tmp_path, pictures, monkeypatch, capsys
 ):
-    def learnt(state, *_, options, steps, trial):
+    def learnt(state, *_, options, steps, sizes):
         def where(state):
             return state.parameters.corrections.exposure, state.parameters.corrections.shutter
 
@@ -327,9 +331,9 @@ def test_the_refined_cameras_are_written_and_what_was_found_is_said(
             jnp.asarray(0),
         )
 
-    monkeypatch.setattr(stage, "train_block", learnt)
+    monkeypatch.setattr(loop, "train_block", learnt)
     room = Capacity((8,), 8, 8)
-    monkeypatch.setattr(Fit, "trial", lambda self, *_: Trial(room, self.mesh, 1))
+    monkeypatch.setattr(loop, "first_sizes", lambda fit, *_: BlockSizes(room, fit.mesh, 1))
     capture = recorded(tmp_path / "capture", pictures, ("shutter",))
     chosen = options("exposure", "shutter")
     reconstruct(capture, tmp_path / "run", options=chosen)
@@ -345,7 +349,7 @@ def test_the_refined_cameras_are_written_and_what_was_found_is_said(
 def test_a_run_goes_on_with_what_it_refines(tmp_path, pictures):
     capture = recorded(tmp_path / "capture", pictures, ())
     fit = fit_of(capture, tmp_path / "run", options("pose"))
-    fit.journal.save(fit.begin(), "coarse")
+    fit.log.save(*initial_state(fit, RunProgress()))
     with pytest.raises(ValueError, match=r"fit.refine must be \['pose'\]"):
         reconstruct(capture, tmp_path / "run", options=options(), resume=True)
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.reconstruct.log import Journal, NonFiniteLoss
+from gaussray.reconstruct.log import NonFiniteLoss, RunLog
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import begin_state
+from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.scene.gaussians import unconstrain
 
 
@@ -35,42 +36,42 @@ def state():
 def test_an_unfinished_run_is_refused_and_keeps_its_figures(left):
     (left / "checkpoint.npz").touch()
     with pytest.raises(ValueError, match="unfinished reconstruction. Add resume=true"):
-        Journal(left, resume=False, interval=0.0)
+        RunLog(left, resume=False, interval=0.0)
     assert (left / "metrics.jsonl").read_text() == LINE
 
 
 def test_a_run_that_goes_on_keeps_its_figures(left):
     (left / "checkpoint.npz").touch()
-    Journal(left, resume=True, interval=0.0)
+    RunLog(left, resume=True, interval=0.0)
     assert (left / "metrics.jsonl").read_text() == LINE
 
 
 def test_where_a_run_was_finished_a_new_one_begins_its_own_figures(left):
-    Journal(left, resume=False, interval=0.0)
+    RunLog(left, resume=False, interval=0.0)
     assert (left / "metrics.jsonl").read_text() == ""
 
 
 def test_where_nothing_was_left_there_is_nothing_to_go_on_with(tmp_path):
     with pytest.raises(FileNotFoundError, match="holds no checkpoint.npz"):
-        Journal(tmp_path / "new", resume=True, interval=0.0)
+        RunLog(tmp_path / "new", resume=True, interval=0.0)
     assert not (tmp_path / "new").exists()
 
 
 def test_lines_of_steps_after_the_saved_state_are_taken_away(tmp_path, state):
-    journal = Journal(tmp_path, resume=False, interval=0.0)
+    log = RunLog(tmp_path, resume=False, interval=0.0)
     metrics = tmp_path / "metrics.jsonl"
     metrics.write_text(LINE)
-    journal.save(state, "coarse")
+    log.save(state, RunProgress())
     metrics.write_text(LINE + LINE + LINE[:9])
-    Journal(tmp_path, resume=True, interval=0.0).resumed()
+    RunLog(tmp_path, resume=True, interval=0.0).resumed()
     assert metrics.read_text() == LINE
 
 
 def test_a_folder_that_has_gone_is_told(tmp_path, state):
-    journal = Journal(tmp_path / "run", resume=False, interval=0.0)
+    log = RunLog(tmp_path / "run", resume=False, interval=0.0)
     shutil.rmtree(tmp_path / "run")
     with pytest.raises(OSError, match="metrics.jsonl: cannot be written"):
-        journal.record("coarse", 1, {"mse": jnp.ones(())}, 3)
+        log.record(RunProgress(), 1, {"mse": jnp.ones(())}, 3)
 
 
 @pytest.mark.parametrize(
@@ -95,11 +96,11 @@ def test_a_parameter_that_is_not_finite_is_named_with_the_rate_to_lower(tmp_path
         return node
 
     after = eqx.tree_at(place, before, place(before).at[0].set(np.inf))
-    journal = Journal(tmp_path, resume=False, interval=0.0)
+    log = RunLog(tmp_path, resume=False, interval=0.0)
     with pytest.raises(NonFiniteLoss) as found:
-        journal.demand_finite({"l1": jnp.asarray(0.1)}, before, after, "fine")
+        log.demand_finite({"l1": jnp.asarray(0.1)}, before, after, RunProgress(stage="fine"))
     told = str(found.value)
     assert told.startswith(f"{name} became infinite or not a number between steps 0 and 0 of the")
     assert f"resume=true and a smaller {key} (" in told
-    state, stage = Journal(tmp_path, resume=True, interval=0.0).resumed()
-    assert stage == "fine" and np.isfinite(place(state)).all()
+    state, progress = RunLog(tmp_path, resume=True, interval=0.0).resumed()
+    assert progress.stage == "fine" and np.isfinite(place(state)).all()

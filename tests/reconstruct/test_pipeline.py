@@ -13,15 +13,19 @@ import toy
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.paired import View, read_capture
 from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
-from gaussray.reconstruct import pipeline as recipe, session as stage, step as training
+from gaussray.reconstruct import loop, pipeline as recipe, step as training
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
-from gaussray.reconstruct.log import Journal, NonFiniteLoss
-from gaussray.reconstruct.optimize.density import DensityOptions, alive
-from gaussray.reconstruct.options import FitOptions
+from gaussray.reconstruct.initialize.initializer import cleaned
+from gaussray.reconstruct.log import NonFiniteLoss, RunLog
+from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.rows import occupied
+from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.pipeline import reconstruct
-from gaussray.reconstruct.session import Fit, ReconstructOptions
+from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.simplify.prune import NeedOptions
+from gaussray.reconstruct.start import initial_state
 from gaussray.render.renderer import RenderOptions
 from gaussray.scene.store import load_scene
 
@@ -129,7 +133,7 @@ def test_the_same_seed_gives_the_same_bytes(fitted, capture, tmp_path):
 def test_an_interrupted_run_goes_on_to_the_same_bytes(
     fitted, capture, tmp_path, monkeypatch, blocks
 ):
-    record, count = Journal.record, []
+    record, count = RunLog.record, []
 
     def stop(self, *arguments):
         record(self, *arguments)
@@ -137,16 +141,16 @@ def test_an_interrupted_run_goes_on_to_the_same_bytes(
         if len(count) == blocks:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Journal, "record", stop)
+    monkeypatch.setattr(RunLog, "record", stop)
     with pytest.raises(KeyboardInterrupt):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
-    monkeypatch.setattr(Journal, "record", record)
+    monkeypatch.setattr(RunLog, "record", record)
     before = (tmp_path / "metrics.jsonl").read_bytes()
     with pytest.raises(ValueError, match="resume=true"):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
     assert (tmp_path / "metrics.jsonl").read_bytes() == before
-    measure, measured = Fit.trial, []
-    monkeypatch.setattr(Fit, "trial", lambda *args: measured.append(1) or measure(*args))
+    measure, measured = loop.first_sizes, []
+    monkeypatch.setattr(loop, "first_sizes", lambda *args: measured.append(1) or measure(*args))
     reconstruct(capture, tmp_path, options=OPTIONS, resume=True, quiet=True)
     assert_same(fitted[0], tmp_path)
     # What it was interrupted in goes on with the same programs.
@@ -158,7 +162,7 @@ def test_drawing_by_error_goes_on_after_an_interruption_to_the_same_bytes(
     fitted, capture, tmp_path, monkeypatch
 ):
     options = dataclasses.replace(OPTIONS, fit=dataclasses.replace(OPTIONS.fit, error=0.5))
-    record, batches, count, drawn = Journal.record, Loader.batches, [], []
+    record, batches, count, drawn = RunLog.record, Loader.batches, [], []
 
     def stop(self, *arguments):
         record(self, *arguments)
@@ -172,15 +176,15 @@ def test_drawing_by_error_goes_on_after_an_interruption_to_the_same_bytes(
         return found
 
     reconstruct(capture, tmp_path / "whole", options=options, quiet=True)
-    monkeypatch.setattr(Journal, "record", stop)
+    monkeypatch.setattr(RunLog, "record", stop)
     with pytest.raises(KeyboardInterrupt):
         reconstruct(capture, tmp_path / "two", options=options, quiet=True)
-    monkeypatch.setattr(Journal, "record", record)
+    monkeypatch.setattr(RunLog, "record", record)
     monkeypatch.setattr(Loader, "batches", seen)
     reconstruct(capture, tmp_path / "two", options=options, resume=True, quiet=True)
     assert_same(tmp_path / "whole", tmp_path / "two")
     # What is drawn depends on what was learned before the interruption.
-    blind = Fit(capture, Journal(tmp_path / "x", resume=False, interval=0.0), options, True)
+    blind = Session(capture, RunLog(tmp_path / "x", resume=False, interval=0.0), options, True)
     assert (np.asarray(batches(blind.loader, "fine", 30, 10).tile) != drawn[0]).any()
 
 
@@ -201,20 +205,19 @@ def test_footage_in_a_file_gives_the_same_batches(capture, tmp_path):
     blocks = []
     for memory in (0.0, 4.0):
         options = dataclasses.replace(OPTIONS, fit=dataclasses.replace(OPTIONS.fit, memory=memory))
-        fit = Fit(capture, Journal(tmp_path, resume=False, interval=0.0), options, True)
+        fit = Session(capture, RunLog(tmp_path, resume=False, interval=0.0), options, True)
         assert isinstance(fit.footage.pixel, np.memmap) == (memory == 0)
         blocks.append(fit.loader.batches("fine", 30, 10))
     for a, b in zip(*map(jax.tree.leaves, blocks), strict=True):
         np.testing.assert_array_equal(a, b)
 
 
-def test_points_that_are_twice_there_or_far_away_are_left_out_with_a_warning(capture, tmp_path):
+def test_points_that_are_twice_there_or_far_away_are_left_out_with_a_warning(capture):
     dense = np.random.default_rng(0).uniform(-1, 1, (200, 3)).astype(np.float32)
     position = np.concatenate([dense, dense[:3], np.float32([[0, 0, 40]])])
     noisy = type(capture.points)(position, np.full_like(position, 0.5))
-    fit = Fit(capture, Journal(tmp_path, resume=False, interval=0.0), OPTIONS, True)
     with pytest.warns(CaptureWarning, match="of 204 starting points, 3 at the place of .* 1 far"):
-        place, color = fit._cleaned(noisy)
+        place, color = cleaned(noisy, OPTIONS.fit.outliers)
     np.testing.assert_array_equal(place, dense)
     assert len(color) == 200
 
@@ -222,27 +225,27 @@ def test_points_that_are_twice_there_or_far_away_are_left_out_with_a_warning(cap
 def test_of_what_no_ray_has_met_the_captures_points_stay_and_random_ones_go(capture, tmp_path):
     around = dataclasses.replace(OPTIONS.fit, surround=0.5)
     options = dataclasses.replace(OPTIONS, fit=around)
-    journal = Journal(tmp_path, resume=False, interval=0.0)
-    fit = Fit(capture, journal, options, True)
-    state = fit.begin()
+    log = RunLog(tmp_path, resume=False, interval=0.0)
+    fit = Session(capture, log, options, True)
+    state, progress = initial_state(fit, RunProgress())
     points = len(capture.points.position)
     started = state.parameters.static, state.parameters.moving
     whole = points + round(0.5 * points)
-    assert sum(alive(free).sum() for free in started) == whole
-    assert len(fit.scene(state)[1]) == whole
+    assert sum(occupied(free).sum() for free in started) == whole
+    assert len(fit.scene(state, progress)[1]) == whole
     state = eqx.tree_at(lambda s: s.step, state, jnp.asarray(1))
-    scene, unmet = fit.scene(state)
+    scene, unmet = fit.scene(state, progress)
     assert scene.static.count + scene.moving.count == len(unmet) == points and unmet.all()
     met = eqx.tree_at(
         lambda s: s.adam.nu.static.mean, state, jnp.ones_like(state.parameters.static.mean)
     )
-    scene, unmet = fit.scene(met)
+    scene, unmet = fit.scene(met, progress)
     assert len(unmet) == whole and unmet.sum() == scene.moving.count
 
 
 @pytest.mark.parametrize("where", ["term", "parameter"])
 def test_what_is_not_finite_stops_the_run_and_is_named(capture, tmp_path, monkeypatch, where):
-    def broken(state, *_, options, steps, trial):
+    def broken(state, *_, options, steps, sizes):
         terms = {"l1": jnp.asarray(0.1), "mse": jnp.asarray(0.1)}
         if where == "term":
             terms["l1"] = jnp.asarray(jnp.nan)
@@ -250,15 +253,21 @@ def test_what_is_not_finite_stops_the_run_and_is_named(capture, tmp_path, monkey
         after = eqx.tree_at(lambda s: s.parameters.static.mean, state, mean)
         return after, terms, jnp.zeros((10, 4)), jnp.zeros(3, int), jnp.asarray(0)
 
-    monkeypatch.setattr(stage, "train_block", broken)
-    monkeypatch.setattr(Fit, "trial", lambda *_: True)
+    monkeypatch.setattr(loop, "train_block", broken)
+    monkeypatch.setattr(loop, "first_sizes", lambda *_: True)
     named = "loss.l1 and static.mean" if where == "term" else "static.mean"
     told = f"^{named} became infinite or not a number between steps 0 and 0 of the coarse stage"
     with pytest.raises(NonFiniteLoss, match=told) as found:
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
     assert "resume=true and a smaller optimizer.mean (" in str(found.value)
-    state, _ = Journal(tmp_path, resume=True, interval=0.0).resumed()
+    state, _ = RunLog(tmp_path, resume=True, interval=0.0).resumed()
     assert all(np.isfinite(x).all() for x in jax.tree.leaves(state))
+
+
+def started(capture, out, options):
+    """The state before the first step."""
+    session = Session(capture, RunLog(out, resume=False, interval=0.0), options, True)
+    return initial_state(session, RunProgress())[0]
 
 
 @pytest.fixture
@@ -268,20 +277,19 @@ def bare(capture):
 
 
 def test_without_points_random_ones_in_view_are_the_start(bare, tmp_path):
-    journal = Journal(tmp_path, resume=False, interval=0.0)
-    state = Fit(bare, journal, OPTIONS, True).begin()
-    assert alive(state.parameters.static).sum() == 0
-    assert alive(state.parameters.moving).sum() == 27
+    state = started(bare, tmp_path, OPTIONS)
+    assert occupied(state.parameters.static).sum() == 0
+    assert occupied(state.parameters.moving).sum() == 27
     place = np.asarray(state.parameters.moving.mean)[:27]
     assert np.abs(place).max() < 4
 
 
 def test_few_points_are_filled_up_between_them(capture, tmp_path):
     chosen = dataclasses.replace(OPTIONS, fit=dataclasses.replace(OPTIONS.fit, points=90))
-    state = Fit(capture, Journal(tmp_path, resume=False, interval=0.0), chosen, True).begin()
+    state = started(capture, tmp_path, chosen)
     parts = state.parameters.static, state.parameters.moving
-    assert sum(int(alive(part).sum()) for part in parts) == 90
-    place = np.concatenate([np.asarray(part.mean)[np.asarray(alive(part))] for part in parts])
+    assert sum(int(occupied(part).sum()) for part in parts) == 90
+    place = np.concatenate([np.asarray(part.mean)[np.asarray(occupied(part))] for part in parts])
     own = capture.points.position
     assert (place >= own.min(axis=0) - 1e-6).all() and (place <= own.max(axis=0) + 1e-6).all()
 
@@ -292,9 +300,9 @@ def test_where_every_camera_looked_but_once_everything_may_move(capture, tmp_pat
         for view in capture.views
     ]
     once = type(capture)(**(vars(capture) | {"views": views}))
-    state = Fit(once, Journal(tmp_path, resume=False, interval=0.0), OPTIONS, True).begin()
-    assert alive(state.parameters.static).sum() == 0
-    assert alive(state.parameters.moving).sum() == len(capture.points.position)
+    state = started(once, tmp_path, OPTIONS)
+    assert occupied(state.parameters.static).sum() == 0
+    assert occupied(state.parameters.moving).sum() == len(capture.points.position)
 
 
 @pytest.mark.slow

@@ -14,15 +14,18 @@ from gaussray.capture.formats.paired import read_cameras, read_capture
 from gaussray.cli.main import main
 from gaussray.dataset.images import codes
 from gaussray.evaluate.metrics import psnr
-from gaussray.reconstruct import session as fitting
+from gaussray.reconstruct import session as sessions
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
-from gaussray.reconstruct.log import Journal
-from gaussray.reconstruct.optimize.density import alive
+from gaussray.reconstruct.log import RunLog
+from gaussray.reconstruct.loop import step_options
 from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
-from gaussray.reconstruct.options import FitOptions
+from gaussray.reconstruct.optimize.rows import occupied
+from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.pipeline import reconstruct
-from gaussray.reconstruct.session import Fit, ReconstructOptions
+from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.reconstruct.session import Session, hand_over
+from gaussray.reconstruct.start import continued_state, initial_state
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.harmonics import C0
 from gaussray.scene.segmented import Clip
@@ -81,7 +84,7 @@ def fitted(capture, tmp_path_factory):
     """A finished run, what it returned, and the pictures that were in memory at once."""
     out, held, most = tmp_path_factory.mktemp("run"), [], []
     patch = pytest.MonkeyPatch()
-    footage = fitting.footage
+    footage = sessions.footage
 
     def counted(views, **options):
         gc.collect()
@@ -90,7 +93,7 @@ def fitted(capture, tmp_path_factory):
         most.append(sum(len(ref().name) for ref in held if ref() is not None))
         return found
 
-    patch.setattr(fitting, "footage", counted)
+    patch.setattr(sessions, "footage", counted)
     scene = reconstruct(capture, out, options=OPTIONS, quiet=True)
     patch.undo()
     return out, scene, most
@@ -164,7 +167,7 @@ def test_a_run_that_was_killed_goes_on_and_fits_no_finished_segment_again(
     fitted, capture, tmp_path, monkeypatch, blocks
 ):
     """Killed before the first state of the second segment is kept, and after."""
-    record, count = Journal.record, []
+    record, count = RunLog.record, []
 
     def stop(self, *arguments):
         record(self, *arguments)
@@ -172,7 +175,7 @@ def test_a_run_that_was_killed_goes_on_and_fits_no_finished_segment_again(
         if len(count) == blocks + 1:
             raise KeyboardInterrupt
 
-    monkeypatch.setattr(Journal, "record", stop)
+    monkeypatch.setattr(RunLog, "record", stop)
     with pytest.raises(KeyboardInterrupt):
         reconstruct(capture, tmp_path, options=OPTIONS, quiet=True)
     monkeypatch.undo()
@@ -203,15 +206,15 @@ def test_a_later_segment_knows_all_cameras_and_learns_nothing_about_them(capture
     late = [v for v in capture.views if v.camera_name != "cam_2" or v.time > 0.6]
     filmed = dataclasses.replace(capture, views=late)
     course = segments(filmed, 5)
-    journal = Journal(tmp_path, resume=False, interval=1e9)
-    fits = [Fit(filmed, journal, OPTIONS, True, None, part) for part in course]
+    log = RunLog(tmp_path, resume=False, interval=1e9)
+    fits = [Session(filmed, log, OPTIONS, True, None, part) for part in course]
     assert [fit.cameras.count for fit in fits] == [3, 3]
     np.testing.assert_array_equal(np.unique(fits[0].cameras.owner), [0, 1])
     np.testing.assert_array_equal(np.unique(fits[1].cameras.owner), [0, 1, 2])
     np.testing.assert_array_equal(fits[0].cameras.place, fits[1].cameras.place)
     assert fits[0].extent == fits[1].extent
-    assert [fit.step("fine").refine for fit in fits] == [("exposure",), ()]
-    assert [fit.step("fine").formed for fit in fits] == [False, True]
+    assert [step_options(fit, "fine").refine for fit in fits] == [("exposure",), ()]
+    assert [step_options(fit, "fine").formed for fit in fits] == [False, True]
 
 
 @pytest.mark.slow
@@ -224,18 +227,19 @@ def test_what_moves_is_decided_anew(capture, tmp_path):
     ]
     stopped = dataclasses.replace(capture, views=views)
     course = segments(stopped, 5)
-    journal = Journal(tmp_path, resume=False, interval=1e9)
-    first = Fit(stopped, journal, OPTIONS, True, None, course[0])
-    before = first.begin()
+    log = RunLog(tmp_path, resume=False, interval=1e9)
+    first = Session(stopped, log, OPTIONS, True, None, course[0])
+    before, progress = initial_state(first, RunProgress(segments=2))
     still, moved = counts(before)
     assert moved > 0
-    second = Fit(stopped, journal, OPTIONS, True, None, course[1])
-    assert counts(second.take_over(first.handed_on(before))) == [still + moved, 0]
+    second = Session(stopped, log, OPTIONS, True, None, course[1])
+    after, _ = continued_state(second, *hand_over(first, before, progress))
+    assert counts(after) == [still + moved, 0]
 
 
 def counts(state):
     """How many Gaussians stand still, and how many move."""
-    return [int(alive(x).sum()) for x in (state.parameters.static, state.parameters.moving)]
+    return [int(occupied(x).sum()) for x in (state.parameters.static, state.parameters.moving)]
 
 
 @pytest.mark.slow

@@ -6,7 +6,8 @@ import sys
 import jax.numpy as jnp
 import pytest
 
-from gaussray.reconstruct.log import Journal
+from gaussray.reconstruct.log import RunLog
+from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.runtime.tensorboard import tensorboard
 
 
@@ -67,7 +68,9 @@ def test_a_missing_package_is_named(monkeypatch, tmp_path):
 
 def test_a_journal_tells_every_line_it_writes(tmp_path):
     told = []
-    journal = Journal(tmp_path, resume=False, interval=0.0, told=told.append)
-    journal.record("fine", 25, {"mse": jnp.asarray(0.01), "l1": jnp.asarray(0.25)}, 9)
+    log = RunLog(tmp_path, resume=False, interval=0.0, listener=told.append)
+    log.record(
+        RunProgress(stage="fine"), 25, {"mse": jnp.asarray(0.01), "l1": jnp.asarray(0.25)}, 9
+    )
     (line,) = told
     assert line["psnr"] == pytest.approx(20.0) and line["gaussians"] == 9 and line["step"] == 25

@@ -8,7 +8,7 @@ import numpy as np
 from gaussray.reconstruct.data.batches import Batch, gather
 from gaussray.reconstruct.data.motion_mask import Activity
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.data.sampler import Sampler, TileErrors
+from gaussray.reconstruct.data.sampler import Sampler, TileErrors, TileErrorState
 
 
 class Loader:
@@ -73,11 +73,11 @@ class Loader:
         if self.errors is not None:
             self.errors.tell(np.asarray(batches.frame), np.asarray(batches.tile), error)
 
-    def notes(self) -> dict[str, np.ndarray]:
-        """What has to be kept to go on after an interruption."""
-        return {} if self.errors is None else self.errors.arrays()
+    def tile_errors(self) -> TileErrorState | None:
+        """The errors that a checkpoint must hold; None if tiles are not drawn by error."""
+        return None if self.errors is None else self.errors.state()
 
-    def restore(self, notes: dict[str, np.ndarray]) -> None:
-        """Go on with what `notes` gave."""
-        if self.errors is not None and notes:
-            self.errors.restore(notes)
+    def restore(self, tile_errors: TileErrorState | None) -> None:
+        """Go on with the errors of a checkpoint."""
+        if self.errors is not None and tile_errors is not None:
+            self.errors.restore(tile_errors)

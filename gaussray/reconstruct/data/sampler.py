@@ -1,9 +1,20 @@
 """Which tiles a step looks at: more of them where things move, and where the error is."""
 
+import equinox as eqx
 import numpy as np
 from jaxtyping import Bool, Float, Int, Integer
 
 from gaussray.capture.errors import CaptureError
+
+
+class TileErrorState(eqx.Module):
+    """What a `TileErrors` knows: the `mean` error of the tiles of every camera (NaN where none was
+    drawn yet), and the errors of the last block that are not in it yet: camera and tile (`place`)
+    and `error`."""
+
+    mean: Float[np.ndarray, "cameras tiles"]
+    place: Int[np.ndarray, "drawn 2"]
+    error: Float[np.ndarray, " drawn"]
 
 
 class TileErrors:
@@ -49,15 +60,14 @@ class TileErrors:
         mean = self._mean[self._camera[frames]]
         return np.where(np.isnan(mean), worst, mean)
 
-    def arrays(self) -> dict[str, np.ndarray]:
-        """Everything known and told."""
-        place, error = self._told
-        return {"errors.mean": self._mean, "errors.place": place, "errors.told": error}
+    def state(self) -> TileErrorState:
+        """Everything known, to be saved."""
+        return TileErrorState(self._mean.copy(), *self._told)
 
-    def restore(self, arrays: dict[str, np.ndarray]) -> None:
-        """Know and have been told what `arrays` gave."""
-        self._mean = arrays["errors.mean"].copy()
-        self._told = arrays["errors.place"], arrays["errors.told"]
+    def restore(self, state: TileErrorState) -> None:
+        """Go on from a saved state."""
+        self._mean = state.mean.copy()
+        self._told = state.place, state.error
 
 
 class Sampler:

@@ -1,7 +1,6 @@
-"""The state of an unfinished fit on disk, enough to go on bit by bit as if nothing had happened."""
+"""checkpoint.npz: state and progress of an unfinished run, enough to resume with the same bits."""
 
 from pathlib import Path
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -9,28 +8,37 @@ import numpy as np
 import optax
 
 from gaussray.camera.corrections import Corrections
-from gaussray.reconstruct.optimize.density import Pull
+from gaussray.reconstruct.data.sampler import TileErrorState
+from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import State
+from gaussray.reconstruct.run_progress import RunProgress, progress_from_json, progress_to_json
 from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.named_arrays import deformation_from, named_arrays
 
 
 FORMAT, VERSION = "gaussray-checkpoint", 2
-NOTE = "note."
+# Names in the file of the sampler's errors, and of the gradient statistics in earlier versions.
+TILE_ERRORS = {
+    "mean": "note.errors.mean",
+    "place": "note.errors.place",
+    "error": "note.errors.told",
+}
+EARLIER = {"static_statistic": "static_pull", "moving_statistic": "moving_pull"}
 
 
-def save_checkpoint(
-    path: Path, state: State, *, info: dict[str, Any], notes: dict[str, np.ndarray]
-) -> None:
-    """Write the state, whole or not at all."""
-    header = {"format": FORMAT, "version": VERSION, "info": info}
-    write_arrays(path, header, named_arrays(state) | {NOTE + name: x for name, x in notes.items()})
+def save_checkpoint(path: Path, state: State, progress: RunProgress) -> None:
+    """Write a checkpoint, whole or not at all."""
+    header = {"format": FORMAT, "version": VERSION, "info": progress_to_json(progress)}
+    arrays = named_arrays(state)
+    if progress.tile_errors is not None:
+        arrays |= {key: getattr(progress.tile_errors, name) for name, key in TILE_ERRORS.items()}
+    write_arrays(path, header, arrays)
 
 
-def load_checkpoint(path: Path) -> tuple[State, dict[str, Any], dict[str, np.ndarray]]:
-    """Read a state and what was noted with it."""
+def load_checkpoint(path: Path) -> tuple[State, RunProgress]:
+    """Read a checkpoint. ValueError if the file is damaged."""
     header, found = read_arrays(path, FORMAT, VERSION)
     array = _Whole(path, found)
 
@@ -42,8 +50,10 @@ def load_checkpoint(path: Path) -> tuple[State, dict[str, Any], dict[str, np.nda
             _corrections(array, f"{prefix}.corrections"),
         )
 
-    def pull(name: str) -> Pull:
-        return Pull(jnp.asarray(array[f"{name}.total"]), jnp.asarray(array[f"{name}.seen"]))
+    def statistic(name: str) -> GradientStatistic:
+        name = name if f"{name}.total" in array else EARLIER[name]
+        total, seen = (jnp.asarray(array[f"{name}.{part}"]) for part in ("total", "seen"))
+        return GradientStatistic(total, seen)
 
     adam = optax.ScaleByAdamState(
         count=jnp.asarray(array["adam.count"]),
@@ -60,12 +70,19 @@ def load_checkpoint(path: Path) -> tuple[State, dict[str, Any], dict[str, np.nda
     state = State(
         known,
         adam,
-        pull("static_pull"),
-        pull("moving_pull"),
+        statistic("static_statistic"),
+        statistic("moving_statistic"),
         jnp.asarray(array["step"]),
     )
-    notes = {name.removeprefix(NOTE): x for name, x in found.items() if name.startswith(NOTE)}
-    return state, header.get("info", {}), notes
+    errors = None
+    if TILE_ERRORS["mean"] in array:
+        errors = TileErrorState(**{name: array[key] for name, key in TILE_ERRORS.items()})
+    try:
+        return state, progress_from_json(header.get("info", {}), errors)
+    except ValueError as error:
+        raise ValueError(
+            f"{path}: {error}; the file is damaged. Start again without resume=true."
+        ) from error
 
 
 class _Whole(dict):

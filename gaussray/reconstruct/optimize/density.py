@@ -1,21 +1,21 @@
-"""More Gaussians where the error pulls at them, none where they do nothing (3DGS, 3DGRT).
+"""Density control: clone and split Gaussians where gradients are large, prune faint ones.
 
-On the host, between blocks of steps. The arrays keep a fixed number of rows, so nothing recompiles;
-rows without a Gaussian have logit opacity DEAD and are never met by a ray.
+The adaptive density control of 3DGS, with the statistic of 3DGRT. It runs on the host, between
+blocks of steps.
 """
+
+from typing import Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
 
 from gaussray.geometry import rotation_matrix
+from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic
+from gaussray.reconstruct.optimize.rows import EMPTY, occupied, with_rows
+from gaussray.reconstruct.optimize.state import ChangedRows, State, with_gaussians
 from gaussray.scene.gaussians import Unconstrained
-
-
-# Logit of an opacity far below any cut-off.
-DEAD = -30.0
 
 
 class DensityOptions(eqx.Module):
@@ -50,77 +50,91 @@ class DensityOptions(eqx.Module):
             raise ValueError(f"density.shrink must be above 1, got {self.shrink}.")
 
 
-class Pull(eqx.Module):
-    """How hard the loss has pulled at each Gaussian: sum of |dL/dmean| x distance / 2 over the
-    steps in which it was seen, and their number."""
+@runtime_checkable
+class DensityControl(Protocol):
+    """A kind of density control: a function from a state to a state with other Gaussians.
 
-    total: Float[Array, " gaussians"]
-    seen: Float[Array, " gaussians"]
+    `extent` is the scene's length unit, `limit` the largest numbers of static and of moving
+    Gaussians, and `seed` differs from call to call.
+    """
+
+    def __call__(
+        self,
+        state: State,
+        *,
+        options: DensityOptions,
+        extent: float,
+        limit: tuple[int, int],
+        seed: int,
+    ) -> State: ...
 
 
-def no_pull(count: int) -> Pull:
-    """Nothing seen yet."""
-    return Pull(jnp.zeros(count), jnp.zeros(count))
+def density_control(options: DensityOptions) -> DensityControl:
+    """The kind of density control that the options choose. There is one so far."""
+    return clone_split_prune
 
 
-def pulled(
-    pull: Pull, gradient: Float[Array, "gaussians 3"], distance: Float[Array, " gaussians"]
-) -> Pull:
-    """The statistic after one more step (3DGRT): gradient of the 3D mean, times the distance to the
-    cameras, halved, so that near and far Gaussians count by what they move on the film."""
-    strength = jnp.sqrt(jnp.sum(gradient * gradient, axis=-1))
-    return Pull(
-        pull.total + 0.5 * strength * distance, pull.seen + (strength > 0).astype(pull.seen.dtype)
+def density_due(options: DensityOptions, before: int, done: int, steps: int) -> bool:
+    """Whether density control runs after a block that went from step `before` to step `done` of a
+    stage of `steps` steps."""
+    if not options.interval or not options.start * steps <= done <= options.stop * steps:
+        return False
+    return done // options.interval != before // options.interval
+
+
+def clone_split_prune(
+    state: State, *, options: DensityOptions, extent: float, limit: tuple[int, int], seed: int
+) -> State:
+    """The adaptive density control of 3DGS, on static and on moving Gaussians."""
+    parameters = state.parameters
+    static = clone_split_prune_rows(
+        parameters.static,
+        state.static_statistic,
+        options=options,
+        extent=extent,
+        limit=limit[0],
+        seed=2 * seed,
     )
-
-
-def alive(free: Unconstrained) -> Bool[np.ndarray, " gaussians"]:
-    """Which rows hold a Gaussian."""
-    return np.asarray(free.logit_opacity) > DEAD / 2
-
-
-def with_rows(free: Unconstrained, rows: int) -> Unconstrained:
-    """The same Gaussians in arrays of `rows` rows, the new ones empty."""
-    missing = rows - free.logit_opacity.shape[0]
-    empty = Unconstrained(
-        mean=jnp.zeros((missing, 3)),
-        quat=jnp.zeros((missing, 4)).at[:, 0].set(1),
-        log_scale=jnp.zeros((missing, 3)),
-        logit_opacity=jnp.full(missing, DEAD),
-        harmonics=jnp.zeros((missing, *free.harmonics.shape[1:])),
+    moving = clone_split_prune_rows(
+        parameters.moving,
+        state.moving_statistic,
+        options=options,
+        extent=extent,
+        limit=limit[1],
+        seed=2 * seed + 1,
     )
-    return jax.tree.map(lambda a, b: jnp.concatenate([a, b.astype(a.dtype)]), free, empty)
+    return with_gaussians(state, static, moving)
 
 
-def refine(
-    free: Unconstrained,
-    pull: Pull,
+def clone_split_prune_rows(
+    gaussians: Unconstrained,
+    statistic: GradientStatistic,
     *,
     options: DensityOptions,
     extent: float,
     limit: int,
     seed: int,
-) -> tuple[Unconstrained, Bool[np.ndarray, " rows"]]:
-    """Prune, clone and split; also which rows are new, so that their moments start afresh.
+) -> ChangedRows:
+    """The adaptive density control of 3DGS on one set of Gaussians.
 
-    Strongest pull first, while there are rows: empty ones, then rows added (the number of rows
-    doubles when full) up to `limit` Gaussians.
+    The Gaussians with the largest statistic come first. New ones take empty rows, then added rows
+    (the number of rows doubles when all are full), up to `limit` Gaussians.
     """
-    opacity = 1 / (1 + np.exp(-np.asarray(free.logit_opacity, np.float64)))
-    lives = alive(free) & (opacity >= options.opacity)
-    strength = np.asarray(pull.total) / np.maximum(np.asarray(pull.seen), 1)
-    wanted = np.flatnonzero(lives & (strength > options.threshold))
-    wanted = wanted[np.argsort(-strength[wanted], kind="stable")][: max(limit - lives.sum(), 0)]
-    rows = len(lives)
-    if lives.sum() + len(wanted) > rows:
+    opacity = 1 / (1 + np.exp(-np.asarray(gaussians.logit_opacity, np.float64)))
+    kept = occupied(gaussians) & (opacity >= options.opacity)
+    strength = np.asarray(statistic.total) / np.maximum(np.asarray(statistic.seen), 1)
+    wanted = np.flatnonzero(kept & (strength > options.threshold))
+    wanted = wanted[np.argsort(-strength[wanted], kind="stable")][: max(limit - kept.sum(), 0)]
+    rows = len(kept)
+    if kept.sum() + len(wanted) > rows:
         rows = min(2 * rows, max(limit + limit % 2, rows))
-    grown = with_rows(free, rows)
+    grown = with_rows(gaussians, rows)
     fresh = np.zeros(rows, bool)
-    target = np.flatnonzero(~np.concatenate([lives, np.zeros(rows - len(lives), bool)]))
+    target = np.flatnonzero(~np.concatenate([kept, np.zeros(rows - len(kept), bool)]))
     target = target[: len(wanted)]
     wanted = wanted[: len(target)]
     array = jax.tree.map(lambda x: np.array(x), grown)
-    array.logit_opacity[: len(lives)][~lives] = DEAD
+    array.logit_opacity[: len(kept)][~kept] = EMPTY
     for name in ("mean", "quat", "log_scale", "logit_opacity", "harmonics"):
         getattr(array, name)[target] = getattr(array, name)[wanted]
     scale = np.exp(array.log_scale[wanted])
@@ -136,11 +150,4 @@ def refine(
         array.log_scale[half] = np.log(scale[large] / options.shrink)
     fresh[target] = True
     fresh[split] = True
-    return jax.tree.map(jnp.asarray, array), fresh
-
-
-def refreshed(moment: Array, fresh: Bool[np.ndarray, " rows"]) -> Array:
-    """An optimiser's moment after `refine`: kept where a Gaussian stayed, 0 where one is new."""
-    moment = jnp.pad(moment, ((0, len(fresh) - moment.shape[0]),) + ((0, 0),) * (moment.ndim - 1))
-    mask = jnp.asarray(fresh).reshape(-1, *(1,) * (moment.ndim - 1))
-    return jnp.where(mask, 0, moment)
+    return ChangedRows(jax.tree.map(jnp.asarray, array), fresh)

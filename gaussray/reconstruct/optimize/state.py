@@ -1,87 +1,94 @@
-"""What a fit carries from step to step, and what happens to it between blocks of steps."""
+"""The state of the optimiser: what a training step reads and returns."""
+
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
-from gaussray.reconstruct.optimize.density import (
-    DensityOptions,
-    Pull,
-    no_pull,
-    pulled,
-    refine,
-    refreshed,
+from gaussray.reconstruct.optimize.gradient_statistic import (
+    GradientStatistic,
+    accumulate,
+    no_gradient,
 )
 from gaussray.reconstruct.optimize.optimizer import ADAM, Parameters
+from gaussray.scene.gaussians import Unconstrained
 
 
 class State(eqx.Module):
-    """Parameters, Adam's moments, the statistic of density control and the steps of the stage."""
+    """Parameters, Adam's moments, the gradient statistics that density control reads, and the
+    number of steps of this stage that are done."""
 
     parameters: Parameters
     adam: optax.ScaleByAdamState
-    static_pull: Pull
-    moving_pull: Pull
+    static_statistic: GradientStatistic
+    moving_statistic: GradientStatistic
     step: Int[Array, ""]
 
 
 def begin_state(parameters: Parameters) -> State:
-    """A stage's start: moments and statistic zero."""
+    """The state before the first step of a stage: moments and statistics are zero."""
     return State(
         parameters,
         ADAM.init(parameters),  # type: ignore[arg-type]
-        no_pull(parameters.static.logit_opacity.shape[0]),
-        no_pull(parameters.moving.logit_opacity.shape[0]),
+        no_gradient(parameters.static.logit_opacity.shape[0]),
+        no_gradient(parameters.moving.logit_opacity.shape[0]),
         jnp.zeros((), jnp.int32),
     )
 
 
-def watch(state: State, gradient: Parameters, eye: Float[Array, "rays 3"]) -> tuple[Pull, Pull]:
-    """The density statistic after one more step, for rays from `eye`."""
+def accumulated_statistics(
+    state: State, gradient: Parameters, eye: Float[Array, "rays 3"]
+) -> tuple[GradientStatistic, GradientStatistic]:
+    """The gradient statistics of static and moving Gaussians after one more step, whose rays
+    start at `eye`."""
     center = jnp.mean(eye, axis=0)
     spread = jnp.mean(jnp.sum((eye - center[None]) ** 2, axis=-1))
 
-    def one(pull: Pull, mean: Array, gradient: Array) -> Pull:
+    def one(statistic: GradientStatistic, mean: Array, gradient: Array) -> GradientStatistic:
         # Root mean square distance to all the cameras of the batch at once.
         distance = jnp.sqrt(jnp.sum((mean - center[None]) ** 2, axis=-1) + spread)
-        return pulled(pull, gradient, distance)
+        return accumulate(statistic, gradient, distance)
 
     parameters = state.parameters
     return (
-        one(state.static_pull, parameters.static.mean, gradient.static.mean),
-        one(state.moving_pull, parameters.moving.mean, gradient.moving.mean),
+        one(state.static_statistic, parameters.static.mean, gradient.static.mean),
+        one(state.moving_statistic, parameters.moving.mean, gradient.moving.mean),
     )
 
 
-def refine_state(
-    state: State, *, options: DensityOptions, extent: float, limit: tuple[int, int], seed: int
-) -> State:
-    """Density control on both sets; moments move with their rows."""
-    parts, fresh = {}, {}
-    for i, name in enumerate(("static", "moving")):
-        free, pull = getattr(state.parameters, name), getattr(state, f"{name}_pull")
-        parts[name], fresh[name] = refine(
-            free, pull, options=options, extent=extent, limit=limit[i], seed=2 * seed + i
-        )
-    kept = state.parameters
-    parameters = Parameters(parts["static"], parts["moving"], kept.deformation, kept.corrections)
+class ChangedRows(NamedTuple):
+    """Gaussians after density control, and which rows are new: Adam's moments of these start at
+    zero."""
 
-    def move(moment: Parameters) -> Parameters:
-        rows = {
-            name: jax.tree.map(lambda x, f=fresh[name]: refreshed(x, f), getattr(moment, name))
-            for name in fresh
-        }
-        return Parameters(rows["static"], rows["moving"], moment.deformation, moment.corrections)
+    gaussians: Unconstrained
+    fresh: Bool[np.ndarray, " rows"]
 
-    mu, nu = (move(x) for x in (state.adam.mu, state.adam.nu))  # type: ignore[arg-type]
+
+def with_gaussians(state: State, static: ChangedRows, moving: ChangedRows) -> State:
+    """The state with changed Gaussians. Adam's moments follow their rows; the gradient statistics
+    start again."""
+    old = state.parameters
+    parameters = Parameters(static.gaussians, moving.gaussians, old.deformation, old.corrections)
+
+    def renewed(moment: Parameters) -> Parameters:
+        rows = [
+            jax.tree.map(lambda x, fresh=changed.fresh: renewed_moment(x, fresh), part)
+            for part, changed in ((moment.static, static), (moment.moving, moving))
+        ]
+        return Parameters(rows[0], rows[1], moment.deformation, moment.corrections)
+
+    mu, nu = (renewed(x) for x in (state.adam.mu, state.adam.nu))  # type: ignore[arg-type]
     adam = state.adam._replace(mu=mu, nu=nu)
-    renewed = begin_state(parameters)
-    return eqx.tree_at(lambda s: (s.adam, s.step), renewed, (adam, state.step))
+    return eqx.tree_at(lambda s: (s.adam, s.step), begin_state(parameters), (adam, state.step))
 
 
-def take(tree, rows: np.ndarray):
-    """The same tree with only these rows."""
-    return jax.tree.map(lambda x: x[rows], tree)
+def renewed_moment(moment: Array, fresh: Bool[np.ndarray, " rows"]) -> Array:
+    """A moment of Adam after rows have changed: kept where a Gaussian stayed, 0 where one is
+    new."""
+    moment = jnp.pad(moment, ((0, len(fresh) - moment.shape[0]),) + ((0, 0),) * (moment.ndim - 1))
+    mask = jnp.asarray(fresh).reshape(-1, *(1,) * (moment.ndim - 1))
+    return jnp.where(mask, 0, moment)

@@ -7,8 +7,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaussray.geometry import normalize_quaternion, product
-from gaussray.reconstruct.optimize.density import DEAD
-from gaussray.reconstruct.optimize.state import take
+from gaussray.reconstruct.optimize.rows import EMPTY, take_rows
 from gaussray.scene.bodies import body_of
 from gaussray.scene.deformation import HEADS, Deformation, Layer
 from gaussray.scene.gaussians import Gaussians, axes, concatenate, folded
@@ -92,7 +91,9 @@ def at_time(draft: Draft, time: Float[Array, ""]) -> Gaussians:
         return jnp.where(rests.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
 
     every = concatenate(scene.static, jax.tree.map(chosen, still, moved))
-    opacity = jnp.where(draft.kept, every.opacity, jax.nn.sigmoid(DEAD).astype(every.opacity.dtype))
+    opacity = jnp.where(
+        draft.kept, every.opacity, jax.nn.sigmoid(EMPTY).astype(every.opacity.dtype)
+    )
     return eqx.tree_at(lambda g: g.opacity, every, opacity)
 
 
@@ -108,7 +109,9 @@ def finish_draft(draft: Draft) -> Scene:
     parts = scene.static, scene.moving, draft.rest, draft.kept, draft.resting
     static, moving, rest, kept, resting = jax.device_get(parts)
     stay, move = np.split(kept, [len(static.mean)])
-    still = _joined(take(static, np.flatnonzero(stay)), take(rest, np.flatnonzero(move & resting)))
+    still = _joined(
+        take_rows(static, np.flatnonzero(stay)), take_rows(rest, np.flatnonzero(move & resting))
+    )
     moved = np.flatnonzero(move & ~resting)
     if not len(moved):
         deformation = None
@@ -116,7 +119,7 @@ def finish_draft(draft: Draft) -> Scene:
         held = np.asarray(body_of(deformation.bodies, scene.moving.mean))[moved]
         deformation = _simplified(deformation, held)
     still, mobile = (
-        jax.tree.map(jnp.asarray, _without_zeros(x)) for x in (still, take(moving, moved))
+        jax.tree.map(jnp.asarray, _without_zeros(x)) for x in (still, take_rows(moving, moved))
     )
     return Scene(still, mobile, deformation, scene.time_range)
 

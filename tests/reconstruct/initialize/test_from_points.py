@@ -13,7 +13,7 @@ from gaussray.reconstruct.initialize.from_points import (
     on_points,
     surrounding,
 )
-from gaussray.reconstruct.session import _extent
+from gaussray.reconstruct.session import scene_extent
 from gaussray.scene.bodies import body_of
 
 
@@ -101,9 +101,9 @@ def test_a_start_knows_no_unit_of_length(unit):
 def test_the_unit_of_a_fit_is_in_proportion_to_the_capture(unit):
     eye = np.float32(unit) * np.float32([[0, 0, 0], [3, 0, 4]])
     points = Points(np.float32(unit) * np.float32([[0, 0, 1000]]), np.zeros((1, 3), np.float32))
-    assert _extent(eye, points) == pytest.approx(2.5 * unit)
+    assert scene_extent(eye, points) == pytest.approx(2.5 * unit)
     # A camera that stands alone is as good as a thousandth of its distance.
-    assert _extent(eye[:1], points) == pytest.approx(unit)
+    assert scene_extent(eye[:1], points) == pytest.approx(unit)
 
 
 def test_bodies_that_are_known_stay_two_where_they_touch_and_new_ones_are_found():

@@ -1,4 +1,4 @@
-"""Density control by hand-made pulls: who is cloned, split, pruned, and what becomes of moments."""
+"""Density control by hand: who is cloned, split, pruned, and what becomes of moments."""
 
 import equinox as eqx
 import jax
@@ -8,18 +8,18 @@ import pytest
 import toy
 
 from gaussray.reconstruct.optimize.density import (
-    DEAD,
     DensityOptions,
-    Pull,
-    alive,
-    no_pull,
-    pulled,
-    refine,
-    refreshed,
-    with_rows,
+    clone_split_prune,
+    clone_split_prune_rows,
+)
+from gaussray.reconstruct.optimize.gradient_statistic import (
+    GradientStatistic,
+    accumulate,
+    no_gradient,
 )
 from gaussray.reconstruct.optimize.optimizer import Parameters
-from gaussray.reconstruct.optimize.state import begin_state, refine_state
+from gaussray.reconstruct.optimize.rows import EMPTY, occupied, with_rows
+from gaussray.reconstruct.optimize.state import begin_state, renewed_moment
 from gaussray.scene.gaussians import unconstrain
 
 
@@ -35,21 +35,23 @@ def crowd(opacity=(0.9, 0.9, 0.9, 0.05), scale=(0.05, 0.2, 0.05, 0.05)):
     return unconstrain(toy.gaussians(mean, scale, [[0.5, 0.5, 0.5]], opacity))
 
 
-def pull(*strength):
+def statistic(*strength):
     """Each was seen twice."""
-    return Pull(2 * toy.single(strength), jnp.full(len(strength), 2.0, jnp.float32))
+    return GradientStatistic(2 * toy.single(strength), jnp.full(len(strength), 2.0, jnp.float32))
 
 
-def refined(free, pulls, limit=100, seed=0):
-    return refine(free, pulls, options=OPTIONS, extent=EXTENT, limit=limit, seed=seed)
+def refined(free, statistics, limit=100, seed=0):
+    return clone_split_prune_rows(
+        free, statistics, options=OPTIONS, extent=EXTENT, limit=limit, seed=seed
+    )
 
 
 def test_a_small_one_is_cloned_into_a_free_row():
     free = crowd()
-    after, fresh = refined(free, pull(5, 0, 0, 0))
+    after, fresh = refined(free, statistic(5, 0, 0, 0))
     # The faint one is pruned, and its row taken.
     assert fresh.tolist() == [False, False, False, True]
-    assert alive(after).all()
+    assert occupied(after).all()
     for name in ("mean", "quat", "log_scale", "logit_opacity", "harmonics"):
         value = getattr(after, name)
         np.testing.assert_array_equal(value[3], getattr(free, name)[0])
@@ -58,7 +60,7 @@ def test_a_small_one_is_cloned_into_a_free_row():
 
 def test_a_large_one_is_split_into_two_smaller_ones():
     free = crowd()
-    after, fresh = refined(free, pull(0, 5, 0, 0))
+    after, fresh = refined(free, statistic(0, 5, 0, 0))
     assert fresh.tolist() == [False, True, False, True]
     for row in (1, 3):
         np.testing.assert_allclose(np.exp(after.log_scale[row]), 0.1, rtol=1e-5)
@@ -67,57 +69,57 @@ def test_a_large_one_is_split_into_two_smaller_ones():
     assert (after.mean[1] != after.mean[3]).any()
 
 
-def test_a_faint_one_is_pruned_however_hard_it_is_pulled():
-    after, fresh = refined(crowd(), pull(0, 0, 0, 99))
-    assert alive(after).tolist() == [True, True, True, False]
-    assert after.logit_opacity[3] == DEAD
+def test_a_faint_one_is_pruned_however_large_its_gradient():
+    after, fresh = refined(crowd(), statistic(0, 0, 0, 99))
+    assert occupied(after).tolist() == [True, True, True, False]
+    assert after.logit_opacity[3] == EMPTY
     assert not fresh.any()
 
 
 def test_the_statistic_is_the_mean_over_the_steps_in_which_it_was_seen():
     # Total 3 in 4 steps is below the threshold of 1, total 3 in 2 steps is not.
-    pulls = Pull(toy.single([3, 0, 3, 0]), toy.single([4, 0, 2, 0]))
-    after, fresh = refined(crowd(), pulls)
+    statistics = GradientStatistic(toy.single([3, 0, 3, 0]), toy.single([4, 0, 2, 0]))
+    after, fresh = refined(crowd(), statistics)
     assert fresh.tolist() == [False, False, False, True]
     np.testing.assert_array_equal(after.mean[3], after.mean[2])
 
 
 def test_rows_double_when_they_are_full():
     free = crowd(opacity=0.9)
-    after, fresh = refined(free, pull(5, 0, 5, 0))
+    after, fresh = refined(free, statistic(5, 0, 5, 0))
     assert len(fresh) == 8
-    assert alive(after).tolist() == [True] * 6 + [False] * 2
+    assert occupied(after).tolist() == [True] * 6 + [False] * 2
     assert fresh.tolist() == [False] * 4 + [True] * 2 + [False] * 2
 
 
 def test_the_limit_holds_and_the_strongest_go_first():
     free = crowd(opacity=0.9)
-    after, fresh = refined(free, pull(5, 0, 9, 0), limit=5)
-    assert alive(after).sum() == 5
+    after, fresh = refined(free, statistic(5, 0, 9, 0), limit=5)
+    assert occupied(after).sum() == 5
     np.testing.assert_array_equal(after.mean[np.flatnonzero(fresh)[0]], free.mean[2])
-    after, fresh = refined(free, pull(5, 5, 5, 5), limit=4)
-    assert alive(after).sum() == 4 and not fresh.any()
+    after, fresh = refined(free, statistic(5, 5, 5, 5), limit=4)
+    assert occupied(after).sum() == 4 and not fresh.any()
     after, _ = refined(
-        free, pull(5, 5, 5, 5), limit=2
+        free, statistic(5, 5, 5, 5), limit=2
     )  # more than the limit already: none is added
-    assert alive(after).sum() == 4
+    assert occupied(after).sum() == 4
 
 
 def test_the_same_seed_gives_the_same_split():
-    one, two, other = (refined(crowd(), pull(0, 5, 0, 0), seed=s)[0] for s in (1, 1, 2))
+    one, two, other = (refined(crowd(), statistic(0, 5, 0, 0), seed=s)[0] for s in (1, 1, 2))
     np.testing.assert_array_equal(one.mean, two.mean)
     assert (one.mean != other.mean).any()
 
 
 def test_nothing_happens_to_no_gaussians():
     none = jax.tree.map(lambda x: x[:0], crowd())
-    after, fresh = refined(none, no_pull(0), limit=0)
+    after, fresh = refined(none, no_gradient(0), limit=0)
     assert len(fresh) == 0 and after.mean.shape == (0, 3)
 
 
 def test_new_rows_are_empty():
     grown = with_rows(crowd(), 7)
-    assert alive(grown).tolist() == [True] * 4 + [False] * 3
+    assert occupied(grown).tolist() == [True] * 4 + [False] * 3
     np.testing.assert_array_equal(jnp.linalg.norm(grown.quat[4:], axis=1), 1)
 
 
@@ -125,7 +127,7 @@ def test_moments_of_new_rows_are_zero_and_of_old_rows_kept():
     moment = jnp.arange(1.0, 9.0).reshape(4, 2)
     fresh = np.array([False, True, False, False, True, False])
     expected = np.array([[1, 2], [0, 0], [5, 6], [7, 8], [0, 0], [0, 0]])
-    np.testing.assert_array_equal(refreshed(moment, fresh), expected)
+    np.testing.assert_array_equal(renewed_moment(moment, fresh), expected)
 
 
 def test_a_states_moments_follow_their_rows():
@@ -133,20 +135,20 @@ def test_a_states_moments_follow_their_rows():
     state = begin_state(Parameters(free, crowd(opacity=0.9), None))
     ones = jax.tree.map(jnp.ones_like, state.adam)
     state = eqx.tree_at(
-        lambda s: (s.adam, s.static_pull, s.moving_pull, s.step),
+        lambda s: (s.adam, s.static_statistic, s.moving_statistic, s.step),
         state,
-        (ones, pull(5, 0, 0, 0), pull(5, 0, 0, 0), jnp.asarray(7, jnp.int32)),
+        (ones, statistic(5, 0, 0, 0), statistic(5, 0, 0, 0), jnp.asarray(7, jnp.int32)),
     )
-    after = refine_state(state, options=OPTIONS, extent=EXTENT, limit=(10, 10), seed=0)
+    after = clone_split_prune(state, options=OPTIONS, extent=EXTENT, limit=(10, 10), seed=0)
     for moment in (after.adam.mu, after.adam.nu):
         np.testing.assert_array_equal(moment.static.mean[:, 0], [1, 1, 1, 0])
         np.testing.assert_array_equal(moment.moving.mean[:, 0], [1, 1, 1, 1, 0, 0, 0, 0])
     assert int(after.step) == 7 and int(after.adam.count) == 1
-    assert not after.static_pull.total.any() and after.moving_pull.seen.shape == (8,)
+    assert not after.static_statistic.total.any() and after.moving_statistic.seen.shape == (8,)
 
 
-def test_a_pull_is_half_the_gradient_times_the_distance():
-    after = pulled(no_pull(2), jnp.array([[3.0, 0, 4], [0, 0, 0]]), jnp.array([2.0, 7.0]))
+def test_the_statistic_is_half_the_gradient_times_the_distance():
+    after = accumulate(no_gradient(2), jnp.array([[3.0, 0, 4], [0, 0, 0]]), jnp.array([2.0, 7.0]))
     np.testing.assert_allclose(after.total, [5, 0])
     np.testing.assert_array_equal(after.seen, [1, 0])
 

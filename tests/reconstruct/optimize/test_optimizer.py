@@ -10,11 +10,13 @@ import pytest
 import toy
 
 from gaussray.camera.corrections import no_corrections
+from gaussray.reconstruct.data.sampler import TileErrorState
 from gaussray.reconstruct.initialize.from_points import between, in_common_view, on_points
 from gaussray.reconstruct.optimize import optimizer
 from gaussray.reconstruct.optimize.checkpoint import load_checkpoint, save_checkpoint
 from gaussray.reconstruct.optimize.optimizer import OptimizerOptions, Parameters, scene_of
 from gaussray.reconstruct.optimize.state import begin_state
+from gaussray.reconstruct.run_progress import KnownBodies, RunProgress, SavedSizes
 from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.gaussians import unconstrain
 
@@ -138,22 +140,59 @@ def test_a_checkpoint_gives_back_the_same_bits(parameters, tmp_path, kind):
     dice = np.random.default_rng(0)
     noise = lambda x: jnp.asarray(dice.integers(1, 99, x.shape).astype(x.dtype) / 7, x.dtype)  # noqa: E731
     state = jax.tree.map(noise, state)
-    info = {"stage": "fine", "limit": [3, 4]}
-    notes = {"errors.mean": np.float32([[0.5, np.nan]])}
-    save_checkpoint(tmp_path / "checkpoint.npz", state, info=info, notes=notes)
-    found, noted, arrays = load_checkpoint(tmp_path / "checkpoint.npz")
-    assert noted == info and arrays.keys() == notes.keys()
-    np.testing.assert_array_equal(arrays["errors.mean"], notes["errors.mean"])
-    assert jax.tree.structure(found) == jax.tree.structure(state)
-    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(state), strict=True):
+    drawn = np.int32([[0, 1], [0, 0]]), np.float32([0.1, 0.2])
+    progress = RunProgress(
+        stage="fine",
+        segment=2,
+        segments=3,
+        initial=(2, 1),
+        limit=(3, 4),
+        most=7,
+        bodies=KnownBodies(np.float32([[1, 2, 3]]), np.float32([0.5])),
+        sizes=SavedSizes("fine", 2, (8, 16, 4)),
+        tile_errors=TileErrorState(np.float32([[0.5, np.nan]]), *drawn),
+        metrics_bytes=99,
+    )
+    saved = state, progress
+    save_checkpoint(tmp_path / "checkpoint.npz", *saved)
+    found = load_checkpoint(tmp_path / "checkpoint.npz")
+    assert jax.tree.structure(found) == jax.tree.structure(saved)
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(saved), strict=True):
         assert a.dtype == b.dtype
         np.testing.assert_array_equal(a, b)
+
+
+def test_statistics_of_a_checkpoint_with_the_earlier_names_are_read(parameters, tmp_path):
+    path = tmp_path / "checkpoint.npz"
+    state = begin_state(parameters)
+    rows = len(state.static_statistic.seen)
+    seen = jnp.arange(rows, dtype=state.static_statistic.seen.dtype)
+    state = eqx.tree_at(lambda s: s.static_statistic.seen, state, seen)
+    save_checkpoint(path, state, RunProgress())
+    header, array = read_arrays(path, "gaussray-checkpoint", 2)
+    write_arrays(path, header, {k.replace("_statistic.", "_pull."): x for k, x in array.items()})
+    found, _ = load_checkpoint(path)
+    np.testing.assert_array_equal(found.static_statistic.seen, seen)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("stage", "middle"), ("segment", 0), ("limit", [1]), ("given", [-1, 2]), ("most", "9")],
+)
+def test_a_checkpoint_with_a_wrong_progress_is_refused(parameters, tmp_path, key, value):
+    path = tmp_path / "checkpoint.npz"
+    save_checkpoint(path, begin_state(parameters), RunProgress())
+    header, array = read_arrays(path, "gaussray-checkpoint", 2)
+    header["info"][key] = value
+    write_arrays(path, header, array)
+    with pytest.raises(ValueError, match="the file is damaged. Start again without resume=true"):
+        load_checkpoint(path)
 
 
 @pytest.mark.parametrize("name", ["step", "adam.mu.static.mean", "parameters.moving.quat"])
 def test_a_checkpoint_without_an_array_is_refused(parameters, tmp_path, name):
     path = tmp_path / "checkpoint.npz"
-    save_checkpoint(path, begin_state(parameters), info={}, notes={})
+    save_checkpoint(path, begin_state(parameters), RunProgress())
     header, array = read_arrays(path, "gaussray-checkpoint", 2)
     del array[name]
     write_arrays(path, header, array)

@@ -1,0 +1,142 @@
+"""The training loop of a stage: blocks of steps; between them density control, log, checkpoint.
+
+A new kind of density control is added in `optimize.density`.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from gaussray.camera.array import rays_per_pixel
+from gaussray.reconstruct.data.batches import Batch
+from gaussray.reconstruct.log import decibel
+from gaussray.reconstruct.optimize.density import density_control, density_due
+from gaussray.reconstruct.optimize.rows import occupied
+from gaussray.reconstruct.optimize.state import State
+from gaussray.reconstruct.run_progress import RunProgress, SavedSizes
+from gaussray.reconstruct.session import Session
+from gaussray.reconstruct.step import BlockSizes, StepOptions, measure_sizes, train_block
+from gaussray.runtime.devices import agreed, everywhere
+from gaussray.tracer.traverse import Capacity
+
+
+def run_stage(
+    session: Session, stage: str, state: State, progress: RunProgress
+) -> tuple[State, RunProgress]:
+    """All steps that are left of a stage (coarse or fine), in blocks of fit.block."""
+    fit, log, loader = session.options.fit, session.log, session.loader
+    steps = fit.coarse if stage == "coarse" else fit.fine
+    progress = replace(progress, stage=stage)
+    bar, count = session.progress_bar(stage, steps), _gaussian_count(state)
+    sizes: BlockSizes | None = None
+    views, cameras = everywhere((session.footage.camera, session.cameras), session.mesh)
+    state = agreed(state)
+    for done, batches in loader.blocks(stage, int(state.step), steps, fit.block):
+        if sizes is None:
+            sizes = _saved_sizes(session, state, progress) or first_sizes(session, state, batches)
+        # Steps that leave the state anywhere else would compile twice.
+        state, drawn = everywhere((state, batches), session.mesh)
+        options = step_options(session, stage)
+        while True:
+            after, terms, error, needed, dropped = train_block(
+                state, views, drawn, cameras, options=options, steps=steps, sizes=sizes
+            )
+            if not int(dropped):
+                break
+            # Nothing is lost: the block is discarded and run again with enough room.
+            sizes = sizes.enlarged(needed)
+        log.demand_finite(terms, state, after, progress)
+        loader.tell(batches, np.asarray(error))
+        progress = replace(progress, sizes=_to_save(stage, sizes), tile_errors=loader.tile_errors())
+        state = _with_density_control(session, after, progress, before=done, steps=steps)
+        count = count if state is after else _gaussian_count(state)
+        done += len(batches.time)
+        log.record(progress, done, terms, count)
+        bar.report(done, f"{decibel(terms['mse']):.2f} dB")
+        log.save_in_time(state, progress)
+    return agreed(state), progress
+
+
+def step_options(session: Session, stage: str) -> StepOptions:
+    """The options of the steps of a stage.
+
+    In the coarse stage of a scene that moves, only exposures of cameras are refined: the scene is
+    not formed yet and would form around the cameras' errors. After the first segment the cameras
+    are known.
+    """
+    options, refine = session.options, session.options.fit.refine
+    if session.later:
+        refine = ()
+    elif stage == "coarse" and len(session.times) > 1:
+        refine = tuple(kind for kind in refine if kind == "exposure")
+    return StepOptions(
+        options.loss,
+        options.optimizer,
+        options.trace,
+        samples=options.fit.samples or rays_per_pixel(session.footage.camera),
+        footprint=options.fit.footprint,
+        refine=refine,
+        formed=session.later,
+    )
+
+
+def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
+    """The sizes to compile the steps of a stage for, with room for what density control adds.
+
+    Gaussians that replace each other are smaller, so lists grow more slowly than their number.
+    """
+    mesh, keys, density = session.mesh, session.key_states(state), session.options.density
+    capacity = measure_sizes(
+        state,
+        session.footage.camera,
+        batches,
+        session.cameras,
+        options=step_options(session, "fine"),
+        mesh=mesh,
+        keys=keys,
+        growth=density.growth**0.5 if density.interval else 1.0,
+    ).capacity
+    *cells, pairs, slots = agreed(np.array([*capacity.cells, capacity.pairs, capacity.slots]))
+    return BlockSizes(Capacity(tuple(map(int, cells)), int(pairs), int(slots)), mesh, keys)
+
+
+def _saved_sizes(session: Session, state: State, progress: RunProgress) -> BlockSizes | None:
+    """The sizes that an interrupted run was compiled for, so that it goes on with the same
+    programs; None where none are saved for this stage and as many devices."""
+    saved = progress.sizes
+    if saved is None or not int(state.step):
+        return None
+    if (saved.stage, saved.devices) != (progress.stage, session.mesh.size):
+        return None
+    if len(saved.sizes) != session.options.trace.levels + 3:
+        return None
+    *cells, pairs, slots = saved.sizes
+    capacity = Capacity(tuple(cells), pairs, slots)
+    return BlockSizes(capacity, session.mesh, session.key_states(state))
+
+
+def _to_save(stage: str, sizes: BlockSizes) -> SavedSizes:
+    capacity = sizes.capacity
+    return SavedSizes(stage, sizes.mesh.size, (*capacity.cells, capacity.pairs, capacity.slots))
+
+
+def _with_density_control(
+    session: Session, state: State, progress: RunProgress, *, before: int, steps: int
+) -> State:
+    """The state after density control, or the same state where it is not due."""
+    options, done = session.options.density, int(state.step)
+    if not density_due(options, before, done, steps):
+        return state
+    return density_control(options)(
+        agreed(state),
+        options=options,
+        extent=session.extent,
+        limit=progress.limit,
+        seed=session.options.fit.seed + 2 * done + (progress.stage == "fine"),
+    )
+
+
+def _gaussian_count(state: State) -> int:
+    """How many Gaussians a state has."""
+    parts = state.parameters.static, state.parameters.moving
+    return sum(int(occupied(part).sum()) for part in parts)

@@ -1,0 +1,129 @@
+"""How far a reconstruction has come, apart from the optimiser's state; saved in checkpoint.npz.
+
+The header of a checkpoint holds it as a block of JSON, whose keys are those of earlier versions.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import equinox as eqx
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.reconstruct.data.sampler import TileErrorState
+
+
+# Of one segment: its coarse stage, the hand-over from the segment before, its fine stage.
+STAGES = ("coarse", "begin", "fine")
+
+
+class KnownBodies(eqx.Module):
+    """The rigid bodies of the segment before, where they are at its last instant."""
+
+    pivot: Float[np.ndarray, "bodies 3"]
+    radius: Float[np.ndarray, " bodies"]
+
+
+class SavedSizes(eqx.Module):
+    """The static sizes that the steps of a `stage` were compiled for, on so many `devices`."""
+
+    stage: str = eqx.field(static=True)
+    devices: int = eqx.field(static=True)
+    sizes: tuple[int, ...] = eqx.field(static=True)
+
+
+class RunProgress(eqx.Module):
+    """How far a reconstruction has come, apart from the optimiser's state.
+
+    stage: the current stage, one of STAGES.
+    segment, segments: the current segment, from 1, and how many the capture is cut into.
+    initial: how many static and how many moving Gaussians stood on known points at the start of the
+        segment. They are the first rows; they stay even if no ray ever meets them.
+    limit: the largest numbers of static and of moving Gaussians that density control may reach.
+    most: the largest number of Gaussians of both kinds together, in every segment.
+    bodies: the rigid bodies of the segment before; None in the first segment.
+    sizes: what the last block of steps was compiled for; None before the first block.
+    tile_errors: the errors that the sampler has seen; None if fit.error is 0.
+    metrics_bytes: the length of metrics.jsonl when the checkpoint was written.
+    """
+
+    stage: str = eqx.field(static=True, default="coarse")
+    segment: int = eqx.field(static=True, default=1)
+    segments: int = eqx.field(static=True, default=1)
+    initial: tuple[int, int] = eqx.field(static=True, default=(0, 0))
+    limit: tuple[int, int] = eqx.field(static=True, default=(0, 0))
+    most: int = eqx.field(static=True, default=0)
+    bodies: KnownBodies | None = None
+    sizes: SavedSizes | None = None
+    tile_errors: TileErrorState | None = None
+    metrics_bytes: int | None = eqx.field(static=True, default=None)
+
+
+def progress_to_json(progress: RunProgress) -> dict[str, Any]:
+    """All but `tile_errors`, which are arrays of the file, as JSON."""
+    p = progress
+    block: dict[str, Any] = {"stage": p.stage, "most": p.most}
+    block |= {"limit": list(p.limit), "given": list(p.initial)}
+    if p.segments > 1:
+        block |= {"segment": p.segment, "segments": p.segments}
+    if p.bodies is not None:
+        block["bodies"] = {"pivot": p.bodies.pivot.tolist(), "radius": p.bodies.radius.tolist()}
+    if p.sizes is not None:
+        sizes = list(p.sizes.sizes)
+        block["room"] = {"stage": p.sizes.stage, "devices": p.sizes.devices, "sizes": sizes}
+    if p.metrics_bytes is not None:
+        block["metrics"] = p.metrics_bytes
+    return block
+
+
+def progress_from_json(block: dict[str, Any], tile_errors: TileErrorState | None) -> RunProgress:
+    """The progress that `progress_to_json` wrote. ValueError if it cannot be."""
+    stage, segment, segments = (block.get(k, 1) for k in ("stage", "segment", "segments"))
+    if stage not in STAGES or not _are_counts([segment, segments], 1) or segment > segments:
+        raise ValueError("does not say where the fit stopped")
+    counts = {key: block.get(key, []) for key in ("limit", "given")}
+    for key, value in counts.items():
+        if not isinstance(value, list) or len(value) != 2 or not _are_counts(value, 0):
+            raise ValueError(f"'{key}' must hold two numbers of Gaussians")
+    if not _are_counts([block.get("most")], 0):
+        raise ValueError("'most' must be a number of Gaussians")
+    metrics = block.get("metrics")
+    return RunProgress(
+        stage=stage,
+        segment=segment,
+        segments=segments,
+        initial=tuple(counts["given"]),
+        limit=tuple(counts["limit"]),
+        most=block["most"],
+        bodies=_bodies(block.get("bodies")),
+        sizes=_sizes(block.get("room")),
+        tile_errors=tile_errors,
+        metrics_bytes=metrics if type(metrics) is int else None,
+    )
+
+
+def _bodies(block: Any) -> KnownBodies | None:
+    if not block:
+        return None
+    try:
+        pivot, radius = (np.array(block[name], np.float32) for name in ("pivot", "radius"))
+        pivot = pivot.reshape(-1, 3)
+    except (KeyError, TypeError, ValueError) as error:
+        raise ValueError("'bodies' must hold pivots and radii") from error
+    if radius.shape != pivot.shape[:1]:
+        raise ValueError("'bodies' must hold as many radii as pivots")
+    return KnownBodies(pivot, radius)
+
+
+def _sizes(block: Any) -> SavedSizes | None:
+    """None where they are not usable: sizes can be measured again."""
+    if not isinstance(block, dict):
+        return None
+    stage, devices, sizes = block.get("stage"), block.get("devices", 0), block.get("sizes")
+    if not isinstance(sizes, list) or not _are_counts([devices, *sizes], 1) or stage not in STAGES:
+        return None
+    return SavedSizes(stage, devices, tuple(sizes))
+
+
+def _are_counts(values: Sequence[Any], least: int) -> bool:
+    return all(type(value) is int and value >= least for value in values)
