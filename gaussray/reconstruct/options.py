@@ -18,8 +18,8 @@ class FitOptions(eqx.Module):
     `coarse` steps on the first instant, without deformation; `fine` steps on all. A step sees
     `tiles` tiles of `tile_side` x `tile_side` pixels (whole ray bundles), a share `error` of them
     in proportion to the errors last seen there, and of the others a share `balance` where things
-    move. Gaussians whose pixels change more than a share `moving` of the time get a deformation. A block of `block` steps runs without
-    the host; `checkpoint` is the interval in seconds between saved states. Pictures of more than
+    move. Gaussians whose pixels change more than a share `moving` of the time get a deformation. A
+    block of `block` steps runs without the host; `checkpoint` is the interval in seconds between saved states. Pictures of more than
     `memory` gigabytes are kept in a file. A capture of more than `segment` instants is cut into
     segments of at most so many (0: into none), of which each takes `fine` steps and loads its own
     pictures; neighbours share an instant, at which the later one starts from what the other found.
