@@ -15,10 +15,16 @@ from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.circle_of_confusion import circle_of_confusion
 from gaussray.camera.film import Film
-from gaussray.camera.lens import DoubleSphere, Fisheye, KannalaBrandt, UnifiedSphere, pinhole
+from gaussray.camera.lens import (
+    PROJECTIONS,
+    DoubleSphere,
+    Fisheye,
+    KannalaBrandt,
+    UnifiedSphere,
+    pinhole,
+)
 from gaussray.camera.shutter import row_moments
 from gaussray.render.rig.exposure import ShutterOptions, shutter_of
-from gaussray.render.rig.lens import PROJECTIONS
 
 
 FIGURES = pathlib.Path(__file__).parents[1] / "docs" / "figures"

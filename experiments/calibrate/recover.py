@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.calibrate import CalibrateOptions, calibrate
-from gaussray.calibrate.parameters import applied, readings, units, unknowns
+from gaussray.calibrate.parameters import corrected_camera, readings, units, unknowns
 from gaussray.calibrate.results import calibration_table
 from gaussray.capture.formats.paired import read_capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
@@ -65,7 +65,7 @@ def recorded(folder, effect, views):
     kinds, first = FOUND[effect], views[0].camera
     told, unit = unknowns(kinds, first.lens), units(first)
     value = jnp.asarray([WRONG.get(one.name, 0.0) for one in told], first.time.dtype)
-    spoilt = jax.jit(lambda camera: applied(value, camera, unit, told)[0])
+    spoilt = jax.jit(lambda camera: corrected_camera(value, camera, unit, told)[0])
     records = [
         FrameRecord(str(view.image.resolve()), spoilt(view.camera), CAMERA, view.split, effect)
         for view in views

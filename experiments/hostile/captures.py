@@ -141,7 +141,7 @@ def _pack(folder: Path) -> object:
 
 
 def _read_rays(folder: Path) -> object:
-    from gaussray.capture.ray_map import read_ray_map
+    from gaussray.io.ray_map import read_ray_map
 
     return read_ray_map(next(folder.glob("rays.*")))
 

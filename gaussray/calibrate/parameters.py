@@ -1,4 +1,4 @@
-"""The numbers of a camera that a known scene tells: their names, and the camera that they make."""
+"""The unknowns of a calibration: their names and units, and the camera that their values make."""
 
 import dataclasses
 import math
@@ -10,33 +10,28 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.camera import distortion
 from gaussray.camera.array import CameraSet, camera_set
 from gaussray.camera.camera import Camera
-from gaussray.camera.corrections import Corrections, coefficients, corrected_lens, refined
-from gaussray.camera.lens import (
-    AbstractLens,
-    DoubleSphere,
-    FisheyePolynomial,
-    FocalLens,
-    FTheta,
-    Pinhole,
-    ThinPrismFisheye,
-    UnifiedSphere,
-    thin_prism,
-)
+from gaussray.camera.corrections import Corrections, correctable, refined
+from gaussray.camera.lens import AbstractLens
+from gaussray.camera.lens.correctable import CorrectableLens
 from gaussray.geometry import product, rotation_matrix
 
 
-# What calibrate.parameters can name; the first three are common to all cameras.
+# The choices of calibrate.parameters; the first three are common to all cameras.
 KINDS = ("focal", "lens", "shutter", "pose", "exposure", "offset")
 SHARED = ("focal", "lens", "shutter")
 _AXES = ("right", "down", "forward")
+_CHANNELS = ("red", "green", "blue")
+_KEY = "calibrate.parameters"
 
 
 class Unknown(eqx.Module):
-    """One number: the parameter it belongs to, its own name, the unit in which it is told, and
-    where it stands in its field of `Corrections`."""
+    """One number of a camera that is estimated.
+
+    `kind` is the choice of `calibrate.parameters` that it belongs to, `name` its own name, `unit`
+    the unit in which it is reported, and `place` its index in its field of `Corrections`.
+    """
 
     kind: str = eqx.field(static=True)
     name: str = eqx.field(static=True)
@@ -52,137 +47,149 @@ class Unknown(eqx.Module):
 def unknowns(
     kinds: Sequence[str], lens: AbstractLens, named: Sequence[str] = (), unit: str = "time"
 ) -> tuple[Unknown, ...]:
-    """The unknowns of a camera with this lens (`prepared`); times are told in the capture's `unit`.
+    """The unknowns of a camera.
 
-    Of the lens: its principal point and its coefficients, those `named` or else all that are not
-    zero. A polynomial's linear coefficient is its focal length, and goes with that.
+    Args:
+        kinds: Choices of `calibrate.parameters`.
+        lens: The camera's lens, from `prepared`. Its unknowns are the principal point and the
+            coefficients; a polynomial's linear coefficient is its focal length and counts as that.
+        named: The coefficients to estimate; empty means all that are not zero.
+        unit: Name of the capture's unit of time.
+
+    Raises:
+        ValueError: If the lens has no focal length of its own and `kinds` asks for its parameters.
     """
-    found = []
+    chosen = []
     if "focal" in kinds:
-        length = "mm" if isinstance(lens, FisheyePolynomial) else "px"
-        found.append(Unknown("focal", "focal", length, 0))
+        chosen.append(Unknown("focal", "focal", correctable(lens, _KEY).focal_unit, 0))
     if "lens" in kinds:
-        length = "sensor" if isinstance(lens, FisheyePolynomial) else "px"
-        found += [Unknown("lens", f"center.{a}", length, i) for i, a in enumerate("xy", 1)]
-        bent = np.asarray(coefficients(lens, "calibrate.parameters"))
-        linear = 1 if isinstance(lens, FisheyePolynomial | FTheta) else -1
-        for i, name in enumerate(_names(lens)):
-            if (name in named if named else bent[i] != 0) and i != linear:
-                found.append(Unknown("lens", name, "1", 3 + i))
+        chosen += _lens_unknowns(correctable(lens, _KEY), named)
     if "shutter" in kinds:
-        found.append(Unknown("shutter", "readout", unit, 0))
+        chosen.append(Unknown("shutter", "readout", unit, 0))
     if "pose" in kinds:
-        found += [Unknown("pose", f"turn.{a}", "degrees", i) for i, a in enumerate(_AXES)]
-        found += [Unknown("pose", f"shift.{a}", "scene", i) for i, a in enumerate(_AXES, 3)]
+        chosen += [Unknown("pose", f"turn.{a}", "degrees", i) for i, a in enumerate(_AXES)]
+        chosen += [Unknown("pose", f"shift.{a}", "scene", i) for i, a in enumerate(_AXES, 3)]
     if "exposure" in kinds:
-        channels = enumerate(("red", "green", "blue"))
-        found += [Unknown("exposure", f"gain.{name}", "1", i) for i, name in channels]
+        chosen += [Unknown("exposure", f"gain.{c}", "1", i) for i, c in enumerate(_CHANNELS)]
     if "offset" in kinds:
-        found.append(Unknown("offset", "offset", unit, 0))
-    return tuple(found)
+        chosen.append(Unknown("offset", "offset", unit, 0))
+    return tuple(chosen)
+
+
+def _lens_unknowns(lens: CorrectableLens, named: Sequence[str]) -> list[Unknown]:
+    """Principal point and coefficients."""
+    center = [Unknown("lens", f"center.{a}", lens.center_unit, i) for i, a in enumerate("xy", 1)]
+    values = np.asarray(lens.coefficient_values)
+    return center + [
+        Unknown("lens", name, "1", 3 + i)
+        for i, name in enumerate(lens.coefficient_names)
+        if (name in named if named else values[i] != 0) and i != lens.linear_coefficient
+    ]
 
 
 def prepared(lens: AbstractLens, named: Sequence[str]) -> AbstractLens:
-    """The lens with room for the coefficients `named`, ValueError if it has no such ones."""
-    known = distortion.NAMES if isinstance(lens, Pinhole) else _names(lens)
+    """The lens with room for the coefficients `named`.
+
+    Raises:
+        ValueError: If the lens has no coefficient of such a name.
+    """
+    known = lens.possible_names if isinstance(lens, CorrectableLens) else ()
     wrong = [name for name in named if name not in known]
     if wrong:
         raise ValueError(
             f"calibrate.coefficients must be among {', '.join(known) or 'none'}, those of a lens "
             f"of type {type(lens).__name__}, got {wrong[0]!r}."
         )
-    if not named or not isinstance(lens, Pinhole):
-        return lens
-    least = 1 + max(known.index(name) for name in named)
-    held = lens.distortion.shape[-1]
-    count = next(n for n in distortion.COUNTS if n >= max(least, held))
-    return Pinhole(lens.focal, lens.center, jnp.pad(lens.distortion, (0, count - held)))
+    return lens.with_room(named) if isinstance(lens, CorrectableLens) else lens
 
 
 def units(camera: Camera) -> CameraSet:
-    """Units of one for lengths and times: a camera by itself has neither extent nor interval."""
+    """A set of one camera in which lengths and times have the unit 1: a single camera has neither
+    an extent nor an interval between frames."""
     return camera_set(np.zeros(1, int), jax.tree.map(lambda x: x[None], camera), extent=1.0)
 
 
-def applied(
-    value: Float[Array, " unknowns"], camera: Camera, unit: CameraSet, told: tuple[Unknown, ...]
+def corrected_camera(
+    value: Float[Array, " unknowns"],
+    camera: Camera,
+    unit: CameraSet,
+    parameters: tuple[Unknown, ...],
 ) -> tuple[Camera, Float[Array, "3"]]:
-    """A camera with these values of its unknowns, and the gains of its linear light; zeros are the
-    camera as recorded.
+    """The camera with these values of its unknowns, and the gains of its linear light.
 
-    As in `Corrections`, in these `units`: logarithms of factors, radians, focal lengths; a pose is
-    turned and moved along the camera's own axes, about its place.
+    Args:
+        value: Logarithms of factors, radians, focal lengths, as in `Corrections`; all zero is the
+            camera as recorded. A pose is turned and shifted along the camera's own axes, about its
+            position.
+        camera: The camera as recorded.
+        unit: `units` of the camera.
+        parameters: Meaning of each element of `value`.
     """
-    size = {"pose": 6, "exposure": 3, "shutter": 1, "offset": 1}
-    if any(one.field == "lens" for one in told):
-        size["lens"] = 3 + coefficients(camera.lens, "calibrate.parameters").shape[-1]
-    rows = {name: _row(value, told, name, count) for name, count in size.items()}
-    own = {name: row for name, row in rows.items() if row is not None}
-    if "pose" in own:
+    rows = _rows(value, camera.lens, parameters)
+    pose = rows.get("pose")
+    if pose is not None:
         turn = rotation_matrix(camera.trajectory.quat[camera.trajectory.quat.shape[0] // 2])
-        axes = own["pose"].reshape(2, 3)
-        own["pose"] = product("ij,kj->ki", turn, axes).reshape(6)
-    lens = corrected_lens(camera.lens, own.pop("lens")) if "lens" in own else camera.lens
-    gain = jnp.exp(own.pop("exposure", jnp.zeros(3, value.dtype)))
-    corrections = Corrections(**{k: row if k == "pose" else row[0] for k, row in own.items()})
+        pose = product("ij,kj->ki", turn, pose.reshape(2, 3)).reshape(6)
+    corrections = Corrections(
+        pose=pose,
+        shutter=rows["shutter"][0] if "shutter" in rows else None,
+        offset=rows["offset"][0] if "offset" in rows else None,
+    )
+    lens = camera.lens
+    if "lens" in rows:
+        row = rows["lens"]
+        lens = correctable(lens, _KEY).corrected(jnp.exp(row[0]), row[1:3], row[3:])
+    gain = jnp.exp(rows.get("exposure", jnp.zeros(3, value.dtype)))
     return dataclasses.replace(refined(camera, corrections, unit), lens=lens), gain
 
 
-def _row(value, told, field, size):
-    places = [(one.place, i) for i, one in enumerate(told) if one.field == field]
-    if not places:
-        return None
-    place, own = np.array(places).T
-    return jnp.zeros(size, value.dtype).at[place].set(value[own])
+def _rows(
+    value: Float[Array, " unknowns"], lens: AbstractLens, parameters: tuple[Unknown, ...]
+) -> dict[str, Float[Array, " numbers"]]:
+    """The rows of `Corrections` that hold the unknowns, by field; other numbers are zero."""
+    size = {"pose": 6, "exposure": 3, "shutter": 1, "offset": 1}
+    if any(one.field == "lens" for one in parameters):
+        size["lens"] = 3 + correctable(lens, _KEY).coefficient_values.shape[-1]
+    rows = {}
+    for field, count in size.items():
+        index = [i for i, one in enumerate(parameters) if one.field == field]
+        if index:
+            place = np.array([parameters[i].place for i in index])
+            rows[field] = jnp.zeros(count, value.dtype).at[place].set(value[np.array(index)])
+    return rows
 
 
 def readings(
-    value: Float[Array, " unknowns"], camera: Camera, unit: CameraSet, told: tuple[Unknown, ...]
+    value: Float[Array, " unknowns"],
+    camera: Camera,
+    unit: CameraSet,
+    parameters: tuple[Unknown, ...],
 ) -> Float[Array, " unknowns"]:
-    """What is told of each unknown, in its unit: focal length, principal point and coefficients of
-    the lens as a capture's JSON has them, the time from the first row to the last, gains of linear
-    light; turn, shift and offset from what was recorded."""
-    seen, gain = applied(value, camera, unit, told)
-    lens, film = seen.lens, camera.film
-    sideways = seen.shutter.direction in ("left_to_right", "right_to_left")
+    """The reported value of each unknown, in its unit.
+
+    Focal length, principal point and coefficients are those of a capture's JSON, `readout` is the
+    time from the first row to the last, gains are those of linear light. Turn, shift and offset are
+    differences from what was recorded. The arguments are those of `corrected_camera`.
+    """
+    corrected, gain = corrected_camera(value, camera, unit, parameters)
+    film, shutter = camera.film, corrected.shutter
+    sideways = shutter.direction in ("left_to_right", "right_to_left")
     rows = film.width if sideways else film.height
-    result = []
-    for one, own in zip(told, value, strict=True):
+
+    def reading(one: Unknown, raw: Float[Array, ""]) -> Float[Array, ""]:
         match one.kind:
-            case "focal" if isinstance(lens, FisheyePolynomial):
-                result.append(1 / jnp.abs(lens.coefficients[1]))
-            case "focal" if isinstance(lens, FocalLens):
-                result.append(lens.focal[0])
-            case "lens" if one.place < 3 and isinstance(lens, FisheyePolynomial):
-                result.append(lens.shift[one.place - 1])
-            case "lens" if one.place < 3 and isinstance(lens, FocalLens):
-                result.append(lens.center[one.place - 1])
+            case "focal":
+                return correctable(corrected.lens, _KEY).focal_length
+            case "lens" if one.place < 3:
+                return correctable(corrected.lens, _KEY).principal_point[one.place - 1]
             case "lens":
-                result.append(coefficients(lens, "calibrate.parameters")[one.place - 3])
+                return correctable(corrected.lens, _KEY).coefficient_values[one.place - 3]
             case "shutter":
-                result.append(seen.shutter.row_step * (rows - 1))
+                return shutter.row_step * (rows - 1)
             case "exposure":
-                result.append(gain[one.place])
+                return gain[one.place]
             case _:
-                result.append(own * (math.degrees(1) if one.unit == "degrees" else 1))
-    return jnp.stack(result)
+                return raw * (math.degrees(1) if one.unit == "degrees" else 1)
 
-
-def _names(lens: AbstractLens) -> tuple[str, ...]:
-    """What the coefficients of a lens are called, in their order."""
-    count = coefficients(lens, "calibrate.parameters").shape[-1]
-    match lens:
-        case Pinhole():
-            return distortion.NAMES[:count]
-        case ThinPrismFisheye():
-            return thin_prism.NAMES
-        case UnifiedSphere():
-            return ("alpha", "beta")
-        case DoubleSphere():
-            return ("xi", "alpha")
-        case FisheyePolynomial() | FTheta():
-            return tuple(f"k{i}" for i in range(count))
-        case FocalLens():
-            return tuple(f"k{i}" for i in range(1, count + 1))
-        case _:
-            return ()
+    pairs = zip(parameters, value, strict=True)
+    return jnp.stack([reading(one, raw) for one, raw in pairs])

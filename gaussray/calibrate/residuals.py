@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from gaussray.calibrate.parameters import Unknown, applied
+from gaussray.calibrate.parameters import Unknown, corrected_camera
 from gaussray.calibrate.pixel_blocks import PixelBlocks
 from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera, camera_rays
@@ -41,7 +41,7 @@ class CameraEstimate(eqx.Module):
 
     def at(self, value: Float[Array, " unknowns"]) -> tuple[Camera, Float[Array, "3"]]:
         """The camera with these values of its unknowns, and its exposure gains."""
-        return applied(value, self.camera, self.unit, self.unknowns)
+        return corrected_camera(value, self.camera, self.unit, self.unknowns)
 
 
 class TraceSettings(eqx.Module):

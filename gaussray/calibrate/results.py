@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.calibrate.least_squares import confounded, covariance
-from gaussray.calibrate.parameters import SHARED, Unknown, applied, readings
+from gaussray.calibrate.parameters import SHARED, Unknown, corrected_camera, readings
 from gaussray.calibrate.solver import CameraSolver, Solution, Sums
 from gaussray.capture.formats.paired import View
 from gaussray.color import psnr_from_mse
@@ -123,7 +123,7 @@ def calibrated_records(
         place = solver.places[cameras.index(view.camera_name)]
         value = jnp.asarray(solution.value[place], camera.time.dtype)
         try:
-            camera, _ = applied(value, camera, solver.unit, solver.unknowns)
+            camera, _ = corrected_camera(value, camera, solver.unit, solver.unknowns)
         except ValueError as error:
             raise ValueError(
                 f"the estimated coefficients make no valid lens: {error} Nothing is written. Start "

@@ -11,16 +11,8 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera
-from gaussray.camera.lens import (
-    AbstractLens,
-    Equirectangular,
-    FisheyePolynomial,
-    FocalLens,
-    FTheta,
-    Pinhole,
-    RadialLens,
-    RayTable,
-)
+from gaussray.camera.lens import AbstractLens
+from gaussray.camera.lens.correctable import CorrectableLens
 from gaussray.camera.shutter import Shutter
 from gaussray.geometry import multiply, product, turning
 
@@ -60,7 +52,9 @@ def no_corrections(refine: Sequence[str], count: int, camera: Camera) -> Correct
             "fit.refine=[shutter] scales the recorded readout, but every shutter.row_step of the "
             "capture is 0. Write an estimate into transforms.json, or leave shutter out."
         )
-    lens = 3 + coefficients(camera.lens).shape[-1] if "lens" in refine else 0
+    lens = 0
+    if "lens" in refine:
+        lens = 3 + correctable(camera.lens).coefficient_values.shape[-1]
     shape = {
         "pose": (count, 6),
         "lens": (count, lens),
@@ -76,24 +70,18 @@ def refined_kinds(corrections: Corrections | None) -> tuple[str, ...]:
     return tuple(kind for kind in REFINABLE if getattr(corrections, kind, None) is not None)
 
 
-def coefficients(
-    lens: AbstractLens, key: str = "fit.refine"
-) -> Float[Array, "*cameras coefficients"]:
-    """The coefficients that bend a lens's rays; an ideal pinhole has none. `key` is who asks."""
-    match lens:
-        case Pinhole():
-            return lens.distortion if lens.distorted else lens.distortion[..., :0]
-        case Equirectangular() | RayTable():
-            raise ValueError(
-                f"{key}=[lens] must be for lenses with a focal length of their own, got "
-                f"{type(lens).__name__}, whose rays are given with its pictures. Leave lens out."
-            )
-        case FisheyePolynomial():
-            return lens.coefficients
-        case FocalLens():
-            return getattr(lens, "coefficients", lens.center[..., :0])
-        case _:
-            raise TypeError(f"{key} has no words for a lens of type {type(lens).__name__}.")
+def correctable(lens: AbstractLens, key: str = "fit.refine") -> CorrectableLens:
+    """The lens, if its parameters may be corrected; `key` names the option that asks for it.
+
+    Raises:
+        ValueError: If the lens is no `CorrectableLens`.
+    """
+    if not isinstance(lens, CorrectableLens):
+        raise ValueError(
+            f"{key}=[lens] must be for lenses with a focal length of their own, got "
+            f"{type(lens).__name__}, whose rays are given with its pictures. Leave lens out."
+        )
+    return lens
 
 
 def settled(corrections: Corrections, cameras: CameraSet) -> Corrections:
@@ -130,9 +118,10 @@ def refined(camera: Camera, own: Corrections, cameras: CameraSet) -> Camera:
         place = trajectory.translation + cameras.extent * own.pose[None, 3:]
         trajectory = dataclasses.replace(trajectory, quat=quat, translation=place)
     if own.lens is not None:
-        bends = coefficients(lens) != 0
-        change = jnp.where(bends, own.lens[3:], 0)
-        lens = corrected_lens(lens, jnp.concatenate([own.lens[:3], change]))
+        # Coefficients that the capture leaves out stay zero.
+        lens = correctable(lens)
+        change = jnp.where(lens.coefficient_values != 0, own.lens[3:], 0)
+        lens = lens.corrected(jnp.exp(own.lens[0]), own.lens[1:3], change)
     if own.shutter is not None:
         factor = jnp.exp(own.shutter)
         readout = "row_offset", "row_step", "row_times"
@@ -143,37 +132,6 @@ def refined(camera: Camera, own: Corrections, cameras: CameraSet) -> Camera:
         late = shutter.row_offset + cameras.interval * own.offset
         shutter = dataclasses.replace(shutter, row_offset=late)
     return dataclasses.replace(camera, lens=lens, shutter=shutter, trajectory=trajectory)
-
-
-def corrected_lens(lens: AbstractLens, own: Float[Array, " parameters"]) -> AbstractLens:
-    """A lens with its row of `Corrections`, also where its coefficients are zero."""
-    scale, center, bent, change = jnp.exp(own[0]), own[1:3], coefficients(lens), own[3:]
-    match lens:
-        case FisheyePolynomial():
-            # Its focal length is 1/|k1|; at half the sensor's width all changes are angles.
-            power = jnp.arange(bent.shape[0])
-            slope = jnp.where(bent[1] != 0, jnp.abs(bent[1]), 1)
-            shift = center / (slope * lens.sensor) * jnp.array([-1, 1], bent.dtype)
-            return FisheyePolynomial(
-                (bent + change / (lens.sensor[0] / 2) ** power) / scale**power,
-                lens.sensor,
-                lens.resolution,
-                lens.shift + shift,
-                lens.fov,
-            )
-        case FocalLens():
-            paraxial = lens.focal * (lens.slope() if isinstance(lens, RadialLens) else 1)
-            new = {"focal": scale * lens.focal, "center": lens.center + paraxial * center}
-            if isinstance(lens, FTheta):
-                # At the rim all changes are angles, or focal lengths.
-                unit = 1 if lens.polynomial == "angle_of_radius" else jnp.abs(bent[1])
-                change = change * unit / lens.limit ** jnp.arange(bent.shape[0])
-            name = "distortion" if isinstance(lens, Pinhole) else "coefficients"
-            if bent.shape[0]:
-                new[name] = bent + change
-            return dataclasses.replace(lens, **new)
-        case _:
-            raise TypeError(f"fit.refine has no words for a lens of type {type(lens).__name__}.")
 
 
 def refined_views(

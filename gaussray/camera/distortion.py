@@ -8,7 +8,7 @@ from gaussray.camera.roots import keeps_orientation, plane_root
 
 
 # The coefficients in OpenCV's order: radial and tangential, the thin prism's, the sensor's tilt.
-NAMES = (
+COEFFICIENTS = (
     *("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
     *("s1", "s2", "s3", "s4"),
     *("tau_x", "tau_y"),

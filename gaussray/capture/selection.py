@@ -6,11 +6,9 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.camera.lens import AbstractLens, FisheyePolynomial, FocalLens
 from gaussray.camera.shutter import Shutter
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.paired import Capture, View
@@ -116,33 +114,12 @@ def _through(view: View, selection: Selection, made: dict[Any, Any]) -> View:
     key = id(camera.lens), id(camera.shutter), window
     if key not in made:
         lens, shutter = camera.lens, camera.shutter
-        made[key] = _lens_through(lens, window, size), _shutter_through(shutter, window, size)
+        resized = lens.resized(*window, (size[0], size[1]))
+        made[key] = resized, _shutter_through(shutter, window, size)
     lens, shutter = made[key]
     film = dataclasses.replace(camera.film, width=size[0], height=size[1])
     camera = dataclasses.replace(camera, film=film, lens=lens, shutter=shutter)
     return dataclasses.replace(view, camera=camera, window=window)
-
-
-def _lens_through(lens: AbstractLens, window: Window, size: tuple[int, ...]) -> AbstractLens:
-    corner, box = np.array(window.box[:2]), np.array(window.box[2:])
-    scale = np.array(size) / box
-    match lens:
-        case FocalLens():
-            focal = np.asarray(lens.focal, np.float64) * scale
-            center = (np.asarray(lens.center, np.float64) - corner) * scale
-            new = {"focal": focal, "center": center}
-        case FisheyePolynomial():
-            whole, sides = np.array(window.size), np.array([-1, 1])
-            axis = (0.5 + np.asarray(lens.shift, np.float64) * sides) * whole
-            new = {
-                "sensor": np.asarray(lens.sensor, np.float64) * box / whole,
-                "resolution": np.array(size),
-                "shift": ((axis - corner) / box - 0.5) * sides,
-            }
-        case _:
-            raise TypeError(f"a lens of type {type(lens).__name__} cannot be cut or scaled.")
-    dtype = jnp.result_type(*jax.tree.leaves(lens))
-    return dataclasses.replace(lens, **{key: jnp.asarray(x, dtype) for key, x in new.items()})
 
 
 def _shutter_through(shutter: Shutter, window: Window, size: tuple[int, ...]) -> Shutter:

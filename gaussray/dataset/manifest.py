@@ -14,10 +14,11 @@ import numpy as np
 from gaussray.camera.aperture import FocusPull
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
+from gaussray.camera.lens import AbstractLens
 from gaussray.camera.trajectory import pose_at
-from gaussray.dataset.lenses import lens_keys, plain, write_tables
 from gaussray.geometry import BLENDER_AXES, rotation_matrix
 from gaussray.io.atomic import whole
+from gaussray.io.json_numbers import json_numbers
 
 
 _OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split", "labels")
@@ -75,10 +76,18 @@ def write_manifest(
         ]
     except ValueError as error:
         raise ValueError(f"{path}: every number written must be finite, got {error}.") from error
-    write_tables(path.parent, [camera.lens for camera in cameras])
+    _write_tables(path.parent, [camera.lens for camera in cameras])
     text = "\n".join(["{", *lines, ' "frames": [', "  " + ",\n  ".join(listed), " ]", "}", ""])
     with whole(path) as partial:
         partial.write_text(text, encoding="utf-8")
+
+
+def _write_tables(folder: Path, lenses: Sequence[AbstractLens]) -> None:
+    """The arrays that the records of these lenses name, into the manifest's folder."""
+    tables = {name: rays for lens in lenses for name, rays in lens.record().tables.items()}
+    for name, rays in tables.items():
+        with whole(folder / name) as partial:
+            np.savez_compressed(partial, rays=rays)
 
 
 def _frame(view, camera):
@@ -87,9 +96,9 @@ def _frame(view, camera):
     film, pose = camera.film, _pose(camera.trajectory, camera.time)
     frame = {
         **{"file_path": view.file_path, "camera": view.camera_name, "split": view.split},
-        **{"time": plain(camera.time), "transform_matrix": _matrix(*pose)},
+        **{"time": json_numbers(camera.time), "transform_matrix": _matrix(*pose)},
         **{"w": film.width, "h": film.height},
-        **lens_keys(camera.lens),
+        **camera.lens.record().keys,
     }
     blocks = {
         "film": _film(film),
@@ -117,23 +126,23 @@ def _aperture(aperture):
     if float(aperture.radius) == 0:
         return None
     block = {
-        "radius": plain(aperture.radius),
+        "radius": json_numbers(aperture.radius),
         "focus_distance": _focus(aperture.focus_distance),
         "focus": aperture.focus,
         "blades": aperture.blades,
-        "rotation": plain(aperture.rotation),
-        "ratio": plain(aperture.ratio),
+        "rotation": json_numbers(aperture.rotation),
+        "ratio": json_numbers(aperture.ratio),
     }
     if aperture.rim is not None:
-        block["rim"] = {key: plain(x) for key, x in vars(aperture.rim).items()}
+        block["rim"] = {key: json_numbers(x) for key, x in vars(aperture.rim).items()}
     return block
 
 
 def _focus(distance):
     if not isinstance(distance, FocusPull):
-        return _far(plain(distance))
-    told = [_far(x) for x in plain(distance.distance)]
-    return {"time": plain(distance.time), "distance": told, "ease": distance.ease}
+        return _far(json_numbers(distance))
+    told = [_far(x) for x in json_numbers(distance.distance)]
+    return {"time": json_numbers(distance.time), "distance": told, "ease": distance.ease}
 
 
 def _far(distance):
@@ -141,9 +150,11 @@ def _far(distance):
 
 
 def _shutter(shutter):
-    values = {key: plain(getattr(shutter, key)) for key in ("row_offset", "row_step", "exposure")}
+    values = {
+        key: json_numbers(getattr(shutter, key)) for key in ("row_offset", "row_step", "exposure")
+    }
     more = {key: getattr(shutter, key) for key in ("row_times", "trigger")}
-    more = {key: plain(x) for key, x in more.items() if x is not None}
+    more = {key: json_numbers(x) for key, x in more.items() if x is not None}
     if not any(values.values()) and not more:
         return None
     return {**values, "direction": shutter.direction, **more}
@@ -155,7 +166,7 @@ def _trajectory(trajectory):
         return None
     poses = zip(_rotations(jnp.asarray(trajectory.quat)), trajectory.translation, strict=True)
     matrices = [_matrix(*pose) for pose in poses]
-    times = plain(trajectory.time)
+    times = json_numbers(trajectory.time)
     listed = [
         {"time": time, "transform_matrix": matrix}
         for time, matrix in zip(times, matrices, strict=True)
@@ -164,7 +175,7 @@ def _trajectory(trajectory):
         return listed
     block = {"poses": listed, "interpolation": trajectory.interpolation}
     if shake is not None:
-        block["shake"] = {key: plain(value) for key, value in vars(shake).items()}
+        block["shake"] = {key: json_numbers(value) for key, value in vars(shake).items()}
     return block
 
 
@@ -182,5 +193,5 @@ def _matrix(rotation, translation):
     """Camera-to-world 4x4 in OpenGL axes."""
     rotation = np.asarray(rotation)
     rotation = rotation * np.asarray(BLENDER_AXES, rotation.dtype)[None]
-    linear, place = plain(rotation), plain(translation)
+    linear, place = json_numbers(rotation), json_numbers(translation)
     return [[*row, x] for row, x in zip(linear, place, strict=True)] + [[0.0, 0.0, 0.0, 1.0]]

@@ -16,9 +16,9 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import Shutter, sample_time
-from gaussray.dataset.lenses import plain
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.io.atomic import sweep, whole
+from gaussray.io.json_numbers import json_numbers
 from gaussray.io.safe.files import opened, parse_json, read_json
 from gaussray.io.safe.limits import limits, within
 
@@ -147,7 +147,7 @@ def _row_times(camera: Camera) -> list[float]:
     one number alone if all are at once."""
     size = camera.film.width, camera.film.height
     times = np.asarray(_middles(camera.shutter, camera.time, size))
-    return plain(times[:1] if np.ptp(times) == 0 else times)
+    return json_numbers(times[:1] if np.ptp(times) == 0 else times)
 
 
 @functools.partial(jax.jit, static_argnames="size")

@@ -3,27 +3,18 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
+from gaussray.camera.lens.registry import models_by_name
 from gaussray.config.schema import choices
 from gaussray.config.yaml_files import group_values
 
 
 # The groups whose every key the page holds, in its order, and what it calls their choices.
 GROUPS = {"lens": "lens", "aperture": "opening", "shutter": "shutter", "sensor": "sensor"}
-# Choices that say nothing by themselves, or that need a file or numbers of one picture size.
-HIDDEN = {"lens": ("keep", "table", "f_theta"), "aperture": ("keep",), "shutter": ("keep",)}
+# Choices that leave the capture's camera as it is: the viewer has none.
+HIDDEN = ("keep",)
 # What shows a scene as it is.
 PLAIN = {"lens": "pinhole", "aperture": "pinhole", "shutter": "global", "sensor": "none"}
 SAMPLES = ("1", "4", "16", "64", "256")
-# Widest field of each model with the coefficients of its choice, in degrees; others see all round.
-WIDEST = {
-    "pinhole": 150.0,
-    "orthographic": 180.0,
-    "stereographic": 350.0,
-    "double_sphere": 245.0,
-    "unified_sphere": 260.0,
-    "enhanced_unified_sphere": 265.0,
-}
-
 Values = dict[str, Any]
 
 
@@ -97,7 +88,11 @@ def controls(distance: float, span: float) -> list[Control]:
 
 def offered(group: str) -> list[str]:
     """The choices of a group that the page offers."""
-    return [name for name in choices(group) if name not in HIDDEN.get(group, ())]
+    names = [name for name in choices(group) if name not in HIDDEN]
+    if group != "lens":
+        return names
+    # Other lenses need a file, or have coefficients for one size of picture.
+    return [name for name in names if models_by_name()[group_values(group, name)["model"]].any_size]
 
 
 def chosen(group: str, choice: str) -> Values:
@@ -135,13 +130,15 @@ def _kind(group: str, values: Mapping[str, Any]) -> Any:
 
 def settled(values: Mapping[str, Any]) -> Values:
     """The values with what follows from others: a lens that may see aside focuses on a sphere."""
-    wide = values["lens.model"] not in ("pinhole", "keep")
-    return {**values, "aperture.focus": "sphere" if wide else "plane"}
+    model = models_by_name().get(values["lens.model"])
+    flat = model is None or model.perspective
+    return {**values, "aperture.focus": "plane" if flat else "sphere"}
 
 
 def widest(values: Mapping[str, Any]) -> float:
     """The largest field of the chosen lens, in degrees."""
-    return WIDEST.get(values["lens.model"], 360.0)
+    model = models_by_name().get(values["lens.model"])
+    return 360.0 if model is None else model.widest
 
 
 def flat(told: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:

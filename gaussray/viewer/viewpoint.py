@@ -13,7 +13,7 @@ from jaxtyping import Float
 from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
-from gaussray.camera.lens import pinhole
+from gaussray.camera.lens import Pinhole, pinhole
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.capture.formats.paired import View
@@ -67,10 +67,9 @@ def path_of(stance: Stance) -> Trajectory:
 def field_of(camera: Camera) -> float:
     """Horizontal field of view in degrees of the pinhole that is nearest to a camera: its own, if
     it is one, or 65."""
-    focal = getattr(camera.lens, "focal", None)
-    if focal is None or type(camera.lens).__name__ != "Pinhole":
+    if not isinstance(camera.lens, Pinhole):
         return 65.0
-    field = math.degrees(2 * math.atan(camera.film.width / 2 / float(focal[0])))
+    field = math.degrees(2 * math.atan(camera.film.width / 2 / float(camera.lens.focal[0])))
     return float(f"{field:.6g}")  # as exact as single precision
 
 

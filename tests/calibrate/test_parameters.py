@@ -8,7 +8,14 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.calibrate.parameters import KINDS, applied, prepared, readings, units, unknowns
+from gaussray.calibrate.parameters import (
+    KINDS,
+    corrected_camera,
+    prepared,
+    readings,
+    units,
+    unknowns,
+)
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, pinhole
 from gaussray.geometry import multiply, rotation_matrix, turning
 
@@ -32,7 +39,7 @@ def changed(lens, **wrong):
     camera = dataclasses.replace(toy.rolling(toy.camera(0.3, 0.5)), lens=lens)
     told, unit = unknowns(KINDS, lens), units(camera)
     value = toy.single([wrong.get(one.name.replace(".", "_"), 0.0) for one in told])
-    after, gain = jax.jit(lambda v: applied(v, camera, unit, told))(value)
+    after, gain = jax.jit(lambda v: corrected_camera(v, camera, unit, told))(value)
     read = jax.jit(lambda v: readings(v, camera, unit, told))(value)
     return camera, after, dict(zip((one.name for one in told), np.asarray(read), strict=True)), gain
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.calibrate.parameters import applied, units, unknowns
+from gaussray.calibrate.parameters import corrected_camera, units, unknowns
 from gaussray.calibrate.pipeline import CalibrateOptions, calibrate
 from gaussray.calibrate.residuals import ResidualEvaluator
 from gaussray.calibrate.results import calibrated_records
@@ -64,7 +64,9 @@ def recorded(cameras, kinds):
     """The same cameras with errors of these kinds."""
     told, unit = unknowns(kinds, cameras[0].lens), units(cameras[0])
     value = toy.single([WRONG.get(one.name, 0.0) for one in told])
-    return [jax.jit(lambda c: applied(value, c, unit, told)[0])(camera) for camera in cameras]
+    return [
+        jax.jit(lambda c: corrected_camera(value, c, unit, told)[0])(camera) for camera in cameras
+    ]
 
 
 def pictures(cameras, gain=1.0, scene=SCENE):

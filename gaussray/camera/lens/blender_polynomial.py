@@ -1,17 +1,30 @@
 """Blender's fisheye, as a polynomial of the distance on the sensor."""
 
+from typing import Any, ClassVar
+
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, DTypeLike, Float
 
-from gaussray.camera.lens.abstract import AbstractLens
+from gaussray.camera.film import Film
+from gaussray.camera.lens.abstract import AbstractLens, LensRecord
+from gaussray.camera.lens.correctable import CorrectableLens
+from gaussray.camera.lens.model import (
+    LensKeys,
+    LensModel,
+    LensOptions,
+    coefficients_of,
+    half_angle,
+    picture_size,
+)
 from gaussray.camera.lens.radial import polar
 from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
+from gaussray.io.json_numbers import json_numbers
 
 
-class FisheyePolynomial(AbstractLens):
+class FisheyePolynomial(CorrectableLens):
     """Blender's FISHEYE_LENS_POLYNOMIAL: theta = -(k0 + k1 r + k2 r^2 + k3 r^3 + k4 r^4).
 
     r is the distance on the sensor in millimetres, theta the angle from the axis in radians;
@@ -26,6 +39,73 @@ class FisheyePolynomial(AbstractLens):
     resolution: Float[Array, "2"]
     shift: Float[Array, "2"]
     fov: Float[Array, ""]
+
+    focal_unit: ClassVar[str] = "mm"
+    center_unit: ClassVar[str] = "sensor"
+    linear_coefficient: ClassVar[int | None] = 1
+
+    @property
+    def check_is_complete(self) -> bool:
+        return True
+
+    @property
+    def sees_sideways(self) -> bool:
+        return float(self.fov) >= np.pi
+
+    @property
+    def coefficient_values(self) -> Float[Array, "*cameras 5"]:
+        return self.coefficients
+
+    @property
+    def coefficient_names(self) -> tuple[str, ...]:
+        return ("k0", "k1", "k2", "k3", "k4")
+
+    @property
+    def focal_length(self) -> Float[Array, ""]:
+        """That on the axis, 1/|k1|, in mm a radian."""
+        return 1 / jnp.abs(self.coefficients[1])
+
+    @property
+    def principal_point(self) -> Float[Array, "2"]:
+        return self.shift
+
+    def corrected(
+        self, scale: Float[Array, ""], shift: Float[Array, "2"], change: Float[Array, "5"]
+    ) -> "FisheyePolynomial":
+        # The focal length is 1/|k1|; at half the sensor's width all changes are angles.
+        k, power = self.coefficients, jnp.arange(5)
+        slope = jnp.where(k[1] != 0, jnp.abs(k[1]), 1)
+        moved = shift / (slope * self.sensor) * jnp.array([-1, 1], k.dtype)
+        return FisheyePolynomial(
+            (k + change / (self.sensor[0] / 2) ** power) / scale**power,
+            self.sensor,
+            self.resolution,
+            self.shift + moved,
+            self.fov,
+        )
+
+    def resized(
+        self, whole: tuple[int, int], box: tuple[int, int, int, int], size: tuple[int, int]
+    ) -> AbstractLens:
+        corner, part = np.array(box[:2]), np.array(box[2:])
+        sides = np.array([-1, 1])
+        axis = (0.5 + np.asarray(self.shift, np.float64) * sides) * np.array(whole)
+        return self._replaced(
+            sensor=np.asarray(self.sensor, np.float64) * part / np.array(whole),
+            resolution=np.array(size),
+            shift=((axis - corner) / part - 0.5) * sides,
+        )
+
+    def record(self) -> LensRecord:
+        sensor, shift = json_numbers(self.sensor), json_numbers(self.shift)
+        block: dict[str, Any] = {
+            "model": "blender_fisheye_polynomial",
+            "k": json_numbers(self.coefficients),
+            "sensor_width_mm": sensor[0],
+            "sensor_height_mm": sensor[1],
+            "fov": json_numbers(self.fov),
+        }
+        return LensRecord({"lens": {**block, "shift": shift} if any(shift) else block})
 
     def direction(self, pixel: Float[Array, "2"]) -> Float[Array, "3"]:
         xy = (pixel / self.resolution - self._axis()) * self.sensor
@@ -91,3 +171,42 @@ class FisheyePolynomial(AbstractLens):
     def _reach(self) -> Float[Array, ""]:
         """Largest r (mm) in the picture: its farthest corner, two pixels of filter included."""
         return safe_norm((0.5 + jnp.abs(self.shift) + 2 / self.resolution) * self.sensor)
+
+
+def _from_options(film: Film, options: LensOptions) -> FisheyePolynomial:
+    return FisheyePolynomial(
+        jnp.asarray(coefficients_of(options, 5)),
+        jnp.asarray(options.sensor, jnp.float32),
+        jnp.asarray(picture_size(film)),
+        jnp.zeros(2, jnp.float32),
+        jnp.asarray(2 * half_angle(options), jnp.float32),
+    )
+
+
+def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> FisheyePolynomial:
+    size = [keys.count("w"), keys.count("h")]
+    for key, middle in (("cx", size[0] / 2), ("cy", size[1] / 2)):
+        if not block.has("shift") and abs(keys.number(key, middle) - middle) > 1e-6:
+            keys.warn(
+                f"the key {key} is ignored by lens.model {block.text('model')}: its axis meets the "
+                "picture's centre. Write lens.shift to move it."
+            )
+    sensor = [block.number("sensor_width_mm"), block.number("sensor_height_mm")]
+    return FisheyePolynomial(
+        coefficients=jnp.array(block.vector("k", 5), dtype),
+        sensor=jnp.array(sensor, dtype),
+        resolution=jnp.array(size, dtype),
+        shift=jnp.array(block.vector("shift", 2, [0.0, 0.0]), dtype),
+        fov=jnp.array(block.number("fov"), dtype),
+    )
+
+
+MODELS = (
+    LensModel(
+        name="fisheye_polynomial",
+        from_options=_from_options,
+        block="blender_fisheye_polynomial",
+        from_keys=_from_keys,
+        block_keys=("k", "fov", "sensor_width_mm", "sensor_height_mm", "shift"),
+    ),
+)

@@ -6,9 +6,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaussray.camera.lens.abstract import AbstractLens
-from gaussray.camera.lens.equirectangular import Equirectangular
-from gaussray.camera.lens.perspective import Pinhole
-from gaussray.camera.lens.ray_table import RayTable
 
 
 def check_lens(lens: AbstractLens, width: int, height: int) -> None:
@@ -25,9 +22,9 @@ def check_lens(lens: AbstractLens, width: int, height: int) -> None:
     pixel = jnp.asarray(pixel, jnp.result_type(*jax.tree.leaves(lens)))
     lit, back = jax.jit(_round_trip)(lens, pixel)
     close = np.max(np.abs(back - pixel), axis=-1) < 0.1
-    wrong = np.where(lit, ~close, isinstance(lens, Pinhole))
+    wrong = np.where(lit, ~close, lens.fills_picture)
     if wrong.any():
-        key, remedy = _blame(lens)
+        key, remedy = lens.fold_message
         raise ValueError(
             f"{key} must give every pixel a direction of its own, got none or another pixel's at "
             f"{np.asarray(pixel)[wrong][0].tolist()} (column, row). {remedy}"
@@ -40,15 +37,3 @@ def _round_trip(
     """Whether the lens sees each pixel, and the pixel that its ray comes back to."""
     direction = jax.vmap(lens.direction)(pixel)
     return jnp.any(direction != 0, axis=-1), jax.vmap(lens.project)(direction)
-
-
-def _blame(lens: AbstractLens) -> tuple[str, str]:
-    match lens:
-        case Pinhole():
-            return "lens.distortion", "Use weaker coefficients or a smaller picture."
-        case Equirectangular():
-            return "lens.focal", "No picture holds more than 360 by 180 degrees of the sphere."
-        case RayTable():
-            return "lens.file", "Smooth the table, or remove directions that occur twice."
-        case _:
-            return "lens.k", "Use weaker coefficients or a smaller picture."

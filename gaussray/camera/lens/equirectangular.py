@@ -1,9 +1,21 @@
 """The whole sphere, or a part of it, by longitude and latitude."""
 
-import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float
+from typing import ClassVar
 
-from gaussray.camera.lens.abstract import FocalLens
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, DTypeLike, Float
+
+from gaussray.camera.film import Film
+from gaussray.camera.lens.abstract import FocalLens, LensRecord
+from gaussray.camera.lens.model import (
+    LensKeys,
+    LensModel,
+    LensOptions,
+    coefficients_of,
+    focal_and_center,
+    picture_size,
+)
 from gaussray.geometry import safe_norm
 
 
@@ -18,6 +30,18 @@ class Equirectangular(FocalLens):
 
     focal: Float[Array, "2"]
     center: Float[Array, "2"]
+
+    fold_message: ClassVar[tuple[str, str]] = (
+        "lens.focal",
+        "No picture holds more than 360 by 180 degrees of the sphere.",
+    )
+
+    @property
+    def sees_sideways(self) -> bool:
+        return True
+
+    def record(self) -> LensRecord:
+        return LensRecord({"camera_model": "EQUIRECTANGULAR", **self.intrinsics()})
 
     def ray(self, xy: Float[Array, "2"]) -> Float[Array, "3"]:
         longitude, latitude = jnp.pi * xy
@@ -36,3 +60,28 @@ class Equirectangular(FocalLens):
 
     def check_image(self) -> None:
         """Any focal length is a lens; `check_lens` refuses pictures of more than the sphere."""
+
+
+def _from_options(film: Film, options: LensOptions) -> Equirectangular:
+    coefficients_of(options, 0)
+    if not 0 < options.fov_y <= 180:
+        raise ValueError(f"lens.fov_y must be in (0, 180] degrees, got {options.fov_y}.")
+    size = picture_size(film)
+    focal = size * 180 / np.array([options.fov, options.fov_y], np.float32)
+    return Equirectangular(jnp.asarray(focal, jnp.float32), jnp.asarray(size / 2))
+
+
+def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> Equirectangular:
+    return Equirectangular(*focal_and_center(keys, dtype))
+
+
+MODELS = (
+    LensModel(
+        name="equirectangular",
+        label="equirectangular",
+        from_options=_from_options,
+        block="equirectangular",
+        camera_models=("EQUIRECTANGULAR",),
+        from_keys=_from_keys,
+    ),
+)

@@ -1,13 +1,27 @@
 """NVIDIA's f-theta lens: any fisheye as a polynomial of degree up to six."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, DTypeLike, Float
 
+from gaussray.camera.film import Film
+from gaussray.camera.lens.abstract import LensRecord
+from gaussray.camera.lens.model import (
+    LensKeys,
+    LensModel,
+    LensOptions,
+    coefficients_of,
+    focal_and_center,
+    half_angle,
+    picture_size,
+)
 from gaussray.camera.lens.radial import RadialLens
 from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
+from gaussray.io.json_numbers import json_numbers
 
 
 # Which of NVIDIA's two polynomials the coefficients are: PIXELDIST_TO_ANGLE, ANGLE_TO_PIXELDIST.
@@ -30,6 +44,23 @@ class FTheta(RadialLens):
     coefficients: Float[Array, " coefficients"]
     limit: Float[Array, ""]
     polynomial: str = eqx.field(static=True, default="angle_of_radius")
+
+    linear_coefficient: ClassVar[int | None] = 1
+
+    @property
+    def coefficient_names(self) -> tuple[str, ...]:
+        return tuple(f"k{i}" for i in range(self.coefficients.shape[-1]))
+
+    def coefficient_units(self) -> Float[Array, " coefficients"] | float:
+        # At the rim all corrections are angles, or focal lengths.
+        k = self.coefficients
+        unit = 1 if self.polynomial == "angle_of_radius" else jnp.abs(k[1])
+        return unit / self.limit ** jnp.arange(k.shape[0])
+
+    def record(self) -> LensRecord:
+        k, limit = json_numbers(self.coefficients), json_numbers(self.limit)
+        block = {"model": "f_theta", "polynomial": self.polynomial, "k": k, "limit": limit}
+        return LensRecord({**self.intrinsics(), "lens": block})
 
     @property
     def max_angle(self) -> Float[Array, ""]:
@@ -93,3 +124,43 @@ def _value(x: Float[Array, ""], k: Float[Array, " coefficients"]) -> Float[Array
     for i in reversed(range(k.shape[0])):
         total = total * x + k[i]
     return total
+
+
+def _from_options(film: Film, options: LensOptions) -> FTheta:
+    kind = options.polynomial
+    if kind not in POLYNOMIALS:
+        raise ValueError(f"lens.polynomial must be one of {', '.join(POLYNOMIALS)}, got {kind!r}.")
+    k = coefficients_of(options, *range(2, 8))
+    limit = jnp.asarray(limit_of(k.tolist(), half_angle(options), kind), jnp.float32)
+    return FTheta(
+        focal=jnp.ones(2, jnp.float32),
+        center=jnp.asarray(picture_size(film) / 2),
+        coefficients=jnp.asarray(k),
+        limit=limit,
+        polynomial=kind,
+    )  # type: ignore[call-arg]  # max_angle is a property
+
+
+def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> FTheta:
+    kind, k = block.choice("polynomial", POLYNOMIALS), block.numbers("k")
+    limit = block.number("limit", 0.0) or limit_of(k, block.number("fov") / 2, kind)
+    focal, center = focal_and_center(keys, dtype)
+    return FTheta(
+        focal=focal,
+        center=center,
+        coefficients=jnp.array(k, dtype),
+        limit=jnp.array(limit, dtype),
+        polynomial=kind,
+    )  # type: ignore[call-arg]  # max_angle is a property
+
+
+MODELS = (
+    LensModel(
+        name="f_theta",
+        from_options=_from_options,
+        block="f_theta",
+        from_keys=_from_keys,
+        block_keys=("k", "fov", "polynomial", "limit"),
+        any_size=False,
+    ),
+)

@@ -3,9 +3,19 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, DTypeLike, Float
 
-from gaussray.camera.lens.radial import RadialLens, root
+from gaussray.camera.film import Film
+from gaussray.camera.lens.abstract import LensRecord
+from gaussray.camera.lens.model import (
+    LensKeys,
+    LensModel,
+    LensOptions,
+    coefficients_of,
+    focal_and_center,
+    half_angle,
+)
+from gaussray.camera.lens.radial import RadialLens, root, spanning
 
 
 # Name -> largest half angle of view. Stereographic, what lies straight behind is infinitely far.
@@ -64,3 +74,35 @@ class Fisheye(RadialLens):
                 f"lens.model must be one of {', '.join(PROJECTIONS)}, got {self.projection!r}."
             )
         self.check_radial(PROJECTIONS[self.projection], "lens.max_angle")
+
+    def record(self) -> LensRecord:
+        return LensRecord({**self.intrinsics(), "lens": self.fov_block(self.projection)})
+
+
+def _from_options(film: Film, options: LensOptions) -> Fisheye:
+    coefficients_of(options, 0)
+    return spanning(
+        film,
+        half_angle(options, np.rad2deg(PROJECTIONS[options.model])),
+        lambda focal, center, half: Fisheye(focal, center, half, options.model),
+    )
+
+
+def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> Fisheye:
+    half = jnp.array(block.number("fov") / 2, dtype)
+    return Fisheye(*focal_and_center(keys, dtype), half, block.text("model"))
+
+
+# The viewer stops short of the largest stereographic field, whose rim is nearly at infinity.
+_WIDEST = {"stereographic": 350.0, "orthographic": 180.0}
+MODELS = tuple(
+    LensModel(
+        name=name,
+        from_options=_from_options,
+        block=name,
+        from_keys=_from_keys,
+        block_keys=("fov",),
+        widest=_WIDEST.get(name, 360.0),
+    )
+    for name in PROJECTIONS
+)

@@ -1,12 +1,25 @@
 """Kannala and Brandt's fisheye, as OpenCV has it."""
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, DTypeLike, Float
 
-from gaussray.camera.lens.radial import RadialLens
+from gaussray.camera.film import Film
+from gaussray.camera.lens.abstract import LensRecord
+from gaussray.camera.lens.model import (
+    LensKeys,
+    LensModel,
+    LensOptions,
+    coefficients_of,
+    focal_and_center,
+    half_angle,
+)
+from gaussray.camera.lens.radial import RadialLens, spanning
 from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
+from gaussray.io.json_numbers import json_numbers
 
 
 class KannalaBrandt(RadialLens):
@@ -33,7 +46,51 @@ class KannalaBrandt(RadialLens):
         require("lens.k", self.coefficients, np.isfinite, "finite")
         self.check_radial()
 
+    def record(self) -> LensRecord:
+        k = dict(zip(_FRAME_KEYS, json_numbers(self.coefficients), strict=True))
+        keys = {"camera_model": "OPENCV_FISHEYE", **self.intrinsics(), **k}
+        return LensRecord({**keys, "lens": self.fov_block("kannala_brandt")})
+
+
+def monotone_angle(k: Sequence[float]) -> float:
+    """Half angle (radians, at most pi) up to which theta (1 + k1 theta^2 + ... + k4 theta^8)
+    increases: the field of view of a file that names none."""
+    theta = np.linspace(0, np.pi, 4097)
+    slope = np.polynomial.polynomial.polyval(theta**2, [1, *np.multiply(k, (3, 5, 7, 9))])
+    falls = slope <= 1e-3
+    return 0.9999 * (theta[int(np.argmax(falls))] if falls.any() else np.pi)
+
 
 def _radius(theta: Float[Array, ""], k: Float[Array, "4"]) -> Float[Array, ""]:
     square = theta * theta
     return theta * (1 + square * (k[0] + square * (k[1] + square * (k[2] + square * k[3]))))
+
+
+def _from_options(film: Film, options: LensOptions) -> KannalaBrandt:
+    k = jnp.asarray(coefficients_of(options, 4))
+    return spanning(
+        film,
+        half_angle(options),
+        lambda focal, center, half: KannalaBrandt(focal, center, k, half),
+    )
+
+
+def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> KannalaBrandt:
+    k = [keys.number(key, 0.0) for key in _FRAME_KEYS]
+    half = block.number("fov") / 2 if block.has("fov") else monotone_angle(k)
+    arrays = jnp.array(k, dtype), jnp.array(half, dtype)
+    return KannalaBrandt(*focal_and_center(keys, dtype), *arrays)
+
+
+_FRAME_KEYS = ("k1", "k2", "k3", "k4")
+MODELS = (
+    LensModel(
+        name="kannala_brandt",
+        from_options=_from_options,
+        block="kannala_brandt",
+        camera_models=("OPENCV_FISHEYE",),
+        from_keys=_from_keys,
+        frame_keys=_FRAME_KEYS,
+        block_keys=("fov",),
+    ),
+)

@@ -1,17 +1,33 @@
 """The pinhole, ideal or with OpenCV's distortion."""
 
+import dataclasses
+from collections.abc import Sequence
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, DTypeLike, Float
 
-from gaussray.camera.distortion import COUNTS, distort, undistort, unfolded
-from gaussray.camera.lens.abstract import FocalLens
+from gaussray.camera import distortion as opencv
+from gaussray.camera.film import Film
+from gaussray.camera.lens.abstract import LensRecord
+from gaussray.camera.lens.correctable import ParametricLens
+from gaussray.camera.lens.model import (
+    LensKeys,
+    LensModel,
+    LensOptions,
+    coefficients_of,
+    focal_and_center,
+    half_angle,
+    picture_size,
+)
 from gaussray.camera.validate import known, require
 from gaussray.geometry import normalize
+from gaussray.io.json_numbers import json_numbers
 
 
-class Pinhole(FocalLens):
+class Pinhole(ParametricLens):
     """Perspective: pixel = center + focal (x/z, y/z), distorted as by OpenCV (`distortion.py`).
 
     `distorted` says whether the coefficients (8, 12 or 14) can differ from zero; an ideal pinhole
@@ -23,24 +39,70 @@ class Pinhole(FocalLens):
     distortion: Float[Array, " coefficients"]
     distorted: bool = eqx.field(static=True, default=True)
 
+    fold_message: ClassVar[tuple[str, str]] = (
+        "lens.distortion",
+        "Use weaker coefficients or a smaller picture.",
+    )
+    fills_picture: ClassVar[bool] = True
+
+    @property
+    def check_is_complete(self) -> bool:
+        return not self.distorted
+
+    @property
+    def sees_sideways(self) -> bool:
+        return False
+
+    @property
+    def coefficient_values(self) -> Float[Array, "*cameras coefficients"]:
+        return self.distortion if self.distorted else self.distortion[..., :0]
+
+    @property
+    def coefficient_names(self) -> tuple[str, ...]:
+        return opencv.COEFFICIENTS[: self.coefficient_values.shape[-1]]
+
+    @property
+    def possible_names(self) -> tuple[str, ...]:
+        return opencv.COEFFICIENTS
+
+    def with_room(self, names: Sequence[str]) -> "Pinhole":
+        if not names:
+            return self
+        needed = 1 + max(opencv.COEFFICIENTS.index(name) for name in names)
+        present = self.distortion.shape[-1]
+        count = next(n for n in opencv.COUNTS if n >= max(needed, present))
+        padded = jnp.pad(self.distortion, (0, count - present))
+        return Pinhole(self.focal, self.center, padded)
+
+    def with_coefficients(self, values: Float[Array, " coefficients"]) -> "Pinhole":
+        return dataclasses.replace(self, distortion=values)
+
+    def record(self) -> LensRecord:
+        k = dict(zip(opencv.COEFFICIENTS, json_numbers(self.distortion), strict=False))
+        used = {key: value for key, value in k.items() if value != 0}
+        model = "OPENCV" if used else "PINHOLE"
+        return LensRecord({"camera_model": model, **self.intrinsics(), **used})
+
     def ray(self, xy: Float[Array, "2"]) -> Float[Array, "3"]:
         if not self.distorted:
             return normalize(jnp.append(xy, 1))
-        xy, found = undistort(self.distortion, xy)
+        xy, found = opencv.undistort(self.distortion, xy)
         return jnp.where(found, normalize(jnp.append(xy, 1)), 0)
 
     def image(self, point: Float[Array, "3"]) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
         imaged = point[2] > 0
         xy = point[:2] / jnp.where(imaged, point[2], 1)
         if self.distorted:
-            imaged &= unfolded(self.distortion, xy)
-            xy = distort(self.distortion, xy)
+            imaged &= opencv.unfolded(self.distortion, xy)
+            xy = opencv.distort(self.distortion, xy)
         return xy, imaged
 
     def check_image(self) -> None:
         count = self.distortion.shape[-1]
-        if count not in COUNTS:
-            raise ValueError(f"lens.distortion must hold {COUNTS} coefficients, got {count}.")
+        if count not in opencv.COUNTS:
+            raise ValueError(
+                f"lens.distortion must hold {opencv.COUNTS} coefficients, got {count}."
+            )
         require("lens.distortion", self.distortion, np.isfinite, "finite")
         tilt = self.distortion[..., 12:]
         require("lens.distortion (tilt)", tilt, lambda t: abs(t) < np.pi / 2, "within +-pi/2")
@@ -60,3 +122,37 @@ def pinhole(
     if known(distortion) and not np.any(distortion):
         return Pinhole(focal, center, jnp.zeros_like(distortion), distorted=False)
     return Pinhole(focal, center, distortion)
+
+
+def _from_options(film: Film, options: LensOptions) -> Pinhole:
+    if not options.fov < 180:
+        raise ValueError(f"lens.fov must be in (0, 180) for a pinhole, got {options.fov}.")
+    k = coefficients_of(options, 0, 4, 5, 8, 12, 14)
+    k = np.pad(k, (0, max(8 - len(k), 0)))
+    focal = picture_size(film)[0] / 2 / np.tan(half_angle(options))
+    center = jnp.asarray(picture_size(film) / 2)
+    return pinhole(jnp.full(2, focal, jnp.float32), center, jnp.asarray(k) if any(k) else None)
+
+
+def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> Pinhole:
+    k = [keys.number(key, 0.0) for key in opencv.COEFFICIENTS]
+    # The fewest coefficients that hold all that are not zero.
+    count = next(n for n in opencv.COUNTS if not any(k[n:]))
+    distortion = jnp.array(k[:count], dtype) if any(k) else None
+    return pinhole(*focal_and_center(keys, dtype), distortion)
+
+
+MODELS = (
+    LensModel(
+        name="pinhole",
+        label="distortion",
+        from_options=_from_options,
+        camera_models=(
+            *("PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"),
+        ),
+        from_keys=_from_keys,
+        frame_keys=opencv.COEFFICIENTS,
+        perspective=True,
+        widest=150.0,
+    ),
+)

@@ -1,6 +1,8 @@
 """Lenses that bend rays by their angle from the optical axis alone."""
 
 import abc
+from collections.abc import Callable
+from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
@@ -8,12 +10,15 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaussray.camera.lens.abstract import FocalLens
+from gaussray.camera.film import Film
+from gaussray.camera.lens.correctable import ParametricLens
+from gaussray.camera.lens.model import picture_size
 from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
+from gaussray.io.json_numbers import json_numbers
 
 
-class RadialLens(FocalLens):
+class RadialLens(ParametricLens):
     """pixel = center + focal r(theta) (x, y) / |(x, y)|, theta the angle from the optical axis.
 
     `max_angle` is the half angle of view: r(theta) must increase up to it, and the picture is black
@@ -33,6 +38,21 @@ class RadialLens(FocalLens):
     @abc.abstractmethod
     def slope(self) -> Float[Array, ""]:
         """dr/dtheta on the axis."""
+
+    @property
+    def check_is_complete(self) -> bool:
+        return True
+
+    @property
+    def sees_sideways(self) -> bool:
+        return float(self.max_angle) >= np.pi / 2
+
+    def axis_slope(self) -> Float[Array, ""] | float:
+        return self.slope()
+
+    def fov_block(self, model: str) -> dict[str, Any]:
+        """The `lens` block of this model's field of view, in radians from rim to rim."""
+        return {"model": model, "fov": json_numbers(2 * self.max_angle)}
 
     def ray(self, xy: Float[Array, "2"]) -> Float[Array, "3"]:
         r = safe_norm(xy)
@@ -71,6 +91,9 @@ class RadialLens(FocalLens):
         return np.asarray(getattr(self, "coefficients", ())).tolist()
 
 
+_Radial = TypeVar("_Radial", bound=RadialLens)
+
+
 def polar(
     point: Float[Array, "3"],
 ) -> tuple[Float[Array, ""], Float[Array, ""], Bool[Array, ""]]:
@@ -88,3 +111,14 @@ def root(square: Float[Array, ""]) -> Float[Array, ""]:
     0 instead of infinite."""
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)
+
+
+def spanning(film: Film, half: float, build: Callable[[Array, Array, Array], _Radial]) -> _Radial:
+    """The radial lens whose picture, `half` radians wide from axis to rim, touches the longer sides
+    of the film; `build` makes it from focal length, principal point and half angle."""
+    center, angle = jnp.asarray(picture_size(film) / 2), jnp.asarray(half, jnp.float32)
+
+    def scaled(focal: float) -> _Radial:
+        return build(jnp.full(2, focal, jnp.float32), center, angle)
+
+    return scaled(float(picture_size(film).min() / 2 / scaled(1.0).radius(angle)))

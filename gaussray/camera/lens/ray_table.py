@@ -1,14 +1,21 @@
 """Any lens at all, as a measured table of directions."""
 
+import hashlib
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, DTypeLike, Float, Int
 
-from gaussray.camera.lens.abstract import FocalLens
+from gaussray.camera.film import Film
+from gaussray.camera.lens.abstract import FocalLens, LensRecord
+from gaussray.camera.lens.model import LensKeys, LensModel, LensOptions
 from gaussray.camera.roots import plane_root
 from gaussray.camera.validate import require
 from gaussray.geometry import normalize, product
+from gaussray.io.json_numbers import json_numbers
+from gaussray.io.ray_map import read_ray_map
 
 
 # Directions in a table, along each side: every frame of a capture carries its lens.
@@ -32,6 +39,23 @@ class RayTable(FocalLens):
     focal: Float[Array, "2"]
     center: Float[Array, "2"]
     rays: Float[Array, "rows columns 3"]
+
+    fold_message: ClassVar[tuple[str, str]] = (
+        "lens.file",
+        "Smooth the table, or remove directions that occur twice.",
+    )
+
+    @property
+    def sees_sideways(self) -> bool:
+        lit = jnp.any(self.rays != 0, axis=-1)
+        return bool(jnp.any(lit & (self.rays[..., 2] <= 0)))
+
+    def record(self) -> LensRecord:
+        rays = np.asarray(self.rays)
+        name = f"lens_{hashlib.sha256(rays.tobytes()).hexdigest()[:12]}.npz"
+        first, every = json_numbers(self.center), json_numbers(self.focal)
+        block = {"model": "table", "file": name, "first": first, "every": every}
+        return LensRecord({"lens": block}, {name: rays})
 
     def ray(self, xy: Float[Array, "2"]) -> Float[Array, "3"]:
         return jnp.where(self._lit(xy), _between(xy, self.rays), 0)
@@ -154,3 +178,34 @@ def _across(direction: Float[Array, "3"]) -> Float[Array, "2 3"]:
     b = x * y * a
     first = jnp.stack([1 + sign * x * x * a, sign * b, -sign * x])
     return jnp.stack([first, jnp.stack([b, sign + y * y * a, -y])])
+
+
+def _from_options(film: Film, options: LensOptions) -> RayTable:
+    if not options.file:
+        raise ValueError("lens.file must name a table of directions (.npz or .exr), got ''.")
+    rays = jnp.asarray(read_ray_map(options.file), jnp.float32)
+    return ray_table(rays, film.width, film.height)
+
+
+def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> RayTable:
+    path = block.path("file")
+    if path is None:
+        raise block.error("file", "a table of directions (.npz or .exr)")
+    rays = jnp.array(read_ray_map(path), dtype)
+    if not (block.has("first") or block.has("every")):
+        return ray_table(rays, keys.count("w"), keys.count("h"))
+    every, first = (jnp.array(block.vector(key, 2), dtype) for key in ("every", "first"))
+    return RayTable(every, first, rays)
+
+
+MODELS = (
+    LensModel(
+        name="table",
+        label="ray_table",
+        from_options=_from_options,
+        block="table",
+        from_keys=_from_keys,
+        block_keys=("file", "first", "every"),
+        any_size=False,
+    ),
+)

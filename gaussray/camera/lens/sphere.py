@@ -1,11 +1,24 @@
 """Lenses that project through the surface of one or two unit spheres, in closed form both ways."""
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, DTypeLike, Float
 
-from gaussray.camera.lens.radial import RadialLens, root
+from gaussray.camera.film import Film
+from gaussray.camera.lens.abstract import LensRecord
+from gaussray.camera.lens.model import (
+    LensKeys,
+    LensModel,
+    LensOptions,
+    coefficients_of,
+    focal_and_center,
+    half_angle,
+)
+from gaussray.camera.lens.radial import RadialLens, root, spanning
 from gaussray.camera.validate import require
+from gaussray.io.json_numbers import json_numbers
 
 
 class UnifiedSphere(RadialLens):
@@ -43,6 +56,14 @@ class UnifiedSphere(RadialLens):
         require("lens.k (alpha)", alpha, lambda a: (a >= 0) & (a <= 1), "in [0, 1]")
         require("lens.k (beta)", beta, lambda b: np.isfinite(b) & (b > 0), "above 0")
         self.check_radial()
+
+    @property
+    def coefficient_names(self) -> tuple[str, ...]:
+        return ("alpha", "beta")
+
+    def record(self) -> LensRecord:
+        block = _sphere_block("enhanced_unified_sphere", self)
+        return LensRecord({**self.intrinsics(), "lens": block})
 
 
 class DoubleSphere(RadialLens):
@@ -82,3 +103,73 @@ class DoubleSphere(RadialLens):
         require("lens.k (xi)", xi, lambda x: (x > -1) & (x <= 1), "in (-1, 1]")
         require("lens.k (alpha)", alpha, lambda a: (a >= 0) & (a <= 1), "in [0, 1]")
         self.check_radial()
+
+    @property
+    def coefficient_names(self) -> tuple[str, ...]:
+        return ("xi", "alpha")
+
+    def record(self) -> LensRecord:
+        return LensRecord({**self.intrinsics(), "lens": _sphere_block("double_sphere", self)})
+
+
+def _sphere_block(model: str, lens: UnifiedSphere | DoubleSphere) -> dict[str, Any]:
+    block = lens.fov_block(model)
+    return {"model": model, "k": json_numbers(lens.coefficients), "fov": block["fov"]}
+
+
+def _unified_from_options(film: Film, options: LensOptions) -> UnifiedSphere:
+    if options.model == "unified_sphere":
+        k = np.append(coefficients_of(options, 1), 1)
+    else:
+        k = coefficients_of(options, 2)
+    k = jnp.asarray(k, jnp.float32)
+    return spanning(
+        film,
+        half_angle(options),
+        lambda focal, center, half: UnifiedSphere(focal, center, k, half),
+    )
+
+
+def _unified_from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> UnifiedSphere:
+    enhanced = block.text("model") == "enhanced_unified_sphere"
+    k = block.vector("k", 2) if enhanced else [*block.vector("k", 1), 1.0]
+    arrays = jnp.array(k, dtype), jnp.array(block.number("fov") / 2, dtype)
+    return UnifiedSphere(*focal_and_center(keys, dtype), *arrays)
+
+
+def _double_from_options(film: Film, options: LensOptions) -> DoubleSphere:
+    k = jnp.asarray(coefficients_of(options, 2))
+    return spanning(
+        film,
+        half_angle(options),
+        lambda focal, center, half: DoubleSphere(focal, center, k, half),
+    )
+
+
+def _double_from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> DoubleSphere:
+    half, k = block.number("fov") / 2, block.vector("k", 2)
+    arrays = jnp.array(k, dtype), jnp.array(half, dtype)
+    return DoubleSphere(*focal_and_center(keys, dtype), *arrays)
+
+
+MODELS = (
+    *(
+        LensModel(
+            name=name,
+            from_options=_unified_from_options,
+            block=name,
+            from_keys=_unified_from_keys,
+            block_keys=("k", "fov"),
+            widest=widest,
+        )
+        for name, widest in (("unified_sphere", 260.0), ("enhanced_unified_sphere", 265.0))
+    ),
+    LensModel(
+        name="double_sphere",
+        from_options=_double_from_options,
+        block="double_sphere",
+        from_keys=_double_from_keys,
+        block_keys=("k", "fov"),
+        widest=245.0,
+    ),
+)

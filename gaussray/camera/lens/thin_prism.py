@@ -3,22 +3,26 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, DTypeLike, Float
 
-from gaussray.camera.lens.abstract import FocalLens
+from gaussray.camera.lens.abstract import LensRecord
+from gaussray.camera.lens.correctable import ParametricLens
+from gaussray.camera.lens.kannala_brandt import monotone_angle
+from gaussray.camera.lens.model import LensKeys, LensModel, focal_and_center
 from gaussray.camera.lens.radial import polar
 from gaussray.camera.roots import keeps_orientation, plane_root
 from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
+from gaussray.io.json_numbers import json_numbers
 
 
 # The coefficients in COLMAP's order.
-NAMES = ("k1", "k2", "p1", "p2", "k3", "k4", "s1", "s2")
+_COEFFICIENTS = ("k1", "k2", "p1", "p2", "k3", "k4", "s1", "s2")
 # Newton steps, and the largest residual in focal lengths, as in `distortion.py`.
-STEPS, RESIDUAL = 8, 1e-4
+_STEPS, _RESIDUAL = 8, 1e-4
 
 
-class ThinPrismFisheye(FocalLens):
+class ThinPrismFisheye(ParametricLens):
     """An equidistant image (x, y) = theta (x, y) / |(x, y)| that is then distorted.
 
     COLMAP's THIN_PRISM_FISHEYE with coefficients (k1, k2, p1, p2, k3, k4, s1, s2): to x is added
@@ -31,10 +35,24 @@ class ThinPrismFisheye(FocalLens):
     coefficients: Float[Array, "8"]
     max_angle: Float[Array, ""]
 
+    @property
+    def sees_sideways(self) -> bool:
+        return float(self.max_angle) >= np.pi / 2
+
+    @property
+    def coefficient_names(self) -> tuple[str, ...]:
+        return _COEFFICIENTS
+
+    def record(self) -> LensRecord:
+        k = dict(zip(_COEFFICIENTS, json_numbers(self.coefficients), strict=True))
+        block = {"model": "thin_prism_fisheye", "fov": json_numbers(2 * self.max_angle)}
+        keys = {"camera_model": "THIN_PRISM_FISHEYE", **self.intrinsics(), **k}
+        return LensRecord({**keys, "lens": block})
+
     def ray(self, xy: Float[Array, "2"]) -> Float[Array, "3"]:
         start = jax.lax.stop_gradient(xy)
         plain, found = plane_root(
-            _distorted, xy, self.coefficients, start, steps=STEPS, residual=RESIDUAL
+            _distorted, xy, self.coefficients, start, steps=_STEPS, residual=_RESIDUAL
         )
         theta = safe_norm(plain)
         found &= theta <= self.max_angle
@@ -66,3 +84,22 @@ def _distorted(xy: Float[Array, "2"], coefficients: Float[Array, "8"]) -> Float[
             y * radial + 2 * p2 * x * y + p1 * (square + 2 * y * y) + s2 * square,
         ]
     )
+
+
+def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> ThinPrismFisheye:
+    k = [keys.number(key, 0.0) for key in _COEFFICIENTS]
+    radial = k[0], k[1], k[4], k[5]
+    half = block.number("fov") / 2 if block.has("fov") else monotone_angle(radial)
+    arrays = jnp.array(k, dtype), jnp.array(half, dtype)
+    return ThinPrismFisheye(*focal_and_center(keys, dtype), *arrays)
+
+
+MODELS = (
+    LensModel(
+        block="thin_prism_fisheye",
+        camera_models=("THIN_PRISM_FISHEYE",),
+        from_keys=_from_keys,
+        frame_keys=_COEFFICIENTS,
+        block_keys=("fov",),
+    ),
+)

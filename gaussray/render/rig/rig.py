@@ -22,7 +22,7 @@ from gaussray.render.rig.exposure import (
     rolls,
     shutter_of,
 )
-from gaussray.render.rig.lens import LensOptions as LensOptions, lens_label, mounted, sees_aside
+from gaussray.render.rig.lens import LensOptions as LensOptions, lens_label, mounted
 from gaussray.render.rig.trajectory import TrajectoryOptions as TrajectoryOptions, moved
 
 
@@ -117,7 +117,7 @@ def _film(film: Film, options: FilmOptions) -> Film:
 
 
 def _aperture(camera: Camera, lens: AbstractLens, options: ApertureOptions) -> Aperture:
-    if options.radius > 0 and options.focus == "plane" and sees_aside(lens):
+    if options.radius > 0 and options.focus == "plane" and lens.sees_sideways:
         raise ValueError(
             "aperture.focus must be sphere for a lens that sees 90 degrees aside and beyond, where "
             "no plane in front is met, got plane."

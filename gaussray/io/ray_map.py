@@ -1,11 +1,10 @@
-"""Tables of viewing directions from disk."""
+"""Reads tables of viewing directions from .npz and .exr files, which are not trusted."""
 
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 
-from gaussray.capture.errors import CaptureError
 from gaussray.io.safe.arrays import read_npz
 from gaussray.io.safe.pictures import complaint, open_picture
 
@@ -18,9 +17,14 @@ EXACT, NEAR = 1e-6, 2e-3
 def read_ray_map(path: Path | str) -> Float[np.ndarray, "rows columns 3"]:
     """Directions in camera axes (+x right, +y down, +z forward), zero where there is no ray.
 
-    From the array `rays` of an .npz file, or the three channels of an .exr. The table covers the
-    picture in equal cells, each direction that of a cell's middle. CaptureError or OSError, naming
-    the file, for what holds no such table; whether it is a lens, the lens itself says.
+    Args:
+        path: An .npz file with the array `rays`, or an .exr file with three channels. The table
+            divides the picture into equal cells and holds the direction at each cell's middle.
+
+    Raises:
+        ValueError: If the file holds no such table; the message names the file. Whether the table
+            is a valid lens is checked by `RayTable`.
+        OSError: If the file is missing or cannot be read.
     """
     path = Path(path)
     if not path.is_file():
@@ -30,14 +34,14 @@ def read_ray_map(path: Path | str) -> Float[np.ndarray, "rows columns 3"]:
     elif path.suffix == ".exr":
         rays = _exr(path)
     else:
-        raise CaptureError(f"{path}: lens.file must be an .npz or .exr file.")
+        raise ValueError(f"{path}: lens.file must be an .npz or .exr file.")
     if rays.ndim != 3 or rays.shape[2] != 3 or rays.dtype.kind != "f":
-        raise CaptureError(
+        raise ValueError(
             f"{path}: lens.file must hold numbers [rows, columns, 3], got {rays.dtype} "
             f"{list(rays.shape)}."
         )
     if not np.isfinite(rays).all():
-        raise CaptureError(f"{path}: lens.file must be finite. Write zeros where there is no ray.")
+        raise ValueError(f"{path}: lens.file must be finite. Write zeros where there is no ray.")
     length = np.linalg.norm(rays.astype(np.float64), axis=-1, keepdims=True)
     off = np.abs(length - 1)
     return np.where((off > EXACT) & (off < NEAR), rays / np.where(length > 0, length, 1), rays)
@@ -47,9 +51,9 @@ def _npz(path):
     try:
         found = read_npz(path)
     except ValueError as error:
-        raise CaptureError(f"{path}: lens.file is no .npz file: {error}") from error
+        raise ValueError(f"{path}: lens.file is no .npz file: {error}") from error
     if "rays" not in found:
-        raise CaptureError(f"{path}: lens.file must hold an array `rays`, got {[*found][:9]}.")
+        raise ValueError(f"{path}: lens.file must hold an array `rays`, got {[*found][:9]}.")
     return found["rays"]
 
 
@@ -57,7 +61,7 @@ def _exr(path):
     try:
         file = open_picture(path)
     except (OSError, ValueError) as error:
-        kind = OSError if isinstance(error, OSError) else CaptureError
+        kind = OSError if isinstance(error, OSError) else ValueError
         reason = str(error).removeprefix(f"{path}: ")
         raise kind(f"{path}: lens.file cannot be read: {reason}") from None
     rays = file.read_image("float")

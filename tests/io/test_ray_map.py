@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from gaussray.capture.errors import CaptureError
-from gaussray.capture.ray_map import read_ray_map
 from gaussray.dataset.images import write_image
+from gaussray.io.ray_map import read_ray_map
 
 
 def table():
@@ -49,7 +48,7 @@ def test_what_is_no_table_is_named(tmp_path):
         "a.txt": "must be an .npz or .exr file",
     }
     for name, message in cases.items():
-        with pytest.raises(CaptureError, match=f"{name}: lens.file {message}"):
+        with pytest.raises(ValueError, match=f"{name}: lens.file {message}"):
             read_ray_map(tmp_path / name)
     with pytest.raises(OSError, match="text.exr: lens.file cannot be read"):
         read_ray_map(tmp_path / "text.exr")

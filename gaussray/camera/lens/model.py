@@ -1,0 +1,133 @@
+"""What a lens file declares: the names of its models and how each is built from user input."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, Protocol, runtime_checkable
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, DTypeLike, Float
+
+from gaussray.camera.film import Film
+from gaussray.camera.lens.abstract import AbstractLens
+
+
+class LensOptions(eqx.Module):
+    """The config group `lens`: a lens by a few numbers, for pictures of any size.
+
+    Args:
+        model: `keep` (the capture's lens) or the name of a `LensModel`.
+        fov: Field of view in degrees. Perspective models and equirectangular: across the width of
+            the picture. Others: from rim to rim, across the smaller side.
+        k: Coefficients of the model.
+        sensor: Width and height of the sensor in mm (fisheye_polynomial).
+        fov_y: Angle from top to bottom in degrees (equirectangular).
+        polynomial: Direction of the polynomial, angle_of_radius or radius_of_angle (f_theta).
+        file: Table of directions, .npz or .exr (table).
+    """
+
+    model: str = eqx.field(static=True, default="keep")
+    fov: float = eqx.field(static=True, default=65.0)
+    k: tuple[float, ...] = eqx.field(static=True, default=())
+    sensor: tuple[float, float] = eqx.field(static=True, default=(36.0, 36.0))
+    fov_y: float = eqx.field(static=True, default=180.0)
+    polynomial: str = eqx.field(static=True, default="angle_of_radius")
+    file: str = eqx.field(static=True, default="")
+
+
+@runtime_checkable
+class LensKeys(Protocol):
+    """Access to the keys of a frame, or of its `lens` block, in a capture's JSON.
+
+    Every method raises an error that names file, frame, key and rule where the value is not what
+    was asked for. A key without default is required.
+    """
+
+    def has(self, key: str) -> bool: ...
+    def number(self, key: str, default: Any = ..., remedy: str = ...) -> float: ...
+    def count(self, key: str, default: Any = ..., least: int = ...) -> int: ...
+    def text(self, key: str, default: Any = ..., remedy: str = ...) -> str: ...
+    def choice(self, key: str, choices: Sequence[str], default: Any = ...) -> str: ...
+    def vector(self, key: str, length: int, default: Any = ...) -> list[float]: ...
+    def numbers(self, key: str) -> list[float]: ...
+    def path(self, key: str) -> Path | None: ...
+    def error(self, key: str, rule: str, remedy: str = ...) -> Exception: ...
+    def warn(self, message: str) -> None: ...
+
+
+FromOptions = Callable[[Film, LensOptions], AbstractLens]
+FromKeys = Callable[[LensKeys, LensKeys, DTypeLike], AbstractLens]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class LensModel:
+    """One lens model by its names. Every file of `camera/lens/` lists its own as `MODELS`.
+
+    Args:
+        name: `lens.model` of the configuration; empty if the model occurs in captures alone.
+        label: Effect that frames through this lens show.
+        from_options: Builds the lens for a film from the user's few numbers, axis in the middle.
+        block: `model` in the `lens` block of a capture's JSON; empty if it needs no block.
+        camera_models: Values of `camera_model` in a capture's JSON that mean this model.
+        from_keys: Builds the lens from the keys of a frame, those of its `lens` block and a dtype.
+        frame_keys: Keys of a frame that belong to the model (`fl_x fl_y cx cy` go without saying).
+        block_keys: Keys of its `lens` block.
+        perspective: The model images a plane in front of the camera: `fov` goes across the width,
+            focus is on a plane, and without coefficients it shows no effect.
+        widest: Largest `fov`, in degrees, with the coefficients of its config file.
+        any_size: A config file of the model suits pictures of any size and names no file.
+    """
+
+    name: str = ""
+    label: str = "fisheye"
+    from_options: FromOptions | None = None
+    block: str = ""
+    camera_models: tuple[str, ...] = ()
+    from_keys: FromKeys
+    frame_keys: tuple[str, ...] = ()
+    block_keys: tuple[str, ...] = ()
+    perspective: bool = False
+    widest: float = 360.0
+    any_size: bool = True
+
+    def effect(self, options: LensOptions) -> str:
+        """Effect that frames through the lens of these options show; empty if there is none."""
+        return "" if self.perspective and not any(options.k) else self.label
+
+
+def focal_and_center(
+    keys: LensKeys, dtype: DTypeLike
+) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
+    """Focal lengths and principal point of a frame's keys, in pixels."""
+    remedy = ""
+    if keys.has("camera_angle_x") and not keys.has("fl_x"):
+        focal = keys.count("w") / 2 / np.tan(keys.number("camera_angle_x") / 2)
+        remedy = f"From camera_angle_x it is {focal:.8g}; write fl_x, fl_y, cx and cy."
+    focal = [keys.number("fl_x", remedy=remedy), keys.number("fl_y")]
+    return jnp.array(focal, dtype), jnp.array([keys.number("cx"), keys.number("cy")], dtype)
+
+
+def picture_size(film: Film) -> Float[np.ndarray, "2"]:
+    """Width and height in pixels."""
+    return np.array([film.width, film.height], np.float32)
+
+
+def half_angle(options: LensOptions, widest: float = 180.0) -> float:
+    """Half of `lens.fov` in radians, which may be at most `widest` degrees."""
+    if options.fov > 2 * widest:
+        raise ValueError(
+            f"lens.fov must be in (0, {2 * widest:g}] for {options.model}, got {options.fov}."
+        )
+    return np.deg2rad(options.fov) / 2
+
+
+def coefficients_of(options: LensOptions, *counts: int) -> Float[np.ndarray, " coefficients"]:
+    """`lens.k`, which must hold one of these numbers of coefficients."""
+    if len(options.k) not in counts:
+        rule = " or ".join(str(count) for count in counts)
+        raise ValueError(
+            f"lens.k must hold {rule} coefficients for {options.model}, got {len(options.k)}."
+        )
+    return np.array(options.k, np.float32)
