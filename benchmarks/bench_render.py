@@ -119,7 +119,7 @@ def in_capture(chosen) -> list[dict]:
                     "render",
                     effect=effect,
                     scene=str(chosen.scene),
-                    gaussians=scene.static.count + scene.moving.count,
+                    gaussians=scene.count,
                     rays=film.width * film.height * samples,
                     samples=samples,
                     k=k,

@@ -101,7 +101,7 @@ def _figures(shot: Shot, renderer: Bench, frame: Frame, truth) -> dict[str, Any]
     lost = [int(np.sum(report.dropped)) for _, _, report in renderer.launch(camera)]
     rays = film.width * film.height * samples
     return {
-        "gaussians": shot.scene.static.count + shot.scene.moving.count,
+        "gaussians": shot.scene.count,
         "rays": rays,
         "samples": samples,
         "k": shot.trace.k,
@@ -120,6 +120,6 @@ def true_pixels(
     scene: Scene, camera: Camera, samples: int, **options: Any
 ) -> tuple[np.ndarray, np.ndarray]:
     """Numbers of random pixels, and their exact colours."""
-    film, gaussians = camera.film, scene.static.count + scene.moving.count
+    film, gaussians = camera.film, scene.count
     chosen = exact.checked(film.width * film.height, gaussians, samples)
     return chosen, exact.picture(scene, camera, chosen, samples=samples, **options)

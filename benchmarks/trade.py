@@ -186,7 +186,7 @@ class Truths:
         """Numbers of the pixels that are compared."""
         film, scene = self._problem.cameras[effect].film, self._problem.scene
         samples = LENS_FOR_PIXELS if effect == "depth_of_field" else 1
-        gaussians = scene.static.count + scene.moving.count
+        gaussians = scene.count
         return exact.checked(film.width * film.height, gaussians, samples)
 
     def __call__(self, point: Point, alpha_min: float) -> np.ndarray:

@@ -2,8 +2,8 @@
 
 In numpy: the textbook formulas of the kernel, and the real harmonics from Legendre polynomials.
 Moving Gaussians have mean, axes F = R S and tint interpolated through their key states by
-Lagrange's polynomials, three keys at a time, and F inverted for every ray. `dense` is the same once
-more in jnp for the sake of its gradients.
+Lagrange's polynomials, three keys at a time, and F inverted for every ray. Transient ones are moved
+and faded for every ray. `dense` is the same once more in jnp for the sake of its gradients.
 """
 
 import jax
@@ -95,11 +95,28 @@ def meet(frame, mean, opacity, origin, direction, alpha_min=ALPHA_MIN, alpha_max
 
 
 def hits(motion, rays, **options):
-    """t and alpha of every (ray, Gaussian) pair of a moving scene."""
+    """t and alpha of every (ray, Gaussian) pair of a moving scene, transient Gaussians last."""
     frame, mean = frames(motion, rays.time)
     opacity = np.asarray(motion.gaussians.opacity, np.float64)
     origin, direction = (np.asarray(x, np.float64) for x in (rays.origin, rays.direction))
-    return meet(frame, mean, opacity, origin, direction, **options)
+    t, alpha = meet(frame, mean, opacity, origin, direction, **options)
+    if motion.transient is None:
+        return t, alpha
+    others = meet(*transient_frames(motion, rays.time), origin, direction, **options)
+    return tuple(np.concatenate(x, axis=1) for x in zip((t, alpha), others, strict=True))
+
+
+def transient_frames(motion, time):
+    """Whitening matrix, mean and opacity of every transient Gaussian for every ray."""
+    x = {k: np.asarray(v, np.float64) for k, v in vars(motion.transient).items()}
+    time = np.asarray(time, np.float64)
+    if motion.time_range is not None:
+        time = np.clip(time, *np.asarray(motion.time_range, np.float64))
+    age = time[:, None] - x["instant"]
+    flank = np.where(np.abs(age) > x["plateau"], np.abs(age) - x["plateau"], 0) / x["lifetime"]
+    frame = np.swapaxes(rotation(x["quat"]), -1, -2) / x["scale"][:, :, None]
+    mean = x["mean"] + age[..., None] * x["velocity"]
+    return frame[None], mean, x["opacity"] * np.exp(-(flank**2) / 2)
 
 
 def trace(motion, rays, **options):
@@ -110,6 +127,9 @@ def trace(motion, rays, **options):
     if motion.gaussians.tint is not None:
         shares = key_shares(np.asarray(motion.time, np.float64), np.asarray(rays.time, np.float64))
         color = color * np.einsum("rk,knc->rnc", shares, motion.gaussians.tint)
+    if motion.transient is not None:
+        harmonics = np.asarray(motion.transient.harmonics, np.float64)
+        color = np.concatenate([color, light(harmonics, rays.direction)], axis=1)
     color = np.take_along_axis(color, order[..., None], 1)
     t, alpha = np.take_along_axis(t, order, 1), np.take_along_axis(alpha, order, 1)
     clear = np.cumprod(np.concatenate([np.ones((len(t), 1)), 1 - alpha], axis=1), axis=1)
@@ -132,6 +152,9 @@ def dense(motion, rays, alpha_min=ALPHA_MIN, alpha_max=ALPHA_MAX):
         color = radiance(jnp.moveaxis(g.harmonics, 0, -1), direction[:, None]).T
         if g.tint is not None:
             color = color * jnp.einsum("k,knc->nc", key_shares(motion.time, ray.time, jnp), g.tint)
+        if motion.transient is not None:
+            harmonics = jnp.moveaxis(motion.transient.harmonics, 0, -1)
+            color = jnp.concatenate([color, radiance(harmonics, direction[:, None]).T])
         color = color[order]
         return weight @ color, clear[-1], weight @ t[order]
 
@@ -145,7 +168,9 @@ def met(motion, rays, alpha_min=ALPHA_MIN):
     def look(seen, ray):
         return seen | _met(motion, turn, ray, alpha_min)[2], None
 
-    return jax.lax.scan(look, jnp.zeros(motion.gaussians.opacity.shape, bool), rays)[0]
+    transient = 0 if motion.transient is None else motion.transient.count
+    none = jnp.zeros(motion.gaussians.count + transient, bool)
+    return jax.lax.scan(look, none, rays)[0]
 
 
 def _turns(quat):
@@ -172,11 +197,29 @@ def _met(motion, turn, ray, alpha_min):
         a, b, c = jnp.moveaxis(axes, -1, 0)
         rows = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)], axis=1)
         frame = rows / jnp.sum(a * rows[:, 0], axis=-1)[:, None, None]
+    opacity = g.opacity
+    if motion.transient is not None:
+        others = _transients_at(motion, ray.time)
+        frame, mean, opacity = (
+            jnp.concatenate(x) for x in zip((frame, mean, opacity), others, strict=True)
+        )
     o = jnp.einsum("nij,nj->ni", frame, ray.origin[None] - mean)
     real = jnp.any(ray.direction != 0)
     direction = jnp.where(real, ray.direction, jnp.ones(3))
     d = jnp.einsum("nij,j->ni", frame, direction)
     square = jnp.sum(d * d, axis=-1)
     t = -jnp.sum(o * d, axis=-1) / square
-    raw = g.opacity * jnp.exp(-0.5 * jnp.sum(jnp.cross(o, d) ** 2, axis=-1) / square)
+    raw = opacity * jnp.exp(-0.5 * jnp.sum(jnp.cross(o, d) ** 2, axis=-1) / square)
     return t, raw, (t > 0) & (raw > alpha_min) & real
+
+
+def _transients_at(motion, time):
+    """Whitening matrix, mean and opacity of the transient Gaussians at one time."""
+    x = motion.transient
+    if motion.time_range is not None:
+        time = jnp.clip(time, *motion.time_range)
+    age = time - x.instant
+    outside = jnp.abs(age) > x.plateau
+    flank = jnp.where(outside, jnp.abs(age) - x.plateau, 0) / x.lifetime
+    frame = jnp.swapaxes(_turns(x.quat[None])[0], -1, -2) / x.scale[:, :, None]
+    return frame, x.mean + age[:, None] * x.velocity, x.opacity * jnp.exp(-(flank**2) / 2)

@@ -9,8 +9,9 @@ from gaussray import geometry
 from gaussray.scene.gaussians import Gaussians, whitening
 from gaussray.tracer.composite import composite
 from gaussray.tracer.grid import around
-from gaussray.tracer.motion import Motion, control_weights, controls, state_at, table
+from gaussray.tracer.motion import Motion, control_weights, controls
 from gaussray.tracer.response import opacity_on_ray, reach, response
+from gaussray.tracer.table import state_at, table
 
 
 ALPHA_MIN = 1 / 255

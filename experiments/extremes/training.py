@@ -205,7 +205,7 @@ def fitted(case: Case, steps: int) -> Outcome:
         sum(terms[name] * value for name, value in line.items() if name in terms)
         for line in (lines[0], lines[-1])
     )
-    count = scene.static.count + scene.moving.count
+    count = scene.count
     return Outcome(first, last, lines[-1]["psnr"], count, finite)
 
 

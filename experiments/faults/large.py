@@ -54,7 +54,7 @@ def count(renderer: Renderer, camera: Camera) -> float:
     """Gigabytes that XLA asks for to render a part, beside what it is given."""
     (view,) = renderer._views([camera])
     film = camera.film
-    count = sum(scene.static.count + scene.moving.count for scene in renderer.scenes)
+    count = sum(scene.count for scene in renderer.scenes)
     rows, trace = strips(film, renderer.options, renderer.trace, count)
     batch = _Batch([view], True, rows, trace)
     part, trace = renderer._part(0, batch)

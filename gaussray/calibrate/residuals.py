@@ -16,8 +16,8 @@ from gaussray.camera.sampling import sobol_samples
 from gaussray.color import srgb_encode
 from gaussray.geometry import product
 from gaussray.reconstruct.optimize.loss import developed
-from gaussray.scene.scene import Scene, at, moving_at
-from gaussray.tracer.motion import Motion, still
+from gaussray.scene.scene import Scene
+from gaussray.tracer.motion import Motion, scene_motion
 from gaussray.tracer.shard import trace_sharded
 from gaussray.tracer.trace import TraceOptions, enlarge, measure
 from gaussray.tracer.traverse import Capacity
@@ -144,15 +144,14 @@ def _rays(
 def _motion(scene: Scene, rays: Rays, keys: int) -> Motion:
     """Key states of the scene across the times of the rays, and a little beyond."""
     if scene.deformation is None:
-        return still(at(scene, jnp.zeros_like(rays.time[0, 0])))
+        return scene_motion(scene, jnp.zeros_like(rays.time[0, :1]), scene.time_range)
     time = jax.lax.stop_gradient(rays.time)
     first, last = jnp.min(time), jnp.max(time)
     instants = jnp.asarray(scene.deformation.instants, time.dtype)
     least = (instants[-1] - instants[0]) / max(4 * (len(instants) - 1), 1)
     room = jnp.maximum(_MARGIN * (last - first), jnp.where(last > first, 0, least))
     key_time = jnp.linspace(first - room, last + room, max(keys, 3), dtype=time.dtype)
-    rest = scene.static if scene.static.count else None
-    return Motion(key_time, moving_at(scene, key_time), rest)
+    return scene_motion(scene, key_time, scene.time_range)
 
 
 @eqx.filter_jit

@@ -167,7 +167,7 @@ def _import(cfg: Configuration, devices: int | None) -> None:
     iteration = None if cfg.iteration is None else as_type(int, cfg.iteration, "iteration")
     scene, assumed = import_model(cfg.source, cfg.out, color=color, iteration=iteration)
     out = begin_run_folder(cfg)
-    _say(f"{out / 'scene.npz'}: {scene.static.count + scene.moving.count} Gaussians.\n{assumed}")
+    _say(f"{out / 'scene.npz'}: {scene.count} Gaussians.\n{assumed}")
 
 
 def _export(cfg: Configuration, devices: int | None) -> None:

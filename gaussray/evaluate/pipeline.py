@@ -28,7 +28,7 @@ from gaussray.runtime.devices import agreed, leads
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress
 from gaussray.runtime.provenance import versions
-from gaussray.scene.scene import Scene
+from gaussray.scene.scene import Scene, transient_count
 from gaussray.scene.segmented import Clip, segments_of
 from gaussray.tracer.trace import TraceOptions
 
@@ -281,6 +281,8 @@ def scene_facts(scene: Scene | Clip) -> dict[str, int]:
     size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(scene))
     parts = segments_of(scene)
     moving = sum(part.moving.count for part in parts)
-    total = moving + sum(part.static.count for part in parts)
+    total, transient = sum(part.count for part in parts), sum(transient_count(x) for x in parts)
     facts = {"gaussians": total, "moving": moving, "bytes": int(size)}
+    if transient:
+        facts["transient"] = transient
     return facts | {"segments": len(parts)} if isinstance(scene, Clip) else facts

@@ -24,8 +24,8 @@ from gaussray.reconstruct.optimize.optimizer import (
 )
 from gaussray.reconstruct.optimize.state import State, accumulated_statistics
 from gaussray.scene.gaussians import Unconstrained
-from gaussray.scene.scene import Scene, at, moving_at
-from gaussray.tracer.motion import Motion, still
+from gaussray.scene.scene import Scene
+from gaussray.tracer.motion import Motion, scene_motion
 from gaussray.tracer.shard import trace_sharded
 from gaussray.tracer.trace import TraceOptions, enlarge, measure
 from gaussray.tracer.traverse import Capacity
@@ -150,13 +150,12 @@ def _rays(
 def _motion(scene: Scene, rays: Rays, time: Array, cameras: CameraSet, keys: int) -> Motion:
     """The scene across the times of a step's rays, or at the step's own time for a single key."""
     if keys == 1 or scene.deformation is None:
-        return still(at(scene, time))
+        return scene_motion(scene, time[None])
     # Rays that happen to share one time still need an interval to be in.
     first = jnp.min(rays.time)
     last = jnp.maximum(jnp.max(rays.time), first + 1e-3 * cameras.interval)
     key_time = jax.lax.stop_gradient(jnp.linspace(first, last, keys, dtype=first.dtype))
-    rest = scene.static if scene.static.count else None
-    return Motion(key_time, moving_at(scene, key_time), rest)
+    return scene_motion(scene, key_time)
 
 
 @eqx.filter_jit

@@ -19,11 +19,12 @@ from gaussray.camera.shutter import decisive_pixels, row_number
 from gaussray.render.plan import Layout, Pace, Part, together
 from gaussray.render.splat_compat import dilated, seen_from_center
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.scene import Scene, at, moving_at
+from gaussray.scene.scene import Scene
+from gaussray.scene.transient import Transients, transients_at
 from gaussray.tracer.composite import Pixels
-from gaussray.tracer.motion import Motion, still
+from gaussray.tracer.motion import Motion, scene_motion
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import Report, grid_of, over
+from gaussray.tracer.trace import Report, over, prepare
 
 
 @functools.lru_cache(maxsize=64)
@@ -113,19 +114,19 @@ def _traced(
     u, shared = _points(part, pace), together(pace.options, pace.trace)
     mine = None if part.share is None else part.share.seen
     # Once for all samples.
-    grid = grid_of(motion, pace.trace)
+    span = _span(camera, part)
+    scene = prepare(motion, span, options=pace.trace, capacity=pace.capacity)
 
     def trace_some(
         some: tuple[Array, Array | None],
     ) -> tuple[tuple[Pixels, Array | None], Report]:
         rays = _rays(camera, part.pixel, *some, magnification)
         pixels, report = trace_sharded(
-            motion,
+            scene,
             rays,
             options=pace.trace,
             capacity=pace.capacity,
             mesh=pace.mesh,
-            grid=grid,
         )
         weight = rays.weight
         if weight is not None:
@@ -202,26 +203,51 @@ def _motion(scene: Scene, camera: Camera, part: Part, pace: Pace) -> Motion:
             gaussians = seen_from_center(gaussians, camera, mean)
         return gaussians
 
-    if key_time.shape[0] == 1 or scene.deformation is None:
-        return still(shown(at(scene, key_time[0])))
-    rest = shown(scene.static) if scene.static.count else None
-    return Motion(key_time, shown(moving_at(scene, key_time)), rest)
+    def shown_transients(transients: Transients) -> Transients:
+        seen = shown(transients_at(transients, (key_time[0] + key_time[-1]) / 2))
+        return dataclasses.replace(transients, scale=seen.scale, harmonics=seen.harmonics)
+
+    motion = scene_motion(scene, key_time, scene.time_range)
+    if not options.dilation and options.harmonics == "ray":
+        return motion
+    rest, transient = motion.rest, motion.transient
+    return dataclasses.replace(
+        motion,
+        gaussians=shown(motion.gaussians),
+        rest=None if rest is None else shown(rest),
+        transient=None if transient is None else shown_transients(transient),
+    )
+
+
+def _span(camera: Camera, part: Part) -> Float[Array, "2"]:
+    """The earliest and the latest time at which a frame looks."""
+    time = _decisive_times(achromatic(camera), part)
+    return jnp.stack([jnp.min(time), jnp.max(time)])
 
 
 def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
-    dtype = camera.time.dtype
-    bounds = (None, None) if part.share is None else (part.share.span[0], part.share.span[1])
     if not keys:
         place = jnp.stack([jnp.zeros_like(part.row), part.row])
-        time = camera_rays(camera, place[None], jnp.full((1, 5), 0.5, dtype)).time
-        return jnp.clip(time, *bounds)
+        u = jnp.full((1, 5), 0.5, camera.time.dtype)
+        return jnp.clip(camera_rays(camera, place[None], u).time, *_bounds(part))
+    time = _decisive_times(camera, part)
+    first, last = jnp.min(time), jnp.max(time)
+    return jnp.linspace(first, last, keys, dtype=time.dtype) if keys > 1 else first[None]
+
+
+def _decisive_times(camera: Camera, part: Part) -> Float[Array, " rays"]:
+    """Times of rays among which are the first and the last of a frame."""
+    dtype = camera.time.dtype
     pixel = decisive_pixels(camera.shutter, (camera.film.width, camera.film.height))
     place = jnp.asarray(np.repeat(pixel, 2, axis=0), dtype)
     u = np.full((len(place), 5), 0.5)
     u[:, 4] = np.tile([0, 1], len(pixel))
-    time = jnp.clip(camera_rays(camera, place, jnp.asarray(u, dtype)).time, *bounds)
-    first, last = jnp.min(time), jnp.max(time)
-    return jnp.linspace(first, last, keys, dtype=dtype) if keys > 1 else first[None]
+    return jnp.clip(camera_rays(camera, place, jnp.asarray(u, dtype)).time, *_bounds(part))
+
+
+def _bounds(part: Part) -> tuple[Array | None, Array | None]:
+    """The times between which a segment shows the frame; None where it shows all of it."""
+    return (None, None) if part.share is None else (part.share.span[0], part.share.span[1])
 
 
 @eqx.filter_jit

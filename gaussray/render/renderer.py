@@ -165,8 +165,7 @@ class Renderer:
         film = views[0].camera.film
         if views[0].keys:
             scene = self.scenes[views[0].segment]
-            count = scene.static.count + scene.moving.count
-            rows, trace = strips(film, self.options, self.trace, count)
+            rows, trace = strips(film, self.options, self.trace, scene.count)
         else:
             rows, trace = min(self.options.chunk_rows, film.height), self.trace
         batch = _Batch(views, alone, rows, trace)
@@ -253,6 +252,7 @@ class Renderer:
             tuple(max(-(-c * 5 // (4 * share)), 64) for c in found.cells),
             max(-(-found.pairs * 5 // (4 * share)), 64),
             found.slots,
+            found.transient,
         )
 
 

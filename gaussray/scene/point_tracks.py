@@ -12,7 +12,7 @@ from gaussray.scene.bodies import body_of
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.residual_field import ResidualField
-from gaussray.scene.scene import Scene
+from gaussray.scene.scene import Scene, transient_count
 
 
 def carried(
@@ -22,13 +22,16 @@ def carried(
     Gaussian `index` (of those of `scene.at`): it shares its way and its turn, as on a rigid body,
     not its stretch.
 
-    What stands still stays. The deformation itself is asked, at any time; a picture moves the
-    Gaussians along parabolas between key states of it, which is the same to third order.
+    What stands still stays. A transient Gaussian carries its points at its velocity. The
+    deformation itself is asked, at any time; a picture moves the Gaussians along parabolas between
+    key states of it, which is the same to third order.
     """
+    velocity = _velocity(scene, index, point)
     if scene.deformation is None or scene.moving.count == 0:
-        return lambda _: point
+        return lambda other: point + (other - time) * velocity
     still = scene.static.count
-    moves, place = index >= still, jnp.clip(index - still, 0, scene.moving.count - 1)
+    moves = (index >= still) & (index < still + scene.moving.count)
+    place = jnp.clip(index - still, 0, scene.moving.count - 1)
     one = jax.tree.map(lambda x: x[place][None], scene.moving)
     deformation = _geometry(scene.deformation)
 
@@ -39,11 +42,21 @@ def carried(
     mean, rotation = pose(time)
     local = product("ji,j->i", rotation, point - mean)
 
-    def path(time: Float[Array, ""]) -> Float[Array, "3"]:
-        mean, rotation = pose(time)
-        return jnp.where(moves, mean + product("ij,j->i", rotation, local), point)
+    def path(other: Float[Array, ""]) -> Float[Array, "3"]:
+        mean, rotation = pose(other)
+        straight = point + (other - time) * velocity
+        return jnp.where(moves, mean + product("ij,j->i", rotation, local), straight)
 
     return path
+
+
+def _velocity(scene: Scene, index: Int[Array, ""], point: Float[Array, "3"]) -> Float[Array, "3"]:
+    """Velocity of a transient Gaussian; 0 for all others."""
+    first = scene.static.count + scene.moving.count
+    if scene.transient is None or not scene.transient.count:
+        return jnp.zeros_like(point)
+    place = jnp.clip(index - first, 0, scene.transient.count - 1)
+    return jnp.where(index >= first, scene.transient.velocity[place], 0)
 
 
 # What a Gaussian belongs to; bodies follow, FREE + 1 and so on.
@@ -51,7 +64,13 @@ STATIC, FREE = 1, 2
 
 
 def group_of(scene: Scene) -> Int[Array, " gaussians"]:
-    """Group of every Gaussian: 1 stands still, 2 moves by itself (or bends), 3 + b is body b."""
+    """Group of every Gaussian: 1 stands still, 2 moves by itself (bends, or is transient), 3 + b
+    is body b."""
+    transient = jnp.full(transient_count(scene), FREE, jnp.int32)
+    return jnp.concatenate([_persistent_groups(scene), transient])
+
+
+def _persistent_groups(scene: Scene) -> Int[Array, " gaussians"]:
     still = jnp.full(scene.static.count, STATIC, jnp.int32)
     if scene.deformation is None:
         return jnp.concatenate([still, jnp.full(scene.moving.count, STATIC, jnp.int32)])

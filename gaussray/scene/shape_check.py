@@ -45,8 +45,8 @@ def _unlike(node: Any, name: str, kind: Any = None) -> Iterator[str]:
 @functools.lru_cache(maxsize=64)
 def _traced(tree: Any, leaves: tuple) -> str:
     scene = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
-    rest = scene.static, scene.moving
-    coefficients = {part.harmonics.shape[1] for part in rest}
+    parts = [x for x in (scene.static, scene.moving, scene.transient) if x is not None]
+    coefficients = {part.harmonics.shape[1] for part in parts}
     if not coefficients <= {1, 4, 9, 16}:
         return f"harmonics of {sorted(coefficients)} coefficients"
     time = jax.ShapeDtypeStruct((), scene.time_range.dtype)
@@ -54,7 +54,7 @@ def _traced(tree: Any, leaves: tuple) -> str:
         made = jax.eval_shape(at, scene, time)
     except Exception as error:
         return " ".join(str(error).split())[:200]
-    count = sum(part.mean.shape[0] for part in rest)
+    count = sum(part.mean.shape[0] for part in parts)
     wanted = {"mean": (3,), "quat": (4,), "scale": (3,), "opacity": ()}
     wrong = [name for name, x in wanted.items() if getattr(made, name).shape != (count, *x)]
     return ", ".join(wrong)

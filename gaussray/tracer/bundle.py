@@ -18,8 +18,8 @@ _WIDEST = 0.05
 
 
 class Bundles(eqx.Module):
-    """Half-spaces n.x >= offset that hold every ray of a bundle, and the control points of the
-    motion that its times touch.
+    """Half-spaces n.x >= offset that hold every ray of a bundle, the control points of the motion
+    that its times touch, and the earliest and the latest of these times.
 
     Four sides and a near plane. They are taken from the rays themselves, so lens radius, a moving
     camera and any lens are bounded without being known. A bundle without rays holds nothing; rays
@@ -29,6 +29,8 @@ class Bundles(eqx.Module):
     normal: Float[Array, "*bundles 5 3"]
     offset: Float[Array, "*bundles 5"]
     active: Bool[Array, "*bundles keys"]
+    earliest: Float[Array, "*bundles"]
+    latest: Float[Array, "*bundles"]
 
 
 def bound(rays: Rays, key_time: Float[Array, " keys"]) -> Bundles:
@@ -69,9 +71,8 @@ def _bound_one(rays: Rays, key_time: Array) -> Bundles:
     offset = jnp.min(reach, axis=1) - slack * magnitude
     earliest = jnp.min(jnp.where(real, rays.time, jnp.inf))
     latest = jnp.max(jnp.where(real, rays.time, -jnp.inf))
-    return Bundles(
-        normal, jnp.where(some, offset, jnp.inf), active_controls(key_time, earliest, latest)
-    )
+    active = active_controls(key_time, earliest, latest)
+    return Bundles(normal, jnp.where(some, offset, jnp.inf), active, earliest, latest)
 
 
 def _row_end(count: int) -> int:

@@ -1,5 +1,6 @@
 """Which Gaussian a ray sees most of."""
 
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -9,15 +10,24 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.tracer.k_nearest import nearest, pack, slot_mask
-from gaussray.tracer.motion import Columns, Motion, columns, control_weights, state_at, table, whole
-from gaussray.tracer.response import opacity_on_ray, reach, response
-from gaussray.tracer.trace import TraceOptions, find, in_bundles
+from gaussray.tracer.motion import Motion
+from gaussray.tracer.response import opacity_on_ray, reach
+from gaussray.tracer.table import Columns, Lanes, columns, meet, table
+from gaussray.tracer.trace import (
+    Prepared,
+    TraceOptions,
+    find,
+    in_bundles,
+    lanes_of,
+    prepared_for,
+)
 from gaussray.tracer.traverse import Capacity
 
 
 class Dominant(NamedTuple):
-    """The Gaussian of the largest blending weight on every ray, static ones first (-1: nothing is
-    hit), and that `weight`; `needed` list sizes and entries `dropped` as in `trace.Report`."""
+    """The Gaussian of the largest blending weight on every ray, static ones first and transient
+    ones last (-1: nothing is hit), and that `weight`; `needed` sizes and entries `dropped` as in
+    `trace.Report`."""
 
     index: Int[Array, " rays"]
     weight: Float[Array, " rays"]
@@ -26,11 +36,9 @@ class Dominant(NamedTuple):
 
 
 class _Bundle(NamedTuple):
-    """Rays of a bundle (components first) and its place in the list of candidates."""
+    """Rays of a bundle (components x 1 x rays) and its place in the list of candidates."""
 
-    origin: Float[Array, "3 1 rays"]
-    direction: Float[Array, "3 1 rays"]
-    weights: Float[Array, "keys 1 rays"]
+    lanes: Lanes
     start: Int[Array, ""]
     count: Int[Array, ""]
 
@@ -43,30 +51,37 @@ def dominant(motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Cap
     has less light left than the best has weight. `capacity` is that of `trace.backend=array`.
     Rays are in a coherent order, as for `trace`. Integers only: no gradient.
     """
-    motion, rays = jax.lax.stop_gradient((whole(motion), rays))
+    motion, rays = jax.lax.stop_gradient((motion, rays))
+    arrays = replace(options, backend="array")
+    scene = prepared_for(motion, rays, arrays, capacity)
     count = rays.time.shape[0]
-    lists, _ = find(motion, rays, options=options, capacity=capacity)
-    layout = columns(motion)
-    rows = table(motion)[:, : layout.opacity + 1]
-    split = in_bundles(rays, options)
-    weights = jax.vmap(jax.vmap(partial(control_weights, motion.time)))(split.time)
-
-    def lead(x: Array) -> Array:
-        return jnp.moveaxis(x, -1, 1)[:, :, None]
-
-    origin, direction, weights = map(lead, (split.origin, split.direction, weights))
-    bundles = _Bundle(origin, direction, weights, lists.start, lists.count)
+    lists, _ = find(scene, rays, options=arrays, capacity=capacity)
+    layout = columns(scene.motion)
+    rows = table(scene.motion)[:, : layout.opacity + 1]
+    lanes = lanes_of(scene.motion, in_bundles(rays, options))
+    # Bundles come first, and a ray meets several Gaussians at once.
+    lanes = jax.tree.map(lambda x: jnp.moveaxis(x, 1, 0)[:, :, None], lanes)
     walk = partial(_walk, rows, layout, lists.index, options=options, slots=capacity.slots)
     together = 4 if jax.default_backend() == "cpu" else 256
+    bundles = _Bundle(lanes, lists.start, lists.count)
     index, weight = jax.lax.map(walk, bundles, batch_size=together)
-    found = index.reshape(-1)[:count], weight.reshape(-1)[:count]
-    return Dominant(*found, lists.needed, lists.dropped)
+    index, weight = index.reshape(-1)[:count], weight.reshape(-1)[:count]
+    return Dominant(_among_all(scene, index), weight, lists.needed, lists.dropped)
+
+
+def _among_all(scene: Prepared, index: Int[Array, " rays"]) -> Int[Array, " rays"]:
+    """Numbers among all Gaussians of those among the ones that are alive."""
+    if scene.index is None or not scene.index.shape[0]:
+        return index
+    first = scene.motion.gaussians.count
+    place = jnp.clip(index - first, 0, scene.index.shape[0] - 1)
+    return jnp.where(index < first, index, first + scene.index[place])
 
 
 def _walk(rows, layout: Columns, index, bundle: _Bundle, *, options: TraceOptions, slots: int):
     """Index and weight of the dominant Gaussian of each ray of a bundle."""
     mask = slot_mask(bundle.count)
-    dtype, rays = rows.dtype, bundle.origin.shape[-1]
+    dtype, rays = rows.dtype, bundle.lanes.origin.shape[-1]
     kind = jnp.int64 if dtype == jnp.float64 else jnp.int32
     end = jnp.iinfo(kind).max
 
@@ -74,7 +89,7 @@ def _walk(rows, layout: Columns, index, bundle: _Bundle, *, options: TraceOption
         """Distance and alpha of Gaussians on the rays; alpha is 0 where they are not met."""
         found = rows[gaussian]
         row = [found[..., i] for i in range(found.shape[-1])]
-        t, q = response(*state_at(row, bundle.weights), bundle.origin, bundle.direction)
+        t, q = meet(row, bundle.lanes, layout)
         opacity = jnp.broadcast_to(row[layout.opacity], q.shape)
         alpha = opacity_on_ray(opacity, q, alpha_max=options.alpha_max)
         return t, jnp.where((q < reach(opacity, options.alpha_min) ** 2) & (t > 0), alpha, 0)

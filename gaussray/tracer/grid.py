@@ -8,6 +8,7 @@ from jaxtyping import Array, Bool, Float, Int
 from gaussray.tracer.bundle import morton
 from gaussray.tracer.motion import Motion, controls, usable
 from gaussray.tracer.response import reach
+from gaussray.tracer.window import Sweep, Window, all_states, sweep
 
 
 # Gaussians in one cell.
@@ -22,6 +23,7 @@ class Grid(eqx.Module):
     box of a crowd of tiny ones. Equal runs instead of equal cubes: a cell holds the same number
     however they crowd, so everything in one cube costs no more than an even spread, and nothing
     needs a capacity. `index` is padded with -1; `dropped` counts Gaussians that are not `usable`.
+    Where some Gaussians are transient, `fading` says when and where to (None: none are).
     """
 
     index: Int[Array, "cells occupancy"]
@@ -30,23 +32,55 @@ class Grid(eqx.Module):
     lower: Float[Array, "cells 3"]
     upper: Float[Array, "cells 3"]
     dropped: Int[Array, ""]
+    fading: "Fading | None" = None
 
 
-def build(motion: Motion, *, alpha_min: float) -> Grid:
+class Fading(eqx.Module):
+    """Windows of the Gaussians of a grid, their reach at full opacity in standard deviations, and
+    the times beyond which they rest."""
+
+    window: Window
+    radius: Float[Array, "*gaussians"]
+    time_range: Float[Array, "2"] | None
+
+    def between(
+        self, earliest: Float[Array, "*windows"], latest: Float[Array, "*windows"]
+    ) -> Sweep:
+        """What the Gaussians do between two times."""
+        if self.time_range is not None:
+            begin, end = self.time_range[0], self.time_range[1]
+            earliest, latest = jnp.clip(earliest, begin, end), jnp.clip(latest, begin, end)
+        return sweep(self.window, self.radius, earliest, latest)
+
+
+def build(motion: Motion, *, alpha_min: float, span: Float[Array, "2"] | None = None) -> Grid:
     """Sort the Gaussians into cells and bound each cell over all control points of the motion.
 
     The ellipsoids reach to where alpha = `alpha_min` (`response.reach`); Gaussians that never rise
-    above it are left out.
+    above it are left out, and so are transient ones that do not within the `span` of time that the
+    grid is for. ValueError if there are transient ones and no span.
     """
     motion = jax.lax.stop_gradient(motion)
-    g = motion.gaussians
-    mean, frame = controls(motion)
+    g, window = all_states(motion)
+    mean, frame = controls(Motion(motion.time, g))
     radius = reach(g.opacity, alpha_min)
     support = frame * radius[None, :, None, None]
     lower, upper = around(mean, support)
     lower, upper = jnp.min(lower, axis=0), jnp.max(upper, axis=0)
     fine = usable(g)
-    kept = fine & (radius > 0)
+    kept, fading = fine & (radius > 0), None
+    if window is not None:
+        if span is None:
+            raise ValueError("a grid over transient Gaussians needs a span of time, got none.")
+        fading = Fading(window, radius, motion.time_range)
+        swept = fading.between(span[0], span[1])
+        kept = kept & (swept.shrink > 0)
+        center = 0.5 * (lower + upper)
+        half = swept.shrink[:, None] * (upper - center)
+        least, most = jnp.minimum(swept.first, swept.last), jnp.maximum(swept.first, swept.last)
+        # Rounding of the way itself.
+        half = half + 4 * jnp.finfo(half.dtype).eps * (jnp.abs(center) + most - least)
+        lower, upper = center - half + least, center + half + most
     order = jnp.argsort(place(lower, upper, kept))
     cells = max(-(-g.count // OCCUPANCY), 1)
     padding = cells * OCCUPANCY - g.count
@@ -67,6 +101,9 @@ def build(motion: Motion, *, alpha_min: float) -> Grid:
         lower=jnp.min(jnp.where(there, pick(lower), jnp.inf), axis=1),
         upper=jnp.max(jnp.where(there, pick(upper), -jnp.inf), axis=1),
         dropped=jnp.sum(~fine, dtype=jnp.int32),
+        fading=None
+        if fading is None
+        else Fading(jax.tree.map(pick, fading.window), pick(radius), motion.time_range),
     )
 
 

@@ -9,13 +9,11 @@ from jaxtyping import Array
 from gaussray.scene.harmonics import radiance
 from gaussray.tracer.composite import composite
 from gaussray.tracer.k_nearest import nearest, pack, slot_mask
-from gaussray.tracer.motion import state_at, tint_at
-from gaussray.tracer.response import opacity_on_ray, reach, response
+from gaussray.tracer.response import opacity_on_ray, reach
+from gaussray.tracer.table import Lanes, meet, tint_at
 
 
-def _march(
-    table, origin, direction, weights, lists, options, columns, room
-) -> tuple[Array, Array, Array]:
+def _march(table, lanes, lists, options, columns, room) -> tuple[Array, Array, Array]:
     """All bundles, in groups of similar list length: channels (red, green, blue, depth), T, hits.
 
     Backward (custom because the number of rounds is only known at run time, and to keep nothing
@@ -24,11 +22,11 @@ def _march(
     dL_r = T_r g and dtau_r = (g . (total - sum up to r) + g_T T_end) / tau_r; shading is then
     differentiated by JAX.
     """
-    return _forward(table, origin, direction, weights, lists, options, columns, room)[0]
+    return _forward(table, lanes, lists, options, columns, room)[0]
 
 
-def _forward(table, origin, direction, weights, lists, options, columns, room):
-    groups, restore = _groups(origin, direction, weights, lists, options)
+def _forward(table, lanes, lists, options, columns, room):
+    groups, restore = _groups(lanes, lists, options)
     geometry, paint = _geometry(table, columns, options), table[:, columns.opacity + 1 :]
 
     def group(space, one):
@@ -41,7 +39,7 @@ def _forward(table, origin, direction, weights, lists, options, columns, room):
             there = index >= 0
             t, alpha = _at_slots(listed, slot, there)
             rows = _components(paint, index)
-            local, tau = _blended(rows, t, alpha, one["d"], one["w"], columns)
+            local, tau = _blended(rows, t, alpha, one["lanes"], columns)
             channels = channels + transmittance[None] * local
             transmittance = transmittance * tau
             going = there[-1] & (transmittance > options.transmittance_min)
@@ -63,15 +61,15 @@ def _forward(table, origin, direction, weights, lists, options, columns, room):
     return restore(results), kept
 
 
-def _march_forward(table, origin, direction, weights, lists, options, columns, room):
-    out, kept = _forward(table, origin, direction, weights, lists, options, columns, room)
-    return out, (table, origin, direction, weights, lists, out[0], out[1], kept)
+def _march_forward(table, lanes, lists, options, columns, room):
+    out, kept = _forward(table, lanes, lists, options, columns, room)
+    return out, (table, lanes, lists, out[0], out[1], kept)
 
 
 def _march_backward(options, columns, room, saved, cotangent):
-    table, origin, direction, weights, lists, total, end, kept = saved
+    table, lanes, lists, total, end, kept = saved
     g_channels, g_end, _ = cotangent
-    groups, restore = _groups(origin, direction, weights, lists, options)
+    groups, restore = _groups(lanes, lists, options)
     geometry = _geometry(table, columns, options)
     extra = _split({"total": total, "end": end, "g": g_channels, "g_end": g_end}, lists, options)
 
@@ -84,22 +82,20 @@ def _march_backward(options, columns, room, saved, cotangent):
             there = index >= 0
             rows = _components(table, index)
             (local, tau), pull = jax.vjp(
-                lambda rows, o, d, w: _shade(rows, o, d, w, there, columns, options),
+                lambda rows, lanes: _shade(rows, lanes, there, columns, options),
                 rows,
-                one["o"],
-                one["d"],
-                one["w"],
+                one["lanes"],
             )
             channels = channels + transmittance[None] * local
             rest = jnp.sum(more["g"] * (more["total"] - channels), axis=0)
             rest = rest + more["g_end"] * more["end"]
             live = tau > jnp.finfo(tau.dtype).tiny
             d_tau = jnp.where(live, rest / jnp.where(live, tau, 1), 0)
-            d_rows, d_o, d_d, d_w = pull((transmittance[None] * more["g"], d_tau))
+            d_rows, d_lanes = pull((transmittance[None] * more["g"], d_tau))
             d_rows = jnp.stack(d_rows, axis=-1)
             # Rays that are done and empty slots carry zeros, to the row of nothing.
             d_table = d_table.at[index.reshape(-1)].add(d_rows.reshape(-1, d_rows.shape[-1]))
-            d_rays = jax.tree.map(jnp.add, d_rays, (d_o, d_d, d_w))
+            d_rays = jax.tree.map(jnp.add, d_rays, d_lanes)
             transmittance = transmittance * tau
             going = there[-1] & (transmittance > options.transmittance_min)
             after = jnp.where(going, last, _END[last.dtype])
@@ -120,7 +116,7 @@ def _march_backward(options, columns, room, saved, cotangent):
             return jax.lax.while_loop(lambda s: s[5], body, state)
 
         channels, transmittance, after, _, going = _start(one, table.dtype)
-        zeros = jax.tree.map(jnp.zeros_like, (one["o"], one["d"], one["w"]))
+        zeros = jax.tree.map(jnp.zeros_like, one["lanes"])
         state = (channels, transmittance, after, d_table, zeros, going)
         rounds = _kept_rounds(options)
         state, _ = jax.lax.while_loop(lambda s: s[0][5] & (s[1] < rounds), kept_round, (state, 0))
@@ -128,10 +124,10 @@ def _march_backward(options, columns, room, saved, cotangent):
         return final[3], final[4]
 
     d_table, d_rays = jax.lax.scan(group, jnp.zeros_like(table), (groups, extra, kept))
-    return (d_table, *restore(d_rays), None)
+    return d_table, restore(d_rays), None
 
 
-march = jax.custom_vjp(_march, nondiff_argnums=(5, 6, 7))
+march = jax.custom_vjp(_march, nondiff_argnums=(3, 4, 5))
 march.defvjp(_march_forward, _march_backward)
 
 # Hits of a ray that are kept for the backward pass, a whole number of rounds; those beyond are
@@ -146,7 +142,7 @@ def _kept_rounds(options):
 
 
 def _start(one, dtype):
-    rays = one["o"].shape[1:]
+    rays = one["lanes"].origin.shape[1:]
     kind = jnp.int64 if dtype == jnp.float64 else jnp.int32
     return (
         jnp.zeros((4, *rays), dtype),
@@ -185,7 +181,7 @@ def _split(tree, lists, options):
     return jax.tree.map(split, tree)
 
 
-def _groups(origin, direction, weights, lists, options):
+def _groups(lanes, lists, options):
     """Bundles sorted by list length and cut into groups, and the way back."""
     _, start, count = lists
     order = jnp.argsort(count)
@@ -193,7 +189,7 @@ def _groups(origin, direction, weights, lists, options):
     width = _width(options)
     groups = -(-bundles // width)
     padding = groups * width - bundles
-    parts = _split({"o": origin, "d": direction, "w": weights}, lists, options)
+    parts = {"lanes": _split(lanes, lists, options)}
     for name, x in (("start", start), ("count", count)):
         parts[name] = jnp.pad(x[order], (0, padding)).reshape(groups, width)
     parts["mask"] = slot_mask(parts["count"])[..., None]
@@ -230,7 +226,8 @@ class _Listed(NamedTuple):
 def _space(groups, options, room):
     """Arrays for what is listed of one group: made once, since to clear them takes as long as to
     fill them where lists are short."""
-    rays, dtype = groups["o"].shape[2:], groups["o"].dtype
+    origin = groups["lanes"].origin
+    rays, dtype = origin.shape[2:], origin.dtype
     kind = jnp.int64 if dtype == jnp.float64 else jnp.int32
     shape = (-(-room // options.chunk), options.chunk, *rays)
     return tuple(jnp.zeros(shape, x) for x in (kind, dtype, dtype))
@@ -238,7 +235,7 @@ def _space(groups, options, room):
 
 def _list_keys(space, geometry, one, index, options, columns) -> _Listed:
     lanes = jnp.arange(options.chunk, dtype=jnp.int32)
-    o, d, w = one["o"][:, None], one["d"][:, None], one["w"][:, None]
+    rays = _with_entries(one["lanes"])
     kind, shape = space[0].dtype, space[0].shape
 
     def fill(i, kept):
@@ -247,7 +244,7 @@ def _list_keys(space, geometry, one, index, options, columns) -> _Listed:
         rows = geometry[jnp.maximum(index.at[place].get(mode="clip"), 0)]
         row = [rows[..., i, None] for i in range(rows.shape[-1])]
         listed = slot[:, None] < one["count"][None, :]
-        t, q = response(*state_at(row, w), o, d)
+        t, q = meet(row, rays, columns)
         met = listed[..., None] & (q < row[-1]) & (t > 0)
         alpha = opacity_on_ray(row[columns.opacity], q, alpha_max=options.alpha_max)
         order = jnp.where(met, jax.lax.bitcast_convert_type(t, kind), end)
@@ -297,22 +294,26 @@ def _components(table, index):
     return [rows[..., i] for i in range(table.shape[1])]
 
 
-def _shade(rows, origin, direction, weights, there, columns, options):
+def _with_entries(lanes: Lanes) -> Lanes:
+    """Rays with an axis for the entries that they meet."""
+    return jax.tree.map(lambda x: x[:, None], lanes)
+
+
+def _shade(rows, lanes, there, columns, options):
     """Channels and transmittance of one round of hits (columns of k x bundles x rays)."""
-    whiten, mean = state_at(rows, weights[:, None])
-    t, q = response(whiten, mean, origin[:, None], direction[:, None])
+    t, q = meet(rows, _with_entries(lanes), columns)
     alpha = opacity_on_ray(rows[columns.opacity], q, alpha_max=options.alpha_max)
     alpha = jnp.where(there, alpha, 0)
-    return _blended(rows[columns.opacity + 1 :], t, alpha, direction, weights, columns)
+    return _blended(rows[columns.opacity + 1 :], t, alpha, lanes, columns)
 
 
-def _blended(paint, t, alpha, direction, weights, columns):
+def _blended(paint, t, alpha, lanes, columns):
     """The same of hits whose distance and alpha are known; `paint` are the columns of colour."""
-    direction, weights = direction[:, None], weights[:, None]
+    lanes = _with_entries(lanes)
     harmonics = jnp.stack(paint[: 3 * columns.coefficients])
     harmonics = harmonics.reshape(-1, 3, *harmonics.shape[1:])
-    color = radiance(harmonics, direction)
+    color = radiance(harmonics, lanes.direction)
     if columns.tinted:
-        color = color * tint_at(paint[3 * columns.coefficients :], weights)
+        color = color * tint_at(paint[3 * columns.coefficients :], lanes.weights)
     payload = jnp.concatenate([color, t[None]])
     return composite(alpha, t, payload)

@@ -1,14 +1,14 @@
 """Gaussians at the key times of a frame: between the keys everything moves along parabolas."""
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from gaussray.scene.gaussians import Gaussians, axes, concatenate, whitening
+from gaussray.scene.gaussians import Gaussians, axes, concatenate
+from gaussray.scene.scene import Scene, moving_at, persistent_at
+from gaussray.scene.transient import Transients
 
 
 class Motion(eqx.Module):
@@ -25,11 +25,16 @@ class Motion(eqx.Module):
     arc. That is why F is blended, not its inverse.
 
     `rest` are Gaussians without key states that stand still; they come before the others.
+    `transient` are Gaussians that live for a short time; they come last. They have no key states:
+    every ray meets them where they are, and as opaque as they are, at its own time. Times outside
+    of `time_range` (None: there are no limits) count for them as its ends.
     """
 
     time: Float[Array, " keys"]
     gaussians: Gaussians
     rest: Gaussians | None = None
+    transient: Transients | None = None
+    time_range: Float[Array, "2"] | None = None
 
     @property
     def keys(self) -> int:
@@ -44,8 +49,18 @@ class Motion(eqx.Module):
             )
 
 
-def still(gaussians: Gaussians) -> Motion:
-    """A scene that does not move within the frame."""
+def still(
+    gaussians: Gaussians,
+    transient: Transients | None = None,
+    time_range: Float[Array, "2"] | None = None,
+) -> Motion:
+    """A scene whose persistent Gaussians do not move within the frame.
+
+    Args:
+        gaussians: Gaussians without key states.
+        transient: short-lived Gaussians, which move and fade all the same; None for none.
+        time_range: times beyond which transient Gaussians rest; None for no limits.
+    """
     lifted = Gaussians(
         mean=gaussians.mean[None],
         quat=gaussians.quat[None],
@@ -54,14 +69,34 @@ def still(gaussians: Gaussians) -> Motion:
         harmonics=gaussians.harmonics,
         tint=None if gaussians.tint is None else gaussians.tint[None],
     )
-    return Motion(time=jnp.zeros(1, gaussians.mean.dtype), gaussians=lifted)
+    time = jnp.zeros(1, gaussians.mean.dtype)
+    return Motion(time, lifted, None, transient, None if transient is None else time_range)
+
+
+def scene_motion(
+    scene: Scene, key_time: Float[Array, " keys"], time_range: Float[Array, "2"] | None = None
+) -> Motion:
+    """A scene across the key times of a frame; one key time is a deformation that stands still.
+
+    Args:
+        scene: the scene.
+        key_time: increasing times between which the deformation is interpolated.
+        time_range: times beyond which transient Gaussians rest; None for no limits.
+    """
+    transient = scene.transient if scene.transient is not None and scene.transient.count else None
+    if key_time.shape[0] == 1 or scene.deformation is None:
+        return still(persistent_at(scene, key_time[0]), transient, time_range)
+    rest = scene.static if scene.static.count else None
+    limits = None if transient is None else time_range
+    return Motion(key_time, moving_at(scene, key_time), rest, transient, limits)
 
 
 def whole(motion: Motion) -> Motion:
     """The same with the resting Gaussians repeated at every key."""
     if motion.rest is None:
         return motion
-    return Motion(motion.time, concatenate(motion.rest, motion.gaussians))
+    every = concatenate(motion.rest, motion.gaussians)
+    return Motion(motion.time, every, None, motion.transient, motion.time_range)
 
 
 def controls(
@@ -157,61 +192,6 @@ def usable(gaussians: Gaussians) -> Bool[Array, " gaussians"]:
     return fine & jnp.isfinite(g.opacity) & jnp.all(jnp.isfinite(g.harmonics), axis=(1, 2))
 
 
-class Columns(NamedTuple):
-    """What stands where in a row of the `table`: keys x (9 + 3), opacity, harmonics, and, if the
-    Gaussians are `tinted`, keys x 3."""
-
-    keys: int
-    coefficients: int
-    tinted: bool
-
-    @property
-    def opacity(self) -> int:
-        """The column of the opacity, behind those of the states."""
-        return 12 * self.keys
-
-    @property
-    def harmonics(self) -> slice:
-        """The columns of the colour."""
-        return slice(self.opacity + 1, self.opacity + 1 + 3 * self.coefficients)
-
-    @property
-    def tint(self) -> slice:
-        """The columns of the tint, key by key."""
-        return slice(self.harmonics.stop, self.harmonics.stop + 3 * self.keys * self.tinted)
-
-
-def columns(motion: Motion) -> Columns:
-    """How the rows of the `table` of a motion are laid out."""
-    g = motion.gaussians
-    return Columns(motion.keys, g.harmonics.shape[1], g.tint is not None)
-
-
-def table(motion: Motion) -> Float[Array, "rows columns"]:
-    """All that shading needs of a Gaussian in one row (`Columns`): control points, opacity, colour.
-
-    A single key stores A = S^-1 R^T (nothing to invert later); several store F = R S of the control
-    points, whose blend is inverted per ray. A last row, of an ordinary Gaussian, is for slots
-    without a hit; Gaussians that are not `usable` become such too, so that neither their values nor
-    their gradients spread.
-    """
-    fine = jnp.pad(usable(motion.gaussians), (0, 1))
-    g = ordinary(_one_more(motion.gaussians), fine)
-    if motion.keys == 1:
-        mean, matrix = g.mean, whitening(g.quat, g.scale)
-    else:
-        mean, matrix = controls(Motion(motion.time, g))
-    state = jnp.concatenate([matrix.reshape(*matrix.shape[:2], 9), mean], axis=-1)
-    parts = [_by_row(state), g.opacity[:, None], g.harmonics.reshape(g.count, -1)]
-    if g.tint is not None:
-        parts.append(_by_row(tint_controls(Motion(motion.time, g))))
-    return jnp.concatenate(parts, axis=1)
-
-
-def _by_row(x: Float[Array, "keys gaussians n"]) -> Float[Array, "gaussians columns"]:
-    return jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1)
-
-
 def ordinary(g: Gaussians, fine: Bool[Array, " gaussians"]) -> Gaussians:
     """Gaussians with key states; all values of those that are not fine become 1."""
 
@@ -222,8 +202,8 @@ def ordinary(g: Gaussians, fine: Bool[Array, " gaussians"]) -> Gaussians:
     return _each(replace, g)
 
 
-def _one_more(g: Gaussians) -> Gaussians:
-    """Room for one more Gaussian."""
+def padded(g: Gaussians) -> Gaussians:
+    """Gaussians with key states and one more, all of whose values are 0."""
 
     def pad(x: Array, axis: int) -> Array:
         return jnp.pad(x, [(0, 1) if i == axis else (0, 0) for i in range(x.ndim)])
@@ -241,54 +221,3 @@ def _each(change: Callable[[Array, int], Array], g: Gaussians) -> Gaussians:
         harmonics=change(g.harmonics, 0),
         tint=None if g.tint is None else change(g.tint, 1),
     )
-
-
-def state_at(
-    row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
-) -> tuple[list[Float[Array, "*both"]], list[Float[Array, "*both"]]]:
-    """Gaussians (a row of `table`, column by column) blended for their rays with
-    `control_weights`: the nine entries of A, row by row, and the mean."""
-    keys = weights.shape[0]
-    if keys == 1:
-        return [row[i] for i in range(9)], [row[i] for i in range(9, 12)]
-
-    def blend(i: int) -> Array:
-        total = weights[0] * row[i]
-        for key in range(1, keys):
-            total = total + weights[key] * row[12 * key + i]
-        return total
-
-    return _inverse([blend(i) for i in range(9)]), [blend(i) for i in range(9, 12)]
-
-
-def tint_at(
-    row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
-) -> Float[Array, " 3 *both"]:
-    """Tints (the `tint` columns of a row) blended for their rays; overshoot is cut off at 0."""
-
-    def blend(channel: int) -> Array:
-        total = weights[0] * row[channel]
-        for key in range(1, weights.shape[0]):
-            total = total + weights[key] * row[3 * key + channel]
-        return total
-
-    return jnp.maximum(jnp.stack([blend(channel) for channel in range(3)]), 0)
-
-
-def _inverse(f: list[Array]) -> list[Array]:
-    """Inverse of a 3x3 matrix by cofactors, accurate for columns of any scale near orthogonality.
-
-    Each column is first divided by its largest entry, so products of three scales never underflow.
-    """
-    columns = [f[0::3], f[1::3], f[2::3]]
-    size = [jnp.maximum(jnp.maximum(jnp.abs(a), jnp.abs(b)), jnp.abs(c)) for a, b, c in columns]
-    size = [jax.lax.stop_gradient(jnp.where(s > 0, s, 1)) for s in size]
-    u, v, w = ([entry / s for entry in column] for column, s in zip(columns, size, strict=True))
-    rows = [_cross(v, w), _cross(w, u), _cross(u, v)]
-    determinant = u[0] * rows[0][0] + u[1] * rows[0][1] + u[2] * rows[0][2]
-    determinant = jnp.where(determinant == 0, 1, determinant)
-    return [entry / (determinant * s) for row, s in zip(rows, size, strict=True) for entry in row]
-
-
-def _cross(a: list[Array], b: list[Array]) -> list[Array]:
-    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

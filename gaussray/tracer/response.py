@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 def response(
     whiten: list[Float[Array, "*hits"]],
-    mean: list[Float[Array, "*hits"]],
+    mean: list[Float[Array, "*places"]],
     origin: Float[Array, " 3 *rays"],
     direction: Float[Array, " 3 *rays"],
 ) -> tuple[Float[Array, "*both"], Float[Array, "*both"]]:

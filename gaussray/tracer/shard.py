@@ -10,9 +10,8 @@ from jax.sharding import Mesh, PartitionSpec
 from gaussray.camera.rays import Rays
 from gaussray.tracer.bundle import FAN
 from gaussray.tracer.composite import Pixels
-from gaussray.tracer.grid import Grid
 from gaussray.tracer.motion import Motion
-from gaussray.tracer.trace import Report, TraceOptions, trace
+from gaussray.tracer.trace import Prepared, Report, TraceOptions, trace
 from gaussray.tracer.traverse import Capacity
 
 
@@ -30,13 +29,12 @@ def mesh_of_hosts(devices: int | None = None) -> Mesh:
 
 
 def trace_sharded(
-    motion: Motion,
+    motion: Motion | Prepared,
     rays: Rays,
     *,
     options: TraceOptions,
     capacity: Capacity,
     mesh: Mesh | None,
-    grid: Grid | None = None,
 ) -> tuple[Pixels, Report]:
     """`trace` with the rays dealt out to the devices and the scene on each; same result.
 
@@ -45,7 +43,7 @@ def trace_sharded(
     a mesh it is `trace`.
     """
     if mesh is None or mesh.size == 1:
-        return trace(motion, rays, options=options, capacity=capacity, grid=grid)
+        return trace(motion, rays, options=options, capacity=capacity)
     devices, block = mesh.size, options.bundle**2 * FAN**options.levels
     axis = rays.time.ndim - 1
     lead, count = rays.time.shape[:axis], rays.time.shape[axis]
@@ -63,8 +61,8 @@ def trace_sharded(
 
     everywhere, split = PartitionSpec(), PartitionSpec(*(None,) * axis, "rays")
 
-    def one_device(motion, rays, grid):
-        pixels, report = trace(motion, rays, options=options, capacity=capacity, grid=grid)
+    def one_device(motion, rays):
+        pixels, report = trace(motion, rays, options=options, capacity=capacity)
         total = partial(jax.lax.psum, axis_name="rays")
         largest = partial(jax.lax.pmax, axis_name="rays")
         report = Report(
@@ -78,9 +76,9 @@ def trace_sharded(
     spread = jax.shard_map(
         one_device,
         mesh=mesh,
-        in_specs=(everywhere, split, everywhere),
+        in_specs=(everywhere, split),
         out_specs=(split, everywhere),
         check_vma=False,
     )
-    pixels, report = spread(motion, jax.tree.map(deal, rays), grid)
+    pixels, report = spread(motion, jax.tree.map(deal, rays))
     return jax.tree.map(collect, pixels), report

@@ -1,6 +1,7 @@
 """Rays through Gaussians: candidates, then the march of the bundles; and what it costs."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import equinox as eqx
@@ -15,8 +16,10 @@ from gaussray.tracer.bundle import FAN, bound
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.grid import Grid, build
 from gaussray.tracer.march import march
-from gaussray.tracer.motion import Motion, columns, control_weights, table, whole
+from gaussray.tracer.motion import Motion, control_weights, whole
+from gaussray.tracer.table import Lanes, columns, table
 from gaussray.tracer.traverse import Candidates, Capacity, candidates
+from gaussray.tracer.window import alive, chosen
 
 
 BACKENDS = ("auto", "array", "kernel")
@@ -67,9 +70,10 @@ class TraceOptions(eqx.Module):
 
 
 class Report(eqx.Module):
-    """What a trace cost and whether it was whole: `needed` list sizes (see `Capacity`), entries
-    `dropped` for lack of capacity, Gaussians `skipped` because they were not finite, `hits` of all
-    rays together, which may be more than 32 bits count: exact up to 2^24, then rounded."""
+    """What a trace cost and whether it was whole: `needed` sizes in the order of `Capacity` (that
+    of transient Gaussians if there are any), entries `dropped` for lack of capacity, Gaussians
+    `skipped` because they were not finite, `hits` of all rays together, which may be more than 32
+    bits count: exact up to 2^24, then rounded."""
 
     needed: Int[Array, " sizes"]
     dropped: Int[Array, ""]
@@ -77,13 +81,87 @@ class Report(eqx.Module):
     hits: Float[Array, ""]
 
 
+class Prepared(eqx.Module):
+    """A motion as all rays within a `span` of time may meet it.
+
+    `motion` holds of the transient Gaussians those that are alive in the span, `index` which ones
+    they are among all (-1: an empty place), `needed` how many there are. `grid` is the one over
+    them (None where the CUDA kernels trace).
+    """
+
+    motion: Motion
+    grid: Grid | None
+    span: Float[Array, "2"]
+    index: Int[Array, " alive"] | None = None
+    needed: Int[Array, ""] | None = None
+    unusable: Int[Array, ""] | None = None
+
+    def extended(self, needed: Array, dropped: Array) -> tuple[Array, Array]:
+        """List sizes with the number of transients that are alive, and what finds no place."""
+        if self.needed is None or self.index is None:
+            return needed, dropped
+        lost = jnp.maximum(self.needed - self.index.shape[0], 0)
+        return jnp.append(needed, self.needed), dropped + lost
+
+    def skipped(self, others: Array) -> Array:
+        """How many Gaussians are not finite, given how many of the `others` are not."""
+        return others if self.unusable is None else others + self.unusable
+
+
+def prepare(
+    motion: Motion, span: Float[Array, "2"], *, options: TraceOptions, capacity: Capacity
+) -> Prepared:
+    """What all traces of rays within a span of time share: worth it for several traces.
+
+    Args:
+        motion: the scene.
+        span: the earliest and the latest time of any ray.
+        options: how it will be traced.
+        capacity: that of the traces.
+    """
+    index = needed = unusable = None
+    span = jax.lax.stop_gradient(span)
+    if motion.transient is not None and not motion.transient.count:
+        motion = replace(motion, transient=None)
+    if motion.transient is not None:
+        limits = motion.time_range
+        within = span if limits is None else jnp.clip(span, limits[0], limits[1])
+        lit, fine = alive(motion.transient, within, options.alpha_min)
+        needed = jnp.sum(lit, dtype=jnp.int32)
+        unusable = jnp.sum(~fine, dtype=jnp.int32)
+        transient, index = chosen(motion.transient, lit, capacity.transient)
+        motion = replace(motion, transient=transient)
+    grid = None
+    if not on_kernel(options, motion.gaussians.mean.dtype):
+        motion = whole(motion)
+        fixed = jax.lax.stop_gradient(motion)
+        grid = build(fixed, alpha_min=options.alpha_min, span=span)
+    return Prepared(motion, grid, span, index, needed, unusable)
+
+
+def prepared_for(
+    motion: Motion | Prepared, rays: Rays, options: TraceOptions, capacity: Capacity
+) -> Prepared:
+    """A motion prepared for these rays, unless it is prepared already."""
+    if isinstance(motion, Prepared):
+        return motion
+    return prepare(motion, span_of(rays), options=options, capacity=capacity)
+
+
+def span_of(rays: Rays) -> Float[Array, "2"]:
+    """The earliest and the latest time of rays; times that are not finite do not count."""
+    time = jax.lax.stop_gradient(rays.time)
+    real = jnp.isfinite(time)
+    low = jnp.min(jnp.where(real, time, jnp.inf), initial=jnp.inf)
+    return jnp.stack([low, jnp.max(jnp.where(real, time, -jnp.inf), initial=-jnp.inf)])
+
+
 def trace(
-    motion: Motion,
+    motion: Motion | Prepared,
     rays: Rays,
     *,
     options: TraceOptions,
     capacity: Capacity,
-    grid: Grid | None = None,
 ) -> tuple[Pixels, Report]:
     """What rays see of a moving scene, with gradients to scene, rays and times.
 
@@ -93,20 +171,23 @@ def trace(
     they share what their bundle may meet, which is looked for once. Hits at exactly one distance
     come in the order of the grid (arrays), or in that in which the reach of their Gaussians begins
     before the neighbouring rays, and else of the Gaussians (kernels): always the same.
+
+    Args:
+        motion: the scene across the times of the rays, or what `prepare` makes of it.
+        rays: origin, direction (unit) and time of every ray; zero directions meet nothing.
+        options: how to trace.
+        capacity: sizes of the lists, from `measure`.
+
+    Returns:
+        Pixels of every ray, and the report on list sizes and entries that found no place.
     """
     if rays.time.ndim == 1:
         pixels, report = trace(motion, _sampled(rays), options=options, capacity=capacity)
         return jax.tree.map(lambda x: x[0], pixels), report
+    scene = prepared_for(motion, rays, options, capacity)
     if on_kernel(options, rays.time.dtype):
-        return _trace_kernel(motion, rays, options=options, capacity=capacity)
-    return _trace_arrays(whole(motion), rays, options=options, capacity=capacity, grid=grid)
-
-
-def grid_of(motion: Motion, options: TraceOptions) -> Grid | None:
-    """The grid over a motion's Gaussians; the kernel has no use for one."""
-    if on_kernel(options, motion.gaussians.mean.dtype):
-        return None
-    return build(whole(jax.lax.stop_gradient(motion)), alpha_min=options.alpha_min)
+        return _trace_kernel(scene, rays, options=options, capacity=capacity)
+    return _trace_arrays(scene, rays, options=options, capacity=capacity)
 
 
 def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
@@ -125,9 +206,11 @@ def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
     return options.backend != "array" and single and cuda.available()
 
 
-def _trace_kernel(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
+def _trace_kernel(
+    scene: Prepared, rays: Rays, *, options: TraceOptions, capacity: Capacity
+) -> tuple[Pixels, Report]:
     samples, count = rays.time.shape
-    stage, strips = kernel.prepare(motion, rays, options=options, slots=capacity.slots)
+    stage, strips = kernel.prepare(scene.motion, rays, options=options, slots=capacity.slots)
 
     def one(strip: kernel.Strip):
         lists = kernel.candidates(stage, strip)
@@ -138,7 +221,8 @@ def _trace_kernel(motion, rays, *, options, capacity) -> tuple[Pixels, Report]:
     sums, transmittance, needed, dropped, hits = over(one, strips)
     sums = jnp.moveaxis(sums, 0, 1).reshape(samples, -1, 4)[:, :count]
     transmittance = jnp.moveaxis(transmittance, 0, 1).reshape(samples, -1)[:, :count]
-    report = Report(jnp.max(needed, axis=0), jnp.sum(dropped), stage.skipped, jnp.sum(hits))
+    needed, dropped = scene.extended(jnp.max(needed, axis=0), jnp.sum(dropped))
+    report = Report(needed, dropped, scene.skipped(stage.skipped), jnp.sum(hits))
     return Pixels(sums[..., :3], transmittance, sums[..., 3]), report
 
 
@@ -161,20 +245,17 @@ def _wants(count: Array, options: TraceOptions, capacity: Capacity) -> tuple[Arr
     return needed, jnp.sum(jnp.maximum(count - capacity.slots, 0), dtype=jnp.int32)
 
 
-def _trace_arrays(motion, rays, *, options, capacity, grid) -> tuple[Pixels, Report]:
-    count = rays.time.shape[1]
-    lists, skipped = find(motion, rays, options=options, capacity=capacity, grid=grid)
+def _trace_arrays(
+    scene: Prepared, rays: Rays, *, options: TraceOptions, capacity: Capacity
+) -> tuple[Pixels, Report]:
+    motion, count = scene.motion, rays.time.shape[1]
+    lists, skipped = find(scene, rays, options=options, capacity=capacity)
     rows, layout = table(motion), columns(motion)
-    leading = partial(jnp.moveaxis, source=-1, destination=0)
 
     def one(rays: Rays):
-        bundled = in_bundles(rays, options)
-        weights = jax.vmap(jax.vmap(partial(control_weights, motion.time)))(bundled.time)
         channels, transmittance, hits = march(
             rows,
-            leading(bundled.origin),
-            leading(bundled.direction),
-            leading(weights),
+            lanes_of(motion, in_bundles(rays, options)),
             (lists.index, lists.start, lists.count),
             options,
             layout,
@@ -188,17 +269,33 @@ def _trace_arrays(motion, rays, *, options, capacity, grid) -> tuple[Pixels, Rep
     return pixels, Report(lists.needed, lists.dropped, skipped, jnp.sum(hits))
 
 
+def lanes_of(motion: Motion, bundled: Rays) -> Lanes:
+    """Bundles of rays with their components first, and what the motion asks of their times."""
+    leading = partial(jnp.moveaxis, source=-1, destination=0)
+    weights = jax.vmap(jax.vmap(partial(control_weights, motion.time)))(bundled.time)
+    time = None
+    if motion.transient is not None and not motion.transient.count:
+        motion = replace(motion, transient=None)
+    if motion.transient is not None:
+        limits = motion.time_range
+        time = bundled.time if limits is None else jnp.clip(bundled.time, limits[0], limits[1])
+        time = time[None]
+    return Lanes(leading(bundled.origin), leading(bundled.direction), leading(weights), time)
+
+
 def find(
-    motion: Motion,
+    motion: Motion | Prepared,
     rays: Rays,
     *,
     options: TraceOptions,
     capacity: Capacity,
-    grid: Grid | None = None,
 ) -> tuple[Candidates, Int[Array, ""]]:
     """Lists of every bundle over all samples, and the number of Gaussians that were not finite."""
     motion, rays = jax.lax.stop_gradient((motion, rays))
-    grid = build(motion, alpha_min=options.alpha_min) if grid is None else grid
+    scene = prepared_for(motion, rays, replace(options, backend="array"), capacity)
+    motion, grid = scene.motion, scene.grid
+    if grid is None:
+        grid = build(motion, alpha_min=options.alpha_min, span=scene.span)
     each = jax.vmap(lambda one: in_bundles(one, options))(_sampled(rays))
     bundled = jax.tree.map(
         lambda x: jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1, *x.shape[3:]), each
@@ -209,7 +306,10 @@ def find(
             lambda x: x.reshape(x.shape[0] // FAN, FAN * x.shape[1], *x.shape[2:]), bundled
         )
         levels.insert(0, bound(bundled, motion.time))
-    return candidates(grid, levels, capacity=capacity), grid.dropped
+    lists = candidates(grid, levels, capacity=capacity)
+    needed, dropped = scene.extended(lists.needed, lists.dropped)
+    lists = replace(lists, needed=needed, dropped=dropped)
+    return lists, scene.skipped(grid.dropped)
 
 
 def _sampled(rays: Rays) -> Rays:
@@ -220,15 +320,24 @@ def _sizes(motion, rays, *, options, capacity) -> tuple[Int[Array, " sizes"], In
     """The list sizes that scene and rays want, and how many entries find no place."""
     if on_kernel(options, rays.time.dtype):
         rays = _sampled(rays)
-        stage, strips = kernel.prepare(motion, rays, options=options, slots=capacity.slots)
+        scene = prepared_for(motion, rays, options, capacity)
+        stage, strips = kernel.prepare(scene.motion, rays, options=options, slots=capacity.slots)
         counts = over(lambda strip: kernel.candidates(stage, strip).count, strips)
-        return _wants(counts, options, capacity)
-    lists, _ = find(whole(motion), rays, options=options, capacity=capacity)
+        return scene.extended(*_wants(counts, options, capacity))
+    lists, _ = find(motion, rays, options=options, capacity=capacity)
     return lists.needed, lists.dropped
+
+
+def _alive_count(motion: Motion, rays: Rays, options: TraceOptions) -> Int[Array, ""]:
+    """How many transient Gaussians some ray may meet."""
+    none = Capacity((), 0, 0)
+    scene = prepare(motion, span_of(rays), options=options, capacity=none)
+    return jnp.zeros((), jnp.int32) if scene.needed is None else scene.needed
 
 
 # Compiled once for all who measure alike.
 _search = eqx.filter_jit(_sizes)
+_count_alive = eqx.filter_jit(_alive_count)
 
 
 def measure(
@@ -243,12 +352,13 @@ def measure(
 
     Starts from a small guess (or from `capacity`) and grows whatever overflowed until nothing does.
     """
-    if capacity is None:
+    trial = capacity
+    if trial is None:
         bundles = -(-rays.time.shape[-1] // options.bundle**2)
-        capacity = Capacity((256 * bundles,) * (options.levels + 1), 512 * bundles, 1024)
-        trial = capacity
-    else:
-        trial = capacity
+        trial = Capacity((256 * bundles,) * (options.levels + 1), 512 * bundles, 1024)
+    if motion.transient is not None and not trial.transient:
+        # Known without a search, and all other sizes depend on it.
+        trial = replace(trial, transient=max(int(_count_alive(motion, rays, options)), 1))
     while True:
         needed, dropped = _search(motion, rays, options=options, capacity=trial)
         needed = [int(n) for n in needed]
@@ -273,11 +383,13 @@ def enlarge(capacity: Capacity, needed: list[int], *, headroom: float = 1.3) -> 
         step = max(1 << (target.bit_length() - 3), 1)
         return -(-target // step) * step
 
-    *cells, pairs, slots = needed
+    levels = len(capacity.cells)
+    cells, (pairs, slots, *transient) = needed[:levels], needed[levels:]
     return Capacity(
         cells=tuple(size(h, w) for h, w in zip(capacity.cells, cells, strict=True)),
         pairs=size(capacity.pairs, pairs),
         slots=1 << max(size(capacity.slots, slots, near=1.0) - 1, 1).bit_length(),
+        transient=size(capacity.transient, *transient) if transient else capacity.transient,
     )
 
 

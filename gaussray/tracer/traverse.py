@@ -12,19 +12,22 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.tracer.bundle import FAN, Bundles
-from gaussray.tracer.grid import Grid
+from gaussray.tracer.grid import Fading, Grid
+from gaussray.tracer.window import Sweep
 
 
 class Capacity(eqx.Module):
     """Static sizes of the lists of one trace, from the coarsest level to the finest.
 
-    `cells[i]` bounds the (bundle, cell) pairs of level i, `pairs` the (bundle, Gaussian) pairs and
-    `slots` the longest list of one bundle. Measured with head-room by `trace.measure`.
+    `cells[i]` bounds the (bundle, cell) pairs of level i, `pairs` the (bundle, Gaussian) pairs,
+    `slots` the longest list of one bundle, and `transient` the transient Gaussians that are alive
+    while the rays look. Measured with head-room by `trace.measure`.
     """
 
     cells: tuple[int, ...] = eqx.field(static=True)
     pairs: int = eqx.field(static=True)
     slots: int = eqx.field(static=True)
+    transient: int = eqx.field(static=True, default=0)
 
 
 class Candidates(eqx.Module):
@@ -150,13 +153,16 @@ def _gathered(
     # Components first, neighbours last: what a cell holds is tested side by side.
     center = jnp.moveaxis(grid.center, (1, 3, 0), (0, 1, 2))
     axes = jnp.moveaxis(grid.axes, (1, 3, 4, 0), (0, 1, 2, 3))
+    fading = grid.fading
 
     def step(first: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         index, count, total = state
         bundle, cell, held = pairs.block(first, block)
         side = jax.tree.map(lambda x: x[bundle], bounds)
         found = grid.index[cell]
-        mask = _touches_ellipsoid(side, center[cell], axes[cell]) & held[:, None] & (found >= 0)
+        swept = None if fading is None else _swept(fading, cell, side)
+        mask = _touches_ellipsoid(side, center[cell], axes[cell], swept)
+        mask = mask & held[:, None] & (found >= 0)
         rank = jnp.cumsum(mask.reshape(-1), dtype=jnp.int32)
         place = jnp.where(mask.reshape(-1), total + rank - 1, capacity.pairs)
         return (
@@ -228,18 +234,28 @@ def _touches_box(
     return inside
 
 
+def _swept(fading: Fading, cell: Int[Array, " pairs"], bundle: Bundles) -> Sweep:
+    """What the Gaussians of a cell do in the time of its bundle."""
+    own = Fading(
+        jax.tree.map(lambda x: x[cell], fading.window), fading.radius[cell], fading.time_range
+    )
+    return own.between(bundle.earliest[:, None], bundle.latest[:, None])
+
+
 def _touches_ellipsoid(
     bundle: Bundles,
     center: Float[Array, "pairs 3 keys occupancy"],
     axes: Float[Array, "pairs 3 3 keys occupancy"],
+    swept: Sweep | None,
 ) -> Bool[Array, "pairs occupancy"]:
     """False where the ellipsoid lies outside one half-space of its bundle at all active control
-    points.
+    points, or where it is not alive in the bundle's time.
 
     Its support along n is n.c + |F^T n|. The maximum over the control points bounds every time of
-    the bundle's window (see `motion.Motion`).
+    the bundle's window (see `motion.Motion`). A transient one moves on a line, so the largest
+    support is that at one of its ends, with the largest ellipsoid.
     """
-    inside = jnp.array(True)
+    inside = jnp.array(True) if swept is None else swept.shrink > 0
     for i in range(5):
         n = bundle.normal[:, i, :, None, None]
         along = sum(n[:, a] * center[:, a] for a in range(3))
@@ -247,7 +263,13 @@ def _touches_ellipsoid(
         for b in range(3):
             part = sum(n[:, a] * axes[:, a, b] for a in range(3))
             squared = squared + part * part
-        support = jnp.where(bundle.active[..., None], along + jnp.sqrt(squared), -jnp.inf)
+        height = jnp.sqrt(squared)
+        if swept is not None:
+            shift = jnp.maximum(
+                *(sum(n[:, a, 0] * x[..., a] for a in range(3)) for x in (swept.first, swept.last))
+            )
+            along, height = along + shift[:, None], height * swept.shrink[:, None]
+        support = jnp.where(bundle.active[..., None], along + height, -jnp.inf)
         side = jnp.max(support, axis=1) >= bundle.offset[:, i, None]
         inside = inside & side
     return inside

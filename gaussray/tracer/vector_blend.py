@@ -30,8 +30,16 @@ def painted(
         white = constant(jnp.ones_like(color[0]), 0)
         return dataclasses.replace(gaussians, harmonics=white, tint=color)
 
-    rest = None if motion.rest is None else paint(motion.rest)
-    return Motion(motion.time, paint(motion.gaussians), rest)
+    rest, transient = motion.rest, motion.transient
+    if transient is not None:
+        harmonics = paint(transient.gaussians).harmonics
+        transient = dataclasses.replace(transient, harmonics=harmonics)
+    return dataclasses.replace(
+        motion,
+        gaussians=paint(motion.gaussians),
+        rest=None if rest is None else paint(rest),
+        transient=transient,
+    )
 
 
 def blended(pixels: Pixels, largest: float) -> Float[Array, "*rays 3"]:

@@ -178,7 +178,7 @@ class Sketcher:
             if same and not key.probe and not other.probe and ratio <= NEAR:
                 ratio = max(ratio, 1)
                 cells = tuple(math.ceil(ratio * count) for count in whole.cells)
-                return Capacity(cells, math.ceil(ratio * whole.pairs), whole.slots)
+                return Capacity(cells, math.ceil(ratio * whole.pairs), whole.slots, whole.transient)
         return None
 
     def _await(self, key: _Key) -> None:

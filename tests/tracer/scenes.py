@@ -1,5 +1,6 @@
 """Scenes, rays and compiled functions that the tests of the tracer share, so that few compile."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -10,6 +11,7 @@ import reference
 
 from gaussray.camera.rays import Rays
 from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.transient import Transients
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.trace import TraceOptions, trace
 from gaussray.tracer.traverse import Capacity
@@ -115,6 +117,27 @@ def moving(count, keys=3, *, seed=0, amount=0.1, **kind):
     )
 
 
+def fleeting(count, *, seed=0, lifetime=(0.05, 0.3), speed=0.5, **kind):
+    """Random transient Gaussians about times in [0, 1], half of them with a plateau."""
+    start = gaussians(count, seed=seed, **kind)
+    r = np.random.default_rng(seed + 200)
+    parts = start._asdict() | {
+        "velocity": speed * r.normal(size=(count, 3)),
+        "opacity": r.uniform(0.3, 1.0, count),
+        "instant": r.uniform(-0.1, 1.1, count),
+        "lifetime": np.exp(r.uniform(*np.log(lifetime), count)),
+        "plateau": np.where(r.uniform(size=count) < 0.5, 0, r.uniform(0.02, 0.1, count)),
+    }
+    return Transients(**cast(parts, np.float64))
+
+
+def beside(motion, transients, time_range=None):
+    """A scene with transient Gaussians of its own precision."""
+    dtype = motion.gaussians.mean.dtype
+    limits = None if time_range is None else jnp.asarray(time_range, dtype)
+    return Motion(motion.time, motion.gaussians, motion.rest, cast(transients, dtype), limits)
+
+
 def resting(matter, dtype=np.float32):
     """Gaussians that stand still, for the tracer."""
     return still(Gaussians(*cast(matter, dtype)))
@@ -129,7 +152,7 @@ def tinted(motion, *, seed=5):
     """The same Gaussians in a light of another colour at each key."""
     tint = np.random.default_rng(seed).uniform(0.5, 1.5, motion.gaussians.mean.shape)
     parts = vars(motion.gaussians) | {"tint": jnp.asarray(tint, motion.gaussians.mean.dtype)}
-    return Motion(motion.time, Gaussians(**parts))
+    return replace(motion, gaussians=Gaussians(**parts))
 
 
 def shot(lines, dtype=np.float32):
@@ -166,6 +189,8 @@ def natural(gradient, motion):
     motion_gradient, rays_gradient = cast(gradient, np.float64)
     d, g = motion_gradient.gaussians, cast(motion.gaussians, np.float64)
     tint = {} if d.tint is None else {"tint": d.tint}
+    if motion.transient is not None:
+        tint |= natural_transients(motion_gradient.transient, cast(motion.transient, np.float64))
     return tint | {
         "mean": d.mean * np.min(g.scale, axis=-1, keepdims=True),
         "quat": d.quat * np.linalg.norm(g.quat, axis=-1, keepdims=True),
@@ -175,6 +200,22 @@ def natural(gradient, motion):
         "origin": rays_gradient.origin,
         "direction": rays_gradient.direction,
         "time": rays_gradient.time,
+    }
+
+
+def natural_transients(d, t):
+    """Gradients to transient Gaussians in units of their own size, lifetime and speed."""
+    size = np.min(t.scale, axis=-1, keepdims=True)
+    return {
+        "transient mean": d.mean * size,
+        "transient velocity": d.velocity * size / t.lifetime[:, None],
+        "transient quat": d.quat * np.linalg.norm(t.quat, axis=-1, keepdims=True),
+        "transient scale": d.scale * t.scale,
+        "transient opacity": d.opacity,
+        "transient harmonics": d.harmonics,
+        "transient instant": d.instant * t.lifetime,
+        "transient lifetime": d.lifetime * t.lifetime,
+        "transient plateau": d.plateau * t.lifetime,
     }
 
 

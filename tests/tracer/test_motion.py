@@ -16,10 +16,9 @@ from gaussray.tracer.motion import (
     arc_weights,
     control_weights,
     controls,
-    state_at,
-    table,
     usable,
 )
+from gaussray.tracer.table import state_at, table
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import equinox as eqx
@@ -136,14 +137,15 @@ class Gauge:
 @eqx.filter_jit
 def _motion(draft: Draft, look: Look, *, keys: int) -> Motion:
     """What a draft shows across the times of a look."""
+    limits = draft.scene.time_range
     if keys == 1:
-        return still(at_time(draft, look.time))
+        return still(at_time(draft, look.time), draft.scene.transient, limits)
     time = jnp.linspace(jnp.min(look.rays.time), jnp.max(look.rays.time), keys)
     state = jax.vmap(lambda t: at_time(draft, t))(time)
     opacity, harmonics = state.opacity[keys // 2], state.harmonics[keys // 2]
-    return Motion(
-        time, Gaussians(state.mean, state.quat, state.scale, opacity, harmonics, state.tint)
-    )
+    moved = Gaussians(state.mean, state.quat, state.scale, opacity, harmonics, state.tint)
+    transient = draft.scene.transient
+    return Motion(time, moved, None, transient, None if transient is None else limits)
 
 
 @eqx.filter_jit
@@ -172,8 +174,9 @@ def _weights(
     def light(x: Array) -> tuple[Array, tuple[Array, Array]]:
         harmonics = jnp.broadcast_to(x[:, None, None], (len(x), 1, 3))
         plain = Gaussians(every.mean, every.quat, every.scale, every.opacity, harmonics)
+        painted = replace(motion, gaussians=plain)
         pixels, report = trace_sharded(
-            Motion(motion.time, plain), look.rays, options=trace, capacity=capacity, mesh=mesh
+            painted, look.rays, options=trace, capacity=capacity, mesh=mesh
         )
         return jnp.sum(look.weight * pixels.color[:, 0]), (report.needed, report.dropped)
 

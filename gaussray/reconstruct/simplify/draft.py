@@ -121,7 +121,7 @@ def finish_draft(draft: Draft) -> Scene:
     still, mobile = (
         jax.tree.map(jnp.asarray, _without_zeros(x)) for x in (still, take_rows(moving, moved))
     )
-    return Scene(still, mobile, deformation, scene.time_range)
+    return Scene(still, mobile, deformation, scene.time_range, scene.transient)
 
 
 def _joined(first: Gaussians, second: Gaussians) -> Gaussians:

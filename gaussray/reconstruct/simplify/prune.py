@@ -132,7 +132,7 @@ def facts(scene: Scene) -> dict[str, int]:
     """What there is of everything in a scene that a fit leaves."""
     degrees = [int(np.sqrt(x.harmonics.shape[1])) - 1 for x in (scene.static, scene.moving)]
     found = {
-        "gaussians": scene.static.count + scene.moving.count,
+        "gaussians": scene.count,
         "moving": scene.moving.count,
         **dict.fromkeys(("bodies", "heads", "scales", "rows"), 0),
         "degree": max(degrees),

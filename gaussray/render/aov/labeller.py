@@ -85,9 +85,10 @@ class Labeller:
         camera = _geometric(camera)
         before, after = (one and _geometric(one) for one in (before, after))
         film = camera.film
-        count = self.scene.static.count + self.scene.moving.count
         # The one that adds most is found by the arrays everywhere, which take more memory.
-        rows, trace = strips(film, self.options, replace(self.trace, backend="array"), count)
+        rows, trace = strips(
+            film, self.options, replace(self.trace, backend="array"), self.scene.count
+        )
         strip_of = partial(self._strip, camera, (before, after), asked, rows)
         tops = (min(y, film.height - rows) for y in range(0, film.height, rows))
         found = [(top, strip_of(top, replace(trace, backend=self.trace.backend))) for top in tops]

@@ -1,0 +1,160 @@
+"""All that shading needs of every Gaussian, in one row of a table, and its state along a ray."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from gaussray.scene.gaussians import whitening
+from gaussray.scene.transient import squared_age
+from gaussray.tracer.motion import Motion, controls, ordinary, padded, tint_controls, usable
+from gaussray.tracer.response import response
+from gaussray.tracer.window import Window, all_states
+
+
+class Columns(NamedTuple):
+    """What stands where in a row of the `table`: keys x (9 + 3), six of the `Window` if any
+    Gaussian is `transient`, opacity, harmonics, and, if the Gaussians are `tinted`, keys x 3."""
+
+    keys: int
+    coefficients: int
+    tinted: bool
+    transient: bool = False
+
+    @property
+    def window(self) -> slice:
+        """The columns of velocity (3), instant, rate and plateau."""
+        return slice(12 * self.keys, 12 * self.keys + 6 * self.transient)
+
+    @property
+    def opacity(self) -> int:
+        """The column of the opacity, behind those of states and window."""
+        return self.window.stop
+
+    @property
+    def harmonics(self) -> slice:
+        """The columns of the colour."""
+        return slice(self.opacity + 1, self.opacity + 1 + 3 * self.coefficients)
+
+    @property
+    def tint(self) -> slice:
+        """The columns of the tint, key by key."""
+        return slice(self.harmonics.stop, self.harmonics.stop + 3 * self.keys * self.tinted)
+
+
+class Lanes(NamedTuple):
+    """Rays with their components first: origin, direction, weights of the control points, and the
+    time, which only transient Gaussians ask for (None: there are none)."""
+
+    origin: Float[Array, " 3 *rays"]
+    direction: Float[Array, " 3 *rays"]
+    weights: Float[Array, " keys *rays"]
+    time: Float[Array, " 1 *rays"] | None = None
+
+
+def columns(motion: Motion) -> Columns:
+    """How the rows of the `table` of a motion are laid out."""
+    g, window = jax.eval_shape(all_states, motion)
+    return Columns(motion.keys, g.harmonics.shape[1], g.tint is not None, window is not None)
+
+
+def table(motion: Motion) -> Float[Array, "rows columns"]:
+    """All that shading needs of a Gaussian in one row (`Columns`): control points, opacity, colour.
+
+    A single key stores A = S^-1 R^T (nothing to invert later); several store F = R S of the control
+    points, whose blend is inverted per ray. A last row, of an ordinary Gaussian, is for slots
+    without a hit; Gaussians that are not `usable` become such too, so that neither their values nor
+    their gradients spread.
+    """
+    gaussians, window = all_states(motion)
+    g = ordinary(padded(gaussians), jnp.pad(usable(gaussians), (0, 1)))
+    if motion.keys == 1:
+        mean, matrix = g.mean, whitening(g.quat, g.scale)
+    else:
+        mean, matrix = controls(Motion(motion.time, g))
+    state = jnp.concatenate([matrix.reshape(*matrix.shape[:2], 9), mean], axis=-1)
+    parts = [_by_row(state), g.opacity[:, None], g.harmonics.reshape(g.count, -1)]
+    if window is not None:
+        parts.insert(1, jnp.pad(_as_columns(window), ((0, 1), (0, 0))))
+    if g.tint is not None:
+        parts.append(_by_row(tint_controls(Motion(motion.time, g))))
+    return jnp.concatenate(parts, axis=1)
+
+
+def _as_columns(window: Window) -> Float[Array, "gaussians 6"]:
+    last = jnp.stack([window.instant, window.rate, window.plateau], axis=1)
+    return jnp.concatenate([window.velocity, last], axis=1)
+
+
+def _by_row(x: Float[Array, "keys gaussians n"]) -> Float[Array, "gaussians columns"]:
+    return jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1)
+
+
+def meet(
+    row: list[Float[Array, "*hits"]], lanes: Lanes, columns: Columns
+) -> tuple[Float[Array, "*both"], Float[Array, "*both"]]:
+    """Distance t of the peak along every ray, and the squared distance there (`response`).
+
+    A row of `table`, column by column, meets rays at their own times. The squared distance of a
+    transient Gaussian is that in space and time, q + s^2 (`squared_age`).
+    """
+    whiten, mean = state_at(row, lanes.weights)
+    if lanes.time is None:
+        return response(whiten, mean, lanes.origin, lanes.direction)
+    *velocity, instant, rate, plateau = row[columns.window]
+    age = lanes.time[0] - instant
+    mean = [x + age * v for x, v in zip(mean, velocity, strict=True)]
+    t, q = response(whiten, mean, lanes.origin, lanes.direction)
+    return t, q + squared_age(age, rate, plateau)
+
+
+def state_at(
+    row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
+) -> tuple[list[Float[Array, "*both"]], list[Float[Array, "*both"]]]:
+    """Gaussians (a row of `table`, column by column) blended for their rays with
+    `control_weights`: the nine entries of A, row by row, and the mean."""
+    keys = weights.shape[0]
+    if keys == 1:
+        return [row[i] for i in range(9)], [row[i] for i in range(9, 12)]
+
+    def blend(i: int) -> Array:
+        total = weights[0] * row[i]
+        for key in range(1, keys):
+            total = total + weights[key] * row[12 * key + i]
+        return total
+
+    return _inverse([blend(i) for i in range(9)]), [blend(i) for i in range(9, 12)]
+
+
+def tint_at(
+    row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
+) -> Float[Array, " 3 *both"]:
+    """Tints (the `tint` columns of a row) blended for their rays; overshoot is cut off at 0."""
+
+    def blend(channel: int) -> Array:
+        total = weights[0] * row[channel]
+        for key in range(1, weights.shape[0]):
+            total = total + weights[key] * row[3 * key + channel]
+        return total
+
+    return jnp.maximum(jnp.stack([blend(channel) for channel in range(3)]), 0)
+
+
+def _inverse(f: list[Array]) -> list[Array]:
+    """Inverse of a 3x3 matrix by cofactors, accurate for columns of any scale near orthogonality.
+
+    Each column is first divided by its largest entry, so products of three scales never underflow.
+    """
+    columns = [f[0::3], f[1::3], f[2::3]]
+    size = [jnp.maximum(jnp.maximum(jnp.abs(a), jnp.abs(b)), jnp.abs(c)) for a, b, c in columns]
+    size = [jax.lax.stop_gradient(jnp.where(s > 0, s, 1)) for s in size]
+    u, v, w = ([entry / s for entry in column] for column, s in zip(columns, size, strict=True))
+    rows = [_cross(v, w), _cross(w, u), _cross(u, v)]
+    determinant = u[0] * rows[0][0] + u[1] * rows[0][1] + u[2] * rows[0][2]
+    determinant = jnp.where(determinant == 0, 1, determinant)
+    return [entry / (determinant * s) for row, s in zip(rows, size, strict=True) for entry in row]
+
+
+def _cross(a: list[Array], b: list[Array]) -> list[Array]:
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

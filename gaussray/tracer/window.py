@@ -1,0 +1,106 @@
+"""Which transient Gaussians are alive while some rays look, and how far they get."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from gaussray.scene.gaussians import Gaussians, concatenate
+from gaussray.scene.transient import Transients, squared_age
+from gaussray.tracer.motion import Motion, still, usable, whole
+from gaussray.tracer.response import reach
+
+
+class Window(eqx.Module):
+    """How Gaussians move and fade in time: velocity, instant, rate (1 / lifetime) and plateau of
+    `Transients`, zeros for Gaussians that are there all the time."""
+
+    velocity: Float[Array, "*gaussians 3"]
+    instant: Float[Array, "*gaussians"]
+    rate: Float[Array, "*gaussians"]
+    plateau: Float[Array, "*gaussians"]
+
+
+class Sweep(eqx.Module):
+    """What a Gaussian does while a window of time passes: its displacement from its mean when it is
+    first and last alive, and by how much its ellipsoid is smaller than at full opacity (0: it is
+    not alive)."""
+
+    first: Float[Array, "*gaussians 3"]
+    last: Float[Array, "*gaussians 3"]
+    shrink: Float[Array, "*gaussians"]
+
+
+def window_of(transients: Transients) -> Window:
+    """The window of every transient Gaussian."""
+    t = transients
+    return Window(t.velocity, t.instant, 1 / t.lifetime, t.plateau)
+
+
+def all_states(motion: Motion) -> tuple[Gaussians, Window | None]:
+    """All Gaussians of a motion at its keys: resting, moving, then transient ones, which are as at
+    their own instants; and their windows (None: no Gaussian is transient)."""
+    persistent, transient = whole(motion).gaussians, motion.transient
+    if transient is None:
+        return persistent, None
+    none = jnp.zeros(persistent.count, persistent.mean.dtype)
+    steady = Window(jnp.zeros((persistent.count, 3), none.dtype), none, none, none)
+    window = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), steady, window_of(transient))
+    return concatenate(persistent, transient.gaussians), window
+
+
+def sweep(
+    window: Window,
+    radius: Float[Array, "*gaussians"],
+    earliest: Float[Array, "*windows"],
+    latest: Float[Array, "*windows"],
+) -> Sweep:
+    """What Gaussians do between two times.
+
+    A transient Gaussian is alive while its window leaves it more than alpha_min: s < `radius`, its
+    reach in standard deviations at full opacity. Its ellipsoid then reaches to
+    sqrt(radius^2 - s^2), at most to that at the time nearest to its instant.
+    """
+    first, last = earliest - window.instant, latest - window.instant
+    nearest = jnp.maximum(jnp.maximum(first, -last), 0)
+    squared, faded = radius * radius, squared_age(nearest, window.rate, window.plateau)
+    alive = (faded < squared) & (first <= last)
+    some = jnp.where(squared > 0, squared, 1)
+    shrink = jnp.where(alive, jnp.sqrt(jnp.maximum(1 - faded / some, 0)), 0)
+    # Rounding must not cut off what a ray at the very end of the window still meets.
+    eps = 8 * jnp.finfo(radius.dtype).eps
+    rate = jnp.where(window.rate > 0, window.rate, 1)
+    length = jnp.where(window.rate > 0, (window.plateau + radius / rate) * (1 + eps), jnp.inf)
+    first, last = (jnp.clip(x, -length, length)[..., None] for x in (first, last))
+    shrink = jnp.minimum(shrink * (1 + eps) + jnp.where(alive, eps, 0), 1)
+    return Sweep(first * window.velocity, last * window.velocity, shrink)
+
+
+def alive(
+    transients: Transients, span: Float[Array, "2"], alpha_min: float
+) -> tuple[Bool[Array, " transients"], Bool[Array, " transients"]]:
+    """Which transient Gaussians some ray within the span of time may meet, and which are finite."""
+    t = jax.lax.stop_gradient(transients)
+    window = window_of(t)
+    numbers = (window.velocity, *(x[:, None] for x in (t.instant, window.rate, t.plateau)))
+    finite = jnp.all(jnp.isfinite(jnp.concatenate(numbers, axis=1)), axis=1)
+    fine = usable(still(t.gaussians).gaussians) & finite & (t.lifetime > 0)
+    swept = sweep(window, reach(t.opacity, alpha_min), span[0], span[1])
+    return fine & (swept.shrink > 0), fine
+
+
+def chosen(
+    transients: Transients, lit: Bool[Array, " transients"], capacity: int
+) -> tuple[Transients, Int[Array, " capacity"]]:
+    """The first `capacity` transients that are lit, and which ones they are (-1: an empty place,
+    which holds a Gaussian of opacity 0). Gradients go back to where the Gaussians came from."""
+    index = jnp.nonzero(lit, size=capacity, fill_value=transients.count)[0].astype(jnp.int32)
+
+    def pick(x: Array) -> Array:
+        return x.at[index].get(mode="fill", fill_value=1)
+
+    there = index < transients.count
+    picked = jax.tree.map(pick, transients)
+    opacity = jnp.where(there, picked.opacity, 0)
+    picked = eqx.tree_at(lambda t: t.opacity, picked, opacity)
+    return picked, jnp.where(there, index, -1)
