@@ -140,6 +140,10 @@ class Stage(NamedTuple):
 
 def prepare(motion: Motion, rays: Rays, *, options, slots: int) -> tuple[Stage, Strip]:
     """Everything up to the candidates. Strips come first in the rays' axes, which are padded."""
+    if motion.transient is not None:
+        raise ValueError(
+            "trace.backend=kernel does not trace transient Gaussians. Choose trace.backend=array."
+        )
     motion = whole(motion) if motion.keys == 1 else motion
     rows, box, kept, fine = rows_of(motion, options.alpha_min)
     group = options.bundle**2 * (_BUNDLES if options.levels else 1)
