@@ -22,7 +22,7 @@ from gaussray.tracer.bundle import tiles
 from gaussray.tracer.grid import build
 from gaussray.tracer.kernel_layout import boxes_of, rows_of
 from gaussray.tracer.motion import Motion, still, whole
-from gaussray.tracer.trace import TraceOptions, find, measure
+from gaussray.tracer.trace import TraceOptions, find, measure, span_of
 from gaussray.tracer.traverse import Capacity
 
 
@@ -95,11 +95,13 @@ def _arrays(options: TraceOptions, capacity: Capacity):
 def _kernel(options: TraceOptions, capacity: Capacity):
     def order(motion, rays):
         motion = whole(motion) if motion.keys == 1 else motion
-        made, box, kept, _ = rows_of(motion, options.alpha_min)
+        made, box, kept, _ = rows_of(motion, options.alpha_min, span_of(rays))
         return made, boxes_of(box, kept)
 
     def lists(motion, rays):
-        stage, strips = kernel.prepare(motion, rays, options=options, slots=capacity.slots)
+        stage, strips = kernel.prepare(
+            motion, rays, span_of(rays), options=options, slots=capacity.slots
+        )
         # The lists of one strip: all there are, unless the picture is very large.
         return kernel.candidates(stage, jax.tree.map(lambda x: x[0], strips))
 

@@ -6,9 +6,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.tracer.bundle import morton
-from gaussray.tracer.motion import Motion, controls, usable
+from gaussray.tracer.motion import Motion, controls, usable, within
 from gaussray.tracer.response import reach
-from gaussray.tracer.window import Sweep, Window, all_states, sweep
+from gaussray.tracer.window import Sweep, Window, all_states, sweep, swept_box
 
 
 # Gaussians in one cell.
@@ -47,9 +47,7 @@ class Fading(eqx.Module):
         self, earliest: Float[Array, "*windows"], latest: Float[Array, "*windows"]
     ) -> Sweep:
         """What the Gaussians do between two times."""
-        if self.time_range is not None:
-            begin, end = self.time_range[0], self.time_range[1]
-            earliest, latest = jnp.clip(earliest, begin, end), jnp.clip(latest, begin, end)
+        earliest, latest = (within(self.time_range, x) for x in (earliest, latest))
         return sweep(self.window, self.radius, earliest, latest)
 
 
@@ -75,12 +73,7 @@ def build(motion: Motion, *, alpha_min: float, span: Float[Array, "2"] | None = 
         fading = Fading(window, radius, motion.time_range)
         swept = fading.between(span[0], span[1])
         kept = kept & (swept.shrink > 0)
-        center = 0.5 * (lower + upper)
-        half = swept.shrink[:, None] * (upper - center)
-        least, most = jnp.minimum(swept.first, swept.last), jnp.maximum(swept.first, swept.last)
-        # Rounding of the way itself.
-        half = half + 4 * jnp.finfo(half.dtype).eps * (jnp.abs(center) + most - least)
-        lower, upper = center - half + least, center + half + most
+        lower, upper = swept_box(lower, upper, swept)
     order = jnp.argsort(place(lower, upper, kept))
     cells = max(-(-g.count // OCCUPANCY), 1)
     padding = cells * OCCUPANCY - g.count

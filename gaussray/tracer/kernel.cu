@@ -7,7 +7,7 @@
 // TINTED   1 if colours are tinted                      COLUMNS  floats in a row of colour
 // K        hits that a lane keeps in order              WARPS    of a block of the march
 // LANES    lanes that share a ray                       BROAD    pixels in a row of a warp, or 0
-// ACROSS   bundles of a group side by side
+// ACROSS   bundles of a group side by side              TRANSIENT 1 if Gaussians are transient
 // ALPHA_MAX, TRANSMITTANCE_MIN as in TraceOptions
 
 typedef unsigned int u32;
@@ -80,6 +80,10 @@ __device__ __forceinline__ bool finite(Vector v) {
 struct Bounds {
   float4 plane[5];
   float reach, begin, end, unused;
+#if TRANSIENT
+  // The earliest and the latest time of the group.
+  float earliest, latest, more[2];
+#endif
 };
 
 // Which ray of a group is at a pixel, in column x and row y of the group.
@@ -184,7 +188,8 @@ __device__ Vector sum(Team team, Vector v) {
 // `samples`, seen by a team of threads.
 template <class Team, class Slot>
 __device__ Bounds bound(Team team, const float *origin, const float *direction,
-                        const float4 *weight, size_t begin, int samples, int count, Slot slot) {
+                        const float4 *weight, const float *time, size_t begin, int samples,
+                        int count, Slot slot) {
   auto each = [&](auto visit) {
     for (int i = team.rank(); i < count * samples; i += team.size()) {
       size_t ray = begin + (size_t)(i / count) * RAYS + slot(i % count);
@@ -196,6 +201,7 @@ __device__ Bounds bound(Team team, const float *origin, const float *direction,
   Bounds b;
   Vector total = {0, 0, 0};
   float magnitude = 0, first = INFINITE, last = -INFINITE;
+  float earliest = INFINITE, latest = -INFINITE;
   each([&](size_t ray, Vector o, Vector d) {
     total = total + d;
     magnitude = fmaxf(magnitude, fmaxf(fabsf(o.x), fmaxf(fabsf(o.y), fabsf(o.z))));
@@ -204,7 +210,15 @@ __device__ Bounds bound(Team team, const float *origin, const float *direction,
       first = fminf(first, at);
       last = fmaxf(last, at);
     }
+    if (TRANSIENT) {
+      earliest = fminf(earliest, time[ray]);
+      latest = fmaxf(latest, time[ray]);
+    }
   });
+#if TRANSIENT
+  b.earliest = team.minimum(earliest);
+  b.latest = -team.minimum(-latest);
+#endif
   magnitude = -team.minimum(-magnitude);
   b.begin = KEYS > 1 ? fmaxf(team.minimum(first) - SLACK * ARCS, 0) : 0;
   b.end = KEYS > 1 ? fminf(-team.minimum(-last) + SLACK * ARCS, ARCS) : 0;
@@ -318,24 +332,88 @@ __device__ __forceinline__ void sweep(const Bounds &b, const float4 *keyed, int 
   }
 }
 
-// What is tested against the bounds of rays: a Gaussian, its row among the moving (or -1), its
-// reach, and where it rests the ellipsoid.
+// How a transient Gaussian moves and fades: see scene/transient.py.
+struct Window {
+  Vector velocity;
+  float instant, rate, plateau;
+};
+
+// Number of the window of a Gaussian, given its place among the moving: -2 is the first one.
+__device__ __forceinline__ int window_of(int moving) { return -2 - moving; }
+
+__device__ __forceinline__ Window window_at(const float4 *window, int i) {
+  float4 a = window[2 * (size_t)i], b = window[2 * (size_t)i + 1];
+  return {{a.x, a.y, a.z}, a.w, b.x, b.y};
+}
+
+// Distance in time, in lifetimes.
+__device__ __forceinline__ float flank(const Window &w, float age) {
+  return fmaxf(fabsf(age) - w.plateau, 0) * w.rate;
+}
+
+// What is tested against the bounds of rays: a Gaussian, its row among the moving (or -1; less for
+// transient ones), its reach, and the ellipsoid of one that rests or is transient.
 struct Body {
   Frame rest;
   int moving;
   float reach;
+#if TRANSIENT
+  Window window;
+#endif
 };
 
-__device__ __forceinline__ Body body(const float4 *extent, int id, float4 last) {
-  Body body = {{}, KEYS == 1 ? -1 : (int)last.z, sqrtf(last.y)};
+__device__ __forceinline__ Body body(const float4 *extent, const float4 *window, int id,
+                                     float4 last) {
+  Body body = {{}, KEYS == 1 && !TRANSIENT ? -1 : (int)last.z, sqrtf(last.y)};
   if (body.moving < 0) body.rest = frame(extent + 3 * (size_t)id);
+#if TRANSIENT
+  if (body.moving < -1) body.window = window_at(window, window_of(body.moving));
+#endif
   return body;
 }
+
+#if TRANSIENT
+// What a transient Gaussian does in the group's time (window.py): its displacements when it is first
+// and last alive, and by how much its ellipsoid is smaller than at full opacity (0: not alive).
+struct Sweep {
+  Vector first, last;
+  float shrink;
+};
+
+__device__ __forceinline__ Sweep sweep(const Bounds &b, const Body &body) {
+  const Window &w = body.window;
+  const float slack = 1 + 8 * EPSILON, squared = slack * body.reach * body.reach;
+  float first = b.earliest - w.instant, last = b.latest - w.instant;
+  const float s = flank(w, fmaxf(fmaxf(first, -last), 0));
+  const bool alive = s * s < squared && first <= last;
+  const float shrink = sqrtf(fmaxf(1 - s * s / squared, 0)) * slack + 8 * EPSILON;
+  const float length = w.rate > 0 ? (w.plateau + body.reach / w.rate) * slack : INFINITE;
+  first = fminf(fmaxf(first, -length), length);
+  last = fminf(fmaxf(last, -length), length);
+  return {first * w.velocity, last * w.velocity, alive ? fminf(shrink, 1) : 0};
+}
+
+__device__ __forceinline__ Vector normal(float4 plane) { return {plane.x, plane.y, plane.z}; }
+#endif
 
 // False where it lies outside one of the half-spaces FROM to TO - 1.
 template <int FROM, int TO>
 __device__ __forceinline__ bool touches(const Bounds &b, const Body &body, const float4 *keyed) {
   bool inside = true;
+#if TRANSIENT
+  if (body.moving < -1) {
+    const Sweep swept = sweep(b, body);
+    inside = swept.shrink > 0;
+    for (int i = FROM; i < TO; i++) {
+      float2 s = support(body.rest, b.plane[i]);
+      const Vector n = normal(b.plane[i]);
+      s.x += fmaxf(dot(n, swept.first), dot(n, swept.last));
+      s.y *= swept.shrink * swept.shrink;
+      inside = inside && reaches(s, b.plane[i]);
+    }
+    return inside;
+  }
+#endif
   if (body.moving < 0) {
     for (int i = FROM; i < TO; i++)
       inside = inside && reaches(support(body.rest, b.plane[i]), b.plane[i]);
@@ -360,6 +438,14 @@ __device__ __forceinline__ float nearest(const Bounds &b, const Body &body, cons
     float2 s = support(e, b.plane[0]);
     least = fminf(least, s.x - reach * sqrtf(s.y));
   };
+#if TRANSIENT
+  if (body.moving < -1) {
+    const Sweep swept = sweep(b, body);
+    const Vector n = normal(b.plane[0]);
+    see(body.rest, swept.shrink);
+    least += fminf(dot(n, swept.first), dot(n, swept.last));
+  } else
+#endif
   if (body.moving < 0)
     see(body.rest, 1);
   else
@@ -372,10 +458,10 @@ __device__ __forceinline__ float nearest(const Bounds &b, const Body &body, cons
 // the order of the Gaussians, so that the list does not depend on who came first. It also bounds the
 // rays of each band.
 extern "C" __global__ void __launch_bounds__(256)
-gather(const float *origin, const float *direction, const float4 *weight, const int *order,
-       const float *super, const float *cell, const float4 *extent, const float4 *state,
-       const float4 *keyed, int *list, float *bounds, Bounds *bands, int *count, int *found,
-       float *distance) {
+gather(const float *origin, const float *direction, const float4 *weight, const float *time,
+       const int *order, const float *super, const float *cell, const float4 *extent,
+       const float4 *state, const float4 *keyed, const float4 *window, int *list, float *bounds,
+       Bounds *bands, int *count, int *found, float *distance) {
   __shared__ Bounds b;
   __shared__ float scratch[8];
   __shared__ u32 histogram[BUCKETS], lowest[BUCKETS], partial[8];
@@ -386,7 +472,7 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   const size_t first_ray = (size_t)blockIdx.x * GROUP;
   {
     Block team = {scratch};
-    Bounds mine = bound(team, origin, direction, weight, first_ray, SAMPLES, GROUP,
+    Bounds mine = bound(team, origin, direction, weight, time, first_ray, SAMPLES, GROUP,
                         [](int i) { return i; });
     if (threadIdx.x == 0) {
       b = mine;
@@ -398,8 +484,9 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   for (int base = 0; base < BANDS * SAMPLES; base += 256 / WIDE) {
     const int at = base + threadIdx.x / WIDE, i = min(at, BANDS * SAMPLES - 1);
     const int sample = i / BANDS, band = i % BANDS;
-    Bounds mine = bound(Lanes(), origin, direction, weight, (size_t)sample * RAYS + first_ray, 1,
-                        rays_in(band), [band](int i) { return slot_in(band, i); });
+    Bounds mine = bound(Lanes(), origin, direction, weight, time,
+                        (size_t)sample * RAYS + first_ray, 1, rays_in(band),
+                        [band](int i) { return slot_in(band, i); });
     if (at == i && threadIdx.x % WIDE == 0)
       bands[((size_t)sample * (RAYS / GROUP) + blockIdx.x) * BANDS + band] = mine;
   }
@@ -423,7 +510,7 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
         float4 last = id < 0 ? float4{0, -1, -1, 0} : state[4 * (size_t)id + 3];
         bool in = last.y > 0;
         if (in) {
-          Body met = body(extent, id, last);
+          Body met = body(extent, window, id, last);
           in = touches<0, 5>(b, met, keyed);
           if (in) near = nearest(b, met, keyed);
         }
@@ -502,7 +589,7 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
 // Which parts may meet an entry: a word of 32 entries for each part and sample.
 extern "C" __global__ void __launch_bounds__(128)
 sift(const int *list, const Bounds *bands, const int *count, const float4 *extent,
-     const float4 *state, const float4 *keyed, u32 *words) {
+     const float4 *state, const float4 *keyed, const float4 *window, u32 *words) {
   const size_t group = blockIdx.x / ((SLOTS + 127) / 128), groups = RAYS / GROUP;
   const int begin = blockIdx.x % ((SLOTS + 127) / 128) * 128;
   const int held = min(count[group], SLOTS);
@@ -512,7 +599,7 @@ sift(const int *list, const Bounds *bands, const int *count, const float4 *exten
   const int id = at < held ? list[group * SLOTS + at] : -1;
   const int column = column_of(lane), row = row_of(lane);
   Body entry = {{}, -1, 0};
-  if (id >= 0) entry = body(extent, id, state[4 * (size_t)id + 3]);
+  if (id >= 0) entry = body(extent, window, id, state[4 * (size_t)id + 3]);
   for (int sample = 0; sample < SAMPLES; sample++) {
     const size_t place = sample * groups + group;
     const float *from = (const float *)(bands + place * BANDS);
@@ -539,9 +626,13 @@ sift(const int *list, const Bounds *bands, const int *count, const float4 *exten
 struct Ray {
   Vector o, d;
   float4 weight;
+#if TRANSIENT
+  float time;
+#endif
 };
 
-// A = S^-1 R^T (row by row), mean, opacity, squared reach and place among the moving (or -1).
+// A = S^-1 R^T (row by row), mean, opacity, squared reach and place among the moving (-1: it rests;
+// less: it is transient, see `window_of`).
 struct Matter {
   float a[9];
   Vector mean;
@@ -604,6 +695,16 @@ __device__ __forceinline__ void blend(const Ray &ray, const float4 *keyed, Matte
   m.mean = {sum[9], sum[10], sum[11]};
   tint = {sum[12], sum[13], sum[14]};
 }
+
+#if TRANSIENT
+// Takes a transient Gaussian to the time of the ray; returns its squared distance in time.
+__device__ __forceinline__ float pass(const Ray &ray, const float4 *window, Matter &m) {
+  const Window w = window_at(window, window_of(m.moving));
+  const float age = ray.time - w.instant, s = flank(w, age);
+  m.mean = m.mean + age * w.velocity;
+  return s * s;
+}
+#endif
 
 // Distance t of the peak along the ray and squared distance q there (response.py), and what they
 // are made of.
@@ -704,6 +805,7 @@ __device__ __forceinline__ Vector harmonics_back(Vector d, const float *g) {
 struct Scene {
   const float4 *state, *keyed;
   const float *color;
+  const float4 *window;
 };
 
 // What a lane has gathered of its ray; `transmittance` is the same for all lanes of a ray.
@@ -719,6 +821,9 @@ struct Slope {
   float rest;
   Vector d_origin, d_direction, d_weight;
   float *state, *color, *keyed;
+#if TRANSIENT
+  float *window, d_time;
+#endif
 };
 
 __device__ __forceinline__ void add(float *p, float4 v) {
@@ -755,7 +860,13 @@ __device__ __forceinline__ Look look(const Scene &scene, const Ray &ray, int id,
     if (look.moving) blend(ray, scene.keyed, look.m, look.tint);
   }
   if (BACK) {
+#if TRANSIENT
+    const float faded = look.m.moving < -1 ? pass(ray, scene.window, look.m) : 0;
+#endif
     look.r = meet(look.m, ray);
+#if TRANSIENT
+    look.r.q += faded;
+#endif
     look.kernel = gauss(look.r.q);
     look.raw = look.m.opacity * look.kernel;
     look.alpha = fminf(look.raw, ALPHA_MAX);
@@ -856,6 +967,18 @@ __device__ __forceinline__ void learn(const Scene &scene, const Ray &ray, int id
     add(states + 4, {d_a[4], d_a[5], d_a[6], d_a[7]});
     add(states + 8, {d_a[8], -d_p.x, -d_p.y, -d_p.z});
     add(states + 12, d_opacity);
+#if TRANSIENT
+    if (m.moving < -1) {
+      const Window w = window_at(scene.window, window_of(m.moving));
+      const float age = ray.time - w.instant, s = flank(w, age);
+      const float d_s = 2 * s * d_q, d_beyond = d_s * w.rate;
+      const float d_age = (age < 0 ? -d_beyond : d_beyond) - dot(d_p, w.velocity);
+      float *windows = slope->window + 8 * (size_t)window_of(m.moving);
+      add(windows, {-age * d_p.x, -age * d_p.y, -age * d_p.z, -d_age});
+      add(windows + 4, {d_s * fmaxf(fabsf(age) - w.plateau, 0), -d_beyond, 0, 0});
+      slope->d_time += d_age;
+    }
+#endif
   } else {
     add(states + 12, d_opacity);
     // F = A^-1: dF = -A^T dA A^T.
@@ -1001,14 +1124,19 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
   bounds += group * SLOTS;
   words += (sample * (size_t)(RAYS / GROUP) + group) * WORDS * PARTS + part / SPAN;
 
-  // All rays at the same time: what moves is brought there once for all.
+  // All rays at the same time: what moves is taken there once for all of them.
   bool steady = false;
-  if (KEYS > 1) {
+  if (KEYS > 1 || TRANSIENT) {
     // Every lane takes part in every shuffle: a short-circuit around one would wait for ever.
     const float4 w = ray.weight;
     const float x = __shfl_sync(ALL, w.x, 0), y = __shfl_sync(ALL, w.y, 0);
     const float from = __shfl_sync(ALL, w.w, 0);
-    steady = __all_sync(ALL, w.x == x && w.y == y && w.w == from);
+    bool same = w.x == x && w.y == y && w.w == from;
+#if TRANSIENT
+    const float time = __shfl_sync(ALL, ray.time, 0);
+    same = same && ray.time == time;
+#endif
+    steady = __all_sync(ALL, same);
   }
   const Rank nothing = {INFINITE, 0x7fffffff};
   Pending pending;
@@ -1071,10 +1199,17 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
       arrive();
       const int staged = min(have, 32);
       stage(32, turned ^ 1);
-      if (KEYS > 1 && steady) {
+      if ((KEYS > 1 || TRANSIENT) && steady) {
         float4 *row = queue.row[turned][lane];
         Matter m = matter(row[0], row[1], row[2], row[3]);
-        if (lane < staged && m.moving >= 0) {
+#if TRANSIENT
+        if (lane < staged && m.moving < -1) {
+          const float faded = pass(ray, scene.window, m);
+          row[2] = {m.a[8], m.mean.x, m.mean.y, m.mean.z};
+          row[3] = {m.opacity * gauss(faded), m.reach - faded, row[3].z, row[3].w};
+        }
+#endif
+        if (KEYS > 1 && lane < staged && m.moving >= 0) {
           Vector unused;
           blend(ray, scene.keyed, m, unused);
           row[0] = {m.a[0], m.a[1], m.a[2], m.a[3]};
@@ -1093,7 +1228,14 @@ __device__ void march(const Scene &scene, const int *list, const float *bounds, 
           Vector unused;
           blend(ray, scene.keyed, m, unused);
         }
+#if TRANSIENT
+        const bool fades = !steady && e < staged && m.moving < -1;
+        const float faded = fades ? pass(ray, scene.window, m) : 0;
+#endif
         Meeting r = meet(m, ray);
+#if TRANSIENT
+        r.q += faded;
+#endif
         hits |= (u32)(e < staged && r.q < m.reach && r.t > 0) << j;
         distance[warp][j][lane] = r.t;
         alphas[warp][j][lane] = fminf(m.opacity * gauss(r.q), ALPHA_MAX);
@@ -1216,26 +1358,30 @@ __device__ __forceinline__ Job job_of(const int *turn) {
 }
 
 __device__ __forceinline__ Ray ray_at(const float *origin, const float *direction,
-                                      const float4 *weight, size_t i, bool there) {
+                                      const float4 *weight, const float *time, size_t i,
+                                      bool there) {
   Ray ray = {{0, 0, 0}, {0, 0, 0}, {1, 0, 0, 0}};
   if (there) {
     ray.o = load(origin, i);
     ray.d = load(direction, i);
     if (KEYS > 1) ray.weight = weight[i];
+#if TRANSIENT
+    ray.time = time[i];
+#endif
   }
   return ray;
 }
 
 extern "C" __global__ void __launch_bounds__(32 * WARPS, KEYS == 1 && K <= 8 ? 5 : 1)
-forward(const float *origin, const float *direction, const float4 *weight, const int *list,
-        const float *bounds, const u32 *words, const int *count, const int *turn,
-        const float4 *state, const float4 *keyed, const float *color, float4 *sum,
-        float *transmittance, int *hits) {
+forward(const float *origin, const float *direction, const float4 *weight, const float *time,
+        const int *list, const float *bounds, const u32 *words, const int *count, const int *turn,
+        const float4 *state, const float4 *keyed, const float *color, const float4 *window,
+        float4 *sum, float *transmittance, int *hits) {
   if ((size_t)blockIdx.x * WARPS + (threadIdx.x >> 5) >= JOBS) return;
   const Job job = job_of(turn);
-  const Ray ray = ray_at(origin, direction, weight, job.ray, job.there);
+  const Ray ray = ray_at(origin, direction, weight, time, job.ray, job.there);
   Path path = {{0, 0, 0, 0}, 1, 0};
-  const Scene scene = {state, keyed, color};
+  const Scene scene = {state, keyed, color, window};
   march<false>(scene, list, bounds, words, count, job.group, job.sample, job.part, ray, path,
                nullptr);
   float4 total = {sum_of_ray(path.sum.x), sum_of_ray(path.sum.y), sum_of_ray(path.sum.z),
@@ -1247,37 +1393,47 @@ forward(const float *origin, const float *direction, const float4 *weight, const
   hits[job.ray] = met;
 }
 
-// The gradients of the Gaussians are added to what `d_state`, `d_color` and `d_keyed` hold.
+// The gradients of the Gaussians are added to what `d_state`, `d_color`, `d_keyed` and `d_window`
+// hold.
 extern "C" __global__ void __launch_bounds__(32 * WARPS)
-backward(const float *origin, const float *direction, const float4 *weight, const int *list,
-         const float *bounds, const u32 *words, const int *count, const int *turn,
-         const float4 *state, const float4 *keyed, const float *color, const float4 *sum,
-         const float *transmittance, const float4 *g_sum, const float *g_transmittance,
-         float *d_state, float *d_color, float *d_keyed, float *d_origin, float *d_direction,
-         float4 *d_weight) {
+backward(const float *origin, const float *direction, const float4 *weight, const float *time,
+         const int *list, const float *bounds, const u32 *words, const int *count, const int *turn,
+         const float4 *state, const float4 *keyed, const float *color, const float4 *window,
+         const float4 *sum, const float *transmittance, const float4 *g_sum,
+         const float *g_transmittance, float *d_state, float *d_color, float *d_keyed,
+         float *d_window, float *d_origin, float *d_direction, float4 *d_weight, float *d_time) {
   if ((size_t)blockIdx.x * WARPS + (threadIdx.x >> 5) >= JOBS) return;
   const Job job = job_of(turn);
-  const Ray ray = ray_at(origin, direction, weight, job.ray, job.there);
+  const Ray ray = ray_at(origin, direction, weight, time, job.ray, job.there);
   Path path = {{0, 0, 0, 0}, 1, 0};
   Slope slope = {};
   slope.state = d_state;
   slope.color = d_color;
   slope.keyed = d_keyed;
+#if TRANSIENT
+  slope.window = d_window;
+#endif
   if (job.there) {
     float4 total = sum[job.ray], g = g_sum[job.ray];
     slope.g = g;
     slope.rest = g.x * total.x + g.y * total.y + g.z * total.z + g.w * total.w +
                  g_transmittance[job.ray] * transmittance[job.ray];
   }
-  const Scene scene = {state, keyed, color};
+  const Scene scene = {state, keyed, color, window};
   march<true>(scene, list, bounds, words, count, job.group, job.sample, job.part, ray, path,
               &slope);
   Vector o = slope.d_origin, d = slope.d_direction, w = slope.d_weight;
   o = {sum_of_ray(o.x), sum_of_ray(o.y), sum_of_ray(o.z)};
   d = {sum_of_ray(d.x), sum_of_ray(d.y), sum_of_ray(d.z)};
   w = {sum_of_ray(w.x), sum_of_ray(w.y), sum_of_ray(w.z)};
+#if TRANSIENT
+  const float moment = sum_of_ray(slope.d_time);
+#endif
   if (!job.there || threadIdx.x % LANES) return;
   store(d_origin, job.ray, o);
   store(d_direction, job.ray, d);
   if (KEYS > 1) d_weight[job.ray] = {w.x, w.y, w.z, 0};
+#if TRANSIENT
+  d_time[job.ray] = moment;
+#endif
 }

@@ -36,8 +36,8 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.tracer.cuda import launch, ptx
-from gaussray.tracer.kernel_layout import Rows, boxes_of, is_tinted, rows_of
-from gaussray.tracer.motion import Motion, arc_weights, whole
+from gaussray.tracer.kernel_layout import Rows, boxes_of, coefficients, is_tinted, rows_of
+from gaussray.tracer.motion import Motion, arc_weights, whole, within
 
 
 _SOURCE = Path(__file__).with_suffix(".cu")
@@ -79,6 +79,7 @@ class Program(NamedTuple):
     k: int
     alpha_max: float
     transmittance_min: float
+    transient: int = 0
 
     @property
     def code(self) -> str:
@@ -120,12 +121,14 @@ class Program(NamedTuple):
 
 
 class Strip(NamedTuple):
-    """Rays whose lists fit into memory together: origin, direction, and where on the arcs of the
-    motion they are (the shares of three control points, and the first of them)."""
+    """Rays whose lists fit into memory together: origin, direction, where on the arcs of the motion
+    they are (the shares of three control points, and the first of them), and the time, which only
+    transient Gaussians ask for."""
 
     origin: Float[Array, "samples rays 3"]
     direction: Float[Array, "samples rays 3"]
     weight: Float[Array, "samples rays 4"]
+    time: Float[Array, "samples rays 1"]
 
 
 class Stage(NamedTuple):
@@ -138,14 +141,15 @@ class Stage(NamedTuple):
     skipped: Int[Array, ""]
 
 
-def prepare(motion: Motion, rays: Rays, *, options, slots: int) -> tuple[Stage, Strip]:
-    """Everything up to the candidates. Strips come first in the rays' axes, which are padded."""
-    if motion.transient is not None:
-        raise ValueError(
-            "trace.backend=kernel does not trace transient Gaussians. Choose trace.backend=array."
-        )
+def prepare(
+    motion: Motion, rays: Rays, span: Float[Array, "2"], *, options, slots: int
+) -> tuple[Stage, Strip]:
+    """Everything up to the candidates. Strips come first in the rays' axes, which are padded.
+
+    All times of the rays are in the span.
+    """
     motion = whole(motion) if motion.keys == 1 else motion
-    rows, box, kept, fine = rows_of(motion, options.alpha_min)
+    rows, box, kept, fine = rows_of(motion, options.alpha_min, span)
     group = options.bundle**2 * (_BUNDLES if options.levels else 1)
     samples, count = rays.time.shape
     groups = max(-(-count // group), 1)
@@ -160,12 +164,13 @@ def prepare(motion: Motion, rays: Rays, *, options, slots: int) -> tuple[Stage, 
         slots=slots,
         supers=boxes[2].shape[0],
         keys=motion.keys,
-        harmonics=motion.gaussians.harmonics.shape[1],
+        harmonics=coefficients(motion),
         tinted=int(is_tinted(motion)),
         columns=rows.color.shape[1],
         k=options.k,
         alpha_max=options.alpha_max,
         transmittance_min=options.transmittance_min,
+        transient=int(motion.transient is not None),
     )
 
     def cut(x: Array) -> Array:
@@ -177,9 +182,12 @@ def prepare(motion: Motion, rays: Rays, *, options, slots: int) -> tuple[Stage, 
     if motion.keys > 1:
         share, first = arc_weights(motion.time, rays.time)
         weight = cut(jnp.concatenate([share, first[..., None].astype(share.dtype)], axis=-1))
+    time = jnp.zeros((strips, 1, 1, 1), rays.time.dtype)
+    if motion.transient is not None:
+        time = cut(within(motion.time_range, rays.time)[..., None])
     skipped = jnp.sum(~fine, dtype=jnp.int32)
     stage = Stage(program, rows, boxes, strips, skipped)
-    return stage, Strip(cut(rays.origin), cut(rays.direction), weight)
+    return stage, Strip(cut(rays.origin), cut(rays.direction), weight, time)
 
 
 def candidates(stage: Stage, strip: Strip) -> Lists:
@@ -187,16 +195,17 @@ def candidates(stage: Stage, strip: Strip) -> Lists:
     program, (order, cell, super_) = stage.program, stage.boxes
     groups, code = program.rays // program.group, program.code
     size = groups, program.slots
+    bands = program.samples, groups, program.bands, 28 if program.transient else 24
     integers, numbers = (jax.ShapeDtypeStruct(size, t) for t in (jnp.int32, jnp.float32))
     rows, strip = jax.lax.stop_gradient((stage.rows, strip))
-    index, bound, bands, count, _, _ = launch(
+    index, bound, bounds, count, _, _ = launch(
         "gather",
         code,
-        (*strip, order, super_, cell, rows.extent, rows.state, rows.keyed),
+        (*strip, order, super_, cell, rows.extent, rows.state, rows.keyed, rows.window),
         (
             integers,
             numbers,
-            jax.ShapeDtypeStruct((program.samples, groups, program.bands, 24), jnp.float32),
+            jax.ShapeDtypeStruct(bands, jnp.float32),
             jax.ShapeDtypeStruct((groups,), jnp.int32),
             integers,
             numbers,
@@ -208,7 +217,7 @@ def candidates(stage: Stage, strip: Strip) -> Lists:
     (met,) = launch(
         "sift",
         code,
-        (index, bands, count, rows.extent, rows.state, rows.keyed),
+        (index, bounds, count, rows.extent, rows.state, rows.keyed, rows.window),
         (jax.ShapeDtypeStruct(words, jnp.int32),),
         blocks=groups * -(-program.slots // 128),
         threads=128,
@@ -246,19 +255,21 @@ def _march_forward(program, rows, strip, lists):
 def _march_backward(program, saved, cotangent):
     rows, strip, lists, total, end = saved
     g_total, g_end, _ = cotangent
-    d_origin, d_direction, d_weight, d_state, d_color, d_keyed = launch(
+    d_origin, d_direction, d_weight, d_time, d_state, d_color, d_keyed, d_window = launch(
         "backward",
         program.code,
         (*strip, *lists, *rows[1:], total, end, g_total, g_end),
         [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in strip],
-        sums=[jnp.zeros_like(x) for x in (rows.state, rows.color, rows.keyed)],
+        sums=[jnp.zeros_like(x) for x in (rows.state, rows.color, rows.keyed, rows.window)],
         blocks=_blocks(program),
         threads=32 * _WARPS,
     )
     if program.keys == 1:
         d_weight = jnp.zeros_like(strip.weight)
-    d_rows = Rows(jnp.zeros_like(rows.extent), d_state, d_keyed, d_color)
-    return d_rows, Strip(d_origin, d_direction, d_weight), None
+    if not program.transient:
+        d_time = jnp.zeros_like(strip.time)
+    d_rows = Rows(jnp.zeros_like(rows.extent), d_state, d_keyed, d_color, d_window)
+    return d_rows, Strip(d_origin, d_direction, d_weight, d_time), None
 
 
 march = jax.custom_vjp(_march, nondiff_argnums=(0,))

@@ -7,9 +7,19 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.scene.gaussians import Gaussians, axes, whitening
+from gaussray.scene.transient import Transients
 from gaussray.tracer.grid import OCCUPANCY, around, place
-from gaussray.tracer.motion import Motion, controls, ordinary, still, tint_controls, usable
+from gaussray.tracer.motion import (
+    Motion,
+    controls,
+    ordinary,
+    still,
+    tint_controls,
+    usable,
+    within,
+)
 from gaussray.tracer.response import reach
+from gaussray.tracer.window import sweep, swept_box, window_of
 
 
 # Cells in a box of the coarser grid, one for each thread of a warp.
@@ -20,14 +30,23 @@ class Rows(NamedTuple):
     """The Gaussians as the kernels read them, those that rest first.
 
     `extent` is the mean and the axes F to where alpha = alpha_min, `state` A = S^-1 R^T, mean,
-    opacity, squared reach (-1 for what is never met) and the place among the moving or -1, `keyed`
-    F, mean and tint of the control points of those that move, `color` the harmonics and a tint.
+    opacity, squared reach (-1 for what is never met) and the place among the moving, -1 for what
+    rests and -2, -3, ... for transient ones, `keyed` F, mean and tint of the control points of
+    those that move, `color` the harmonics and a tint, `window` velocity, instant, rate and plateau
+    of the transient ones, which come last.
     """
 
     extent: Float[Array, "gaussians 12"]
     state: Float[Array, "gaussians 16"]
     keyed: Float[Array, "moving keys 16"]
     color: Float[Array, "gaussians columns"]
+    window: Float[Array, "transients 8"]
+
+
+def coefficients(motion: Motion) -> int:
+    """Harmonics per channel of the Gaussians, the most that any of them has."""
+    parts = (motion.gaussians, motion.rest, motion.transient)
+    return max(g.harmonics.shape[1] for g in parts if g is not None)
 
 
 def is_tinted(motion: Motion) -> bool:
@@ -37,30 +56,42 @@ def is_tinted(motion: Motion) -> bool:
 
 
 def rows_of(
-    motion: Motion, alpha_min: float
+    motion: Motion, alpha_min: float, span: Float[Array, "2"]
 ) -> tuple[Rows, Float[Array, "gaussians 6"], Bool[Array, " gaussians"], Bool[Array, " gaussians"]]:
-    """Rows, boxes (lower and upper corner) around all there is, which Gaussians can be met at all,
-    and which are usable."""
-    tinted = is_tinted(motion)
+    """Rows, boxes (lower and upper corner) around all there is within the span of time, which
+    Gaussians can be met at all, and which are usable."""
+    form = _Form(alpha_min, is_tinted(motion), coefficients(motion))
     if motion.keys == 1:
-        g = motion.gaussians
-        parts = [_resting(g, alpha_min, tinted)]
-        keyed = jnp.zeros((1, 1, 16), g.mean.dtype)
+        parts = [_resting(motion.gaussians, form)]
+        keyed = jnp.zeros((1, 1, 16), motion.gaussians.mean.dtype)
     else:
-        moving, keyed = _moving(motion, alpha_min, tinted)
+        moving, keyed = _moving(motion, form)
         parts = [moving]
         if motion.rest is not None:
-            parts.insert(0, _resting(still(motion.rest).gaussians, alpha_min, tinted))
+            parts.insert(0, _resting(still(motion.rest).gaussians, form))
+    window = jnp.zeros((1, 8), keyed.dtype)
+    if motion.transient is not None:
+        transient, window = _transient(motion.transient, within(motion.time_range, span), form)
+        parts.append(transient)
     extent, state, color, box, kept, fine = (jnp.concatenate(x) for x in zip(*parts, strict=True))
-    return Rows(jax.lax.stop_gradient(extent), state, keyed, color), box, kept, fine
+    return Rows(jax.lax.stop_gradient(extent), state, keyed, color, window), box, kept, fine
 
 
-def _resting(g: Gaussians, alpha_min: float, tinted: bool):
+class _Form(NamedTuple):
+    """What all rows share: where Gaussians end, whether colours are tinted, and the number of
+    harmonics per channel."""
+
+    alpha_min: float
+    tinted: bool
+    coefficients: int
+
+
+def _resting(g: Gaussians, form: _Form):
     """Extent, state, colour, box, kept and usable of Gaussians at one key."""
     fine = usable(g)
     g = ordinary(g, fine)
     mean, quat, scale = g.mean[0], g.quat[0], g.scale[0]
-    radius = reach(jax.lax.stop_gradient(g.opacity), alpha_min)
+    radius = reach(jax.lax.stop_gradient(g.opacity), form.alpha_min)
     kept = fine & (radius > 0)
     support = jax.lax.stop_gradient(axes(quat, scale)) * radius[:, None, None]
     extent = jnp.concatenate([support.reshape(-1, 9), mean], axis=1)
@@ -72,19 +103,19 @@ def _resting(g: Gaussians, alpha_min: float, tinted: bool):
         ],
         axis=1,
     )
-    tint = None if not tinted else jnp.ones_like(mean) if g.tint is None else g.tint[0]
+    tint = None if not form.tinted else jnp.ones_like(mean) if g.tint is None else g.tint[0]
     lower, upper = around(jax.lax.stop_gradient(mean), support)
     box = jnp.concatenate([lower, upper], axis=1)
-    return extent, state, _colors(g.harmonics, tint), box, kept, fine
+    return extent, state, _colors(g.harmonics, tint, form), box, kept, fine
 
 
-def _moving(motion: Motion, alpha_min: float, tinted: bool):
+def _moving(motion: Motion, form: _Form):
     """The same for Gaussians with key states, and the rows of their control points."""
     fine = usable(motion.gaussians)
     g = ordinary(motion.gaussians, fine)
     motion = Motion(motion.time, g)
     mean, frame = controls(motion)
-    radius = reach(jax.lax.stop_gradient(g.opacity), alpha_min)
+    radius = reach(jax.lax.stop_gradient(g.opacity), form.alpha_min)
     kept = fine & (radius > 0)
     tint = tint_controls(motion)
     keyed = [frame.reshape(*frame.shape[:2], 9), mean, tint, jnp.zeros_like(mean[..., :1])]
@@ -94,8 +125,24 @@ def _moving(motion: Motion, alpha_min: float, tinted: bool):
     state = jnp.concatenate([blank, _ends(g.opacity, radius, kept, number)], axis=1)
     lower, upper = around(*jax.lax.stop_gradient((mean, frame * radius[None, :, None, None])))
     box = jnp.concatenate([jnp.min(lower, axis=0), jnp.max(upper, axis=0)], axis=1)
-    white = jnp.ones((g.count, 3), mean.dtype) if tinted else None
-    return (blank, state, _colors(g.harmonics, white), box, kept, fine), keyed
+    white = jnp.ones((g.count, 3), mean.dtype) if form.tinted else None
+    return (blank, state, _colors(g.harmonics, white, form), box, kept, fine), keyed
+
+
+def _transient(transients: Transients, span: Float[Array, "2"], form: _Form):
+    """The same for transient Gaussians, and the rows of their windows."""
+    window, gaussians = window_of(transients), still(transients.gaussians).gaussians
+    extent, state, color, box, kept, fine = _resting(gaussians, form)
+    number = -2 - jnp.arange(kept.shape[0], dtype=state.dtype)
+    radius = jnp.sqrt(jnp.maximum(jax.lax.stop_gradient(state[:, 13]), 0))
+    fixed = jax.lax.stop_gradient(window)
+    swept = sweep(fixed, radius, span[0], span[1])
+    kept = kept & (swept.shrink > 0)
+    state = state.at[:, 14].set(number)
+    box = jnp.concatenate(swept_box(box[:, :3], box[:, 3:], swept), axis=1)
+    ends = jnp.stack([window.instant, window.rate, window.plateau], axis=1)
+    rows = jnp.concatenate([window.velocity, ends, jnp.zeros_like(ends[:, :2])], axis=1)
+    return (extent, state, color, box, kept, fine), rows
 
 
 def _ends(opacity: Array, radius: Array, kept: Array, number: Array) -> Array:
@@ -104,8 +151,10 @@ def _ends(opacity: Array, radius: Array, kept: Array, number: Array) -> Array:
     return jnp.stack([opacity, squared, number, jnp.zeros_like(radius)], axis=1)
 
 
-def _colors(harmonics: Array, tint: Array | None) -> Array:
+def _colors(harmonics: Array, tint: Array | None, form: _Form) -> Array:
     """Harmonics and tint in one row, a multiple of four floats."""
+    missing = form.coefficients - harmonics.shape[1]
+    harmonics = jnp.pad(harmonics, ((0, 0), (0, missing), (0, 0)))
     parts = [harmonics.reshape(harmonics.shape[0], -1)] + ([] if tint is None else [tint])
     row = jnp.concatenate(parts, axis=1)
     return jnp.pad(row, ((0, 0), (0, -row.shape[1] % 4)))

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
@@ -97,6 +98,15 @@ def whole(motion: Motion) -> Motion:
         return motion
     every = concatenate(motion.rest, motion.gaussians)
     return Motion(motion.time, every, None, motion.transient, motion.time_range)
+
+
+def within(
+    time_range: Float[Array, "2"] | None, time: Float[Array, "*times"]
+) -> Float[Array, "*times"]:
+    """Times as transient Gaussians see them: not before the range begins, nor after it ends."""
+    if time_range is None:
+        return time
+    return jnp.clip(time, *jax.lax.stop_gradient((time_range[0], time_range[1])))
 
 
 def controls(

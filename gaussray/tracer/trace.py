@@ -16,7 +16,7 @@ from gaussray.tracer.bundle import FAN, bound
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.grid import Grid, build
 from gaussray.tracer.march import march
-from gaussray.tracer.motion import Motion, control_weights, whole
+from gaussray.tracer.motion import Motion, control_weights, whole, within
 from gaussray.tracer.table import Lanes, columns, table
 from gaussray.tracer.traverse import Candidates, Capacity, candidates
 from gaussray.tracer.window import alive, chosen
@@ -124,12 +124,11 @@ def prepare(
     if motion.transient is not None and not motion.transient.count:
         motion = replace(motion, transient=None)
     if motion.transient is not None:
-        limits = motion.time_range
-        within = span if limits is None else jnp.clip(span, limits[0], limits[1])
-        lit, fine = alive(motion.transient, within, options.alpha_min)
+        lit, fine = alive(motion.transient, within(motion.time_range, span), options.alpha_min)
         needed = jnp.sum(lit, dtype=jnp.int32)
         unusable = jnp.sum(~fine, dtype=jnp.int32)
-        transient, index = chosen(motion.transient, lit, capacity.transient)
+        # At least one place: an array of nothing is no operand of a kernel.
+        transient, index = chosen(motion.transient, lit, max(capacity.transient, 1))
         motion = replace(motion, transient=transient)
     grid = None
     if not on_kernel(options, motion.gaussians.mean.dtype):
@@ -210,7 +209,9 @@ def _trace_kernel(
     scene: Prepared, rays: Rays, *, options: TraceOptions, capacity: Capacity
 ) -> tuple[Pixels, Report]:
     samples, count = rays.time.shape
-    stage, strips = kernel.prepare(scene.motion, rays, options=options, slots=capacity.slots)
+    stage, strips = kernel.prepare(
+        scene.motion, rays, scene.span, options=options, slots=capacity.slots
+    )
 
     def one(strip: kernel.Strip):
         lists = kernel.candidates(stage, strip)
@@ -277,9 +278,7 @@ def lanes_of(motion: Motion, bundled: Rays) -> Lanes:
     if motion.transient is not None and not motion.transient.count:
         motion = replace(motion, transient=None)
     if motion.transient is not None:
-        limits = motion.time_range
-        time = bundled.time if limits is None else jnp.clip(bundled.time, limits[0], limits[1])
-        time = time[None]
+        time = within(motion.time_range, bundled.time)[None]
     return Lanes(leading(bundled.origin), leading(bundled.direction), leading(weights), time)
 
 
@@ -321,7 +320,9 @@ def _sizes(motion, rays, *, options, capacity) -> tuple[Int[Array, " sizes"], In
     if on_kernel(options, rays.time.dtype):
         rays = _sampled(rays)
         scene = prepared_for(motion, rays, options, capacity)
-        stage, strips = kernel.prepare(scene.motion, rays, options=options, slots=capacity.slots)
+        stage, strips = kernel.prepare(
+            scene.motion, rays, scene.span, options=options, slots=capacity.slots
+        )
         counts = over(lambda strip: kernel.candidates(stage, strip).count, strips)
         return scene.extended(*_wants(counts, options, capacity))
     lists, _ = find(motion, rays, options=options, capacity=capacity)

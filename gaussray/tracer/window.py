@@ -76,6 +76,19 @@ def sweep(
     return Sweep(first * window.velocity, last * window.velocity, shrink)
 
 
+def swept_box(
+    lower: Float[Array, "gaussians 3"], upper: Float[Array, "gaussians 3"], swept: Sweep
+) -> tuple[Float[Array, "gaussians 3"], Float[Array, "gaussians 3"]]:
+    """Corners of the boxes around all that Gaussians sweep, given their boxes at full opacity at
+    their own instants."""
+    center = 0.5 * (lower + upper)
+    least, most = jnp.minimum(swept.first, swept.last), jnp.maximum(swept.first, swept.last)
+    # With slack for the rounding of the way itself.
+    slack = 4 * jnp.finfo(center.dtype).eps * (jnp.abs(center) + jnp.abs(least) + jnp.abs(most))
+    half = swept.shrink[:, None] * (upper - center) + slack
+    return center - half + least, center + half + most
+
+
 def alive(
     transients: Transients, span: Float[Array, "2"], alpha_min: float
 ) -> tuple[Bool[Array, " transients"], Bool[Array, " transients"]]:

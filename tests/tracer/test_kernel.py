@@ -15,6 +15,8 @@ from scenes import (
     COUNT,
     OPTIONS,
     RAYS,
+    beside,
+    fleeting,
     gaussians,
     look,
     moving,
@@ -60,9 +62,10 @@ def test_a_program_is_three_launches_and_one_more_for_gradients(elsewhere):
         return jnp.sum(trace(motion, lines, options=OPTIONS, capacity=CAPACITY)[0].color)
 
     motion, lines = wandering(*moving(COUNT)), shot(rays())
-    for function, launches in ((loss, 3), (jax.grad(loss), 4)):
-        lowered = jax.jit(function).trace(motion, lines).lower(lowering_platforms=("cuda",))
-        assert lowered.as_text().count("@__gpu$xla.gpu.ptx(") == launches
+    for scene in (motion, beside(motion, fleeting(COUNT))):
+        for function, launches in ((loss, 3), (jax.grad(loss), 4)):
+            lowered = jax.jit(function).trace(scene, lines).lower(lowering_platforms=("cuda",))
+            assert lowered.as_text().count("@__gpu$xla.gpu.ptx(") == launches
 
 
 def test_every_macro_of_the_source_is_given(monkeypatch):
@@ -77,10 +80,11 @@ def test_every_macro_of_the_source_is_given(monkeypatch):
 
 @pytest.mark.skipif(cuda._nvrtc() is None, reason="there is no libnvrtc")
 @pytest.mark.parametrize("keys", [1, 3])
-def test_the_source_compiles_also_where_there_is_no_device(monkeypatch, keys):
+@pytest.mark.parametrize("transient", [0, 1])
+def test_the_source_compiles_also_where_there_is_no_device(monkeypatch, keys, transient):
     device = types.SimpleNamespace(compute_capability="9.0")
     monkeypatch.setattr(cuda.jax, "local_devices", lambda: [device])
-    code = kernel.Program(64, 1, 64, 8, 32, 1, keys, 4, 1, 16, 16, 0.99, 1e-4).code
+    code = kernel.Program(64, 1, 64, 8, 32, 1, keys, 4, 1, 16, 16, 0.99, 1e-4, transient).code
     assert code.count(".visible .entry") == 4
 
 
@@ -142,7 +146,7 @@ def mixed(keys=3):
 
 def roomy(options):
     """Room for every list, coarse levels as the options want."""
-    return Capacity((512,) * (options.levels + 1), 8192, 128)
+    return Capacity((512,) * (options.levels + 1), 8192, 128, COUNT)
 
 
 def on_host(tree):
@@ -168,7 +172,7 @@ def errors_on_device(motion, lines, options=OPTIONS):
         single = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), slope[0])
         (wanted,) = pull_back(single)
         errors = {
-            str(i): float(np.max(np.abs(a - b)) / np.max(np.abs(b)))
+            str(i): float(np.max(np.abs(a - b)) / max(np.max(np.abs(b)), 1e-30))
             for i, (a, b) in enumerate(
                 zip(jax.tree.leaves(gradient[0]), jax.tree.leaves(wanted), strict=True)
             )
@@ -211,6 +215,53 @@ def test_key_states_and_tints(keys):
 def test_what_rests_beside_what_moves():
     color, errors = errors_on_device(mixed(), rays())
     assert color < COLOR and max(errors.values()) < GRADIENT, errors
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("when", ["own", "same"])
+@pytest.mark.parametrize("scene", ["resting", "moving", "tinted", "mixed"])
+def test_transient_gaussians_at_times_of_rays(scene, when):
+    lines, kind = rays(), {"size": (0.1, 0.5)}
+    if when == "same":
+        lines = lines._replace(time=np.full(RAYS, 0.4))
+    motion = {
+        "resting": lambda: resting(gaussians(COUNT, **kind)),
+        "moving": lambda: wandering(*moving(COUNT, 3, amount=0.02, **kind)),
+        "tinted": lambda: tinted(resting(gaussians(COUNT, **kind))),
+        "mixed": mixed,
+    }[scene]()
+    motion = beside(motion, fleeting(COUNT, seed=3, **kind), (0.1, 0.8))
+    color, errors = errors_on_device(motion, lines)
+    assert color < COLOR and max(errors.values()) < GRADIENT, errors
+
+
+@pytest.mark.gpu
+def test_transient_gaussians_alone_are_those_of_the_arrays():
+    nothing = eqx.tree_at(lambda m: m.gaussians.opacity, resting(gaussians(1)), jnp.zeros(1))
+    motion = beside(nothing, fleeting(COUNT, seed=3, size=(0.1, 0.5)))
+    lines, capacity = shot(rays()), roomy(OPTIONS)
+    weight = weights(dtype=np.float32)
+    kernels, arrays = (
+        pull(motion, lines, weight, options=replace(OPTIONS, backend=b), capacity=capacity)
+        for b in ("kernel", "array")
+    )
+    assert int(kernels[1].hits) == int(arrays[1].hits) > 0
+    np.testing.assert_allclose(stacked(kernels[0]), stacked(arrays[0]), atol=SINGLE)
+    errors = relative_errors(natural(kernels[2], motion), natural(arrays[2], motion))
+    assert max(errors.values()) < GRADIENT, errors
+
+
+@pytest.mark.gpu
+def test_on_a_device_too_what_is_not_alive_enters_no_list():
+    lines = replace(shot(rays()), time=jnp.full(RAYS, 0.5, jnp.float32))
+    few = fleeting(COUNT, seed=3, size=(0.05, 0.4), lifetime=(0.01, 0.02), speed=0.0)
+    few = replace(few, instant=jnp.where(jnp.arange(COUNT) % 4, 10.0, 0.5))
+    nothing = eqx.tree_at(lambda m: m.gaussians.opacity, resting(gaussians(1)), jnp.zeros(1))
+    every, living = beside(nothing, few), beside(nothing, jax.tree.map(lambda x: x[::4], few))
+    pixels, report = look(every, lines, options=OPTIONS, capacity=roomy(OPTIONS))
+    expected, least = look(living, lines, options=OPTIONS, capacity=roomy(OPTIONS))
+    np.testing.assert_array_equal(report.needed, least.needed)
+    np.testing.assert_array_equal(stacked(pixels), stacked(expected))
 
 
 @pytest.mark.gpu
