@@ -221,7 +221,7 @@ def _motion(scene: Scene, camera: Camera, part: Part, pace: Pace) -> Motion:
 
 def _span(camera: Camera, part: Part) -> Float[Array, "2"]:
     """The earliest and the latest time at which a frame looks."""
-    time = _decisive_times(achromatic(camera), part)
+    time = _decisive_times(camera, part)
     return jnp.stack([jnp.min(time), jnp.max(time)])
 
 
