@@ -76,12 +76,12 @@ def main(argv: Sequence[str] | None = None) -> None:
 def _stepped(session, state, stage: str, steps: int):
     """State, seconds a step of every block, the last one's terms, and entries dropped."""
     from gaussray.reconstruct.loop import first_sizes, step_options
-    from gaussray.reconstruct.step import train_block
+    from gaussray.reconstruct.step import schedule, train_block
     from gaussray.runtime.devices import everywhere
 
     loader, mesh, seconds, lost = session.loader, session.mesh, [], 0
     sizes = first_sizes(session, state, loader.batches(stage, 0, BLOCK))
-    cameras = everywhere(session.footage.camera, mesh)
+    cameras, course = everywhere((session.footage.camera, schedule(10_000, 0)), mesh)
     for block in range(steps // BLOCK + 1):
         state = everywhere(state, mesh)
         batches = everywhere(loader.batches(stage, BLOCK * block, BLOCK), mesh)
@@ -93,7 +93,7 @@ def _stepped(session, state, stage: str, steps: int):
                 batches,
                 session.cameras,
                 options=step_options(session, stage),
-                steps=10_000,
+                schedule=course,
                 sizes=sizes,
             )
         )

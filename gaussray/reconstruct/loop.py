@@ -15,7 +15,8 @@ from gaussray.reconstruct.optimize.rows import occupied
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.run_progress import RunProgress, SavedSizes
 from gaussray.reconstruct.session import Session
-from gaussray.reconstruct.step import BlockSizes, StepOptions, measure_sizes, train_block
+from gaussray.reconstruct.step import BlockSizes, StepOptions, measure_sizes, schedule, train_block
+from gaussray.reconstruct.step_plan import StepPlan, TimedPlan
 from gaussray.runtime.devices import agreed, everywhere
 from gaussray.tracer.traverse import Capacity
 
@@ -25,21 +26,22 @@ def run_stage(
 ) -> tuple[State, RunProgress]:
     """All steps that are left of a stage (coarse or fine), in blocks of fit.block."""
     fit, log, loader = session.options.fit, session.log, session.loader
-    steps = fit.coarse if stage == "coarse" else fit.fine
     progress = replace(progress, stage=stage)
-    bar, count = session.progress_bar(stage, steps), _gaussian_count(state)
+    plan = step_plan(session, progress)
+    bar, count = session.progress_bar(stage, plan.steps), _gaussian_count(state)
     sizes: BlockSizes | None = None
     views, cameras = everywhere((session.footage.camera, session.cameras), session.mesh)
     state = agreed(state)
-    for done, batches in loader.blocks(stage, int(state.step), steps, fit.block):
+    for done, batches in loader.blocks(stage, int(state.step), plan.most, fit.block):
         if sizes is None:
             sizes = _saved_sizes(session, state, progress) or first_sizes(session, state, batches)
         # Steps that leave the state anywhere else would compile twice.
-        state, drawn = everywhere((state, batches), session.mesh)
+        course = schedule(plan.steps, fit.seed)
+        state, drawn, course = everywhere((state, batches, course), session.mesh)
         options = step_options(session, stage)
         while True:
             after, terms, error, needed, dropped = train_block(
-                state, views, drawn, cameras, options=options, steps=steps, sizes=sizes
+                state, views, drawn, cameras, options=options, schedule=course, sizes=sizes
             )
             if not int(dropped):
                 break
@@ -48,13 +50,30 @@ def run_stage(
         log.demand_finite(terms, state, after, progress)
         loader.tell(batches, np.asarray(error))
         progress = replace(progress, sizes=_to_save(stage, sizes), tile_errors=loader.tile_errors())
-        state = _with_density_control(session, after, progress, before=done, steps=steps)
+        state = _with_density_control(session, after, progress, before=done, steps=plan.steps)
         count = count if state is after else _gaussian_count(state)
         done += len(batches.time)
         log.record(progress, done, terms, count)
         bar.report(done, f"{decibel(terms['mse']):.2f} dB")
+        if plan.after_block(done):
+            bar, progress = session.progress_bar(stage, plan.steps), plan.noted(progress)
         log.save_in_time(state, progress)
+        if done >= plan.steps:
+            break
     return agreed(state), progress
+
+
+def step_plan(session: Session, progress: RunProgress) -> StepPlan:
+    """The number of steps of the current stage. Where all pictures share one time there is one
+    stage, which takes the steps of both, or as many as fit into fit.minutes."""
+    fit = session.options.fit
+    if len(session.times) > 1:
+        return StepPlan(fit.coarse if progress.stage == "coarse" else fit.fine)
+    if progress.planned:
+        return StepPlan(progress.planned)
+    if fit.minutes:
+        return TimedPlan(session.log.began + 60 * fit.minutes, fit.block)
+    return StepPlan(fit.coarse + fit.fine)
 
 
 def step_options(session: Session, stage: str) -> StepOptions:
@@ -77,6 +96,8 @@ def step_options(session: Session, stage: str) -> StepOptions:
         footprint=options.fit.footprint,
         refine=refine,
         formed=session.later,
+        rise=options.fit.rise,
+        density=options.density,
     )
 
 
@@ -86,6 +107,7 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
     Gaussians that replace each other are smaller, so lists grow more slowly than their number.
     """
     mesh, keys, density = session.mesh, session.key_states(state), session.options.density
+    count = _gaussian_count(state)
     capacity = measure_sizes(
         state,
         session.footage.camera,
@@ -94,7 +116,7 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
         options=step_options(session, "fine"),
         mesh=mesh,
         keys=keys,
-        growth=density.growth**0.5 if density.interval else 1.0,
+        growth=(density.room(count) / max(count, 1)) ** 0.5 if density.interval else 1.0,
     ).capacity
     *cells, pairs, slots = agreed(np.array([*capacity.cells, capacity.pairs, capacity.slots]))
     return BlockSizes(Capacity(tuple(map(int, cells)), int(pairs), int(slots)), mesh, keys)

@@ -15,28 +15,35 @@ from gaussray.tracer.trace import TraceOptions
 class FitOptions(eqx.Module):
     """The course of a reconstruction.
 
-    `coarse` steps on the first instant, without deformation; `fine` steps on all. A step sees
-    `tiles` tiles of `tile_side` x `tile_side` pixels (whole ray bundles), a share `error` of them
-    in proportion to the errors last seen there, and of the others a share `balance` where things
-    move. Gaussians whose pixels change more than a share `moving` of the time get a deformation. A
-    block of `block` steps runs without the host; `checkpoint` is the interval in seconds between saved states. Pictures of more than
-    `memory` gigabytes are kept in a file. A capture of more than `segment` instants is cut into
-    segments of at most so many (0: into none), of which each takes `fine` steps and loads its own
-    pictures; neighbours share an instant, at which the later one starts from what the other found.
+    With `auto`, what has its default is chosen by device and capture (`effort`); a capture of one
+    time then takes `minutes` instead of a number of steps.
+
+    `coarse` steps on the first instant, without deformation; `fine` steps on all (both on one
+    instant, if there are no others). A step sees `tiles` tiles of `tile_side` x `tile_side` pixels
+    (whole ray bundles), a share `error` of them in proportion to the errors last seen there, and of
+    the others a share `balance` where things move. Gaussians whose pixels change more than a share
+    `moving` of the time get a deformation. A block of `block` steps runs without the host;
+    `checkpoint` is the interval in seconds between saved states. Pictures of more than `memory`
+    gigabytes are kept in a file. A capture of more than `segment` instants is cut into segments of
+    at most so many (0: into none), of which each takes `fine` steps and loads its own pictures;
+    neighbours share an instant, at which the later one starts from what the other found.
 
     `points` random points are the start if the capture has none; of those that it has, points go
     that are further from their neighbours than usual by more than `outliers` standard deviations (0
     keeps all, see `initial.inliers`), of fewer than `points` the rest are put between them
     (`initial.between`), and around them `surround` times as many random ones are added
-    (`initial.surrounding`): for what is far, and what mirrors show. Gaussians start with
-    harmonics of this `degree`, this `opacity`, and `spread` gaps between points as scale; none gets
-    smaller than `footprint` pixels of the camera that sees it most finely.
+    (`initial.surrounding`): for what is far, and what mirrors show. Gaussians have harmonics of
+    this `degree`, of which those of degree n learn from step n x `rise` on. They start with this
+    `opacity`, and `spread` gaps between points as scale; none gets smaller than `footprint` pixels
+    of the camera that sees it most finely.
 
     Every pixel is seen by `samples` rays over film, lens and exposure (0: 1, and 4 if a camera has
     an aperture or an exposure). `refine` names what of the cameras is learnt too
     (`refinement.REFINABLE`).
     """
 
+    auto: bool = eqx.field(static=True, default=False)
+    minutes: float = eqx.field(static=True, default=0.0)
     coarse: int = eqx.field(static=True, default=300)
     fine: int = eqx.field(static=True, default=2500)
     segment: int = eqx.field(static=True, default=0)
@@ -47,6 +54,7 @@ class FitOptions(eqx.Module):
     error: float = eqx.field(static=True, default=0.0)
     moving: float = eqx.field(static=True, default=0.6)
     degree: int = eqx.field(static=True, default=0)
+    rise: int = eqx.field(static=True, default=0)
     opacity: float = eqx.field(static=True, default=0.9)
     spread: float = eqx.field(static=True, default=0.6)
     points: int = eqx.field(static=True, default=10000)
@@ -64,7 +72,7 @@ class FitOptions(eqx.Module):
             if getattr(self, name) < 1:
                 raise ValueError(f"fit.{name} must be at least 1, got {getattr(self, name)}.")
         for name in (
-            *("fine", "samples", "checkpoint", "spread", "seed"),
+            *("minutes", "fine", "samples", "checkpoint", "spread", "seed", "rise"),
             *("surround", "footprint", "outliers", "memory"),
         ):
             if getattr(self, name) < 0:

@@ -11,6 +11,7 @@ from gaussray.capture.formats.paired import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole
 from gaussray.reconstruct.data.segments import segments
+from gaussray.reconstruct.effort import effort, this_machine
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.loop import run_stage
 from gaussray.reconstruct.optimize.state import State
@@ -52,6 +53,8 @@ def reconstruct(
     each loads its own pictures, starts from what the one before ended with, and is kept in
     `out`/segments until all are there. Cameras are refined in the first one.
     """
+    capture, options, sentence_of_effort = effort(capture, options, this_machine())
+    _say(sentence_of_effort, quiet or not leads())
     out, course = Path(out), segments(capture, options.fit.segment)
     log = RunLog(out, resume=resume, interval=options.fit.checkpoint, writes=leads(), listener=told)
     if leads():

@@ -41,6 +41,7 @@ class RunProgress(eqx.Module):
         segment. They are the first rows; they stay even if no ray ever meets them.
     limit: the largest numbers of static and of moving Gaussians that density control may reach.
     most: the largest number of Gaussians of both kinds together, in every segment.
+    planned: the steps of a stage that takes a given time; 0 until its pace is known.
     bodies: the rigid bodies of the segment before; None in the first segment.
     sizes: what the last block of steps was compiled for; None before the first block.
     tile_errors: the errors that the sampler has seen; None if fit.error is 0.
@@ -53,6 +54,7 @@ class RunProgress(eqx.Module):
     initial: tuple[int, int] = eqx.field(static=True, default=(0, 0))
     limit: tuple[int, int] = eqx.field(static=True, default=(0, 0))
     most: int = eqx.field(static=True, default=0)
+    planned: int = eqx.field(static=True, default=0)
     bodies: KnownBodies | None = None
     sizes: SavedSizes | None = None
     tile_errors: TileErrorState | None = None
@@ -64,6 +66,8 @@ def progress_to_json(progress: RunProgress) -> dict[str, Any]:
     p = progress
     block: dict[str, Any] = {"stage": p.stage, "most": p.most}
     block |= {"limit": list(p.limit), "given": list(p.initial)}
+    if p.planned:
+        block["planned"] = p.planned
     if p.segments > 1:
         block |= {"segment": p.segment, "segments": p.segments}
     if p.bodies is not None:
@@ -87,6 +91,9 @@ def progress_from_json(block: dict[str, Any], tile_errors: TileErrorState | None
             raise ValueError(f"'{key}' must hold two numbers of Gaussians")
     if not _are_counts([block.get("most")], 0):
         raise ValueError("'most' must be a number of Gaussians")
+    planned = block.get("planned", 0)
+    if not _are_counts([planned], 0):
+        raise ValueError("'planned' must be a number of steps")
     metrics = block.get("metrics")
     return RunProgress(
         stage=stage,
@@ -95,6 +102,7 @@ def progress_from_json(block: dict[str, Any], tile_errors: TileErrorState | None
         initial=tuple(counts["given"]),
         limit=tuple(counts["limit"]),
         most=block["most"],
+        planned=planned,
         bodies=_bodies(block.get("bodies")),
         sizes=_sizes(block.get("room")),
         tile_errors=tile_errors,

@@ -1,5 +1,6 @@
 """What a reconstruction has at hand while it works on one segment of a capture."""
 
+import math
 from dataclasses import replace
 
 import equinox as eqx
@@ -15,7 +16,7 @@ from gaussray.capture.formats.paired import Capture
 from gaussray.capture.points import Points
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
-from gaussray.reconstruct.data.pictures import footage, stacked
+from gaussray.reconstruct.data.pictures import Footage, footage, stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.log import RunLog
@@ -29,6 +30,7 @@ from gaussray.scene.bodies import pose_at
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import constrain, folded, unconstrain
 from gaussray.scene.scene import Scene, at, key_count
+from gaussray.tracer.bundle import FAN
 from gaussray.tracer.shard import mesh_of_hosts
 
 
@@ -71,6 +73,7 @@ class Session:
             folder=log.out,
             report=self.progress_bar("read", len(part.views), patience=2.0).report,
         )
+        self.options = _with_tile_levels(options, self.footage)
         every = self.footage.camera if len(part.views) == len(views) else stacked(views)
         names, owner = np.unique([view.camera_name for view in views], return_inverse=True)
         eye = np.concatenate([np.asarray(view.camera.trajectory.translation) for view in views])
@@ -83,7 +86,8 @@ class Session:
             self.footage,
             self.activity,
             tiles=options.fit.tiles,
-            balance=options.fit.balance,
+            # At a single time nothing moves, whatever cameras that move may show.
+            balance=options.fit.balance if len(np.unique(self.footage.times)) > 1 else 0.0,
             error=options.fit.error,
             seed=options.fit.seed,
         )
@@ -169,6 +173,15 @@ def hand_over(session: Session, state: State, progress: RunProgress) -> tuple[St
         progress, stage="begin", segment=progress.segment + 1, bodies=known, tile_errors=None
     )
     return begin_state(Parameters(static, moving, None, state.parameters.corrections)), progress
+
+
+def _with_tile_levels(options: ReconstructOptions, footage: Footage) -> ReconstructOptions:
+    """The options with a coarser level of bundles, if the bundles of a tile fill one."""
+    trace = options.trace
+    block = trace.bundle * math.isqrt(FAN)
+    if trace.levels or footage.side % block:
+        return options
+    return eqx.tree_at(lambda o: o.trace, options, replace(trace, levels=1))
 
 
 def scene_extent(eye: Float[np.ndarray, "poses 3"], points: Points | None) -> float:

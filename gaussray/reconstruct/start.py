@@ -49,7 +49,7 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
         more = on_points(*around, degree=fit.degree, opacity=0.5, flat=1.0)
         gaussians = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), gaussians, more)
         moves = np.concatenate([moves, np.zeros(count, bool)])
-    most = int(len(moves) * session.options.density.growth)
+    most = session.options.density.room(len(moves))
     progress = replace(progress, initial=initial, most=most)
     corrections = no_corrections(fit.refine, len(session.names), session.footage.camera)
     return _with_room(session, gaussians, moves, corrections, progress)

@@ -13,7 +13,8 @@ from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import step_samples
 from gaussray.color import srgb_encode
 from gaussray.reconstruct.data.batches import Batch, tile_colors, tile_rays
-from gaussray.reconstruct.optimize import loss as losses, regularizer
+from gaussray.reconstruct.optimize import loss as losses, regularizer, relocation
+from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.optimize.optimizer import (
     OptimizerOptions,
@@ -36,9 +37,12 @@ FLAT = 1.1
 
 
 class StepOptions(eqx.Module):
-    """What a training step can be told: also how many `samples` a pixel takes, how many pixels'
-    `footprint` a Gaussian has at least, what of the cameras the stage refines, and whether the
-    Gaussians are `formed` already (`rates`)."""
+    """Options of a training step.
+
+    `samples` is the number of rays of a pixel, `footprint` the least standard deviation of a
+    Gaussian in pixels, `refine` what the stage refines of the cameras. `formed` and `rise` (the
+    steps after which harmonics of the next degree begin to learn) are those of `rates`.
+    """
 
     loss: LossOptions
     optimizer: OptimizerOptions
@@ -47,6 +51,23 @@ class StepOptions(eqx.Module):
     footprint: float = eqx.field(static=True, default=0.0)
     refine: tuple[str, ...] = eqx.field(static=True, default=())
     formed: bool = eqx.field(static=True, default=False)
+    rise: int = eqx.field(static=True, default=0)
+    density: DensityOptions = eqx.field(default_factory=DensityOptions)
+
+
+class Schedule(eqx.Module):
+    """Length of a stage in steps, over which the rates fall, and the seed of the steps' noise.
+
+    Arrays, so that other values compile nothing.
+    """
+
+    steps: Int[Array, ""]
+    seed: Int[Array, ""]
+
+
+def schedule(steps: int, seed: int) -> Schedule:
+    """The schedule of a stage."""
+    return Schedule(jnp.asarray(steps, jnp.int32), jnp.asarray(seed, jnp.int32))
 
 
 class BlockSizes(eqx.Module):
@@ -124,9 +145,42 @@ def loss_of(
     if parameters.deformation is not None:
         terms |= regularizer.terms(parameters.deformation.planes)
     total = sum(getattr(options.loss, name) * term for name, term in terms.items())
+    total += _density_cost(parameters, cameras, options.density)
     terms["mse"] = jnp.sum((image - truth) ** 2) / (3 * jnp.maximum(jnp.sum(weight), 1))
     error = _tile_errors(image, truth, weight, batch)
     return total, (terms, report, rays.origin.reshape(-1, 3), error)
+
+
+def _density_cost(
+    parameters: Parameters, cameras: CameraSet, density: DensityOptions
+) -> Float[Array, ""] | float:
+    """What the loss adds for opacity and scale where Gaussians are relocated: unused ones fade."""
+    total = 0.0
+    if density.relocates:
+        for free in _both(parameters):
+            mean = relocation.costs(free, cameras.extent)
+            total += density.opacity_cost * mean["opacity"] + density.scale_cost * mean["scale"]
+    return total
+
+
+def _explored(
+    parameters: Parameters,
+    cameras: CameraSet,
+    schedule: Schedule,
+    step: Int[Array, ""],
+    options: StepOptions,
+) -> Parameters:
+    """Noise on the positions of faint Gaussians, if they are relocated."""
+    density = options.density
+    if not density.relocates or not density.noise:
+        return parameters
+    fall = options.optimizer.decay ** (step / jnp.maximum(schedule.steps, 1))
+    key = jax.random.fold_in(jax.random.key(schedule.seed), step)
+    moved = [
+        relocation.explore(free, own, size=density.noise * fall, extent=cameras.extent)
+        for own, free in zip(jax.random.split(key), _both(parameters), strict=True)
+    ]
+    return eqx.tree_at(_both, parameters, tuple(moved))
 
 
 def _rays(
@@ -166,14 +220,14 @@ def train_block(
     cameras: CameraSet,
     *,
     options: StepOptions,
-    steps: int,
+    schedule: Schedule,
     sizes: BlockSizes,
 ):
     """The state after a block of steps, mean terms, errors of all tiles, largest list sizes,
     entries dropped.
 
-    `views` are the cameras of all frames as recorded, `batches` what each step looks at; `steps` is
-    the length of the stage, over which the rates fall. A tile's error is its mean absolute
+    `views` are the cameras of all frames as recorded, `batches` what each step looks at; over the
+    steps of the `schedule` the rates fall. A tile's error is its mean absolute
     difference. If anything was dropped, the block is void: run it again with an enlarged sizes.
     """
 
@@ -189,12 +243,14 @@ def train_block(
             state.step,
             options=options.optimizer,
             extent=cameras.extent,
-            steps=steps,
+            steps=schedule.steps,
             refine=options.refine,
             formed=options.formed,
+            rise=options.rise,
         )
         static, moving = accumulated_statistics(state, gradient, eye)
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)
+        parameters = _explored(parameters, cameras, schedule, state.step, options)
         parameters = _widened(parameters, shortest)
         state = State(parameters, adam, static, moving, state.step + 1)
         return state, (terms, error, report.needed, report.dropped)

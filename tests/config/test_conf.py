@@ -20,7 +20,7 @@ from gaussray.config.options import build_options
 from gaussray.config.schema import conf_folder
 from gaussray.evaluate.pipeline import EvaluateOptions
 from gaussray.io.safe.limits import Limits
-from gaussray.reconstruct import session as stage
+from gaussray.reconstruct import options as stage
 from gaussray.render.randomize.distributions import distributions, drawn
 from gaussray.render.randomize.options import FactoryOptions
 from gaussray.render.renderer import RenderOptions

@@ -316,7 +316,9 @@ def test_bodies_have_poses_as_far_as_the_rows_reach(tmp_path, pictures):
 def test_the_refined_cameras_are_written_and_what_was_found_is_said(
     tmp_path, pictures, monkeypatch, capsys
 ):
-    def learnt(state, *_, options, steps, sizes):
+    def learnt(state, *_, options, schedule, sizes):
+        steps = int(schedule.steps)
+
         def where(state):
             return state.parameters.corrections.exposure, state.parameters.corrections.shutter
 

@@ -1,7 +1,7 @@
-"""Density control: clone and split Gaussians where gradients are large, prune faint ones.
+"""Density control between blocks of steps: options, schedule, and the rule of 3DGS.
 
-The adaptive density control of 3DGS, with the statistic of 3DGRT. It runs on the host, between
-blocks of steps.
+Clone and split Gaussians where gradients are large and prune faint ones (3DGS, with the statistic
+of 3DGRT), on the host; or relocate dead ones (`relocation.py`).
 """
 
 from typing import Protocol, runtime_checkable
@@ -13,20 +13,32 @@ import numpy as np
 
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic
+from gaussray.reconstruct.optimize.relocation import relocate
 from gaussray.reconstruct.optimize.rows import EMPTY, occupied, with_rows
 from gaussray.reconstruct.optimize.state import ChangedRows, State, with_gaussians
 from gaussray.scene.gaussians import Unconstrained
 
 
-class DensityOptions(eqx.Module):
-    """When and what to clone, split and prune.
+KINDS = ("split", "relocate")
 
-    Every `interval` steps between `start` and `stop` (shares of a stage): Gaussians whose mean
-    gradient statistic exceeds `threshold` are cloned if their largest scale is at most `small` x
-    extent, else split in two of 1/`shrink` the scale; below `opacity` they are pruned. At most
-    `growth` x the first number of Gaussians. `interval = 0` switches density control off.
+
+class DensityOptions(eqx.Module):
+    """How the number and the places of the Gaussians change.
+
+    Every `interval` steps between `start` and `stop` (shares of a stage); `interval = 0` switches
+    density control off. `kind` chooses between two rules.
+
+    "split" (3DGS): Gaussians whose mean gradient statistic exceeds `threshold` are cloned if their
+    largest scale is at most `small` x extent, else split in two of 1/`shrink` the scale; below
+    `opacity` they are pruned. At most `growth` x the first number of Gaussians.
+
+    "relocate" (3DGS as Markov chain Monte Carlo, `relocation.py`): Gaussians of at most `opacity`
+    move to others, and the number grows by 5 % each time up to the budget of `gaussians`. The loss
+    adds `opacity_cost` and `scale_cost` times the means of opacity and scale (in extents). The
+    positions of faint ones get noise of `noise` x covariance / extent, which falls like the rates.
     """
 
+    kind: str = eqx.field(static=True, default="split")
     interval: int = eqx.field(static=True, default=0)
     start: float = eqx.field(static=True, default=0.15)
     stop: float = eqx.field(static=True, default=0.7)
@@ -35,8 +47,19 @@ class DensityOptions(eqx.Module):
     shrink: float = eqx.field(static=True, default=1.6)
     opacity: float = eqx.field(static=True, default=0.02)
     growth: float = eqx.field(static=True, default=1.5)
+    gaussians: int = eqx.field(static=True, default=100000)
+    opacity_cost: float = eqx.field(static=True, default=0.01)
+    scale_cost: float = eqx.field(static=True, default=0.01)
+    noise: float = eqx.field(static=True, default=80.0)
 
     def __check_init__(self):
+        if self.kind not in KINDS:
+            raise ValueError(f"density.kind must be one of {', '.join(KINDS)}, got {self.kind!r}.")
+        for name in ("opacity_cost", "scale_cost", "noise"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"density.{name} must be at least 0, got {getattr(self, name)}.")
+        if self.gaussians < 1:
+            raise ValueError(f"density.gaussians must be at least 1, got {self.gaussians}.")
         if self.interval < 0:
             raise ValueError(f"density.interval must be at least 0, got {self.interval}.")
         if not 0 <= self.start <= self.stop <= 1:
@@ -48,6 +71,17 @@ class DensityOptions(eqx.Module):
             raise ValueError(f"density.growth must be at least 1, got {self.growth}.")
         if self.shrink <= 1:
             raise ValueError(f"density.shrink must be above 1, got {self.shrink}.")
+
+    @property
+    def relocates(self) -> bool:
+        """Whether dead Gaussians move to live ones, instead of cloning, splitting and pruning."""
+        return self.kind == "relocate" and self.interval > 0
+
+    def room(self, count: int) -> int:
+        """The largest number of Gaussians that density control makes of `count`."""
+        if self.relocates:
+            return max(self.gaussians, count)
+        return int(count * self.growth)
 
 
 @runtime_checkable
@@ -70,8 +104,8 @@ class DensityControl(Protocol):
 
 
 def density_control(options: DensityOptions) -> DensityControl:
-    """The kind of density control that the options choose. There is one so far."""
-    return clone_split_prune
+    """The kind of density control that the options choose."""
+    return relocate_dead if options.relocates else clone_split_prune
 
 
 def density_due(options: DensityOptions, before: int, done: int, steps: int) -> bool:
@@ -80,6 +114,23 @@ def density_due(options: DensityOptions, before: int, done: int, steps: int) -> 
     if not options.interval or not options.start * steps <= done <= options.stop * steps:
         return False
     return done // options.interval != before // options.interval
+
+
+def relocate_dead(
+    state: State, *, options: DensityOptions, extent: float, limit: tuple[int, int], seed: int
+) -> State:
+    """Relocation of dead Gaussians, on static and on moving Gaussians (`relocation.relocate`)."""
+
+    def part(gaussians: Unconstrained, statistic: GradientStatistic, i: int) -> ChangedRows:
+        if not len(gaussians.mean):
+            return ChangedRows(gaussians, np.zeros(0, bool))
+        key, most = jax.random.key(2 * seed + i), jnp.asarray(limit[i], jnp.int32)
+        moved, fresh = relocate(gaussians, statistic, key, opacity=options.opacity, limit=most)
+        return ChangedRows(moved, np.asarray(fresh))
+
+    static = part(state.parameters.static, state.static_statistic, 0)
+    moving = part(state.parameters.moving, state.moving_statistic, 1)
+    return with_gaussians(state, static, moving)
 
 
 def clone_split_prune(

@@ -3,6 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import optax
 from jaxtyping import Array, Float, Int
 
@@ -94,19 +95,23 @@ def rates(
     *,
     options: OptimizerOptions,
     extent: float | Float[Array, ""],
-    steps: int,
+    steps: int | Int[Array, ""],
     refine: tuple[str, ...] = (),
     formed: bool = False,
+    rise: int = 0,
 ) -> Parameters:
     """Learning rate of every array at a step, as a tree of the parameters' shape. Corrections of
     cameras rest unless `refine` names them. Gaussians that stand still and are `formed` by an
-    earlier stage learn at the rate with which that ended."""
-    fall = jnp.asarray(optax.exponential_decay(1.0, max(steps, 1), options.decay)(step))
+    earlier stage learn at the rate with which that ended. Harmonics of degree n rest for the first
+    n x `rise` steps."""
+    steps = jnp.maximum(steps, 1)
+    fall = options.decay ** (step / steps)
 
     def gaussians(free: Unconstrained, fall: Array) -> Unconstrained:
         # The constant harmonic is the colour; the others learn more slowly.
-        coefficients = jnp.arange(free.harmonics.shape[1])[None, :, None]
-        color = jnp.where(coefficients == 0, options.color, options.harmonics) * fall
+        degree = np.floor(np.sqrt(np.arange(free.harmonics.shape[1])))[None, :, None]
+        color = jnp.where(degree == 0, options.color, options.harmonics) * fall
+        color = jnp.where(degree * rise <= step, color, 0)
         rate = {
             "mean": options.mean * extent * fall,
             "quat": options.quat * fall,
@@ -140,7 +145,7 @@ def rates(
     corrections, held = parameters.corrections, refined_kinds(parameters.corrections)
     if held:
         # A scene that has not formed yet would lead them astray.
-        half = 2 * step / max(steps, 1)
+        half = 2 * step / steps
         late = jnp.minimum(half, 1) * options.decay ** jnp.maximum(half - 1, 0)
         kinds = {kind: getattr(options, kind) * late * (kind in refine) for kind in held}
         corrections = eqx.tree_at(

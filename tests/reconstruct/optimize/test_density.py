@@ -11,6 +11,8 @@ from gaussray.reconstruct.optimize.density import (
     DensityOptions,
     clone_split_prune,
     clone_split_prune_rows,
+    density_control,
+    relocate_dead,
 )
 from gaussray.reconstruct.optimize.gradient_statistic import (
     GradientStatistic,
@@ -147,6 +149,25 @@ def test_a_states_moments_follow_their_rows():
     assert not after.static_statistic.total.any() and after.moving_statistic.seen.shape == (8,)
 
 
+def test_relocation_keeps_the_rows_and_starts_moments_of_changed_ones_again():
+    still = jax.tree.map(lambda x: x[:0], crowd())
+    state = begin_state(Parameters(still, with_rows(crowd(), 8), None))
+    ones = jax.tree.map(jnp.ones_like, state.adam)
+    state = eqx.tree_at(lambda s: (s.adam, s.step), state, (ones, jnp.asarray(7, jnp.int32)))
+    options = DensityOptions(kind="relocate", interval=100, opacity=0.1, gaussians=6)
+    assert density_control(options) is relocate_dead
+    assert (options.room(4), options.room(9)) == (6, 9)
+    after = relocate_dead(state, options=options, extent=EXTENT, limit=(0, 6), seed=0)
+    moving = after.parameters.moving
+    # The faint one became a copy; five percent of four are none.
+    assert occupied(moving).tolist() == [True] * 4 + [False] * 4
+    place = np.asarray(moving.mean)
+    copied = (place[:3] == place[3]).all(axis=1)
+    changed = np.asarray(after.adam.mu.moving.mean == 0).all(axis=1)
+    assert copied.sum() == 1 and changed[:4].tolist() == [*copied, True]
+    assert int(after.step) == 7 and after.parameters.static.mean.shape == (0, 3)
+
+
 def test_the_statistic_is_half_the_gradient_times_the_distance():
     after = accumulate(no_gradient(2), jnp.array([[3.0, 0, 4], [0, 0, 0]]), jnp.array([2.0, 7.0]))
     np.testing.assert_allclose(after.total, [5, 0])
@@ -155,7 +176,10 @@ def test_the_statistic_is_half_the_gradient_times_the_distance():
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("interval", -1), ("start", 0.9), ("growth", 0.5), ("shrink", 1.0)],
+    [
+        *(("interval", -1), ("start", 0.9), ("growth", 0.5), ("shrink", 1.0), ("kind", "clone")),
+        *(("gaussians", 0), ("noise", -1.0), ("opacity_cost", -1.0), ("scale_cost", -1.0)),
+    ],
 )
 def test_an_option_that_cannot_be_is_named(key, value):
     with pytest.raises(ValueError, match=f"density.{key}"):

@@ -80,6 +80,17 @@ def test_colour_learns_faster_than_the_other_harmonics(parameters):
     np.testing.assert_allclose(np.ravel(rate), expected, rtol=1e-6)
 
 
+def test_harmonics_of_the_next_degree_begin_to_learn_after_so_many_steps(parameters):
+    harmonics = jnp.zeros((parameters.static.mean.shape[0], 16, 3))
+    static = type(parameters.static)(**(vars(parameters.static) | {"harmonics": harmonics}))
+    learning = Parameters(static, parameters.moving, None)
+    for step, degree in ((0, 0), (9, 0), (10, 1), (25, 2), (30, 3), (99, 3)):
+        found = rates(
+            learning, jnp.asarray(step), options=OPTIONS, extent=3.0, steps=100, rise=10
+        ).static.harmonics
+        assert np.count_nonzero(np.ravel(found)) == (degree + 1) ** 2
+
+
 def test_bounds_and_pivots_never_move_and_everything_else_does(parameters):
     ones = jax.tree.map(jnp.ones_like, parameters)
     moved, _ = descend(

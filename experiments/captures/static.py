@@ -1,0 +1,189 @@
+"""Fit folders of photographs of a still scene, score held-out views, compare settings.
+
+    python -m experiments.captures.static prepare SOURCE OUT        # splits, frames without image
+    python -m experiments.captures.static fit OUT... [--scale S] [--minutes M] [--variants NAME ...]
+
+Each fit prints one line: variant, PSNR and SSIM of the held-out views, seconds (with compilation),
+steps and Gaussians.
+"""
+
+import argparse
+import dataclasses
+import json
+import shutil
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from gaussray.capture.frames import read_encoded
+from gaussray.capture.open import open_capture
+from gaussray.capture.selection import Selection
+from gaussray.dataset.images import codes
+from gaussray.evaluate.metrics import psnr, ssim
+from gaussray.reconstruct import reconstruct
+from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.loss import LossOptions
+from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
+from gaussray.reconstruct.options import FitOptions, ReconstructOptions
+from gaussray.reconstruct.simplify.prune import NeedOptions
+from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.runtime.devices import DevicesOptions, begin as start_devices
+from gaussray.tracer.trace import TraceOptions
+
+
+# Every so many frames one is held out.
+HOLD = 7
+
+
+def prepare(source: Path, out: Path) -> None:
+    """Copy a capture with transforms.json: without frames that have no image, each HOLD-th frame
+    (in the order of the names) held out."""
+    document = json.loads((source / "transforms.json").read_text())
+    frames = sorted(document["frames"], key=lambda frame: frame["file_path"])
+    frames = [frame for frame in frames if (source / frame["file_path"]).is_file()]
+    for i, frame in enumerate(frames):
+        frame["split"] = "test" if i % HOLD == 0 else "train"
+        target = out / frame["file_path"]
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source / frame["file_path"], target)
+    (out / "transforms.json").write_text(json.dumps(document | {"frames": frames}, indent=1))
+    print(f"{out}: {len(frames)} of {len(document['frames'])} frames have an image")
+
+
+def base(steps: int, tiles: int, gaussians: int, degree: int) -> ReconstructOptions:
+    """Relocation with the published rates, for random points."""
+    return ReconstructOptions(
+        fit=FitOptions(
+            coarse=1, fine=steps - 1, tiles=tiles, tile_side=32, degree=degree,
+            rise=max(steps // 7, 1), opacity=0.5, spread=0.6, points=gaussians // 2, surround=0.0,
+        ),
+        loss=LossOptions(l1=0.8, dssim=0.2),
+        optimizer=OptimizerOptions(),
+        density=DensityOptions(
+            kind="relocate", interval=100, start=0.04, stop=0.85, opacity=0.005,
+            gaussians=gaussians,
+        ),
+        trace=TraceOptions(levels=0, transmittance_min=1e-3),
+        need=NeedOptions(loss=0.0),
+    )  # fmt: skip
+
+
+def replaced(options: ReconstructOptions, **changes) -> ReconstructOptions:
+    """The options with `group__key` changed, e.g. loss__dssim=0.0."""
+    for name, value in changes.items():
+        group, key = name.split("__")
+        part = dataclasses.replace(getattr(options, group), **{key: value})
+        options = dataclasses.replace(options, **{group: part})
+    return options
+
+
+def _tiles(side: int) -> Callable[[ReconstructOptions], ReconstructOptions]:
+    """Tiles of another side, as many pixels a step."""
+    return lambda o: replaced(
+        o, fit__tile_side=side, fit__tiles=o.fit.tiles * (o.fit.tile_side // side) ** 2
+    )
+
+
+VARIANTS: dict[str, Callable[[ReconstructOptions], ReconstructOptions]] = {
+    "base": lambda o: o,
+    "split": lambda o: replaced(
+        o, density__kind="split", density__opacity=0.02, density__growth=8.0, density__start=0.15,
+        density__stop=0.7, fit__points=o.density.gaussians // 8,
+    ),
+    "l1": lambda o: replaced(o, loss__l1=1.0, loss__dssim=0.0),
+    "tiles8": _tiles(8),
+    "tiles16": _tiles(16),
+    "degree0": lambda o: replaced(o, fit__degree=0),
+    "degree2": lambda o: replaced(o, fit__degree=2),
+    "budget/2": lambda o: replaced(
+        o, density__gaussians=o.density.gaussians // 2, fit__points=o.fit.points // 2
+    ),
+    "budget*2": lambda o: replaced(
+        o, density__gaussians=o.density.gaussians * 2, fit__points=o.fit.points * 2
+    ),
+    "full": lambda o: replaced(o, fit__points=o.density.gaussians),
+    "opaque": lambda o: replaced(o, fit__opacity=0.9),
+    "faint": lambda o: replaced(o, fit__opacity=0.1),
+    "published": lambda o: replaced(
+        o, optimizer__mean=1.6e-4, optimizer__quat=1e-3, optimizer__scale=5e-3,
+        optimizer__color=2.5e-3, optimizer__harmonics=1.25e-4, optimizer__decay=0.1,
+    ),
+    "slow": lambda o: replaced(
+        o, optimizer__mean=5e-4, optimizer__quat=3e-3, optimizer__scale=1e-2,
+        optimizer__color=7e-3,
+    ),
+    "still": lambda o: replaced(o, density__noise=0.0),
+    "free": lambda o: replaced(o, density__opacity_cost=0.0, density__scale_cost=0.0),
+    "cheap": lambda o: replaced(o, density__opacity_cost=0.002, density__scale_cost=0.002),
+    "fine": lambda o: replaced(o, fit__footprint=0.1),
+    "rough": lambda o: replaced(o, trace__transmittance_min=1e-2),
+    "error": lambda o: replaced(o, fit__error=0.5),
+    "harmonics": lambda o: replaced(o, optimizer__harmonics=2e-3),
+}  # fmt: skip
+
+
+def fit(
+    folder: Path, options: ReconstructOptions, scale: float, devices: int | None, quiet: bool
+) -> dict[str, float]:
+    """Fit a capture and score its held-out views."""
+    capture = open_capture(folder, selection=Selection(scale=scale))
+    with tempfile.TemporaryDirectory() as out:
+        begin = time.perf_counter()
+        run = Path(out) / "run"
+        scene = reconstruct(capture, run, options=options, devices=devices, quiet=quiet)
+        seconds = time.perf_counter() - begin
+        lines = (run / "metrics.jsonl").read_text().splitlines()
+    sampling = RenderOptions(samples=1)
+    render = Renderer(scene, options=sampling, trace=TraceOptions(), devices=devices)
+    scores = []
+    for view in (view for view in capture.views if view.split == "test"):
+        truth, image = read_encoded(view), codes(render(view.camera).color)
+        scores.append((psnr(truth, image), ssim(truth, image)))
+    last = json.loads(lines[-1])
+    keys = ("psnr", "ssim")
+    report = dict(zip(keys, np.mean(scores, axis=0).tolist(), strict=True))
+    return report | {"seconds": seconds, "step": last["step"], "gaussians": last["gaussians"]}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    command = commands.add_parser("prepare")
+    command.add_argument("source", type=Path)
+    command.add_argument("out", type=Path)
+    command = commands.add_parser("fit")
+    command.add_argument("folders", type=Path, nargs="+")
+    command.add_argument("--variants", nargs="+", default=["base"])
+    command.add_argument("--scale", type=float, default=1.0)
+    command.add_argument("--steps", type=int, default=3000)
+    command.add_argument("--tiles", type=int, default=32)
+    command.add_argument("--gaussians", type=int, default=100_000)
+    command.add_argument("--degree", type=int, default=3)
+    command.add_argument("--limit", type=float, default=1e9, help="no fit begins after so many s")
+    command.add_argument("--quiet", action="store_true")
+    told = parser.parse_args()
+    if told.command == "prepare":
+        prepare(told.source, told.out)
+        return
+    devices, begin = start_devices(DevicesOptions()), time.perf_counter()
+    print("| capture | variant | PSNR | SSIM | seconds | steps | Gaussians |\n|" + "---|" * 7)
+    for folder in told.folders:
+        for name in told.variants:
+            if time.perf_counter() - begin > told.limit:
+                break
+            options = base(told.steps, told.tiles, told.gaussians, told.degree)
+            for part in name.split("+"):
+                options = VARIANTS[part](options)
+            row = fit(folder, options, told.scale, devices, told.quiet)
+            print(
+                f"| {folder.name} | {name} | {row['psnr']:.2f} | {row['ssim']:.3f} | "
+                f"{row['seconds']:.0f} | {row['step']:.0f} | {row['gaussians']:.0f} |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,150 @@
+"""fit=auto: how much work a capture is worth on this machine.
+
+Steps, tiles, Gaussians, harmonics and the size of the pictures follow from the device, the number
+and size of the training pictures and `fit.minutes`. What the user sets stays as set.
+"""
+
+import dataclasses
+import math
+from dataclasses import replace
+from typing import NamedTuple, TypeVar
+
+import equinox as eqx
+import jax
+import numpy as np
+
+from gaussray.capture.formats.paired import Capture
+from gaussray.capture.selection import Selection, selected
+from gaussray.reconstruct.data.segments import training_views
+from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.loss import LossOptions
+from gaussray.reconstruct.options import FitOptions, ReconstructOptions
+from gaussray.tracer.trace import TraceOptions
+
+
+T = TypeVar("T", bound=eqx.Module)
+
+# Steps of each stage of a scene that moves on a GPU (fit=full); on a CPU those of fit=default.
+_MOVING_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6)
+
+
+class Machine(NamedTuple):
+    """What decides how much work fits into the time."""
+
+    gpu: bool
+
+    @property
+    def minutes(self) -> float:
+        """Minutes for a capture of `pixels` or fewer."""
+        return 3.0 if self.gpu else 4.0
+
+    @property
+    def pixels(self) -> float:
+        """Training pixels from which on a capture is large."""
+        return 2e7 if self.gpu else 2e6
+
+    @property
+    def most_pixels(self) -> float:
+        """Training pixels beyond which pictures are scaled down."""
+        return 1e9 if self.gpu else 1e7
+
+
+class Effort(NamedTuple):
+    """Capture and options of a fit, and a sentence about what was chosen."""
+
+    capture: Capture
+    options: ReconstructOptions
+    sentence: str
+
+
+def this_machine() -> Machine:
+    """The machine that runs this process."""
+    return Machine(jax.default_backend() == "gpu")
+
+
+def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> Effort:
+    """What fit=auto chooses for a capture; anything else is left as it is."""
+    if not options.fit.auto:
+        return Effort(capture, options, "")
+    views = training_views(capture)
+    still = len({view.time for view in views}) == 1
+    pixels = float(sum(view.width * view.height for view in views))
+    scale = min(1.0, math.sqrt(machine.most_pixels / max(pixels, 1.0))) if still else 1.0
+    if scale < 1:
+        capture, pixels = selected(capture, Selection(scale=scale)), pixels * scale**2
+    chosen = _still(pixels, machine) if still else _moving(machine)
+    steps = options.fit.coarse, options.fit.fine
+    options = with_defaults(options, chosen)
+    if steps != (FitOptions().coarse, FitOptions().fine) or not still:
+        options = replace(options, fit=replace(options.fit, minutes=0.0))
+    return Effort(capture, options, _sentence(options, len(views), scale, still))
+
+
+def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> ReconstructOptions:
+    """The options, with those of `chosen` wherever they are the defaults of a reconstruction."""
+
+    def merged(given: T, default: T, other: T) -> T:
+        names = [field.name for field in dataclasses.fields(type(given))]
+        pairs = {name: (getattr(given, name), getattr(default, name)) for name in names}
+        return replace(other, **{name: own for name, (own, usual) in pairs.items() if own != usual})
+
+    usual = ReconstructOptions()
+    parts = {n: merged(*(getattr(o, n) for o in (options, usual, chosen))) for n in _CHOSEN}
+    return replace(options, **parts)
+
+
+_CHOSEN = ("fit", "loss", "density", "trace")
+
+
+def _still(pixels: float, machine: Machine) -> ReconstructOptions:
+    """For pictures of one time: relocation under a budget, SSIM, harmonics by degrees."""
+    share = 25 if machine.gpu else 50
+    low, high = (50_000, 1_000_000) if machine.gpu else (10_000, 40_000)
+    gaussians = int(np.clip(pixels / share, low, high))
+    larger = float(np.clip(math.sqrt(pixels / machine.pixels), 1.0, 4.0))
+    return ReconstructOptions(
+        fit=FitOptions(
+            minutes=machine.minutes * larger,
+            tiles=32 if machine.gpu else 4,
+            tile_side=32,
+            degree=3 if machine.gpu else 1,
+            rise=1000 if machine.gpu else 300,
+            opacity=0.5,
+            points=gaussians,
+        ),
+        loss=LossOptions(l1=0.8, dssim=0.2),
+        density=DensityOptions(
+            kind="relocate",
+            interval=100,
+            start=0.04,
+            stop=0.85,
+            opacity=0.005,
+            gaussians=gaussians,
+        ),
+        trace=TraceOptions(levels=0, transmittance_min=1e-3 if machine.gpu else 1e-2),
+    )
+
+
+def _moving(machine: Machine) -> ReconstructOptions:
+    """For several times: the defaults on a CPU; on a GPU more steps and Gaussians."""
+    if not machine.gpu:
+        return ReconstructOptions()
+    return ReconstructOptions(
+        fit=_MOVING_GPU,
+        density=DensityOptions(interval=100, growth=8.0),
+        trace=TraceOptions(levels=0, transmittance_min=1e-3),
+    )
+
+
+def _sentence(options: ReconstructOptions, pictures: int, scale: float, still: bool) -> str:
+    fit, parts = options.fit, [f"fit=auto: {pictures} pictures"]
+    if scale < 1:
+        parts.append(f"scaled by {scale:.2f}")
+    if still:
+        parts.append(f"up to {max(options.density.gaussians, fit.points):,} Gaussians")
+        parts.append(f"harmonics up to degree {fit.degree}")
+    if fit.minutes:
+        parts.append(f"about {fit.minutes:.0f} minutes (fit.minutes)")
+    else:
+        parts.append(f"{fit.coarse} + {fit.fine} steps")
+    return ", ".join(parts) + "."

@@ -1,0 +1,158 @@
+"""Density control by relocation: 3D Gaussian splatting as Markov chain Monte Carlo.
+
+Kheradmand et al. 2024. The number of rows is fixed. Gaussians that have faded ("dead") are moved to
+the place of live ones, drawn in proportion to opacity and error, and the number of Gaussians grows
+by a constant factor up to a budget. Whoever is copied becomes fainter and smaller, so that the
+copies together look like the original. Noise on the positions of faint Gaussians lets them explore.
+All functions are pure, compiled, and deterministic for a key.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int, Key
+
+from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic
+from gaussray.reconstruct.optimize.rows import EMPTY
+from gaussray.scene.gaussians import Unconstrained, axes
+
+
+# Copies of one Gaussian in one relocation at most (gsplat: 51).
+_COPIES = 51
+# Opacity at which the noise is half its largest, and how sharply it falls there (the authors').
+_NOISY, _SHARP = 0.005, 100.0
+# Below this opacity a Gaussian is dead anyway and costs nothing more.
+_FAINT = 1e-3
+
+
+def _held(free: Unconstrained) -> Bool[Array, " rows"]:
+    """Which rows hold a Gaussian: `rows.occupied`, compiled."""
+    return free.logit_opacity > EMPTY / 2
+
+
+def shared_by_copies(
+    opacity: Float[Array, " rows"], copies: Int[Array, " rows"]
+) -> tuple[Float[Array, " rows"], Float[Array, " rows"]]:
+    """Opacity of each of N equal Gaussians at one place that together replace one, and the factor
+    of their scale.
+
+    N alphas composite to 1 - (1 - a)^N. At the centre that equals the original for
+    a = 1 - (1 - o)^(1/N). The picture's total is equal too if the footprint's area is: with
+    g = exp(-r^2 / 2), the integral of 1 - (1 - a g)^N over the plane is
+    2 pi sum_{k=1}^{N} C(N, k) (-1)^(k+1) a^k / k = 2 pi sum_{i=1}^{N} (1 - (1 - a)^i) / i, against
+    2 pi o, so scales are multiplied by the root of o / sum_i (1 - (1 - a)^i) / i. (The paper
+    equates integrals along a line; its copies lose up to 14 % of the light.)
+    """
+    opacity = jnp.clip(opacity, 1e-6, 1 - 1e-6)
+    rest = jnp.exp(jnp.log1p(-opacity) / copies)
+
+    def add(i: Int[Array, ""], carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        total, power = carry
+        power = power * rest
+        return total + jnp.where(i <= copies, (1 - power) / i, 0), power
+
+    start = jnp.zeros_like(opacity), jnp.ones_like(opacity)
+    total, _ = jax.lax.fori_loop(1, _COPIES + 1, add, start)
+    return 1 - rest, jnp.sqrt(opacity / total)
+
+
+def weights(
+    free: Unconstrained, statistic: GradientStatistic, live: Bool[Array, " rows"]
+) -> Float[Array, " rows"]:
+    """In proportion to what live Gaussians are drawn: share of the opacity plus share of the error
+    (the mean gradient of the position in the picture, over the steps that met the Gaussian)."""
+
+    def share(value: Array) -> Array:
+        value = jnp.where(live, value, 0)
+        return value / jnp.maximum(jnp.sum(value), 1e-30)
+
+    return share(jax.nn.sigmoid(free.logit_opacity)) + share(
+        statistic.total / jnp.maximum(statistic.seen, 1)
+    )
+
+
+@eqx.filter_jit
+def relocate(
+    free: Unconstrained,
+    statistic: GradientStatistic,
+    key: Key[Array, ""],
+    *,
+    opacity: float,
+    limit: Int[Array, ""],
+    growth: float = 1.05,
+) -> tuple[Unconstrained, Bool[Array, " rows"]]:
+    """Move dead Gaussians to live ones, and add Gaussians to at most `growth` x their number.
+
+    Args:
+        free: The Gaussians; the number of rows stays.
+        statistic: The error since the last relocation.
+        key: Random key of the draws.
+        opacity: At most this opacity is dead.
+        limit: The budget: no Gaussians are added beyond it.
+        growth: Factor by which the number grows.
+
+    Returns:
+        The Gaussians, and which rows have changed: their moments must start again from zero.
+    """
+    held = _held(free)
+    live = held & (jax.nn.sigmoid(free.logit_opacity) > opacity)
+    count = jnp.sum(held)
+    added = jnp.clip(jnp.minimum(jnp.floor(growth * count), limit) - count, 0).astype(jnp.int32)
+    empty = ~held
+    target = (held & ~live) | (empty & (jnp.cumsum(empty) <= added))
+    target = target & jnp.any(live)
+    level = jnp.cumsum(weights(free, statistic, live))
+    drawn = jax.random.uniform(key, live.shape, level.dtype) * level[-1]
+    # Rounding must not lead to a row behind the last live one.
+    last = jnp.max(jnp.where(live, jnp.arange(len(live)), 0))
+    source = jnp.minimum(jnp.searchsorted(level, drawn, side="right"), last)
+    source = jnp.where(target, source, jnp.arange(len(live)))
+    copies = jnp.zeros(live.shape, jnp.int32).at[source].add(target.astype(jnp.int32)) + 1
+    fresh = target | (copies > 1)
+    split, factor = shared_by_copies(
+        jax.nn.sigmoid(free.logit_opacity), jnp.minimum(copies, _COPIES)
+    )
+    # Whoever drops below the threshold by being shared would be dead at once.
+    split = jnp.clip(split, opacity, 1 - 1e-6)
+    shrunk = eqx.tree_at(
+        lambda f: (f.logit_opacity, f.log_scale),
+        free,
+        (
+            jnp.where(copies > 1, jnp.log(split) - jnp.log1p(-split), free.logit_opacity),
+            free.log_scale + jnp.where(copies > 1, jnp.log(factor), 0)[:, None],
+        ),
+    )
+    return jax.tree.map(lambda x: x[source], shrunk), fresh
+
+
+def explore(
+    free: Unconstrained,
+    key: Key[Array, ""],
+    *,
+    size: float | Float[Array, ""],
+    extent: float | Float[Array, ""],
+) -> Unconstrained:
+    """Positions with the noise of one step of Langevin dynamics.
+
+    Normal, stretched by the Gaussian's covariance in units of `extent`, `size` long, and only for
+    what is hardly visible: times sigmoid(100 (0.005 - opacity)).
+    """
+    opacity = jax.nn.sigmoid(free.logit_opacity)
+    faint = jax.nn.sigmoid(_SHARP * (_NOISY - opacity)) * _held(free)
+    frame = axes(free.quat, jnp.exp(free.log_scale))
+    dice = jax.random.normal(key, free.mean.shape, free.mean.dtype)
+    along = jnp.sum(frame * dice[:, :, None], axis=1)
+    step = jnp.sum(frame * along[:, None, :], axis=2) / extent
+    return eqx.tree_at(lambda f: f.mean, free, free.mean + size * faint[:, None] * step)
+
+
+def costs(free: Unconstrained, extent: float | Float[Array, ""]) -> dict[str, Float[Array, ""]]:
+    """Mean opacity, and mean scale in units of `extent`: what is of no use shall fade."""
+    opacity = jax.nn.sigmoid(free.logit_opacity)
+    counts = _held(free) & (opacity > _FAINT)
+    count = jnp.maximum(jnp.sum(counts), 1)
+    scale = jnp.where(counts[:, None], jnp.exp(free.log_scale), 0)
+    return {
+        "opacity": jnp.sum(jnp.where(counts, opacity, 0)) / count,
+        "scale": jnp.sum(scale) / (3 * count * extent),
+    }

@@ -1,0 +1,178 @@
+"""Relocation: copies look like the original, the dead move to the living, the budget holds."""
+
+import math
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import toy
+
+from gaussray.geometry import rotation_matrix
+from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic, no_gradient
+from gaussray.reconstruct.optimize.relocation import (
+    costs,
+    explore,
+    relocate,
+    shared_by_copies,
+    weights,
+)
+from gaussray.reconstruct.optimize.rows import occupied, with_rows
+from gaussray.scene.gaussians import unconstrain
+
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
+DEAD_BELOW = 0.005
+shared = jax.jit(shared_by_copies)
+
+
+def crowd(opacity, scale=0.1):
+    """Gaussians in a row along x, with colours that name them."""
+    count = len(opacity)
+    mean = np.arange(count)[:, None] * np.array([[1.0, 0, 0]])
+    color = np.linspace(0.1, 0.9, count)[:, None] * np.ones(3)
+    return unconstrain(toy.gaussians(mean, np.full(count, scale), color, opacity))
+
+
+def relocated(free, pull=None, seed=0, limit=10**6, growth=1.05):
+    pull = pull or no_gradient(free.logit_opacity.shape[0])
+    return relocate(
+        free,
+        pull,
+        jax.random.key(seed),
+        opacity=DEAD_BELOW,
+        limit=jnp.asarray(limit, jnp.int32),
+        growth=growth,
+    )
+
+
+def opacities(free):
+    return np.asarray(jax.nn.sigmoid(free.logit_opacity))
+
+
+@pytest.mark.parametrize("opacity", [0.02, 0.5, 0.9, 0.99])
+@pytest.mark.parametrize("copies", [1, 2, 3, 7, 51])
+def test_copies_at_one_place_composite_to_the_original(opacity, copies):
+    alpha, factor = (float(x[0]) for x in shared(jnp.array([opacity]), jnp.array([copies])))
+    np.testing.assert_allclose(1 - (1 - alpha) ** copies, opacity, rtol=1e-6)
+    # The light of the whole footprint, by quadrature over the plane.
+    r = np.linspace(0, 9, 200001)
+    together = 1 - (1 - alpha * np.exp(-0.5 * (r / factor) ** 2)) ** copies
+    single = opacity * np.exp(-0.5 * r**2)
+    np.testing.assert_allclose(
+        np.trapezoid(r * together, r), np.trapezoid(r * single, r), rtol=1e-5
+    )
+
+
+def test_the_factor_of_scale_equals_the_binomial_series():
+    alpha, factor = shared(jnp.full(8, 0.8), jnp.arange(1, 9))
+    for i, (a, f) in enumerate(zip(np.asarray(alpha), np.asarray(factor), strict=True)):
+        series = sum(math.comb(i + 1, k) * (-1) ** (k + 1) * a**k / k for k in range(1, i + 2))
+        np.testing.assert_allclose(f, math.sqrt(0.8 / series), rtol=1e-6)
+
+
+def test_one_copy_is_the_original():
+    alpha, factor = shared(jnp.array([0.1, 0.7]), jnp.array([1, 1]))
+    np.testing.assert_allclose(alpha, [0.1, 0.7], rtol=1e-6)
+    np.testing.assert_allclose(factor, 1, rtol=1e-6)
+
+
+def test_a_dead_gaussian_becomes_a_copy_of_a_live_one_and_both_share_its_opacity():
+    free = crowd([0.8, 0.001])
+    after, fresh = relocated(free, growth=1.0)
+    assert fresh.tolist() == [True, True]
+    np.testing.assert_array_equal(after.mean[1], free.mean[0])
+    np.testing.assert_array_equal(after.harmonics[1], free.harmonics[0])
+    alpha, factor = shared(jnp.array([0.8]), jnp.array([2]))
+    np.testing.assert_allclose(opacities(after), alpha[0], rtol=1e-5)
+    np.testing.assert_allclose(np.exp(after.log_scale), 0.1 * factor[0], rtol=1e-5)
+
+
+def test_without_dead_ones_and_without_room_nothing_changes():
+    free = crowd([0.8, 0.3, 0.5])
+    after, fresh = relocated(free, growth=1.5)
+    assert not fresh.any()
+    for a, b in zip(jax.tree.leaves(after), jax.tree.leaves(free), strict=True):
+        np.testing.assert_array_equal(a, b)
+
+
+def test_where_all_are_dead_nothing_changes():
+    after, fresh = relocated(crowd([0.001, 0.002]))
+    assert not fresh.any() and np.isfinite(after.mean).all()
+
+
+def test_the_number_grows_by_the_factor_up_to_the_budget():
+    free = with_rows(crowd(np.full(40, 0.5)), 64)
+    assert occupied(relocated(free, growth=1.05)[0]).sum() == 42
+    assert occupied(relocated(free, growth=1.5, limit=50)[0]).sum() == 50
+    assert occupied(relocated(free, growth=1.5, limit=20)[0]).sum() == 40
+    assert occupied(relocated(free, growth=9.0)[0]).sum() == 64
+    # New ones are copies of some that were there.
+    after, fresh = relocated(free, growth=1.5)
+    assert np.isin(np.asarray(after.mean[40:60, 0]), np.arange(40)).all()
+    assert fresh[40:60].all() and not fresh[60:].any()
+
+
+def test_opacity_and_error_decide_in_equal_parts():
+    free = crowd([0.2, 0.6, 0.2, 0.001])
+    pull = GradientStatistic(toy.single([8, 0, 2, 99]), toy.single([2, 0, 2, 1]))
+    live = jnp.array([True, True, True, False])
+    found = weights(free, pull, live)
+    np.testing.assert_allclose(found, [0.2 + 0.8, 0.6, 0.2 + 0.2, 0], atol=1e-6)
+
+
+def test_draws_follow_the_weights():
+    opacity = np.concatenate([[0.9, 0.45], np.full(6000, 0.001)])
+    free = crowd(opacity)
+    after, _ = relocated(free, growth=1.0)
+    share = (np.asarray(after.mean[2:, 0]) == 0).mean()
+    # Two thirds of 6000 draws, within five standard deviations.
+    assert abs(share - 2 / 3) < 5 * math.sqrt(2 / 9 / 6000)
+    # Copies beyond the table of 51 still live.
+    assert (opacities(after) >= 0.99 * DEAD_BELOW).all()
+
+
+def test_the_same_key_moves_the_same_gaussians():
+    free = crowd([0.5, 0.5, 0.5, 0.5, 0.001, 0.001, 0.001, 0.001])
+    one, two = (relocated(free, seed=3)[0].mean for _ in range(2))
+    np.testing.assert_array_equal(one, two)
+    others = [np.asarray(relocated(free, seed=seed)[0].mean) for seed in range(4)]
+    assert any((x != one).any() for x in others)
+
+
+def test_only_the_faint_explore_and_by_their_covariance():
+    count = 4000
+    base = crowd(np.where(np.arange(count) % 2, 0.9, 1e-4))
+    scale = jnp.log(jnp.broadcast_to(jnp.array([0.3, 0.1, 0.02]), base.log_scale.shape))
+    quat = jnp.broadcast_to(jnp.array([0.9, 0.1, -0.3, 0.2]), base.quat.shape)
+    free = eqx.tree_at(lambda f: (f.log_scale, f.quat), base, (scale, quat))
+    moved = explore(free, jax.random.key(0), size=2.0, extent=4.0).mean - free.mean
+    np.testing.assert_allclose(moved[1::2], 0, atol=1e-12)
+    frame = np.asarray(rotation_matrix(quat[0]))
+    covariance = frame @ np.diag([0.09, 0.01, 0.0004]) @ frame.T
+    faint = 1 / (1 + np.exp(-100 * (0.005 - 1e-4)))
+    expected = (2.0 / 4.0 * faint) ** 2 * covariance @ covariance
+    found = np.asarray(moved[::2], np.float64)
+    # 2000 draws: relative errors of variances of some 3 %.
+    np.testing.assert_allclose(found.T @ found / len(found), expected, atol=0.15 * expected.max())
+
+
+def test_empty_rows_cost_nothing_and_do_not_move():
+    free = with_rows(crowd([0.2, 0.6]), 5)
+    found = costs(free, 2.0)
+    np.testing.assert_allclose(found["opacity"], 0.4, rtol=1e-6)
+    np.testing.assert_allclose(found["scale"], 0.1 / 2, rtol=1e-6)
+    slope = jax.grad(lambda f: sum(costs(f, 2.0).values()))(free)
+    assert (
+        not np.asarray(slope.logit_opacity[2:]).any() and not np.asarray(slope.log_scale[2:]).any()
+    )
+    np.testing.assert_allclose(slope.log_scale[:2], 0.1 / 2 / 6, rtol=1e-5)
+    moved = explore(free, jax.random.key(0), size=2.0, extent=1.0)
+    np.testing.assert_array_equal(moved.mean[2:], free.mean[2:])
+
+
+def test_no_gaussians_have_no_costs():
+    none = jax.tree.map(lambda x: x[:0], crowd([0.5]))
+    assert {name: float(x) for name, x in costs(none, 1.0).items()} == {"opacity": 0, "scale": 0}
