@@ -19,17 +19,17 @@ from PIL import Image
 from benchmarks.record import backend, begin, record, show
 from gaussray.camera.camera import with_chromatic
 from gaussray.config.compose import compose_config
-from gaussray.viewer.develop import developed
-from gaussray.viewer.model import Studio
-from gaussray.viewer.preview import Sketcher
-from gaussray.viewer.timing import STAGES, Meter
+from gaussray.viewer.develop import develop_preview
+from gaussray.viewer.model import ViewerModel
+from gaussray.viewer.preview import PreviewRenderer
+from gaussray.viewer.timing import PREVIEW_STAGES, StageTimer
 
 
 # What the camera moves by from picture to picture, in scene units, and what is not counted: lists
 # may turn out too short at first.
 STEP, FIRST = 2e-3, 3
-# The page's own (gaussray.viewer.page).
-QUALITY = 80
+# As in gaussray.viewer.page.
+JPEG_QUALITY = 80
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -41,48 +41,63 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--frames", type=int, default=20)
     chosen = parser.parse_intermixed_args(argv)
     words = [f"scene={chosen.scene}", f"trace.backend={chosen.backend}", *chosen.words]
-    studio = Studio(compose_config("view", words), words)
-    shot = studio.shot(studio.begin, studio.stance, studio.size)
-    sketcher = Sketcher(
-        studio.scene, options=shot.options, trace=shot.trace, keys=studio.options.keys
+    model = ViewerModel(compose_config("view", words), words)
+    shot = model.shot(model.initial_values, model.initial_viewpoint, model.size)
+    previewer = PreviewRenderer(
+        model.scene, options=shot.options, trace=shot.trace, keys=model.options.keys
     )
     name = Path(chosen.scene).resolve().name
-    rows = [_measured(name, studio, sketcher, width, chosen.frames) for width in chosen.widths]
-    sketcher.close()
-    show(rows, "width", "height", "samples", "k", *STAGES, "latency_s", "fps", "hits", "dropped")
+    rows = [_measured(name, model, previewer, width, chosen.frames) for width in chosen.widths]
+    previewer.close()
+    show(
+        rows,
+        "width",
+        "height",
+        "samples",
+        "k",
+        *PREVIEW_STAGES,
+        "latency_s",
+        "fps",
+        "hits",
+        "dropped",
+    )
 
 
-def _measured(scene: str, studio: Studio, sketcher: Sketcher, width: int, frames: int) -> dict:
+def _measured(
+    scene: str, model: ViewerModel, previewer: PreviewRenderer, width: int, frames: int
+) -> dict:
     """Medians over pictures of one width."""
-    full = studio.size
+    full = model.size
     size = width, max(round(width * full[1] / full[0]), 1)
-    values = studio.begin
+    values = model.initial_values
     blurs = values["aperture.radius"] or values["shutter.exposure"]
-    rays = min(studio.options.samples, values["render.samples"]) if blurs else 1
+    rays = min(model.options.samples, values["render.samples"]) if blurs else 1
     seen = []
     for i in range(-FIRST, frames):
-        stance = studio.stance
-        stance = stance._replace(place=tuple(np.add(stance.place, STEP * i)))
-        meter, began = Meter(), time.perf_counter()
-        with meter.stage("tracing"):
-            shot = studio.shot(values, stance, size)
+        viewpoint = model.initial_viewpoint
+        viewpoint = viewpoint._replace(position=tuple(np.add(viewpoint.position, STEP * i)))
+        timer, began = StageTimer(), time.perf_counter()
+        with timer.stage("tracing"):
+            shot = model.shot(values, viewpoint, size)
             camera = with_chromatic(shot.records[0].camera, shot.sensor.chromatic)
-            while (sketch := sketcher(camera, rays)) is None or sketcher.building:
+            while (preview := previewer(camera, rays)) is None or previewer.compiling:
                 time.sleep(0.05)
-        with meter.stage("developing"):
-            codes = developed(sketch, shot)
-        with meter.stage("encoding"):
+        with timer.stage("developing"):
+            codes = develop_preview(preview, shot)
+        with timer.stage("encoding"):
             _jpeg(codes)
         if i >= 0:
-            seen.append((*meter.stages.values(), time.perf_counter() - began, sketch))
-    *stages, seconds = (float(np.median([one[j] for one in seen])) for j in range(len(STAGES) + 1))
+            seen.append((*timer.stages.values(), time.perf_counter() - began, preview))
+    *stages, seconds = (
+        float(np.median([one[j] for one in seen])) for j in range(len(PREVIEW_STAGES) + 1)
+    )
     count = size[0] * size[1] * rays
     return record(
         "view", effect="sketch", scene=scene, rays=count, samples=rays, k=shot.trace.k,
-        gaussians=sum(s.static.count + s.moving.count for s in sketcher.scenes),
+        gaussians=sum(s.static.count + s.moving.count for s in previewer.scenes),
         backend=backend(shot.trace.backend),
         direction="forward", width=size[0], height=size[1], run_s_median=seconds,
-        latency_s=seconds, **dict(zip(STAGES, stages, strict=True)),
+        latency_s=seconds, **dict(zip(PREVIEW_STAGES, stages, strict=True)),
         hits=float(np.median([one[-1].hits for one in seen])) / count,
         dropped=max(one[-1].dropped for one in seen),
     )  # fmt: skip
@@ -90,7 +105,7 @@ def _measured(scene: str, studio: Studio, sketcher: Sketcher, width: int, frames
 
 def _jpeg(codes: np.ndarray) -> bytes:
     file = io.BytesIO()
-    Image.fromarray(codes).save(file, "jpeg", quality=QUALITY)
+    Image.fromarray(codes).save(file, "jpeg", quality=JPEG_QUALITY)
     return file.getvalue()
 
 

@@ -20,7 +20,7 @@ from selenium.webdriver.common.by import By
 
 from gaussray.config.compose import compose_config
 from gaussray.viewer.serve import serve
-from gaussray.viewer.timing import Reading
+from gaussray.viewer.timing import RenderStatus
 
 
 FLAGS = (
@@ -40,25 +40,25 @@ def main(scene: str, out: Path, words: list[str]) -> None:
     browser.get(server.url)
     until(lambda: bool(server.pages))
     (page,) = server.pages.values()
-    readings: list[Reading] = []
-    tell = page.session._tell
+    readings: list[RenderStatus] = []
+    tell = page.session._report
 
     def listen(said: Any) -> None:
-        if isinstance(said, Reading) and said.stages:
+        if isinstance(said, RenderStatus) and said.stages:
             readings.append(said)
         tell(said)
 
-    page.session._tell = listen
+    page.session._report = listen
     until(lambda: bool(readings))
-    print(f"first sketch after {clock.monotonic() - began:.1f} s")
+    print(f"first preview after {clock.monotonic() - began:.1f} s")
     for button in browser.find_elements(By.CSS_SELECTOR, ".mantine-Notification-closeButton"):
         button.click()
     page.handles["layout"].value = "side by side"
-    settled(page, {"pinhole", "effect"})
+    settled(page, {"pinhole", "camera"})
     photograph(browser, out / "page.png")
     page.handles["dark"].value = False
     page.handles["layout"].value = "split"
-    settled(page, {"pinhole", "effect"})
+    settled(page, {"pinhole", "camera"})
     photograph(browser, out / "light.png")
     page.handles["layout"].value = "pinhole"
     page.handles["cameras"].value = True
@@ -70,14 +70,14 @@ def main(scene: str, out: Path, words: list[str]) -> None:
     server.stop()
 
 
-def follow(page: Any, readings: list[Reading], server: Any) -> None:
+def follow(page: Any, readings: list[RenderStatus], server: Any) -> None:
     """Turn around what is looked at, for as long as sizes take to settle, and tell of the end."""
     camera = page.client.camera
     middle, place = np.array(camera.look_at), np.array(camera.position)
     up = np.array(camera.up_direction) / np.linalg.norm(camera.up_direction)
     begin = clock.monotonic()
     while (gone := clock.monotonic() - begin) < TURN or (
-        server.sketcher.building and gone < PATIENCE
+        server.previewer.compiling and gone < PATIENCE
     ):
         angle, way = 0.3 * np.sin(gone), place - middle
         turned = way * np.cos(angle) + np.cross(up, way) * np.sin(angle)
@@ -86,7 +86,7 @@ def follow(page: Any, readings: list[Reading], server: Any) -> None:
         camera.look_at = middle
         page.refresh()
         clock.sleep(0.02)
-    moving = [r for r in readings if not r.whole and r.rate][-20:]
+    moving = [r for r in readings if not r.final and r.rate][-20:]
     for stage in ("tracing", "developing", "encoding"):
         print(f"{stage}: {statistics.median(r.stages[stage] for r in moving):.1f} ms")
     rate = statistics.median(r.rate for r in moving)

@@ -1,4 +1,4 @@
-"""What can be set on the page: numbers of the configuration, with their ranges and units."""
+"""The viewer's controls: which configuration keys have sliders, with range, unit and tooltip."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
@@ -8,18 +8,22 @@ from gaussray.config.schema import choices
 from gaussray.config.yaml_files import group_values
 
 
-# The groups whose every key the page holds, in its order, and what it calls their choices.
-GROUPS = {"lens": "lens", "aperture": "opening", "shutter": "shutter", "sensor": "sensor"}
-# Choices that leave the capture's camera as it is: the viewer has none.
-HIDDEN = ("keep",)
-# What shows a scene as it is.
-PLAIN = {"lens": "pinhole", "aperture": "pinhole", "shutter": "global", "sensor": "none"}
+# The configuration groups with controls, in the order of the panel, and their folder titles.
+GROUPS = {"lens": "lens", "aperture": "aperture", "shutter": "shutter", "sensor": "sensor"}
+# Choices that keep the capture's camera, which the viewer does not use.
+HIDDEN_CHOICES = ("keep",)
+# The choices that make an ideal pinhole camera without a sensor model.
+PINHOLE = {"lens": "pinhole", "aperture": "pinhole", "shutter": "global", "sensor": "none"}
 SAMPLES = ("1", "4", "16", "64", "256")
-Values = dict[str, Any]
+
+ControlValues = dict[str, Any]
 
 
-class Control(NamedTuple):
-    """A slider of the `key`, from `low` to `high`; `shown` tells when it says anything."""
+class Slider(NamedTuple):
+    """A slider for the configuration `key` from `low` to `high`, with a tooltip (`hint`).
+
+    `shown` decides from the current values whether the slider has an effect.
+    """
 
     key: str
     label: str
@@ -34,120 +38,127 @@ class Control(NamedTuple):
         return self.key.split(".")[0]
 
 
-def controls(distance: float, span: float) -> list[Control]:
-    """The sliders for a scene whose things are about `distance` away and move for a time `span`."""
+def sliders(distance: float, span: float) -> list[Slider]:
+    """The sliders for a scene at about this `distance` (scene units) that lasts for `span`."""
     near, time = _round(distance), _round(span)
 
-    def opened(values: Mapping[str, Any]) -> bool:
+    def has_aperture(values: Mapping[str, Any]) -> bool:
         return values["aperture.radius"] != 0
 
-    def reads(values: Mapping[str, Any]) -> bool:
+    def has_readout(values: Mapping[str, Any]) -> bool:
         return values["shutter.kind"] in ("rolling", "interlaced")
 
-    def fields(values: Mapping[str, Any]) -> bool:
+    def has_fields(values: Mapping[str, Any]) -> bool:
         return values["shutter.kind"] == "interlaced"
 
-    fov = "From edge to edge (pinhole) or from rim to rim, in degrees."
-    unit = "the unit of the scene"
-    when = "the capture's unit of time"
     return [
-        Control("lens.fov", "field [deg]", 5.0, 360.0, 1.0, fov),
-        Control(
-            "aperture.radius", "radius [u]", 0.0, near / 10, near / 1000,
-            f"Of the opening, in {unit}. 0 is a pinhole: everything is sharp.",
+        Slider(
+            "lens.fov", "field of view (°)", 5.0, 360.0, 1.0,
+            "Horizontal field of view in degrees: between the picture's left and right edge, or "
+            "across the image circle of a fisheye.",
         ),
-        Control(
-            "aperture.focus_distance", "focus [u]", near / 50, 5 * near, near / 200,
-            f"Where everything is sharp, in {unit}. A click on the picture sets it.", opened,
+        Slider(
+            "aperture.radius", "radius", 0.0, near / 10, near / 1000,
+            "Radius of the aperture, in scene units. 0: a pinhole, everything is sharp.",
         ),
-        Control(
+        Slider(
+            "aperture.focus_distance", "focus distance", near / 50, 5 * near, near / 200,
+            "Distance at which the picture is sharp, in scene units. Click the picture to set it.",
+            has_aperture,
+        ),
+        Slider(
             "aperture.blades", "blades", 0, 9, 1,
-            "Edges of the opening; below 3 it is round.", opened,
+            "Number of aperture blades, the edges of the blur shape. Below 3: round.", has_aperture,
         ),
-        Control(
-            "shutter.readout", "readout [t]", 0.0, time, time / 200,
-            f"From the first row's time to the last row's, in {when}.", reads,
+        Slider(
+            "shutter.readout", "readout time", 0.0, time, time / 200,
+            "Rolling shutter: time from the first row to the last, in the capture's unit of time.",
+            has_readout,
         ),
-        Control(
-            "shutter.field_time", "fields [t]", 0.0, time / 2, time / 200,
-            f"From one field to the other, in {when}.", fields,
+        Slider(
+            "shutter.field_time", "field delay", 0.0, time / 2, time / 200,
+            "Interlacing: time between the two fields, in the capture's unit of time.", has_fields,
         ),
-        Control(
-            "shutter.exposure", "exposed [t]", 0.0, time / 2, time / 200,
-            f"How long every row sees the scene, in {when}: motion blur.",
+        Slider(
+            "shutter.exposure", "exposure time", 0.0, time / 2, time / 200,
+            "Exposure time of each row, in the capture's unit of time. Longer: more motion blur.",
         ),
-        Control(
-            "sensor.exposure", "light [EV]", -5.0, 5.0, 0.1, "Stops: light times 2 to that power.",
+        Slider(
+            "sensor.exposure", "exposure (EV)", -5.0, 5.0, 0.1,
+            "Exposure correction in stops: +1 doubles the light.",
         ),
-        Control(
+        Slider(
             "sensor.falloff", "falloff", 0.0, 8.0, 0.5,
-            "The picture's edge darkens by this power of cos(angle); 4 is a flat sensor's.",
+            "Vignetting: light falls off with this power of the cosine of the ray's angle; 4 is "
+            "the natural falloff of a flat sensor.",
         ),
     ]  # fmt: skip
 
 
-def offered(group: str) -> list[str]:
-    """The choices of a group that the page offers."""
-    names = [name for name in choices(group) if name not in HIDDEN]
+def offered_choices(group: str) -> list[str]:
+    """The choices of a configuration group that the viewer offers."""
+    names = [name for name in choices(group) if name not in HIDDEN_CHOICES]
     if group != "lens":
         return names
     # Other lenses need a file, or have coefficients for one size of picture.
     return [name for name in names if models_by_name()[group_values(group, name)["model"]].any_size]
 
 
-def chosen(group: str, choice: str) -> Values:
-    """All values that a choice of a group sets."""
+def choice_values(group: str, choice: str) -> ControlValues:
+    """The values that a choice of a group sets, by configuration key."""
     return {f"{group}.{key}": value for key, value in group_values(group, choice).items()}
 
 
-def plain(values: Mapping[str, Any], fov: float) -> Values:
-    """The values of an ideal pinhole, with the field of the lens if that is one too."""
-    told = dict(values)
-    for group, choice in PLAIN.items():
-        told |= chosen(group, choice)
-    told["lens.fov"] = values["lens.fov"] if values["lens.model"] == "pinhole" else fov
-    return told
+def pinhole_values(values: Mapping[str, Any], fov: float) -> ControlValues:
+    """The values of an ideal pinhole camera; a pinhole lens keeps its field of view, any other gets
+    `fov` degrees."""
+    result = dict(values)
+    for group, choice in PINHOLE.items():
+        result |= choice_values(group, choice)
+    result["lens.fov"] = values["lens.fov"] if values["lens.model"] == "pinhole" else fov
+    return result
 
 
-def choice_of(group: str, values: Mapping[str, Any]) -> str:
-    """The choice of the same kind that these values are most like."""
-    own = {key: value for key, value in values.items() if key.split(".")[0] == group}
-    told = {name: chosen(group, name) for name in offered(group)}
-    fits = [name for name in told if _kind(group, told[name]) == _kind(group, own)]
+def nearest_choice(group: str, values: Mapping[str, Any]) -> str:
+    """The choice of the same kind (lens model, shutter kind) that differs least from the values."""
+    current = {key: value for key, value in values.items() if key.split(".")[0] == group}
+    candidates = {name: choice_values(group, name) for name in offered_choices(group)}
+    fits = [n for n in candidates if _kind(group, candidates[n]) == _kind(group, current)]
 
-    def unlike(name: str) -> int:
-        return sum(own[key] != value for key, value in told[name].items())
+    def differences(name: str) -> int:
+        return sum(current[key] != value for key, value in candidates[name].items())
 
-    return min(fits or told, key=unlike)
+    return min(fits or candidates, key=differences)
 
 
 def _kind(group: str, values: Mapping[str, Any]) -> Any:
-    """What makes choices of a group different in kind, not in numbers."""
+    """What distinguishes the choices of a group other than by numbers."""
     if group == "aperture":
         return values["aperture.radius"] > 0, values["aperture.rim_radius"] > 0
     return values.get({"lens": "lens.model", "shutter": "shutter.kind"}.get(group, ""))
 
 
-def settled(values: Mapping[str, Any]) -> Values:
-    """The values with what follows from others: a lens that may see aside focuses on a sphere."""
+def consistent_values(values: Mapping[str, Any]) -> ControlValues:
+    """The values with the focus surface that fits the lens: a sphere for lenses that can exceed 180
+    degrees, a plane for a pinhole."""
     model = models_by_name().get(values["lens.model"])
     flat = model is None or model.perspective
     return {**values, "aperture.focus": "plane" if flat else "sphere"}
 
 
-def widest(values: Mapping[str, Any]) -> float:
-    """The largest field of the chosen lens, in degrees."""
+def max_fov(values: Mapping[str, Any]) -> float:
+    """The largest field of view of the chosen lens model, in degrees."""
     model = models_by_name().get(values["lens.model"])
     return 360.0 if model is None else model.widest
 
 
-def flat(told: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Blocks of a YAML file as values."""
-    for group, block in told.items():
+def flat_values(blocks: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """(key, value) pairs of the groups in a preset file."""
+    for group, block in blocks.items():
         if isinstance(block, Mapping):
             yield from ((f"{group}.{name}", value) for name, value in block.items())
 
 
 def _round(value: float) -> float:
-    """A number of two digits near a value."""
+    """The value rounded to two significant digits."""
     return float(f"{max(value, 1e-6):.1e}")

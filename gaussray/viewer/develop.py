@@ -1,4 +1,4 @@
-"""Sketches as a screen shows them: light through the sensor to codes, on the device."""
+"""The sensor model applied to a preview, on the device: from linear light to 8-bit levels."""
 
 import dataclasses
 import functools
@@ -13,31 +13,38 @@ from gaussray.camera.sensor.noise import picture_key
 from gaussray.camera.sensor.sensor import SensorOptions, amounts, develop_by, steps_of
 from gaussray.camera.sensor.tone import toned
 from gaussray.render.randomize.generate import Shot
-from gaussray.viewer.preview import Sketch
+from gaussray.viewer.preview import Preview
 
 
-def developed(sketch: Sketch, shot: Shot) -> UInt8[np.ndarray, "h w 3"]:
-    """8-bit codes of a sketch of a shot, those of its PNG up to rounding."""
+def develop_preview(preview: Preview, shot: Shot) -> UInt8[np.ndarray, "h w 3"]:
+    """8-bit sRGB levels of a preview; up to rounding, those of the PNG that `render` writes."""
     camera, sensor = shot.records[0].camera, shot.sensor
     steps, *settings = _settings(sensor, shot.records[0].file_path.rsplit(".", 1)[0])
-    # What no step asks for costs the host as much to hand over as what one does.
-    seen = camera if steps.falloff or any(steps.vignetting) else None
-    how = {"steps": steps, "tone": sensor.tone, "size": sketch.size}
-    return np.asarray(_codes(jnp.asarray(sketch.values), seen, *settings, **how))
+    # Passing the camera takes time, so it is passed only where a step needs it.
+    needed = camera if steps.falloff or any(steps.vignetting) else None
+    levels = _levels(
+        jnp.asarray(preview.values),
+        needed,
+        *settings,
+        steps=steps,
+        tone=sensor.tone,
+        size=preview.size,
+    )
+    return np.asarray(levels)
 
 
 @functools.lru_cache(64)
 def _settings(sensor: SensorOptions, name: str) -> tuple:
-    """The steps that a sensor takes, their numbers, its table and the key of a picture's noise, on
-    the device."""
-    # An exposure of 0 stops is a step like any other, so that the first touch compiles nothing.
+    """The sensor's steps, their numbers, its tone table, and the random key of the picture's noise,
+    on the device."""
+    # Exposure is always applied, also 0 stops, so that moving its slider compiles nothing.
     steps = dataclasses.replace(steps_of(sensor), exposure=1.0)
     table = jnp.asarray(sensor.table, jnp.float32)
     return steps, amounts(sensor), table, picture_key(sensor.seed, name)
 
 
 @eqx.filter_jit
-def _codes(
+def _levels(
     values: Float[Array, "pixels 5"],
     camera: Camera | None,
     numbers: dict[str, Array],

@@ -1,4 +1,4 @@
-"""Where the focus must be for what one points at to be sharp."""
+"""Click to focus: the focus distance that makes the clicked surface sharp."""
 
 import dataclasses
 
@@ -8,19 +8,24 @@ import jax.numpy as jnp
 from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
 from gaussray.render.aov.trace import COVERED
-from gaussray.viewer.preview import Sketcher
+from gaussray.viewer.preview import PreviewRenderer
 
 
-def pointing(camera: Camera) -> Camera:
-    """The camera of chief rays alone: what is seen where, of whatever opening."""
+def without_aperture(camera: Camera) -> Camera:
+    """The camera with a pinhole aperture and without chromatic aberration: its chief rays only."""
     none = jax.tree.map(lambda x: x.astype(camera.time.dtype), no_aperture())
     return dataclasses.replace(camera, aperture=none, chromatic=None)
 
 
-def focus_at(sketcher: Sketcher, camera: Camera, pixel: tuple[int, int]) -> float | None:
-    """The focus distance of what a pixel (column, row) shows: the `depth` of the labels, for a lens
-    that focuses on a plane their `z`. None where no surface is seen."""
-    covered, distance = sketcher.probe(pointing(camera), pixel)
+def focus_distance_at(
+    previewer: PreviewRenderer, camera: Camera, pixel: tuple[int, int]
+) -> float | None:
+    """The focus distance of the surface in a pixel (column, row), in scene units.
+
+    It is the surface's `depth` label, or its `z` label for a lens that focuses on a plane. None
+    where the pixel shows no surface.
+    """
+    covered, distance = previewer.probe(without_aperture(camera), pixel)
     if covered < COVERED:
         return None
     if camera.aperture.focus == "plane":

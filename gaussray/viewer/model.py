@@ -1,4 +1,4 @@
-"""What the page shows, as a configuration: the same that `gaussray render` makes pictures of."""
+"""The viewer's model: scene, cameras, and the render jobs that control values describe."""
 
 import dataclasses
 import functools
@@ -18,28 +18,45 @@ from gaussray.render.rig import physical_units as physical, rig as rigs
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene
-from gaussray.viewer.controls import GROUPS, Values, chosen, plain, settled
+from gaussray.viewer.controls import (
+    GROUPS,
+    ControlValues,
+    choice_values,
+    consistent_values,
+    pinhole_values,
+)
 from gaussray.viewer.options import ViewOptions
-from gaussray.viewer.viewpoint import Stance, field_of, path_of, stance_of, standing
+from gaussray.viewer.viewpoint import (
+    Viewpoint,
+    fixed_trajectory,
+    horizontal_fov,
+    view_at,
+    viewpoint_of,
+)
 
 
-# How the page's one camera is found among the views, which are one.
-FREE = {"camera.split": "test", "camera.names": [], "camera.times": [], "trajectory.kind": "keep"}
-# Width of the picture of a capture that is smaller, in pixels.
-LEAST = 512
-# What a control may not keep from the capture, and what it is instead.
-KEEPS = {"lens.model": ("lens", "pinhole"), "shutter.kind": ("shutter", "global")}
+# Configuration of the viewer's single camera, which the mouse moves.
+FREE_CAMERA = {
+    "camera.split": "test",
+    "camera.names": [],
+    "camera.times": [],
+    "trajectory.kind": "keep",
+}
+# Pictures of smaller captures are enlarged to this width, in pixels.
+MIN_WIDTH = 512
+# Values that controls cannot keep from the capture, and the choices that replace them.
+KEEP_DEFAULTS = {"lens.model": ("lens", "pinhole"), "shutter.kind": ("shutter", "global")}
 
 
-# Values of controls, as keys of what was made of them.
-Items = tuple[tuple[str, Any], ...]
+# Control values as a hashable key.
+FrozenValues = tuple[tuple[str, Any], ...]
 
 
-class Studio:
-    """A scene, the cameras that saw it, and shots from any stance with the controls at any values.
+class ViewerModel:
+    """A scene, its capture's cameras, and render jobs for any viewpoint and control values.
 
-    `begin` are the values that the configuration gives the controls; `start` is the view that its
-    `camera` chooses first, from where the page looks first.
+    `initial_values` are the control values of the configuration, `first_view` is the first view
+    that its `camera` group chooses, `fov` that view's horizontal field of view in degrees.
     """
 
     def __init__(self, cfg: Configuration, words: Sequence[str]):
@@ -49,22 +66,22 @@ class Studio:
         wanted = physical.applied(rig_options(cfg), self.physical)
         self.scene: Scene | Clip = load_scene(cfg.scene)
         self.views: list[View] = rigs.cameras_of(cfg.scene, cfg.cameras)
-        self.start = self._first(wanted.camera)
-        self.field = field_of(self.start.camera)
-        self.begin = self._begin(cfg, wanted)
-        # The controls say in the scene's units what was given in millimetres and milliseconds.
+        self.first_view = self._first_view(wanted.camera)
+        self.fov = horizontal_fov(self.first_view.camera)
+        self.initial_values = self._initial_values(cfg, wanted)
+        # Controls use scene units; `applied` has converted millimetres and milliseconds.
         kept = [word for word in words if not word.startswith("physical")]
         self._variations = Variations("view", kept)
-        self._made = functools.lru_cache(64)(self._configured)
-        self._held = functools.lru_cache(256)(self._still)
+        self._configuration_for = functools.lru_cache(64)(self._configured)
+        self._shot_at_time = functools.lru_cache(256)(self._initial_shot)
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of a picture when nothing moves: the capture's, small ones enlarged,
-        unless the options say. One side that is given keeps the shape."""
-        w, h = self.start.width, self.start.height
-        if w < LEAST:
-            w, h = LEAST, max(round(LEAST * h / w), 1)
+        """Width and height of the final picture: those of the options, or of the capture, at
+        least 512 pixels wide. If the options give one side, the other keeps the aspect."""
+        w, h = self.first_view.width, self.first_view.height
+        if w < MIN_WIDTH:
+            w, h = MIN_WIDTH, max(round(MIN_WIDTH * h / w), 1)
         width, height = self.options.width, self.options.height
         if width and not height:
             height = max(round(width * h / w), 1)
@@ -73,44 +90,46 @@ class Studio:
         return width or w, height or h
 
     @functools.cached_property
-    def stance(self) -> Stance:
-        """Where the page looks from first."""
-        return stance_of(self.start.camera)
+    def initial_viewpoint(self) -> Viewpoint:
+        """The viewpoint at which the viewer starts."""
+        return viewpoint_of(self.first_view.camera)
 
     @property
     def times(self) -> tuple[float, float, float]:
-        """First and last time of the scene, and the seconds that it plays for."""
+        """First and last time of the scene, and the seconds that playing it takes."""
         first, last = (float(t) for t in np.asarray(self.scene.time_range))
         instants = len({view.time for view in self.views})
         return first, last, max(instants - 1, 1) / self.fps
 
-    def shot(self, values: Mapping[str, Any], stance: Stance, size: tuple[int, int]) -> Shot:
-        """What is filmed from here; a ValueError, with key and rule, where no camera can do it."""
-        still = self._held(_frozen(values), stance.time, size)
-        (record,) = still.records
-        # Nothing but the path depends on where the camera stands: a mouse changes that alone.
-        camera = eqx.tree_at(lambda c: c.trajectory, record.camera, path_of(stance))
-        return still._replace(records=[dataclasses.replace(record, camera=camera)])
+    def shot(self, values: Mapping[str, Any], viewpoint: Viewpoint, size: tuple[int, int]) -> Shot:
+        """The render job of a viewpoint; ValueError for an impossible camera."""
+        shot = self._shot_at_time(_frozen(values), viewpoint.time, size)
+        (record,) = shot.records
+        # Only the trajectory depends on the pose, which the mouse changes all the time.
+        camera = eqx.tree_at(lambda c: c.trajectory, record.camera, fixed_trajectory(viewpoint))
+        return shot._replace(records=[dataclasses.replace(record, camera=camera)])
 
-    def sharp_shot(self, values: Mapping[str, Any], stance: Stance, size: tuple[int, int]) -> Shot:
-        """The same through an ideal pinhole."""
-        return self.shot(plain(values, self.field), stance, size)
+    def pinhole_shot(
+        self, values: Mapping[str, Any], viewpoint: Viewpoint, size: tuple[int, int]
+    ) -> Shot:
+        """The render job of the same viewpoint with an ideal pinhole camera."""
+        return self.shot(pinhole_values(values, self.fov), viewpoint, size)
 
     def configured(self, values: Mapping[str, Any]) -> Configuration:
-        """The configuration with the controls at these values; not to be changed."""
-        return self._made(_frozen(values))
+        """The configuration with these control values; it is shared, so do not change it."""
+        return self._configuration_for(_frozen(values))
 
-    def _still(self, items: Items, time: float, size: tuple[int, int]) -> Shot:
-        """A shot of a time from where the page looks first."""
-        view = standing(self.start, self.stance._replace(time=time), size)
-        return shot_of(self._made(items), lambda _: self.scene, lambda *_: [view])
+    def _initial_shot(self, items: FrozenValues, time: float, size: tuple[int, int]) -> Shot:
+        """The render job at a time from the initial viewpoint."""
+        view = view_at(self.first_view, self.initial_viewpoint._replace(time=time), size)
+        return shot_of(self._configuration_for(items), lambda _: self.scene, lambda *_: [view])
 
-    def _configured(self, items: Items) -> Configuration:
+    def _configured(self, items: FrozenValues) -> Configuration:
         told = {key: list(v) if isinstance(v, tuple) else v for key, v in items}
-        return self._variations.with_values({**told, **FREE})
+        return self._variations.with_values({**told, **FREE_CAMERA})
 
-    def _first(self, wanted: rigs.CameraOptions) -> View:
-        """The first view that is chosen, or the first there is."""
+    def _first_view(self, wanted: rigs.CameraOptions) -> View:
+        """The first view that the camera options choose, or the capture's first."""
         fits = [
             view
             for view in self.views
@@ -119,24 +138,24 @@ class Studio:
         ]
         return (fits or self.views)[0]
 
-    def _begin(self, cfg: Configuration, wanted: rigs.RigOptions) -> Values:
-        values: Values = {"render.samples": cfg.render.samples}
+    def _initial_values(self, cfg: Configuration, wanted: rigs.RigOptions) -> ControlValues:
+        values: ControlValues = {"render.samples": cfg.render.samples}
         for group in GROUPS:
             block: Any = to_plain(cfg[group])
             if group != "sensor":
                 block = {key: getattr(getattr(wanted, group), key) for key in block}
             values |= {f"{group}.{key}": value for key, value in block.items()}
-        for key, (group, choice) in KEEPS.items():
+        for key, (group, choice) in KEEP_DEFAULTS.items():
             if values[key] == "keep":
-                moved = {k: v for k, v in values.items() if k.startswith("shutter.trig")}
-                values |= chosen(group, choice) | moved
+                trigger = {k: v for k, v in values.items() if k.startswith("shutter.trig")}
+                values |= choice_values(group, choice) | trigger
                 if group == "lens":
-                    values["lens.fov"] = self.field
+                    values["lens.fov"] = self.fov
         if values["aperture.radius"] == -1:
             values["aperture.radius"] = 0.0
         return values
 
 
-def _frozen(values: Mapping[str, Any]) -> Items:
-    told = settled(values).items()
-    return tuple((key, tuple(v) if isinstance(v, list) else v) for key, v in told)
+def _frozen(values: Mapping[str, Any]) -> FrozenValues:
+    items = consistent_values(values).items()
+    return tuple((key, tuple(v) if isinstance(v, list) else v) for key, v in items)

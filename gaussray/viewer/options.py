@@ -1,4 +1,4 @@
-"""How the page is served, and what of a picture's quality motion may cost."""
+"""Options of the viewer: its address, the size of the picture, the quality of previews."""
 
 import math
 
@@ -6,11 +6,17 @@ import equinox as eqx
 
 
 class ViewOptions(eqx.Module):
-    """The page is at `host`:`port`, in `dark` colours or light ones.
+    """Options of `gaussray view`.
 
-    A picture of `width` x `height` pixels (0 is the capture's) is made as `render` makes it once
-    nothing moves. While something does, a smaller one is made at about `rate` frames a second, with
-    `samples` rays a pixel where the camera blurs and `keys` states of the scene across a frame.
+    Args:
+        host: Address to listen on; 0.0.0.0 accepts connections from other machines.
+        port: Port of the web page; the next free one if it is taken.
+        width: Width of the final picture in pixels; 0 is the capture's.
+        height: Height of the final picture in pixels; 0 keeps the capture's aspect.
+        rate: Previews per second while something changes; a slower machine renders smaller ones.
+        samples: Rays per pixel of a preview where the aperture or the exposure blurs.
+        keys: Key states of the scene across the frame time of a preview.
+        dark: Whether the page has dark colours.
     """
 
     host: str = eqx.field(static=True, default="127.0.0.1")

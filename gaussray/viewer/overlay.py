@@ -1,4 +1,4 @@
-"""What stands around the scene on the page: the capture's cameras and points."""
+"""The capture's cameras and points, drawn over the picture in the viewer."""
 
 import math
 from collections.abc import Sequence
@@ -14,59 +14,62 @@ from gaussray.color import srgb_encode
 from gaussray.scene.harmonics import C0
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segments_of
-from gaussray.viewer.viewpoint import Stance, field_of, stance_of
+from gaussray.viewer.viewpoint import Viewpoint, horizontal_fov, viewpoint_of
 
 
-# Most points that are sent to a page.
-MOST = 50_000
+# Points sent to a browser, at most.
+MAX_POINTS = 50_000
 
 
-class Mark(NamedTuple):
-    """A camera of the capture: its name, where it first stood, vertical field (radians), width over
-    height, and whether it was held out."""
+class CameraMarker(NamedTuple):
+    """A camera of the capture: name, first viewpoint, vertical field of view (radians), aspect
+    (width / height), and whether it was held out from training."""
 
     name: str
-    stance: Stance
-    field: float
+    viewpoint: Viewpoint
+    fov: float
     aspect: float
     held_out: bool
 
 
-class Around(NamedTuple):
-    """All of it: cameras, points and their colours, and how far away things are."""
+class Overlay(NamedTuple):
+    """Camera markers, points and their sRGB colours, and the distance of the scene from the first
+    camera, which scales what is drawn."""
 
-    marks: list[Mark]
-    place: Float[np.ndarray, "points 3"]
+    camera_markers: list[CameraMarker]
+    position: Float[np.ndarray, "points 3"]
     color: UInt8[np.ndarray, "points 3"]
     scale: float
 
 
-def marks(views: Sequence[View]) -> list[Mark]:
-    """Every camera once. A lens that is no pinhole is shown as one of 65 degrees."""
+def camera_markers(views: Sequence[View]) -> list[CameraMarker]:
+    """One marker per camera. A lens that is not a pinhole gets a frustum of 65 degrees."""
     first = {view.camera_name: view for view in reversed(views)}
-    found = []
+    result = []
     for name, view in sorted(first.items()):
         aspect = view.width / view.height
-        field = 2 * math.atan(math.tan(math.radians(field_of(view.camera)) / 2) / aspect)
-        found.append(Mark(name, stance_of(view.camera), field, aspect, view.split == "test"))
-    return found
+        fov = 2 * math.atan(math.tan(math.radians(horizontal_fov(view.camera)) / 2) / aspect)
+        result.append(
+            CameraMarker(name, viewpoint_of(view.camera), fov, aspect, view.split == "test")
+        )
+    return result
 
 
-def points(
+def overlay_points(
     scene: Scene | Clip, cameras: Path | str | None
 ) -> tuple[Float[np.ndarray, "points 3"], UInt8[np.ndarray, "points 3"]]:
-    """Points and their colours: those of the capture that `cameras` names, or the centres of the
-    scene's Gaussians where they rest."""
+    """Points and their sRGB colours: those of the capture in folder `cameras`, else the centres of
+    the scene's Gaussians in their rest state."""
     folder = Path(cameras) if cameras is not None else None
-    known = None
+    cloud = None
     if folder is not None and folder.is_dir():
-        known = FORMATS[format_of(folder)](folder, np.float32).points
-    if known is not None:
-        place, light = known.position, known.color
+        cloud = FORMATS[format_of(folder)](folder, np.float32).points
+    if cloud is not None:
+        position, light = cloud.position, cloud.color
     else:
         parts = [part for one in segments_of(scene)[:1] for part in (one.static, one.moving)]
-        place = np.concatenate([np.asarray(part.mean) for part in parts])
+        position = np.concatenate([np.asarray(part.mean) for part in parts])
         light = np.concatenate([0.5 + C0 * np.asarray(part.harmonics)[:, 0] for part in parts])
-    some = np.random.default_rng(0).permutation(len(place))[:MOST]
-    codes = 255 * srgb_encode(np.clip(light[some], 0, 1).astype(np.float32))
-    return place[some].astype(np.float32), np.clip(codes + 0.5, 0, 255).astype(np.uint8)
+    subset = np.random.default_rng(0).permutation(len(position))[:MAX_POINTS]
+    levels = 255 * srgb_encode(np.clip(light[subset], 0, 1).astype(np.float32))
+    return position[subset].astype(np.float32), np.clip(levels + 0.5, 0, 255).astype(np.uint8)

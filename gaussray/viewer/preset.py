@@ -1,4 +1,4 @@
-"""The camera on the page as files: a configuration for `gaussray render`, and its exact numbers."""
+"""Presets: the viewer's camera saved as a configuration for `gaussray render`."""
 
 import dataclasses
 import re
@@ -14,76 +14,80 @@ from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.io.atomic import whole
 from gaussray.render.randomize.generate import Shot
-from gaussray.viewer.controls import GROUPS, Values, flat, settled
-from gaussray.viewer.model import Studio
-from gaussray.viewer.viewpoint import Stance, stance_of
+from gaussray.viewer.controls import GROUPS, ControlValues, consistent_values, flat_values
+from gaussray.viewer.model import ViewerModel
+from gaussray.viewer.viewpoint import Viewpoint, viewpoint_of
 
 
 CONFIG, CAMERA, PICTURE = "preset.yaml", "camera.json", "picture.png"
-# Groups of the configuration that a preset holds.
-HELD = (*GROUPS, "film", "render", "trace")
-NAMES = re.compile(r"[\w][\w .+-]*")
+# Configuration groups that a preset contains.
+SAVED_GROUPS = (*GROUPS, "film", "render", "trace")
+PRESET_NAME = re.compile(r"[\w][\w .+-]*")
 
 
 class Preset(NamedTuple):
-    """What a preset sets on the page."""
+    """The control values and the viewpoint of a preset."""
 
-    values: Values
-    stance: Stance
+    values: ControlValues
+    viewpoint: Viewpoint
 
 
-def folder_of(out: Path, name: str) -> Path:
-    """The folder of the preset of a name."""
-    if not NAMES.fullmatch(name):
+def preset_folder(out: Path, name: str) -> Path:
+    """The folder of the preset with this name; ValueError for a name that is no plain file name."""
+    if not PRESET_NAME.fullmatch(name):
         raise ValueError(
-            "a preset's name must be of letters, digits, spaces and . + - _, and begin with one of "
-            f"the first two or _, got {name!r}."
+            "a preset's name must start with a letter, digit or _ and consist of letters, digits, "
+            f"spaces and . + - _, got {name!r}."
         )
     return out / name
 
 
 def save_preset(
-    studio: Studio, values: Values, stance: Stance, folder: Path, picture: np.ndarray | None = None
+    model: ViewerModel,
+    values: ControlValues,
+    viewpoint: Viewpoint,
+    folder: Path,
+    picture: np.ndarray | None = None,
 ) -> Path:
-    """Write a preset into a folder: `preset.yaml`, which `gaussray render` accepts, `camera.json`,
-    a manifest with the exact camera, and the `picture` (codes) if there is one."""
-    shot: Shot = studio.shot(values, stance, studio.size)
+    """Write a preset: `preset.yaml` for `gaussray render`, `camera.json` (a manifest with the exact
+    camera), and the `picture` (8-bit sRGB) if there is one. Returns the path of preset.yaml."""
+    shot: Shot = model.shot(values, viewpoint, model.size)
     record = dataclasses.replace(shot.records[0], file_path=PICTURE)
-    write_manifest(folder / CAMERA, [record], extra={"info": {"scene": str(studio.source)}})
-    made: Any = to_plain(studio.configured(values))
-    told = {
-        "scene": str(Path(studio.source).resolve()),
+    write_manifest(folder / CAMERA, [record], extra={"info": {"scene": str(model.source)}})
+    config: Any = to_plain(model.configured(values))
+    blocks = {
+        "scene": str(Path(model.source).resolve()),
         "cameras": str((folder / CAMERA).resolve()),
-        **{group: made[group] for group in HELD},
+        **{group: config[group] for group in SAVED_GROUPS},
     }
     with whole(folder / CONFIG) as partial:
-        partial.write_text(f"# {command(folder)}\n{yaml_text(told)}")
+        partial.write_text(f"# {render_command(folder)}\n{yaml_text(blocks)}")
     if picture is not None:
         write_image(folder / PICTURE, picture)
     return folder / CONFIG
 
 
 def read_preset(folder: Path) -> Preset:
-    """A preset as `save_preset` wrote it."""
+    """Read a preset that `save_preset` wrote; ValueError if the file is none."""
     path = folder / CONFIG
     try:
-        told: Any = read_yaml(path)
-        blocks = {group: told[group] for group in GROUPS}
-        samples = told["render"]["samples"]
+        content: Any = read_yaml(path)
+        blocks = {group: content[group] for group in GROUPS}
+        samples = content["render"]["samples"]
     except OSError as error:
         raise OSError(f"{path}: cannot be read: {error}") from error
     except (KeyError, TypeError, ValueError) as error:
-        raise ValueError(f"{path}: is no preset of the viewer: {error}") from error
-    values = dict(flat(blocks)) | {"render.samples": samples}
-    return Preset(settled(values), stance_of(read_cameras(folder / CAMERA)[0].camera))
+        raise ValueError(f"{path}: must be a preset of the viewer: {error}") from error
+    values = dict(flat_values(blocks)) | {"render.samples": samples}
+    return Preset(consistent_values(values), viewpoint_of(read_cameras(folder / CAMERA)[0].camera))
 
 
-def presets(out: Path) -> list[str]:
-    """Names of the presets in a folder."""
+def preset_names(out: Path) -> list[str]:
+    """Names of the presets in a folder, sorted."""
     return sorted(path.parent.name for path in out.glob(f"*/{CONFIG}"))
 
 
-def command(folder: Path) -> str:
-    """The line that makes the picture of a preset."""
+def render_command(folder: Path) -> str:
+    """The command line that renders a preset."""
     word = shlex.quote(f"preset={folder / CONFIG}")
     return f"gaussray render {word} out={shlex.quote(str(folder / 'film'))}"

@@ -1,4 +1,4 @@
-"""Pictures made at once, by programs that are ready; those that are not are compiled meanwhile."""
+"""Previews: pictures from compiled programs; missing programs are compiled in the background."""
 
 import dataclasses
 import math
@@ -33,16 +33,16 @@ from gaussray.tracer.trace import Report, TraceOptions, enlarge, measure
 from gaussray.tracer.traverse import Capacity
 
 
-# Room in the lists beyond what the first picture needed: the next ones look elsewhere.
+# Lists are this many times as long as the first picture needs, because the next ones differ.
 HEADROOM = 2.0
-# How many times as many pixels a picture may have for another's lists to be a measure of its own.
+# A picture with up to this many times the pixels of another takes over the length of its lists.
 NEAR = 5.0
 
 
-class Sketch(NamedTuple):
-    """A picture, on a GPU still there: red, green, blue, coverage and distance of every pixel, with
-    the milliseconds and the hits that it took, and how many candidates were `dropped` because lists
-    were too short; they are being lengthened."""
+class Preview(NamedTuple):
+    """A preview, possibly still on the GPU: red, green, blue, alpha and distance of every pixel,
+    render time in milliseconds, number of hits, and list entries `dropped` because lists were too
+    short; longer lists are then being compiled."""
 
     values: Float[Array, "pixels 5"] | Float[np.ndarray, "pixels 5"]
     size: tuple[int, int]
@@ -52,8 +52,8 @@ class Sketch(NamedTuple):
 
 
 class _Program(NamedTuple):
-    """What makes a picture of a part or of the parts of all devices, whose slots hold the pixels
-    at `place`."""
+    """A compiled program with its list capacity and the part of the picture that it traces; with
+    several devices, `place` is where each pixel lies in their joint output."""
 
     call: Callable[..., Any]
     capacity: Capacity
@@ -62,8 +62,8 @@ class _Program(NamedTuple):
 
 
 class _Key(NamedTuple):
-    """What a program is compiled for: the camera's kind, the picture's size, key states, rays a
-    pixel, a segment, and whether it is for a single pixel."""
+    """What a program is compiled for: camera layout, picture size, key states, rays per pixel,
+    segment of the scene, and whether it traces a single pixel (`probe`)."""
 
     layout: Layout
     size: tuple[int, int]
@@ -73,11 +73,11 @@ class _Key(NamedTuple):
     probe: bool
 
 
-class Sketcher:
+class PreviewRenderer:
     """Sketches of one scene: on a CPU each core makes its share, elsewhere one device does.
 
-    A camera's numbers are inputs of its program: moving, focusing, opening never compile anything.
-    Of a clip, the segment that shows the frame's time is seen by all rays.
+    Camera numbers are inputs of the programs, so moving, focusing or changing the aperture compiles
+    nothing. Of a segmented scene, all rays see the segment at the frame's time.
     """
 
     def __init__(
@@ -91,35 +91,35 @@ class Sketcher:
         alone = self._mesh.size == 1
         self._shared = [] if alone else [self._everywhere(leaves) for leaves, _ in self._flat]
         self._programs: dict[_Key, _Program] = {}
-        self._ordered: set[_Key] = set()
+        self._queued: set[_Key] = set()
         self._lock = threading.Condition()
         self._builder = ThreadPoolExecutor(1, thread_name_prefix="compile")
         self.failure: Exception | None = None
 
     @property
-    def building(self) -> int:
-        """How many programs are being compiled or wait for it."""
-        return len(self._ordered)
+    def compiling(self) -> int:
+        """Number of programs that are being compiled or are queued."""
+        return len(self._queued)
 
-    def __call__(self, camera: Camera, samples: int) -> Sketch | None:
-        """The picture, or None while its program is being compiled."""
+    def __call__(self, camera: Camera, samples: int) -> Preview | None:
+        """The preview, or None while its program is being compiled."""
         row, key = self._key(camera, samples)
         program = self._programs.get(key)
         if program is None:
-            self._order(key, camera)
+            self._queue(key, camera)
             return None
         begin = clock.monotonic()
         values, report = self._run(program, key, row, program.part)
         spent = 1000 * (clock.monotonic() - begin)
         if report.dropped.any():
-            self._order(key, camera, _longer(program, report))
+            self._queue(key, camera, _longer(program, report))
         hits, dropped = int(report.hits.sum()), int(report.dropped.sum())
-        return Sketch(values, key.size, spent, hits, dropped)
+        return Preview(values, key.size, spent, hits, dropped)
 
     def probe(self, camera: Camera, pixel: tuple[int, int]) -> tuple[float, float]:
-        """Coverage, and distance along the chief ray, of what a pixel (column, row) shows.
+        """Alpha and distance along the chief ray of a pixel (column, row).
 
-        One ray is traced. Its program is compiled when the first pixel is asked for.
+        Traces one ray. Its program is compiled at the first call.
         """
         row, key = self._key(camera, 1, probe=True)
         self._await(key)
@@ -136,17 +136,17 @@ class Sketcher:
             self._build(key, camera, _longer(program, report))
 
     def has(self, camera: Camera, samples: int) -> bool:
-        """Whether a picture would come at once."""
+        """Whether the program for such a preview is compiled."""
         return self._key(camera, samples)[1] in self._programs
 
     def prepare(self, camera: Camera, samples: int, probe: bool = False) -> None:
-        """Compile what is missing for such pictures (or for a `probe` in them), meanwhile."""
+        """Compile the program for such previews (or for `probe`) in the background, if missing."""
         key = self._key(camera, samples, probe)[1]
         if key not in self._programs:
-            self._order(key, camera)
+            self._queue(key, camera)
 
     def close(self) -> None:
-        """Compile nothing more."""
+        """Stop compiling."""
         self._builder.shutdown(wait=False, cancel_futures=True)
 
     def _key(self, camera: Camera, samples: int, probe: bool = False):
@@ -166,12 +166,12 @@ class Sketcher:
         return values.reshape(-1, 5)[program.place], report
 
     def _everywhere(self, tree):
-        """On all devices that make a picture."""
+        """Copy to all devices that render."""
         return jax.device_put(tree, NamedSharding(self._mesh, PartitionSpec()))
 
     def _known(self, key: _Key, levels: int) -> Capacity | None:
-        """Lists for a picture from those of one not much smaller: as long for every bundle, of
-        which there are more. Measuring would have to be compiled, too."""
+        """List capacity scaled from a program for a not much smaller picture; None without such a
+        program. Measuring it would need another compilation."""
         for other, program in self._programs.items():
             ratio, whole = math.prod(key.size) / math.prod(other.size), program.capacity
             same = other.segment == key.segment and len(whole.cells) == levels + 1
@@ -182,29 +182,29 @@ class Sketcher:
         return None
 
     def _await(self, key: _Key) -> None:
-        """Until a program that is being compiled is there."""
+        """Wait for a program that is being compiled."""
         with self._lock:
-            self._lock.wait_for(lambda: key not in self._ordered)
+            self._lock.wait_for(lambda: key not in self._queued)
 
-    def _order(self, key: _Key, camera: Camera, capacity: Capacity | None = None) -> None:
+    def _queue(self, key: _Key, camera: Camera, capacity: Capacity | None = None) -> None:
         with self._lock:
-            if key in self._ordered or self._builder._shutdown:
+            if key in self._queued or self._builder._shutdown:
                 return
-            self._ordered.add(key)
-        self._builder.submit(self._made, key, camera, capacity)
+            self._queued.add(key)
+        self._builder.submit(self._compile, key, camera, capacity)
 
-    def _made(self, key: _Key, camera: Camera, capacity: Capacity | None) -> None:
+    def _compile(self, key: _Key, camera: Camera, capacity: Capacity | None) -> None:
         try:
             self._build(key, camera, capacity)
         except Exception as error:
             self.failure = error
         finally:
             with self._lock:
-                self._ordered.discard(key)
+                self._queued.discard(key)
                 self._lock.notify_all()
 
     def _build(self, key: _Key, camera: Camera, capacity: Capacity | None = None) -> None:
-        """The program of a key, for lists as this camera needs them or as they are told."""
+        """Compile the program of a key, by default with the list capacity that the camera needs."""
         part, trace, place = self._part(key, camera)
         options = dataclasses.replace(self._like, samples=key.samples)
         capacity = capacity or self._known(key, trace.levels)
@@ -221,7 +221,8 @@ class Sketcher:
         self._programs[key] = program
 
     def _part(self, key: _Key, camera: Camera) -> tuple[Part, TraceOptions, np.ndarray | None]:
-        """What a program traces, how, and the places of the pixels where devices share them."""
+        """The part of the picture that a program traces, its trace options, and the places of the
+        pixels where several devices share them."""
         if key.probe:
             middle = key.size[1] // 2 * key.size[0] + key.size[0] // 2
             return *part_of(camera.film, np.array([middle]), self.trace), None
@@ -233,6 +234,6 @@ class Sketcher:
 
 
 def _longer(program: _Program, report: Report) -> Capacity:
-    """Lists with room for what a picture needed."""
+    """List capacity enlarged to what a picture needed."""
     needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1]).max(axis=0)
     return enlarge(program.capacity, [int(n) for n in needed], headroom=HEADROOM)

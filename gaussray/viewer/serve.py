@@ -1,4 +1,4 @@
-"""The server of the page: one scene, a page for every visitor."""
+"""The viewer's web server: one scene, one page per connected browser."""
 
 import contextlib
 import io
@@ -9,49 +9,49 @@ from pathlib import Path
 import numpy as np
 
 from gaussray.config.compose import Configuration
-from gaussray.viewer.model import Studio
-from gaussray.viewer.overlay import Around, marks, points
-from gaussray.viewer.preview import Sketcher
-from gaussray.viewer.viewpoint import distance_of, forwards, upwards
-from gaussray.viewer.window import field_of_window
+from gaussray.viewer.model import ViewerModel
+from gaussray.viewer.overlay import Overlay, camera_markers, overlay_points
+from gaussray.viewer.preview import PreviewRenderer
+from gaussray.viewer.viewpoint import subject_distance, up_direction, viewing_direction
+from gaussray.viewer.window import window_fov
 
 
 def serve(cfg: Configuration, words: Sequence[str]) -> "Server":
-    """Start the page; ValueError where its camera is impossible, ImportError text without viser."""
+    """Start the viewer; ValueError for an impossible camera or if viser is not installed."""
     try:
         import viser  # type: ignore[import-not-found]  # noqa: F401
     except ImportError as error:
         raise ValueError(
             "gaussray view needs viser, which is not installed: pip install -e '.[viewer]'"
         ) from error
-    return Server(Studio(cfg, words), Path(cfg.out))
+    return Server(ViewerModel(cfg, words), Path(cfg.out))
 
 
 class Server:
-    """The page at `url`, until `stop`."""
+    """The running server at `url`; `stop` ends it."""
 
-    def __init__(self, studio: Studio, out: Path):
+    def __init__(self, model: ViewerModel, out: Path):
         import viser  # type: ignore[import-not-found]
 
         from gaussray.viewer.page import Page
 
-        shot = studio.shot(studio.begin, studio.stance, studio.size)
-        chosen = studio.options
-        self.sketcher = Sketcher(
-            studio.scene, options=shot.options, trace=shot.trace, keys=chosen.keys
+        shot = model.shot(model.initial_values, model.initial_viewpoint, model.size)
+        options = model.options
+        self.previewer = PreviewRenderer(
+            model.scene, options=shot.options, trace=shot.trace, keys=options.keys
         )
-        place, color = points(studio.scene, studio.cameras)
-        scale = distance_of(studio.scene, studio.stance)
-        around = Around(marks(studio.views), place, color, scale)
+        position, color = overlay_points(model.scene, model.cameras)
+        scale = subject_distance(model.scene, model.initial_viewpoint)
+        overlay = Overlay(camera_markers(model.views), position, color, scale)
         self.pages: dict[int, Page] = {}
-        with contextlib.redirect_stdout(io.StringIO()):  # its banner
-            self._server = viser.ViserServer(chosen.host, chosen.port, label="gaussray")
-        self.url = f"http://{_address(chosen.host)}:{self._server.get_port()}"
-        _look(self._server, studio, scale)
+        with contextlib.redirect_stdout(io.StringIO()):  # hide its banner
+            self._server = viser.ViserServer(options.host, options.port, label="gaussray")
+        self.url = f"http://{_address(options.host)}:{self._server.get_port()}"
+        _set_initial_camera(self._server, model, scale)
 
         @self._server.on_client_connect
         def _(client: viser.ClientHandle) -> None:
-            self.pages[client.client_id] = Page(client, studio, self.sketcher, out, around)
+            self.pages[client.client_id] = Page(client, model, self.previewer, out, overlay)
 
         @self._server.on_client_disconnect
         def _(client: viser.ClientHandle) -> None:
@@ -59,29 +59,29 @@ class Server:
                 self.pages.pop(client.client_id).close()
 
     def wait(self) -> None:
-        """Until the process is interrupted."""
+        """Serve until the process is interrupted."""
         with contextlib.suppress(KeyboardInterrupt):
             while True:
                 clock.sleep(3600)
         self.stop()
 
     def stop(self) -> None:
-        """Close every page."""
+        """Close every page and stop the server."""
         for page in list(self.pages.values()):
             page.close()
-        self.sketcher.close()
+        self.previewer.close()
         self._server.stop()
 
 
-def _look(server, studio: Studio, scale: float) -> None:
-    """Where every visitor looks from first."""
-    stance, (width, height) = studio.stance, studio.size
-    up = upwards(studio.views)
+def _set_initial_camera(server, model: ViewerModel, scale: float) -> None:
+    """Set the viewpoint at which every browser starts."""
+    viewpoint, (width, height) = model.initial_viewpoint, model.size
+    up = up_direction(model.views)
     server.scene.set_up_direction(up)
-    camera, place = server.initial_camera, np.asarray(stance.place)
-    camera.position, camera.up = place, up
-    camera.look_at = place + scale * forwards(stance)
-    camera.fov = field_of_window(studio.field, 1.5, width / height)
+    camera, position = server.initial_camera, np.asarray(viewpoint.position)
+    camera.position, camera.up = position, up
+    camera.look_at = position + scale * viewing_direction(viewpoint)
+    camera.fov = window_fov(model.fov, 1.5, width / height)
     camera.near = scale / 200
 
 

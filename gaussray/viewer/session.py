@@ -1,4 +1,4 @@
-"""One visitor's pictures: sketches while something changes, then the picture itself."""
+"""Rendering for one page: previews while something changes, then the final picture."""
 
 import threading
 import time as clock
@@ -13,242 +13,261 @@ from gaussray.camera.camera import Camera, with_chromatic
 from gaussray.render.dataset import stored
 from gaussray.render.randomize.generate import Shot
 from gaussray.render.renderer import Renderer
-from gaussray.viewer.adaptive_size import Pacer, ladder
-from gaussray.viewer.develop import developed
-from gaussray.viewer.focus import focus_at, pointing
-from gaussray.viewer.model import Studio
-from gaussray.viewer.preview import Sketcher
-from gaussray.viewer.timing import Meter, Reading
-from gaussray.viewer.viewpoint import Stance
-from gaussray.viewer.window import Pane, composed, panes
+from gaussray.viewer.adaptive_size import SizeController, preview_sizes
+from gaussray.viewer.develop import develop_preview
+from gaussray.viewer.focus import focus_distance_at, without_aperture
+from gaussray.viewer.model import ViewerModel
+from gaussray.viewer.preview import PreviewRenderer
+from gaussray.viewer.timing import RenderStatus, StageTimer
+from gaussray.viewer.viewpoint import Viewpoint
+from gaussray.viewer.window import Pane, compose_window, panes
 
 
-# Seconds without a change after which the picture is rendered, and between looks at what compiles.
-REST, GLANCE = 0.35, 0.1
+# Seconds without a change before the final picture is rendered, and between checks for finished
+# compilations.
+IDLE, POLL = 0.35, 0.1
 
-Codes = UInt8[np.ndarray, "h w 3"]
+Levels = UInt8[np.ndarray, "h w 3"]
 
 
-class Wish(NamedTuple):
-    """What a visitor wants to see: the controls, where from, and the window (width over height)."""
+class RenderRequest(NamedTuple):
+    """What to render: control values, viewpoint, layout and window aspect (width / height)."""
 
     values: Mapping[str, Any]
-    stance: Stance
-    layout: str = "effect"
+    viewpoint: Viewpoint
+    layout: str = "camera"
     split: float = 0.5
     window: float = 1.5
     dark: bool = True
 
 
 class Session:
-    """Makes what was wished for last; `show(sheet, whole)` puts it on the page, `tell` gets a
-    reading or a text of what is wrong. Threads of its own do both."""
+    """Renders the latest request in background threads.
+
+    Args:
+        model: The scene and its render jobs.
+        previewer: Renders previews; shared by all pages.
+        show: Called with an image (h, w, 3) of the window and whether it is final.
+        report: Called with a status, or with the text of an error.
+    """
 
     def __init__(
         self,
-        studio: Studio,
-        sketcher: Sketcher,
-        show: Callable[[Codes, bool], None],
-        tell: Callable[[Reading | str], None],
+        model: ViewerModel,
+        previewer: PreviewRenderer,
+        show: Callable[[Levels, bool], None],
+        report: Callable[[RenderStatus | str], None],
     ):
-        self.studio, self.sketcher, self._show, self._tell = studio, sketcher, show, tell
-        self.pacer = Pacer(ladder(studio.size), 1000 / studio.options.rate)
-        self._meter = Meter()
-        self._news = threading.Condition()
-        self._wish: Wish | None = None
-        self._closed, self._showing = False, threading.Lock()
-        self._said: Reading | str = ""
+        self.model, self.previewer, self._show, self._report = model, previewer, show, report
+        self.size_controller = SizeController(preview_sizes(model.size), 1000 / model.options.rate)
+        self._timer = StageTimer()
+        self._changed = threading.Condition()
+        self._request: RenderRequest | None = None
+        self._closed, self._show_lock = False, threading.Lock()
+        self._status: RenderStatus | str = ""
         self._renderers: dict[Any, Renderer] = {}
-        self._fine = ThreadPoolExecutor(1, thread_name_prefix="fine")
-        self.pictures: dict[str, Codes] = {}
-        threading.Thread(target=self._live, name="sketch", daemon=True).start()
+        self._final_pool = ThreadPoolExecutor(1, thread_name_prefix="final picture")
+        self.pictures: dict[str, Levels] = {}
+        threading.Thread(target=self._run, name="preview", daemon=True).start()
 
-    def wish(self, wish: Wish) -> None:
-        """Show this from now on."""
-        with self._news:
-            if wish == self._wish:
+    def request(self, request: RenderRequest) -> None:
+        """Render this from now on."""
+        with self._changed:
+            if request == self._request:
                 return
-            self._wish = wish
-            self._news.notify_all()
+            self._request = request
+            self._changed.notify_all()
 
     def close(self) -> None:
-        """The visitor has left."""
-        with self._news:
+        """End the threads."""
+        with self._changed:
             self._closed = True
-            self._news.notify_all()
-        self._fine.shutdown(wait=False, cancel_futures=True)
+            self._changed.notify_all()
+        self._final_pool.shutdown(wait=False, cancel_futures=True)
 
-    def focus(self, place: tuple[float, float]) -> float | None:
-        """The focus distance of what is seen at a place of the window (shares of its sides)."""
-        wish = self._wish
-        if wish is None:
+    def focus(self, position: tuple[float, float]) -> float | None:
+        """Focus distance of the surface at a position in the window (fractions of its sides); None
+        where there is no surface."""
+        request = self._request
+        if request is None:
             return None
-        for pane in self._panes(wish):
-            pixel = pane.pixel(place, self.studio.size)
+        for pane in self._panes(request):
+            pixel = pane.pixel(position, self.model.size)
             if pixel is not None:
-                camera = self._shot(wish, pane, self.studio.size).records[0].camera
-                return focus_at(self.sketcher, camera, pixel)
+                camera = self._shot(request, pane, self.model.size).records[0].camera
+                return focus_distance_at(self.previewer, camera, pixel)
         return None
 
-    def _live(self) -> None:
+    def _run(self) -> None:
         done, since, rendered = None, 0.0, None
         while True:
-            with self._news:
-                self._news.wait_for(lambda: self._closed or self._wish is not done, GLANCE)  # noqa: B023
+            with self._changed:
+                self._changed.wait_for(lambda: self._closed or self._request is not done, POLL)  # noqa: B023
                 if self._closed:
                     return
-                wish = self._wish
-            if wish is None:
+                request = self._request
+            if request is None:
                 continue
-            if wish is not done:
-                done = wish if self._tried(self._sketch, wish) else None
+            if request is not done:
+                done = request if self._attempt(self._render_preview, request) else None
                 since = clock.monotonic()
                 if done is None:
-                    clock.sleep(GLANCE)
-            elif rendered is not wish and clock.monotonic() - since > REST:
-                rendered = wish
-                self._fine.submit(self._tried, self._render, wish)
+                    clock.sleep(POLL)
+            elif rendered is not request and clock.monotonic() - since > IDLE:
+                rendered = request
+                self._final_pool.submit(self._attempt, self._render_final, request)
             else:
-                self._remind()
+                self._update_compiling()
 
-    def _say(self, said: Reading | str) -> None:
-        self._said = said
-        self._tell(said)
+    def _set_status(self, status: RenderStatus | str) -> None:
+        self._status = status
+        self._report(status)
 
-    def _remind(self) -> None:
-        """Tell again when a program is ready."""
-        said = self._said
-        if isinstance(said, Reading) and said.stages and said.building != self._building:
-            self._say(said._replace(building=self._building))
+    def _update_compiling(self) -> None:
+        """Update the status when the number of compiling programs changes."""
+        status = self._status
+        if not isinstance(status, RenderStatus) or not status.stages:
+            return
+        if status.compiling != self._compiling:
+            self._set_status(status._replace(compiling=self._compiling))
 
-    def _tried(self, make: Callable[[Wish], bool], wish: Wish) -> bool:
-        """What `make` returns; what is wrong is told, and that is all that can be shown."""
+    def _attempt(self, make: Callable[[RenderRequest], bool], request: RenderRequest) -> bool:
+        """The result of `make`; True after an error, which becomes the status."""
         try:
-            return make(wish)
+            return make(request)
         except ValueError as error:
-            self._say(str(error))
+            self._set_status(str(error))
         except Exception as error:
-            self._say(f"{type(error).__name__}: {error}")
+            self._set_status(f"{type(error).__name__}: {error}")
         return True
 
-    def _sketch(self, wish: Wish) -> bool:
-        """Show a picture at once; False if no program for any is ready yet."""
-        if self.sketcher.failure is not None:
-            error, self.sketcher.failure = self.sketcher.failure, None
+    def _render_preview(self, request: RenderRequest) -> bool:
+        """Show a preview; False if no program for one is compiled yet."""
+        if self.previewer.failure is not None:
+            error, self.previewer.failure = self.previewer.failure, None
             raise error
-        rays = {pane: self._rays(wish, pane) for pane in self._panes(wish)}
-        wanted = self.pacer.size(sum(rays.values()))
-        size = self._ready(wish, rays, wanted)
+        rays = {pane: self._rays(request, pane) for pane in self._panes(request)}
+        wanted = self.size_controller.size(sum(rays.values()))
+        size = self._ready(request, rays, wanted)
         if size is None:
-            self._say(Reading(wanted, sum(rays.values()), {}, 0.0, 0, False, self._building))
+            self._set_status(
+                RenderStatus(wanted, sum(rays.values()), {}, 0.0, 0, False, self._compiling)
+            )
             return False
-        self._meter.begin()
-        made, hits, dropped, used = [], 0, 0, 0
+        self._timer.begin()
+        pictures, hits, dropped, used = [], 0, 0, 0
         for pane in rays:
-            shot = self._shot(wish, pane, size)
-            count = rays[pane] if self.sketcher.has(_camera(shot), rays[pane]) else 1
-            with self._meter.stage("tracing"):
-                sketch = self.sketcher(_camera(shot), count)
-            assert sketch is not None
-            with self._meter.stage("developing"):
-                made.append((pane, developed(sketch, shot)))
-            hits, dropped, used = hits + sketch.hits, dropped + sketch.dropped, used + count
-        self._put(wish, made, self._meter, False)
-        stages, pixels = dict(self._meter.stages), size[0] * size[1]
-        self.pacer.measured(size, used, sum(stages.values()))
-        rate = self._meter.finish()
-        reading = Reading(
-            size, used, stages, hits / (pixels * used), dropped, False, self._building, rate
+            shot = self._shot(request, pane, size)
+            count = rays[pane] if self.previewer.has(_camera(shot), rays[pane]) else 1
+            with self._timer.stage("tracing"):
+                preview = self.previewer(_camera(shot), count)
+            assert preview is not None
+            with self._timer.stage("developing"):
+                pictures.append((pane, develop_preview(preview, shot)))
+            hits, dropped, used = hits + preview.hits, dropped + preview.dropped, used + count
+        self._put(request, pictures, self._timer, False)
+        stages, pixels = dict(self._timer.stages), size[0] * size[1]
+        self.size_controller.measured(size, used, sum(stages.values()))
+        rate = self._timer.finish()
+        status = RenderStatus(
+            size, used, stages, hits / (pixels * used), dropped, False, self._compiling, rate
         )
-        self._say(reading)
+        self._set_status(status)
         return True
 
-    def _render(self, wish: Wish) -> bool:
-        """Show the picture as `gaussray render` makes it, unless something else is wished for."""
-        meter, made, hits, rays = Meter(), [], 0.0, 0
-        for pane in self._panes(wish):
-            if self._wish is not wish:
+    def _render_final(self, request: RenderRequest) -> bool:
+        """Show the picture as `gaussray render` makes it, unless another request has arrived."""
+        timer, pictures, hits, rays = StageTimer(), [], 0.0, 0
+        for pane in self._panes(request):
+            if self._request is not request:
                 return False
-            shot = self._shot(wish, pane, self.studio.size)
+            shot = self._shot(request, pane, self.model.size)
             begin = clock.monotonic()
             frame = self._renderer(shot)(_camera(shot))
-            how = "compiling and tracing" if frame.compiled else "tracing"
-            meter.stages[how] = meter.stages.get(how, 0) + 1000 * (clock.monotonic() - begin)
-            with meter.stage("developing"):
-                made.append((pane, stored(shot.records[0], frame.color, shot.sensor)))
+            stage = "compiling and tracing" if frame.compiled else "tracing"
+            timer.stages[stage] = timer.stages.get(stage, 0) + 1000 * (clock.monotonic() - begin)
+            with timer.stage("developing"):
+                pictures.append((pane, stored(shot.records[0], frame.color, shot.sensor)))
             hits += frame.hits / (frame.color[..., 0].size * frame.samples)
             rays += frame.samples
-        if self._put(wish, made, meter, True):
-            told = self.studio.size, rays, meter.stages, hits / len(made), 0, True
-            self._say(Reading(*told, self._building))
-            self._anticipate(wish)
+        if self._put(request, pictures, timer, True):
+            size, each = self.model.size, hits / len(pictures)
+            self._set_status(RenderStatus(size, rays, timer.stages, each, 0, True, self._compiling))
+            self._anticipate(request)
         return True
 
     def _renderer(self, shot: Shot) -> Renderer:
-        """The one for a shot's settings; its lists are measured once."""
-        known = shot.options, shot.trace
-        if known not in self._renderers:
-            how = {"options": shot.options, "trace": shot.trace}
-            self._renderers[known] = Renderer(self.studio.scene, **how)
-        return self._renderers[known]
+        """The renderer for a job's settings; kept, so that its lists are measured once."""
+        key = shot.options, shot.trace
+        if key not in self._renderers:
+            self._renderers[key] = Renderer(
+                self.model.scene, options=shot.options, trace=shot.trace
+            )
+        return self._renderers[key]
 
-    def _put(self, wish: Wish, made: list[tuple[Pane, Codes]], meter: Meter, whole: bool) -> bool:
-        """Onto the page, unless it is a picture of the past."""
-        with self._showing:
-            if whole and self._wish is not wish:
+    def _put(
+        self,
+        request: RenderRequest,
+        pictures: list[tuple[Pane, Levels]],
+        timer: StageTimer,
+        final: bool,
+    ) -> bool:
+        """Show pictures, unless they are final ones of an outdated request."""
+        with self._show_lock:
+            if final and self._request is not request:
                 return False
-            self.pictures = {pane.name: picture for pane, picture in made} if whole else {}
-            with meter.stage("encoding"):
-                self._show(composed(made, wish.window, wish.dark), whole)
+            self.pictures = {pane.name: picture for pane, picture in pictures} if final else {}
+            with timer.stage("encoding"):
+                self._show(compose_window(pictures, request.window, request.dark), final)
         return True
 
-    def _anticipate(self, wish: Wish) -> None:
-        """Compile what is likely to be wanted next: a click for focus, an opening, an exposure."""
-        wide = dict(wish.values)
-        wide["aperture.radius"] = wide["aperture.radius"] or 0.01
-        blurred = wish._replace(values=wide, layout="effect")
+    def _anticipate(self, request: RenderRequest) -> None:
+        """Compile what is likely to be needed next: a focus click, an aperture, an exposure."""
+        values = dict(request.values)
+        values["aperture.radius"] = values["aperture.radius"] or 0.01
+        blurred = request._replace(values=values, layout="camera")
         (pane,) = self._panes(blurred)
         count = self._rays(blurred, pane)
-        size = self.pacer.size(count)
-        self.sketcher.prepare(_camera(self._shot(blurred, pane, size)), count)
-        camera = self._shot(blurred, pane, self.studio.size).records[0].camera
-        self.sketcher.prepare(pointing(camera), 1, probe=True)
+        size = self.size_controller.size(count)
+        self.previewer.prepare(_camera(self._shot(blurred, pane, size)), count)
+        camera = self._shot(blurred, pane, self.model.size).records[0].camera
+        self.previewer.prepare(without_aperture(camera), 1, probe=True)
 
     @property
-    def _building(self) -> int:
-        return self.sketcher.building
+    def _compiling(self) -> int:
+        return self.previewer.compiling
 
     def _ready(
-        self, wish: Wish, rays: Mapping[Pane, int], wanted: tuple[int, int]
+        self, request: RenderRequest, rays: Mapping[Pane, int], wanted: tuple[int, int]
     ) -> tuple[int, int] | None:
-        """The largest size up to the one that is wanted of which all programs are there; those of
-        the wanted one are ordered. Where only unblurred pictures can be had, they will do."""
-        smaller = [size for size in self.pacer.sizes if size[0] <= wanted[0]][::-1]
+        """The largest size up to `wanted` whose programs are all compiled, preferably with blur;
+        compilation of the programs for `wanted` starts. None if there is no such size."""
+        smaller = [size for size in self.size_controller.sizes if size[0] <= wanted[0]][::-1]
         for fewest in (False, True):
             for size in smaller:
-                cameras = {pane: _camera(self._shot(wish, pane, size)) for pane in rays}
+                cameras = {pane: _camera(self._shot(request, pane, size)) for pane in rays}
                 counts = {pane: 1 if fewest else count for pane, count in rays.items()}
-                if all(self.sketcher.has(cameras[pane], counts[pane]) for pane in rays):
+                if all(self.previewer.has(cameras[pane], counts[pane]) for pane in rays):
                     return size
                 if size == wanted and not fewest:
                     for pane, count in rays.items():
-                        self.sketcher.prepare(cameras[pane], count)
+                        self.previewer.prepare(cameras[pane], count)
         return None
 
-    def _rays(self, wish: Wish, pane: Pane) -> int:
-        """Rays a pixel of a sketch: one, where nothing blurs."""
-        values = wish.values
+    def _rays(self, request: RenderRequest, pane: Pane) -> int:
+        """Rays per pixel of a preview: one where nothing blurs."""
+        values = request.values
         if pane.name == "pinhole" or not (values["aperture.radius"] or values["shutter.exposure"]):
             return 1
-        return min(self.studio.options.samples, values["render.samples"])
+        return min(self.model.options.samples, values["render.samples"])
 
-    def _panes(self, wish: Wish) -> list[Pane]:
-        width, height = self.studio.size
-        return panes(wish.layout, wish.window, width / height, wish.split)
+    def _panes(self, request: RenderRequest) -> list[Pane]:
+        width, height = self.model.size
+        return panes(request.layout, request.window, width / height, request.split)
 
-    def _shot(self, wish: Wish, pane: Pane, size: tuple[int, int]) -> Shot:
-        make = self.studio.sharp_shot if pane.name == "pinhole" else self.studio.shot
-        return make(wish.values, wish.stance, size)
+    def _shot(self, request: RenderRequest, pane: Pane, size: tuple[int, int]) -> Shot:
+        make = self.model.pinhole_shot if pane.name == "pinhole" else self.model.shot
+        return make(request.values, request.viewpoint, size)
 
 
 def _camera(shot: Shot) -> Camera:

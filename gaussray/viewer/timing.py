@@ -1,4 +1,4 @@
-"""What a picture on the page cost: frames a second, and milliseconds of each stage."""
+"""Status of the picture in the viewer: frames per second and milliseconds per stage."""
 
 import time as clock
 from collections import deque
@@ -7,46 +7,46 @@ from contextlib import contextmanager
 from typing import NamedTuple
 
 
-STAGES = ("tracing", "developing", "encoding")
-# Frames over which the rate is a mean, and seconds after which one is no part of a motion.
+PREVIEW_STAGES = ("tracing", "developing", "encoding")
+# Frames in the mean rate; a pause of this many seconds starts a new mean.
 FRAMES, PAUSE = 12, 1.5
 
 
-class Reading(NamedTuple):
-    """What is told of a picture: its `size`, `rays` a pixel, milliseconds of every stage, `hits`
-    per ray, candidates `dropped`, whether it is as `render` makes it (`whole`), and programs that
-    are being compiled. `rate` is 0 where nothing moves."""
+class RenderStatus(NamedTuple):
+    """Status of a picture: `size` in pixels, `rays` per pixel, milliseconds per stage, `hits`
+    (Gaussians per ray), `dropped` list entries, whether it is the `final` picture, the number of
+    programs `compiling`, and frames per second (`rate`, 0 at rest)."""
 
     size: tuple[int, int]
     rays: int
     stages: dict[str, float]
     hits: float
     dropped: int
-    whole: bool
-    building: int
+    final: bool
+    compiling: int
     rate: float = 0.0
 
 
-class Meter:
-    """Times the stages of one picture after the other."""
+class StageTimer:
+    """Measures the stages of consecutive pictures."""
 
     def __init__(self):
-        self.stages: dict[str, float] = {name: 0.0 for name in STAGES}
+        self.stages: dict[str, float] = {name: 0.0 for name in PREVIEW_STAGES}
         self._ends: deque[float] = deque(maxlen=FRAMES)
 
     def begin(self) -> None:
-        """A new picture: all stages from zero."""
-        self.stages = {name: 0.0 for name in STAGES}
+        """Start a new picture: reset all stages."""
+        self.stages = {name: 0.0 for name in PREVIEW_STAGES}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Adds what the block takes to a stage."""
+        """Add the duration of the block to a stage."""
         begin = clock.monotonic()
         yield
         self.stages[name] += 1000 * (clock.monotonic() - begin)
 
     def finish(self) -> float:
-        """The picture is on its way; frames a second of the motion it is part of, or 0."""
+        """End a picture. Returns the frames per second since the last pause, 0 after a pause."""
         now = clock.monotonic()
         if self._ends and now - self._ends[-1] > PAUSE:
             self._ends.clear()
@@ -55,20 +55,32 @@ class Meter:
         return (len(self._ends) - 1) / span if span > 0 else 0.0
 
 
-def sentence(reading: Reading, k: int) -> str:
-    """A reading in words."""
-    if not reading.stages:
-        return f"**preparing the first picture**  \ncompiling {reading.building} programs ..."
-    w, h = reading.size
-    told = [f"{w} x {h} px, {reading.rays} rays a pixel"]
-    if reading.whole:
-        told.insert(0, "**as rendered**")
-    elif reading.rate:
-        told.insert(0, f"**{reading.rate:.1f} frames/s**")
-    stages = " · ".join(f"{name} {ms:.0f}" for name, ms in reading.stages.items() if ms)
-    counts = f"k = {k} · {reading.hits:.1f} hits a ray · {reading.dropped} dropped"
-    state = "all programs ready"
-    if reading.building:
-        state = f"compiling {reading.building} program{'s' * (reading.building > 1)} ..."
-    lines = [" · ".join(told), f"{stages} ms", counts, state]
+# What the status line calls the stages.
+_STAGE_NAMES = {"tracing": "ray tracing", "developing": "sensor", "encoding": "image encoding"}
+
+
+def status_text(status: RenderStatus) -> str:
+    """A status as Markdown lines."""
+    if not status.stages:
+        return f"**Preparing the first preview**  \ncompiling {_programs(status.compiling)} ..."
+    width, height = status.size
+    picture = [f"{width} x {height} pixels", f"{status.rays} rays per pixel"]
+    if status.final:
+        picture.insert(0, "**Final picture**")
+    elif status.rate:
+        picture.insert(0, f"**Preview, {status.rate:.1f} frames/s**")
+    else:
+        picture.insert(0, "**Preview**")
+    stages = " · ".join(
+        f"{_STAGE_NAMES.get(name, name)} {ms:.0f} ms" for name, ms in status.stages.items() if ms
+    )
+    lines = [" · ".join(picture), stages, f"{status.hits:.1f} Gaussians hit per ray"]
+    if status.dropped:
+        lines.append(f"{status.dropped} list entries dropped; the lists are being enlarged")
+    if status.compiling:
+        lines.append(f"compiling {_programs(status.compiling)} ...")
     return "  \n".join(lines)
+
+
+def _programs(count: int) -> str:
+    return f"{count} program{'s' * (count != 1)}"

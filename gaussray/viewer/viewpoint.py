@@ -1,4 +1,4 @@
-"""Where one stands in a scene, and when: the part of a camera that the mouse moves."""
+"""A viewpoint: pose and time of the viewer's camera, the part that the mouse moves."""
 
 import dataclasses
 import math
@@ -22,80 +22,79 @@ from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segment_at
 
 
-# Name of the camera that the page holds.
-NAME = "view"
+# Name of the viewer's camera.
+CAMERA_NAME = "view"
 
 
-class Stance(NamedTuple):
-    """world_from_camera (quaternion wxyz, place) at a `time` in the capture's unit."""
+class Viewpoint(NamedTuple):
+    """world_from_camera (quaternion wxyz, position) at a `time` in the capture's unit."""
 
     quat: tuple[float, float, float, float]
-    place: tuple[float, float, float]
+    position: tuple[float, float, float]
     time: float
 
 
-def stance_of(camera: Camera) -> Stance:
-    """Where a camera stands at its frame's time."""
+def viewpoint_of(camera: Camera) -> Viewpoint:
+    """A camera's viewpoint at its frame's time."""
     pose = jax.device_get(pose_at(camera.trajectory, camera.time))
-    quat, place = (tuple(float(x) for x in part) for part in (pose.quat, pose.translation))
-    return Stance(quat, place, float(camera.time))  # type: ignore[arg-type]
+    quat, position = (tuple(float(x) for x in part) for part in (pose.quat, pose.translation))
+    return Viewpoint(quat, position, float(camera.time))  # type: ignore[arg-type]
 
 
-def standing(view: View, stance: Stance, size: tuple[int, int]) -> View:
-    """A view from a stance: an ideal pinhole of this size with the capture's pixel filter, in which
-    a rig puts everything else."""
+def view_at(view: View, viewpoint: Viewpoint, size: tuple[int, int]) -> View:
+    """A view from a viewpoint: an ideal pinhole of this size (width, height) with the pixel filter
+    of `view`. The rig replaces its lens, aperture and shutter."""
     old, zero = view.camera, jnp.zeros((), jnp.float32)
     film = Film(*size, old.film.filter, old.film.filter_width)
     side = jnp.asarray(size, jnp.float32)
     none = jax.tree.map(lambda x: x.astype(jnp.float32), no_aperture())
-    time = jnp.asarray(stance.time, jnp.float32)
+    time = jnp.asarray(viewpoint.time, jnp.float32)
     lens = pinhole(jnp.full(2, side[0]), side / 2)
-    camera = Camera(film, lens, none, Shutter(zero, zero, zero), path_of(stance), time)
-    named = {"camera_name": NAME, "split": "test", "time": stance.time, "window": None}
+    camera = Camera(film, lens, none, Shutter(zero, zero, zero), fixed_trajectory(viewpoint), time)
+    named = {"camera_name": CAMERA_NAME, "split": "test", "time": viewpoint.time, "window": None}
     return dataclasses.replace(view, camera=camera, **named)
 
 
-def path_of(stance: Stance) -> Trajectory:
-    """That of a camera which stays where it is."""
+def fixed_trajectory(viewpoint: Viewpoint) -> Trajectory:
+    """The trajectory of a camera that does not move."""
     return Trajectory(
         jnp.zeros(1, jnp.float32),
-        jnp.asarray([stance.quat], jnp.float32),
-        jnp.asarray([stance.place], jnp.float32),
+        jnp.asarray([viewpoint.quat], jnp.float32),
+        jnp.asarray([viewpoint.position], jnp.float32),
     )
 
 
-def field_of(camera: Camera) -> float:
-    """Horizontal field of view in degrees of the pinhole that is nearest to a camera: its own, if
-    it is one, or 65."""
+def horizontal_fov(camera: Camera) -> float:
+    """Horizontal field of view of a pinhole camera in degrees; 65 for any other lens."""
     if not isinstance(camera.lens, Pinhole):
         return 65.0
-    field = math.degrees(2 * math.atan(camera.film.width / 2 / float(camera.lens.focal[0])))
-    return float(f"{field:.6g}")  # as exact as single precision
+    fov = math.degrees(2 * math.atan(camera.film.width / 2 / float(camera.lens.focal[0])))
+    return float(f"{fov:.6g}")  # as exact as single precision
 
 
-def upwards(views: Sequence[View]) -> Float[np.ndarray, "3"]:
-    """Up in the world: against the mean of what the cameras call down."""
+def up_direction(views: Sequence[View]) -> Float[np.ndarray, "3"]:
+    """The world's up direction: opposite to the mean down axis of the cameras."""
     down = np.mean([_axes(view.camera)[:, 1] for view in views], axis=0)
     length = np.linalg.norm(down)
     return -down / length if length > 0.1 else -_axes(views[0].camera)[:, 1]
 
 
-def forwards(stance: Stance) -> Float[np.ndarray, "3"]:
-    """The direction in which one looks."""
-    return np.asarray(rotation_matrix(jnp.asarray(stance.quat)))[:, 2]
+def viewing_direction(viewpoint: Viewpoint) -> Float[np.ndarray, "3"]:
+    """The unit vector along the optical axis."""
+    return np.asarray(rotation_matrix(jnp.asarray(viewpoint.quat)))[:, 2]
 
 
-def distance_of(scene: Scene | Clip, stance: Stance) -> float:
-    """How far away what one looks at is: the median depth of the Gaussians within 20 degrees of
-    the axis; where there are none, of all."""
-    part = segment_at(scene, stance.time)
+def subject_distance(scene: Scene | Clip, viewpoint: Viewpoint) -> float:
+    """Distance of the subject: the median depth of the Gaussians within 20 degrees of the optical
+    axis, or the median distance of all if there are none."""
+    part = segment_at(scene, viewpoint.time)
     mean = np.concatenate([np.asarray(x.mean, np.float64) for x in (part.static, part.moving)])
-    way = mean - np.asarray(stance.place)
-    depth, length = way @ forwards(stance), np.linalg.norm(way, axis=1)
+    offset = mean - np.asarray(viewpoint.position)
+    depth, length = offset @ viewing_direction(viewpoint), np.linalg.norm(offset, axis=1)
     ahead = depth > math.cos(math.radians(20)) * np.maximum(length, 1e-9)
     return float(np.median(depth[ahead] if ahead.any() else length))
 
 
 def _axes(camera: Camera) -> Float[np.ndarray, "3 3"]:
-    """Right, down and forward as columns."""
+    """The camera's axes right, down and forward, as columns."""
     return np.asarray(rotation_matrix(pose_at(camera.trajectory, camera.time).quat), np.float64)

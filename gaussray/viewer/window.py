@@ -1,4 +1,4 @@
-"""Pictures in a window: one, two beside each other, or two that share a frame."""
+"""Layout of the window: one picture, two side by side, or two that share a frame."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -7,15 +7,15 @@ import numpy as np
 from jaxtyping import UInt8
 
 
-# What the window shows of the camera (effect) and of an ideal pinhole.
-LAYOUTS = ("effect", "pinhole", "side by side", "split")
-# Around pictures, in dark colours and in light ones.
-AROUND = {True: (20, 21, 23), False: (238, 240, 242)}
+# The configured camera, an ideal pinhole, or both.
+LAYOUTS = ("camera", "pinhole", "side by side", "split")
+# Colour around the pictures, on a dark page and on a light one.
+BACKGROUND = {True: (20, 21, 23), False: (238, 240, 242)}
 
 
 class Pane(NamedTuple):
-    """A picture's place in the window, in shares of its width and height; of it, the columns from
-    the share `begin` to `end` are shown there."""
+    """A picture's rectangle in the window, in fractions of the window's width and height. Of the
+    picture, the columns from the fraction `begin` to `end` are shown."""
 
     name: str
     left: float
@@ -25,44 +25,50 @@ class Pane(NamedTuple):
     begin: float = 0.0
     end: float = 1.0
 
-    def pixel(self, place: tuple[float, float], size: tuple[int, int]) -> tuple[int, int] | None:
-        """Column and row of the picture at a place of the window; None if it is not shown there."""
-        x, y = (place[0] - self.left) / self.width, (place[1] - self.top) / self.height
+    def pixel(self, position: tuple[float, float], size: tuple[int, int]) -> tuple[int, int] | None:
+        """Column and row of the pixel at a position in the window (fractions of its sides);
+        None where the pane does not show the picture."""
+        x, y = (position[0] - self.left) / self.width, (position[1] - self.top) / self.height
         if not (self.begin <= x < self.end and 0 <= y < 1):
             return None
         return int(x * size[0]), int(y * size[1])
 
 
 def panes(layout: str, window: float, picture: float, split: float = 0.5) -> list[Pane]:
-    """Where the pictures of a layout are: as large as the window allows, in the middle of their
-    part. `window` and `picture` are width over height; split, the pinhole is at the left of the
-    share `split`."""
+    """The panes of a layout, as large as the window allows and centred in their part of it.
+
+    Args:
+        layout: One of `LAYOUTS`.
+        window: Aspect of the window, width / height.
+        picture: Aspect of the pictures, width / height.
+        split: In the split layout, the fraction of the width left of which the pinhole is shown.
+    """
     if layout not in LAYOUTS:
         raise ValueError(f"the layout must be one of {', '.join(LAYOUTS)}, got {layout!r}.")
     if layout == "side by side":
         width, height = _within(window / 2, picture)
         return [
             Pane(name, begin + (1 - width) / 4, (1 - height) / 2, width / 2, height)
-            for name, begin in (("pinhole", 0.0), ("effect", 0.5))
+            for name, begin in (("pinhole", 0.0), ("camera", 0.5))
         ]
     width, height = _within(window, picture)
     whole = (1 - width) / 2, (1 - height) / 2, width, height
     if layout == "split":
-        return [Pane("pinhole", *whole, 0.0, split), Pane("effect", *whole, split, 1.0)]
+        return [Pane("pinhole", *whole, 0.0, split), Pane("camera", *whole, split, 1.0)]
     return [Pane(layout, *whole)]
 
 
-def composed(
+def compose_window(
     shown: Sequence[tuple[Pane, UInt8[np.ndarray, "h w 3"]]], window: float, dark: bool
 ) -> UInt8[np.ndarray, "H W 3"]:
-    """The window with pictures of one size in their panes, pixel by pixel as they are."""
+    """The window's image: pictures of one size in their panes, without resampling."""
     pane, picture = shown[0]
     width = max(round(picture.shape[1] / pane.width), picture.shape[1])
     height = max(round(width / window), 1)
-    # The one side that fits exactly shall not lose a row to rounding.
+    # Rounding must not cut a row off the side that fits exactly.
     height = max(height, picture.shape[0])
     sheet = np.empty((height, width, 3), np.uint8)
-    sheet[:] = AROUND[dark]
+    sheet[:] = BACKGROUND[dark]
     for pane, picture in shown:
         h, w = picture.shape[:2]
         left = min(round(pane.left * width), width - w)
@@ -70,7 +76,7 @@ def composed(
         first, last = round(pane.begin * w), round(pane.end * w)
         sheet[top : top + h, left + first : left + last] = picture[:, first:last]
     if len(shown) == 2 and shown[0][0].end == 1:
-        sheet[:, width // 2 - 1 : width // 2 + 1] = AROUND[dark]
+        sheet[:, width // 2 - 1 : width // 2 + 1] = BACKGROUND[dark]
     elif len(shown) == 2 and shown[0][0].end > 0:
         pane, picture = shown[0]
         edge = round(pane.left * width) + round(pane.end * picture.shape[1])
@@ -79,14 +85,14 @@ def composed(
     return sheet
 
 
-def field_of_window(field: float, window: float, picture: float) -> float:
-    """Vertical field of view, in radians, of a window in whose middle a pinhole's picture of this
-    horizontal field (degrees) lies."""
-    slope = np.tan(np.deg2rad(field) / 2)
+def window_fov(fov: float, window: float, picture: float) -> float:
+    """Vertical field of view (radians) of a window that shows, in its middle, a pinhole picture of
+    this horizontal field of view (degrees)."""
+    slope = np.tan(np.deg2rad(fov) / 2)
     rise = slope / picture if window >= picture else slope / window
     return float(2 * np.arctan(rise))
 
 
 def _within(window: float, picture: float) -> tuple[float, float]:
-    """Shares of a window that a picture fills."""
+    """Fractions of the window's width and height that a picture fills."""
     return (picture / window, 1.0) if window >= picture else (1.0, window / picture)

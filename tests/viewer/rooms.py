@@ -1,4 +1,4 @@
-"""A studio with the toy's scene, for the tests of the page."""
+"""A model with the toy's scene, for the tests of the page."""
 
 import time as clock
 from pathlib import Path
@@ -9,7 +9,7 @@ from gaussray.config.compose import compose_config
 from gaussray.dataset.manifest import write_manifest
 from gaussray.scene.store import save_scene
 from gaussray.tracer.traverse import Capacity
-from gaussray.viewer.model import Studio
+from gaussray.viewer.model import ViewerModel
 
 
 # Lists with room for every toy.
@@ -27,16 +27,16 @@ def write_scene(folder: Path) -> Path:
     return folder
 
 
-def studio(folder: Path, *words: str) -> Studio:
+def viewer_model(folder: Path, *words: str) -> ViewerModel:
     """Of the scene in a folder."""
     told = [f"scene={folder}", *WORDS, *words]
-    return Studio(compose_config("view", told), told)
+    return ViewerModel(compose_config("view", told), told)
 
 
-def made(sketcher, camera, samples):
-    """The sketch, as soon as its program is there."""
+def made(previewer, camera, samples):
+    """The preview, as soon as its program is there."""
     until = clock.monotonic() + 120
-    while (found := sketcher(camera, samples)) is None:
-        assert sketcher.failure is None and clock.monotonic() < until
+    while (found := previewer(camera, samples)) is None:
+        assert previewer.failure is None and clock.monotonic() < until
         clock.sleep(0.01)
     return found

@@ -2,43 +2,43 @@
 
 import pytest
 
-from gaussray.viewer.adaptive_size import Pacer, ladder
+from gaussray.viewer.adaptive_size import SizeController, preview_sizes
 
 
 def test_a_ladder_keeps_the_shape_and_ends_with_the_full_size():
-    sizes = ladder((1920, 1080))
+    sizes = preview_sizes((1920, 1080))
     assert sizes[-1] == (1920, 1080) and sizes[0][0] == 64
     assert all(a[0] < b[0] for a, b in zip(sizes, sizes[1:], strict=False))
     assert all(abs(h - w * 1080 / 1920) <= 0.5 for w, h in sizes)
-    assert ladder((16, 8)) == [(16, 8)]
+    assert preview_sizes((16, 8)) == [(16, 8)]
 
 
 def test_what_is_unknown_is_small():
-    assert Pacer(ladder((512, 512)), 100.0).size(4) == (64, 64)
+    assert SizeController(preview_sizes((512, 512)), 100.0).size(4) == (64, 64)
 
 
 def taught(fixed, slope, *, budget=100.0, sizes=((64, 64), (96, 96))):
-    """A pacer that has seen two sizes on a machine with this cost of a picture and of a ray."""
-    pacer = Pacer(ladder((512, 512)), budget)
+    """A controller that has measured two sizes with these costs per picture and per ray."""
+    size_controller = SizeController(preview_sizes((512, 512)), budget)
     for w, h in sizes:
-        pacer.measured((w, h), 1, fixed + slope * w * h)
-    return pacer
+        size_controller.measured((w, h), 1, fixed + slope * w * h)
+    return size_controller
 
 
 def test_the_largest_size_within_the_budget():
-    pacer = taught(0.0, 1e-3)
+    size_controller = taught(0.0, 1e-3)
     # 100 ms are 100,000 rays; larger ones want a reserve of 1.3: 256^2 = 65,536 fit.
-    assert pacer.size(1) == (256, 256)
+    assert size_controller.size(1) == (256, 256)
     # Twice the rays of 192^2 = 73,728 fit without reserve, for nothing grows.
-    assert pacer.size(2) == (192, 192)
-    assert pacer.size(10_000) == (64, 64)
+    assert size_controller.size(2) == (192, 192)
+    assert size_controller.size(10_000) == (64, 64)
 
 
 def test_what_every_picture_costs_is_told_from_what_a_ray_costs():
-    pacer = taught(40.0, 5e-4)
-    assert pacer.milliseconds(256 * 256) == pytest.approx(40 + 5e-4 * 256 * 256)
+    size_controller = taught(40.0, 5e-4)
+    assert size_controller.milliseconds(256 * 256) == pytest.approx(40 + 5e-4 * 256 * 256)
     # By the time of the smallest alone, 42 ms for 4,096 rays, 96 x 96 would take 95 ms.
-    assert pacer.size(1) == (256, 256)
+    assert size_controller.size(1) == (256, 256)
 
 
 def test_a_machine_that_is_too_slow_gets_the_smallest():
@@ -46,35 +46,35 @@ def test_a_machine_that_is_too_slow_gets_the_smallest():
 
 
 def test_after_one_picture_larger_ones_are_expected_to_cost_less_than_their_rays():
-    pacer = Pacer(ladder((512, 512)), budget=100.0)
-    pacer.measured((64, 64), 1, 40.0)
-    assert 40.0 < pacer.milliseconds(2 * 64 * 64) < 80.0
-    assert pacer.size(1) == (96, 96)
+    size_controller = SizeController(preview_sizes((512, 512)), budget=100.0)
+    size_controller.measured((64, 64), 1, 40.0)
+    assert 40.0 < size_controller.milliseconds(2 * 64 * 64) < 80.0
+    assert size_controller.size(1) == (96, 96)
 
 
 def test_a_cost_that_changes_is_followed_at_all_sizes():
-    pacer = taught(0.0, 2e-3)
+    size_controller = taught(0.0, 2e-3)
     for _ in range(40):
-        pacer.measured((64, 64), 1, 64 * 64 * 1e-3)
-    assert pacer.milliseconds(64 * 64) == pytest.approx(64 * 64 * 1e-3, rel=1e-3)
-    assert pacer.milliseconds(96 * 96) == pytest.approx(96 * 96 * 1e-3, rel=1e-3)
+        size_controller.measured((64, 64), 1, 64 * 64 * 1e-3)
+    assert size_controller.milliseconds(64 * 64) == pytest.approx(64 * 64 * 1e-3, rel=1e-3)
+    assert size_controller.milliseconds(96 * 96) == pytest.approx(96 * 96 * 1e-3, rel=1e-3)
 
 
 def test_a_size_that_just_fits_does_not_flicker():
-    pacer = taught(0.0, 0.9 * 100 / 256**2, sizes=((192, 192), (128, 128)))
+    size_controller = taught(0.0, 0.9 * 100 / 256**2, sizes=((192, 192), (128, 128)))
     # Too little reserve to grow to 256 ...
-    assert pacer.size(1) == (192, 192)
+    assert size_controller.size(1) == (192, 192)
     for _ in range(20):
-        pacer.measured((192, 192), 1, 0.7 * 100 * (192 / 256) ** 2)
-    assert pacer.size(1) == (256, 256)
+        size_controller.measured((192, 192), 1, 0.7 * 100 * (192 / 256) ** 2)
+    assert size_controller.size(1) == (256, 256)
     # ... and enough to stay there.
     for _ in range(40):
-        pacer.measured((256, 256), 1, 95.0)
-        assert pacer.size(1) == (256, 256)
+        size_controller.measured((256, 256), 1, 95.0)
+        assert size_controller.size(1) == (256, 256)
 
 
 def test_times_that_fall_with_size_are_noise():
-    pacer = Pacer(ladder((512, 512)), budget=100.0)
-    pacer.measured((64, 64), 1, 30.0)
-    pacer.measured((96, 96), 1, 25.0)
-    assert pacer.milliseconds(512 * 512) >= 25.0
+    size_controller = SizeController(preview_sizes((512, 512)), budget=100.0)
+    size_controller.measured((64, 64), 1, 30.0)
+    size_controller.measured((96, 96), 1, 25.0)
+    assert size_controller.milliseconds(512 * 512) >= 25.0

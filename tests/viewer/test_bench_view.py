@@ -6,7 +6,7 @@ import pytest
 import rooms
 
 from benchmarks import bench_view, record
-from gaussray.viewer.timing import STAGES
+from gaussray.viewer.timing import PREVIEW_STAGES
 
 
 @pytest.mark.usefixtures("quick_compilation", "known_sizes")
@@ -18,6 +18,6 @@ def test_the_page_s_pictures_are_timed(tmp_path, monkeypatch, capsys):
     for line, width in zip(map(json.loads, lines), (8, 16), strict=True):
         assert (line["width"], line["height"], line["rays"]) == (width, width, width**2)
         assert line["scene"] == "toy" and line["dropped"] == 0 and line["hits"] > 0
-        assert all(line[stage] > 0 for stage in STAGES)
+        assert all(line[stage] > 0 for stage in PREVIEW_STAGES)
         assert line["fps"] == pytest.approx(1 / line["latency_s"])
     assert "tracing" in capsys.readouterr().out

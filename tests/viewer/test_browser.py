@@ -61,7 +61,7 @@ def browser(server, tmp_path_factory):
     browser = webdriver.Chrome(options=options, service=Service(DRIVER))
     browser.get(server.url)
     until(lambda: server.pages)
-    until(lambda: "as rendered" in text(browser))
+    until(lambda: "Final picture" in text(browser))
     yield browser
     browser.quit()
 
@@ -114,17 +114,17 @@ def mouse(browser, *places, drag=False):
 
 def test_the_page_loads_with_all_controls(page, browser):
     shown = text(browser)
-    for word in ("Lens", "Opening", "Shutter", "Sensor", "Presets", "field [deg]", "radius [u]"):
+    for word in ("Lens", "Aperture", "Shutter", "Sensor", "Presets", "field of view", "radius"):
         assert word in shown
-    assert "k = 16" in shown and "0 dropped" in shown and "ms" in shown
+    assert "Gaussians hit per ray" in shown and "ms" in shown
     screenshot(browser, "dark")
 
 
 def test_dragging_orbits(page, browser):
-    before = page.stance
+    before = page.viewpoint
     mouse(browser, (0, 0), (60, 10), (120, 20), drag=True)
-    until(lambda: page.stance.place != before.place)
-    way = sum((a - b) ** 2 for a, b in zip(page.stance.place, before.place, strict=True))
+    until(lambda: page.viewpoint.position != before.place)
+    way = sum((a - b) ** 2 for a, b in zip(page.viewpoint.position, before.place, strict=True))
     assert way > 1e-3
     until(lambda: page.session.pictures)
 
@@ -154,19 +154,19 @@ def test_a_click_focuses(page, browser):
 def test_pictures_beside_each_other_and_light_colours(page, browser):
     page.handles["lens"].value = "fisheye"
     page.handles["layout"].value = "side by side"
-    until(lambda: set(page.session.pictures) == {"pinhole", "effect"})
+    until(lambda: set(page.session.pictures) == {"pinhole", "camera"})
     screenshot(browser, "side_by_side")
     page.handles["dark"].value = False
     page.handles["layout"].value = "split"
-    until(lambda: set(page.session.pictures) == {"pinhole", "effect"})
+    until(lambda: set(page.session.pictures) == {"pinhole", "camera"})
     screenshot(browser, "light")
-    page.handles["layout"].value = "effect"
+    page.handles["layout"].value = "camera"
 
 
 def test_a_saved_camera_can_be_rendered(page, browser, run):
     from selenium.webdriver.common.by import By
 
-    until(lambda: set(page.session.pictures) == {"effect"})
+    until(lambda: set(page.session.pictures) == {"camera"})
     for label in browser.find_elements(By.XPATH, "//*[text()='Presets']"):
         label.click()
     clock.sleep(1)

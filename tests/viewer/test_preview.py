@@ -19,10 +19,10 @@ from gaussray.render.renderer import Renderer
 from gaussray.tracer.trace import Report
 from gaussray.tracer.traverse import Capacity
 from gaussray.viewer import preview as module
-from gaussray.viewer.controls import chosen
-from gaussray.viewer.develop import developed
-from gaussray.viewer.focus import focus_at
-from gaussray.viewer.preview import Sketcher
+from gaussray.viewer.controls import choice_values
+from gaussray.viewer.develop import develop_preview
+from gaussray.viewer.focus import focus_distance_at
+from gaussray.viewer.preview import PreviewRenderer
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
@@ -32,67 +32,69 @@ SINGLE = 1e-5
 
 
 @pytest.fixture(scope="module")
-def studio(tmp_path_factory):
-    return rooms.studio(rooms.write_scene(tmp_path_factory.mktemp("run")))
+def model(tmp_path_factory):
+    return rooms.viewer_model(rooms.write_scene(tmp_path_factory.mktemp("run")))
 
 
 @pytest.fixture(scope="module")
-def sketcher(studio, quick_compilation):
-    shot = studio.shot(studio.begin, studio.stance, studio.size)
+def previewer(model, quick_compilation):
+    shot = model.shot(model.initial_values, model.initial_viewpoint, model.size)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "measure", lambda *_, **__: rooms.ROOM)
-        yield Sketcher(studio.scene, options=shot.options, trace=shot.trace, keys=3)
+        yield PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
 
 
-def shot_with(studio, **changes):
-    values = studio.begin | {key.replace("__", "."): value for key, value in changes.items()}
-    return studio.shot(values, studio.stance, studio.size)
+def shot_with(model, **changes):
+    values = model.initial_values | {
+        key.replace("__", "."): value for key, value in changes.items()
+    }
+    return model.shot(values, model.initial_viewpoint, model.size)
 
 
-def test_a_sketch_is_the_picture_that_is_rendered(studio, sketcher):
-    shot = shot_with(studio, aperture__radius=0.2, aperture__focus_distance=3.0)
+def test_a_sketch_is_the_picture_that_is_rendered(model, previewer):
+    shot = shot_with(model, aperture__radius=0.2, aperture__focus_distance=3.0)
     camera = shot.records[0].camera
-    found = rooms.made(sketcher, camera, shot.options.samples)
-    frame = Renderer(studio.scene, options=shot.options, trace=shot.trace)(camera)
+    found = rooms.made(previewer, camera, shot.options.samples)
+    frame = Renderer(model.scene, options=shot.options, trace=shot.trace)(camera)
     values = np.asarray(found.values).reshape(16, 16, 5)
     assert frame.color.std() > 0.05
     np.testing.assert_allclose(values[..., :3], frame.color, atol=SINGLE)
     np.testing.assert_allclose(values[..., 3], frame.alpha, atol=SINGLE)
     assert found.dropped == 0 and found.hits == frame.hits
     codes = stored(shot.records[0], frame.color, shot.sensor).astype(int)
-    assert np.abs(developed(found, shot).astype(int) - codes).max() <= 1
+    assert np.abs(develop_preview(found, shot).astype(int) - codes).max() <= 1
 
 
-def test_no_slider_compiles_anything(studio, sketcher):
-    rooms.made(sketcher, shot_with(studio, aperture__radius=0.2).records[0].camera, 2)
-    programs = len(sketcher._programs)
+def test_no_slider_compiles_anything(model, previewer):
+    rooms.made(previewer, shot_with(model, aperture__radius=0.2).records[0].camera, 2)
+    programs = len(previewer._programs)
     for change in (
         {"lens__fov": 40.0},
         {"aperture__radius": 0.05},
         {"aperture__focus_distance": 1.5},
         {"aperture__rotation": 1.0},
     ):
-        shot = shot_with(studio, **({"aperture__radius": 0.2} | change))
-        assert sketcher(shot.records[0].camera, 2) is not None
-    stance = studio.stance._replace(time=0.3, place=(0.1, 0.2, -3.0))
-    shot = studio.shot(studio.begin | {"aperture.radius": 0.1}, stance, studio.size)
-    assert sketcher(shot.records[0].camera, 2) is not None
-    assert len(sketcher._programs) == programs
+        shot = shot_with(model, **({"aperture__radius": 0.2} | change))
+        assert previewer(shot.records[0].camera, 2) is not None
+    viewpoint = model.initial_viewpoint._replace(time=0.3, position=(0.1, 0.2, -3.0))
+    shot = model.shot(model.initial_values | {"aperture.radius": 0.1}, viewpoint, model.size)
+    assert previewer(shot.records[0].camera, 2) is not None
+    assert len(previewer._programs) == programs
 
 
-def test_readout_and_exposure_share_a_program_of_few_key_states(studio, sketcher):
+def test_readout_and_exposure_share_a_program_of_few_key_states(model, previewer):
     cameras = [
-        shot_with(studio, shutter__kind="rolling", **told).records[0].camera
+        shot_with(model, shutter__kind="rolling", **told).records[0].camera
         for told in ({"shutter__readout": 0.1}, {"shutter__readout": 0.9, "shutter__exposure": 0.2})
     ]
-    assert sketcher._key(cameras[0], 2)[1] == sketcher._key(cameras[1], 2)[1]
-    assert sketcher._key(cameras[0], 2)[1].keys == 3
+    assert previewer._key(cameras[0], 2)[1] == previewer._key(cameras[1], 2)[1]
+    assert previewer._key(cameras[0], 2)[1].keys == 3
 
 
 @pytest.mark.slow
-def test_lists_that_are_too_short_are_told_of_and_lengthened(studio, sketcher, monkeypatch):
-    shot = shot_with(studio)
-    one = Sketcher(studio.scene, options=shot.options, trace=shot.trace, keys=3)
+def test_lists_that_are_too_short_are_told_of_and_lengthened(model, previewer, monkeypatch):
+    shot = shot_with(model)
+    one = PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
     monkeypatch.setattr(module, "measure", lambda *_, **__: Capacity((64,), 16, 8))
     camera = shot.records[0].camera
     first = rooms.made(one, camera, 1)
@@ -100,35 +102,35 @@ def test_lists_that_are_too_short_are_told_of_and_lengthened(studio, sketcher, m
     until = clock.monotonic() + 120
     while one(camera, 1).dropped and clock.monotonic() < until:
         clock.sleep(0.01)
-    assert one(camera, 1).dropped == 0 and one.building == 0
+    assert one(camera, 1).dropped == 0 and one.compiling == 0
     one.close()
 
 
-def test_the_focus_is_on_what_is_under_the_mouse(studio, sketcher):
-    shot = shot_with(studio, aperture__radius=0.2)
+def test_the_focus_is_on_what_is_under_the_mouse(model, previewer):
+    shot = shot_with(model, aperture__radius=0.2)
     camera = shot.records[0].camera
-    labels = Labeller(studio.scene, options=shot.options, trace=shot.trace)(camera, ["z", "alpha"])
+    labels = Labeller(model.scene, options=shot.options, trace=shot.trace)(camera, ["z", "alpha"])
     seen = np.argwhere(labels["alpha"] > 0.6)
     row, column = seen[len(seen) // 2]
-    found = focus_at(sketcher, camera, (int(column), int(row)))
+    found = focus_distance_at(previewer, camera, (int(column), int(row)))
     assert found == pytest.approx(labels["z"][row, column], rel=1e-4)
 
 
-def test_where_nothing_is_seen_there_is_no_focus(studio, sketcher):
-    away = studio.stance._replace(place=(0.0, 0.0, 50.0))
-    camera = studio.shot(studio.begin, away, studio.size).records[0].camera
-    assert focus_at(sketcher, camera, (8, 8)) is None
+def test_where_nothing_is_seen_there_is_no_focus(model, previewer):
+    away = model.initial_viewpoint._replace(position=(0.0, 0.0, 50.0))
+    camera = model.shot(model.initial_values, away, model.size).records[0].camera
+    assert focus_distance_at(previewer, camera, (8, 8)) is None
 
 
-def test_a_sensor_develops_a_sketch_as_a_picture(studio, sketcher):
-    values = studio.begin | chosen("sensor", "filmic") | {"aperture.radius": 0.2}
-    shot = studio.shot(values, studio.stance, studio.size)
+def test_a_sensor_develops_a_sketch_as_a_picture(model, previewer):
+    values = model.initial_values | choice_values("sensor", "filmic") | {"aperture.radius": 0.2}
+    shot = model.shot(values, model.initial_viewpoint, model.size)
     assert shot.sensor != SensorOptions()
-    found = rooms.made(sketcher, shot.records[0].camera, 2)
+    found = rooms.made(previewer, shot.records[0].camera, 2)
     light = np.asarray(found.values)[:, :3].reshape(16, 16, 3)
     codes = stored(shot.records[0], light, shot.sensor).astype(int)
     assert codes.std() > 5
-    assert np.abs(developed(found, shot).astype(int) - codes).max() <= 1
+    assert np.abs(develop_preview(found, shot).astype(int) - codes).max() <= 1
 
 
 def test_lists_are_as_long_as_the_device_with_the_longest_wants():

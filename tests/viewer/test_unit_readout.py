@@ -1,9 +1,9 @@
-"""Controls in the numbers of a real camera are those that `physical` would turn into them."""
+"""The readout in photographic units inverts the conversion that `physical` makes."""
 
 import pytest
 
 from gaussray.render.rig.physical_units import PhysicalOptions, converted
-from gaussray.viewer.unit_readout import spoken
+from gaussray.viewer.unit_readout import physical_readout
 
 
 VALUES = {
@@ -15,7 +15,7 @@ UNITS = {"units_per_metre": 2.0, "seconds_per_unit": 4.0}
 
 
 def test_nothing_is_said_where_units_are_not_known():
-    assert spoken(VALUES, PhysicalOptions()) == ""
+    assert physical_readout(VALUES, PhysicalOptions()) == ""
 
 
 def test_a_camera_comes_back_as_it_was_given():
@@ -24,8 +24,8 @@ def test_a_camera_comes_back_as_it_was_given():
         exposure=8.0, frame_rate=30.0, **UNITS,
     )  # fmt: skip
     values = VALUES | converted(given) | {"shutter.kind": "rolling"}
-    expected = "50 mm on 36 mm · f/2.8 · focus 3 m · exposed 8 ms · readout 20 ms"
-    assert spoken(values, given) == expected
+    expected = "50 mm on 36 mm · f/2.8 · focus 3 m · exposure 8 ms · readout 20 ms"
+    assert physical_readout(values, given) == expected
 
 
 @pytest.mark.parametrize(
@@ -33,9 +33,9 @@ def test_a_camera_comes_back_as_it_was_given():
     [
         ({}, "31.2 mm on 36 mm"),
         ({"lens.model": "equidistant"}, ""),
-        ({"lens.model": "equidistant", "aperture.radius": 0.01}, "opening 10 mm · focus 0.5 m"),
-        ({"shutter.exposure": 0.01}, "31.2 mm on 36 mm · exposed 40 ms"),
+        ({"lens.model": "equidistant", "aperture.radius": 0.01}, "aperture 10 mm · focus 0.5 m"),
+        ({"shutter.exposure": 0.01}, "31.2 mm on 36 mm · exposure 40 ms"),
     ],
 )
 def test_what_is_not_there_is_not_said(values, text):
-    assert spoken(VALUES | values, PhysicalOptions(**UNITS)) == text
+    assert physical_readout(VALUES | values, PhysicalOptions(**UNITS)) == text

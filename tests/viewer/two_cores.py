@@ -9,8 +9,8 @@ import rooms
 
 from gaussray.render.renderer import Renderer
 from gaussray.viewer import preview as module
-from gaussray.viewer.develop import developed
-from gaussray.viewer.preview import Sketcher
+from gaussray.viewer.develop import develop_preview
+from gaussray.viewer.preview import PreviewRenderer
 
 
 jax.config.update("jax_disable_most_optimizations", True)
@@ -23,18 +23,20 @@ SIZE = 44, 20
 
 def main(folder: Path) -> None:
     assert len(jax.devices()) == 2
-    studio = rooms.studio(rooms.write_scene(folder))
-    shot = studio.shot(studio.begin | {"aperture.radius": 0.2}, studio.stance, SIZE)
+    model = rooms.viewer_model(rooms.write_scene(folder))
+    shot = model.shot(
+        model.initial_values | {"aperture.radius": 0.2}, model.initial_viewpoint, SIZE
+    )
     camera = shot.records[0].camera
-    sketcher = Sketcher(studio.scene, options=shot.options, trace=shot.trace, keys=3)
+    previewer = PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
     module.measure = Renderer._measure = lambda *_, **__: rooms.ROOM
-    found = rooms.made(sketcher, camera, shot.options.samples)
-    frame = Renderer(studio.scene, options=shot.options, trace=shot.trace, devices=1)(camera)
+    found = rooms.made(previewer, camera, shot.options.samples)
+    frame = Renderer(model.scene, options=shot.options, trace=shot.trace, devices=1)(camera)
     values = np.asarray(found.values).reshape(*SIZE[::-1], 5)
     assert frame.color.std() > 0.05 and found.hits == frame.hits and found.dropped == 0
     np.testing.assert_allclose(values[..., :3], frame.color, atol=SINGLE)
     np.testing.assert_allclose(values[..., 3], frame.alpha, atol=SINGLE)
-    assert developed(found, shot).shape == (*SIZE[::-1], 3)
+    assert develop_preview(found, shot).shape == (*SIZE[::-1], 3)
     print("the same")
 
 
