@@ -7,7 +7,7 @@ from typing import Any
 
 from gaussray.io.atomic import whole
 from gaussray.report.markup import Markup, tag
-from gaussray.report.page import Section, page, table
+from gaussray.report.page import Section, html_page, html_table
 
 
 TITLES = {
@@ -39,11 +39,11 @@ def write_page(
             commits = ", ".join(dict.fromkeys(str(line["git"]) for line in some))
             heads = [name.replace("_", " ") for name in names]
             rows = [[cell(line, name) for name in names] for line in some]
-            body += [tag("h3", f"{device} ({commits})"), table(heads, rows)]
+            body += [tag("h3", f"{device} ({commits})"), html_table(heads, rows)]
         sections.append(Section(bench.replace("_", " "), body))
     path = out / "report.html"
     with whole(path) as partial:
-        partial.write_text(page("Benchmarks", str(out), sections), encoding="utf-8")
+        partial.write_text(html_page("Benchmarks", str(out), sections), encoding="utf-8")
     return path
 
 

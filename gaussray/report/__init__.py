@@ -1,3 +1,3 @@
-"""One page to look at, beside the files of a run: report.html."""
+"""report.html: one HTML file that shows the results of a run."""
 
 from gaussray.report.write import write_page as write_page

@@ -1,25 +1,25 @@
-"""What a calibration found: numbers of the cameras before and after, and how sure they are."""
+"""Sections of a calibration report: parameters before and after, with standard errors."""
 
 from typing import Any
 
 from gaussray.report.markup import tag
-from gaussray.report.page import Section, note, table, tiles
+from gaussray.report.page import Section, html_table, note, summary_tiles
 
 
-def figures(report: dict[str, Any]) -> Section:
-    """How well the pictures are explained, before and after."""
+def calibration_summary(report: dict[str, Any]) -> Section:
+    """PSNR before and after, number of pictures and cameras."""
     before, after = report["psnr"]["before"], report["psnr"]["after"]
-    told = [
-        ("before", f"{before:.2f}", "dB"),
-        ("after", f"{after:.2f}", "dB"),
+    rows = [
+        ("PSNR before", f"{before:.2f}", "dB"),
+        ("PSNR after", f"{after:.2f}", "dB"),
         ("pictures", str(report["pictures"]), report["effect"].replace("_", " ")),
         ("cameras", str(len(report["cameras"])), ""),
     ]
-    return Section("Summary", [tiles(told)])
+    return Section("Summary", [summary_tiles(rows)])
 
 
-def parameters(report: dict[str, Any]) -> Section:
-    """Every number: as recorded, as found, and its standard errors."""
+def parameter_table(report: dict[str, Any]) -> Section:
+    """A row for every estimated parameter: recorded, estimated, standard errors."""
     rows = [
         (
             " ".join(filter(None, (one.get("camera"), one["name"]))),
@@ -31,21 +31,24 @@ def parameters(report: dict[str, Any]) -> Section:
         )
         for one in report["parameters"]
     ]
-    heads = "number", "unit", "recorded", "found", "error", "error, tiles"
+    heads = "parameter", "unit", "recorded", "estimated", "standard error", "tile error"
     words = (
-        "Standard errors: if errors of pixels were drawn again, each by itself, or alike within "
-        "tiles of 8 x 8 pixels. What the scene has wrong everywhere shifts values beyond both."
+        "Standard error: the scatter of a value if errors are independent per pixel. "
+        "Tile error: if errors are equal within tiles of 8 x 8 pixels. Systematic errors of the scene "
+        "can shift values beyond both."
     )
-    told = [tag("p", line) for line in report["confounded"]]
-    return Section("What was found", [table(heads, rows, text=2), *told, note(words)])
+    warnings = [tag("p", line) for line in report["confounded"]]
+    return Section(
+        "Estimated parameters", [html_table(heads, rows, text=2), *warnings, note(words)]
+    )
 
 
-def levels(report: dict[str, Any]) -> Section | None:
-    """What was left at every size of the pictures, coarse ones first."""
-    told = report["levels"]
-    if not told:
+def level_table(report: dict[str, Any]) -> Section | None:
+    """Steps and remaining residuals at each level, coarse to fine."""
+    levels = report["levels"]
+    if not levels:
         return None
-    rows = [(f"1/{one['pixels']}", str(one["steps"]), f"{one['deviation']:.3f}") for one in told]
-    heads = "size of the pictures", "steps", "deviation"
-    words = "Deviation of the encoded pictures, in codes of 255."
-    return Section("From coarse to fine", [table(heads, rows), note(words)])
+    rows = [(f"1/{one['pixels']}", str(one["steps"]), f"{one['deviation']:.3f}") for one in levels]
+    heads = "picture size", "steps", "residual"
+    words = "Residual: standard deviation of rendered minus recorded sRGB values, in 8-bit levels."
+    return Section("From coarse to fine", [html_table(heads, rows), note(words)])

@@ -1,4 +1,4 @@
-"""Curves as SVG: a few series over a common axis."""
+"""Line charts as SVG."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -8,15 +8,15 @@ import numpy as np
 from gaussray.report.markup import Markup, tag
 
 
-# Of the drawing, and of the room that its labels take.
+# Size of the drawing and of its margins for labels, in pixels.
 WIDTH, HEIGHT, LEFT, TOP, RIGHT, BOTTOM = 350.0, 200.0, 44.0, 10.0, 10.0, 34.0
-COLORS = 8
-# Points of a curve that are drawn.
-MOST = 600
+PALETTE = 8
+# Points drawn per curve, at most.
+MAX_CURVE_POINTS = 600
 
 
 class Curve(NamedTuple):
-    """A series with the name that its legend says; what is not finite leaves a gap."""
+    """A series of points with its name in the legend; points that are not finite are left out."""
 
     name: str
     x: np.ndarray
@@ -24,8 +24,8 @@ class Curve(NamedTuple):
 
 
 def color(i: int) -> str:
-    """The i-th colour of curves and drawings."""
-    return f"var(--c{i % COLORS})"
+    """CSS colour number i of curves and drawings."""
+    return f"var(--c{i % PALETTE})"
 
 
 def chart(
@@ -36,7 +36,18 @@ def chart(
     log: bool = False,
     borders: Sequence[tuple[float, str]] = (),
 ) -> Markup:
-    """A figure of the curves; `borders` are places along x where something begins, by name."""
+    """A chart of the curves.
+
+    Args:
+        title: Heading.
+        curves: The series; one without finite points is left out.
+        x_label: Label of the x axis.
+        log: Whether the y axis is logarithmic.
+        borders: (x, name) of vertical lines, such as the start of a stage.
+
+    Returns:
+        An HTML figure; empty without a curve.
+    """
     drawn = [_finite(curve, log) for curve in curves]
     drawn = [curve for curve in drawn if len(curve.x)]
     if not drawn:
@@ -51,13 +62,15 @@ def chart(
         parts.append(tag("text", name, x=round(at + 4, 1), y=TOP + 10))
     for i, curve in enumerate(drawn):
         parts.append(_line(curve, span_x, span_y, color(i)))
-    told = f"{title}: {', '.join(curve.name for curve in drawn)}"
-    drawing = tag("svg", parts, viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", role="img", aria_label=told)
+    description = f"{title}: {', '.join(curve.name for curve in drawn)}"
+    drawing = tag(
+        "svg", parts, viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", role="img", aria_label=description
+    )
     return tag("figure", tag("h3", title), drawing, legend([c.name for c in drawn]), class_="panel")
 
 
 def legend(names: Sequence[str]) -> Markup | None:
-    """What the colours mean; nothing of one curve."""
+    """A legend of the colours; None for a single curve."""
     if len(names) < 2:
         return None
     keys = [tag("li", tag("i", style=f"background:{color(i)}"), n) for i, n in enumerate(names)]
@@ -65,7 +78,7 @@ def legend(names: Sequence[str]) -> Markup | None:
 
 
 def ticks(low: float, high: float, most: int = 6) -> list[float]:
-    """Round numbers (1, 2 or 5 times a power of ten apart) from low to high, at most so many."""
+    """At most `most` round numbers from low to high: steps of 1, 2 or 5 times a power of 10."""
     span = max(high - low, 1e-12)
     step = 10.0 ** np.floor(np.log10(span / most))
     step = next(step * m for m in (1, 2, 5, 10, 20) if span / (step * m) <= most)
@@ -75,15 +88,15 @@ def ticks(low: float, high: float, most: int = 6) -> list[float]:
 
 
 def _finite(curve: Curve, log: bool) -> Curve:
-    """What can be drawn, thinned, of logarithms on request."""
+    """The finite points, thinned to what is drawn, with logarithms of y if `log`."""
     x, y = np.asarray(curve.x, float), np.asarray(curve.y, float)
     with np.errstate(divide="ignore", invalid="ignore"):
         y = np.log10(y) if log else y
     good = np.isfinite(x) & np.isfinite(y)
     x, y = x[good], y[good]
-    if len(x) > MOST:
-        some = np.linspace(0, len(x) - 1, MOST).round().astype(int)
-        x, y = x[some], y[some]
+    if len(x) > MAX_CURVE_POINTS:
+        subset = np.linspace(0, len(x) - 1, MAX_CURVE_POINTS).round().astype(int)
+        x, y = x[subset], y[subset]
     return Curve(curve.name, x, y)
 
 
@@ -113,11 +126,11 @@ def _axes(x: tuple[float, float], y: tuple[float, float], log: bool, label: str)
 
 
 def _decades(low: float, high: float) -> list[float]:
-    """Logarithms of 1, 2 and 5 times powers of ten; of powers alone where there are many."""
+    """Ticks of a logarithmic axis: powers of ten, and 2 and 5 times these if they are few."""
     whole = range(int(np.floor(low)), int(np.ceil(high)) + 1)
     steps = (0.0,) if high - low > 2.5 else (0.0, np.log10(2), np.log10(5))
-    found = [n + step for n in whole for step in steps if low <= n + step <= high]
-    return [float(x) for x in found[:: max(1, -(-len(found) // 7))]]
+    values = [n + step for n in whole for step in steps if low <= n + step <= high]
+    return [float(x) for x in values[:: max(1, -(-len(values) // 7))]]
 
 
 def _line(curve: Curve, x: tuple[float, float], y: tuple[float, float], ink: str) -> Markup:
@@ -125,16 +138,16 @@ def _line(curve: Curve, x: tuple[float, float], y: tuple[float, float], ink: str
         (_place(a, x, LEFT, WIDTH - RIGHT), _place(b, y, HEIGHT - BOTTOM, TOP))
         for a, b in zip(curve.x, curve.y, strict=True)
     ]
-    told = tag("title", curve.name)
+    label = tag("title", curve.name)
     if len(points) == 1:
         (a, b) = points[0]
-        return tag("circle", told, cx=round(a, 1), cy=round(b, 1), r=3, fill=ink)
+        return tag("circle", label, cx=round(a, 1), cy=round(b, 1), r=3, fill=ink)
     path = "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in points)
-    return tag("path", told, d=path, class_="curve", stroke=ink)
+    return tag("path", label, d=path, class_="curve", stroke=ink)
 
 
 def _figure(value: float) -> str:
-    """A number in few signs."""
+    """A number in few characters."""
     if value and (abs(value) >= 1e5 or abs(value) < 1e-3):
         power = int(np.floor(np.log10(abs(value)) + 1e-9))
         return f"{value / 10.0**power:.3g}e{power}"

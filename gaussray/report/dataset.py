@@ -1,4 +1,4 @@
-"""A data set of takes: some of its pictures, and how the cameras that took them are distributed."""
+"""Sections of a dataset report: some pictures, and the distributions of random settings."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -7,36 +7,40 @@ from typing import Any
 
 import numpy as np
 
-from gaussray.report.cameras import codes_of
+from gaussray.report.cameras import screen_levels
 from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import Markup, tag
-from gaussray.report.page import Section, note, table, tiles
-from gaussray.report.picture import BYTES, still
+from gaussray.report.page import Section, html_table, note, summary_tiles
+from gaussray.report.picture import BYTES, captioned_image
 
 
-# Takes whose first picture is shown, and keys whose distribution is drawn.
+# Samples whose first picture is shown, and keys whose distribution is drawn.
 SHOWN, DRAWN = 24, 12
 
 Takes = Sequence[Mapping[str, Any]]
 
 
-def figures(takes: Takes) -> Section:
-    """How much there is."""
+def dataset_summary(takes: Takes) -> Section:
+    """Number of samples and frames, picture sizes, labels."""
     frames = [frame for take in takes for frame in take["frames"]]
     sizes = Counter(f"{frame['w']} x {frame['h']}" for frame in frames)
-    told = [
-        ("takes", f"{len(takes):,}", ""),
+    rows = [
+        ("samples", f"{len(takes):,}", ""),
         ("frames", f"{len(frames):,}", ""),
         ("size", ", ".join(sorted(sizes)), "pixels"),
-        ("drawn again", str(sum(take["attempt"] > 0 for take in takes)), "impossible at first"),
+        (
+            "redrawn",
+            str(sum(take["attempt"] > 0 for take in takes)),
+            "samples whose first random camera was impossible",
+        ),
     ]
     labels = sorted({name for frame in frames for name in frame.get("labels", {})})
-    told += [("labels", ", ".join(labels), "")] * bool(labels)
-    return Section("Summary", [tiles(told)])
+    rows += [("labels", ", ".join(labels), "")] * bool(labels)
+    return Section("Summary", [summary_tiles(rows)])
 
 
-def pictures(out: Path, takes: Takes) -> Section:
-    """The first picture of takes from all over the data set."""
+def sample_pictures(out: Path, takes: Takes) -> Section:
+    """The first picture of samples spread over the dataset."""
     place = np.linspace(0, len(takes) - 1, min(len(takes), SHOWN)).round().astype(int)
     shown = []
     for i in place:
@@ -45,13 +49,17 @@ def pictures(out: Path, takes: Takes) -> Section:
         path = out / take["folder"] / frame["file_path"]
         effect = frame.get("effect", "pinhole").replace("_", " ")
         name = f"{take['index']} · {effect}"
-        shown.append(still(codes_of(path, frame["w"], frame["h"]), name, most=BYTES // len(place)))
-    words = f"The first frame of {len(place)} of {len(takes)} takes, by the number of the take."
+        shown.append(
+            captioned_image(
+                screen_levels(path, frame["w"], frame["h"]), name, most=BYTES // len(place)
+            )
+        )
+    words = f"The first frame of {len(place)} of {len(takes)} samples, with the sample's index."
     return Section("Pictures", [tag("div", shown, class_="grid third"), note(words)])
 
 
-def distributions(takes: Takes) -> Section | None:
-    """Of every key that was drawn, what came out."""
+def distribution_section(takes: Takes) -> Section | None:
+    """Table and curves of the values of every randomized key."""
     keys = [key for key in takes[0]["drawn"] if not key.endswith("seed")]
     rows, curves = [], []
     for key in keys:
@@ -61,16 +69,20 @@ def distributions(takes: Takes) -> Section | None:
             curves.append(_cumulative(key, values))
         else:
             counts = Counter(str(x) for x in values).most_common(4)
-            told = ", ".join(f"{x} ({n})" for x, n in counts)
-            rows.append((key, told, "", "", "", ""))
+            common = ", ".join(f"{x} ({n})" for x, n in counts)
+            rows.append((key, common, "", "", "", ""))
     if not rows:
         return None
-    heads = "key", "least", "quarter", "half", "three quarters", "most"
+    heads = "key", "minimum", "25 %", "median", "75 %", "maximum"
     drawn = tag("div", curves[:DRAWN], class_="grid")
-    words = "Curves: the share of takes (across) whose value is below what the curve shows."
-    return Section("What was drawn", [drawn, table(heads, rows), note(words)])
+    words = (
+        "Curves: cumulative distributions. Across: the fraction of samples with a smaller value."
+    )
+    return Section("Random settings", [drawn, html_table(heads, rows), note(words)])
 
 
 def _cumulative(key: str, values: Sequence[float]) -> Markup:
     share = (np.arange(len(values)) + 0.5) / len(values)
-    return chart(key, [Curve(key, share, np.sort(np.asarray(values, float)))], x_label="share")
+    return chart(
+        key, [Curve(key, share, np.sort(np.asarray(values, float)))], x_label="fraction of samples"
+    )

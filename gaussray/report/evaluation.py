@@ -1,4 +1,4 @@
-"""How an evaluation came out: a table of effects, curves over time, pictures beside the truth."""
+"""Sections of an evaluation report: scores per effect, PSNR over time, pictures beside truth."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,28 +11,28 @@ from gaussray.evaluate.pipeline import SCORES
 from gaussray.evaluate.scores import COLUMNS
 from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import Markup, tag
-from gaussray.report.page import Section, note, table
+from gaussray.report.page import Section, html_table, note
 from gaussray.report.picture import BYTES, compared, heat_scale
-from gaussray.report.run import lines
+from gaussray.report.run import json_lines
 
 
-PARTS = {
+SPLIT_NAMES = {
     "train": "training views",
     "held_out_cameras": "held-out cameras",
     "held_out_times": "held-out times",
 }
-# Cameras whose curves are told apart in one chart.
-CURVES = 8
+# Cameras per chart, at most.
+MAX_CURVES = 8
 
 
-def scores(report: dict[str, Any]) -> Section | None:
-    """A row for each effect, and for each of its parts."""
+def score_table(report: dict[str, Any]) -> Section | None:
+    """A row for each effect and for each of its parts (training, held out)."""
     rows = []
     shown = ({"training views": report["train"]} if "train" in report else {}) | report["effects"]
     for name, row in shown.items():
         rows.append((name.replace("_", " "), row))
-        rows += [(tag("span", PARTS.get(part, part), class_="part"), own)
-                 for part, own in row.get("parts", {}).items()]  # fmt: skip
+        rows += [(tag("span", SPLIT_NAMES.get(part, part), class_="part"), part_row)
+                 for part, part_row in row.get("parts", {}).items()]  # fmt: skip
     if not rows:
         return None
     measured = {key for _, row in rows for key in row}
@@ -40,66 +40,67 @@ def scores(report: dict[str, Any]) -> Section | None:
     columns = [*columns, ("rays per pixel", "samples", 0)]
     body = [[name, *(_figure(row.get(key), n) for _, key, n in columns)] for name, row in rows]
     words = (
-        "PSNR in dB of 8-bit sRGB codes, mean over the pictures. Masked: inside the lens's field "
+        "PSNR in dB between 8-bit sRGB pictures, mean over the pictures. Masked: inside the lens's "
+        "field of view. Moving: over pixels that change in time. Flicker: standard deviation over "
+        "time of pixels that never move, in 8-bit levels (0-255), beside that of the capture. FPS: "
+        "rendered frames per second without compilation."
     )
-    words += "of view. Moving: over pixels that change. Flicker: how much pixels that never move "
-    words += "tremble, in codes of 255, and the truth's own. FPS without compilation."
-    return Section("Scores", [table(["effect", *(c[0] for c in columns)], body), note(words)])
+    return Section("Scores", [html_table(["effect", *(c[0] for c in columns)], body), note(words)])
 
 
-def over_time(out: Path) -> Section | None:
-    """PSNR of every picture, a chart for each effect."""
-    told, drawn = lines(out / SCORES), []
-    for effect in dict.fromkeys(line["effect"] for line in told):
-        own = [line for line in told if line["effect"] == effect]
-        cameras = list(dict.fromkeys(line["camera"] for line in own))
-        if len(own) < 3:
+def psnr_over_time(out: Path) -> Section | None:
+    """PSNR of every picture over time, a chart for each effect."""
+    scores, charts = json_lines(out / SCORES), []
+    for effect in dict.fromkeys(line["effect"] for line in scores):
+        views = [line for line in scores if line["effect"] == effect]
+        cameras = list(dict.fromkeys(line["camera"] for line in views))
+        if len(views) < 3:
             continue
-        some = [Curve(name, *_series([x for x in own if x["camera"] == name]))
-                for name in cameras[:CURVES]]  # fmt: skip
-        drawn.append(chart(f"{effect.replace('_', ' ')}: PSNR (dB)", some, x_label="time"))
-    return Section("Every picture", [tag("div", drawn, class_="grid")]) if drawn else None
+        curves = [Curve(name, *_series([x for x in views if x["camera"] == name]))
+                for name in cameras[:MAX_CURVES]]  # fmt: skip
+        charts.append(chart(f"{effect.replace('_', ' ')}: PSNR (dB)", curves, x_label="time"))
+    return Section("PSNR over time", [tag("div", charts, class_="grid")]) if charts else None
 
 
-def pictures(out: Path) -> Section | None:
-    """Of every effect the worst and the middle picture beside the truth."""
-    told = [line for line in lines(out / SCORES) if (out / line["file"]).is_file()]
-    effects = list(dict.fromkeys(line["effect"] for line in told))
+def compared_pictures(out: Path) -> Section | None:
+    """For each effect the pictures of worst and median PSNR beside the truth."""
+    scores = [line for line in json_lines(out / SCORES) if (out / line["file"]).is_file()]
+    effects = list(dict.fromkeys(line["effect"] for line in scores))
     if not effects:
         return None
-    picked = {effect: _picked([x for x in told if x["effect"] == effect]) for effect in effects}
+    picked = {effect: _picked([x for x in scores if x["effect"] == effect]) for effect in effects}
     most = BYTES // (3 * sum(map(len, picked.values())))
     body: list[Any] = [heat_scale()]
     for effect, chosen in picked.items():
         figures = [_compared(out, line, word, most) for word, line in chosen]
         body += [tag("h3", effect.replace("_", " ")), tag("div", figures, class_="grid pairs")]
-    return Section("Truth and ours", body)
+    return Section("Capture and rendering", body)
 
 
-def _picked(told: Sequence[dict[str, Any]]) -> list[tuple[str, dict[str, Any]]]:
-    ranked = sorted(told, key=lambda line: np.inf if line["psnr"] is None else line["psnr"])
-    named = {0: "worst", len(ranked) // 2: "median"} if len(ranked) > 1 else {0: "the only one"}
+def _picked(scores: Sequence[dict[str, Any]]) -> list[tuple[str, dict[str, Any]]]:
+    ranked = sorted(scores, key=lambda line: np.inf if line["psnr"] is None else line["psnr"])
+    named = {0: "worst", len(ranked) // 2: "median"} if len(ranked) > 1 else {0: "only picture"}
     return [(word, ranked[i]) for i, word in named.items()]
 
 
 def _compared(out: Path, line: dict[str, Any], word: str, most: int) -> Markup:
-    stored = _codes(out / line["file"])
+    stored = _stored_levels(out / line["file"])
     width = stored.shape[1] // 3
     psnr = "equal" if line["psnr"] is None else f"{line['psnr']:.2f} dB"
     caption = [tag("b", f"{word}: {psnr}"), f" · {line['camera']}, time {line['time']:.4g}"]
     return compared(stored[:, :width], stored[:, width : 2 * width], caption, most=most)
 
 
-def _codes(path: Path) -> np.ndarray:
-    """Truth, ours and their difference, as they are stored side by side."""
+def _stored_levels(path: Path) -> np.ndarray:
+    """The stored picture: truth, rendering and difference side by side, 8-bit sRGB."""
     from gaussray.io.safe.openimageio import oiio
 
     spec = oiio.ImageBuf(str(path)).spec()
     return read_stored(path, spec.width, spec.height)
 
 
-def _series(told: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
-    ranked = sorted(told, key=lambda line: line["time"])
+def _series(scores: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray]:
+    ranked = sorted(scores, key=lambda line: line["time"])
     psnr = [np.nan if line["psnr"] is None else line["psnr"] for line in ranked]
     return np.array([line["time"] for line in ranked]), np.array(psnr, float)
 

@@ -1,4 +1,4 @@
-"""HTML and SVG from functions: what is text becomes text, whoever wrote it."""
+"""HTML and SVG elements from functions; all text is escaped."""
 
 import html
 from typing import Any
@@ -8,31 +8,31 @@ VOID = ("img", "input", "meta", "br", "hr")
 
 
 class Markup(str):
-    """Text that is markup already."""
+    """A string of HTML, which is not escaped again."""
 
 
 def tag(name: str, /, *children: Any, **attributes: Any) -> Markup:
-    """An element. Children and values that are no `Markup` are escaped; None and False are left
-    out. `class_` is class, `stroke_width` is stroke-width."""
-    told = "".join(
+    """An element. Children and attribute values are escaped unless they are `Markup`; None and
+    False are left out. `class_` becomes class, `stroke_width` becomes stroke-width."""
+    text = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{"" if value is True else escape(value)}"'
         for key, value in attributes.items()
         if value is not None and value is not False
     )
     if name in VOID:
-        return Markup(f"<{name}{told}>")
-    return Markup(f"<{name}{told}>{joined(children)}</{name}>")
+        return Markup(f"<{name}{text}>")
+    return Markup(f"<{name}{text}>{concatenated(children)}</{name}>")
 
 
-def joined(parts: Any) -> Markup:
-    """Elements one after another; sequences within them are flattened."""
+def concatenated(parts: Any) -> Markup:
+    """Elements one after another; nested sequences are flattened."""
     if isinstance(parts, list | tuple):
-        return Markup("".join(joined(part) for part in parts))
+        return Markup("".join(concatenated(part) for part in parts))
     if parts is None:
         return Markup("")
     return parts if isinstance(parts, Markup) else Markup(escape(parts))
 
 
 def escape(value: Any) -> str:
-    """A value as text in which no sign means anything."""
+    """A value as text with the characters of HTML escaped."""
     return html.escape(f"{value:.6g}" if isinstance(value, float) else str(value), quote=True)

@@ -1,4 +1,4 @@
-"""One camera drawn: its rays in a section, its opening, and when its rows look."""
+"""Drawings of one camera: its rays, its aperture, and the exposure times of its rows."""
 
 import dataclasses
 
@@ -11,45 +11,44 @@ from gaussray.camera.aperture import focus_at, focused, thin_lens
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import SIDEWAYS, row_count, row_moments
 from gaussray.report.markup import Markup, tag
-from gaussray.report.plan import edges
+from gaussray.report.plan import edge_directions
 
 
 WIDTH, HEIGHT = 340.0, 210.0
-# Rays of a fan, places of the picture that a beam is drawn for, and beams' rays.
+# Rays of a pinhole; with an aperture, points of the picture and rays through each of them.
 FAN, BEAMS, SPREAD = 17, 3, 5
-# Points of the opening, along each of the two numbers that pick one.
+# Aperture samples along each of the two sample coordinates.
 GRAIN = 26
 
 
-def drawn(name: str, camera: Camera, unit: str) -> list[Markup]:
-    """The section, the opening if it is one, the shutter if it is not an instant; `name` stands
-    before their titles, and `unit` is the capture's unit of time."""
-    figures = [section(f"{name}: rays", camera)]
+def camera_drawings(name: str, camera: Camera, unit: str) -> list[Markup]:
+    """Drawings of the rays, of the aperture unless it is a pinhole, and of the shutter unless it is
+    instantaneous. `name` begins their titles; `unit` is the capture's unit of time."""
+    figures = [ray_drawing(f"{name}: rays", camera)]
     if float(np.max(camera.aperture.radius)) > 0:
-        figures.append(opening(f"{name}: opening", camera))
+        figures.append(aperture_drawing(f"{name}: aperture", camera))
     film = camera.film
     moments = row_moments(camera.shutter, (film.width, film.height))
     if float(camera.shutter.exposure) > 0 or np.ptp(moments) > 0:
-        figures.append(shutter(f"{name}: shutter", camera, unit))
+        figures.append(shutter_drawing(f"{name}: shutter", camera, unit))
     return figures
 
 
 def field_of_view(camera: Camera) -> tuple[float, float]:
-    """Degrees between the left and the right, and between the top and the bottom edge of the
-    picture, through its middle."""
-    left, top, right, bottom = edges(camera)
+    """Horizontal and vertical field of view in degrees, through the middle of the picture."""
+    left, top, right, bottom = edge_directions(camera)
     return _between(left, right), _between(top, bottom)
 
 
 def _between(one: np.ndarray, other: np.ndarray) -> float:
-    """Angle from one direction over the axis to the other; beyond 180 degrees too."""
+    """Angle from one direction through the optical axis to the other; it may exceed 180 degrees."""
     axis = np.array([0.0, 0.0, 1.0])
     return float(np.degrees(sum(np.arccos(np.clip(x @ axis, -1, 1)) for x in (one, other))))
 
 
-def section(title: str, camera: Camera) -> Markup:
-    """The rays of the picture's middle row, seen from above: through the aperture they meet where
-    the camera is focused."""
+def ray_drawing(title: str, camera: Camera) -> Markup:
+    """The rays of the picture's middle row, seen from above; rays through an aperture meet at the
+    focus distance."""
     focus, radius = _focus(camera)
     blurs = radius > 0 and np.isfinite(focus)
     length = 1.7 * focus if blurs else 1.0
@@ -72,13 +71,13 @@ def section(title: str, camera: Camera) -> Markup:
     parts.append(tag("circle", cx=round(x, 1), cy=round(y, 1), r=3, fill="var(--c1)"))
     name = type(camera.lens).__name__
     wide, high = field_of_view(camera)
-    told = f"{name}, {wide:.4g} x {high:.4g} degrees"
-    told += f", focus at {focus:.4g}, radius {radius:.4g} scene units" if blurs else ""
-    return _figure(title, parts, told)
+    caption = f"{name}, {wide:.4g} x {high:.4g} degrees"
+    caption += f", focus at {focus:.4g}, radius {radius:.4g} scene units" if blurs else ""
+    return _figure(title, parts, caption)
 
 
-def opening(title: str, camera: Camera) -> Markup:
-    """Where rays of the picture's middle and of its corner pass the aperture, seen from the
+def aperture_drawing(title: str, camera: Camera) -> Markup:
+    """Where the rays of the picture's middle and of its corner pass the aperture, seen from the
     scene."""
     u = (np.stack(np.meshgrid(*[np.arange(GRAIN)] * 2), -1).reshape(-1, 2) + 0.5) / GRAIN
     film, radius = camera.film, _focus(camera)[1]
@@ -96,13 +95,13 @@ def opening(title: str, camera: Camera) -> Markup:
         x, y = place(np.array([aside, -1.25 * radius]))
         parts.append(tag("text", name, x=round(x, 1), y=round(y + 8, 1), text_anchor="middle"))
     blades = camera.aperture.blades
-    told = f"{blades} blades" if blades >= 3 else "round"
-    told += f", radius {radius:.4g} scene units"
-    return _figure(title, parts, told)
+    caption = f"{blades} blades" if blades >= 3 else "round"
+    caption += f", radius {radius:.4g} scene units"
+    return _figure(title, parts, caption)
 
 
-def shutter(title: str, camera: Camera, unit: str) -> Markup:
-    """What time every row sees: as wide as the exposure."""
+def shutter_drawing(title: str, camera: Camera, unit: str) -> Markup:
+    """The exposure time of every row as a bar over time."""
     film, exposure = camera.film, float(camera.shutter.exposure)
     moments = row_moments(camera.shutter, (film.width, film.height))
     rows = row_count(camera.shutter.direction, (film.width, film.height))
@@ -132,15 +131,15 @@ def shutter(title: str, camera: Camera, unit: str) -> Markup:
         tag("text", f"{low:.4g}", x=46, y=bottom + 15),
         tag("text", f"{high:.4g}", x=WIDTH - 18, y=bottom + 15, text_anchor="end"),
     ]
-    told = (
-        f"{word}s against time: readout {np.ptp(moments):.4g}, exposure {exposure:.4g} ({unit}), "
+    caption = (
+        f"{word}s over time: readout {np.ptp(moments):.4g}, exposure {exposure:.4g} ({unit}), "
     )
-    told += "from the frame's time"
-    return _figure(title, parts, told)
+    caption += "relative to the frame's timestamp"
+    return _figure(title, parts, caption)
 
 
 def _focus(camera: Camera) -> tuple[float, float]:
-    """Focus distance and radius at the frame's own time."""
+    """Focus distance and aperture radius at the frame's time."""
     distance = focus_at(camera.aperture, camera.time)
     return float(distance), float(camera.aperture.radius)
 
@@ -152,13 +151,13 @@ def _still(camera: Camera) -> Camera:
 def _rays(
     camera: Camera, columns: np.ndarray, lens: np.ndarray
 ) -> tuple[Float[np.ndarray, "rays lens 3"], Float[np.ndarray, "rays lens 3"]]:
-    """Origins and directions, in the camera, of rays of the middle row at these shares of the
-    picture's width, through the aperture from its left to its right."""
+    """Origins and directions, in camera axes, of rays of the middle row at these fractions of the
+    picture's width and of the aperture's width."""
     film = camera.film
     pixel = np.stack([columns * film.width, np.full_like(columns, film.height / 2)], axis=-1)
     u = np.stack([lens, np.full_like(lens, 0.5)], axis=-1)
-    told = (jnp.asarray(x, jnp.float32) for x in (pixel, u))
-    origin, direction = jax.device_get(_traced(_still(camera), *told))
+    caption = (jnp.asarray(x, jnp.float32) for x in (pixel, u))
+    origin, direction = jax.device_get(_traced(_still(camera), *caption))
     seen = np.abs(direction).max(axis=(1, 2)) > 0
     return np.asarray(origin)[seen], np.asarray(direction)[seen]
 
@@ -178,7 +177,7 @@ def _passed(camera, pixel, u):
 
 
 def _sharp(camera: Camera, focus: float) -> Float[np.ndarray, "points 2"]:
-    """What is in focus, in the section: a line or an arc."""
+    """The points in focus, seen from above: a line or an arc."""
     _, direction = _rays(camera, np.linspace(0.02, 0.98, 41), np.array([0.5]))
     direction = direction[:, 0]
     if camera.aperture.focus == "plane":
@@ -187,7 +186,7 @@ def _sharp(camera: Camera, focus: float) -> Float[np.ndarray, "points 2"]:
 
 
 def _fitted(points: np.ndarray, tall: float):
-    """Right and away, in the scene's unit, to a drawing of this height that holds the points."""
+    """A map from (right, forward) in scene units to a drawing of this height with all points."""
     low, high = points.min(axis=0), points.max(axis=0)
     size = np.maximum(high - low, 1e-9)
     scale = min((WIDTH - 30) / size[0], tall / size[1])
@@ -200,6 +199,6 @@ def _fitted(points: np.ndarray, tall: float):
     return place
 
 
-def _figure(title: str, parts: list[Markup], told: str) -> Markup:
+def _figure(title: str, parts: list[Markup], caption: str) -> Markup:
     drawing = tag("svg", parts, viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", role="img", aria_label=title)
-    return tag("figure", tag("h3", title), drawing, tag("figcaption", told), class_="panel")
+    return tag("figure", tag("h3", title), drawing, tag("figcaption", caption), class_="panel")

@@ -1,27 +1,27 @@
-"""The page around its sections: one file that needs no other, in light and in dark."""
+"""The report's HTML page: one self-contained file with light and dark colours."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gaussray.report.markup import Markup, joined, tag
+from gaussray.report.markup import Markup, concatenated, tag
 
 
 STYLE = (Path(__file__).parent / "page.css").read_text()
 SCRIPT = (Path(__file__).parent / "page.js").read_text()
-# Nothing is fetched, whatever a name in the page says.
+# The page loads nothing from elsewhere, whatever names in it contain.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 
 
 class Section(NamedTuple):
-    """A part of a page, with the name that leads to it."""
+    """A part of the page with its title in the navigation."""
 
     title: str
     body: Sequence[Any]
 
 
-def page(title: str, subtitle: str, sections: Sequence[Section | None]) -> str:
-    """A page of the sections that there are."""
+def html_page(title: str, subtitle: str, sections: Sequence[Section | None]) -> str:
+    """The HTML of a page; sections that are None or empty are left out."""
     shown = [section for section in sections if section is not None and any(section.body)]
     links = [tag("a", one.title, href=f"#part-{i}") for i, one in enumerate(shown)]
     parts = [
@@ -47,28 +47,28 @@ def page(title: str, subtitle: str, sections: Sequence[Section | None]) -> str:
     return f"<!doctype html>\n{tag('html', tag('head', head), tag('body', body), lang='en')}\n"
 
 
-def tiles(facts: Sequence[tuple[str, str, str]]) -> Markup:
-    """Figures to be seen first: (what it is, value, unit or remark)."""
+def summary_tiles(rows: Sequence[tuple[str, str, str]]) -> Markup:
+    """The most important figures as tiles: (name, value, unit or remark)."""
     cells = [
         tag("div", tag("dt", name), tag("dd", value, tag("small", f" {unit}") if unit else None))
-        for name, value, unit in facts
+        for name, value, unit in rows
     ]
     return tag("dl", cells, class_="tiles")
 
 
-def table(heads: Sequence[str], rows: Sequence[Sequence[Any]], *, text: int = 1) -> Markup:
-    """Rows of cells, of which the first `text` are words and the others figures."""
+def html_table(heads: Sequence[str], rows: Sequence[Sequence[Any]], *, text: int = 1) -> Markup:
+    """A table. The first `text` columns hold words, the others figures (aligned right)."""
 
     def cells(kind: str, row: Sequence[Any]) -> list[Markup]:
         return [tag(kind, x, class_="word" if i < text else None) for i, x in enumerate(row)]
 
     body = [tag("tr", cells("td", row)) for row in rows]
-    whole = tag("table", tag("thead", tag("tr", cells("th", heads))), tag("tbody", body))
-    return tag("div", whole, class_="wide")
+    table = tag("table", tag("thead", tag("tr", cells("th", heads))), tag("tbody", body))
+    return tag("div", table, class_="wide")
 
 
-def facts(pairs: Sequence[tuple[str, Any]]) -> Markup:
-    """Names with what they stand for, line by line."""
+def definition_list(pairs: Sequence[tuple[str, Any]]) -> Markup:
+    """Names and values, line by line."""
     return tag("dl", [[tag("dt", name), tag("dd", x)] for name, x in pairs], class_="facts")
 
 
@@ -77,6 +77,6 @@ def note(text: str) -> Markup:
     return tag("p", text, class_="note")
 
 
-def folded(title: str, *body: Any) -> Markup:
-    """What is shown when it is asked for."""
-    return tag("details", tag("summary", title), joined(body))
+def collapsed(title: str, *body: Any) -> Markup:
+    """Content that opens when its title is clicked."""
+    return tag("details", tag("summary", title), concatenated(body))

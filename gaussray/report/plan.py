@@ -1,4 +1,4 @@
-"""Where cameras stand and what they look at, from above and from the side."""
+"""Drawings of cameras and Gaussians from above and from the side."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -20,16 +20,19 @@ from gaussray.scene.segmented import Clip, segments_of
 
 
 WIDTH, HEIGHT, EDGE = 480.0, 340.0, 16.0
-# Dots of a scene in one drawing, and colours among them.
-DOTS, TONES = 2500, 24
-# Frusta of one camera on its way, and of all.
-ON_THE_WAY, MOST = 6, 120
+# Gaussians drawn per drawing, at most.
+DOTS = 2500
+# Frusta drawn of one moving camera, and of all cameras, at most.
+FRUSTA_PER_CAMERA, MAX_FRUSTA = 6, 120
 
 
-def plan(views: Sequence[View], scene: Scene | Clip | None, names: dict[str, str]) -> list[Markup]:
-    """The cameras of views over the scene's Gaussians, projected along the vertical and along a
-    horizontal direction. `names` says what the views of each split are called, in the order of the
-    colours."""
+def camera_views(
+    views: Sequence[View], scene: Scene | Clip | None, names: dict[str, str]
+) -> list[Markup]:
+    """The views' cameras over the scene's Gaussians, from above and from the side.
+
+    `names` maps each split to its name in the legend, in the order of the colours.
+    """
     shown = [view for view in views if view.split in names]
     if not shown:
         return []
@@ -54,7 +57,7 @@ def plan(views: Sequence[View], scene: Scene | Clip | None, names: dict[str, str
 
 
 def _pose(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Place and axes (columns right, down, forward) at the frame's own time."""
+    """Position and axes (columns right, down, forward) at the frame's time."""
     place, turn = jax.device_get(_posed(camera.trajectory, camera.time))
     return np.asarray(place, float), np.asarray(turn, float)
 
@@ -66,31 +69,31 @@ def _posed(trajectory, time):
 
 
 def _basis(turn: Float[np.ndarray, "views 3 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Right, up and away of a beholder: up is what most cameras take for it."""
+    """Right, up and forward axes of the drawing; up is the mean up direction of the cameras."""
     up = -turn[:, :, 1].mean(axis=0)
     up = up / np.linalg.norm(up) if np.linalg.norm(up) > 1e-3 else np.array([0.0, 0.0, 1.0])
     away = turn[:, :, 2].mean(axis=0)
     away = away - up * (away @ up)
     if np.linalg.norm(away) < 1e-3:
-        # They look all around.
+        # The cameras look in all directions.
         away = np.cross(np.eye(3)[np.argmin(np.abs(up))], up)
     away = away / np.linalg.norm(away)
     return np.cross(away, up), up, away
 
 
 def _dots(scene: Scene | Clip | None) -> tuple[np.ndarray, np.ndarray]:
-    """Centres of Gaussians and their colours, spread evenly over all of them."""
+    """Centres and linear colours of a random subset of the Gaussians."""
     if scene is None:
         return np.zeros((0, 3)), np.zeros((0, 3))
     parts = [part for one in segments_of(scene)[:1] for part in (one.static, one.moving)]
     mean = np.concatenate([np.asarray(part.mean, float) for part in parts])
     light = np.concatenate([np.asarray(part.harmonics[:, 0]) * C0 + 0.5 for part in parts])
-    some = np.random.default_rng(0).permutation(len(mean))[:DOTS]
-    return mean[some], np.clip(light[some], 0, 1)
+    subset = np.random.default_rng(0).permutation(len(mean))[:DOTS]
+    return mean[subset], np.clip(light[subset], 0, 1)
 
 
 def _bounds(eye: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A rectangle around the cameras and nearly all of the points, as they are projected."""
+    """A rectangle around the projected cameras and nearly all points."""
     low, high = eye.min(axis=0), eye.max(axis=0)
     if len(points):
         inner = np.quantile(points, (0.02, 0.98), axis=0)
@@ -121,23 +124,23 @@ def _drawing(
     for ink, split in enumerate(splits):
         own = [i for i, view in enumerate(views) if view.split == split]
         names = dict.fromkeys(views[i].camera_name for i in own)
-        each = max(1, min(ON_THE_WAY, MOST // max(len(names), 1)))
-        for name in list(names)[:MOST]:
+        each = max(1, min(FRUSTA_PER_CAMERA, MAX_FRUSTA // max(len(names), 1)))
+        for name in list(names)[:MAX_FRUSTA]:
             some = [i for i in own if views[i].camera_name == name]
-            parts += _way(name, placed(eye[some]), color(ink))
+            parts += _camera_path(name, placed(eye[some]), color(ink))
             count = each if np.ptp(eye[some], axis=0).max() * scale > 2 else 1
             for i in {some[k] for k in np.linspace(0, len(some) - 1, count).astype(int)}:
-                rim = edges(views[i].camera)
+                rim = edge_directions(views[i].camera)
                 frustum = placed(eye[i] + length * rim @ turn[i].T)
                 parts.append(_frustum(name, placed(eye[i]), frustum, color(ink)))
-    parts += _ruler(scale)
+    parts += _scale_bar(scale)
     drawing = tag("svg", parts, viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", role="img", aria_label=title)
     return tag("figure", tag("h3", title), drawing, class_="panel")
 
 
-def edges(camera: Camera) -> Float[np.ndarray, "4 3"]:
-    """Unit directions, in the camera, through the middles of the picture's left, top, right and
-    bottom edge, or as near to them as the lens sees."""
+def edge_directions(camera: Camera) -> Float[np.ndarray, "4 3"]:
+    """Unit directions in camera axes through the middles of the picture's left, top, right and
+    bottom edge, or through the nearest point that the lens forms."""
     film, found = camera.film, []
     middle = np.array([film.width, film.height]) / 2
     for side in ((-1, 0), (0, -1), (1, 0), (0, 1)):
@@ -156,7 +159,7 @@ def _directions(lens, pixel):
 
 
 def _cloud(place: np.ndarray, tone: np.ndarray) -> list[Markup]:
-    """Dots, those of one colour in one path."""
+    """The Gaussians as dots, one SVG path per colour."""
     if not len(place):
         return []
     inside = (place > 0).all(axis=1) & (place < (WIDTH, HEIGHT)).all(axis=1)
@@ -170,8 +173,8 @@ def _cloud(place: np.ndarray, tone: np.ndarray) -> list[Markup]:
     return parts
 
 
-def _way(name: str, place: np.ndarray, ink: str) -> list[Markup]:
-    """The line on which a camera travels, if it does."""
+def _camera_path(name: str, place: np.ndarray, ink: str) -> list[Markup]:
+    """The path of a moving camera."""
     if len(place) < 2 or np.ptp(place, axis=0).max() < 2:
         return []
     path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in place)
@@ -179,7 +182,7 @@ def _way(name: str, place: np.ndarray, ink: str) -> list[Markup]:
 
 
 def _frustum(name: str, eye: np.ndarray, rim: np.ndarray, ink: str) -> Markup:
-    """A camera: its eye, and rays through the edges of its picture."""
+    """A camera as its centre and rays through the edges of its picture."""
     x, y = eye
     rays = "".join(f"M{x:.1f} {y:.1f}L{a:.1f} {b:.1f}" for a, b in rim)
     around = "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in rim) + "Z"
@@ -192,8 +195,8 @@ def _frustum(name: str, eye: np.ndarray, rim: np.ndarray, ink: str) -> Markup:
     )
 
 
-def _ruler(scale: float) -> list[Markup]:
-    """A length of 1, 2 or 5 times a power of ten, in the scene's unit."""
+def _scale_bar(scale: float) -> list[Markup]:
+    """A scale bar of 1, 2 or 5 times a power of ten scene units."""
     wanted = 90 / scale
     power = 10.0 ** np.floor(np.log10(wanted))
     length = float(next(power * m for m in (5, 2, 1) if power * m <= wanted))

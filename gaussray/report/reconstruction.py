@@ -1,4 +1,4 @@
-"""How a reconstruction went: curves of the fit, what the scene requires."""
+"""Sections of a reconstruction report: training curves and pruning."""
 
 from pathlib import Path
 from typing import Any
@@ -7,61 +7,61 @@ import numpy as np
 
 from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import Markup, tag
-from gaussray.report.page import Section, note, table
-from gaussray.report.run import clock, lines
+from gaussray.report.page import Section, html_table, note
+from gaussray.report.run import duration, json_lines
 
 
-# What a line of metrics.jsonl holds beside terms of the loss.
+# Keys of metrics.jsonl that are not terms of the loss.
 _OTHER = ("segment", "stage", "step", "seconds", "psnr", "gaussians", "mse")
-# How terms of the loss are called.
+# Names of the terms of the loss.
 TERMS = {
-    "l1": "difference (L1)",
-    "ssim": "structure (SSIM)",
-    "one": "planes near 1",
-    "space": "planes smooth in space",
-    "time": "planes smooth in time",
+    "l1": "L1",
+    "ssim": "D-SSIM",
+    "one": "planes: distance from 1",
+    "space": "planes: smoothness in space",
+    "time": "planes: smoothness in time",
 }
 
 
-def curves(out: Path) -> Section | None:
-    """PSNR, terms of the loss, Gaussians and pace over all steps."""
-    told = lines(out / "metrics.jsonl")
-    if not told:
+def training_curves(out: Path) -> Section | None:
+    """PSNR, loss terms, number of Gaussians and time per step over all training steps."""
+    log = json_lines(out / "metrics.jsonl")
+    if not log:
         return None
-    step, borders = _steps(told)
-    psnr = Curve("training rays", step, _column(told, "psnr"))
-    names = [name for line in told for name in line if name not in _OTHER]
-    terms = [Curve(TERMS.get(n, n), step, _column(told, n)) for n in dict.fromkeys(names)]
-    pace, at = _pace(told, step)
-    count = Curve("Gaussians", step, _column(told, "gaussians"))
+    step, borders = _steps(log)
+    psnr = Curve("training rays", step, _column(log, "psnr"))
+    names = [name for line in log for name in line if name not in _OTHER]
+    terms = [Curve(TERMS.get(n, n), step, _column(log, n)) for n in dict.fromkeys(names)]
+    pace, at = _pace(log, step)
+    count = Curve("Gaussians", step, _column(log, "gaussians"))
     changes = np.ptp(count.y[np.isfinite(count.y)]) if np.isfinite(count.y).any() else 0
     drawn = [
         chart("PSNR of training rays (dB)", [psnr], x_label="step", borders=borders),
-        chart("terms of the loss", terms, x_label="step", log=True, borders=borders),
-        chart("milliseconds a step", [Curve("ms", at, pace)], x_label="step", borders=borders),
+        chart("loss terms", terms, x_label="step", log=True, borders=borders),
+        chart("milliseconds per step", [Curve("ms", at, pace)], x_label="step", borders=borders),
         chart("Gaussians", [count], x_label="step", borders=borders) if changes else None,
     ]
-    words = "Each point is the mean over a block of steps. Blocks in which programs were compiled "
-    words += "are left out of the pace."
-    return Section("Fit", [tag("div", drawn, class_="grid"), note(words)])
+    words = "Each point is the mean over a block of steps. The time per step leaves out blocks in "
+    words += "which programs were compiled."
+    return Section("Training", [tag("div", drawn, class_="grid"), note(words)])
 
 
-def stages(out: Path) -> list[tuple[str, str]]:
-    """How long each stage took, from its first line of figures to its last."""
-    found: dict[str, list[float]] = {}
-    for line in lines(out / "metrics.jsonl"):
-        found.setdefault(_stage(line), []).append(line["seconds"])
-    return [(name, clock(max(x[-1] - x[0], 0.0))) for name, x in found.items() if len(x) > 1]
+def stage_durations(out: Path) -> list[tuple[str, str]]:
+    """Duration of each training stage, from its first log line to its last."""
+    durations: dict[str, list[float]] = {}
+    for line in json_lines(out / "metrics.jsonl"):
+        durations.setdefault(_stage(line), []).append(line["seconds"])
+    return [(name, duration(max(x[-1] - x[0], 0.0))) for name, x in durations.items() if len(x) > 1]
 
 
 def last_psnr(out: Path) -> float | None:
-    """PSNR of the rays of the last block of steps."""
-    told = lines(out / "metrics.jsonl")
-    return told[-1]["psnr"] if told else None
+    """PSNR of the training rays in the last block of steps, in dB; None without a log."""
+    log = json_lines(out / "metrics.jsonl")
+    return log[-1]["psnr"] if log else None
 
 
-def requirement(report: dict[str, Any]) -> Section | None:
-    """What was taken away because the training pictures do not miss it, and what was not."""
+def pruning(report: dict[str, Any]) -> Section | None:
+    """What pruning removed from the scene, what it kept, and the PSNR that each removal costs."""
     body: list[Markup] = []
     for i, one in enumerate(report.get("segments", [report]), 1):
         if "steps" not in one:
@@ -69,32 +69,32 @@ def requirement(report: dict[str, Any]) -> Section | None:
         several = len(report.get("segments", [])) > 1
         body += [tag("h3", f"segment {i}")] if several else []
         before, after = one["before"], one["after"]
-        body.append(table(
+        body.append(html_table(
             ("", "before", "after"),
-            [(_WORDS.get(name, name), _told(x), _told(after.get(name)))
+            [(_WORDS.get(name, name), _figure(x), _figure(after.get(name)))
              for name, x in before.items()],
         ))  # fmt: skip
-        body.append(table(
-            ("tried without", "taken away", "dB lost"),
+        body.append(html_table(
+            ("candidate", "removed", "PSNR loss (dB)"),
             [(s["step"], "yes" if s["taken"] else "no", f"{s['loss']:.4f}") for s in one["steps"]],
         ))  # fmt: skip
-    words = "A thing is taken away if that costs the training rays at most need.loss dB."
-    return Section("What the scene requires", [*body, note(words)]) if body else None
+    words = "A candidate is removed if the PSNR of the training rays falls by at most need.loss dB."
+    return Section("Pruning", [*body, note(words)]) if body else None
 
 
 _WORDS = {
     "gaussians": "Gaussians",
-    "moving": "of which move",
-    "heads": "heads of the field",
-    "scales": "scales of its planes",
-    "rows": "rows of its planes in time",
-    "degree": "degree of the harmonics",
+    "moving": "moving Gaussians",
+    "heads": "heads of the deformation network",
+    "scales": "scales of the feature planes",
+    "rows": "rows of the planes in time",
+    "degree": "degree of the spherical harmonics",
     "bytes": "bytes in memory",
     "psnr": "PSNR (dB)",
 }
 
 
-def _told(value: Any) -> str:
+def _figure(value: Any) -> str:
     return f"{value:,}" if isinstance(value, int) else f"{value:.2f}" if value is not None else "-"
 
 
@@ -103,10 +103,10 @@ def _stage(line: dict[str, Any]) -> str:
     return f"{part}{line['stage']}"
 
 
-def _steps(told: list[dict[str, Any]]) -> tuple[np.ndarray, list[tuple[float, str]]]:
-    """Steps counted through all stages, and where each of these begins."""
+def _steps(log: list[dict[str, Any]]) -> tuple[np.ndarray, list[tuple[float, str]]]:
+    """Step numbers counted through all stages, and the (step, name) at which each stage begins."""
     steps, borders, before, last, stage = [], [], 0, 0, None
-    for line in told:
+    for line in log:
         if _stage(line) != stage:
             before, stage = before + last, _stage(line)
             borders.append((float(before), stage))
@@ -115,18 +115,18 @@ def _steps(told: list[dict[str, Any]]) -> tuple[np.ndarray, list[tuple[float, st
     return np.array(steps, float), borders
 
 
-def _column(told: list[dict[str, Any]], name: str) -> np.ndarray:
-    values = [line.get(name) for line in told]
+def _column(log: list[dict[str, Any]], name: str) -> np.ndarray:
+    values = [line.get(name) for line in log]
     return np.array([np.nan if value is None else value for value in values], float)
 
 
-def _pace(told: list[dict[str, Any]], step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Milliseconds a step between two lines of one stage, and the steps at which that was."""
-    seconds = _column(told, "seconds")
-    same = np.array([_stage(a) == _stage(b) for a, b in zip(told, told[1:], strict=False)], bool)
+def _pace(log: list[dict[str, Any]], step: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Milliseconds per step between consecutive log lines of a stage, and their steps."""
+    seconds = _column(log, "seconds")
+    same = np.array([_stage(a) == _stage(b) for a, b in zip(log, log[1:], strict=False)], bool)
     spent, done = np.diff(seconds), np.diff(step)
     good = same & (spent > 0) & (done > 0)
     pace = 1e3 * spent[good] / done[good]
-    usual = np.median(pace) if len(pace) else 0.0
-    kept = pace < 8 * usual
+    median = np.median(pace) if len(pace) else 0.0
+    kept = pace < 8 * median
     return pace[kept], step[1:][good][kept]

@@ -1,53 +1,53 @@
-"""What every page says of its run: how to do it again, with what it was done, how long it took."""
+"""Sections of every report: how to reproduce the run, what it ran with, how long it took."""
 
 import json
 from pathlib import Path
 from typing import Any
 
 from gaussray.report.markup import Markup, tag
-from gaussray.report.page import Section, facts, folded, note
+from gaussray.report.page import Section, collapsed, definition_list, note
 from gaussray.runtime.provenance import command, noted
 
 
 def subtitle(out: Path) -> str:
-    """Where the files are, and when they were made."""
-    told = noted(out)
-    began = str(told.get("began", "")).replace("T", " ")[:16]
+    """The run's folder and start time."""
+    record = noted(out)
+    began = str(record.get("began", "")).replace("T", " ")[:16]
     return " · ".join(filter(None, (str(out), began)))
 
 
-def reproduce(out: Path, timings: list[tuple[str, Any]]) -> Section:
-    """The command, the code, its packages, the times, and the configuration that was resolved."""
-    told, body = noted(out), list[Any]()
-    asked = told.get("command") or command()
-    if asked:
-        body += [tag("h3", "Command"), tag("pre", asked, class_="command")]
-    changed = ", with changes" if told.get("changed") else ""
-    code = [("commit", told["git"] + changed)] if "git" in told else []
-    versions = told.get("versions", {})
+def reproduction(out: Path, timings: list[tuple[str, Any]]) -> Section:
+    """The command, git commit, package versions, durations and resolved configuration of a run."""
+    record, body = noted(out), list[Any]()
+    line = record.get("command") or command()
+    if line:
+        body += [tag("h3", "Command"), tag("pre", line, class_="command")]
+    changed = ", with uncommitted changes" if record.get("changed") else ""
+    code = [("commit", record["git"] + changed)] if "git" in record else []
+    versions = record.get("versions", {})
     packages = ", ".join(f"{name} {x}" for name, x in versions.items() if name != "device")
-    pairs = [*code, ("packages", packages), ("python", told.get("python"))]
+    pairs = [*code, ("packages", packages), ("python", record.get("python"))]
     pairs += [("device", versions.get("device"))]
     pairs = [(name, x) for name, x in pairs if x]
-    body += [tag("h3", "Made with"), facts(pairs)] if pairs else []
-    timings = [*timings, *([("in all", clock(told["seconds"]))] if "seconds" in told else [])]
+    body += [tag("h3", "Made with"), definition_list(pairs)] if pairs else []
+    timings = [*timings, *([("total", duration(record["seconds"]))] if "seconds" in record else [])]
     if timings:
-        body += [tag("h3", "Time"), facts(timings)]
-    body.append(configuration(out))
-    return Section("Do it again", body)
+        body += [tag("h3", "Time"), definition_list(timings)]
+    body.append(configuration_text(out))
+    return Section("Reproduce", body)
 
 
-def configuration(out: Path) -> Markup:
-    """config.yaml, on request."""
+def configuration_text(out: Path) -> Markup:
+    """The content of config.yaml, collapsed."""
     try:
         text = (out / "config.yaml").read_text()
     except OSError:
         return note("There is no config.yaml.")
-    return folded("The configuration, every key resolved", tag("pre", text))
+    return collapsed("Resolved configuration (config.yaml)", tag("pre", text))
 
 
-def clock(seconds: float | int) -> str:
-    """Seconds as people say them."""
+def duration(seconds: float | int) -> str:
+    """A duration in seconds, minutes or hours."""
     if seconds < 60:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)
@@ -55,28 +55,28 @@ def clock(seconds: float | int) -> str:
     return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s"
 
 
-def size(count: float | int) -> tuple[str, str]:
-    """Bytes as a figure and its unit."""
+def file_size(count: float | int) -> tuple[str, str]:
+    """A number of bytes as a figure and its unit."""
     return (f"{count / 1e6:.3g}", "MB") if count >= 1e5 else (f"{count / 1e3:.3g}", "kB")
 
 
-def lines(path: Path) -> list[dict[str, Any]]:
-    """JSON lines of a file, those that are whole; none if it is not there."""
-    found = []
+def json_lines(path: Path) -> list[dict[str, Any]]:
+    """Records of a JSON lines file; invalid lines are left out; none if the file is missing."""
+    records = []
     try:
         text = path.read_text()
     except OSError:
         return []
     for line in text.splitlines():
         try:
-            found.append(json.loads(line))
+            records.append(json.loads(line))
         except ValueError:
             continue
-    return found
+    return records
 
 
-def document(path: Path) -> dict[str, Any]:
-    """A JSON document; nothing if it is not there."""
+def json_document(path: Path) -> dict[str, Any]:
+    """The content of a JSON file; empty if it is missing or invalid."""
     try:
         return json.loads(path.read_text())
     except (OSError, ValueError):

@@ -23,7 +23,7 @@ from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.safe.limits import Limits, limit, limits
 from gaussray.render.renderer import Renderer, RenderOptions
-from gaussray.report.run import document
+from gaussray.report.run import json_document
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import save_scene
 
@@ -132,7 +132,7 @@ def test_what_is_recorded_wrong_is_found(run):
 
 
 def test_a_page_says_what_was_found(run):
-    page, report = run[0] / "found" / "report.html", document(run[0] / "found" / "report.json")
+    page, report = run[0] / "found" / "report.html", json_document(run[0] / "found" / "report.json")
     text = page.read_text()
     assert text.endswith("</html>\n") and "NaN" not in text and "gaussray calibrate" in text
     for row in report["parameters"]:

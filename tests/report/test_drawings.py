@@ -11,7 +11,7 @@ import toy
 from gaussray.camera.aperture import Aperture
 from gaussray.camera.lens import KannalaBrandt
 from gaussray.report import optics
-from gaussray.report.plan import _basis, edges
+from gaussray.report.plan import _basis, edge_directions
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -48,18 +48,18 @@ def test_up_is_what_the_cameras_take_for_it_and_the_axes_are_square():
 
 def test_beams_meet_where_the_camera_is_focused():
     camera = toy.camera()
-    opening = Aperture(*(toy.single(x) for x in (0.2, 2.5, 0.0, 1.0)))
-    camera = dataclasses.replace(camera, aperture=opening)
+    aperture = Aperture(*(toy.single(x) for x in (0.2, 2.5, 0.0, 1.0)))
+    camera = dataclasses.replace(camera, aperture=aperture)
     origin, direction = optics._rays(camera, np.array([0.2, 0.8]), np.linspace(0, 0.99, 5))
     meet = origin + direction * ((2.5 - origin[..., 2:]) / direction[..., 2:])
     np.testing.assert_allclose(meet, np.broadcast_to(meet[:, :1], meet.shape), atol=1e-5)
     assert np.ptp(origin[..., 0]) > 0.3
 
 
-def test_a_shutter_is_drawn_if_it_is_no_instant_and_an_opening_if_there_is_one():
+def test_a_shutter_is_drawn_unless_instantaneous_and_an_aperture_if_there_is_one():
     still, moving = toy.camera(), toy.rolling(toy.camera())
-    assert len(optics.drawn("a", still, "s")) == 1
-    drawn = optics.drawn("a", moving, "s")
+    assert len(optics.camera_drawings("a", still, "s")) == 1
+    drawn = optics.camera_drawings("a", moving, "s")
     assert len(drawn) == 2 and "readout 0.2, exposure 0 (s)" in drawn[1]
 
 
@@ -67,6 +67,6 @@ def test_no_drawing_has_a_number_that_is_none():
     wide = dataclasses.replace(
         toy.rolling(toy.camera()), aperture=Aperture(*(toy.single(x) for x in (0.2, 2.5, 0.0, 1.0)))
     )
-    for figure in optics.drawn("a", wide, "s"):
+    for figure in optics.camera_drawings("a", wide, "s"):
         assert not re.search(r"\b(nan|inf)\b", figure)
-    assert np.isfinite(edges(wide)).all()
+    assert np.isfinite(edge_directions(wide)).all()

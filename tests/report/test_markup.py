@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from gaussray.report.chart import Curve, chart, ticks
-from gaussray.report.markup import Markup, joined, tag
-from gaussray.report.page import Section, page, table
+from gaussray.report.markup import Markup, concatenated, tag
+from gaussray.report.page import Section, html_page, html_table
 
 
 EVIL = """<script>alert("1")</script>'&"""
@@ -17,7 +17,7 @@ def test_children_and_values_are_escaped_and_markup_is_not():
     made = tag("p", EVIL, tag("b", "x"), title=EVIL)
     assert "<script" not in made and made.count("<b>x</b>") == 1
     assert "&lt;script&gt;" in made and "&quot;" in made and "&#x27;&amp;" in made
-    assert joined([Markup("<i>"), ["<i>", None]]) == "<i>&lt;i&gt;"
+    assert concatenated([Markup("<i>"), ["<i>", None]]) == "<i>&lt;i&gt;"
 
 
 def test_attributes_are_named_as_in_html():
@@ -28,14 +28,14 @@ def test_attributes_are_named_as_in_html():
 
 def test_a_page_of_untrusted_names_holds_no_element_of_theirs():
     curves = [Curve(EVIL, np.arange(3.0), np.arange(3.0)), Curve("b", np.arange(2.0), np.ones(2))]
-    body = [table([EVIL, "x"], [[EVIL, 1.0]]), chart(EVIL, curves, x_label=EVIL)]
-    made = page(EVIL, EVIL, [Section(EVIL, body), None])
+    body = [html_table([EVIL, "x"], [[EVIL, 1.0]]), chart(EVIL, curves, x_label=EVIL)]
+    made = html_page(EVIL, EVIL, [Section(EVIL, body), None])
     assert made.count("<script>") == 1 and "alert(" in made
     assert "<script>alert" not in made
 
 
 def test_a_page_asks_for_nothing_from_elsewhere():
-    made = page("title", "", [Section("part", [tag("p", "text")])])
+    made = html_page("title", "", [Section("part", [tag("p", "text")])])
     assert "default-src 'none'" in made and "prefers-color-scheme: dark" in made
     assert not re.search(r"(src|href)=.(https?:|//)|@import|url\(", made)
 

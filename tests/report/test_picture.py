@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaussray.dataset.images import write_image
-from gaussray.report.picture import BYTES, FULL, HEAT, SMALL, compared, film, heat, inline
+from gaussray.report.picture import BYTES, FULL, HEAT, SMALL, compared, heat, inline, sequence
 
 
 def noise(side):
@@ -47,6 +47,6 @@ def test_the_difference_map_is_black_where_nothing_differs_and_light_from_the_en
 def test_names_of_cameras_are_escaped_and_sliders_named():
     evil, picture = "<img src=x onerror=alert(1)>", noise(8)
     shown = compared(picture, picture, [evil], most=9_000)
-    shown += film([(evil, picture), ("b", picture)], evil, most=9_000)
+    shown += sequence([(evil, picture), ("b", picture)], evil, most=9_000)
     assert "<img src=x" not in shown and "&lt;img" in shown
     assert shown.count('type="range"') == 2 and shown.count("aria-label=") == 2

@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from gaussray.report import reconstruction as fitted
-from gaussray.report.run import clock, lines, reproduce, size
+from gaussray.report import reconstruction
+from gaussray.report.run import duration, file_size, json_lines, reproduction
 
 
 @pytest.fixture
@@ -24,15 +24,15 @@ def out(tmp_path):
 
 
 def test_steps_are_counted_through_the_stages(out):
-    told = lines(out / "metrics.jsonl")
-    step, borders = fitted._steps(told)
+    told = json_lines(out / "metrics.jsonl")
+    step, borders = reconstruction._steps(told)
     assert step.tolist() == [10, 20, 30, 40, 50, 60]
     assert borders == [(0.0, "coarse"), (20.0, "fine")]
 
 
 def test_the_pace_leaves_out_the_change_of_stages_and_interruptions(out):
-    told = lines(out / "metrics.jsonl")
-    pace, at = fitted._pace(told, fitted._steps(told)[0])
+    told = json_lines(out / "metrics.jsonl")
+    pace, at = reconstruction._pace(told, reconstruction._steps(told)[0])
     np.testing.assert_allclose(pace, [100, 200, 200])
     assert at.tolist() == [20, 40, 60]
 
@@ -40,17 +40,24 @@ def test_the_pace_leaves_out_the_change_of_stages_and_interruptions(out):
 def test_what_was_tried_is_listed_with_its_loss():
     step = {"step": "<b>faint</b>", "taken": True, "loss": 0.01}
     facts = {"gaussians": 12000, "psnr": 25.0}
-    section = fitted.requirement({"before": facts, "after": facts, "steps": [step]})
+    section = reconstruction.pruning({"before": facts, "after": facts, "steps": [step]})
     text = "".join(map(str, section.body))
     assert "12,000" in text and "0.0100" in text and "&lt;b&gt;faint" in text
-    assert fitted.requirement({"precision": "full"}) is None
+    assert reconstruction.pruning({"precision": "full"}) is None
 
 
 def test_a_run_that_left_little_has_what_there_is(tmp_path):
-    assert fitted.curves(tmp_path) is None and fitted.last_psnr(tmp_path) is None
-    assert "There is no config.yaml." in "".join(map(str, reproduce(tmp_path, []).body))
+    assert (
+        reconstruction.training_curves(tmp_path) is None
+        and reconstruction.last_psnr(tmp_path) is None
+    )
+    assert "There is no config.yaml." in "".join(map(str, reproduction(tmp_path, []).body))
 
 
 def test_times_and_sizes_are_said_as_people_say_them():
-    assert (clock(3.14), clock(75.0), clock(7320.0)) == ("3.1 s", "1 min 15 s", "2 h 2 min")
-    assert (size(299_000.0), size(2_500.0)) == (("0.299", "MB"), ("2.5", "kB"))
+    assert (duration(3.14), duration(75.0), duration(7320.0)) == (
+        "3.1 s",
+        "1 min 15 s",
+        "2 h 2 min",
+    )
+    assert (file_size(299_000.0), file_size(2_500.0)) == (("0.299", "MB"), ("2.5", "kB"))
