@@ -45,7 +45,7 @@ def _capture(path: str, node: Configuration, label: str, prefix: str = "") -> An
 
 
 def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
-    from gaussray.evaluate.pipeline import scene_facts
+    from gaussray.evaluate.pipeline import scene_size
     from gaussray.reconstruct.log import refuse
     from gaussray.reconstruct.pipeline import reconstruct
 
@@ -62,7 +62,7 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     out = begin_run_folder(cfg)
     how: dict[str, Any] = {"devices": devices, "quiet": cfg.quiet, "told": _scalars(cfg, out)}
     scene = reconstruct(capture, out, options=chosen, resume=resume, **how)
-    facts = scene_facts(scene)
+    facts = scene_size(scene)
     text = f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move."
     _say(text, out=str(out), scene=facts)
     return {"scene": scene, "capture": capture}
@@ -115,7 +115,7 @@ def view(cfg: Configuration, overrides: Sequence[str]) -> None:
 
 def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
-    from gaussray.evaluate.scores import table
+    from gaussray.evaluate.scores import scores_text
     from gaussray.render.renderer import RenderOptions
     from gaussray.scene.store import load_scene
     from gaussray.tracer.trace import TraceOptions
@@ -139,7 +139,7 @@ def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         devices=devices,
         quiet=cfg.quiet,
     )
-    _say(table(report), out=str(out), report=report)
+    _say(scores_text(report), out=str(out), report=report)
     return {"scene": scene, "capture": truth}
 
 

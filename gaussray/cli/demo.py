@@ -8,7 +8,7 @@ from typing import Any
 
 from gaussray.capture.formats.paired import read_capture
 from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
-from gaussray.evaluate.scores import table
+from gaussray.evaluate.scores import scores_text
 from gaussray.io.atomic import write_json
 from gaussray.io.sample_data import sample
 from gaussray.reconstruct.pipeline import ReconstructOptions, reconstruct
@@ -65,7 +65,7 @@ def demo(
     # The training views leave a row in the report, not a folder.
     shutil.rmtree(out / "train", ignore_errors=True)
     write_json(out / "report.json", report)
-    say(table({"effects": {"training views": report["train"], **report["effects"]}}))
+    say(scores_text({"effects": {"training views": report["train"], **report["effects"]}}))
     facts = report["scene"]
     say(
         f"{facts['gaussians']} Gaussians, of which {facts['moving']} move, "

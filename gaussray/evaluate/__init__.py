@@ -1,3 +1,3 @@
-"""Pictures of a scene, scored against the pictures of a capture."""
+"""Evaluation: scores of rendered pictures against the pictures of a capture."""
 
 from gaussray.evaluate.pipeline import EvaluateOptions as EvaluateOptions, evaluate as evaluate

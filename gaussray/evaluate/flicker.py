@@ -1,55 +1,57 @@
-"""How much trembles in pictures of what stands still."""
+"""Flicker: how much static pixels change over time."""
 
 import numpy as np
 from jaxtyping import Bool, UInt8
 
 
 class Flicker:
-    """Sums over the pictures of each camera from which their flicker follows.
+    """Accumulates the flicker of each camera's pictures.
 
-    The flicker of a film is the root mean square difference of its pictures from their mean over
-    time, over pixels that never move, in sRGB codes of 255. The truth has one of its own, of noise
-    and of light that changes a little; ours is as steady if it is no larger. Pictures may come in
-    any order; a camera with a single one says nothing.
+    Flicker is the root mean square difference of a camera's pictures from their mean over time,
+    over pixels that never move, in 8-bit sRGB levels. The capture's own flicker comes from noise
+    and small changes of light; a rendering is as steady as the capture if its flicker is no larger.
+    Pictures may come in any order; a camera with one picture does not count.
     """
 
     def __init__(self):
-        # Number, sum and sum of squares of the pictures by part and camera, the truth's before
-        # ours: exact in 32 bits for 66,000 pictures.
-        self._films: dict[tuple[str, str], tuple[int, np.ndarray, np.ndarray]] = {}
+        # Number, sum and sum of squares of the pictures by part and camera, truth before rendering.
+        # 32 bits are exact up to 66,000 pictures.
+        self._sums: dict[tuple[str, str], tuple[int, np.ndarray, np.ndarray]] = {}
 
     def add(
         self,
         part: str,
         camera: str,
-        still: Bool[np.ndarray, "h w"],
+        static: Bool[np.ndarray, "h w"],
         truth: UInt8[np.ndarray, "h w 3"],
-        ours: UInt8[np.ndarray, "h w 3"],
+        image: UInt8[np.ndarray, "h w 3"],
     ) -> None:
-        """One more picture of a camera, as codes; `still` is the same for all of them."""
-        codes = np.stack([truth[still], ours[still]]).astype(np.uint32)
-        frames, total, square = self._films.get((part, camera), (0, *np.zeros_like([codes, codes])))
-        self._films[part, camera] = frames + 1, total + codes, square + codes * codes
+        """Add a picture of a camera in 8-bit levels. `static` pixels must be the same for all."""
+        levels = np.stack([truth[static], image[static]]).astype(np.uint32)
+        frames, total, square = self._sums.get(
+            (part, camera), (0, *np.zeros_like([levels, levels]))
+        )
+        self._sums[part, camera] = frames + 1, total + levels, square + levels * levels
 
     def figures(self, part: str | None = None) -> dict[str, float]:
-        """`flicker` of ours and `flicker_truth`, of one part or of all; empty if nothing is known.
+        """`flicker` of the renderings and `flicker_truth` of the capture, for one part or for all.
 
-        Every camera counts by its pictures and pixels.
+        Cameras are weighted by their number of pictures and pixels. Empty without data.
         """
         square, weight = np.zeros(2), 0
-        for camera in dict.fromkeys(camera for _, camera in self._films):
-            own = [
-                film
-                for (name, seen_by), film in self._films.items()
-                if seen_by == camera and part in (None, name)
+        for camera in dict.fromkeys(camera for _, camera in self._sums):
+            sums = [
+                one
+                for (name, owner), one in self._sums.items()
+                if owner == camera and part in (None, name)
             ]
-            frames = sum(film[0] for film in own)
+            frames = sum(one[0] for one in sums)
             if frames > 1:
-                total = np.stack([x for _, x, _ in own]).sum(axis=0, dtype=np.float64)
-                squares = np.stack([x for _, _, x in own]).sum(axis=0, dtype=np.float64)
+                total = np.stack([x for _, x, _ in sums]).sum(axis=0, dtype=np.float64)
+                squares = np.stack([x for _, _, x in sums]).sum(axis=0, dtype=np.float64)
                 square += np.sum(squares - total * total / frames, axis=(1, 2))
                 weight += frames * total[0].size
         if not weight:
             return {}
-        truth, ours = np.sqrt(np.maximum(square, 0) / weight)
-        return {"flicker": round(float(ours), 4), "flicker_truth": round(float(truth), 4)}
+        truth, rendered = np.sqrt(np.maximum(square, 0) / weight)
+        return {"flicker": round(float(rendered), 4), "flicker_truth": round(float(truth), 4)}

@@ -1,4 +1,4 @@
-"""How close a picture is to the truth, in double precision, between sRGB values in 0..1."""
+"""PSNR, SSIM and the mask of moving pixels, in double precision."""
 
 from typing import Any
 
@@ -14,10 +14,19 @@ _WINDOW = 11  # of the SSIM paper: Gaussian, sigma 1.5, cut at 3.5 sigma
 
 
 def psnr(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None = None) -> float:
-    """Peak signal-to-noise ratio in dB, -10 log10 of the mean squared difference.
+    """Peak signal-to-noise ratio of two pictures.
 
-    sRGB-encoded pictures: uint8 codes or floats in 0..1. Equal pictures have infinity; a mask with
-    no pixel has NaN.
+    Args:
+        truth: sRGB-encoded picture (h, w, 3), uint8 or float in 0..1.
+        image: The picture to score, of the same size.
+        mask: Pixels (h, w) to compare; None compares all.
+
+    Returns:
+        -10 log10 of the mean squared difference, in dB; infinity for equal pictures, NaN for an
+        empty mask.
+
+    Raises:
+        ValueError: If sizes or dtypes do not fit.
     """
     truth, image, mask = _pair(truth, image, mask)
     square = (truth - image) ** 2
@@ -29,11 +38,20 @@ def psnr(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None
 
 
 def ssim(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None = None) -> float:
-    """Structural similarity (Wang et al. 2004: Gaussian window, sigma 1.5, population covariance),
-    mean over channels and pixels, of sRGB-encoded pictures.
+    """Structural similarity of two pictures (Wang et al. 2004: Gaussian window, sigma 1.5,
+    population covariance), mean over channels and pixels.
 
-    Whole pictures leave out the 5-pixel border, where the window is cut; with a mask it is the mean
-    of the map inside it, border included, and NaN if the mask has no pixel.
+    Args:
+        truth: sRGB-encoded picture (h, w, 3), uint8 or float in 0..1.
+        image: The picture to score, of the same size.
+        mask: Pixels (h, w) over which the SSIM map is averaged, the border included; None averages
+            all but the 5-pixel border, where the window is cut.
+
+    Returns:
+        A value up to 1, which equal pictures have; NaN for an empty mask.
+
+    Raises:
+        ValueError: If sizes or dtypes do not fit, or a side is below 11 pixels.
     """
     truth, image, mask = _pair(truth, image, mask)
     if min(truth.shape[:2]) < _WINDOW:
@@ -60,8 +78,15 @@ def ssim(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None
 def moving_mask(
     frames: np.ndarray | Array, *, threshold: float = 0.1
 ) -> Bool[np.ndarray, "frames h w"]:
-    """Pixels that move, in the encoded frames [t, h, w, 3] of one camera: those more than
-    `threshold` from that camera's temporal median in some channel."""
+    """Moving pixels in the frames of one camera that stands still.
+
+    Args:
+        frames: sRGB-encoded frames (t, h, w, 3), uint8 or float in 0..1.
+        threshold: Difference from the temporal median above which a channel counts as moving.
+
+    Returns:
+        A mask (t, h, w) of the pixels of which a channel differs by more than the threshold.
+    """
     values = _unit(frames, np.float32)
     median = np.median(values, axis=0)
     return np.stack([(np.abs(frame - median) > threshold).any(axis=-1) for frame in values])

@@ -1,4 +1,4 @@
-"""Our pictures against the truth, effect by effect, through the recorded cameras."""
+"""Evaluation: renders the recorded cameras of a capture and scores each effect."""
 
 import dataclasses
 import json
@@ -33,17 +33,26 @@ from gaussray.scene.segmented import Clip, segments_of
 from gaussray.tracer.trace import TraceOptions
 
 
-# A line for every picture that was scored.
+# A line per scored picture.
 SCORES = "scores.jsonl"
 
 
 class EvaluateOptions(eqx.Module):
-    """Which pictures are scored and how finely they are sampled.
+    """Which pictures are scored, and with how many rays per pixel.
 
-    `split` is train, test or all; `effects` names those to score (none named = all). At most
-    `frames` pictures per effect, evenly spread (0 = all).
-    Rays per pixel by effect: `pinhole`, `rolling_shutter`, `fisheye`, `depth_of_field`; other
-    effects take `other`. `images` writes truth, ours and the difference side by side.
+    Args:
+        split: `train`, `test` or `all`.
+        effects: Names of the effects to score. Empty: all.
+        frames: The largest number of pictures per effect, evenly spread. 0: all.
+        pinhole: Rays per pixel of the effect `pinhole`.
+        rolling_shutter: Rays per pixel of the effect `rolling_shutter`.
+        fisheye: Rays per pixel of the effect `fisheye`.
+        depth_of_field: Rays per pixel of the effect `depth_of_field`.
+        other: Rays per pixel of any other effect.
+        images: Whether to write truth, rendering and difference side by side, and videos.
+
+    Raises:
+        ValueError: If an option is out of range. The message names its key.
     """
 
     split: str = eqx.field(static=True, default="test")
@@ -83,21 +92,34 @@ def evaluate(
     devices: int | None = None,
     quiet: bool = False,
 ) -> dict[str, Any]:
-    """Render every listed frame with its recorded camera and score it.
+    """Render every listed frame with its recorded camera and score it against the picture.
 
-    Returns what is also written to `out`/report.json: PSNR and SSIM per effect (means over
-    pictures), the same inside the lens's field of view (`masked`) and inside the paper's disc
-    (`circle`) where that is not the whole picture, PSNR over moving pixels, `flicker` of the pixels
-    that never move beside the truth's own (`dataset.flicker`), FLIP and LPIPS where their packages
-    are installed, frames per second without compilation; under `parts` the
-    same for training views, held-out cameras and held-out times (of cameras that were learnt
-    from), if an effect has more than one of them. Every picture has a line in
-    `out`/scores.jsonl, and stands beside the truth in `out`/<effect>/. Of
-    several hosts the first one does all of it, on so many `devices` (None is all), and the others
-    are told the report.
+    With several hosts, only host 0 evaluates; the others receive its report.
+
+    Args:
+        scene: The reconstructed scene.
+        truth: The capture with pictures and recorded cameras.
+        out: Folder to write: report.json, scores.jsonl with a line per picture, a contact sheet,
+            and under <effect>/ each picture beside the truth.
+        options: Which pictures to score, and rays per pixel.
+        render: Options of the renderer; `options` sets its rays per pixel.
+        trace: Options of the tracer.
+        devices: How many devices of this host to use; None for all.
+        quiet: Whether to print no progress.
+
+    Returns:
+        The content of report.json. Under `effects`, for each effect: means over the pictures of
+        `psnr` (dB) and `ssim`; the same inside the lens's field of view (`masked`) and inside the
+        disc that the fisheye benchmark scores (`circle`), where these are not the whole picture;
+        PSNR of moving pixels; `flicker` of static pixels beside the capture's own; FLIP and LPIPS
+        if their packages are installed; frames per second without compilation; under `parts` the
+        same for training views, held-out cameras and held-out times.
+
+    Raises:
+        ValueError: If an effect is unknown, or no frame is chosen.
     """
     if not leads():
-        return _told(None)
+        return _shared_report(None)
     out = Path(out)
     groups = {"pinhole": truth.views, **truth.effects}
     unknown = [name for name in options.effects if name not in groups]
@@ -107,7 +129,7 @@ def evaluate(
             f"got {unknown[0]!r}."
         )
     groups = {name: views for name, views in groups.items() if name in (options.effects or groups)}
-    chosen = {name: _chosen(views, options) for name, views in groups.items()}
+    chosen = {name: _split_views(views, options) for name, views in groups.items()}
     chosen = {name: views for name, views in chosen.items() if views}
     if not chosen:
         raise ValueError(
@@ -118,28 +140,28 @@ def evaluate(
     parts = [(len(views), _cost(views[0], options.samples(e))) for e, views in chosen.items()]
     progress = Progress("evaluate", sum(map(len, chosen.values())), quiet=quiet, parts=parts)
     report: dict[str, Any] = {"frames": 0, "effects": {}}
-    learnt = {view.camera_name for view in truth.views if view.split == "train"}
-    perceived = perceptual_metrics()
+    trained = {view.camera_name for view in truth.views if view.split == "train"}
+    perceptual = perceptual_metrics()
     sheet, done, lines, written = [], 0, [], list[str]()
     for effect, views in chosen.items():
         samples = options.samples(effect)
         sampling = dataclasses.replace(render, samples=samples)
         renderer = Renderer(scene, options=sampling, trace=trace, devices=devices)
         moving = _moving(groups[effect])
-        still, flicker = _still(groups[effect], moving), Flicker()
+        static, flicker = _static(groups[effect], moving), Flicker()
         rows, films = [], {}
         for view in views:
             frame = renderer(view.camera)
-            ours, real = codes(frame.color), _codes(view)
+            ours, real = codes(frame.color), _levels(view)
             visible = _visible(view.camera)
             rows.append(_score(real, ours, visible, moving.get(view.image)))
-            rows[-1] |= {name: measure(real, ours) for name, measure in perceived.items()}
+            rows[-1] |= {name: measure(real, ours) for name, measure in perceptual.items()}
             rows[-1]["seconds"] = None if frame.compiled else frame.seconds
-            rows[-1]["part"] = _part(view, learnt)
+            rows[-1]["part"] = _part(view, trained)
             lines.append(_line(effect, view, rows[-1]))
-            if view.camera_name in still:
-                steady = still[view.camera_name] & (True if visible is None else visible)
-                flicker.add(rows[-1]["part"], view.camera_name, steady, real, ours)
+            if view.camera_name in static:
+                mask = static[view.camera_name] & (True if visible is None else visible)
+                flicker.add(rows[-1]["part"], view.camera_name, mask, real, ours)
             if options.images:
                 written.append(f"{effect}/{_file(view)}")
                 write_image(out / written[-1], side_by_side(real, ours))
@@ -154,18 +176,18 @@ def evaluate(
         report["effects"][effect] = summary(rows, samples, flicker)
         report["frames"] += len(views)
     demand(out, written)
-    report["scene"] = scene_facts(scene)
+    report["scene"] = scene_size(scene)
     report["versions"] = versions()
     write_image(out / "contact_sheet.png", contact_sheet(sheet, least=256))
     with whole(out / SCORES) as partial:
         partial.write_text("".join(json.dumps(line) + "\n" for line in lines))
     write_json(out / "report.json", report)
-    return _told(report)
+    return _shared_report(report)
 
 
 def _cost(view: View, samples: int) -> float:
-    """How long a picture takes, in about the time of a still one of one ray per pixel: as long as
-    its rays, more where these see the scene at many times, and as long as one to be scored."""
+    """Estimated time of a picture, in units of a picture with one ray per pixel: one unit for
+    scoring, one per ray, and more where rows see the scene at different times."""
     film = view.camera.film
     first, last = time_window(view.camera.shutter, (film.width, film.height))
     many = 10.0 if jax.default_backend() == "cpu" else 1.5
@@ -173,11 +195,11 @@ def _cost(view: View, samples: int) -> float:
 
 
 def _line(effect: str, view: View, row: dict[str, Any]) -> dict[str, Any]:
-    """What is listed of a picture; `file` is that of truth | ours | difference, if written."""
+    """The line of a picture in scores.jsonl; `file` is its truth | rendering | difference."""
     named = {"effect": effect, "camera": view.camera_name, "time": view.time, "part": row["part"]}
     file = f"{effect}/{_file(view)}"
     figures = {name: x for name, x in row.items() if isinstance(x, float)}
-    # Equal pictures have an infinite PSNR, for which JSON has no word.
+    # Equal pictures have an infinite PSNR, which JSON cannot represent.
     figures = {name: x if np.isfinite(x) else None for name, x in figures.items()}
     return named | {"file": file} | figures
 
@@ -186,15 +208,15 @@ def _file(view: View) -> str:
     return f"{view.camera_name}_{view.time:.4f}.png"
 
 
-def _told(report: dict[str, Any] | None) -> dict[str, Any]:
-    """The first host's report, in all of them."""
+def _shared_report(report: dict[str, Any] | None) -> dict[str, Any]:
+    """Host 0's report, on every host."""
     text = np.frombuffer(json.dumps(report).encode(), np.uint8)
     size = int(agreed(np.array(len(text))))
     text = agreed(text if leads() else np.zeros(size, np.uint8))
     return json.loads(np.asarray(text).tobytes())
 
 
-def _chosen(views: Sequence[View], options: EvaluateOptions) -> list[View]:
+def _split_views(views: Sequence[View], options: EvaluateOptions) -> list[View]:
     picked = [v for v in views if options.split in ("all", v.split)]
     if options.frames and len(picked) > options.frames:
         place = np.linspace(0, len(picked) - 1, options.frames).round().astype(int)
@@ -202,7 +224,7 @@ def _chosen(views: Sequence[View], options: EvaluateOptions) -> list[View]:
     return picked
 
 
-def _codes(view: View) -> np.ndarray:
+def _levels(view: View) -> np.ndarray:
     picture = read_encoded(view)
     if picture.dtype == np.uint8:
         return picture
@@ -210,7 +232,7 @@ def _codes(view: View) -> np.ndarray:
 
 
 def _visible(camera: Camera) -> Bool[np.ndarray, "h w"] | None:
-    """Where the lens sees anything, less a pixel at the rim; None if that is everywhere."""
+    """Pixels inside the lens's field of view, less one at the rim; None if that is all."""
     grid = pixel_grid(camera.film)
     flat = grid.reshape(-1, 2).astype(camera.time.dtype) + 0.5
     seen = np.asarray(_sees(camera, flat)).reshape(grid.shape[:2])
@@ -230,32 +252,32 @@ def _sees(camera: Camera, pixel: Array) -> Array:
 
 
 def _circle(shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
-    """The centred disc in which the paper scores fisheye pictures: 409.6 of 512 pixels across."""
+    """The centred disc in which the fisheye benchmark scores: 409.6 of 512 pixels across."""
     y, x = (np.arange(n) + 0.5 - n / 2 for n in shape)
     return np.hypot(x, y[:, None]) < 0.4 * min(shape)
 
 
 def _moving(views: Sequence[View]) -> dict[Path, Bool[np.ndarray, "h w"]]:
-    """Mask of what moves in each picture, from all pictures of the same camera."""
+    """Mask of the moving pixels of each picture, from all pictures of its camera."""
     masks = {}
     for name in dict.fromkeys(view.camera_name for view in views):
-        own = [view for view in views if view.camera_name == name]
-        if len(own) > 1:
-            frames = np.stack([_codes(view) for view in own])
-            masks |= dict(zip([v.image for v in own], moving_mask(frames), strict=True))
+        same = [view for view in views if view.camera_name == name]
+        if len(same) > 1:
+            frames = np.stack([_levels(view) for view in same])
+            masks |= dict(zip([v.image for v in same], moving_mask(frames), strict=True))
     return masks
 
 
-def _still(
+def _static(
     views: Sequence[View], moving: dict[Path, Bool[np.ndarray, "h w"]]
 ) -> dict[str, Bool[np.ndarray, "h w"]]:
-    """Where nothing ever moves in the pictures of each camera of which that is known."""
-    still: dict[str, Bool[np.ndarray, "h w"]] = {}
+    """Pixels of each camera that never move, for cameras with several pictures."""
+    static: dict[str, Bool[np.ndarray, "h w"]] = {}
     for view in views:
         if view.image in moving:
             mask = ~moving[view.image]
-            still[view.camera_name] = still.get(view.camera_name, mask) & mask
-    return still
+            static[view.camera_name] = static.get(view.camera_name, mask) & mask
+    return static
 
 
 def _score(real: np.ndarray, ours: np.ndarray, visible, moving) -> dict[str, Any]:
@@ -270,14 +292,14 @@ def _score(real: np.ndarray, ours: np.ndarray, visible, moving) -> dict[str, Any
     return score
 
 
-def _part(view: View, learnt: set[str]) -> str:
+def _part(view: View, trained: set[str]) -> str:
     if view.split == "train":
         return "train"
-    return "held_out_times" if view.camera_name in learnt else "held_out_cameras"
+    return "held_out_times" if view.camera_name in trained else "held_out_cameras"
 
 
-def scene_facts(scene: Scene | Clip) -> dict[str, int]:
-    """How large a scene is; of a clip, all segments together and how many they are."""
+def scene_size(scene: Scene | Clip) -> dict[str, int]:
+    """Number of Gaussians, of moving ones, and bytes of a scene, over all segments."""
     size = sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(scene))
     parts = segments_of(scene)
     moving = sum(part.moving.count for part in parts)

@@ -1,4 +1,4 @@
-"""Scores of many pictures as one report, and a report as a table."""
+"""Mean scores of many pictures, and a report as a text table."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +9,7 @@ from gaussray.color import psnr_from_mse
 from gaussray.evaluate.flicker import Flicker
 
 
-# Heading, key of the report, digits.
+# Heading, key of the report, decimal places.
 COLUMNS = (
     ("PSNR", "psnr", 2),
     ("SSIM", "ssim", 3),
@@ -33,25 +33,37 @@ MEANS = (
 def summary(
     rows: Sequence[dict[str, Any]], samples: int, flicker: Flicker | None = None
 ) -> dict[str, Any]:
-    """Means over the pictures, PSNR of moving pixels from their mean squared error, the `flicker`,
-    and the same of every `part` under `parts`, if there are several."""
+    """Mean scores of an effect.
+
+    Args:
+        rows: Scores of each picture, with its `part` (training, held-out cameras or times).
+        samples: Rays per pixel.
+        flicker: Flicker of the effect's cameras.
+
+    Returns:
+        Means over the pictures, PSNR of moving pixels from their pooled mean squared error,
+        flicker, and under `parts` the same for each part, if there are several.
+    """
     names = sorted({row["part"] for row in rows})
     flicker = flicker or Flicker()
     parts = {
         name: _means([row for row in rows if row["part"] == name], samples) | flicker.figures(name)
         for name in names
     }
-    own = _means(rows, samples) | flicker.figures()
-    return own | ({"parts": parts} if len(parts) > 1 else {})
+    total = _means(rows, samples) | flicker.figures()
+    return total | ({"parts": parts} if len(parts) > 1 else {})
 
 
-def table(report: dict[str, Any]) -> str:
-    """The effects of a report as text, with their parts below them; flicker, FLIP and LPIPS if
-    measured."""
+def scores_text(report: dict[str, Any]) -> str:
+    """The effects of a report as a text table, with their parts below them; flicker, FLIP and LPIPS
+    only if measured."""
     rows = []
     for name, row in report["effects"].items():
         rows.append((name, row))
-        rows += [("  " + part.replace("_", " "), own) for part, own in row.get("parts", {}).items()]
+        rows += [
+            ("  " + part.replace("_", " "), part_row)
+            for part, part_row in row.get("parts", {}).items()
+        ]
     measured = {key for _, row in rows for key in row}
     columns = [c for c in COLUMNS if c[1] in measured or c[1] not in OPTIONAL]
     lines = [("effect", [head for head, _, _ in columns])]
@@ -69,7 +81,7 @@ def _means(rows: Sequence[dict[str, Any]], samples: int) -> dict[str, Any]:
         values = [row[name] for row in rows if name in row]
         if values:
             mean = float(np.mean(values))
-            # Equal pictures have an infinite PSNR, for which JSON has no word.
+            # Equal pictures have an infinite PSNR, which JSON cannot represent.
             means[name] = round(mean, 4) if np.isfinite(mean) else None
     error = [row["moving"] for row in rows if "moving" in row]
     if error:

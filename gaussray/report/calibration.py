@@ -33,9 +33,9 @@ def parameter_table(report: dict[str, Any]) -> Section:
     ]
     heads = "parameter", "unit", "recorded", "estimated", "standard error", "tile error"
     words = (
-        "Standard error: the scatter of a value if errors are independent per pixel. "
-        "Tile error: if errors are equal within tiles of 8 x 8 pixels. Systematic errors of the scene "
-        "can shift values beyond both."
+        "Standard error: the scatter of a value if errors are independent from pixel to pixel. "
+        "Tile error: if errors are equal within tiles of 8 x 8 pixels. Systematic errors of the "
+        "scene can shift values beyond both."
     )
     warnings = [tag("p", line) for line in report["confounded"]]
     return Section(

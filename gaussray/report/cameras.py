@@ -27,7 +27,7 @@ SPLITS = {"train": "training cameras", "test": "held-out cameras"}
 # Largest picture, in pixels, that a CPU renders for the report.
 MAX_CPU_PIXELS = 1 << 19
 # Frames per picture sequence, and number of sequences.
-FRAMES, SEQUENCES = 24, 6
+_FRAMES, _SEQUENCES = 24, 6
 
 
 def camera_plan(
@@ -68,7 +68,7 @@ def picture_sequences(out: Path, groups: Mapping[str, Sequence[View]]) -> Sectio
     for effect, views in groups.items():
         for view in views:
             shown.setdefault(f"{effect} {view.camera_name}", []).append(view)
-    chosen = {name: _evenly_spread(shown[name], FRAMES) for name in list(shown)[:SEQUENCES]}
+    chosen = {name: _evenly_spread(shown[name], _FRAMES) for name in list(shown)[:_SEQUENCES]}
     count = sum(map(len, chosen.values()))
     figures = [
         sequence([(f"time {v.time:.4g}", screen_levels(v.image, v.width, v.height)) for v in views],

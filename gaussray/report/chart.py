@@ -9,7 +9,7 @@ from gaussray.report.markup import Markup, tag
 
 
 # Size of the drawing and of its margins for labels, in pixels.
-WIDTH, HEIGHT, LEFT, TOP, RIGHT, BOTTOM = 350.0, 200.0, 44.0, 10.0, 10.0, 34.0
+_WIDTH, _HEIGHT, _LEFT, _TOP, _RIGHT, _BOTTOM = 350.0, 200.0, 44.0, 10.0, 10.0, 34.0
 PALETTE = 8
 # Points drawn per curve, at most.
 MAX_CURVE_POINTS = 600
@@ -57,14 +57,14 @@ def chart(
     span_x, span_y = _span(x, 0.0), _span(y, 0.06)
     parts = _axes(span_x, span_y, log, x_label)
     for place, name in borders:
-        at = _place(place, span_x, LEFT, WIDTH - RIGHT)
-        parts.append(tag("path", d=f"M{at:.1f} {TOP}V{HEIGHT - BOTTOM}", class_="border"))
-        parts.append(tag("text", name, x=round(at + 4, 1), y=TOP + 10))
+        at = _place(place, span_x, _LEFT, _WIDTH - _RIGHT)
+        parts.append(tag("path", d=f"M{at:.1f} {_TOP}V{_HEIGHT - _BOTTOM}", class_="border"))
+        parts.append(tag("text", name, x=round(at + 4, 1), y=_TOP + 10))
     for i, curve in enumerate(drawn):
         parts.append(_line(curve, span_x, span_y, color(i)))
     description = f"{title}: {', '.join(curve.name for curve in drawn)}"
     drawing = tag(
-        "svg", parts, viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", role="img", aria_label=description
+        "svg", parts, viewBox=f"0 0 {_WIDTH:g} {_HEIGHT:g}", role="img", aria_label=description
     )
     return tag("figure", tag("h3", title), drawing, legend([c.name for c in drawn]), class_="panel")
 
@@ -111,17 +111,17 @@ def _place(value: float, span: tuple[float, float], begin: float, end: float) ->
 
 
 def _axes(x: tuple[float, float], y: tuple[float, float], log: bool, label: str) -> list[Markup]:
-    bottom, parts = HEIGHT - BOTTOM, []
+    bottom, parts = _HEIGHT - _BOTTOM, []
     for value in _decades(*y) if log else ticks(*y):
-        at = _place(value, y, bottom, TOP)
+        at = _place(value, y, bottom, _TOP)
         text = _figure(10**value) if log else _figure(value)
-        parts.append(tag("path", d=f"M{LEFT} {at:.1f}H{WIDTH - RIGHT}", class_="axis"))
-        parts.append(tag("text", text, x=LEFT - 6, y=round(at + 4, 1), text_anchor="end"))
+        parts.append(tag("path", d=f"M{_LEFT} {at:.1f}H{_WIDTH - _RIGHT}", class_="axis"))
+        parts.append(tag("text", text, x=_LEFT - 6, y=round(at + 4, 1), text_anchor="end"))
     for value in ticks(*x):
-        at = round(_place(value, x, LEFT, WIDTH - RIGHT), 1)
+        at = round(_place(value, x, _LEFT, _WIDTH - _RIGHT), 1)
         parts.append(tag("text", _figure(value), x=at, y=bottom + 15, text_anchor="middle"))
-    middle = (LEFT + WIDTH - RIGHT) / 2
-    parts.append(tag("text", label, x=middle, y=HEIGHT - 4, text_anchor="middle"))
+    middle = (_LEFT + _WIDTH - _RIGHT) / 2
+    parts.append(tag("text", label, x=middle, y=_HEIGHT - 4, text_anchor="middle"))
     return parts
 
 
@@ -135,7 +135,7 @@ def _decades(low: float, high: float) -> list[float]:
 
 def _line(curve: Curve, x: tuple[float, float], y: tuple[float, float], ink: str) -> Markup:
     points = [
-        (_place(a, x, LEFT, WIDTH - RIGHT), _place(b, y, HEIGHT - BOTTOM, TOP))
+        (_place(a, x, _LEFT, _WIDTH - _RIGHT), _place(b, y, _HEIGHT - _BOTTOM, _TOP))
         for a, b in zip(curve.x, curve.y, strict=True)
     ]
     label = tag("title", curve.name)

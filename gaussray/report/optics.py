@@ -14,11 +14,11 @@ from gaussray.report.markup import Markup, tag
 from gaussray.report.plan import edge_directions
 
 
-WIDTH, HEIGHT = 340.0, 210.0
+_WIDTH, _HEIGHT = 340.0, 210.0
 # Rays of a pinhole; with an aperture, points of the picture and rays through each of them.
-FAN, BEAMS, SPREAD = 17, 3, 5
+_FAN, _BEAMS, _SPREAD = 17, 3, 5
 # Aperture samples along each of the two sample coordinates.
-GRAIN = 26
+_GRAIN = 26
 
 
 def camera_drawings(name: str, camera: Camera, unit: str) -> list[Markup]:
@@ -52,12 +52,12 @@ def ray_drawing(title: str, camera: Camera) -> Markup:
     focus, radius = _focus(camera)
     blurs = radius > 0 and np.isfinite(focus)
     length = 1.7 * focus if blurs else 1.0
-    columns = np.linspace(0.04, 0.96, BEAMS if blurs else FAN)
-    lens = np.linspace(0.02, 0.98, SPREAD) if blurs else np.array([0.5])
+    columns = np.linspace(0.04, 0.96, _BEAMS if blurs else _FAN)
+    lens = np.linspace(0.02, 0.98, _SPREAD) if blurs else np.array([0.5])
     origin, direction = _rays(camera, columns, lens)
     begin, end = origin[..., [0, 2]], (origin + length * direction)[..., [0, 2]]
     corners = np.concatenate([begin.reshape(-1, 2), end.reshape(-1, 2), [[0, 0]]])
-    place = _fitted(corners, HEIGHT - 30)
+    place = _fitted(corners, _HEIGHT - 30)
     parts = []
     for a, b in zip(begin.reshape(-1, 2), end.reshape(-1, 2), strict=True):
         (x, y), (u, v) = place(a), place(b)
@@ -79,13 +79,13 @@ def ray_drawing(title: str, camera: Camera) -> Markup:
 def aperture_drawing(title: str, camera: Camera) -> Markup:
     """Where the rays of the picture's middle and of its corner pass the aperture, seen from the
     scene."""
-    u = (np.stack(np.meshgrid(*[np.arange(GRAIN)] * 2), -1).reshape(-1, 2) + 0.5) / GRAIN
+    u = (np.stack(np.meshgrid(*[np.arange(_GRAIN)] * 2), -1).reshape(-1, 2) + 0.5) / _GRAIN
     film, radius = camera.film, _focus(camera)[1]
     spots = {
         "middle": ((film.width / 2, film.height / 2), 0.0),
         "corner": ((0.03 * film.width, 0.03 * film.height), 2.6 * radius),
     }
-    parts, place = [], _fitted(np.array([[-1.2, -1.4], [3.8, 1.4]]) * radius, HEIGHT - 20)
+    parts, place = [], _fitted(np.array([[-1.2, -1.4], [3.8, 1.4]]) * radius, _HEIGHT - 20)
     for ink, (name, (pixel, aside)) in enumerate(spots.items()):
         pixel = jnp.asarray(pixel, jnp.float32)
         dots = np.asarray(_passed(_still(camera), pixel, jnp.asarray(u, jnp.float32)))[:, :2]
@@ -107,29 +107,29 @@ def shutter_drawing(title: str, camera: Camera, unit: str) -> Markup:
     rows = row_count(camera.shutter.direction, (film.width, film.height))
     half = exposure / 2
     low, high = float(moments.min() - half), float(moments.max() + half)
-    span, top, bottom = max(high - low, 1e-9), 12.0, HEIGHT - 34
+    span, top, bottom = max(high - low, 1e-9), 12.0, _HEIGHT - 34
 
     def x(value: float) -> float:
-        return 46 + (value - low) / span * (WIDTH - 64)
+        return 46 + (value - low) / span * (_WIDTH - 64)
 
     def y(row: float) -> float:
         return top + row / max(rows, 1) * (bottom - top)
 
     some = np.unique(np.linspace(0, rows - 1, min(rows, 160)).astype(int))
     tall = max((bottom - top) / len(some), 0.8)
-    wide = max(exposure / span * (WIDTH - 64), 2)
+    wide = max(exposure / span * (_WIDTH - 64), 2)
     bars = "".join(
         f"M{x(float(moments[i] - half)):.1f} {y(float(i)):.1f}h{wide:.1f}v{tall:.2f}h{-wide:.1f}z"
         for i in some
     )
     word = "column" if camera.shutter.direction in SIDEWAYS else "row"
     parts = [
-        tag("path", d=f"M46 {top}V{bottom}H{WIDTH - 12}", class_="axis"),
+        tag("path", d=f"M46 {top}V{bottom}H{_WIDTH - 12}", class_="axis"),
         tag("path", d=bars, fill="var(--c0)", fill_opacity=0.75),
         tag("text", f"{word} 0", x=42, y=top + 9, text_anchor="end"),
         tag("text", str(rows - 1), x=42, y=bottom, text_anchor="end"),
         tag("text", f"{low:.4g}", x=46, y=bottom + 15),
-        tag("text", f"{high:.4g}", x=WIDTH - 18, y=bottom + 15, text_anchor="end"),
+        tag("text", f"{high:.4g}", x=_WIDTH - 18, y=bottom + 15, text_anchor="end"),
     ]
     caption = (
         f"{word}s over time: readout {np.ptp(moments):.4g}, exposure {exposure:.4g} ({unit}), "
@@ -189,8 +189,8 @@ def _fitted(points: np.ndarray, tall: float):
     """A map from (right, forward) in scene units to a drawing of this height with all points."""
     low, high = points.min(axis=0), points.max(axis=0)
     size = np.maximum(high - low, 1e-9)
-    scale = min((WIDTH - 30) / size[0], tall / size[1])
-    middle, center = (low + high) / 2, np.array([WIDTH / 2, 10 + tall / 2])
+    scale = min((_WIDTH - 30) / size[0], tall / size[1])
+    middle, center = (low + high) / 2, np.array([_WIDTH / 2, 10 + tall / 2])
 
     def place(point: np.ndarray) -> np.ndarray:
         x, y = (np.asarray(point) - middle) * scale
@@ -200,5 +200,5 @@ def _fitted(points: np.ndarray, tall: float):
 
 
 def _figure(title: str, parts: list[Markup], caption: str) -> Markup:
-    drawing = tag("svg", parts, viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", role="img", aria_label=title)
+    drawing = tag("svg", parts, viewBox=f"0 0 {_WIDTH:g} {_HEIGHT:g}", role="img", aria_label=title)
     return tag("figure", tag("h3", title), drawing, tag("figcaption", caption), class_="panel")

@@ -19,7 +19,7 @@ from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segments_of
 
 
-WIDTH, HEIGHT, EDGE = 480.0, 340.0, 16.0
+_WIDTH, _HEIGHT, _EDGE = 480.0, 340.0, 16.0
 # Gaussians drawn per drawing, at most.
 DOTS = 2500
 # Frusta drawn of one moving camera, and of all cameras, at most.
@@ -113,8 +113,10 @@ def _drawing(
     splits: list[str],
 ) -> Markup:
     low, high = _bounds(eye @ onto.T, points @ onto.T)
-    scale = min((WIDTH - 2 * EDGE) / (high[0] - low[0]), (HEIGHT - 2 * EDGE) / (high[1] - low[1]))
-    middle = np.array([WIDTH, HEIGHT]) / 2
+    scale = min(
+        (_WIDTH - 2 * _EDGE) / (high[0] - low[0]), (_HEIGHT - 2 * _EDGE) / (high[1] - low[1])
+    )
+    middle = np.array([_WIDTH, _HEIGHT]) / 2
 
     def placed(x: np.ndarray) -> np.ndarray:
         return (np.asarray(x) @ onto.T - (low + high) / 2) * scale + middle
@@ -134,7 +136,7 @@ def _drawing(
                 frustum = placed(eye[i] + length * rim @ turn[i].T)
                 parts.append(_frustum(name, placed(eye[i]), frustum, color(ink)))
     parts += _scale_bar(scale)
-    drawing = tag("svg", parts, viewBox=f"0 0 {WIDTH:g} {HEIGHT:g}", role="img", aria_label=title)
+    drawing = tag("svg", parts, viewBox=f"0 0 {_WIDTH:g} {_HEIGHT:g}", role="img", aria_label=title)
     return tag("figure", tag("h3", title), drawing, class_="panel")
 
 
@@ -162,7 +164,7 @@ def _cloud(place: np.ndarray, tone: np.ndarray) -> list[Markup]:
     """The Gaussians as dots, one SVG path per colour."""
     if not len(place):
         return []
-    inside = (place > 0).all(axis=1) & (place < (WIDTH, HEIGHT)).all(axis=1)
+    inside = (place > 0).all(axis=1) & (place < (_WIDTH, _HEIGHT)).all(axis=1)
     place, tone = place[inside], srgb_encode(tone[inside])
     code = (np.round(tone * 5) * 51).astype(int)
     parts = []
@@ -200,7 +202,7 @@ def _scale_bar(scale: float) -> list[Markup]:
     wanted = 90 / scale
     power = 10.0 ** np.floor(np.log10(wanted))
     length = float(next(power * m for m in (5, 2, 1) if power * m <= wanted))
-    end, y = WIDTH - EDGE, HEIGHT - 8
+    end, y = _WIDTH - _EDGE, _HEIGHT - 8
     return [
         tag("path", d=f"M{end - length * scale:.1f} {y}H{end}", stroke="var(--soft)",
             stroke_width=2),

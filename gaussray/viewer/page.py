@@ -20,7 +20,7 @@ from gaussray.viewer.preset import (
     save_preset,
 )
 from gaussray.viewer.preview import PreviewRenderer
-from gaussray.viewer.session import RenderRequest, Session
+from gaussray.viewer.session import RenderRequest, ViewerSession
 from gaussray.viewer.timing import RenderStatus, status_text
 from gaussray.viewer.unit_readout import physical_readout
 from gaussray.viewer.viewpoint import Viewpoint, subject_distance, viewing_direction
@@ -49,7 +49,7 @@ class Page:
         self._status_time, self._waiting = 0.0, True
         self._setter: int | None = None
         self.handles: dict[str, Any] = {}
-        self.session = Session(model, previewer, self._show, self._show_status)
+        self.session = ViewerSession(model, previewer, self._show, self._show_status)
         add_controls(self)
         add_overlay(self, overlay)
         client.camera.on_update(lambda _: self.refresh())

@@ -34,9 +34,9 @@ from gaussray.tracer.traverse import Capacity
 
 
 # Lists are this many times as long as the first picture needs, because the next ones differ.
-HEADROOM = 2.0
+_HEADROOM = 2.0
 # A picture with up to this many times the pixels of another takes over the length of its lists.
-NEAR = 5.0
+_NEAR = 5.0
 
 
 class Preview(NamedTuple):
@@ -175,7 +175,7 @@ class PreviewRenderer:
         for other, program in self._programs.items():
             ratio, whole = math.prod(key.size) / math.prod(other.size), program.capacity
             same = other.segment == key.segment and len(whole.cells) == levels + 1
-            if same and not key.probe and not other.probe and ratio <= NEAR:
+            if same and not key.probe and not other.probe and ratio <= _NEAR:
                 ratio = max(ratio, 1)
                 cells = tuple(math.ceil(ratio * count) for count in whole.cells)
                 return Capacity(cells, math.ceil(ratio * whole.pairs), whole.slots, whole.transient)
@@ -212,7 +212,7 @@ class PreviewRenderer:
             unknown = Pace(Capacity((), 0, 0), key.keys, options, trace, None)
             one = part if place is None else jax.tree.map(lambda x: x[0], jax.device_get(part))
             motion, rays = about_to_trace(self.scenes[key.segment], camera, one, pace=unknown)
-            capacity = measure(motion, rays, options=trace, headroom=HEADROOM)
+            capacity = measure(motion, rays, options=trace, headroom=_HEADROOM)
         make, mesh = (render_part, None) if place is None else (render_pieces, self._mesh)
         pace = Pace(capacity, key.keys, options, trace, mesh)
         call = make(self._flat[key.segment][1], key.layout, pace)
@@ -236,4 +236,4 @@ class PreviewRenderer:
 def _longer(program: _Program, report: Report) -> Capacity:
     """List capacity enlarged to what a picture needed."""
     needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1]).max(axis=0)
-    return enlarge(program.capacity, [int(n) for n in needed], headroom=HEADROOM)
+    return enlarge(program.capacity, [int(n) for n in needed], headroom=_HEADROOM)

@@ -41,7 +41,7 @@ class RenderRequest(NamedTuple):
     dark: bool = True
 
 
-class Session:
+class ViewerSession:
     """Renders the latest request in background threads.
 
     Args:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 PREVIEW_STAGES = ("tracing", "developing", "encoding")
 # Frames in the mean rate; a pause of this many seconds starts a new mean.
-FRAMES, PAUSE = 12, 1.5
+_FRAMES, _PAUSE = 12, 1.5
 
 
 class RenderStatus(NamedTuple):
@@ -32,7 +32,7 @@ class StageTimer:
 
     def __init__(self):
         self.stages: dict[str, float] = {name: 0.0 for name in PREVIEW_STAGES}
-        self._ends: deque[float] = deque(maxlen=FRAMES)
+        self._ends: deque[float] = deque(maxlen=_FRAMES)
 
     def begin(self) -> None:
         """Start a new picture: reset all stages."""
@@ -48,7 +48,7 @@ class StageTimer:
     def finish(self) -> float:
         """End a picture. Returns the frames per second since the last pause, 0 after a pause."""
         now = clock.monotonic()
-        if self._ends and now - self._ends[-1] > PAUSE:
+        if self._ends and now - self._ends[-1] > _PAUSE:
             self._ends.clear()
         self._ends.append(now)
         span = now - self._ends[0]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaussray.evaluate.flicker import Flicker
-from gaussray.evaluate.scores import summary, table
+from gaussray.evaluate.scores import scores_text, summary
 
 
 SIZE = (9, 7)
@@ -75,6 +75,6 @@ def test_the_report_shows_it_beside_the_truths():
     row = {"psnr": 20.0, "ssim": 0.5, "part": "train", "seconds": 0.5}
     found = summary([row], 1, flicker)
     assert found["flicker"] > 3 * found["flicker_truth"] > 0
-    text = table({"effects": {"pinhole": found}})
+    text = scores_text({"effects": {"pinhole": found}})
     assert f"{found['flicker']:.2f}" in text and "truth's" in text
-    assert "flicker" not in table({"effects": {"pinhole": summary([row], 1)}})
+    assert "flicker" not in scores_text({"effects": {"pinhole": summary([row], 1)}})

@@ -2,7 +2,7 @@
 
 import math
 
-from gaussray.evaluate.scores import summary, table
+from gaussray.evaluate.scores import scores_text, summary
 
 
 def row(psnr, part, moving=None, seconds=0.5, **more):
@@ -33,12 +33,12 @@ def test_parts_are_the_same_means_of_their_own_rows():
 def test_what_has_no_number_is_none_and_a_dash():
     found = summary([row(math.inf, "train", seconds=None)], 1)
     assert found["psnr"] is None and found["fps"] is None
-    assert table({"effects": {"pinhole": found}}).splitlines()[1].split()[1] == "-"
+    assert scores_text({"effects": {"pinhole": found}}).splitlines()[1].split()[1] == "-"
 
 
 def test_a_table_shows_parts_below_their_effect_and_only_metrics_that_were_measured():
     rows = [row(20.0, "train", flip=0.125), row(30.0, "held_out_times", flip=0.375)]
-    text = table({"effects": {"fisheye": summary(rows, 1)}}).splitlines()
+    text = scores_text({"effects": {"fisheye": summary(rows, 1)}}).splitlines()
     assert "FLIP" in text[0] and "LPIPS" not in text[0]
     assert [line.split("  ")[0] or line.strip().split("  ")[0] for line in text[1:]] == [
         "fisheye",

@@ -10,7 +10,7 @@ import toy
 
 from gaussray.camera.aperture import Aperture, Rim
 from gaussray.camera.shutter import interlaced
-from gaussray.evaluate.pipeline import scene_facts
+from gaussray.evaluate.pipeline import scene_size
 from gaussray.render.dataset import render_dataset
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.formats.convert import export_model
@@ -144,7 +144,7 @@ def test_an_instant_of_a_clip_is_exported_from_its_segment(tmp_path):
 
 def test_the_facts_of_a_clip_are_those_of_all_its_segments():
     one = toy.carried(0.0, EDGE)
-    facts, single = scene_facts(Clip((one, toy.carried(EDGE, 1.0)))), scene_facts(one)
+    facts, single = scene_size(Clip((one, toy.carried(EDGE, 1.0)))), scene_size(one)
     assert facts == {name: 2 * value for name, value in single.items()} | {"segments": 2}
 
 

@@ -19,7 +19,7 @@ from gaussray.viewer.preset import (
     save_preset,
 )
 from gaussray.viewer.preview import PreviewRenderer
-from gaussray.viewer.session import RenderRequest, Session
+from gaussray.viewer.session import RenderRequest, ViewerSession
 from gaussray.viewer.timing import RenderStatus, StageTimer, status_text
 
 
@@ -47,7 +47,7 @@ class Screen:
         self.previewer = PreviewRenderer(
             model.scene, options=shot.options, trace=shot.trace, keys=3
         )
-        self.session = Session(model, self.previewer, self.show, self.tell)
+        self.session = ViewerSession(model, self.previewer, self.show, self.tell)
 
     def show(self, sheet, whole):
         self.sheets.append((sheet, whole))
@@ -69,7 +69,7 @@ class Screen:
 def screen(model, quick_compilation, known_sizes):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "measure", lambda *_, **__: rooms.ROOM)
-        patch.setattr(Session, "_anticipate", lambda *_: None)
+        patch.setattr(ViewerSession, "_anticipate", lambda *_: None)
         screen = Screen(model)
         yield screen
         screen.session.close()
