@@ -9,6 +9,7 @@ import pytest
 import toy
 
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
+from gaussray.camera.lens.registry import models_by_name
 from gaussray.capture.formats.paired import read_views
 from gaussray.config.compose import compose_config
 from gaussray.config.options import build_options
@@ -66,8 +67,11 @@ CHOICES = sorted(path.stem for path in (conf_folder() / "lens").glob("*.yaml"))
 def test_every_choice_of_lens_is_one_that_fills_the_picture_and_is_named(views, choice):
     cfg = compose_config("render", ["scene=x", "out=x", f"lens={choice}"])
     record = built(views, lens=build_options(rig.LensOptions, cfg.lens))[0]
-    effects = {"pinhole": "pinhole", "opencv": "distortion", "equirectangular": choice}
-    assert record.effect == effects.get(choice, "fisheye")
+    if models_by_name()[cfg.lens.model].perspective:
+        expected = "distortion" if cfg.lens.k else "pinhole"
+    else:
+        expected = choice if choice == "equirectangular" else "fisheye"
+    assert record.effect == expected
     column = jnp.arange(toy.SIZE, dtype=jnp.float32) + 0.5
     middle = jnp.stack([column, jnp.full_like(column, toy.SIZE / 2)], -1)
     direction = np.asarray(look(record.camera.lens, middle))
