@@ -9,7 +9,14 @@ import numpy as np
 from experiments.extremes.matter import unit
 from experiments.extremes.sweep import Sweep, decades
 from gaussray.camera import lens as lenses
-from gaussray.camera.aperture import Aperture, FocusPull, Rim, focus_at, thin_lens, transmitted
+from gaussray.camera.aperture import (
+    Aperture,
+    FocusPull,
+    Rim,
+    focus_distance_at,
+    thin_lens,
+    transmitted,
+)
 from gaussray.camera.shutter import Shutter, sample_time
 from gaussray.camera.trajectory import Trajectory, pose_at
 
@@ -153,7 +160,7 @@ def camera_sweeps():
     yield Sweep("camera", "transmitted", "radius / that of the rim", small, draw, transmitted)
     late = np.append(0, decades(1, 1e6, 1))
     swept = "time / interval"
-    yield Sweep("camera", "focus_at", swept, late, _pulled, focus_at)
+    yield Sweep("camera", "focus_at", swept, late, _pulled, focus_distance_at)
     yield Sweep("camera", "sample_time", "time / readout", late, _row, _row_time)
     for kind in ("linear", "spline"):
         yield Sweep("camera", f"pose_at, {kind}", swept, late, _path(kind), pose_at)

@@ -1,4 +1,4 @@
-"""Depth of field: light enters through an opening instead of a point, past the rim of the lens."""
+"""Depth of field of a thin lens: aperture shape, focus and optical vignetting."""
 
 import dataclasses
 
@@ -16,11 +16,19 @@ EASES = ("linear", "smooth")
 
 
 class FocusPull(eqx.Module):
-    """Focus distances, in scene units, at increasing times, in the capture's unit.
+    """A focus distance that changes over time.
 
-    Between its knots the reciprocal moves, evenly ("linear") or starting and ending at rest
-    ("smooth", 3x^2 - 2x^3): so does the size of every blur circle, infinity is an ordinary knot,
-    and nothing overshoots. Before the first and after the last knot the focus rests.
+    The reciprocal of the distance is interpolated between knots, so that blur circles change their
+    size evenly and infinity is an ordinary value. It is constant before the first and after the
+    last knot.
+
+    Args:
+        time: Times of the knots, strictly increasing, in the capture's unit.
+        distance: Focus distance at each knot in scene units, above 0; infinity is allowed.
+        ease: "linear", or "smooth" (3x^2 - 2x^3: starts and ends at rest).
+
+    Raises:
+        ValueError: If a value breaks its rule.
     """
 
     time: Float[Array, " knots"]
@@ -48,8 +56,14 @@ class FocusPull(eqx.Module):
 
 
 class Rim(eqx.Module):
-    """A second round opening, `distance` in front of the first one and parallel to it, both in
-    scene units: the edge of the front element, which clips oblique beams to a cat's eye."""
+    """The edge of the front element, which clips oblique rays (optical vignetting).
+
+    A disc parallel to the aperture.
+
+    Args:
+        radius: Radius in scene units, above 0.
+        distance: Distance in front of the aperture in scene units, above 0.
+    """
 
     radius: Float[Array, ""]
     distance: Float[Array, ""]
@@ -61,13 +75,22 @@ class Rim(eqx.Module):
 
 
 class Aperture(eqx.Module):
-    """Opening of a thin lens, in scene units; `radius = 0` is a pinhole.
+    """The aperture of a thin lens; radius 0 is a pinhole, for which everything is in focus.
 
-    Fewer than 3 `blades` is a disc, otherwise a regular polygon inscribed in it, whose edges have
-    their middles at `rotation` + 2 pi k / blades from +x towards up. `ratio` divides the x radius
-    (anamorphic). Sharp is the plane at depth `focus_distance`, or with `focus = "sphere"` what lies
-    that far along the ray, for lenses that see to 90 degrees and beyond. Infinity is legal. A
-    `rim` lies nearer than what is in focus.
+    Args:
+        radius: Radius in scene units, at least 0.
+        focus_distance: Distance in focus in scene units, above 0, or a `FocusPull`. Infinity is
+            allowed.
+        rotation: Angle in radians, from +x towards up. The edges of the polygon have their middles
+            at rotation + 2 pi k / blades.
+        ratio: Divides the horizontal radius (anamorphic lenses), above 0.
+        blades: Below 3 a disc, otherwise a regular polygon inscribed in the disc.
+        focus: "plane": in focus is the plane at depth `focus_distance`. "sphere": in focus is what
+            lies at that distance along the ray, for lenses that see to 90 degrees and beyond.
+        rim: A second disc that clips oblique rays; it lies nearer than what is in focus.
+
+    Raises:
+        ValueError: If a value breaks its rule; the message names the key.
     """
 
     radius: Float[Array, ""]
@@ -101,17 +124,17 @@ class Aperture(eqx.Module):
 
 
 def no_aperture() -> Aperture:
-    """The pinhole: everything is sharp."""
+    """An aperture of radius 0, a pinhole: everything is in focus."""
     return Aperture(jnp.zeros(()), jnp.ones(()), jnp.zeros(()), jnp.ones(()))
 
 
 def focused(aperture: Aperture, time: Float[Array, ""]) -> Aperture:
-    """The aperture as it is focused at a time, in the capture's unit."""
-    return dataclasses.replace(aperture, focus_distance=focus_at(aperture, time))
+    """The aperture with its focus distance at a time, in the capture's unit."""
+    return dataclasses.replace(aperture, focus_distance=focus_distance_at(aperture, time))
 
 
-def focus_at(aperture: Aperture, time: Float[Array, ""]) -> Float[Array, ""]:
-    """The distance that is in focus at a time, in scene units."""
+def focus_distance_at(aperture: Aperture, time: Float[Array, ""]) -> Float[Array, ""]:
+    """Focus distance in scene units at a time in the capture's unit."""
     pull = aperture.focus_distance
     if not isinstance(pull, FocusPull):
         return pull

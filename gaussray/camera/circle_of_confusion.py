@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from gaussray.camera.aperture import focus_at, thin_lens
+from gaussray.camera.aperture import focus_distance_at, thin_lens
 from gaussray.camera.camera import Camera
 
 
@@ -24,7 +24,7 @@ def circle_of_confusion(
     opening counts too. NaN where there is no ray.
     """
     direction = camera.lens.direction(pixel + 0.5)
-    focus = focus_at(camera.aperture, time)
+    focus = focus_distance_at(camera.aperture, time)
     disc = dataclasses.replace(camera.aperture, focus_distance=focus, blades=0, rim=None)
     point = t * direction
     distance = point[2] if disc.focus == "plane" else t

@@ -1,4 +1,4 @@
-"""What may be wrong with the recorded training cameras, learnt along with the scene."""
+"""Corrections of recorded training cameras, which a reconstruction learns along with the scene."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -84,13 +84,14 @@ def correctable(lens: AbstractLens, key: str = "fit.refine") -> CorrectableLens:
     return lens
 
 
-def settled(corrections: Corrections, cameras: CameraSet) -> Corrections:
-    """The corrections without what the scene can make up for, a row for every camera.
+def gauge_fixed(corrections: Corrections, cameras: CameraSet) -> Corrections:
+    """The corrections with the gauge freedom removed, a row for every camera.
 
-    A scene that is moved, turned or scaled, brightened or delayed with all its cameras looks the
-    same. So a similarity is taken out of the poses, and the mean out of exposures and offsets:
-    cameras that are held out keep what was recorded for them, and the mean of many recorded errors
-    is nearer to none than that of one camera which stays as it is.
+    A scene that is moved, turned, scaled, brightened or delayed together with all its cameras gives
+    the same pictures. So the similarity common to all poses is projected out, and the mean of
+    exposures and offsets is subtracted. Held-out cameras then keep their recorded values. The mean
+    over all cameras is subtracted, rather than fixing one camera, because it averages the errors of
+    the recording.
     """
     pose, shutter, exposure, offset = (
         corrections.pose,
@@ -110,7 +111,10 @@ def settled(corrections: Corrections, cameras: CameraSet) -> Corrections:
 
 
 def refined(camera: Camera, own: Corrections, cameras: CameraSet) -> Camera:
-    """One camera with its own row of the `settled` corrections; its exposure is no part of it."""
+    """One camera with its row of the `gauge_fixed` corrections.
+
+    Its exposure is no part of the camera and is left to the caller.
+    """
     trajectory, shutter, lens = camera.trajectory, camera.shutter, camera.lens
     if own.pose is not None:
         turn = turning(own.pose[:3])
@@ -144,7 +148,7 @@ def refined_views(
     exposures are not; `owner` is the number of each view's camera."""
     if corrections is None:
         return views, None
-    own = jax.tree.map(lambda x: x[owner], settled(corrections, cameras))
+    own = jax.tree.map(lambda x: x[owner], gauge_fixed(corrections, cameras))
     views = jax.vmap(refined, in_axes=(0, 0, None))(views, own, cameras)
     return views, None if own.exposure is None else jnp.exp(own.exposure)
 
@@ -162,7 +166,7 @@ def refined_frames(
     they are refined, all others as they are."""
     if corrections is None:
         return [camera for _, camera in frames]
-    rows = settled(corrections, cameras)
+    rows = gauge_fixed(corrections, cameras)
     own = {name: jax.tree.map(lambda x, i=i: x[i], rows) for i, name in enumerate(names)}
     return [
         _refined(camera, own[name], cameras) if name in own else camera for name, camera in frames
@@ -174,16 +178,21 @@ def gains(
 ) -> dict[str, list[float]]:
     """Red, green and blue of every camera over the scene's, in linear light; empty if exposures are
     not refined."""
-    exposure = None if corrections is None else settled(corrections, cameras).exposure
+    exposure = None if corrections is None else gauge_fixed(corrections, cameras).exposure
     if exposure is None:
         return {}
     gain = np.exp(np.asarray(exposure, np.float64)).round(6)
     return dict(zip(names, gain.tolist(), strict=True))
 
 
-def found(corrections: Corrections, cameras: CameraSet, shutter: Shutter, unit: str) -> str:
-    """One line of what the corrections amount to; `shutter` is the training frames', stacked."""
-    c, said = jax.tree.map(np.asarray, settled(corrections, cameras)), []
+def corrections_summary(
+    corrections: Corrections, cameras: CameraSet, shutter: Shutter, unit: str
+) -> str:
+    """One line that sums up the corrections, for the log.
+
+    `shutter` is that of the training frames, stacked, and `unit` the capture's unit of time.
+    """
+    c, said = jax.tree.map(np.asarray, gauge_fixed(corrections, cameras)), []
     if c.pose is not None:
         turn, shift = (np.linalg.norm(x, axis=1).max() for x in (c.pose[:, :3], c.pose[:, 3:]))
         way = float(cameras.extent) * shift

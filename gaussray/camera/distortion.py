@@ -16,10 +16,10 @@ COEFFICIENTS = (
 # How many of them a lens may have.
 COUNTS = (8, 12, 14)
 # Newton steps from the distorted point; each squares the error, which starts below 1.
-STEPS = 6
+_NEWTON_STEPS = 6
 # Largest residual, in focal lengths, of a point that counts as undistorted: far below a pixel, far
 # above rounding in single precision.
-RESIDUAL = 1e-4
+_RESIDUAL = 1e-4
 
 
 def distort(coefficients: Float[Array, " coefficients"], xy: Float[Array, "2"]) -> Array:
@@ -73,7 +73,7 @@ def undistort(
 ) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
     """Ideal image point that `distort` takes to `target`, and whether there is one."""
     start = jax.lax.stop_gradient(target)
-    return plane_root(_bent, target, coefficients, start, steps=STEPS, residual=RESIDUAL)
+    return plane_root(_bent, target, coefficients, start, steps=_NEWTON_STEPS, residual=_RESIDUAL)
 
 
 def _bent(xy: Float[Array, "2"], coefficients: Float[Array, " coefficients"]) -> Array:

@@ -1,4 +1,4 @@
-"""How a pixel collects light: its size, its place and its filter."""
+"""The film: picture size and pixel filter."""
 
 import functools
 
@@ -14,12 +14,19 @@ CELLS = 1024
 
 
 class Film(eqx.Module):
-    """Picture of `width` x `height` pixels.
+    """Size of a picture and its pixel filter.
 
-    `filter_width` is the TOTAL width of the pixel filter in pixels, per axis: 3 for
-    "blackman_harris" is Blender's default (its property says 1.5, one side); Blender's box is 1;
-    "gaussian" has a standard deviation of a twelfth of it (Blender's default is 4.5).
-    "center" looks through the pixel's centre only and has no width.
+    Args:
+        width: Pixels per row, at least 1.
+        height: Pixels per column, at least 1.
+        filter: "box", "gaussian", "blackman_harris", or "center" (rays pass the pixel's centre
+            only).
+        filter_width: Total width of the filter in pixels, per axis. The default 3 of
+            blackman_harris is Blender's (whose property counts one side, 1.5); Blender's box is 1.
+            The standard deviation of gaussian is a twelfth of the width (Blender's default is 4.5).
+
+    Raises:
+        ValueError: If a value breaks its rule.
     """
 
     width: int = eqx.field(static=True)
@@ -43,7 +50,8 @@ class Film(eqx.Module):
 def sample_offset(film: Film, u: Float[Array, "2"]) -> Float[Array, "2"]:
     """Offset from the pixel's centre, in pixels, distributed as the filter.
 
-    All samples then weigh the same. u = (1/2, 1/2) is the centre itself.
+    Importance sampling by the inverse cumulative distribution, so all samples have equal weight.
+    u in [0, 1); u = (1/2, 1/2) is the centre itself.
     """
     if film.filter == "center":
         return jnp.zeros_like(u)

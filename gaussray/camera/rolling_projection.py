@@ -14,9 +14,9 @@ from gaussray.camera.trajectory import pose_at
 
 # The first step goes to what is read at the guess, those that follow are secants: one is exact for
 # a uniform motion on the picture, and each further one multiplies the last two errors.
-STEPS = 4
+_SECANT_STEPS = 4
 # Share of a row's time by which the row found may miss, a twentieth of a pixel's motion by a pixel.
-MISS = 0.05
+_ROW_TOLERANCE = 0.05
 
 
 def place_at(camera: Camera, point: Float[Array, "3"], time: Float[Array, ""]) -> Float[Array, "2"]:
@@ -83,9 +83,9 @@ def landing(
         late = jnp.abs(jnp.stack([seen(guess, field + i)[1] for i in (0, 1)]))
         field = jnp.argmin(late).astype(jnp.int32)
     start = guess, jnp.zeros_like(guess), guess
-    _, _, time = jax.lax.fori_loop(0, STEPS, secant, start)
+    _, _, time = jax.lax.fori_loop(0, _SECANT_STEPS, secant, start)
     place, missed, step = seen(time, field)
     rounding = 8 * tiny * jnp.maximum(jnp.abs(time), jnp.abs(guess))
-    met = jnp.abs(missed) <= MISS * jnp.abs(step) + rounding
+    met = jnp.abs(missed) <= _ROW_TOLERANCE * jnp.abs(step) + rounding
     size = jnp.asarray([camera.film.width, camera.film.height], place.dtype)
     return place, time, met & jnp.all((place >= 0) & (place <= size))

@@ -1,4 +1,4 @@
-"""When each row of the sensor sees the scene."""
+"""Rolling and global shutter: the time at which each row is exposed."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,12 +14,22 @@ FIELDS = ("even", "odd")
 
 
 class Shutter(eqx.Module):
-    """Rolling shutter, in the capture's unit of time; `row_step = 0` is a global shutter.
+    """A rolling shutter; `row_step = 0` is a global shutter.
 
-    Row i, counted along `direction` from 0, is exposed during `exposure` around
-    time + trigger + row_offset + row_step i + row_times[i]. `exposure = 0` is an instant: no motion
-    blur. `row_times` are for sensors that read in another order; `trigger` is how much later than
-    the frame's time this camera was released. None is 0.
+    Row i, counted from 0 along `direction`, is exposed for `exposure` around the time
+    t_i = time + trigger + row_offset + row_step i + row_times[i]. All times are in the capture's
+    unit.
+
+    Args:
+        row_offset: Time of row 0 relative to the frame's time.
+        row_step: Time from one row to the next.
+        exposure: Exposure time of every row, at least 0; 0 is no motion blur.
+        direction: Order of readout; left_to_right and right_to_left read columns.
+        row_times: Extra time of each row, for sensors that do not read in order; None is 0.
+        trigger: Delay of this camera relative to the frame's time; None is 0.
+
+    Raises:
+        ValueError: If a value breaks its rule; the message names the key.
     """
 
     row_offset: Float[Array, ""]
@@ -44,7 +54,7 @@ class Shutter(eqx.Module):
 
 
 def global_shutter(exposure: Float[Array, ""] | None = None) -> Shutter:
-    """All rows at once: an instant, or an exposure centred on the frame's time."""
+    """A shutter that exposes all rows at once, centred on the frame's time; None is no exposure."""
     zero = jnp.zeros(()) if exposure is None else jnp.zeros_like(exposure)
     return Shutter(zero, zero, zero if exposure is None else exposure)
 

@@ -1,4 +1,4 @@
-"""Where the camera is at every moment."""
+"""The camera's pose over time."""
 
 import equinox as eqx
 import jax
@@ -23,9 +23,18 @@ INTERPOLATIONS = ("linear", "spline")
 
 
 class Trajectory(eqx.Module):
-    """Poses (world_from_camera) at increasing times, in the capture's unit; a single pose is a
-    fixed camera. Between them the camera moves as `interpolation` says, and with a `shake` around
-    that (see `pose_at`)."""
+    """Poses world_from_camera at increasing times; a single pose is a fixed camera.
+
+    Args:
+        time: Times of the poses, strictly increasing, in the capture's unit.
+        quat: Rotations as quaternions (w, x, y, z), not zero.
+        translation: Positions of the camera in scene units.
+        interpolation: Between poses: "linear", or "spline" (see `pose_at`).
+        shake: Camera shake around that path; None is none.
+
+    Raises:
+        ValueError: If a value breaks its rule.
+    """
 
     time: Float[Array, " poses"]
     quat: Float[Array, "poses 4"]

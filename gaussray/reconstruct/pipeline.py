@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from gaussray.camera.corrections import found, gains, refined_frames
+from gaussray.camera.corrections import corrections_summary, gains, refined_frames
 from gaussray.capture.formats.paired import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole
@@ -191,7 +191,7 @@ def _found(session: Session, state: State) -> str:
     if corrections is None:
         return ""
     shutter, unit = session.footage.camera.shutter, session.capture.time_unit
-    return found(corrections, session.cameras, shutter, unit)
+    return corrections_summary(corrections, session.cameras, shutter, unit)
 
 
 def _say(line: str, quiet: bool) -> None:

@@ -22,9 +22,9 @@ from gaussray.camera.sensor.sensor import (
     SensorOptions,
     amounts,
     check_sensor,
-    described,
     develop_by,
     encode,
+    sensor_record,
     steps_of,
 )
 from gaussray.capture.frames import read_stored
@@ -232,7 +232,7 @@ def _write_lists(
         listed = [r for r in records if r.effect == effect]
         used, said, extra = _sensor_of(listed[0], sensor), {**info}, dict[str, Any]()
         if used != NO_SENSOR:
-            said["sensor"] = described(used)
+            said["sensor"] = sensor_record(used)
         if labels and effect != SHARP:
             said["labels"] = units(labels)
         if used.tone == "linear":

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gaussray.camera.aperture import focus_at, focused, thin_lens
+from gaussray.camera.aperture import focus_distance_at, focused, thin_lens
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import SIDEWAYS, row_count, row_moments
 from gaussray.report.markup import Markup, tag
@@ -140,7 +140,7 @@ def shutter_drawing(title: str, camera: Camera, unit: str) -> Markup:
 
 def _focus(camera: Camera) -> tuple[float, float]:
     """Focus distance and aperture radius at the frame's time."""
-    distance = focus_at(camera.aperture, camera.time)
+    distance = focus_distance_at(camera.aperture, camera.time)
     return float(distance), float(camera.aperture.radius)
 
 

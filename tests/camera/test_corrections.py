@@ -12,13 +12,13 @@ from gaussray.camera.corrections import (
     REFINABLE,
     Corrections,
     correctable,
-    found,
+    corrections_summary,
     gains,
+    gauge_fixed,
     no_corrections,
     refined,
     refined_frames,
     refined_kinds,
-    settled,
 )
 from gaussray.camera.lens import (
     DoubleSphere,
@@ -177,8 +177,8 @@ def test_what_the_scene_can_make_up_for_is_taken_out(filmed, cameras):
         pose=toy.single(own), shutter=toy.single(0.1), exposure=toy.single(gain),
         offset=toy.single(late),
     )  # fmt: skip
-    kept = settled(given, cameras)
-    same = settled(
+    kept = gauge_fixed(given, cameras)
+    same = gauge_fixed(
         Corrections(
             pose=toy.single(own + alike), shutter=toy.single(0.1), exposure=toy.single(gain + 3),
             offset=toy.single(late - 2),
@@ -191,7 +191,7 @@ def test_what_the_scene_can_make_up_for_is_taken_out(filmed, cameras):
     # Seven of the poses' numbers are gone, the others stay.
     free = np.asarray(cameras.free, np.float64)
     np.testing.assert_allclose(np.linalg.eigvalsh(free), np.repeat([0, 1], [7, 17]), atol=SAME)
-    np.testing.assert_allclose(kept.pose, settled(kept, cameras).pose, atol=SAME)
+    np.testing.assert_allclose(kept.pose, gauge_fixed(kept, cameras).pose, atol=SAME)
 
 
 def test_a_scene_that_moves_with_its_cameras_looks_the_same(filmed, cameras):
@@ -236,7 +236,7 @@ def test_what_was_found_is_said_in_the_captures_units(filmed, cameras):
         toy.single(pose), jnp.zeros((4, 3), jnp.float32), toy.single(np.log(0.5)),
         toy.single(np.eye(4)[:, :3]), toy.single([0.2, -0.2, 0, 0]),
     )  # fmt: skip
-    said = found(given, cameras, stack(filmed).shutter, "seconds")
+    said = corrections_summary(given, cameras, stack(filmed).shutter, "seconds")
     step = float(filmed[0].shutter.row_step)
     assert f"time of a row {step:.4g} -> {step / 2:.4g} (seconds)" in said
     assert "offsets -0.1 to 0.1 (seconds)" in said

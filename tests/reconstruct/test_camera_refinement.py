@@ -13,7 +13,7 @@ import toy
 from gaussray.camera.aperture import Aperture
 from gaussray.camera.array import camera_set
 from gaussray.camera.camera import Camera, project
-from gaussray.camera.corrections import REFINABLE, no_corrections, refined_frames, settled
+from gaussray.camera.corrections import REFINABLE, gauge_fixed, no_corrections, refined_frames
 from gaussray.camera.film import Film
 from gaussray.camera.lens import KannalaBrandt, pinhole
 from gaussray.camera.shutter import Shutter
@@ -185,7 +185,7 @@ def assert_found(folder, pictures, kinds, steps=100):
     )
     state, _ = loop.run_stage(fit, "fine", known_scene(fit), RunProgress())
     corrections = state.parameters.corrections
-    found = settled(corrections, fit.cameras)
+    found = gauge_fixed(corrections, fit.cameras)
     if "exposure" in kinds:
         np.testing.assert_allclose(np.exp(found.exposure), list(GAIN.values()), rtol=FRACTION)
     if "shutter" in kinds:

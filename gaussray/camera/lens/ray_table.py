@@ -19,11 +19,11 @@ from gaussray.io.ray_map import read_ray_map
 
 
 # Directions in a table, along each side: every frame of a capture carries its lens.
-FEWEST, MOST = 4, 513
+_FEWEST, _MOST = 4, 513
 # Of the table, this many along each side are compared with a point to begin Newton's steps there.
-GUESSES, STEPS = 48, 8
+_GUESSES, _NEWTON_STEPS = 48, 8
 # Largest angle (radians) between a point and the ray that Newton found for it.
-RESIDUAL = 1e-5
+_RESIDUAL = 1e-5
 
 
 class RayTable(FocalLens):
@@ -65,14 +65,14 @@ class RayTable(FocalLens):
         toward = jnp.where(jnp.any(toward != 0), toward, jnp.array([0, 0, 1], point.dtype))
         across = _across(toward)
         rows, columns = self.rays.shape[:2]
-        skip = -(-rows // GUESSES), -(-columns // GUESSES)
+        skip = -(-rows // _GUESSES), -(-columns // _GUESSES)
         some = self.rays[:: skip[0], :: skip[1]]
         nearest = jnp.argmax(jnp.sum(some * toward[None, None], axis=-1))
         row, column = jnp.unravel_index(nearest, some.shape[:2])
         start = jnp.stack([column * skip[1], row * skip[0]]).astype(point.dtype)
         xy, found = plane_root(
             _aside, jnp.zeros_like(start), (self.rays, across), start,
-            steps=STEPS, residual=RESIDUAL,
+            steps=_NEWTON_STEPS, residual=_RESIDUAL,
         )  # fmt: skip
         ahead = jnp.sum(_between(xy, self.rays) * toward) > 0
         return xy, found & ahead & self._lit(xy) & jnp.any(point != 0)
@@ -80,9 +80,9 @@ class RayTable(FocalLens):
     def check_image(self) -> None:
         rays = np.asarray(self.rays, np.float64)
         for name, count in zip(("rows", "columns"), rays.shape, strict=False):
-            if not FEWEST <= count <= MOST:
+            if not _FEWEST <= count <= _MOST:
                 raise ValueError(
-                    f"lens.file must hold {FEWEST} to {MOST} {name} of directions, got {count}. "
+                    f"lens.file must hold {_FEWEST} to {_MOST} {name} of directions, got {count}. "
                     "Keep every n-th: what lies between is interpolated smoothly."
                 )
         length = np.linalg.norm(rays, axis=-1)

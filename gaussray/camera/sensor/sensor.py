@@ -1,4 +1,4 @@
-"""What a sensor makes of the light on the film: from linear light to what a picture stores."""
+"""The sensor: from linear light on the film to the values that a picture stores."""
 
 import math
 from collections.abc import Mapping
@@ -12,25 +12,36 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.principal_point import require_axis
 from gaussray.camera.sensor.mosaic import PATTERNS, demosaic, mosaic
 from gaussray.camera.sensor.noise import noisy
-from gaussray.camera.sensor.tone import CURVES, toned
+from gaussray.camera.sensor.tone import TONE_CURVES, toned
 from gaussray.camera.sensor.vignetting import darkest, transmission
 
 
 # Electrons up to which single precision draws Poisson's law: the variance of 10^6 draws is as near
 # as that of any (at 3e5 it is 0.9 % off).
-MOST = 100_000
+MOST_ELECTRONS = 100_000
 
 
 class SensorOptions(eqx.Module):
-    """Each key does nothing by default, and then costs nothing.
+    """The config group `sensor`. Every key is off by default and then costs nothing.
 
-    `chromatic` magnifies red, green and blue (`camera.chromatic`); `falloff` and `vignetting`
-    darken the edges (`camera.vignetting`). `exposure` doubles the light so many times. `full_well`
-    electrons stand for the light `white` (or 1), `read_noise` electrons come from reading them
-    (`camera.noise`), and `gain` (ISO over the sensor's own) multiplies both. `white` is where
-    values are cut after that, and what `bits` count up to; 0 is nowhere. `bayer` is the pattern of
-    colour filters and `demosaic` bilinear or none (`camera.mosaic`); `tone` the curve of PNG files
-    with its `table` (`camera.tone`). `seed` is that of the noise.
+    Args:
+        chromatic: Magnifications of red, green and blue (`camera.chromatic`).
+        falloff: Exponent of natural vignetting, cos(theta)^falloff (`sensor.vignetting`).
+        vignetting: a1, a2, a3 of the vignetting polynomial (`sensor.vignetting`).
+        exposure: Exposure in stops: light times 2^exposure.
+        full_well: Electrons that stand for the light `white` (or 1); 0 is no noise.
+        read_noise: Standard deviation of the read noise in electrons (`sensor.noise`).
+        gain: ISO over the sensor's base ISO, at least 1; multiplies signal and noise.
+        white: Level at which values are clipped after the gain; 0 is no clipping.
+        bits: Bits of the quantisation from 0 to `white`; 0 is none.
+        bayer: Pattern of the Bayer colour filter array, or "none" (`sensor.mosaic`).
+        demosaic: "bilinear" or "none".
+        tone: Tone curve of PNG files (`sensor.tone`).
+        table: Stored values of the curve `tone="table"`.
+        seed: Seed of the noise.
+
+    Raises:
+        ValueError: If a key breaks its rule.
     """
 
     chromatic: tuple[float, ...] = eqx.field(static=True, default=(1.0, 1.0, 1.0))
@@ -57,7 +68,12 @@ class SensorOptions(eqx.Module):
             darkest(self.vignetting) >= 0,
             "a1, a2, a3 with 1 + a1 r^2 + a2 r^4 + a3 r^6 at least 0 for r up to 1",
         )
-        _demand(self, "full_well", 0 <= self.full_well <= MOST, f"in 0 ... {MOST} electrons")
+        _demand(
+            self,
+            "full_well",
+            0 <= self.full_well <= MOST_ELECTRONS,
+            f"in 0 ... {MOST_ELECTRONS} electrons",
+        )
         for key in ("falloff", "read_noise", "white"):
             _demand(self, key, 0 <= getattr(self, key) < math.inf, "at least 0")
         _demand(self, "exposure", math.isfinite(self.exposure), "finite")
@@ -65,7 +81,7 @@ class SensorOptions(eqx.Module):
         _demand(self, "bits", 0 <= self.bits <= 16, "in 0 ... 16")
         _demand(self, "bayer", self.bayer in ("none", *PATTERNS), f"none or one of {PATTERNS}")
         _demand(self, "demosaic", self.demosaic in ("bilinear", "none"), "bilinear or none")
-        _demand(self, "tone", self.tone in CURVES, f"one of {CURVES}")
+        _demand(self, "tone", self.tone in TONE_CURVES, f"one of {TONE_CURVES}")
         _demand(self, "seed", 0 <= self.seed < 2**32, "in 0 ... 2^32 - 1")
         if self.tone == "table":
             rising = all(a <= b for a, b in zip(self.table, self.table[1:], strict=False))
@@ -170,7 +186,7 @@ def digital(value: Float[Array, "*n"], bits: int) -> Float[Array, "*n"]:
     return jnp.round(value * steps) / steps
 
 
-def described(options: SensorOptions) -> Mapping[str, Any]:
+def sensor_record(options: SensorOptions) -> Mapping[str, Any]:
     """The sensor as a manifest records it, with how its noise can be had again."""
     told = {name: getattr(options, name) for name in options.__dataclass_fields__}
     key = "jax.random.key(seed), then fold_in of the first two little-endian 32-bit words of "

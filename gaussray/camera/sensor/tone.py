@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 from gaussray.color import srgb_encode
 
 
-CURVES = ("srgb", "linear", "filmic", "table")
+TONE_CURVES = ("srgb", "linear", "filmic", "table")
 
 
 def toned(

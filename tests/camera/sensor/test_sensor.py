@@ -16,12 +16,12 @@ from gaussray.camera.sensor.sensor import (
     SensorOptions,
     amounts,
     check_sensor,
-    described,
     develop,
     develop_by,
     digital,
     encode,
     exposed,
+    sensor_record,
     steps_of,
 )
 from gaussray.camera.sensor.vignetting import transmission
@@ -136,7 +136,7 @@ def test_gradients_reach_the_light_through_all_that_is_smooth():
 
 
 def test_a_manifest_records_every_key():
-    told = described(SensorOptions(seed=5, bayer="RGGB"))
+    told = sensor_record(SensorOptions(seed=5, bayer="RGGB"))
     assert json.loads(json.dumps(told))["seed"] == 5
     assert set(told) == {*SensorOptions.__dataclass_fields__, "noise_key"}
 

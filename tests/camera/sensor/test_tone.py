@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from gaussray.camera.sensor.tone import CURVES, toned
+from gaussray.camera.sensor.tone import TONE_CURVES, toned
 from gaussray.color import srgb_encode
 
 
@@ -44,13 +44,13 @@ def test_the_filmic_curve_rolls_highlights_off():
     assert one(1e6, "filmic") == pytest.approx(float(srgb_encode(np.array(2.51 / 2.43))), abs=1e-5)
 
 
-@pytest.mark.parametrize("curve", CURVES)
+@pytest.mark.parametrize("curve", TONE_CURVES)
 def test_more_light_never_stores_less(curve):
     stored = np.asarray(toned(jnp.linspace(-0.1, 9, 500), curve, TABLE))
     assert np.all(np.diff(stored) >= 0)
 
 
-@pytest.mark.parametrize("curve", CURVES)
+@pytest.mark.parametrize("curve", TONE_CURVES)
 def test_gradients(curve):
     inside = jnp.array([0.001, 0.13, 0.4, 0.61, 0.9])
 
