@@ -18,8 +18,13 @@ from gaussray.scene.planes import Planes
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene
 from gaussray.scene.shape_check import misfit
+from gaussray.scene.transient import Transients
 
 
+# Shapes of the arrays behind the axis of the Gaussians; harmonics come besides.
+_Shapes = dict[str, tuple[int, ...]]
+_OF_GAUSSIANS: _Shapes = {"mean": (3,), "quat": (4,), "scale": (3,), "opacity": ()}
+_OF_TRANSIENTS = _OF_GAUSSIANS | {"velocity": (3,), "instant": (), "lifetime": (), "plateau": ()}
 RESIDUAL_HEADS = ("mean", "rotation", "scale", "opacity", "harmonics")
 
 
@@ -74,7 +79,8 @@ def scene_from(
             f"{str(time_range)[:80]}; the scene is damaged."
         )
     static, moving = (_gaussians(array, prefix, path) for prefix in ("static", "moving"))
-    scene = Scene(static, moving, deformation, time_range)
+    transient = _transients(array, path)
+    scene = Scene(static, moving, deformation, time_range, transient)
     wrong = misfit(scene)
     if wrong:
         raise ValueError(f"{path}: its arrays do not fit together ({wrong}); the scene is damaged.")
@@ -113,20 +119,38 @@ def deformation_from(
 
 
 def _gaussians(array: dict[str, np.ndarray], prefix: str, path: Path) -> Gaussians:
-    fields = ("mean", "quat", "scale", "opacity", "harmonics")
+    return Gaussians(**_rows(array, prefix, path, _OF_GAUSSIANS))
+
+
+def _transients(array: dict[str, np.ndarray], path: Path) -> Transients | None:
+    if not any(name.startswith("transient.") for name in array):
+        return None
+    values = _rows(array, "transient", path, _OF_TRANSIENTS)
+    if not (values["lifetime"] > 0).all() or not (values["plateau"] >= 0).all():
+        raise ValueError(
+            f"{path}: the array 'transient.lifetime' must be above 0 and 'transient.plateau' at "
+            "least 0; the scene is damaged."
+        )
+    return Transients(**values)
+
+
+def _rows(
+    array: dict[str, np.ndarray], prefix: str, path: Path, shapes: _Shapes
+) -> dict[str, Array]:
+    """Arrays of as many rows each, of these shapes behind the first axis, and harmonics."""
+    fields = (*shapes, "harmonics")
     values = {field: _array(array, f"{prefix}.{field}", path) for field in fields}
     rows = {field: value.shape[:1] for field, value in values.items()}
     if len(set(rows.values())) != 1:
         raise ValueError(f"{path}: the arrays of '{prefix}' differ in length: {rows}.")
-    wanted = {"mean": (3,), "quat": (4,), "scale": (3,), "opacity": ()}
-    wanted["harmonics"] = (*values["harmonics"].shape[1:2], 3)
+    wanted = shapes | {"harmonics": (*values["harmonics"].shape[1:2], 3)}
     for field, value in values.items():
         if value.shape[1:] != wanted[field]:
             raise ValueError(
                 f"{path}: the array '{prefix}.{field}' has the shape {value.shape} instead of "
                 f"{value.shape[:1] + wanted[field]}; the scene is damaged."
             )
-    return Gaussians(*(values[field] for field in fields))
+    return values
 
 
 def _residual_field(array: dict[str, np.ndarray], prefix: str, path: Path) -> ResidualField:

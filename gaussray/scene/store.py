@@ -19,6 +19,10 @@ head (and its arrays) or every scale of planes. Its header also lists all `array
 
 Version 4 is for clips. Its header lists under `segments` the headers of their scenes; the arrays of
 segment i have the names that they would have in a file of their own, after the prefix "i.".
+
+Version 5 is version 3 for scenes with transient Gaussians, whose arrays are transient.mean,
+transient.velocity, transient.quat, transient.scale, transient.opacity, transient.harmonics,
+transient.instant, transient.lifetime and transient.plateau.
 """
 
 from collections.abc import Sequence
@@ -38,7 +42,8 @@ from gaussray.scene.segmented import Clip, segments_of
 
 FORMAT = "gaussray-scene"
 # A scene is written in the lowest version that can hold it.
-VERSION, RESIDUALS, LISTED, SEGMENTS = 1, 2, 3, 4
+VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT = 1, 2, 3, 4, 5
+VERSIONS = VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT
 # How arrays are stored: full keeps every bit, compact quantises (`compression`).
 PRECISIONS = ("full", "compact")
 
@@ -92,14 +97,13 @@ def load_scene(path: Path | str) -> Scene | Clip:
         ValueError: the file is damaged, or of an unknown version.
     """
     path = _scene_file(path)
-    header, array = read_arrays(path, FORMAT, VERSION, RESIDUALS, LISTED, SEGMENTS)
+    header, array = read_arrays(path, FORMAT, *VERSIONS)
     return (_clip if header["version"] == SEGMENTS else _scene)(header, array, path)
 
 
 def scene_info(path: Path | str) -> dict[str, Any]:
     """The `info` that `save_scene` stored with a scene on disk."""
-    versions = VERSION, RESIDUALS, LISTED, SEGMENTS
-    return read_arrays(_scene_file(path), FORMAT, *versions)[0].get("info", {})
+    return read_arrays(_scene_file(path), FORMAT, *VERSIONS)[0].get("info", {})
 
 
 def as_stored(scene: Scene, *, precision: str) -> Scene:
@@ -122,13 +126,16 @@ def _contents(
     if precision == "compact":
         codes, array = compressed(array)
     header: dict[str, Any] = {"format": FORMAT, "version": _version(scene), "info": info}
-    if codes or header["version"] == LISTED:
-        header |= {"version": LISTED, "arrays": sorted(array), "codes": codes}
+    if codes or header["version"] in (LISTED, TRANSIENT):
+        version = TRANSIENT if header["version"] == TRANSIENT else LISTED
+        header |= {"version": version, "arrays": sorted(array), "codes": codes}
     return header, array
 
 
 def _version(scene: Scene) -> int:
     deformation = scene.deformation
+    if scene.transient is not None:
+        return TRANSIENT
     if isinstance(deformation, ResidualField):
         return RESIDUALS
     complete = deformation is None or (
@@ -139,7 +146,7 @@ def _version(scene: Scene) -> int:
 
 def _scene(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> Scene:
     """The scene in a file."""
-    if header["version"] != LISTED:
+    if header["version"] not in (LISTED, TRANSIENT):
         return scene_from(array, path, residuals=header["version"] == RESIDUALS)
     listed, codes = header.get("arrays"), header.get("codes")
     if not isinstance(listed, list) or not isinstance(codes, dict):
@@ -156,7 +163,7 @@ def _scene(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> 
 def _clip(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> Clip:
     """The clip in a file."""
     listed = header.get("segments")
-    versions = VERSION, RESIDUALS, LISTED
+    versions = VERSION, RESIDUALS, LISTED, TRANSIENT
     if not isinstance(listed, list) or not all(
         isinstance(part, dict) and part.get("version") in versions for part in listed
     ):

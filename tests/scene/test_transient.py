@@ -9,8 +9,13 @@ import pytest
 import toy
 from jax.test_util import check_grads
 
+from gaussray.scene.array_file import read_arrays, write_arrays
+from gaussray.scene.formats.convert import export_model
+from gaussray.scene.formats.gaussian_ply import read_gaussians
 from gaussray.scene.point_tracks import FREE, carried, group_of
 from gaussray.scene.scene import Scene, at, key_count, transient_count
+from gaussray.scene.segmented import Clip
+from gaussray.scene.store import as_stored, load_scene, save_scene
 from gaussray.scene.transient import (
     Transients,
     constrain_transients,
@@ -120,3 +125,73 @@ def test_a_point_on_one_travels_at_its_velocity_and_belongs_to_what_moves():
     np.testing.assert_array_equal(still(toy.single(0.7)), point)
     groups = np.asarray(group_of(whole))
     assert len(groups) == whole.count and (groups[first:] == FREE).all()
+
+
+@pytest.mark.parametrize("speed", [0.4, 0.0])
+def test_a_file_holds_every_bit_and_an_old_reader_refuses_it(tmp_path, speed):
+    whole = replace(toy.scene(speed=speed), transient=crowd())
+    save_scene(tmp_path / "scene.npz", whole)
+    found = load_scene(tmp_path)
+    assert jax.tree.structure(found) == jax.tree.structure(whole)
+    for a, b in zip(jax.tree.leaves(found), jax.tree.leaves(whole), strict=True):
+        np.testing.assert_array_equal(a, b)
+    with pytest.raises(ValueError, match="is of version 5, this gaussray reads 1 and 2"):
+        read_arrays(tmp_path / "scene.npz", "gaussray-scene", 1, 2, 3, 4)
+
+
+def test_a_clip_holds_those_of_each_segment(tmp_path):
+    first, second = scene(), replace(toy.scene(), time_range=toy.single([1, 2]))
+    save_scene(tmp_path / "scene.npz", Clip((first, second)))
+    found = load_scene(tmp_path)
+    assert isinstance(found, Clip) and found.segments[1].transient is None
+    np.testing.assert_array_equal(found.segments[0].transient.velocity, first.transient.velocity)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("velocity", None, "'transient.velocity' is missing"),
+        ("instant", np.zeros(4, np.float32), "'transient' differ in length"),
+        ("lifetime", np.zeros(5, np.float32), "'transient.lifetime' must be above 0"),
+    ],
+)
+def test_arrays_that_make_no_transients_are_refused_by_name(tmp_path, name, value, message):
+    save_scene(tmp_path / "scene.npz", scene())
+    header, array = read_arrays(tmp_path / "scene.npz", "gaussray-scene", 5)
+    array = {k: x for k, x in (array | {f"transient.{name}": value}).items() if x is not None}
+    write_arrays(tmp_path / "scene.npz", header, array)
+    with pytest.raises(ValueError, match=message):
+        load_scene(tmp_path)
+
+
+def test_a_compact_file_is_off_by_half_a_step_and_loses_nothing_twice():
+    whole = replace(scene(), transient=crowd(200))
+    kept = as_stored(whole, precision="compact")
+    again = as_stored(kept, precision="compact")
+    for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(kept), strict=True):
+        np.testing.assert_array_equal(a, b)
+    x, y = whole.transient, kept.transient
+    row = np.abs(np.asarray(x.mean)[:, None] - np.asarray(y.mean)[None]).max(-1).argmin(axis=1)
+    short, long = np.quantile(x.lifetime, [0.06, 0.95])
+    step = np.quantile(np.min(np.asarray(x.scale), axis=1), 0.06) / 16
+    assert sorted(row) == list(range(200))
+    for name in ("instant", "plateau"):
+        off = np.abs(np.asarray(getattr(x, name)) - np.asarray(getattr(y, name))[row])
+        assert off.max() <= short / 64
+    np.testing.assert_allclose(np.asarray(y.lifetime)[row], x.lifetime, rtol=0.006)
+    # Off by no more than the mean itself, as long as they live.
+    assert np.abs(np.asarray(x.velocity) - np.asarray(y.velocity)[row]).max() <= step / (4 * long)
+
+
+def test_an_export_holds_those_that_are_alive_at_its_time(tmp_path):
+    whole = scene()
+    with pytest.raises(ValueError, match="time must be given"):
+        export_model(replace(toy.scene(speed=0), transient=crowd()), tmp_path / "a.ply")
+    written, _ = export_model(whole, tmp_path / "a.ply", 0.4, color="linear", degree=0)
+    every = at(whole, toy.single(0.4))
+    persistent = whole.static.count + whole.moving.count
+    alive = (np.arange(every.count) < persistent) | (np.asarray(every.opacity) > 1 / 255)
+    assert persistent < alive.sum() < every.count
+    np.testing.assert_array_equal(written.mean, every.mean[alive])
+    found = read_gaussians(tmp_path / "a.ply")
+    np.testing.assert_allclose(found.opacity, every.opacity[alive], rtol=ROUNDING)

@@ -15,7 +15,7 @@ from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.formats.gaussian_ply import write_gaussians
 from gaussray.scene.gaussians import Gaussians, folded
 from gaussray.scene.residual_field import ResidualField
-from gaussray.scene.scene import Scene, at
+from gaussray.scene.scene import Scene, at, transient_count
 from gaussray.scene.segmented import Clip, segment_at
 from gaussray.scene.srgb_harmonics import directions, projection
 from gaussray.scene.store import save_scene
@@ -23,6 +23,8 @@ from gaussray.scene.store import save_scene
 
 # What a light can be kept as: codes of sRGB, which fits to 8-bit pictures hold, or linear.
 COLORS = ("srgb", "linear")
+# Opacity below which a transient Gaussian is left out of a file: that which rasterisers leave out.
+LEAST_OPACITY = 1 / 255
 # Gaussians whose colours are converted at a time: bounds the memory.
 BLOCK = 1 << 16
 
@@ -82,16 +84,29 @@ def export_model(
 ) -> tuple[Gaussians, str]:
     """A scene's Gaussians at one `time` as a 3D Gaussian Splatting model, the PLY file `out`.
 
-    `time` is in the unit of the scene's time range; None will do where nothing moves. Tints, which
-    the layout has no place for, are folded into the harmonics (`folded`, exact). `color` says what
-    the file shall hold: srgb, the codes that viewers show as they are (`converted`), or linear,
-    ours. `degree` is that of the file's harmonics, at least the scene's; some viewers demand 3.
-    Returns what was written and a line about it. ValueError if the time is outside of the range.
+    Tints, which the layout has no place for, are folded into the harmonics (`folded`, exact), and
+    the windows of transient Gaussians into their opacity; those that are not alive at the time are
+    left out.
+
+    Args:
+        scene: the scene.
+        out: the file.
+        time: in the unit of the scene's time range; None will do where nothing moves.
+        color: `srgb`, the codes that viewers show as they are (`converted`), or `linear`, ours.
+        degree: of the file's harmonics, at least the scene's; some viewers demand 3.
+
+    Returns:
+        The Gaussians that were written, and a line about them.
+
+    Raises:
+        ValueError: the time is outside of the range, or the degree is too low.
     """
     _check_color(color)
     instant = _instant(scene, time)
     scene = segment_at(scene, instant)
     gaussians = folded(at(scene, jnp.asarray(instant, scene.time_range.dtype)))
+    if transient_count(scene):
+        gaussians = _without_dead(gaussians, scene.static.count + scene.moving.count)
     coefficients = gaussians.harmonics.shape[1]
     own = math.isqrt(coefficients) - 1
     if not own <= degree <= 3:
@@ -145,10 +160,17 @@ def _with_harmonics(gaussians: Gaussians, harmonics: Array) -> Gaussians:
     return Gaussians(gaussians.mean, gaussians.quat, gaussians.scale, gaussians.opacity, harmonics)
 
 
+def _without_dead(gaussians: Gaussians, persistent: int) -> Gaussians:
+    """Without the transient Gaussians, those behind the persistent ones, that no renderer shows."""
+    opacity = np.asarray(gaussians.opacity)
+    alive = (np.arange(len(opacity)) < persistent) | (opacity > LEAST_OPACITY)
+    return jax.tree.map(lambda x: x[np.flatnonzero(alive)], gaussians)
+
+
 def _instant(scene: Scene | Clip, time: float | None) -> float:
     begin, end = (float(x) for x in scene.time_range)
     if time is None:
-        if isinstance(scene, Clip) or scene.deformation is not None:
+        if isinstance(scene, Clip) or scene.deformation is not None or transient_count(scene):
             raise ValueError(
                 f"time must be given for a scene that moves, in its range {begin:g} ... {end:g}."
             )
