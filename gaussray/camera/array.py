@@ -1,4 +1,4 @@
-"""The training cameras together: whose each frame is, in which units they err, when they look."""
+"""The set of training cameras: owner of each frame, units of corrections, span of times."""
 
 import equinox as eqx
 import jax

@@ -1,4 +1,4 @@
-"""How wide a point out of focus becomes on the picture."""
+"""The circle of confusion: the size of the image of a point out of focus."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""The picture without any effect: what an ideal pinhole would have taken in an instant."""
+"""The ground-truth camera without effects: an ideal pinhole with an instantaneous exposure."""
 
 import jax
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""Where the optical axis of a lens meets the picture."""
+"""The principal point: the pixel of the optical axis."""
 
 import jax.numpy as jnp
 import numpy as np

@@ -1,4 +1,4 @@
-"""What a camera sends into the scene."""
+"""Rays in world space."""
 
 import equinox as eqx
 from jaxtyping import Array, Float

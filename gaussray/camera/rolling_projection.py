@@ -1,4 +1,4 @@
-"""Where and when a picture sees a point that moves: rows are read one after another."""
+"""Projection of moving points through a rolling shutter: pixel and time of exposure."""
 
 import dataclasses
 from collections.abc import Callable

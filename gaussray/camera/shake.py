@@ -1,4 +1,4 @@
-"""The unsteady hand: a camera that turns and moves a little around its path."""
+"""Camera shake: a stationary random rotation and translation around the path of a camera."""
 
 import equinox as eqx
 import jax.numpy as jnp

@@ -1,4 +1,4 @@
-"""What a physical value must satisfy, checked as soon as it is known."""
+"""Checks of parameter values on the host, with messages of one form."""
 
 from collections.abc import Callable
 from typing import Any

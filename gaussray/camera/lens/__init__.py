@@ -1,4 +1,7 @@
-"""Lenses, one file each: which way each pixel looks, and where each point is seen."""
+"""Lenses, one file each: maps between pixels and viewing directions.
+
+A new lens is a new file that lists its models (`registry.py`); it needs no line here.
+"""
 
 from gaussray.camera.lens.abstract import AbstractLens as AbstractLens, FocalLens as FocalLens
 from gaussray.camera.lens.blender_polynomial import FisheyePolynomial as FisheyePolynomial

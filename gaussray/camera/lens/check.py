@@ -1,4 +1,4 @@
-"""Whether a lens gives every pixel of a picture a direction of its own."""
+"""Checks that a lens maps every pixel of a picture to a different direction."""
 
 import jax
 import jax.numpy as jnp
@@ -9,11 +9,18 @@ from gaussray.camera.lens.abstract import AbstractLens
 
 
 def check_lens(lens: AbstractLens, width: int, height: int) -> None:
-    """Raise unless the lens is valid and every pixel has a direction of its own.
+    """Check a lens for pictures of a size.
 
-    A coarse grid of pixels, the corners' among them, is sent through `direction` and back through
-    `project`. Black pixels are no error, except under a pinhole, where they mean that the
-    distortion folds.
+    A grid of 9 x 9 pixels, corners included, is mapped by `direction` and back by `project`. Pixels
+    without a direction (black) are no error, except under a pinhole, where the distortion folds.
+
+    Args:
+        lens: The lens.
+        width: Width of the picture in pixels.
+        height: Height of the picture in pixels.
+
+    Raises:
+        ValueError: If a parameter is invalid, or if two pixels share a direction.
     """
     lens.check()
     side = np.linspace(0, 1, 9)

@@ -1,4 +1,4 @@
-"""The whole sphere, or a part of it, by longitude and latitude."""
+"""The equirectangular projection of the sphere or a part of it."""
 
 from typing import ClassVar
 

@@ -1,4 +1,4 @@
-"""Fisheyes of the four classical projections."""
+"""Fisheye lenses of the four classical projections."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -28,12 +28,21 @@ PROJECTIONS = {
 
 
 class Fisheye(RadialLens):
-    """r(theta) in focal lengths, by the `projection`.
+    """A fisheye with r(theta) in closed form both ways, r in focal lengths.
 
-    equidistant: theta (angles are to scale). equisolid: 2 sin(theta/2) (solid angles are: most
-    photographic fisheyes). stereographic: 2 tan(theta/2) (shapes stay). orthographic: sin(theta)
-    (no more than half of the sphere; at its rim, 90 degrees, dtheta/dr is infinite, and the
-    gradient there leaves it out).
+    equidistant: r = theta (angles are to scale). equisolid: r = 2 sin(theta/2) (solid angles are to
+    scale, as in most photographic fisheyes). stereographic: r = 2 tan(theta/2) (conformal).
+    orthographic: r = sin(theta) (at most 180 degrees; at the rim dtheta/dr is infinite, and the
+    gradient there is 0 instead).
+
+    Args:
+        focal: Focal lengths in pixels, above 0.
+        center: Principal point in pixels.
+        max_angle: Half of the field of view in radians; the picture is black beyond it.
+        projection: One of `PROJECTIONS`.
+
+    Raises:
+        ValueError: If a parameter is invalid; the message names the key.
     """
 
     focal: Float[Array, "2"]

@@ -25,7 +25,16 @@ from gaussray.io.json_numbers import json_numbers
 class KannalaBrandt(RadialLens):
     """r(theta) = theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), in focal lengths.
 
-    OpenCV's fisheye (Kannala and Brandt 2006). Its inverse is found by bisection and Newton.
+    OpenCV's fisheye (Kannala and Brandt 2006). theta(r) is found by bisection and Newton's method.
+
+    Args:
+        focal: Focal lengths in pixels, above 0.
+        center: Principal point in pixels.
+        coefficients: k1, k2, k3, k4.
+        max_angle: Half of the field of view in radians, at most pi; r must increase up to it.
+
+    Raises:
+        ValueError: If a parameter is invalid; the message names the key.
     """
 
     focal: Float[Array, "2"]

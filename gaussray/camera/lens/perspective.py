@@ -28,10 +28,20 @@ from gaussray.io.json_numbers import json_numbers
 
 
 class Pinhole(ParametricLens):
-    """Perspective: pixel = center + focal (x/z, y/z), distorted as by OpenCV (`distortion.py`).
+    """Perspective projection with OpenCV's distortion: pixel = center + focal distort(x/z, y/z).
 
-    `distorted` says whether the coefficients (8, 12 or 14) can differ from zero; an ideal pinhole
-    without it pays nothing for them. `pinhole` decides that.
+    Build it with `pinhole`, which decides `distorted`. The formula of the distortion is in
+    `camera/distortion.py`; its inverse is found by Newton's method.
+
+    Args:
+        focal: Focal lengths in pixels, above 0.
+        center: Principal point in pixels.
+        distortion: 8, 12 or 14 coefficients in OpenCV's order, without unit (the last two in
+            radians).
+        distorted: Whether the coefficients may differ from zero; False computes no distortion.
+
+    Raises:
+        ValueError: If a parameter is invalid; the message names the key.
     """
 
     focal: Float[Array, "2"]

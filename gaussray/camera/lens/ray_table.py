@@ -1,4 +1,4 @@
-"""Any lens at all, as a measured table of directions."""
+"""A lens given as a table of viewing directions, for example from a measurement."""
 
 import hashlib
 from typing import ClassVar

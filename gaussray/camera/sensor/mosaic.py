@@ -1,4 +1,4 @@
-"""A colour filter over each photosite, and colours made from them again (Bayer 1976)."""
+"""The Bayer colour filter array (Bayer 1976) and bilinear demosaicing."""
 
 import jax.numpy as jnp
 import numpy as np

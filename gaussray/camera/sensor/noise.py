@@ -1,4 +1,4 @@
-"""What the sensor counts: electrons, with the noise of light and of reading them."""
+"""Sensor noise: shot noise of photoelectrons and read noise."""
 
 import hashlib
 

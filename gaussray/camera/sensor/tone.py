@@ -1,4 +1,4 @@
-"""From linear light to the values that a picture file stores."""
+"""Tone curves: from linear light to the values that a picture file stores."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float

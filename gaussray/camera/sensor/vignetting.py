@@ -1,4 +1,4 @@
-"""How much darker a picture is away from its axis."""
+"""Vignetting: natural falloff and a radial polynomial."""
 
 import jax
 import jax.numpy as jnp
