@@ -6,6 +6,9 @@ import av
 import numpy as np
 from av.video.reformatter import ColorRange, Colorspace
 
+from gaussray.capture.frames import stream_encoded
+from gaussray.dataset.images import write_image
+
 
 # Grey of frame i is 16 + 12 i: far enough apart for any codec, up to 19 frames.
 STEP = 12
@@ -19,6 +22,20 @@ def shades(count=10, width=48, height=32):
     for frame in frames:
         frame[:, : width // 2] = 0
     return frames
+
+
+def load(views):
+    """All pictures of `stream_encoded` in one array [n, h, w, 3]."""
+    dtype, pictures = stream_encoded(views)
+    stack = np.empty((len(views), views[0].height, views[0].width, 3), dtype)
+    for place, picture in pictures:
+        stack[place] = picture
+    return stack
+
+
+def write_mask(path, mask):
+    """A mask as a grey PNG: white counts, black is ignored."""
+    write_image(path, np.where(np.asarray(mask), np.uint8(255), np.uint8(0)))
 
 
 def index_of(picture):

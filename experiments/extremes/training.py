@@ -27,7 +27,7 @@ from gaussray.camera.lens import pinhole
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
 from gaussray.reconstruct.data import pictures as footage
-from gaussray.capture.formats.paired import Capture, View
+from gaussray.capture.capture import Capture, View
 from gaussray.capture.points import Points
 from gaussray.color import srgb_encode
 from gaussray.reconstruct.options import FitOptions

@@ -39,7 +39,7 @@ def film(suffix: str, codec: str) -> bytes:
 
 def _read_stored(name: str, size: tuple[int, int] = (4, 3)) -> Callable[[Path], object]:
     def read(folder: Path) -> object:
-        from gaussray.capture.frames import read_stored
+        from gaussray.capture.picture_file import read_stored
 
         return read_stored(folder / name, *size)
 
@@ -48,10 +48,10 @@ def _read_stored(name: str, size: tuple[int, int] = (4, 3)) -> Callable[[Path], 
 
 def _read_video(name: str) -> Callable[[Path], object]:
     def read(folder: Path) -> object:
-        from gaussray.capture.videos import read_frames, read_video
+        from gaussray.capture.videos import decode_frames, read_video
 
         count = read_video(folder / name).frames
-        return sum(1 for _ in read_frames(folder / name, range(min(count, 20))))
+        return sum(1 for _ in decode_frames(folder / name, range(min(count, 20))))
 
     return read
 

@@ -75,7 +75,7 @@ def views():
     from gaussray.camera.lens import pinhole
     from gaussray.camera.shutter import global_shutter
     from gaussray.camera.trajectory import Trajectory
-    from gaussray.capture.formats.paired import View
+    from gaussray.capture.capture import View
     from gaussray.geometry import quaternion
 
     yaw = 0.15

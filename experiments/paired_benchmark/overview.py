@@ -8,7 +8,7 @@ from pathlib import Path
 
 from experiments.paired_benchmark.plan import EFFECTS
 from gaussray.capture.formats.paired import read_capture
-from gaussray.capture.frames import read_codes
+from gaussray.capture.frames import read_encoded
 from gaussray.dataset.images import contact_sheet, write_image
 
 
@@ -30,7 +30,7 @@ def main():
 def picture(views):
     """Of the last camera, two thirds into the clip."""
     own = [view for view in views if view.camera_name == views[-1].camera_name]
-    return read_codes(min(own, key=lambda view: abs(view.time - 2 / 3)))
+    return read_encoded(min(own, key=lambda view: abs(view.time - 2 / 3)))
 
 
 if __name__ == "__main__":

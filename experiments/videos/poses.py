@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from gaussray.capture.formats.colmap_files import model_folder, read_model
+from gaussray.capture.formats.colmap_files import model_folder, read_colmap_model
 from gaussray.geometry import BLENDER_AXES
 
 
@@ -22,7 +22,7 @@ def main() -> None:
     found = model_folder(told.capture)
     if found is None:
         raise SystemExit(f"{told.capture}: no model of COLMAP is there.")
-    truth, model = json.loads(told.truth.read_text()), read_model(found)
+    truth, model = json.loads(told.truth.read_text()), read_colmap_model(found)
     places = {Path(image.name).stem: placed(image) for image in model.images}
     true = np.array([truth["cameras"][name] for name in places])[:, :3]
     error, turned, scale = compared(np.array(list(places.values())), true)

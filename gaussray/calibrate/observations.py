@@ -12,7 +12,7 @@ from gaussray.calibrate.parameters import Unknown
 from gaussray.calibrate.solver import Observation
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.shutter import time_window
-from gaussray.capture.formats.paired import Capture, View
+from gaussray.capture.capture import Capture, View
 from gaussray.capture.frames import read_encoded, read_mask
 from gaussray.color import srgb_decode
 from gaussray.scene.scene import Scene, key_count

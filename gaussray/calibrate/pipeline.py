@@ -18,8 +18,9 @@ from gaussray.calibrate.results import (
 )
 from gaussray.calibrate.solver import CameraSolver, Solution, block_sides
 from gaussray.camera.array import rays_per_pixel
-from gaussray.capture.formats.paired import PINHOLE_FILE, Capture
-from gaussray.capture.frames import check_images
+from gaussray.capture.capture import Capture
+from gaussray.capture.formats.transforms import PINHOLE_FILE
+from gaussray.capture.picture_file import check_images
 from gaussray.dataset.manifest import write_manifest
 from gaussray.io.atomic import write_json
 from gaussray.runtime.devices import leads

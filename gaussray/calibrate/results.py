@@ -11,7 +11,7 @@ import numpy as np
 from gaussray.calibrate.least_squares import confounded, covariance
 from gaussray.calibrate.parameters import SHARED, Unknown, corrected_camera, readings
 from gaussray.calibrate.solver import CameraSolver, Solution, Sums
-from gaussray.capture.formats.paired import View
+from gaussray.capture.capture import View
 from gaussray.color import psnr_from_mse
 from gaussray.dataset.manifest import FrameRecord
 

@@ -1,3 +1,3 @@
-"""The import path of `read_capture` in version 0.1; new code imports it from `gaussray.capture`."""
+"""The import path of `read_capture` in version 0.1; use `gaussray.capture` instead."""
 
 from gaussray.capture.formats.paired import read_capture as read_capture

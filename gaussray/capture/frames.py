@@ -1,80 +1,146 @@
-"""Pictures from disk: linear light, or the sRGB values that the files hold."""
+"""Pictures of views: linear light, or the sRGB values that the files store, and masks."""
 
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
-from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 
+from gaussray.capture.capture import View
 from gaussray.capture.errors import CaptureError, CaptureWarning
-from gaussray.capture.videos import frame_of, read_frame, read_frames, read_video
+from gaussray.capture.picture_file import (
+    Picture,
+    StoredPicture,
+    alpha_mask,
+    check_size,
+    holds_bytes,
+    read_stored,
+    read_with_alpha,
+    stored_size,
+)
+from gaussray.capture.videos import decode_frames, frame_of
 from gaussray.capture.window import Window, averaged
 from gaussray.color import srgb_decode, srgb_encode
-from gaussray.io.safe.files import opened
-from gaussray.io.safe.openimageio import oiio
-from gaussray.io.safe.pictures import complaint, open_picture
 
 
 COLOR_SPACES = ("srgb", "linear")
-# What a picture with alpha is composited over; "none" drops alpha with a warning.
-BACKGROUNDS = {"none": None, "black": 0.0, "white": 1.0}
-_PNG_END = b"IEND\xaeB`\x82"
-# Pictures that are decoded or averaged at the same time, and those that wait their turn.
+# Pictures that are decoded or averaged at the same time, and those that wait in the queue.
 _THREADS, _AHEAD = 4, 8
-
-
-@runtime_checkable
-class Picture(Protocol):
-    """What is read from a view: where its picture lies (a file, or a frame of a video by
-    `frame_path`), how large it has to be, what is behind it (one of BACKGROUNDS), and which part of
-    the file it is (all of it if None)."""
-
-    @property
-    def image(self) -> Path: ...
-    @property
-    def width(self) -> int: ...
-    @property
-    def height(self) -> int: ...
-    @property
-    def color_space(self) -> str: ...
-    @property
-    def background(self) -> str: ...
-    @property
-    def window(self) -> Window | None: ...
+# What becomes of alpha below 1, by `background`.
+_ALPHA = {
+    "auto": "is composited over black. capture.background=white, mask or none treats it otherwise",
+    "none": "is ignored. capture.background=black, white or mask makes it count",
+}
 
 
 def read_image(
     path: Path | str, width: int, height: int, color_space: str = "srgb"
 ) -> Float[np.ndarray, "h w 3"]:
-    """Linear light of a picture.
+    """Linear light [height, width, 3] of a picture, as float32.
 
-    Integer files (PNG, JPEG: 8 or 16 bit) hold values of `color_space`, float files (EXR) linear
-    light.
+    Grey becomes three equal channels; alpha is ignored.
 
-    Gray becomes three equal channels. Alpha is dropped with a warning where it is below 1: the
-    colours are taken as the file stores them.
+    Args:
+        path: the file, or a frame of a video (`videos.frame_path`).
+        width: columns that the file must have.
+        height: rows that the file must have.
+        color_space: of integer files (PNG, JPEG), `srgb` or `linear`; float files (EXR) always hold
+            linear light.
+
+    Raises:
+        CaptureError: the file has another size, or the colour space is unknown.
+        OSError: the file is absent, truncated or no picture.
     """
     return _light(read_stored(path, width, height), color_space)
 
 
 def read_encoded(view: Picture) -> np.ndarray:
-    """sRGB values [h, w, 3] of a view: bytes if its file is 8-bit sRGB, else float32 (0..1).
+    """sRGB values [h, w, 3] of a view: uint8 if its file is 8-bit sRGB, else float32 in 0..1.
 
-    Where a view is smaller than what it shows of the file, each of its pixels is the mean over its
-    area in linear light, as a sensor of larger pixels sees it; bytes are rounded to the nearest.
+    Where a view is smaller than the part of the file that it shows, each of its pixels is the mean
+    over its area in linear light, as a sensor of larger pixels sees it; bytes are rounded.
     """
-    return _encoded(view, read_stored(view.image, *_stored_size(view), view.background))
+    stored = read_with_alpha(view.image, *stored_size(view), view.background)
+    if stored.alpha is not None and view.background in _ALPHA:
+        # Without a file name: the same text is shown once, not for each picture.
+        warnings.warn(
+            f"alpha below 1 in pictures {_ALPHA[view.background]}.", CaptureWarning, stacklevel=2
+        )
+    return _encoded(view, stored.values)
 
 
-def _stored_size(view):
-    return view.window.size if view.window else (view.width, view.height)
+def stream_encoded(
+    views: Sequence[Picture],
+) -> tuple[np.dtype, Iterator[tuple[int, np.ndarray]]]:
+    """Pictures of many views of one size, decoded one after another.
+
+    Every video is decoded once, from its start, and few pictures are held in memory.
+
+    Args:
+        views: at least one view.
+
+    Returns:
+        The type of all pictures (uint8 if all files are 8-bit sRGB, else float32 in 0..1), and an
+        iterator over the index of a view and its sRGB values [h, w, 3], in the order of the files.
+
+    Raises:
+        CaptureError: there is no view, or their sizes differ.
+    """
+    if not views:
+        raise CaptureError("the views to load must be at least one, got none.")
+    first = views[0]
+    for view in views:
+        if (view.width, view.height) != (first.width, first.height):
+            raise CaptureError(
+                f"{view.image}: all views loaded together must have one size, "
+                f"got {view.width} x {view.height} after {first.width} x {first.height} "
+                f"({first.image}). Load each size by itself."
+            )
+    dtype = np.dtype(np.uint8 if all(map(_is_bytes, views)) else np.float32)
+    return dtype, _streamed(views, dtype)
 
 
-def _encoded(view, stored):
+def read_mask(
+    path: Path | str, width: int, height: int, window: Window | None = None
+) -> Bool[np.ndarray, "h w"]:
+    """Pixels that count: True where a mask is white, as in nerfstudio.
+
+    White is at least half of full scale in the brightest channel. Through a `window`, means over
+    areas are compared.
+    """
+    stored = read_stored(path, *(window.size if window else (width, height)))
+    full = np.iinfo(stored.dtype).max if np.issubdtype(stored.dtype, np.integer) else 1
+    brightest = (window.cut(stored) if window else stored).max(axis=-1, keepdims=True) / full
+    if brightest.shape[:2] != (height, width):
+        brightest = averaged(brightest, width, height)
+    return brightest[..., 0] >= 0.5
+
+
+def is_masked(view: View) -> bool:
+    """Whether some pixels of a view may not count: it has a mask, or its alpha is one."""
+    return view.mask is not None or view.background == "mask"
+
+
+def visible_pixels(view: View) -> Bool[np.ndarray, "h w"]:
+    """Pixels of a view that count, by its mask and, with `background` mask, by its alpha."""
+    visible = np.ones((view.height, view.width), bool)
+    if view.mask is not None:
+        visible &= read_mask(view.mask, view.width, view.height, view.window)
+    if view.background == "mask":
+        size = stored_size(view)
+        alpha = read_with_alpha(view.image, *size, "mask").alpha
+        opaque = alpha_mask(alpha, size[::-1])[..., None].astype(np.float32)
+        opaque = view.window.cut(opaque) if view.window else opaque
+        if opaque.shape[:2] != visible.shape:
+            opaque = averaged(opaque, view.width, view.height)
+        visible &= opaque[..., 0] >= 0.5
+    return visible
+
+
+def _encoded(view: Picture, stored: np.ndarray) -> np.ndarray:
     part = view.window.cut(stored) if view.window else stored
     integers = np.issubdtype(part.dtype, np.integer)
     srgb = integers and _checked(view.color_space) == "srgb"
@@ -91,151 +157,17 @@ def _encoded(view, stored):
     return (values if srgb else srgb_encode(values)).astype(np.float32)
 
 
-def _light(stored, color_space):
-    """Linear light of what a file stores, in single precision."""
+def _light(stored: np.ndarray, color_space: str) -> np.ndarray:
+    """Linear light of stored values, as float32."""
     if not np.issubdtype(stored.dtype, np.integer):
         return stored.astype(np.float32)
-    codes = np.arange(np.iinfo(stored.dtype).max + 1, dtype=np.float64) / np.iinfo(stored.dtype).max
-    table = codes if _checked(color_space) == "linear" else srgb_decode(codes)
+    levels = np.iinfo(stored.dtype).max
+    values = np.arange(levels + 1, dtype=np.float64) / levels
+    table = values if _checked(color_space) == "linear" else srgb_decode(values)
     return table.astype(np.float32)[stored]
 
 
-def read_codes(view: Picture) -> UInt8[np.ndarray, "h w 3"]:
-    """Stored bytes of an 8-bit sRGB picture; any other kind of file is an error."""
-    codes = read_encoded(view)
-    if codes.dtype != np.uint8:
-        raise CaptureError(
-            f"{view.image}: the file must be 8-bit sRGB, got another bit depth or colour space. "
-            "read_encoded accepts every kind."
-        )
-    return codes
-
-
-def load_encoded(
-    views: Sequence[Picture], progress: Callable[[int, int], object] | None = None
-) -> np.ndarray:
-    """All pictures of `stream_encoded` in one array [n, h, w, 3]; `progress(done, total)` is called
-    after each."""
-    dtype, pictures = stream_encoded(views)
-    stack = np.empty((len(views), views[0].height, views[0].width, 3), dtype)
-    for done, (place, picture) in enumerate(pictures):
-        stack[place] = picture
-        if progress is not None:
-            progress(done + 1, len(views))
-    return stack
-
-
-def stream_encoded(
-    views: Sequence[Picture],
-) -> tuple[np.dtype, Iterator[tuple[int, np.ndarray]]]:
-    """Type and, one at a time, place among the views and sRGB values [h, w, 3] of many views of one
-    size: uint8 if all the files are 8-bit sRGB, else float32 in 0..1.
-
-    Every video is decoded once, from its start, and few pictures are held at any time.
-    """
-    if not views:
-        raise CaptureError("the views to load must be at least one, got none.")
-    first = views[0]
-    for view in views:
-        if (view.width, view.height) != (first.width, first.height):
-            raise CaptureError(
-                f"{view.image}: all views loaded together must have one size, "
-                f"got {view.width} x {view.height} after {first.width} x {first.height} "
-                f"({first.image}). Load each size by itself."
-            )
-    dtype = np.dtype(np.uint8 if all(map(_holds_codes, views)) else np.float32)
-    return dtype, _streamed(views, dtype)
-
-
-def _holds_codes(view):
-    """Whether `read_encoded` gives bytes, from the file's header."""
-    if view.color_space != "srgb":
-        return False
-    return bool(frame_of(view.image)) or _open(view.image).spec().format.basetype == oiio.UINT8
-
-
-def _streamed(views, dtype):
-    with ThreadPoolExecutor(_THREADS) as pool:
-        try:
-            for place, values in _in_turn(_reading(views, pool)):
-                widen = values.dtype == np.uint8 and dtype != np.uint8
-                yield place, (values / 255).astype(dtype) if widen else values
-        except BaseException:
-            pool.shutdown(cancel_futures=True)
-            raise
-
-
-def _reading(views, pool) -> Iterator[tuple[int, Future]]:
-    """Place and picture-to-be of every view, the frames of each video together and in order."""
-    videos: dict[Path, list[tuple[int, int]]] = {}
-    for place, view in enumerate(views):
-        found = frame_of(view.image)
-        if found is None:
-            yield place, pool.submit(read_encoded, view)
-        else:
-            videos.setdefault(found[0], []).append((found[1], place))
-    for path, frames in videos.items():
-        frames.sort()
-        pictures = read_frames(path, [index for index, _ in frames])
-        for (_, place), stored in zip(frames, pictures, strict=True):
-            view = views[place]
-            _check_size(view.image, stored.shape[1::-1], *_stored_size(view))
-            yield place, pool.submit(_encoded, view, stored)
-
-
-def _in_turn(jobs):
-    """The results of jobs in their order, while a few more are at work."""
-    waiting = deque()
-    for place, job in jobs:
-        waiting.append((place, job))
-        if len(waiting) > _AHEAD:
-            place, job = waiting.popleft()
-            yield place, job.result()
-    for place, job in waiting:
-        yield place, job.result()
-
-
-def read_mask(
-    path: Path | str, width: int, height: int, window: Window | None = None
-) -> Bool[np.ndarray, "h w"]:
-    """True where the mask is white (at least half of full scale in its brightest channel): pixels
-    that count. Black is ignored, as in nerfstudio. Through a `window`, means are compared."""
-    stored = read_stored(path, *(window.size if window else (width, height)))
-    full = np.iinfo(stored.dtype).max if np.issubdtype(stored.dtype, np.integer) else 1
-    brightest = (window.cut(stored) if window else stored).max(axis=-1, keepdims=True) / full
-    if brightest.shape[:2] != (height, width):
-        brightest = averaged(brightest, width, height)
-    return brightest[..., 0] >= 0.5
-
-
-def check_images(views: Sequence[Picture]) -> None:
-    """Raise at once, naming every picture that is absent or whose header disagrees in size."""
-    wrong = []
-    for view in views:
-        try:
-            _check_size(view.image, picture_size(view.image), *_stored_size(view))
-        except (OSError, CaptureError) as error:
-            wrong.append(str(error))
-    if wrong:
-        more = [f"... and {len(wrong) - 10} more"] if len(wrong) > 10 else []
-        raise CaptureError(
-            "\n".join([f"{len(wrong)} of {len(views)} pictures:", *wrong[:10], *more])
-        )
-
-
-def picture_size(path: Path | str) -> tuple[int, int]:
-    """Width and height in pixels of a picture, or of a frame of a video, from the file's header."""
-    found = frame_of(Path(path))
-    if found is None:
-        spec = _open(path).spec()
-        return spec.width, spec.height
-    width, height, frames = read_video(found[0])
-    if found[1] >= frames:
-        raise CaptureError(f"{path}: the video must have that frame, got {frames} frames, from 0.")
-    return width, height
-
-
-def _checked(color_space):
+def _checked(color_space: str) -> str:
     if color_space not in COLOR_SPACES:
         raise CaptureError(
             f"color_space must be one of {', '.join(COLOR_SPACES)}, got {color_space!r}."
@@ -243,86 +175,64 @@ def _checked(color_space):
     return color_space
 
 
-def _open(path):
-    path = Path(path)
-    if not path.is_file():
-        raise FileNotFoundError(f"{path}: the picture does not exist.")
-    raw = oiio.ImageSpec()
-    raw["oiio:UnassociatedAlpha"] = 1  # else straight colours come multiplied by alpha, and rounded
-    try:
-        return open_picture(path, raw)
-    except ValueError as error:
-        raise CaptureError(str(error)) from None
+def _is_bytes(view: Picture) -> bool:
+    """Whether `read_encoded` returns uint8, from the file's header."""
+    return view.color_space == "srgb" and holds_bytes(view.image)
 
 
-def _check_size(path, size, width, height):
-    if tuple(size) != (width, height):
-        raise CaptureError(
-            f"{path}: the picture must be w x h = {width} x {height} as its camera says, "
-            f"got {size[0]} x {size[1]}. Correct w and h, or resize the picture."
+def _streamed(views: Sequence[Picture], dtype: np.dtype) -> Iterator[tuple[int, np.ndarray]]:
+    transparent = 0
+    with ThreadPoolExecutor(_THREADS) as pool:
+        try:
+            for place, (values, alpha) in _in_order(_jobs(views, pool)):
+                transparent += alpha is not None and views[place].background in _ALPHA
+                widen = values.dtype == np.uint8 and dtype != np.uint8
+                yield place, (values / 255).astype(dtype) if widen else values
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    if transparent:
+        warnings.warn(
+            f"{transparent} of {len(views)} pictures have alpha below 1, which "
+            f"{_ALPHA[views[0].background]}.",
+            CaptureWarning,
+            stacklevel=2,
         )
 
 
-def read_stored(path: Path | str, width: int, height: int, background: str = "none") -> np.ndarray:
-    """Stored values [h, w, 3]: uint8 and uint16 as they are, everything else float32.
-
-    A picture with alpha is composited over the `background`, one of BACKGROUNDS, in the values that
-    the file stores (sRGB codes in PNG), as NeRF's and 4DGaussians' readers do.
-    """
-    found = frame_of(Path(path))
-    if found is not None:
-        pixels = read_frame(*found)
-        _check_size(path, pixels.shape[1::-1], width, height)
-        return pixels
-    file = _open(path)
-    spec = file.spec()
-    _check_size(path, (spec.width, spec.height), width, height)
-    kind = {oiio.UINT8: "uint8", oiio.UINT16: "uint16"}.get(spec.format.basetype, "float")
-    pixels = file.read_image(kind)
-    # A truncated JPEG still returns pixels, invented below the cut: only the message tells.
-    if pixels is None or file.has_error:
-        raise OSError(f"{path}: the picture is truncated or corrupt: {complaint(file)}")
-    file.close()
-    if file.format_name() == "png" and _PNG_END not in _last(Path(path)):
-        raise OSError(f"{path}: the picture is truncated or corrupt: its PNG end chunk is missing")
-    pixels = np.asarray(pixels).reshape(height, width, -1)
-    color = np.ascontiguousarray(pixels[..., _color_channels(spec)])
-    if spec.alpha_channel >= 0:
-        full = np.iinfo(pixels.dtype).max if np.issubdtype(pixels.dtype, np.integer) else 1
-        alpha = pixels[..., spec.alpha_channel, None]
-        light = BACKGROUNDS[background]
-        if light is not None:
-            straight = bool(spec.get_int_attribute("oiio:UnassociatedAlpha"))
-            return _over(color, alpha / full, light * full, straight)
-        if (alpha < full).any():
-            warnings.warn(
-                f"{path}: the alpha channel is ignored, and some of it is below 1. Composite the "
-                "picture over its background (capture.background=black or white) to make it count.",
-                CaptureWarning,
-                stacklevel=3,
-            )
-    return color
+def _jobs(views: Sequence[Picture], pool: ThreadPoolExecutor) -> Iterator[tuple[int, Future]]:
+    """Index and future picture of every view, the frames of each video together and in order."""
+    videos: dict[Path, list[tuple[int, int]]] = {}
+    for place, view in enumerate(views):
+        frame = frame_of(view.image)
+        if frame is None:
+            yield place, pool.submit(_read, view)
+        else:
+            videos.setdefault(frame[0], []).append((frame[1], place))
+    for path, frames in videos.items():
+        frames.sort()
+        pictures = decode_frames(path, [index for index, _ in frames])
+        for (_, place), stored in zip(frames, pictures, strict=True):
+            view = views[place]
+            check_size(view.image, stored.shape[1::-1], *stored_size(view))
+            yield place, pool.submit(_shown, view, StoredPicture(stored, None))
 
 
-def _last(path):
-    """The end of a file."""
-    with opened(path) as file:
-        file.seek(max(file.seek(0, 2) - 4096, 0))
-        return file.read()
+def _read(view: Picture) -> StoredPicture:
+    return _shown(view, read_with_alpha(view.image, *stored_size(view), view.background))
 
 
-def _over(color, alpha, light, straight):
-    """The colours over an even background, in their own type; `straight` are not yet times alpha,
-    as in PNG, while EXR holds products."""
-    result = (alpha if straight else 1) * color.astype(np.float64) + (1 - alpha) * light
-    if np.issubdtype(color.dtype, np.integer):
-        result = np.clip(np.round(result), 0, np.iinfo(color.dtype).max)
-    return result.astype(color.dtype)
+def _shown(view: Picture, stored: StoredPicture) -> StoredPicture:
+    return StoredPicture(_encoded(view, stored.values), stored.alpha)
 
 
-def _color_channels(spec):
-    names = [name.upper() for name in spec.channelnames]
-    if {"R", "G", "B"} <= set(names):
-        return [names.index(name) for name in "RGB"]
-    rest = [k for k in range(spec.nchannels) if k != spec.alpha_channel]
-    return rest[:3] if len(rest) >= 3 else [rest[0]] * 3
+def _in_order(jobs: Iterable[tuple[int, Future]]) -> Iterator[tuple[int, StoredPicture]]:
+    """The results of jobs in their order, while a few more run."""
+    waiting: deque[tuple[int, Future]] = deque()
+    for place, job in jobs:
+        waiting.append((place, job))
+        if len(waiting) > _AHEAD:
+            place, job = waiting.popleft()
+            yield place, job.result()
+    for place, job in waiting:
+        yield place, job.result()

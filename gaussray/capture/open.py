@@ -1,4 +1,4 @@
-"""The door for captures of every layout: which reader a folder is for."""
+"""Opening a capture folder of any format: which reader it is for, and what is selected of it."""
 
 import dataclasses
 from collections.abc import Callable
@@ -7,13 +7,18 @@ from pathlib import Path
 import jax.numpy as jnp
 from jaxtyping import DTypeLike
 
+from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.colmap import read_colmap
-from gaussray.capture.formats.colmap_files import PLACES, model_folder
-from gaussray.capture.formats.dnerf import FILES, VALIDATION, read_splits
-from gaussray.capture.formats.neural3d import POSES_FILE, read_neural3d, videos_of
-from gaussray.capture.formats.paired import PINHOLE_FILE, Capture, View, effect_files, read_capture
-from gaussray.capture.frames import BACKGROUNDS
+from gaussray.capture.formats.colmap_files import PLACES, model_folder, project_folder
+from gaussray.capture.formats.dnerf import SPLIT_FILES, VALIDATION_FILE, read_splits
+from gaussray.capture.formats.dynamic3dgs import META_FILES, read_dynamic3dgs
+from gaussray.capture.formats.llff import llff_pictures, read_llff
+from gaussray.capture.formats.neural3d import read_neural3d, videos_of
+from gaussray.capture.formats.paired import effect_files, read_capture
+from gaussray.capture.formats.poses_bounds import POSES_FILE
+from gaussray.capture.formats.transforms import PINHOLE_FILE
+from gaussray.capture.picture_file import BACKGROUNDS
 from gaussray.capture.selection import Selection, selected
 
 
@@ -21,13 +26,17 @@ FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
     "paired": read_capture,
     "splits": read_splits,
     "neural3d": read_neural3d,
+    "llff": read_llff,
+    "dynamic3dgs": read_dynamic3dgs,
     "colmap": read_colmap,
 }
-# What a folder of each format holds, for who has to make one.
-NEEDS = {
+# The files of each format, for the message about a folder of none.
+FORMAT_FILES = {
     "paired": f"{PINHOLE_FILE} (or another JSON file with frames per effect)",
-    "splits": f"{FILES['train']} and, to score against, {FILES['test']}",
+    "splits": f"{SPLIT_FILES['train']} and, to score against, {SPLIT_FILES['test']}",
     "neural3d": f"{POSES_FILE} and a video camNN.mp4 per camera",
+    "llff": f"{POSES_FILE} and pictures in images/",
+    "dynamic3dgs": f"{META_FILES['train']} and pictures in ims/",
     "colmap": f"cameras and images (.bin or .txt) in one of {', '.join(PLACES)}",
 }
 
@@ -35,18 +44,27 @@ NEEDS = {
 def open_capture(
     folder: Path | str,
     format: str = "auto",
-    background: str = "none",
+    background: str = "auto",
     *,
     selection: Selection | None = None,
     dtype: DTypeLike = jnp.float32,
 ) -> Capture:
-    """What a capture folder says, by the reader of its format; pictures are not decoded.
+    """Read a capture folder; its pictures are not decoded.
 
-    `format` is a name of FORMATS, or auto: what the folder holds decides (see `format_of`).
-    Pictures with alpha are composited over the `background`: black or white, or none, which drops
-    alpha with a warning. A `selection` takes a part of the capture. The cameras have numbers of
-    `dtype`. Errors are the reader's, ValueError
-    for an unknown format or background.
+    Args:
+        folder: the capture.
+        format: a name of FORMATS, or `auto`: the files of the folder decide (`format_of`).
+        background: how alpha is treated. `black` and `white` composite it over that colour, `auto`
+            over black with a warning, `mask` ignores pixels below half alpha, `none` drops alpha.
+        selection: the part of the capture that is used; None is all of it.
+        dtype: type of the cameras' numbers.
+
+    Returns:
+        The capture. Frames whose picture does not exist are left out (`Selection.missing`).
+
+    Raises:
+        CaptureError: format or background are unknown, or a file contradicts its format.
+        FileNotFoundError: the folder does not exist.
     """
     if format not in ("auto", *FORMATS):
         raise ValueError(
@@ -60,27 +78,29 @@ def open_capture(
         )
     capture = FORMATS[format_of(folder) if format == "auto" else format](folder, dtype)
 
-    def over(views: list[View]) -> list[View]:
+    def with_background(views: list[View]) -> list[View]:
         return [dataclasses.replace(view, background=background) for view in views]
 
-    effects = {name: over(views) for name, views in capture.effects.items()}
-    capture = dataclasses.replace(capture, views=over(capture.views), effects=effects)
+    effects = {name: with_background(views) for name, views in capture.effects.items()}
+    capture = dataclasses.replace(capture, views=with_background(capture.views), effects=effects)
     return selected(capture, selection or Selection())
 
 
 def format_of(folder: Path | str) -> str:
-    """Name of the format that a folder is of.
+    """Name of the format of a capture folder, by its files.
 
-    JSON files with frames come first (a model of COLMAP beside them is what they were made from),
-    then poses_bounds.npy with videos, then COLMAP. A folder with JSON of two formats is an error,
-    and one of no format is another that lists what each needs. Both are CaptureError; a folder that
-    does not exist is FileNotFoundError.
+    JSON files come first (a model of COLMAP beside them is what they were made from), then
+    poses_bounds.npy with videos, then COLMAP, then poses_bounds.npy with pictures.
+
+    Raises:
+        CaptureError: the folder holds JSON files of two formats, or files of no format.
+        FileNotFoundError: the folder does not exist.
     """
     folder = Path(folder)
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: the capture folder does not exist.")
     paired = (folder / PINHOLE_FILE).is_file()
-    split = [name for name in (*FILES.values(), VALIDATION) if (folder / name).is_file()]
+    split = [n for n in (*SPLIT_FILES.values(), VALIDATION_FILE) if (folder / n).is_file()]
     if paired and split:
         raise CaptureError(
             f"{folder}: capture.format (truth_format) must be given for a folder that holds both "
@@ -88,13 +108,16 @@ def format_of(folder: Path | str) -> str:
         )
     if split:
         return "splits"
+    if not paired and (folder / META_FILES["train"]).is_file():
+        return "dynamic3dgs"
     if paired or effect_files(folder):
         return "paired"
-    if (folder / POSES_FILE).is_file() and (videos_of(folder) or model_folder(folder) is None):
-        return "neural3d"
-    if model_folder(folder) is not None:
+    model = model_folder(project_folder(folder))
+    if (folder / POSES_FILE).is_file() and (videos_of(folder) or model is None):
+        return "llff" if not videos_of(folder) and llff_pictures(folder) else "neural3d"
+    if model is not None:
         return "colmap"
-    needs = "; ".join(f"{name} needs {what}" for name, what in NEEDS.items())
+    needs = "; ".join(f"{name} needs {what}" for name, what in FORMAT_FILES.items())
     raise CaptureError(
         f"{folder}: a capture must hold the files of one format, got none of them: {needs}. "
         "Name the folder that has them."

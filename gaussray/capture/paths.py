@@ -9,7 +9,7 @@ from jaxtyping import Float
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.effects import quaternions
 from gaussray.capture.formats.json_keys import Keys
-from gaussray.capture.formats.paired import content_of
+from gaussray.capture.formats.transforms import json_content
 from gaussray.io.safe.files import read_text
 
 
@@ -35,7 +35,7 @@ def read_path(
 
 
 def _of_json(path):
-    content = content_of(path)
+    content = json_content(path)
     known = "trajectory", "frames", "camera_path"
     found = [key for key in known if isinstance(content, dict) and content.get(key)]
     if not found:

@@ -1,6 +1,7 @@
-"""What of a capture is used: instants, a part of the pictures, their size, cameras held out."""
+"""The part of a capture that is used: times, crop, size, held-out cameras, missing pictures."""
 
 import dataclasses
+import warnings
 from collections.abc import Callable
 from fnmatch import fnmatchcase
 from typing import Any
@@ -10,24 +11,34 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.camera.shutter import Shutter
-from gaussray.capture.errors import CaptureError
-from gaussray.capture.formats.paired import Capture, View
+from gaussray.capture.capture import Capture, View
+from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.picture_file import picture_exists
 from gaussray.capture.window import Window
 
 
-class Selection(eqx.Module):
-    """What of a capture is used; the defaults are all of it.
+# What is done with frames whose picture does not exist.
+MISSING = ("skip", "error")
 
-    `frames` is the first and the last index and the step of the capture's instants (-1 is the last
-    one). `crop` is left, top, width and height in the pixels of the files. `scale` shrinks what is
-    left of a picture, in (0, 1]. `test` names the cameras that are held out, by name or pattern
-    (`cam0*`), and all others train; "auto" leaves that to the format.
+
+class Selection(eqx.Module):
+    """The part of a capture that is used; the defaults are all of it.
+
+    Args:
+        frames: first index, last index (-1 is the last one) and step among the capture's times.
+        crop: left, top, width and height in the pixels of the files.
+        scale: factor of the sides of the cropped pictures, in (0, 1].
+        test: held-out cameras, by name or pattern (`cam0*`); all others are for training. `auto`
+            leaves the choice to the format.
+        missing: frames whose picture does not exist are left out (`skip`, with a warning that
+            counts them) or refused (`error`).
     """
 
     frames: tuple = eqx.field(static=True, default=())
     crop: tuple = eqx.field(static=True, default=())
     scale: float = eqx.field(static=True, default=1.0)
     test: tuple = eqx.field(static=True, default=("auto",))
+    missing: str = eqx.field(static=True, default="skip")
 
     def __check_init__(self):
         rule = "[] (all) or three whole numbers: first, last, step (at least 1)"
@@ -40,19 +51,23 @@ class Selection(eqx.Module):
             raise _error("scale", "in (0, 1]", self.scale)
         if not all(isinstance(name, str) and name for name in self.test):
             raise _error("test", "a list of cameras' names", self.test)
+        if self.missing not in MISSING:
+            raise _error("missing", f"one of {', '.join(MISSING)}", repr(self.missing))
 
 
 def selected(capture: Capture, selection: Selection) -> Capture:
-    """The capture that is left: its views are fewer, smaller, or held out by other names.
+    """The selected part of a capture: its views are fewer, smaller, or have other splits.
 
     Lens and shutter follow the pixels exactly: a point of the scene stays at the same place of the
     picture, and each row has the time of its middle. The sides become round(scale * side), and the
-    lens is scaled by what that makes of each. Pixel filters keep their width in pixels, for
-    averages over pixels are a filter themselves. Times stay as they are; views of effects are kept
-    at the instants of the pinhole views that are. `test` concerns pinhole views alone.
+    lens is scaled by the resulting factor of each side. Pixel filters keep their width in pixels,
+    because an average over pixels is a filter too. Times stay as they are; views of effects are
+    kept at the times of the kept pinhole views. `test` concerns pinhole views only.
 
-    CaptureError for instants, boxes or cameras that the capture does not have.
+    Raises:
+        CaptureError: the capture does not have the times, box or cameras, or lacks pictures.
     """
+    capture = _with_pictures(capture, selection.missing)
     keep = _instants(capture, selection)
     made: dict[Any, Any] = {}
 
@@ -66,6 +81,28 @@ def selected(capture: Capture, selection: Selection) -> Capture:
     return dataclasses.replace(
         capture, views=views, effects=effects, time_range=(min(times), max(times))
     )
+
+
+def _with_pictures(capture: Capture, missing: str) -> Capture:
+    """The capture without the views whose pictures do not exist."""
+    every = [*capture.views, *(view for some in capture.effects.values() for view in some)]
+    absent = {id(view) for view in every if not picture_exists(view.image)}
+    if not absent:
+        return capture
+    first = next(view.image for view in every if id(view) in absent)
+    text = (
+        f"{capture.folder}: {len(absent)} of {len(every)} frames have no picture, such as {first}"
+    )
+    if missing == "error" or len(absent) == len(every):
+        raise CaptureError(f"{text}. Copy the pictures there, or remove the frames.")
+    warnings.warn(f"{text}; they are left out.", CaptureWarning, stacklevel=4)
+
+    def present(views: list[View]) -> list[View]:
+        return [view for view in views if id(view) not in absent]
+
+    effects = {name: present(views) for name, views in capture.effects.items()}
+    effects = {name: views for name, views in effects.items() if views}
+    return dataclasses.replace(capture, views=present(capture.views), effects=effects)
 
 
 def _instants(capture: Capture, selection: Selection) -> Callable[[View], bool]:
@@ -97,6 +134,61 @@ def _held_out(views: list[View], selection: Selection) -> list[View]:
     ]
 
 
+# The common part of pictures of different sizes must keep this share of every picture.
+_COMMON = 0.75
+
+
+def same_size(views: list[View]) -> list[View]:
+    """The views, cropped about their middles to one size if their sizes differ a little.
+
+    COLMAP's undistorted pictures differ so. A warning tells the sizes.
+
+    Raises:
+        CaptureError: the common part would be less than three quarters of a picture.
+    """
+    sizes = {(view.width, view.height) for view in views}
+    if len(sizes) < 2:
+        return views
+    common = min(w for w, _ in sizes), min(h for _, h in sizes)
+    listed = ", ".join(f"{w} x {h}" for w, h in sorted(sizes)[:5]) + (", ..." * (len(sizes) > 5))
+    if any(common[0] * common[1] < _COMMON * w * h for w, h in sizes):
+        raise CaptureError(
+            f"{views[0].image.parent}: the training pictures must have nearly one size, got "
+            f"{len(sizes)} sizes ({listed}). Resize them (and their w, h, fl_x, fl_y, cx, cy), or "
+            "reconstruct from the pictures of one size."
+        )
+    warnings.warn(
+        f"training pictures have {len(sizes)} sizes ({listed}); all are cropped to {common[0]} x "
+        f"{common[1]}.",
+        CaptureWarning,
+        stacklevel=2,
+    )
+    made: dict[Any, Any] = {}
+    return [_cropped(view, common, made) for view in views]
+
+
+def _cropped(view: View, size: tuple[int, int], made: dict[Any, Any]) -> View:
+    """The middle of a view, without another change of scale."""
+    if (view.width, view.height) == size:
+        return view
+    left, top = (view.width - size[0]) // 2, (view.height - size[1]) // 2
+    outer = view.window
+    if outer is None:
+        inner = Window((view.width, view.height), (left, top, *size))
+        return _windowed(view, inner, inner, size, made)
+    x, y, width, height = outer.box
+    # Pixels of the file for a pixel of the view.
+    fine = np.array([width / view.width, height / view.height])
+    if not np.allclose(fine, 1):
+        raise CaptureError(
+            f"{view.image}: pictures of different sizes cannot be scaled, got capture.scale below "
+            "1. Resize the pictures to one size, or leave capture.scale=1."
+        )
+    part = Window(outer.size, (x + left, y + top, *size))
+    inner = Window((view.width, view.height), (left, top, *size))
+    return _windowed(view, part, inner, size, made)
+
+
 def _through(view: View, selection: Selection, made: dict[Any, Any]) -> View:
     """The view of the part and size that were chosen."""
     whole = (0, 0, view.width, view.height)
@@ -105,21 +197,29 @@ def _through(view: View, selection: Selection, made: dict[Any, Any]) -> View:
     if left + width > view.width or top + height > view.height:
         rule = f"within the picture of {view.width} x {view.height} at {view.image}"
         raise _error("crop", rule, selection.crop)
-    size = tuple(max(round(selection.scale * side), 1) for side in (width, height))
+    size = max(round(selection.scale * width), 1), max(round(selection.scale * height), 1)
     if box == whole and size == (view.width, view.height):
         return view
     window = Window((view.width, view.height), (left, top, width, height))
+    return _windowed(view, window, window, size, made)
+
+
+def _windowed(
+    view: View, stored: Window, seen: Window, size: tuple[int, int], made: dict[Any, Any]
+) -> View:
+    """The view of the box `seen` of its film, resized to `size`; the box lies at `stored` in the
+    file."""
     camera = view.camera
     # Views share most of their lenses and shutters.
-    key = id(camera.lens), id(camera.shutter), window
+    key = id(camera.lens), id(camera.shutter), seen
     if key not in made:
         lens, shutter = camera.lens, camera.shutter
-        resized = lens.resized(*window, (size[0], size[1]))
-        made[key] = resized, _shutter_through(shutter, window, size)
+        resized = lens.resized(*seen, (size[0], size[1]))
+        made[key] = resized, _shutter_through(shutter, seen, size)
     lens, shutter = made[key]
     film = dataclasses.replace(camera.film, width=size[0], height=size[1])
     camera = dataclasses.replace(camera, film=film, lens=lens, shutter=shutter)
-    return dataclasses.replace(view, camera=camera, window=window)
+    return dataclasses.replace(view, camera=camera, window=stored)
 
 
 def _shutter_through(shutter: Shutter, window: Window, size: tuple[int, ...]) -> Shutter:

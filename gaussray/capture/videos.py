@@ -17,7 +17,7 @@ from gaussray.capture.errors import CaptureError
 from gaussray.io.safe.limits import limits, within
 
 
-SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm")
+VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm")
 # Transfer characteristics of ITU-T H.273 whose codes are no sRGB codes: PQ and HLG.
 _HIGH_DYNAMIC_RANGE = {16: "PQ", 18: "HLG"}
 
@@ -59,7 +59,7 @@ def frame_of(path: Path) -> tuple[Path, int] | None:
 
 def is_video(path: Path) -> bool:
     """Whether the name is that of a video."""
-    return path.suffix.lower() in SUFFIXES
+    return path.suffix.lower() in VIDEO_SUFFIXES
 
 
 def read_video(path: Path | str) -> Video:
@@ -73,7 +73,7 @@ def read_video(path: Path | str) -> Video:
     return _facts(*_identity(Path(path)))
 
 
-def read_frames(path: Path | str, indices: Sequence[int]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+def decode_frames(path: Path | str, indices: Sequence[int]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
     """The frames of these `indices` (from 0, ascending), upright sRGB codes, one at a time.
 
     The file's own matrix and range of colours count; BT.601 and limited range where it names none,
@@ -85,8 +85,11 @@ def read_frames(path: Path | str, indices: Sequence[int]) -> Iterator[UInt8[np.n
 
 
 def read_frame(path: Path | str, index: int) -> UInt8[np.ndarray, "h w 3"]:
-    """One frame, as `read_frames` gives it. A frame that follows the last one asked for is decoded
-    from there on; for an earlier one the video starts again."""
+    """One frame, as `decode_frames` gives it.
+
+    A frame after the last one that was read is decoded from there on; for an earlier one the video
+    starts again.
+    """
     return _player(*_identity(Path(path))).show(index)
 
 

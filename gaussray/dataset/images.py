@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Array, Bool, UInt8
+from jaxtyping import Array, UInt8
 
 from gaussray.color import srgb_encode
 from gaussray.io.atomic import whole
@@ -54,11 +54,6 @@ def write_image(path: Path | str, image: np.ndarray | Array, *, depth: str = "ha
         _write(path, image.astype(np.float32), depth)
     else:
         raise ValueError(f"{path}: a picture's suffix must be .png or .exr, got {path.suffix!r}.")
-
-
-def write_mask(path: Path | str, mask: Bool[np.ndarray, "h w"] | Bool[Array, "h w"]) -> None:
-    """A mask as a gray PNG: white counts, black is ignored."""
-    write_image(path, np.where(np.asarray(mask), np.uint8(255), np.uint8(0)))
 
 
 # The last chunk of every PNG.

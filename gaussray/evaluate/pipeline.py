@@ -14,7 +14,7 @@ from jaxtyping import Array, Bool
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
-from gaussray.capture.formats.paired import Capture, View
+from gaussray.capture.capture import Capture, View, viewpoints
 from gaussray.capture.frames import read_encoded
 from gaussray.dataset.images import codes, contact_sheet, side_by_side, write_image
 from gaussray.dataset.video import write_video
@@ -258,23 +258,32 @@ def _circle(shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
 
 
 def _moving(views: Sequence[View]) -> dict[Path, Bool[np.ndarray, "h w"]]:
-    """Mask of the moving pixels of each picture, from all pictures of its camera."""
+    """Mask of what moves in each picture, from all pictures of the same viewpoint.
+
+    The pictures of a camera that moves have no common viewpoint, and no mask.
+    """
+    groups: dict[int, list[View]] = {}
+    for number, view in zip(viewpoints(views), views, strict=True):
+        groups.setdefault(number, []).append(view)
     masks = {}
-    for name in dict.fromkeys(view.camera_name for view in views):
-        same = [view for view in views if view.camera_name == name]
-        if len(same) > 1:
-            frames = np.stack([_levels(view) for view in same])
-            masks |= dict(zip([v.image for v in same], moving_mask(frames), strict=True))
+    for group in groups.values():
+        if len(group) > 1:
+            frames = np.stack([_levels(view) for view in group])
+            masks |= dict(zip([v.image for v in group], moving_mask(frames), strict=True))
     return masks
 
 
 def _static(
     views: Sequence[View], moving: dict[Path, Bool[np.ndarray, "h w"]]
 ) -> dict[str, Bool[np.ndarray, "h w"]]:
-    """Pixels of each camera that never move, for cameras with several pictures."""
+    """Pixels in which nothing ever moves, for each camera that stands still and has several
+    pictures."""
     static: dict[str, Bool[np.ndarray, "h w"]] = {}
+    places: dict[str, set[int]] = {}
+    for number, view in zip(viewpoints(views), views, strict=True):
+        places.setdefault(view.camera_name, set()).add(number)
     for view in views:
-        if view.image in moving:
+        if view.image in moving and len(places[view.camera_name]) == 1:
             mask = ~moving[view.image]
             static[view.camera_name] = static.get(view.camera_name, mask) & mask
     return static

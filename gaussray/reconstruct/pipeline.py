@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.camera.corrections import corrections_summary, gains, refined_frames
-from gaussray.capture.formats.paired import Capture
+from gaussray.capture.capture import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole
 from gaussray.reconstruct.data.segments import segments

@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from gaussray.camera.array import camera_set
 from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import refined_kinds, refined_views
-from gaussray.capture.formats.paired import Capture
+from gaussray.capture.capture import Capture
 from gaussray.capture.points import Points
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
@@ -97,7 +97,7 @@ class Session:
     @property
     def has_videos(self) -> bool:
         """Whether any camera took several pictures. Only those tell what moves."""
-        return len(np.unique(self.footage.name)) < len(self.footage.name)
+        return len(np.unique(self.footage.viewpoints)) < len(self.footage.viewpoints)
 
     def progress_bar(self, work: str, total: int, patience: float = 0.0) -> Progress:
         """A progress bar for a piece of work on this segment."""

@@ -27,7 +27,7 @@ from gaussray.camera.sensor.sensor import (
     sensor_record,
     steps_of,
 )
-from gaussray.capture.frames import read_stored
+from gaussray.capture.picture_file import read_stored
 from gaussray.dataset.images import codes, write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.dataset.video import write_video

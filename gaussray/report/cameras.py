@@ -9,8 +9,9 @@ import numpy as np
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
-from gaussray.capture.formats.paired import Capture, View
-from gaussray.capture.frames import read_encoded, read_stored
+from gaussray.capture.capture import Capture, View
+from gaussray.capture.frames import read_encoded
+from gaussray.capture.picture_file import read_stored
 from gaussray.dataset.images import codes
 from gaussray.evaluate.metrics import psnr
 from gaussray.render.renderer import Renderer, RenderOptions

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussray.capture.frames import read_stored
+from gaussray.capture.picture_file import read_stored
 from gaussray.evaluate.pipeline import SCORES
 from gaussray.evaluate.scores import COLUMNS
 from gaussray.report.chart import Curve, chart

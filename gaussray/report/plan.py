@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.trajectory import pose_at
-from gaussray.capture.formats.paired import View
+from gaussray.capture.capture import View
 from gaussray.color import srgb_encode
 from gaussray.geometry import rotation_matrix
 from gaussray.report.chart import color

@@ -3,7 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from gaussray.capture.formats.paired import PINHOLE_FILE, Capture, View, read_cameras, read_capture
+from gaussray.capture.capture import Capture, View
+from gaussray.capture.formats.paired import read_cameras, read_capture
+from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.dataset.takes import read_takes
 from gaussray.io.atomic import whole
 from gaussray.report import calibration, cameras, dataset, evaluation, reconstruction

@@ -8,7 +8,7 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 
-from gaussray.capture.formats.paired import View
+from gaussray.capture.capture import View
 from gaussray.config.compose import Configuration, Variations
 from gaussray.config.jobs import rig_options, shot_of
 from gaussray.config.options import build_options

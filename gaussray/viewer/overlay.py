@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from gaussray.capture.formats.paired import View
+from gaussray.capture.capture import View
 from gaussray.capture.open import FORMATS, format_of
 from gaussray.color import srgb_encode
 from gaussray.scene.harmonics import C0

@@ -16,7 +16,7 @@ from gaussray.camera.film import Film
 from gaussray.camera.lens import Pinhole, pinhole
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory, pose_at
-from gaussray.capture.formats.paired import View
+from gaussray.capture.capture import View
 from gaussray.geometry import rotation_matrix
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segment_at

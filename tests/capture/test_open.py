@@ -2,14 +2,15 @@
 
 import json
 
+import films
 import jax.numpy as jnp
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
-from gaussray.capture.frames import load_encoded, read_encoded
-from gaussray.capture.open import FORMATS, NEEDS, format_of, open_capture
+from gaussray.capture.frames import read_encoded
+from gaussray.capture.open import FORMAT_FILES, FORMATS, format_of, open_capture
 from gaussray.cli.main import main
 from gaussray.color import srgb_encode
 from gaussray.dataset.images import write_image
@@ -35,7 +36,8 @@ def lay(folder, name, content):
 
 
 def test_every_format_has_a_reader_and_says_what_it_needs():
-    assert FORMATS.keys() == NEEDS.keys() == {"paired", "splits", "neural3d", "colmap"}
+    known = {"paired", "splits", "neural3d", "llff", "dynamic3dgs", "colmap"}
+    assert FORMATS.keys() == FORMAT_FILES.keys() == known
 
 
 @pytest.mark.parametrize("format", ["auto", "paired"])
@@ -95,7 +97,7 @@ def test_a_folder_of_no_format_is_told_what_each_needs(folder):
         open_capture(folder)
     text = str(caught.value)
     assert str(folder) in text
-    assert all(f"{name} needs {what}" in text for name, what in NEEDS.items())
+    assert all(f"{name} needs {what}" in text for name, what in FORMAT_FILES.items())
 
 
 def test_a_test_split_without_its_training_split_is_named(folder):
@@ -112,8 +114,8 @@ def test_a_format_that_there_is_not_lists_those_that_are(folder):
 
 def test_a_format_that_the_folder_is_not_of_is_its_readers_error(folder):
     lay(folder, "transforms_train.json", SPLIT)
-    with pytest.warns(CaptureWarning), pytest.raises(CaptureError, match="w must be a whole"):
-        open_capture(folder, "paired")
+    with pytest.raises(CaptureError, match="must hold cameras and images"):
+        open_capture(folder, "colmap")
 
 
 def test_a_folder_that_is_not_there(tmp_path):
@@ -141,7 +143,7 @@ def test_pictures_with_alpha_are_seen_over_the_background(folder, background, li
     lay(folder, layout, {**PAIRED, "split": "train"})
     views = open_capture(folder, background=background).views
     expected = color * alpha / 255 + 255 * light * (1 - alpha / 255)
-    pictures = load_encoded(views)
+    pictures = films.load(views)
     assert pictures.dtype == np.uint8
     np.testing.assert_allclose(pictures[0], expected, atol=CODE + SINGLE)
 
@@ -161,8 +163,8 @@ def test_sixteen_bits_and_premultiplied_light_are_composited_too(folder):
 def test_without_a_background_alpha_is_dropped_with_a_warning(folder):
     color, _ = with_alpha(folder / "0.png", "uint8")
     lay(folder, "transforms_train.json", SPLIT)
-    with pytest.warns(CaptureWarning, match="alpha channel is ignored.*capture.background=black"):
-        pictures = load_encoded(open_capture(folder).views)
+    with pytest.warns(CaptureWarning, match="1 of 1 pictures have alpha .* is ignored. .*=black"):
+        pictures = films.load(open_capture(folder, background="none").views)
     np.testing.assert_array_equal(pictures[0], color)
 
 
@@ -181,10 +183,13 @@ def test_a_background_that_there_is_not_lists_those_that_are(folder):
 @pytest.mark.parametrize(
     ("word", "says"),
     [
-        ("capture.format=ns", "must be one of auto, paired, splits, neural3d, colmap, got 'ns'"),
+        (
+            "capture.format=ns",
+            "llff, dynamic3dgs, colmap, got 'ns'",
+        ),
         ("capture.format=null", "capture.format must be a text, got None"),
-        ("capture.format=paired", "w must be a whole number"),
-        ("capture.background=pink", "must be one of none, black, white, got 'pink'"),
+        ("capture.format=colmap", "must hold cameras and images"),
+        ("capture.background=pink", "must be one of auto, black, white, mask, none, got 'pink'"),
         ("capture.scale=2", "capture.scale (truth_scale) must be in (0, 1], got 2.0"),
         ("capture.scale=half", "capture.scale must be a number, got 'half'"),
         ("capture.crop=8", "capture.crop must be a list, got 8"),

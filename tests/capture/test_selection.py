@@ -13,11 +13,12 @@ from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import DIRECTIONS, sample_time
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.paired import read_capture
-from gaussray.capture.frames import check_images, load_encoded, read_encoded, read_mask
+from gaussray.capture.frames import read_encoded, read_mask
 from gaussray.capture.open import open_capture
+from gaussray.capture.picture_file import check_images
 from gaussray.capture.selection import Selection, selected
 from gaussray.color import srgb_decode, srgb_encode
-from gaussray.dataset.images import write_image, write_mask
+from gaussray.dataset.images import write_image
 from gaussray.reconstruct.data.pictures import footage
 
 
@@ -173,9 +174,9 @@ def test_a_table_of_row_times_is_cut_and_averaged_with_its_rows(tmp_path, scale)
 
 def test_pictures_are_cut_and_averaged_in_linear_light(tmp_path):
     capture = of(read_capture(lay(tmp_path)), crop=(2, 4, 20, 12), scale=0.5)
-    pictures = load_encoded(capture.views)
+    pictures = films.load(capture.views)
     assert pictures.dtype == np.uint8 and pictures.shape == (12, 6, 10, 3)
-    full = load_encoded(read_capture(tmp_path).views)[:, 4:16, 2:22] / 255
+    full = films.load(read_capture(tmp_path).views)[:, 4:16, 2:22] / 255
     light = srgb_decode(full).reshape(12, 6, 2, 10, 2, 3).mean(axis=(2, 4))
     expected = 255 * srgb_encode(light)
     np.testing.assert_allclose(pictures, expected, atol=CODE + 1e-3)
@@ -187,8 +188,8 @@ def test_pictures_are_cut_and_averaged_in_linear_light(tmp_path):
 
 def test_a_cut_alone_leaves_the_codes(tmp_path):
     capture = of(read_capture(lay(tmp_path)), crop=(2, 4, 20, 12))
-    full = load_encoded(read_capture(tmp_path).views)
-    np.testing.assert_array_equal(load_encoded(capture.views), full[:, 4:16, 2:22])
+    full = films.load(read_capture(tmp_path).views)
+    np.testing.assert_array_equal(films.load(capture.views), full[:, 4:16, 2:22])
 
 
 def test_float_pictures_and_masks_are_cut_and_averaged_too(tmp_path):
@@ -196,7 +197,7 @@ def test_float_pictures_and_masks_are_cut_and_averaged_too(tmp_path):
     write_image(tmp_path / "0.exr", light, depth="float")
     mask = np.zeros((H, W), bool)
     mask[:, :11] = True
-    write_mask(tmp_path / "m.png", mask)
+    films.write_mask(tmp_path / "m.png", mask)
     one = {**frame("a", 0), "file_path": "0.exr", "mask_path": "m.png"}
     (tmp_path / "transforms.json").write_text(
         json.dumps({**INTRINSICS, "split": "train", "frames": [one]})
@@ -223,9 +224,8 @@ def test_frames_of_videos_are_loaded_in_any_order_and_at_any_size(tmp_path):
     capture = of(read_capture(tmp_path), scale=0.5)
     check_images(capture.views)
     assert [view.window.size for view in capture.views] == [(W, H)] * 6
-    told = []
-    pictures = load_encoded(capture.views, lambda done, total: told.append((done, total)))
-    assert pictures.shape == (6, H // 2, W // 2, 3) and told[-1] == (6, 6)
+    pictures = films.load(capture.views)
+    assert pictures.shape == (6, H // 2, W // 2, 3)
     assert [films.index_of(p) for p in pictures] == [4, 4, 0, 0, 2, 2]
     for view, picture in zip(capture.views, pictures, strict=True):
         np.testing.assert_array_equal(read_encoded(view), picture)
@@ -242,7 +242,7 @@ def test_wrong_frames_of_videos_are_named_before_and_while_they_are_read(tmp_pat
     views = read_capture(tmp_path).views
     with pytest.raises(CaptureError, match="(?s)2 of 2.*a.mp4/0: .*got 24 x 18.*got 3 frames"):
         check_images(views)
-    for read in (lambda view: load_encoded([view]), read_encoded):
+    for read in (lambda view: films.load([view]), read_encoded):
         with pytest.raises(CaptureError, match="a.mp4/0: the picture must be w x h = 24 x 16"):
             read(views[0])
         with pytest.raises(CaptureError, match="b.mp4: the index of a frame must be in 0 ... 2"):

@@ -8,11 +8,11 @@ import pytest
 from gaussray.capture import videos
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.videos import (
+    decode_frames,
     frame_of,
     frame_path,
     is_video,
     read_frame,
-    read_frames,
     read_video,
 )
 
@@ -38,7 +38,7 @@ def opened(monkeypatch):
 def test_size_number_and_order_of_the_frames_in_every_container(tmp_path, suffix):
     path = films.film(tmp_path / f"cam{suffix}", films.shades(10))
     assert read_video(path) == (48, 32, 10)
-    assert [films.index_of(p) for p in read_frames(path, range(10))] == list(range(10))
+    assert [films.index_of(p) for p in decode_frames(path, range(10))] == list(range(10))
 
 
 @pytest.mark.parametrize("tags", [(1, 1), (1, 5), (1, 6), (2, 1), (2, 5), None])
@@ -51,7 +51,7 @@ def test_range_and_matrix_of_the_file_give_the_same_colours(tmp_path, tags):
 def test_chosen_frames_are_decoded_once_as_they_are_asked_for(tmp_path, opened):
     path = films.film(tmp_path / "c.mp4", films.shades(10))
     opened.clear()
-    frames = read_frames(path, [1, 4, 4, 9])
+    frames = decode_frames(path, [1, 4, 4, 9])
     assert films.index_of(next(frames)) == 1
     before = len(opened)
     assert [films.index_of(frame) for frame in frames] == [4, 4, 9]
@@ -135,7 +135,7 @@ def test_a_video_that_is_damaged_in_the_middle(tmp_path):
     path.write_bytes(data)
     assert read_video(path).frames == 10
     with pytest.raises(OSError, match="c.mp4: the video is truncated or corrupt"):
-        list(read_frames(path, range(10)))
+        list(decode_frames(path, range(10)))
 
 
 def test_high_dynamic_range_is_refused(tmp_path, monkeypatch):

@@ -9,7 +9,7 @@ import toy
 from omegaconf import OmegaConf
 
 from gaussray.capture.formats.paired import read_cameras, read_capture
-from gaussray.capture.frames import read_codes, read_image
+from gaussray.capture.frames import read_encoded, read_image
 from gaussray.cli.help import VERBS
 from gaussray.cli.main import main
 from gaussray.color import srgb_encode
@@ -77,7 +77,7 @@ def test_what_render_leaves_is_a_capture_with_the_cameras_it_was_asked_for(run):
     for view, record in zip(film.views, expected, strict=True):
         assert (view.split, view.camera_name, view.samples) == ("test", record.camera_name, 1)
         assert view.time == float(record.camera.time)
-        assert read_codes(view).shape == (toy.SIZE, toy.SIZE, 3)
+        assert read_encoded(view).shape == (toy.SIZE, toy.SIZE, 3)
     assert (run / "film" / "pinhole_cam_3.mp4").stat().st_size > 0
 
 
@@ -145,7 +145,7 @@ def test_evaluate_scores_every_effect_of_the_truth(run, truth):
     # The score of the pictures that `render` has written of the same views.
     held_out = [view for view in read_capture(truth).views if view.split == "test"]
     film = read_capture(run / "film").views
-    found = [psnr(read_codes(a), read_codes(b)) for a, b in zip(held_out, film, strict=True)]
+    found = [psnr(read_encoded(a), read_encoded(b)) for a, b in zip(held_out, film, strict=True)]
     assert report["effects"]["pinhole"]["psnr"] == pytest.approx(np.mean(found), abs=DECIBEL)
     assert len(list((folder / "pinhole").glob("*.png"))) == 3
     assert (folder / "contact_sheet.png").is_file() and (folder / "pinhole/cam_3.mp4").is_file()

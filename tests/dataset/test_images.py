@@ -6,11 +6,12 @@ import pathlib
 import time
 import types
 
+import films
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from gaussray.capture.frames import read_codes, read_image, read_mask
+from gaussray.capture.frames import read_encoded, read_image, read_mask
 from gaussray.color import srgb_decode
 from gaussray.dataset.images import (
     codes,
@@ -18,7 +19,6 @@ from gaussray.dataset.images import (
     enlarge,
     side_by_side,
     write_image,
-    write_mask,
 )
 from gaussray.dataset.layers import write_layers
 
@@ -40,9 +40,9 @@ ALL_CODES = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=-1)
 def test_every_srgb_code_survives_writing_and_reading(tmp_path, form):
     image = ALL_CODES if form == "codes" else srgb_decode(ALL_CODES / 255).astype(np.float32)
     write_image(tmp_path / "a.png", image)
-    np.testing.assert_array_equal(read_codes(Picture(tmp_path / "a.png", 16, 16)), ALL_CODES)
+    np.testing.assert_array_equal(read_encoded(Picture(tmp_path / "a.png", 16, 16)), ALL_CODES)
     write_image(tmp_path / "b.png", read_image(tmp_path / "a.png", 16, 16))
-    np.testing.assert_array_equal(read_codes(Picture(tmp_path / "b.png", 16, 16)), ALL_CODES)
+    np.testing.assert_array_equal(read_encoded(Picture(tmp_path / "b.png", 16, 16)), ALL_CODES)
 
 
 def test_codes_are_clipped_and_rounded_to_nearest():
@@ -84,7 +84,7 @@ def test_a_map_of_one_channel_may_be_infinite_in_an_exr(tmp_path):
 
 def test_a_mask_comes_back(tmp_path):
     mask = np.random.default_rng(0).random((8, 12)) > 0.5
-    write_mask(tmp_path / "m.png", mask)
+    films.write_mask(tmp_path / "m.png", mask)
     np.testing.assert_array_equal(read_mask(tmp_path / "m.png", 12, 8), mask)
 
 
@@ -97,7 +97,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path):
     write_image(tmp_path / "a.png", ALL_CODES)
     with pytest.raises(OSError, match="a.png: the picture cannot be written: .*channel"):
         write_image(tmp_path / "a.png", np.zeros((4, 4, 7), np.uint8))
-    np.testing.assert_array_equal(read_codes(Picture(tmp_path / "a.png", 16, 16)), ALL_CODES)
+    np.testing.assert_array_equal(read_encoded(Picture(tmp_path / "a.png", 16, 16)), ALL_CODES)
     assert len(list(tmp_path.iterdir())) == 1
 
 

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 import toy
 
+from gaussray.capture.capture import View
 from gaussray.capture.errors import CaptureWarning
-from gaussray.capture.formats.paired import View, read_capture
+from gaussray.capture.formats.paired import read_capture
 from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
 from gaussray.reconstruct import loop, pipeline as recipe, step as training
 from gaussray.reconstruct.data.loader import Loader

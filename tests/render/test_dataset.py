@@ -16,7 +16,7 @@ from gaussray.camera.sensor.vignetting import transmission
 from gaussray.camera.shake import Shake
 from gaussray.camera.shutter import interlaced
 from gaussray.capture.formats.paired import read_capture
-from gaussray.capture.frames import read_stored
+from gaussray.capture.picture_file import read_stored
 from gaussray.color import srgb_decode
 from gaussray.dataset.layers import read_layers
 from gaussray.evaluate import pipeline as evaluation

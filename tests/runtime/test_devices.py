@@ -14,7 +14,7 @@ import pytest
 import toy
 
 from gaussray.capture.formats.paired import read_capture
-from gaussray.capture.frames import read_codes
+from gaussray.capture.frames import read_encoded
 from gaussray.dataset.manifest import write_manifest
 from gaussray.render import dataset as filming
 from gaussray.runtime.devices import DevicesOptions, agreed, begin, everywhere, leads, share
@@ -99,7 +99,7 @@ def begun(one, out):
 
 
 def codes(folder):
-    return np.stack([read_codes(view).astype(int) for view in read_capture(folder).views])
+    return np.stack([read_encoded(view).astype(int) for view in read_capture(folder).views])
 
 
 def files(folder):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import rooms
 
-from gaussray.capture.frames import read_stored
+from gaussray.capture.picture_file import read_stored
 from gaussray.cli.main import main
 from gaussray.config.compose import compose_config
 from gaussray.viewer import preview as module

@@ -13,7 +13,7 @@ from experiments.paired_benchmark.geometry.cases import CLIP
 from gaussray.camera.camera import camera_rays
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.trajectory import pose_at
-from gaussray.capture.formats.paired import View
+from gaussray.capture.capture import View
 from gaussray.geometry import RigidTransform
 
 

@@ -11,17 +11,19 @@ import numpy as np
 from jaxtyping import DTypeLike, Float
 from scipy.spatial.transform import Rotation
 
+from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.colmap_files import (
     PLACES,
     Model,
     Registered,
     model_folder,
-    read_model,
+    project_folder,
+    read_colmap_model,
 )
 from gaussray.capture.formats.json_keys import Keys
-from gaussray.capture.formats.paired import Capture, View, filmed, views_of
-from gaussray.capture.videos import SUFFIXES, frame_path, read_video
+from gaussray.capture.formats.transforms import views_in_time, views_of
+from gaussray.capture.videos import VIDEO_SUFFIXES, frame_path, read_video
 from gaussray.geometry import BLENDER_AXES
 
 
@@ -37,8 +39,8 @@ _LEAST = 1e-30
 NEAR, FAR = 0.2, 20.0
 
 
-class Filmed(NamedTuple):
-    """A camera: the folder that is its own, and what COLMAP has registered of it by path."""
+class CameraImages(NamedTuple):
+    """The images of one camera: its own folder, and its registered images by path."""
 
     folder: Path
     images: dict[Path, Registered]
@@ -63,14 +65,14 @@ def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     No camera is held out. Raises CaptureError, FileNotFoundError or OSError, naming file
     and remedy.
     """
-    folder = Path(folder)
-    found = model_folder(folder)
-    if found is None:
+    folder = project_folder(Path(folder))
+    place = model_folder(folder)
+    if place is None:
         raise FileNotFoundError(
             f"{folder}: a capture of COLMAP must hold cameras and images (.bin or .txt) in one of "
             f"{', '.join(PLACES)}, got none. Name the folder that has them."
         )
-    model = read_model(found)
+    model = read_colmap_model(place)
     cameras = _cameras(folder, model)
     frames = {name: _frames(folder, name, camera) for name, camera in cameras.items()}
     _check_counts(folder, model, {name: len(paths) for name, paths in frames.items()})
@@ -82,9 +84,9 @@ def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     views = []
     for name, camera in cameras.items():
         placed = {path: view_of[image] for path, image in camera.images.items()}
-        if _stands(np.array([poses[image] for image in camera.images.values()]), extent):
-            still = dataclasses.replace(next(iter(placed.values())), camera_name=name)
-            views += filmed(still, frames[name])
+        if _is_fixed(list(camera.images.values()), poses, extent):
+            fixed = dataclasses.replace(next(iter(placed.values())), camera_name=name)
+            views += views_in_time(fixed, frames[name])
         else:
             views += _moving(name, placed, frames[name])
     times = [view.time for view in views]
@@ -117,7 +119,7 @@ def _check_counts(folder: Path, model: Model, counts: dict[str, int]) -> None:
         )
 
 
-def _cameras(folder: Path, model: Model) -> dict[str, Filmed]:
+def _cameras(folder: Path, model: Model) -> dict[str, CameraImages]:
     """The capture's cameras by name."""
     inside = {image.name: _inside(model.file, image.name) for image in model.images}
     roots = [folder / "images", folder]
@@ -125,12 +127,12 @@ def _cameras(folder: Path, model: Model) -> dict[str, Filmed]:
     root = (known or roots)[0]
     parents = {path.parent for path in inside.values()}
     shared = 0 if len(parents) == 1 else len(os.path.commonprefix([p.parts for p in parents]))
-    cameras: dict[str, Filmed] = {}
+    cameras: dict[str, CameraImages] = {}
     for image in model.images:
         path = inside[image.name]
         own = path.parent.parts[shared:] if len(parents) > 1 else ()
         name, place = ("_".join(own), path.parent) if own else (path.stem, path.with_suffix(""))
-        camera = cameras.setdefault(name, Filmed(root / place, {}))
+        camera = cameras.setdefault(name, CameraImages(root / place, {}))
         if camera.images and not (own and camera.folder == root / place):
             raise CaptureError(
                 f"{model.file}: each camera must have a name of its own, got {image.name} for "
@@ -159,14 +161,14 @@ def _inside(file: Path, name: str) -> PurePosixPath:
     return path
 
 
-def _frames(folder: Path, name: str, camera: Filmed) -> list[Path]:
+def _frames(folder: Path, name: str, camera: CameraImages) -> list[Path]:
     """All frames of a camera: its folder's pictures, a video's, or what is registered."""
     if camera.folder.is_dir():
         pictures = [p for p in camera.folder.iterdir() if p.suffix.lower() in PICTURES]
         if len(pictures) > 1:
             return [_held(folder, path) for path in sorted(pictures, key=_numbers_counted)]
     places = [folder, folder / "videos", folder / "images"]
-    for path in (place / f"{name}{suffix}" for place in places for suffix in SUFFIXES):
+    for path in (place / f"{name}{suffix}" for place in places for suffix in VIDEO_SUFFIXES):
         if path.is_file():
             frames = read_video(_held(folder, path)).frames
             return [frame_path(path, i) for i in range(frames)]
@@ -206,29 +208,27 @@ def _keys(model: Model, poses: dict[Registered, np.ndarray]) -> list[Keys]:
     ]
 
 
-def _stands(poses: Float[np.ndarray, "poses 3 4"], extent: float) -> bool:
-    """Whether all poses of a camera are one."""
-    change = np.abs(poses - poses[0])
+def _is_fixed(images: list[Registered], poses: dict[Registered, np.ndarray], extent: float) -> bool:
+    """Whether all images have one pose and one lens."""
+    matrices: Float[np.ndarray, "poses 3 4"] = np.array([poses[image] for image in images])
+    change = np.abs(matrices - matrices[0])
     turn = np.linalg.norm(change[:, :, :3], axis=(1, 2)) / np.sqrt(2)
     shift = np.linalg.norm(change[:, :, 3], axis=1)
-    return bool(turn.max() <= TURN and shift.max() <= SHIFT * extent)
+    one_lens = len({image.camera for image in images}) == 1
+    return one_lens and bool(turn.max() <= TURN and shift.max() <= SHIFT * extent)
 
 
 def _moving(name: str, placed: dict[Path, View], frames: list[Path]) -> list[View]:
-    """The registered pictures of a camera that moves, at their places among all."""
-    moments = filmed(next(iter(placed.values())), frames)
-    times = dict(zip(frames, moments, strict=True))
-    for path in placed:
-        if path not in times:
-            raise FileNotFoundError(
-                f"{path}: the picture does not exist, but COLMAP has registered camera {name} "
-                "there, at another pose than before. Copy it there."
-            )
-    return [
-        dataclasses.replace(
-            times[path],
-            camera=dataclasses.replace(view.camera, time=times[path].camera.time),
-            camera_name=f"{name}_{path.stem}",
-        )
-        for path, view in placed.items()
-    ]
+    """The registered pictures of a camera that moves, at their places among all.
+
+    A registered picture that does not exist has no place: its view keeps time 0, and is left out
+    or refused with all other missing pictures (`open_capture`).
+    """
+    times = dict(zip(frames, views_in_time(next(iter(placed.values())), frames), strict=True))
+    views = []
+    for path, view in placed.items():
+        if path in times:
+            camera = dataclasses.replace(view.camera, time=times[path].camera.time)
+            view = dataclasses.replace(times[path], camera=camera)
+        views.append(dataclasses.replace(view, camera_name=f"{name}_{path.stem}", image=path))
+    return views

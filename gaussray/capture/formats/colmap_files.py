@@ -15,9 +15,9 @@ from gaussray.io.safe.files import opened, read_text
 from gaussray.io.safe.limits import within
 
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
-# Where the files lie in a capture's folder.
+# Where the files of a model lie in a capture's folder.
 PLACES = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 # Number and name of each model, and its parameters in their order.
 MODELS: dict[int, tuple[str, tuple[str, ...]]] = {
@@ -61,8 +61,18 @@ class Model(NamedTuple):
     points: Points | None
 
 
+# The folder of undistorted pictures and their model, in a project of COLMAP's reconstructors.
+DENSE_FOLDERS = ("dense/0", "dense")
+
+
+def project_folder(folder: Path) -> Path:
+    """The folder of a project that holds a model and its pictures: itself, or its dense/0."""
+    places = [folder, *(folder / name for name in DENSE_FOLDERS)]
+    return next((place for place in places if model_folder(place) is not None), folder)
+
+
 def model_folder(folder: Path) -> Path | None:
-    """The folder with COLMAP's files of a capture, None if there is none."""
+    """The folder with the files of a capture's model, None if there is none."""
     for place in PLACES:
         for suffix in (".bin", ".txt"):
             names = [folder / place / f"{name}{suffix}" for name in ("cameras", "images")]
@@ -71,7 +81,7 @@ def model_folder(folder: Path) -> Path | None:
     return None
 
 
-def read_model(folder: Path) -> Model:
+def read_colmap_model(folder: Path) -> Model:
     """The model in a folder: `cameras`, `images` and, if there are any, `points3D`, all `.bin` or
     else all `.txt`.
 
@@ -222,7 +232,7 @@ def _text_points(path: Path) -> Iterator[tuple[float, ...]]:
     return _parsed(path, parse)
 
 
-def _parsed(path: Path, parse: Callable[[str], T], lines: int = 1) -> Iterator[T]:
+def _parsed(path: Path, parse: Callable[[str], _T], lines: int = 1) -> Iterator[_T]:
     """What `parse` makes of every first of so many lines, comments left out."""
     listed = enumerate(read_text(path).decode("utf-8", "replace").splitlines(), 1)
     for number, line in listed:

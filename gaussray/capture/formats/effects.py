@@ -1,4 +1,4 @@
-"""From the blocks of a capture's JSON to the parts of a camera."""
+"""From the blocks of a capture's JSON: film, aperture, shutter and trajectory of a camera."""
 
 import dataclasses
 
@@ -17,8 +17,8 @@ from gaussray.geometry import BLENDER_AXES, quaternion
 from gaussray.io.safe.limits import within
 
 
-# block -> label of a frame that has the block but no "effect"
-LABELS = {
+# The effect of a frame that has the block but names no "effect".
+EFFECT_OF_BLOCK = {
     "lens": "fisheye",
     "aperture": "depth_of_field",
     "shutter": "rolling_shutter",
@@ -26,8 +26,8 @@ LABELS = {
 }
 
 
-def film_of(keys: Keys) -> Film:
-    """Size of the picture, and its pixel filter if a `film` block names one."""
+def read_film(keys: Keys) -> Film:
+    """Width and height in pixels, and the pixel filter if a `film` block names one."""
     block = keys.block("film", ("filter", "filter_width"))
     size = keys.count("w"), keys.count("h")
     within("the picture", "its megapixels", size[0] * size[1], "picture", 1e6)
@@ -38,8 +38,8 @@ def film_of(keys: Keys) -> Film:
     return Film(*size, kind, block.number("filter_width", default.filter_width))
 
 
-def aperture_of(keys: Keys, dtype: DTypeLike) -> Aperture:
-    """The `aperture` block; without one, a pinhole."""
+def read_aperture(keys: Keys, dtype: DTypeLike) -> Aperture:
+    """The aperture of an `aperture` block; a pinhole without one."""
     known = ("radius", "focus_distance", "focus", "blades", "rotation", "ratio", "rim")
     block = keys.block("aperture", known)
     if block is None:
@@ -55,35 +55,35 @@ def aperture_of(keys: Keys, dtype: DTypeLike) -> Aperture:
     )
 
 
-def _focus(keys, dtype):
-    """A distance, "infinity", or knots {time, distance, ease}."""
+def _focus(keys: Keys, dtype: DTypeLike) -> Array | FocusPull:
+    """A distance, "infinity", or a focus pull with knots {time, distance, ease}."""
     value = keys.values.get("focus_distance")
     if not isinstance(value, dict):
         distance = np.inf if value == "infinity" else keys.number("focus_distance")
         return jnp.array(distance, dtype)
     block = keys.block("focus_distance", ("time", "distance", "ease")) or keys
-    told = block.values.get("distance")
-    far = [x == "infinity" for x in told] if isinstance(told, list) else []
-    # Any number stands for infinity, which JSON has no number for, while the others are checked.
-    near = [1.0 if x else told[i] for i, x in enumerate(far)] or told
+    given = block.values.get("distance")
+    far = [x == "infinity" for x in given] if isinstance(given, list) else []
+    # JSON has no infinity: 1 takes its place while the other distances are checked.
+    near = [1.0 if x == "infinity" else x for x in given] if isinstance(given, list) else given
     checked = dataclasses.replace(block, values={**block.values, "distance": near})
     distance = np.where(far, np.inf, checked.numbers("distance"))
     ease = block.choice("ease", EASES, "linear")
     return FocusPull(jnp.array(block.numbers("time"), dtype), jnp.array(distance, dtype), ease)
 
 
-def _rim(keys, dtype):
+def _rim(keys: Keys, dtype: DTypeLike) -> Rim | None:
     block = keys.block("rim", ("radius", "distance"))
     if block is None:
         return None
     return Rim(*(jnp.array(block.number(key), dtype) for key in ("radius", "distance")))
 
 
-def shutter_of(keys: Keys, dtype: DTypeLike) -> Shutter:
-    """The `shutter` block; without one, all rows at one instant.
+def read_shutter(keys: Keys, dtype: DTypeLike) -> Shutter:
+    """The shutter of a `shutter` block; without one, all rows see one time.
 
-    `readout`, from the first to the last row, may stand for `row_step`; without a `row_offset` the
-    frame's time is then in its middle.
+    `readout`, the time from the first to the last row, may replace `row_step`; without a
+    `row_offset` the frame's time is then in the middle of the readout.
     """
     known = ("row_offset", "row_step", "exposure", "direction", "row_times", "trigger", "readout")
     block = keys.block("shutter", known)
@@ -110,9 +110,12 @@ def shutter_of(keys: Keys, dtype: DTypeLike) -> Shutter:
     return shutter
 
 
-def trajectory_of(keys: Keys, dtype: DTypeLike) -> Trajectory:
-    """The `trajectory` block: a list of poses at the capture's times, or such `poses` with the
-    `interpolation` between them and a `shake` around them."""
+def read_trajectory(keys: Keys, dtype: DTypeLike) -> Trajectory:
+    """The trajectory of a `trajectory` block.
+
+    The block is a list of {time, transform_matrix}, or has such `poses`, the `interpolation`
+    between them and a `shake` added to them.
+    """
     value = keys.values["trajectory"]
     if not isinstance(value, dict):
         return Trajectory(*_poses(keys, "trajectory", dtype))
@@ -121,7 +124,7 @@ def trajectory_of(keys: Keys, dtype: DTypeLike) -> Trajectory:
     return Trajectory(*_poses(block, "poses", dtype), kind, _shake(block, dtype))
 
 
-def _poses(keys, name, dtype):
+def _poses(keys: Keys, name: str, dtype: DTypeLike) -> tuple[Array, Array, Array]:
     value = keys.values.get(name)
     if not isinstance(value, list) or not value:
         raise keys.error(name, "a list of at least one {time, transform_matrix}")
@@ -138,7 +141,7 @@ def _poses(keys, name, dtype):
     return jnp.array(times, dtype), quat, jnp.array(poses[:, :, 3], dtype)
 
 
-def _shake(keys, dtype):
+def _shake(keys: Keys, dtype: DTypeLike) -> Shake | None:
     names = tuple(Shake.__dataclass_fields__)
     block = keys.block("shake", names)
     if block is None:
@@ -147,10 +150,11 @@ def _shake(keys, dtype):
 
 
 def quaternions(poses: np.ndarray, dtype: DTypeLike) -> Float[Array, "poses 4"]:
-    """world_from_camera rotations, in our camera axes, of camera-to-world matrices in OpenGL's."""
-    ours = poses[:, :, :3] * np.array(BLENDER_AXES)[None, None]
-    return _quaternions(ours).astype(dtype)
+    """Rotations (wxyz) of camera-to-world matrices [poses, 3, 4] with OpenGL camera axes; the
+    quaternions have this package's camera axes."""
+    rotation = poses[:, :, :3] * np.array(BLENDER_AXES)[None, None]
+    return _quaternions(rotation).astype(dtype)
 
 
-# Compiled whole: step by step it takes a hundred times as long, and every capture waits for it.
+# Compiled as one program: operation by operation it takes a hundred times as long.
 _quaternions = jax.jit(jax.vmap(quaternion))

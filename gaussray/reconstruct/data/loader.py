@@ -27,7 +27,7 @@ class Loader:
         error: float,
         seed: int,
     ):
-        _, camera = np.unique(footage.name, return_inverse=True)
+        _, camera = np.unique(footage.viewpoints, return_inverse=True)
         self.footage, self.seed = footage, seed
         self.errors = TileErrors(camera, footage.pixel.shape[1]) if error else None
         self.sampler = Sampler(

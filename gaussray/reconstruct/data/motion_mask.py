@@ -31,13 +31,13 @@ class Activity(NamedTuple):
 
 def activity(footage: Footage) -> Activity:
     """Look through all pictures, camera by camera, a few of their tiles at a time."""
-    names, pixel = np.unique(footage.name), footage.pixel
+    names, pixel = np.unique(footage.viewpoints), footage.pixel
     # Halves of codes, as medians are, have an exact half-precision float.
     kind = np.float16 if pixel.dtype == np.uint8 else np.float32
     background = np.empty((len(names), *pixel.shape[1:]), kind)
     moved = np.empty(pixel.shape[:2], np.uint16)
     for row, name in enumerate(names):
-        own = np.flatnonzero(footage.name == name)
+        own = np.flatnonzero(footage.viewpoints == name)
         some = np.linspace(0, len(own) - 1, min(len(own), SAMPLE)).round().astype(int)
         step = max(1, PIECE // (len(own) * pixel[0, 0].nbytes))
         for part in (slice(i, i + step) for i in range(0, pixel.shape[1], step)):
@@ -51,9 +51,9 @@ def activity(footage: Footage) -> Activity:
 
 def moved_pixels(footage: Footage, activity: Activity, frames) -> Bool[np.ndarray, "n h w"]:
     """Which pixels of these frames differ from what they show most of the time."""
-    names = np.unique(footage.name)
+    names = np.unique(footage.viewpoints)
     pixels = tile_pixels(footage.film, footage.side, footage.bundle)
-    rows = np.searchsorted(names, footage.name[frames])
+    rows = np.searchsorted(names, footage.viewpoints[frames])
     return np.stack(
         [
             join(
@@ -78,8 +78,8 @@ def point_activity(
     """
     film, times = footage.film, footage.times
     shares = []
-    for name in np.unique(footage.name):
-        own = np.flatnonzero(footage.name == name)
+    for name in np.unique(footage.viewpoints):
+        own = np.flatnonzero(footage.viewpoints == name)
         first = own[np.argmin(times[own])]
         camera = jax.tree.map(lambda x, f=first: x[f], footage.camera)
         pixel = np.asarray(jax.vmap(project, in_axes=(None, 0))(camera, jnp.asarray(position)))

@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import tempfile
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -13,10 +14,14 @@ from jaxtyping import Bool, Int, Shaped, UInt8
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
-from gaussray.capture.errors import CaptureError
-from gaussray.capture.formats.paired import View
-from gaussray.capture.frames import read_mask, stream_encoded
+from gaussray.capture.capture import View, viewpoints
+from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.frames import is_masked, stream_encoded, visible_pixels
 from gaussray.reconstruct.data.tiles import cut, fitting_side, join, tile_pixels
+
+
+# Masks that keep a smaller share of the pixels are warned of.
+_FEW_VISIBLE = 0.05
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -36,6 +41,15 @@ class Footage:
     name: Shaped[np.ndarray, " frames"]
     side: int
     bundle: int | None = None
+    viewpoint: Shaped[np.ndarray, " frames"] | None = None
+
+    @property
+    def viewpoints(self) -> Shaped[np.ndarray, " frames"]:
+        """Label of each frame's fixed viewpoint: frames that share one show the same directions.
+
+        The frames of a camera that moves share its name, but no viewpoint.
+        """
+        return self.name if self.viewpoint is None else self.viewpoint
 
     @property
     def film(self) -> Film:
@@ -95,7 +109,7 @@ def footage(
     camera = stacked(views)
     side = fitting_side(camera.film, side, bundle or side)
     pixels = tile_pixels(camera.film, side, bundle)
-    masked = any(view.mask is not None for view in views)
+    masked = any(is_masked(view) for view in views)
     dtype, pictures = stream_encoded(views)
     shape = (len(views), *pixels.shape, 3)
     packed = (len(views), len(pixels), -(-(side**2) // 8))
@@ -106,10 +120,23 @@ def footage(
     for done, (place, picture) in enumerate(pictures):
         pixel[place] = cut(picture, pixels)
         if mask is not None:
-            mask[place] = np.packbits(cut(_mask_of(views[place]), pixels), axis=-1)
+            mask[place] = np.packbits(cut(visible_pixels(views[place]), pixels), axis=-1)
         report(done + 1)
+    if mask is not None:
+        _warn_of_masks(sum(int(np.unpackbits(row).sum()) for row in mask), len(views), camera)
     names = np.array([view.camera_name for view in views])
-    return Footage(pixel, mask, camera, names, side, bundle)
+    return Footage(pixel, mask, camera, names, side, bundle, np.array(viewpoints(views)))
+
+
+def _warn_of_masks(visible: int, frames: int, camera: Camera) -> None:
+    share = visible / (frames * camera.film.width * camera.film.height)
+    if share < _FEW_VISIBLE:
+        warnings.warn(
+            f"masks keep {100 * share:.2g} % of the training pixels; all others are ignored. White "
+            "counts in a mask: invert the masks if they mark what is to be left out.",
+            CaptureWarning,
+            stacklevel=3,
+        )
 
 
 def stacked(views: Sequence[View]) -> Camera:
@@ -135,12 +162,6 @@ def stacked(views: Sequence[View]) -> Camera:
 def _kind(camera: Camera) -> tuple:
     """What must be alike for cameras to be stacked."""
     return jax.tree.structure(camera), [leaf.shape for leaf in jax.tree.leaves(camera)]
-
-
-def _mask_of(view: View) -> Bool[np.ndarray, "h w"]:
-    if view.mask is None:
-        return np.ones((view.height, view.width), bool)
-    return read_mask(view.mask, view.width, view.height, view.window)
 
 
 def _on_disk(folder: Path | str | None) -> Callable[[tuple[int, ...], np.dtype], np.ndarray]:

@@ -4,7 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from gaussray.capture.formats.paired import Capture, View
+from gaussray.capture.capture import Capture, View
+from gaussray.capture.selection import same_size
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -18,8 +19,8 @@ class Segment:
 
 
 def training_views(capture: Capture) -> list[View]:
-    """What there is to learn from."""
-    return [view for view in capture.views if view.split == "train"]
+    """The views of split train, cropped to one size where their sizes differ a little."""
+    return same_size([view for view in capture.views if view.split == "train"])
 
 
 def segments(capture: Capture, most: int) -> list[Segment]:

@@ -11,7 +11,9 @@ from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.lens import AbstractLens
-from gaussray.capture.formats.paired import PINHOLE_FILE, View, read_cameras
+from gaussray.capture.capture import View
+from gaussray.capture.formats.paired import read_cameras
+from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.open import FORMATS, format_of
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.rig.exposure import (

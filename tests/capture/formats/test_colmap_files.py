@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaussray.capture.errors import CaptureError
-from gaussray.capture.formats.colmap_files import MODELS, model_folder, read_model
+from gaussray.capture.formats.colmap_files import MODELS, model_folder, read_colmap_model
 from gaussray.color import srgb_decode
 
 
@@ -30,7 +30,7 @@ def folder(request, tmp_path):
 
 
 def test_both_forms_say_the_same(folder):
-    model = read_model(folder)
+    model = read_colmap_model(folder)
     first, second = model.images
     assert (first.name, first.quat, first.translation, first.camera) == IMAGES[1]
     assert (second.name, second.quat, second.translation, second.camera) == IMAGES[0]
@@ -49,7 +49,7 @@ def test_parameters_of_every_model_go_by_their_names(tmp_path, form, number):
     name, names = MODELS[number]
     values = tuple(float(k + 1) for k in range(len(names)))
     colmaps.lay(tmp_path, {1: (name, 4, 3, values)}, [("a.png", *IMAGES[0][1:3], 1)], [], form)
-    camera = read_model(tmp_path).cameras[1]
+    camera = read_colmap_model(tmp_path).cameras[1]
     expected = dict(zip(names, values, strict=True))
     if "f" in expected:
         assert camera["fl_x"] == camera["fl_y"] == expected.pop("f")
@@ -70,20 +70,20 @@ def test_the_folder_is_found_where_tools_put_it(tmp_path, place, form):
 def test_points_are_optional(folder):
     for path in folder.glob("points3D.*"):
         path.unlink()
-    assert read_model(folder).points is None
+    assert read_colmap_model(folder).points is None
 
 
 def test_without_images_there_is_no_capture(tmp_path):
     colmaps.lay(tmp_path, CAMERAS, [], POINTS, "bin")
     with pytest.raises(CaptureError, match="images.bin: the model must have at least one image"):
-        read_model(tmp_path)
+        read_colmap_model(tmp_path)
 
 
 def test_a_camera_that_there_is_not(tmp_path):
     for form in ("bin", "txt"):
         colmaps.lay(tmp_path / form, CAMERAS, [(*IMAGES[0][:3], 5)], [], form)
         with pytest.raises(CaptureError, match=f"the camera of b 2.png .*cameras.{form}, got .* 5"):
-            read_model(tmp_path / form)
+            read_colmap_model(tmp_path / form)
 
 
 @pytest.mark.parametrize("model", ["FOV", "RAD_TAN_THIN_PRISM_FISHEYE"])
@@ -94,7 +94,7 @@ def test_a_model_that_no_lens_of_ours_is(tmp_path, model):
         cameras = {3: (model, 4, 3, (1.0,) * 5)}
         colmaps.lay(tmp_path / form, cameras, IMAGES, [], form, numbers)
         with pytest.raises(CaptureError) as caught:
-            read_model(tmp_path / form)
+            read_colmap_model(tmp_path / form)
         text = str(caught.value)
         assert f"cameras.{form}: the model of camera 3 must be one of SIMPLE_PINHOLE" in text
         assert f"got {said[form]}. Run `colmap image_undistorter`" in text
@@ -107,7 +107,7 @@ def test_a_binary_file_cut_anywhere_is_refused(tmp_path, name):
     for end in range(len(data)):
         path.write_bytes(data[:end])
         with pytest.raises(CaptureError, match=f"{name}.bin: the file must go on .* truncated"):
-            read_model(tmp_path)
+            read_colmap_model(tmp_path)
 
 
 @pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
@@ -124,7 +124,7 @@ def test_a_count_beyond_the_file_is_an_error_and_takes_no_memory(tmp_path, name)
         path.write_bytes(content)
         tracemalloc.start()
         with pytest.raises(CaptureError, match="truncated"):
-            read_model(tmp_path)
+            read_colmap_model(tmp_path)
         assert tracemalloc.get_traced_memory()[1] < 2**20
         tracemalloc.stop()
 
@@ -146,7 +146,7 @@ def test_a_line_that_is_not_colmaps_is_named(tmp_path, name, line, says):
     path = colmaps.lay(tmp_path, CAMERAS, IMAGES, POINTS, "txt") / f"{name}.txt"
     path.write_text(f"# a comment\n\n{line}\n")
     with pytest.raises(CaptureError, match=f"{name}.txt: line 3 must be as COLMAP.*{says}"):
-        read_model(tmp_path)
+        read_colmap_model(tmp_path)
 
 
 @pytest.mark.parametrize("form", ["bin", "txt"])
@@ -154,4 +154,4 @@ def test_points_that_are_not_finite(tmp_path, form):
     points = [((np.nan, 0, 0), (1, 2, 3), 0)]
     colmaps.lay(tmp_path, CAMERAS, IMAGES, points, form)
     with pytest.raises(CaptureError, match=f"points3D.{form}: points must be finite, got nan"):
-        read_model(tmp_path)
+        read_colmap_model(tmp_path)

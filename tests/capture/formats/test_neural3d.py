@@ -8,8 +8,8 @@ import pytest
 from gaussray.camera.camera import project
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.neural3d import read_neural3d
-from gaussray.capture.frames import check_images, load_encoded
 from gaussray.capture.open import format_of, open_capture
+from gaussray.capture.picture_file import check_images
 
 
 # Single precision through lens and pose, in pixels.
@@ -69,7 +69,7 @@ def test_every_camera_films_all_frames_and_the_first_is_held_out(original, read)
     np.testing.assert_allclose([float(v.camera.time) for v in capture.views], times * 3, rtol=1e-7)
     assert (capture.time_range, capture.time_unit) == ((0.0, 0.8), "normalised")
     check_images(capture.views)
-    assert [films.index_of(p) for p in load_encoded(capture.views)] == [*range(COUNT)] * 3
+    assert [films.index_of(p) for p in films.load(capture.views)] == [*range(COUNT)] * 3
 
 
 def test_a_point_lies_where_the_matrix_puts_it(original, read):
@@ -146,7 +146,7 @@ def put(place, value):
         (put(1, -np.cos(0.3)), "row 1"),
         (put(4, np.nan), "row 1 .*height, width and focal length above 0, got .nan"),
         (put(14, 0.0), "row 1 .*above 0"),
-        (put(4, 2.0 * W), "cam01.mp4: the video must have the shape of 96 x 96"),
+        (put(4, 2.0 * W), "cam01.mp4: the pictures must have the shape of 96 x 96"),
     ],
 )
 def test_poses_that_cannot_be_are_named(folder, rows, says):

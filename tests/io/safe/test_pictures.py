@@ -7,7 +7,7 @@ import OpenImageIO as oiio
 import pytest
 
 from gaussray.capture.errors import CaptureError
-from gaussray.capture.frames import picture_size, read_stored
+from gaussray.capture.picture_file import picture_size, read_stored
 from gaussray.io.safe.limits import Limits, limit, limits
 from gaussray.io.safe.pictures import open_picture
 

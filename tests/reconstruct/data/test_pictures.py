@@ -4,6 +4,7 @@ import dataclasses
 import os
 import re
 
+import films
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -14,7 +15,7 @@ from gaussray.camera.lens import KannalaBrandt
 from gaussray.camera.trajectory import Trajectory
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.paired import read_views
-from gaussray.dataset.images import write_image, write_mask
+from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
@@ -42,7 +43,7 @@ def hole():
 def views(tmp_path_factory):
     """Three views of a camera that moves; the one in the middle has a mask."""
     folder = tmp_path_factory.mktemp("capture")
-    write_mask(folder / "mask.png", hole())
+    films.write_mask(folder / "mask.png", hole())
     records = [
         FrameRecord(
             f"{i}.png", toy.camera(0.2 * i, time, WIDTH, HEIGHT), f"cam{i % 2}", "train",

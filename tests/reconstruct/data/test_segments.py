@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.capture.formats.paired import Capture, View
+from gaussray.capture.capture import Capture, View
 from gaussray.reconstruct.data.segments import segments
 
 

@@ -1,0 +1,95 @@
+"""What the frames of a JSON file leave out: suffixes of pictures, sizes, focal lengths."""
+
+import dataclasses
+import math
+from pathlib import PurePosixPath
+from typing import Any
+
+from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.picture_file import picture_exists, picture_size
+from gaussray.capture.videos import frame_of
+
+
+# Suffixes that are tried, in this order, where `file_path` has none.
+PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+_KNOWN_SUFFIXES = {*PICTURE_SUFFIXES, ".exr", ".tif", ".tiff", ".bmp", ".webp"}
+
+
+def completed(frames: list[Keys]) -> list[Keys]:
+    """The frames with the picture's suffix and the intrinsics that they leave out.
+
+    `w` and `h` are those of the first picture that exists (only its header is read), `fl_x` =
+    w / (2 tan(camera_angle_x / 2)), `fl_y` = `fl_x` (square pixels), and the optical axis meets the
+    picture's centre. Keys that a frame has stay as they are.
+    """
+    named = [_with_picture(frame) for frame in frames]
+    sized = all(frame.has(key) for frame in named for key in ("w", "h"))
+    size = None if sized else first_size(named)
+    return [
+        dataclasses.replace(frame, values={**frame.values, **_intrinsics(frame, size)})
+        for frame in named
+    ]
+
+
+def first_size(frames: list[Keys]) -> tuple[int, int] | None:
+    """Width and height of the first picture that exists; None if none does."""
+    for frame in frames:
+        path = frame.inside("file_path")
+        if picture_exists(path):
+            return picture_size(path)
+    return None
+
+
+def _with_picture(frame: Keys) -> Keys:
+    if not frame.has("file_path"):
+        return frame
+    given = frame.text("file_path")
+    # BlenderNeRF joins folder and name with the separator of the system that it runs on.
+    name = given.replace("\\", "/")
+    if PurePosixPath(name).suffix.lower() not in _KNOWN_SUFFIXES:
+        name = _suffixed(frame, name)
+    if name == given:
+        return frame
+    return dataclasses.replace(frame, values={**frame.values, "file_path": name})
+
+
+def _suffixed(frame: Keys, name: str) -> str:
+    for suffix in ("", *PICTURE_SUFFIXES):
+        full = dataclasses.replace(frame, values={**frame.values, "file_path": f"{name}{suffix}"})
+        path = full.inside("file_path")
+        if picture_exists(path) or not suffix and frame_of(path):
+            return f"{name}{suffix}"
+    return f"{name}{PICTURE_SUFFIXES[0]}"
+
+
+def _intrinsics(frame: Keys, size: tuple[int, int] | None) -> dict[str, Any]:
+    """The intrinsics that a frame does not have."""
+    known: dict[str, Any] = {}
+    for key, side in zip(("w", "h"), size or (), strict=False):
+        if not frame.has(key):
+            known[key] = side
+    if frame.has("lens") and not frame.has("camera_angle_x"):
+        focal = None
+    elif frame.has("fl_x"):
+        focal = frame.values["fl_x"]
+    else:
+        focal = _focal_length(frame, known)
+    sizes = {**frame.values, **known}
+    width, height = sizes.get("w"), sizes.get("h")
+    if not isinstance(width, int | float) or not isinstance(height, int | float):
+        return known
+    middle = {"fl_x": focal, "fl_y": focal, "cx": width / 2, "cy": height / 2}
+    return known | {
+        key: value for key, value in middle.items() if value is not None and not frame.has(key)
+    }
+
+
+def _focal_length(frame: Keys, known: dict[str, Any]) -> float | None:
+    """Focal length in pixels of a frame with `camera_angle_x`, the horizontal field of view."""
+    if not frame.has("camera_angle_x") or not (frame.has("w") or "w" in known):
+        return None
+    rule = "an angle in radians, above 0 and below pi"
+    angle = frame.number("camera_angle_x", remedy=f"Give {rule}, or fl_x in pixels.")
+    if not 0 < angle < math.pi:
+        raise frame.error("camera_angle_x", rule, "Divide degrees by 57.29578.")
+    return frame.count("w", known.get("w", 1)) / (2 * math.tan(angle / 2))

@@ -1,0 +1,212 @@
+"""Picture files as they are stored: size, pixels, and how alpha is treated."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Bool
+
+from gaussray.capture.errors import CaptureError
+from gaussray.capture.videos import frame_of, read_frame, read_video
+from gaussray.capture.window import Window
+from gaussray.io.safe.files import opened
+from gaussray.io.safe.openimageio import oiio
+from gaussray.io.safe.pictures import complaint, open_picture
+
+
+# How alpha is treated: composited over a grey (0 is black), used as a mask, or dropped (None).
+# auto is black, which is what a scene shows where it is empty.
+BACKGROUNDS: dict[str, float | None] = {
+    "auto": 0.0,
+    "black": 0.0,
+    "white": 1.0,
+    "mask": None,
+    "none": None,
+}
+_PNG_END = b"IEND\xaeB`\x82"
+
+
+@runtime_checkable
+class Picture(Protocol):
+    """The fields of a view that are needed to read its picture.
+
+    `image` is a file or a frame of a video (`frame_path`), `width` and `height` the size that the
+    view must have, `background` one of BACKGROUNDS, `window` the part of the file that the view
+    shows (None: all of it).
+    """
+
+    @property
+    def image(self) -> Path: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def color_space(self) -> str: ...
+    @property
+    def background(self) -> str: ...
+    @property
+    def window(self) -> Window | None: ...
+
+
+class StoredPicture(NamedTuple):
+    """Values [h, w, 3] in the file's own type, and alpha [h, w] in 0..1 where some of it is below
+    1 (else None)."""
+
+    values: np.ndarray
+    alpha: np.ndarray | None
+
+
+def read_stored(path: Path | str, width: int, height: int, background: str = "none") -> np.ndarray:
+    """Stored values [h, w, 3] of a picture: uint8 and uint16 as they are, other types as float32.
+
+    Args:
+        path: the file, or a frame of a video.
+        width: columns that the file must have.
+        height: rows that the file must have.
+        background: one of BACKGROUNDS. Alpha is composited in the values that the file stores
+            (sRGB levels in PNG), as the readers of NeRF and 4DGaussians do.
+
+    Raises:
+        CaptureError: the size is another.
+        OSError: the file is absent, truncated or no picture.
+    """
+    return read_with_alpha(path, width, height, background).values
+
+
+def read_with_alpha(
+    path: Path | str, width: int, height: int, background: str = "none"
+) -> StoredPicture:
+    """The same, with the alpha that was composited or dropped."""
+    frame = frame_of(Path(path))
+    if frame is not None:
+        pixels = read_frame(*frame)
+        check_size(path, pixels.shape[1::-1], width, height)
+        return StoredPicture(pixels, None)
+    file = open_image(path)
+    spec = file.spec()
+    check_size(path, (spec.width, spec.height), width, height)
+    pixels = _pixels(Path(path), file, spec).reshape(height, width, -1)
+    color = np.ascontiguousarray(pixels[..., _color_channels(spec)])
+    if spec.alpha_channel < 0:
+        return StoredPicture(color, None)
+    full = np.iinfo(pixels.dtype).max if np.issubdtype(pixels.dtype, np.integer) else 1
+    alpha = pixels[..., spec.alpha_channel] / full
+    if (alpha >= 1).all():
+        return StoredPicture(color, None)
+    grey = BACKGROUNDS[background]
+    if grey is not None:
+        straight = bool(spec.get_int_attribute("oiio:UnassociatedAlpha"))
+        color = _over(color, alpha[..., None], grey * full, straight)
+    return StoredPicture(color, alpha)
+
+
+def picture_size(path: Path | str) -> tuple[int, int]:
+    """Width and height in pixels of a picture, or of a frame of a video, from the file's header."""
+    frame = frame_of(Path(path))
+    if frame is None:
+        spec = open_image(path).spec()
+        return spec.width, spec.height
+    width, height, frames = read_video(frame[0])
+    if frame[1] >= frames:
+        raise CaptureError(f"{path}: the video must have that frame, got {frames} frames, from 0.")
+    return width, height
+
+
+def picture_exists(path: Path) -> bool:
+    """Whether the file of a picture, or the video of a frame, exists."""
+    frame = frame_of(path)
+    return (path if frame is None else frame[0]).is_file()
+
+
+def holds_bytes(path: Path) -> bool:
+    """Whether a picture stores 8 bits a channel, from its header; frames of videos do."""
+    return bool(frame_of(path)) or open_image(path).spec().format.basetype == oiio.UINT8
+
+
+def stored_size(view: Picture) -> tuple[int, int]:
+    """Width and height of the file of a view's picture."""
+    return view.window.size if view.window else (view.width, view.height)
+
+
+def check_images(views: Sequence[Picture]) -> None:
+    """Check that the pictures of all views exist and have the sizes that their cameras say.
+
+    Raises:
+        CaptureError: names the first ten pictures that are absent or of another size.
+    """
+    wrong = []
+    for view in views:
+        try:
+            check_size(view.image, picture_size(view.image), *stored_size(view))
+        except (OSError, CaptureError) as error:
+            wrong.append(str(error))
+    if wrong:
+        more = [f"... and {len(wrong) - 10} more"] if len(wrong) > 10 else []
+        raise CaptureError(
+            "\n".join([f"{len(wrong)} of {len(views)} pictures:", *wrong[:10], *more])
+        )
+
+
+def check_size(path: Path | str, size: Sequence[int], width: int, height: int) -> None:
+    """Check the size of a picture; CaptureError names the file and both sizes."""
+    if tuple(size) != (width, height):
+        raise CaptureError(
+            f"{path}: the picture must be w x h = {width} x {height} as its camera says, "
+            f"got {size[0]} x {size[1]}. Correct w and h, or resize the picture."
+        )
+
+
+def open_image(path: Path | str) -> "oiio.ImageInput":
+    """A picture file whose header is read; FileNotFoundError, OSError or CaptureError names it."""
+    path = Path(path)
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: the picture does not exist.")
+    raw = oiio.ImageSpec()
+    # Without it OpenImageIO multiplies straight colours by alpha, and rounds them.
+    raw["oiio:UnassociatedAlpha"] = 1
+    try:
+        return open_picture(path, raw)
+    except ValueError as error:
+        raise CaptureError(str(error)) from None
+
+
+def _pixels(path: Path, file: "oiio.ImageInput", spec: "oiio.ImageSpec") -> np.ndarray:
+    kind = {oiio.UINT8: "uint8", oiio.UINT16: "uint16"}.get(spec.format.basetype, "float")
+    pixels = file.read_image(kind)
+    # A truncated JPEG still returns pixels, invented below the cut: only the message tells.
+    if pixels is None or file.has_error:
+        raise OSError(f"{path}: the picture is truncated or corrupt: {complaint(file)}")
+    file.close()
+    if file.format_name() == "png" and _PNG_END not in _last_bytes(path):
+        raise OSError(f"{path}: the picture is truncated or corrupt: its PNG end chunk is missing")
+    return np.asarray(pixels)
+
+
+def _last_bytes(path: Path) -> bytes:
+    with opened(path) as file:
+        file.seek(max(file.seek(0, 2) - 4096, 0))
+        return file.read()
+
+
+def _over(color: np.ndarray, alpha: np.ndarray, grey: float, straight: bool) -> np.ndarray:
+    """Colours over an even grey, in their own type. Straight colours are not yet multiplied by
+    alpha, as in PNG; EXR holds products."""
+    result = (alpha if straight else 1) * color.astype(np.float64) + (1 - alpha) * grey
+    if np.issubdtype(color.dtype, np.integer):
+        result = np.clip(np.round(result), 0, np.iinfo(color.dtype).max)
+    return result.astype(color.dtype)
+
+
+def _color_channels(spec: "oiio.ImageSpec") -> list[int]:
+    names = [name.upper() for name in spec.channelnames]
+    if {"R", "G", "B"} <= set(names):
+        return [names.index(name) for name in "RGB"]
+    rest = [k for k in range(spec.nchannels) if k != spec.alpha_channel]
+    return rest[:3] if len(rest) >= 3 else [rest[0]] * 3
+
+
+def alpha_mask(alpha: np.ndarray | None, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
+    """Pixels of at least half alpha; all of them without alpha."""
+    return np.ones(shape, bool) if alpha is None else alpha >= 0.5
