@@ -114,7 +114,7 @@ def test_a_format_that_there_is_not_lists_those_that_are(folder):
 
 def test_a_format_that_the_folder_is_not_of_is_its_readers_error(folder):
     lay(folder, "transforms_train.json", SPLIT)
-    with pytest.raises(CaptureError, match="must hold cameras and images"):
+    with pytest.raises(FileNotFoundError, match="must hold cameras and images"):
         open_capture(folder, "colmap")
 
 
@@ -176,7 +176,9 @@ def test_a_background_changes_nothing_where_there_is_no_alpha(folder):
 
 def test_a_background_that_there_is_not_lists_those_that_are(folder):
     lay(folder, "transforms_train.json", SPLIT)
-    with pytest.raises(ValueError, match="capture.background .* none, black, white, got 'pink'"):
+    with pytest.raises(
+        ValueError, match="capture.background .* auto, black, white, mask, none, got 'pink'"
+    ):
         open_capture(folder, background="pink")
 
 

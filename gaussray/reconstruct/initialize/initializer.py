@@ -6,8 +6,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.capture import Capture
+from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.points import Points
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.pictures import Footage
