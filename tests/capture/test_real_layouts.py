@@ -1,0 +1,372 @@
+"""Captures in the layouts that other tools write open as they are."""
+
+import json
+import warnings
+
+import films
+import jax.numpy as jnp
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+
+from gaussray.camera.camera import project
+from gaussray.capture.capture import viewpoints
+from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.formats.paired import read_capture
+from gaussray.capture.frames import read_encoded, visible_pixels
+from gaussray.capture.open import format_of, open_capture
+from gaussray.capture.selection import Selection, same_size
+from gaussray.dataset.images import write_image
+from gaussray.evaluate.pipeline import _moving
+from gaussray.reconstruct.data.motion_mask import activity
+from gaussray.reconstruct.data.pictures import footage
+
+
+W, H = 24, 16
+LENS = {"fl_x": 20.0, "fl_y": 20.0, "cx": 12.0, "cy": 8.0, "w": W, "h": H}
+# A point and its pixel agree to this many pixels, in single precision.
+PIXEL = 1e-4
+
+
+def pose(x=0.0, mirror=1):
+    """A camera at (x, 0, 0) that looks down -z; OpenGL axes."""
+    matrix = np.diag([mirror, 1.0, 1.0, 1.0])
+    matrix[0, 3] = x
+    return matrix.tolist()
+
+
+def picture(path, value=128, size=(W, H)):
+    write_image(path, np.full((size[1], size[0], 3), value, np.uint8))
+
+
+def lay(folder, frames, **top):
+    """A transforms.json, and a picture for each of its frames."""
+    for i, frame in enumerate(frames):
+        picture(folder / frame["file_path"], 20 + 10 * i)
+    document = {**LENS, **top, "frames": frames}
+    (folder / "transforms.json").write_text(json.dumps(document))
+    return folder
+
+
+def frame(name, x, **keys):
+    return {"file_path": name, "transform_matrix": pose(x), "split": "train", **keys}
+
+
+@pytest.fixture
+def static(tmp_path):
+    return lay(tmp_path, [frame(f"images/{i:04d}.png", 0.1 * i) for i in range(5)])
+
+
+@pytest.mark.filterwarnings("ignore:.*no frame has a time")
+def test_frames_without_a_picture_are_left_out_with_one_warning(static):
+    for i in (1, 3):
+        (static / f"images/{i:04d}.png").unlink()
+    with pytest.warns(CaptureWarning, match="2 of 5 frames have no picture, .*0001.png") as caught:
+        capture = open_capture(static)
+    assert len([w for w in caught if "no picture" in str(w.message)]) == 1
+    assert [view.camera_name for view in capture.views] == ["0000", "0002", "0004"]
+    with pytest.raises(CaptureError, match="2 of 5 frames have no picture.*Copy"):
+        open_capture(static, selection=Selection(missing="error"))
+    with pytest.raises(CaptureError, match="capture.missing .* must be one of skip, error"):
+        Selection(missing="ignore")
+
+
+@pytest.mark.filterwarnings("ignore:.*no frame has a time")
+def test_a_capture_without_any_picture_is_refused(static):
+    for path in (static / "images").iterdir():
+        path.unlink()
+    with pytest.raises(CaptureError, match="5 of 5 frames have no picture"):
+        open_capture(static)
+
+
+@pytest.mark.filterwarnings("ignore:.*no frame has a time")
+def test_pictures_of_one_folder_at_different_places_are_different_cameras(static):
+    views = open_capture(static).views
+    assert [view.camera_name for view in views] == [f"{i:04d}" for i in range(5)]
+    held = open_capture(static, selection=Selection(test=("0001*",))).views
+    assert [view.split for view in held] == ["train", "test", "train", "train", "train"]
+
+
+def test_frames_of_a_fixed_rig_in_one_folder_are_cameras_by_their_poses(tmp_path):
+    frames = [
+        frame(f"images/{c}_{t}.png", x, time=t / 2) for t in (0, 1) for c, x in (("a", 0), ("b", 1))
+    ]
+    views = open_capture(lay(tmp_path, frames)).views
+    assert [view.camera_name for view in views] == ["a_0", "b_0"] * 2
+    assert viewpoints(views) == [0, 1, 0, 1]
+
+
+def rig(folder, named):
+    """Two cameras that move together; the picture changes with the place, the world does not."""
+    frames = [
+        frame(f"{c}/{t}.png", x + 0.2 * t, time=t / 4, **({"camera": c} if named else {}))
+        for c, x in (("left", 0), ("right", 1))
+        for t in range(4)
+    ]
+    return lay(folder, frames)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_the_frames_of_a_moving_rig_share_cameras_but_no_viewpoints(tmp_path, named):
+    views = open_capture(rig(tmp_path, named)).views
+    assert [view.camera_name for view in views] == ["left"] * 4 + ["right"] * 4
+    assert viewpoints(views) == list(range(8))
+
+
+def test_no_temporal_median_is_taken_over_frames_of_a_moving_camera(tmp_path):
+    views = open_capture(rig(tmp_path, True)).views
+    pictures = footage(views, side=8)
+    assert len(np.unique(pictures.name)) == 2 and len(np.unique(pictures.viewpoints)) == 8
+    found = activity(pictures)
+    assert found.background.shape[0] == 8 and not found.moved.any()
+    assert _moving(views) == {}
+
+
+def test_a_fixed_camera_still_tells_what_moves(tmp_path):
+    frames = [frame(f"a/{t}.png", 0.0, time=t / 3) for t in range(3)]
+    views = open_capture(lay(tmp_path, frames)).views
+    assert viewpoints(views) == [0, 0, 0]
+    assert activity(footage(views, side=8)).moved.any()
+    assert len(_moving(views)) == 3
+
+
+def test_a_recorded_trajectory_is_another_viewpoint_at_another_time(tmp_path):
+    path = [{"time": t, "transform_matrix": pose(t)} for t in (0.0, 1.0)]
+    frames = [frame(f"a/{t}.png", 0.0, time=t / 2, trajectory=path) for t in range(3)]
+    views = open_capture(lay(tmp_path, frames)).views
+    assert {view.camera_name for view in views} == {"a"} and viewpoints(views) == [0, 1, 2]
+
+
+def test_every_frame_may_have_its_own_intrinsics(tmp_path):
+    frames = [frame(f"{i}/0.png", 0.0, fl_x=20.0 + i, fl_y=30.0 + i, time=0.0) for i in range(3)]
+    views = open_capture(lay(tmp_path, frames)).views
+    np.testing.assert_array_equal(
+        [v.camera.lens.focal for v in views], [[20 + i, 30 + i] for i in range(3)]
+    )
+    np.testing.assert_array_equal(footage(views, side=8).camera.lens.focal[2], [22, 32])
+
+
+def test_keys_that_other_tools_write_do_not_warn(tmp_path):
+    extra = {"sharpness": 20.1, "frame": 3, "camera_index": 1, "colmap_im_id": 4, "blur_score": 3}
+    top = {"aabb_scale": 4, "camera_angle_x": 1.0, "scene_scale": 1, "applied_scale": 1.0}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        open_capture(lay(tmp_path, [frame("a/0.png", 0, time=0.0, **extra)], **top))
+
+
+@pytest.mark.filterwarnings("ignore:.*no frame has a time")
+def test_a_mirrored_pose_is_refused_with_its_frame(tmp_path):
+    frames = [frame("a/0.png", 0), {**frame("a/1.png", 0), "transform_matrix": pose(0, mirror=-1)}]
+    with pytest.raises(
+        CaptureError, match="frame 1: transform_matrix .*without reflection.*determ"
+    ):
+        open_capture(lay(tmp_path, frames))
+
+
+def test_what_instant_ngp_leaves_out_follows_from_the_angle_and_the_picture(tmp_path):
+    picture(tmp_path / "images/r_0.png")
+    document = {"camera_angle_x": 1.0, "frames": [frame("./images/r_0", 0, time=0.0)]}
+    (tmp_path / "transforms.json").write_text(json.dumps(document))
+    (view,) = read_capture(tmp_path, jnp.float64).views
+    assert (view.width, view.height, view.image.name) == (W, H, "r_0.png")
+    np.testing.assert_allclose(view.camera.lens.focal, W / 2 / np.tan(0.5), rtol=1e-12)
+    np.testing.assert_allclose(view.camera.lens.center, [W / 2, H / 2])
+
+
+def test_a_stray_json_file_with_frames_is_skipped_with_its_reason(tmp_path):
+    lay(tmp_path, [frame("a/0.png", 0, time=0.0)])
+    (tmp_path / "other.json").write_text(json.dumps({"frames": [{"id": 3}]}))
+    with pytest.warns(
+        CaptureWarning, match="other.json: skipped, it is no file of a capture: .*w mu"
+    ):
+        capture = open_capture(tmp_path)
+    assert len(capture.views) == 1 and not capture.effects
+    (tmp_path / "other.json").write_text(json.dumps({"frames": [{"id": 3}], "effect": "fisheye"}))
+    with pytest.raises(CaptureError, match="other.json"):
+        open_capture(tmp_path)
+
+
+PLY = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n" + (
+    "property float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+    "end_header\n1 2 3 255 0 0\n"
+)
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_nerfstudios_sparse_points_are_the_starting_points(tmp_path, named):
+    top = {"ply_file_path": "sparse_pc.ply"} if named else {}
+    lay(tmp_path, [frame("a/0.png", 0, time=0.0)], **top)
+    (tmp_path / "sparse_pc.ply").write_text(PLY)
+    points = open_capture(tmp_path).points
+    np.testing.assert_array_equal(points.position, [[1, 2, 3]])
+    np.testing.assert_array_equal(points.color, [[1, 0, 0]])
+
+
+def test_a_mask_that_keeps_few_pixels_is_warned_of(tmp_path):
+    few = np.zeros((H, W), bool)
+    few[:2, :4] = True
+    films.write_mask(tmp_path / "few.png", few)
+    views = open_capture(lay(tmp_path, [frame("a/0.png", 0, time=0.0, mask_path="few.png")])).views
+    with pytest.warns(CaptureWarning, match="masks keep 2.1 % of the training pixels"):
+        pictures = footage(views, side=8)
+    np.testing.assert_array_equal(pictures.masks(np.arange(1))[0], few)
+    films.write_mask(tmp_path / "few.png", ~few)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        footage(views, side=8)
+
+
+def cut_out(path):
+    """A red disc of alpha 1 on nothing, whose hidden colour is green."""
+    y, x = np.mgrid[:H, :W]
+    inside = np.hypot(x - 12, y - 8) < 6
+    stored = np.zeros((H, W, 4), np.uint8)
+    stored[..., 1] = 255
+    stored[inside] = (255, 0, 0, 255)
+    spec = oiio.ImageSpec(W, H, 4, "uint8")
+    spec["oiio:UnassociatedAlpha"] = 1
+    file = oiio.ImageOutput.create(str(path))
+    assert file.open(str(path), spec) and file.write_image(stored) and file.close()
+    return inside
+
+
+@pytest.mark.parametrize(
+    ("background", "behind"), [("auto", [0] * 3), ("white", [255] * 3), ("mask", [0, 255, 0])]
+)
+@pytest.mark.filterwarnings("ignore:alpha below 1 in pictures")
+def test_objects_are_cut_out_as_the_background_says(tmp_path, background, behind):
+    lay(tmp_path, [frame("a/0.png", 0, time=0.0)])
+    inside = cut_out(tmp_path / "a/0.png")
+    (view,) = open_capture(tmp_path, background=background).views
+    shown = read_encoded(view)
+    np.testing.assert_array_equal(shown[inside], np.broadcast_to([255, 0, 0], shown[inside].shape))
+    np.testing.assert_array_equal(shown[~inside], np.broadcast_to(behind, shown[~inside].shape))
+    expected = inside if background == "mask" else np.ones_like(inside)
+    np.testing.assert_array_equal(visible_pixels(view), expected)
+
+
+def test_alpha_is_warned_of_once_with_a_count(tmp_path):
+    lay(tmp_path, [frame(f"{i}/0.png", i, time=0.0) for i in range(3)])
+    for i in range(2):
+        cut_out(tmp_path / f"{i}/0.png")
+    with pytest.warns(CaptureWarning) as caught:
+        films.load(open_capture(tmp_path).views)
+    assert [str(w.message) for w in caught] == [
+        "2 of 3 pictures have alpha below 1, which is composited over black. "
+        "capture.background=white, mask or none treats it otherwise."
+    ]
+
+
+def sizes(folder, *listed):
+    """Views of one scene whose pictures have these sizes; the axis is off their middle."""
+    frames = []
+    for i, (w, h) in enumerate(listed):
+        picture(folder / f"{i}/0.png", 100, (w, h))
+        frames.append(frame(f"{i}/0.png", 0, time=0.0, w=w, h=h, cx=w / 2 + 0.5, cy=h / 2))
+    (folder / "transforms.json").write_text(json.dumps({**LENS, "frames": frames}))
+    return read_capture(folder).views
+
+
+def test_pictures_of_nearly_one_size_are_cropped_to_it(tmp_path):
+    views = sizes(tmp_path, (24, 16), (26, 17), (25, 16))
+    with pytest.warns(CaptureWarning, match=r"3 sizes \(24 x 16, .*cropped to 24 x 16"):
+        cropped = same_size(views)
+    pictures = footage(cropped, side=8)
+    assert pictures.film.width == 24 and pictures.film.height == 16
+    point = jnp.array([0.3, -0.2, -4.0])
+    for before, after in zip(views, cropped, strict=True):
+        left = 0 if after.window is None else after.window.box[0]
+        top = 0 if after.window is None else after.window.box[1]
+        moved = project(before.camera, point) - jnp.array([left, top], jnp.float32)
+        np.testing.assert_allclose(project(after.camera, point), moved, atol=PIXEL)
+
+
+def test_pictures_of_quite_different_sizes_are_refused_with_the_remedy(tmp_path):
+    with pytest.raises(CaptureError, match="must have nearly one size, got 2 sizes .*Resize"):
+        same_size(sizes(tmp_path, (24, 16), (16, 24)))
+
+
+def test_a_capture_of_llff_is_pictures_with_every_eighth_held_out(tmp_path):
+    rows = []
+    for i in range(9):
+        picture(tmp_path / f"images_2/IMG_{i}.png", 10 * i)
+        # Columns: down, right, backwards, position, size; of pictures twice as large.
+        columns = [[0, -1, 0], [1, 0, 0], [0, 0, 1], [i, 0, 0], [2 * H, 2 * W, 40.0]]
+        rows.append([*np.array(columns).T.ravel(), 1.0, 9.0])
+    np.save(tmp_path / "poses_bounds.npy", np.array(rows))
+    assert format_of(tmp_path) == "llff"
+    with pytest.warns(CaptureWarning, match="each 8th of 9 is held out"):
+        capture = open_capture(tmp_path)
+    assert [view.split for view in capture.views] == ["test", *["train"] * 7, "test"]
+    assert capture.views[3].camera_name == "IMG_3"
+    np.testing.assert_allclose(capture.views[3].camera.lens.focal, 20)
+    # 2 to the right of the camera at x = 3, 4 in front of it: 10 pixels right of the middle.
+    pixel = project(capture.views[3].camera, jnp.array([5.0, 0.0, -4.0]))
+    np.testing.assert_allclose(pixel, [12 + 10, 8], atol=PIXEL)
+    (tmp_path / "images_2/IMG_8.png").unlink()
+    with pytest.raises(CaptureError, match="pictures of images_2/, got 9 and 8. Copy"):
+        open_capture(tmp_path)
+
+
+def dome(folder):
+    """Two cameras, three time steps, as Dynamic 3D Gaussians have them; one camera is held out."""
+    for name, cameras in (("train", (0, 1)), ("test", (7,))):
+        document = {"w": W, "h": H, "k": [], "w2c": [], "fn": [], "cam_id": []}
+        for t in range(3):
+            matrices, files = [], []
+            for c in cameras:
+                matrix = np.eye(4)
+                matrix[0, 3] = -c  # the camera is at x = c
+                matrices.append(matrix.tolist())
+                files.append(f"{c}/{t:06d}.png")
+                picture(folder / "ims" / files[-1], 10 * t)
+            document["k"].append([[[20, 0, 12], [0, 20, 8], [0, 0, 1]]] * len(cameras))
+            document["w2c"].append(matrices)
+            document["fn"].append(files)
+            document["cam_id"].append(list(cameras))
+        (folder / f"{name}_meta.json").write_text(json.dumps(document))
+    np.savez(folder / "init_pt_cld.npz", data=np.array([[1.0, 2, 3, 1, 0, 0, 1]]))
+
+
+def test_a_capture_of_dynamic_3d_gaussians_opens(tmp_path):
+    dome(tmp_path)
+    capture = open_capture(tmp_path)
+    assert format_of(tmp_path) == "dynamic3dgs" and len(capture.views) == 9
+    assert {view.camera_name for view in capture.views if view.split == "test"} == {"cam7"}
+    assert [view.time for view in capture.views[:6:2]] == [0, 1 / 3, 2 / 3]
+    np.testing.assert_array_equal(capture.points.color, [[1, 0, 0]])
+    # OpenCV axes: 2 to the right of camera 1 and 4 in front of it.
+    pixel = project(capture.views[1].camera, jnp.array([3.0, 0.0, 4.0]))
+    np.testing.assert_allclose(pixel, [12 + 10, 8], atol=PIXEL)
+    assert viewpoints(capture.views) == [0, 1] * 3 + [2] * 3
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda d: d.pop("w2c"), "w2c must be a list"),
+        (lambda d: d["fn"][1].pop(), "as many cameras at time step 1, got 2, 2, 1, 2"),
+        (lambda d: d["k"][0][1][0].__setitem__(1, 0.5), "frame 1: k must be .*without skew"),
+        (lambda d: d["w2c"][0].__setitem__(0, [[0.0] * 4] * 4), "frame 0: w2c must be an inv"),
+        (lambda d: d["fn"][0].__setitem__(0, "../../x.png"), "must name a file in"),
+    ],
+)
+def test_a_wrong_dome_is_named_with_its_place(tmp_path, change, says):
+    dome(tmp_path)
+    document = json.loads((tmp_path / "train_meta.json").read_text())
+    change(document)
+    (tmp_path / "train_meta.json").write_text(json.dumps(document))
+    with pytest.raises(CaptureError, match=f"train_meta.json.*{says}"):
+        open_capture(tmp_path)
+
+
+@pytest.mark.filterwarnings("ignore:.*no camera has a folder")
+def test_a_project_of_colmap_opens_at_its_undistorted_pictures(tmp_path):
+    place = tmp_path / "dense/0/sparse"
+    place.mkdir(parents=True)
+    picture(tmp_path / "dense/0/images/a.png")
+    (place / "cameras.txt").write_text(f"1 PINHOLE {W} {H} 20 20 12 8\n")
+    (place / "images.txt").write_text("1 1 0 0 0 0 0 0 1 a.png\n\n")
+    assert format_of(tmp_path) == "colmap"
+    (view,) = open_capture(tmp_path).views
+    assert view.image == (tmp_path / "dense/0/images/a.png").resolve()
