@@ -157,9 +157,7 @@ def test_keys_that_other_tools_write_do_not_warn(tmp_path):
 @pytest.mark.filterwarnings("ignore:.*no frame has a time")
 def test_a_mirrored_pose_is_refused_with_its_frame(tmp_path):
     frames = [frame("a/0.png", 0), {**frame("a/1.png", 0), "transform_matrix": pose(0, mirror=-1)}]
-    with pytest.raises(
-        CaptureError, match="frame 1: transform_matrix .*without reflection.*determ"
-    ):
+    with pytest.raises(CaptureError, match="frame 1: transform_matrix .*without reflection"):
         open_capture(lay(tmp_path, frames))
 
 
@@ -176,9 +174,7 @@ def test_what_instant_ngp_leaves_out_follows_from_the_angle_and_the_picture(tmp_
 def test_a_stray_json_file_with_frames_is_skipped_with_its_reason(tmp_path):
     lay(tmp_path, [frame("a/0.png", 0, time=0.0)])
     (tmp_path / "other.json").write_text(json.dumps({"frames": [{"id": 3}]}))
-    with pytest.warns(
-        CaptureWarning, match="other.json: skipped, it is no file of a capture: .*w mu"
-    ):
+    with pytest.warns(CaptureWarning, match="other.json: skipped, it is no file of a capture: "):
         capture = open_capture(tmp_path)
     assert len(capture.views) == 1 and not capture.effects
     (tmp_path / "other.json").write_text(json.dumps({"frames": [{"id": 3}], "effect": "fisheye"}))
