@@ -1,7 +1,7 @@
 """Fit folders of photographs of a still scene, score held-out views, compare settings.
 
-    python -m experiments.captures.static prepare SOURCE OUT        # splits, frames without image
-    python -m experiments.captures.static fit OUT... [--scale S] [--minutes M] [--variants NAME ...]
+    python -m experiments.captures.static prepare SOURCE OUT [--scale S]
+    python -m experiments.captures.static fit OUT... [--variants NAME ...] [--steps N]
 
 Each fit prints one line: variant, PSNR and SSIM of the held-out views, seconds (with compilation),
 steps and Gaussians.
@@ -21,7 +21,8 @@ import numpy as np
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
 from gaussray.capture.selection import Selection
-from gaussray.dataset.images import codes
+from gaussray.dataset.images import codes, write_image
+from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.reconstruct import reconstruct
 from gaussray.reconstruct.optimize.density import DensityOptions
@@ -38,19 +39,28 @@ from gaussray.tracer.trace import TraceOptions
 HOLD = 7
 
 
-def prepare(source: Path, out: Path) -> None:
-    """Copy a capture with transforms.json: without frames that have no image, each HOLD-th frame
-    (in the order of the names) held out."""
+def prepare(source: Path, out: Path, scale: float) -> None:
+    """A copy of a capture with transforms.json at a scale: without frames that have no image, each
+    HOLD-th frame (in the order of the names) held out."""
     document = json.loads((source / "transforms.json").read_text())
     frames = sorted(document["frames"], key=lambda frame: frame["file_path"])
-    frames = [frame for frame in frames if (source / frame["file_path"]).is_file()]
-    for i, frame in enumerate(frames):
-        frame["split"] = "test" if i % HOLD == 0 else "train"
-        target = out / frame["file_path"]
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(source / frame["file_path"], target)
-    (out / "transforms.json").write_text(json.dumps(document | {"frames": frames}, indent=1))
-    print(f"{out}: {len(frames)} of {len(document['frames'])} frames have an image")
+    found = [frame for frame in frames if (source / frame["file_path"]).is_file()]
+    with tempfile.TemporaryDirectory() as folder:
+        for frame in found:
+            target = Path(folder) / frame["file_path"]
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source / frame["file_path"], target)
+        (Path(folder) / "transforms.json").write_text(json.dumps(document | {"frames": found}))
+        views = open_capture(folder, selection=Selection(scale=scale)).views
+        records = []
+        for i, view in enumerate(views):
+            name = f"images/{view.image.stem}.png"
+            (out / name).parent.mkdir(parents=True, exist_ok=True)
+            write_image(out / name, codes(read_encoded(view)))
+            split = "train" if i % HOLD else "test"
+            records.append(FrameRecord(name, view.camera, view.camera_name, split))
+    write_manifest(out / "transforms.json", records)
+    print(f"{out}: {len(found)} of {len(frames)} frames have an image")
 
 
 def base(steps: int, tiles: int, gaussians: int, degree: int) -> ReconstructOptions:
@@ -154,6 +164,7 @@ def main() -> None:
     command = commands.add_parser("prepare")
     command.add_argument("source", type=Path)
     command.add_argument("out", type=Path)
+    command.add_argument("--scale", type=float, default=1.0)
     command = commands.add_parser("fit")
     command.add_argument("folders", type=Path, nargs="+")
     command.add_argument("--variants", nargs="+", default=["base"])
@@ -166,7 +177,7 @@ def main() -> None:
     command.add_argument("--quiet", action="store_true")
     told = parser.parse_args()
     if told.command == "prepare":
-        prepare(told.source, told.out)
+        prepare(told.source, told.out, told.scale)
         return
     devices, begin = start_devices(DevicesOptions()), time.perf_counter()
     print("| capture | variant | PSNR | SSIM | seconds | steps | Gaussians |\n|" + "---|" * 7)
