@@ -114,6 +114,8 @@ VARIANTS: dict[str, Callable[[ReconstructOptions], ReconstructOptions]] = {
     "budget*2": lambda o: replaced(
         o, density__gaussians=o.density.gaussians * 2, fit__points=o.fit.points * 2
     ),
+    "few": lambda o: replaced(o, fit__points=o.density.gaussians // 8),
+    "often": lambda o: replaced(o, density__interval=50),
     "full": lambda o: replaced(o, fit__points=o.density.gaussians),
     "opaque": lambda o: replaced(o, fit__opacity=0.9),
     "faint": lambda o: replaced(o, fit__opacity=0.1),

@@ -3,12 +3,17 @@
 A new kind of density control is added in `optimize.density`.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from gaussray.camera.array import rays_per_pixel
+from gaussray.camera.array import CameraSet, rays_per_pixel
+from gaussray.camera.camera import Camera
 from gaussray.reconstruct.data.batches import Batch
+from gaussray.reconstruct.data.held_out_tiles import held_out_batches
+from gaussray.reconstruct.held_out import held_out_psnr
 from gaussray.reconstruct.log import decibel
 from gaussray.reconstruct.optimize.density import density_control, density_due
 from gaussray.reconstruct.optimize.rows import occupied
@@ -18,6 +23,7 @@ from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.step import BlockSizes, StepOptions, measure_sizes, schedule, train_block
 from gaussray.reconstruct.step_plan import StepPlan, TimedPlan
 from gaussray.runtime.devices import agreed, everywhere
+from gaussray.runtime.progress import say
 from gaussray.tracer.traverse import Capacity
 
 
@@ -31,7 +37,7 @@ def run_stage(
     bar, count = session.progress_bar(stage, plan.steps), _gaussian_count(state)
     sizes: BlockSizes | None = None
     views, cameras = everywhere((session.footage.camera, session.cameras), session.mesh)
-    state = agreed(state)
+    state, score = agreed(state), _held_out_score(session, stage, views, cameras)
     for done, batches in loader.blocks(stage, int(state.step), plan.most, fit.block):
         if sizes is None:
             sizes = _saved_sizes(session, state, progress) or first_sizes(session, state, batches)
@@ -55,12 +61,34 @@ def run_stage(
         done += len(batches.time)
         log.record(progress, done, terms, count)
         bar.report(done, f"{decibel(terms['mse']):.2f} dB")
-        if plan.after_block(done):
+        if plan.after_block(done, score and partial(score, state, sizes)):
             bar, progress = session.progress_bar(stage, plan.steps), plan.noted(progress)
+            _say_stopped(session, plan, done)
         log.save_in_time(state, progress)
         if done >= plan.steps:
             break
     return agreed(state), progress
+
+
+def _held_out_score(
+    session: Session, stage: str, views: Camera, cameras: CameraSet
+) -> Callable[[State, BlockSizes], float] | None:
+    """The PSNR of the held-out tiles as a function of the state; None if there are none."""
+    if session.held_out is None:
+        return None
+    batches = held_out_batches(session.footage, session.held_out, session.options.fit.tiles)
+    options = step_options(session, stage)
+
+    def score(state: State, sizes: BlockSizes) -> float:
+        known = everywhere(state, session.mesh)
+        return held_out_psnr(known, views, batches, cameras, options=options, sizes=sizes)
+
+    return score
+
+
+def _say_stopped(session: Session, plan: StepPlan, done: int) -> None:
+    if plan.stopped == done and not session.quiet:
+        say(f"Held-out tiles no longer improve at step {done}: the fit ends at step {plan.steps}.")
 
 
 def step_plan(session: Session, progress: RunProgress) -> StepPlan:

@@ -16,7 +16,8 @@ class FitOptions(eqx.Module):
     """The course of a reconstruction.
 
     With `auto`, what has its default is chosen by device and capture (`effort`); a capture of one
-    time then takes `minutes` instead of a number of steps.
+    time then takes `minutes` instead of a number of steps, or less: a share `validate` of its tiles
+    is held out, and the fit ends soon after these no longer improve.
 
     `coarse` steps on the first instant, without deformation; `fine` steps on all (both on one
     instant, if there are no others). A step sees `tiles` tiles of `tile_side` x `tile_side` pixels
@@ -50,6 +51,7 @@ class FitOptions(eqx.Module):
     tiles: int = eqx.field(static=True, default=64)
     tile_side: int = eqx.field(static=True, default=8)
     block: int = eqx.field(static=True, default=25)
+    validate: float = eqx.field(static=True, default=0.0)
     balance: float = eqx.field(static=True, default=0.5)
     error: float = eqx.field(static=True, default=0.0)
     moving: float = eqx.field(static=True, default=0.6)
@@ -77,7 +79,7 @@ class FitOptions(eqx.Module):
         ):
             if getattr(self, name) < 0:
                 raise ValueError(f"fit.{name} must be at least 0, got {getattr(self, name)}.")
-        for name in ("balance", "error", "moving", "opacity"):
+        for name in ("validate", "balance", "error", "moving", "opacity"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"fit.{name} must be in [0, 1], got {getattr(self, name)}.")
         if len(set(self.refine)) < len(self.refine) or not set(self.refine) <= set(REFINABLE):

@@ -14,6 +14,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import refined_kinds, refined_views
 from gaussray.capture.capture import Capture
 from gaussray.capture.points import Points
+from gaussray.reconstruct.data.held_out_tiles import held_out_tiles
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
 from gaussray.reconstruct.data.pictures import Footage, footage, stacked
@@ -46,6 +47,7 @@ class Session:
         extent: the scene's length unit, half the diagonal of the cameras' bounding box.
         cameras: what the training cameras have in common, and which of them took each picture.
         activity: where the pictures change.
+        held_out: the tiles that no step draws, None if there are none.
         loader: draws the tiles of each step.
         times: the times of the training pictures, sorted.
         later: whether another segment comes before this one.
@@ -82,14 +84,18 @@ class Session:
         segment_owner = jnp.asarray(np.searchsorted(names, self.footage.name), jnp.int32)
         self.cameras = eqx.tree_at(lambda c: c.owner, cameras, segment_owner)
         self.activity = activity(self.footage)
+        held_out = held_out_tiles(self.footage, options.fit.validate, options.fit.seed)
+        single = len(np.unique(self.footage.times)) == 1
+        self.held_out = held_out if single and held_out.any() else None
         self.loader = Loader(
             self.footage,
             self.activity,
             tiles=options.fit.tiles,
             # At a single time nothing moves, whatever cameras that move may show.
-            balance=options.fit.balance if len(np.unique(self.footage.times)) > 1 else 0.0,
+            balance=0.0 if single else options.fit.balance,
             error=options.fit.error,
             seed=options.fit.seed,
+            held_out=self.held_out,
         )
         self.times = self.loader.sampler.times
         self.mesh = mesh_of_hosts(devices)

@@ -1,6 +1,7 @@
 """How many steps a stage takes: as its options say, or as many as fit into a time."""
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,10 @@ from gaussray.reconstruct.run_progress import RunProgress
 
 # Steps before the pace is known, and the most of any timed stage.
 _GUESS, _MOST = 3000, 200_000
+# Blocks between looks at held-out tiles.
+_CHECK = 10
+# Share of the plan before which no fit ends: rates must be high for long enough.
+_EARLIEST = 0.3
 # Blocks whose median decides the pace; the first ones may wait for a compiler.
 _BLOCKS = 5
 
@@ -20,13 +25,16 @@ class StepPlan:
     Attributes:
         steps: the length of the stage, over which learning rates fall.
         most: no stage takes more steps.
+        stopped: the step at which held-out tiles no longer improved; 0 until then.
     """
 
     def __init__(self, steps: int):
         self.steps = self.most = steps
+        self.stopped = 0
 
-    def after_block(self, done: int) -> bool:
-        """Whether the plan has changed after the block that ended with step `done`."""
+    def after_block(self, done: int, score: Callable[[], float] | None = None) -> bool:
+        """Whether the plan has changed after the block that ended with step `done`. `score` is the
+        PSNR of held-out tiles, if there are any."""
         return False
 
     def noted(self, progress: RunProgress) -> RunProgress:
@@ -34,11 +42,28 @@ class StepPlan:
         return progress
 
 
+class Plateau:
+    """Tells when a score no longer improves.
+
+    `reached(step, score)` is true from the step on at which no score of the last `patience` x step
+    steps was `gain` above the best one before them.
+    """
+
+    def __init__(self, patience: float = 0.2, gain: float = 0.05):
+        self._patience, self._gain = patience, gain
+        self._best, self._since = -np.inf, 0
+
+    def reached(self, step: int, score: float) -> bool:
+        if score > self._best + self._gain:
+            self._best, self._since = score, step
+        return step - self._since > self._patience * step
+
+
 class TimedPlan(StepPlan):
     """As many steps as fit before `end` (of `time.monotonic`), in whole blocks.
 
-    The pace is measured during the first half; then the plan stays. At least the first half of the
-    blocks that measure it are done, however slow they are.
+    The pace is measured during the first half; then the plan stays. When held-out tiles no longer
+    improve, the plan is cut to a tenth more steps, over which the learning rates fall to their end.
     """
 
     def __init__(self, end: float, block: int):
@@ -46,10 +71,27 @@ class TimedPlan(StepPlan):
         self.most = _MOST
         self._end, self._block = end, block
         self._marks: list[tuple[int, float]] = []
+        self._plateau = Plateau()
 
-    def after_block(self, done: int) -> bool:
+    def after_block(self, done: int, score: Callable[[], float] | None = None) -> bool:
+        if self.stopped:
+            return False
+        paced = self._paced(done)
+        if score is None or self._no_pace or (done // self._block) % _CHECK:
+            return paced
+        if not self._plateau.reached(done, score()) or done < _EARLIEST * self.steps:
+            return paced
+        blocks = -(-done // self._block) + max(done // (10 * self._block), 1)
+        self.stopped, self.steps = done, min(self.steps, blocks * self._block)
+        return True
+
+    @property
+    def _no_pace(self) -> bool:
+        return len(self._marks) <= _BLOCKS
+
+    def _paced(self, done: int) -> bool:
         self._marks.append((done, time.monotonic()))
-        if len(self._marks) <= _BLOCKS or (done > self.steps / 2 and self.steps != _GUESS):
+        if self._no_pace or (done > self.steps / 2 and self.steps != _GUESS):
             return False
         step, when = np.array(self._marks[-_BLOCKS - 1 :]).T
         pace = float(np.median(np.diff(when) / np.diff(step)))

@@ -1,18 +1,24 @@
 """fit=auto: what is chosen follows device and capture, and what is set stays."""
 
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
+import jax
+import jax.numpy as jnp
+import numpy as np
 import pytest
 import toy
 
 from gaussray.capture.formats.paired import Capture, View
 from gaussray.reconstruct import step_plan
+from gaussray.reconstruct.data.held_out_tiles import held_out_batches, held_out_tiles
+from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.effort import Machine, effort
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.run_progress import RunProgress, progress_from_json, progress_to_json
-from gaussray.reconstruct.step_plan import StepPlan, TimedPlan
+from gaussray.reconstruct.step_plan import Plateau, StepPlan, TimedPlan
 from gaussray.tracer.trace import TraceOptions
 
 
@@ -40,7 +46,7 @@ def test_without_auto_nothing_is_chosen():
 def test_photographs_of_one_time_get_relocation_under_a_budget_and_a_time(machine):
     chosen = effort(capture(), AUTO, machine)
     fit, density = chosen.options.fit, chosen.options.density
-    assert density.relocates and density.gaussians == fit.points
+    assert density.relocates and density.gaussians > fit.points
     assert fit.minutes >= machine.minutes and fit.tile_side == 32
     assert f"{density.gaussians:,} Gaussians" in chosen.sentence
     assert f"{fit.minutes:.0f} minutes" in chosen.sentence
@@ -92,7 +98,7 @@ def test_a_fixed_plan_never_changes():
     assert plan.steps == plan.most == 40
 
 
-def timed(monkeypatch, seconds, block=10, pace=0.5, until=2000):
+def timed(monkeypatch, seconds, block=10, pace=0.5, until=2000, score=None):
     """The steps of a plan whose clock goes by `pace` a step, and when its blocks end."""
     now = SimpleNamespace(value=100.0)
     monkeypatch.setattr(step_plan.time, "monotonic", lambda: now.value)
@@ -101,7 +107,7 @@ def timed(monkeypatch, seconds, block=10, pace=0.5, until=2000):
         # The first block waits for the compiler.
         now.value += pace * block + (30 if not done else 0)
         done += block
-        plan.after_block(done)
+        plan.after_block(done, score and partial(score, done))
     return plan, done, now.value - 100.0
 
 
@@ -114,6 +120,44 @@ def test_a_timed_plan_ends_in_time(monkeypatch):
 def test_a_timed_plan_that_has_no_time_ends_once_the_pace_is_known(monkeypatch):
     plan, done, _ = timed(monkeypatch, seconds=1.0)
     assert done == plan.steps == 60
+
+
+def test_a_plateau_begins_where_the_score_gained_nothing_for_a_fifth_of_the_steps():
+    plateau = Plateau(patience=0.2, gain=0.05)
+    scores = {100: 20.0, 200: 21.0, 220: 21.04, 240: 20.9, 251: 21.04}
+    assert [plateau.reached(*pair) for pair in scores.items()] == [False] * 4 + [True]
+    assert not plateau.reached(260, 21.06)
+
+
+def test_a_fit_ends_soon_after_held_out_tiles_no_longer_improve(monkeypatch):
+    def score(done):
+        return min(20 + done / 1000, 21.0)
+
+    plan, done, spent = timed(monkeypatch, seconds=2000.0, score=score)
+    # The last gain is at step 1000; the first look more than a fifth later is at 1300.
+    assert plan.stopped == 1300
+    assert done == plan.steps == pytest.approx(1.1 * plan.stopped, abs=20) and spent < 1000
+
+
+def test_held_out_tiles_come_in_whole_batches_and_only_of_what_is_visible():
+    dice = np.random.default_rng(0)
+    pixel = dice.integers(0, 255, (4, 150, 64, 3)).astype(np.uint8)
+    camera = jax.tree.map(lambda x: jnp.stack([x] * 4), toy.camera(0.0, 0.0, 80, 120))
+    mask = np.full((4, 150, 8), 255, np.uint8)
+    mask[0] = 0
+    footage = Footage(pixel, mask, camera, np.array(["a"] * 4), 8)
+    held = held_out_tiles(footage, 0.1, seed=3)
+    assert 30 < held.sum() < 60 and not held[0].any()
+    np.testing.assert_array_equal(held, held_out_tiles(footage, 0.1, seed=3))
+    batches = held_out_batches(footage, held, tiles=16)
+    assert len(batches) == held.sum() // 16 and all(b.tile.shape == (16,) for b in batches)
+    for batch in batches:
+        assert held[np.asarray(batch.frame), np.asarray(batch.tile)].all()
+        np.testing.assert_array_equal(batch.pixel, pixel[batch.frame, batch.tile])
+    assert len(held_out_batches(footage, held, tiles=100)) == 1
+    small = Footage(pixel[:2], mask[:2], camera, np.array(["a"] * 2), 8)
+    assert not held_out_tiles(small, 0.1, seed=3).any()
+    assert held_out_batches(small, np.zeros((2, 150), bool), tiles=4) == []
 
 
 def test_a_resumed_run_keeps_the_plan():

@@ -14,7 +14,8 @@ from gaussray.capture.capture import View
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
-from gaussray.reconstruct import loop, pipeline as recipe, step as training
+from gaussray.reconstruct import loop, pipeline as recipe, step as training, step_plan
+from gaussray.reconstruct.data import held_out_tiles
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.initialize.initializer import cleaned
@@ -329,6 +330,27 @@ def test_a_single_instant_gives_a_scene_that_stands_still(capture, tmp_path, qui
     # One stage takes the steps of both.
     done = [(line["stage"], line["step"]) for line in lines(tmp_path)]
     assert done == [("coarse", 10), ("coarse", 20)]
+
+
+def test_a_given_time_ends_a_fit_and_held_out_tiles_are_looked_at(
+    capture, tmp_path, quick_compilation, monkeypatch
+):
+    looks = []
+    monkeypatch.setattr(held_out_tiles, "_LEAST", 1)
+    monkeypatch.setattr(step_plan, "_CHECK", 1)
+    monkeypatch.setattr(step_plan.Plateau, "reached", lambda *pair: looks.append(pair[1:]) or True)
+    views = [view for view in capture.views if view.time == 0]
+    one = type(capture)(**(vars(capture) | {"views": views, "time_range": (0.0, 0.0)}))
+    fit = dataclasses.replace(toy.SHORT.fit, minutes=1e-3, validate=0.1, block=2)
+    relocate = dataclasses.replace(
+        toy.SHORT.density, kind="relocate", interval=4, start=0.0, stop=1.0, gaussians=40
+    )
+    options = dataclasses.replace(toy.SHORT, fit=fit, density=relocate)
+    reconstruct(one, tmp_path, options=options, quiet=True)
+    # The time is over once the pace is known: after six blocks, at which tiles are looked at once.
+    assert [step for step, _ in looks] == [12] and 0 < looks[0][1] < 60
+    done = lines(tmp_path)
+    assert done[-1]["step"] in (12, 14) and done[-1]["gaussians"] > done[0]["gaussians"]
 
 
 @pytest.mark.slow

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+from jaxtyping import Bool
 
 from gaussray.reconstruct.data.batches import Batch, gather
 from gaussray.reconstruct.data.motion_mask import Activity
@@ -15,6 +16,7 @@ class Loader:
     """What the steps of a fit look at: `tiles` tiles of one instant each, drawn by a `Sampler`.
 
     A block depends on seed, stage and step, and on the errors told of the blocks before the last.
+    Tiles that are `held_out` are never drawn.
     """
 
     def __init__(
@@ -26,14 +28,18 @@ class Loader:
         balance: float,
         error: float,
         seed: int,
+        held_out: Bool[np.ndarray, "frames tiles"] | None = None,
     ):
         _, camera = np.unique(footage.viewpoints, return_inverse=True)
         self.footage, self.seed = footage, seed
         self.errors = TileErrors(camera, footage.pixel.shape[1]) if error else None
+        visible = footage.visible_tiles()
+        if held_out is not None:
+            visible = ~held_out if visible is None else visible & ~held_out
         self.sampler = Sampler(
             footage.times,
             activity.moved,
-            footage.visible_tiles(),
+            visible,
             tiles=tiles,
             balance=balance,
             error=error,

@@ -1,0 +1,42 @@
+"""Which tiles no training step draws, so that they can tell when a fit no longer improves."""
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Int
+
+from gaussray.reconstruct.data.batches import Batch, gather
+from gaussray.reconstruct.data.pictures import Footage
+
+
+# Captures of fewer tiles have none to spare.
+_LEAST = 500
+
+
+def held_out_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray, "frames tiles"]:
+    """Which tiles are held out: a share of them, drawn at random; none of a small capture."""
+    shape = footage.pixel.shape[:2]
+    held = np.zeros(shape, bool)
+    count = round(share * held.size) if held.size >= _LEAST else 0
+    chosen = np.random.default_rng([seed, 1]).permutation(held.size)[:count]
+    held.reshape(-1)[chosen] = True
+    visible = footage.visible_tiles()
+    return held if visible is None else held & visible
+
+
+def held_out_batches(
+    footage: Footage, held: Bool[np.ndarray, "frames tiles"], tiles: int
+) -> list[Batch]:
+    """The held-out tiles in batches of `tiles`, as many as a training step draws. Of pictures of
+    one time. The last tiles that fill no batch are left out, but there is at least one batch."""
+    frame, tile = (x.astype(np.int32) for x in np.nonzero(held))
+    if not len(frame):
+        return []
+    count = max(len(frame) // tiles, 1) * tiles
+    frame, tile = np.resize(frame, count), np.resize(tile, count)
+    time = footage.times[:1]
+
+    def batch(rows: Int[np.ndarray, " tiles"]) -> Batch:
+        several = gather(footage, frame[rows][None], tile[rows][None], time)
+        return jax.tree.map(lambda x: x[0], several)
+
+    return [batch(rows) for rows in np.arange(count).reshape(-1, tiles)]

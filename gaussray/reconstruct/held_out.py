@@ -1,0 +1,54 @@
+"""The error of held-out tiles, and whether a fit still improves."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import NamedSharding, PartitionSpec
+from jaxtyping import Array
+
+from gaussray.camera.array import CameraSet
+from gaussray.camera.camera import Camera
+from gaussray.color import psnr_from_mse
+from gaussray.reconstruct.data.batches import Batch
+from gaussray.reconstruct.optimize.state import State
+from gaussray.reconstruct.step import BlockSizes, StepOptions, loss_of
+from gaussray.runtime.devices import everywhere
+
+
+@eqx.filter_jit
+def _square_error(
+    state: State,
+    views: Camera,
+    batch: Batch,
+    cameras: CameraSet,
+    *,
+    options: StepOptions,
+    sizes: BlockSizes,
+) -> Array:
+    """Mean squared error of a batch, infinite where the tracer had no room for all of it."""
+    _, (terms, report, *_) = loss_of(
+        state.parameters, views, batch, cameras, state.step, options=options, sizes=sizes
+    )
+    value = jnp.where(report.dropped > 0, jnp.inf, terms["mse"])
+    # Every host reads it.
+    return jax.lax.with_sharding_constraint(value, NamedSharding(sizes.mesh, PartitionSpec()))
+
+
+def held_out_psnr(
+    state: State,
+    views: Camera,
+    batches: list[Batch],
+    cameras: CameraSet,
+    *,
+    options: StepOptions,
+    sizes: BlockSizes,
+) -> float:
+    """PSNR in dB of the held-out tiles; -inf if the tracer had no room for some of them."""
+    known = [
+        float(_square_error(state, views, everywhere(batch, sizes.mesh), cameras,
+                            options=options, sizes=sizes))
+        for batch in batches
+    ]  # fmt: skip
+    mean = float(np.mean(known))
+    return psnr_from_mse(mean) if np.isfinite(mean) else -np.inf
