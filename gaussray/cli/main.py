@@ -20,7 +20,15 @@ from gaussray.io.safe.limits import Limits, limit
 from gaussray.runtime import provenance
 from gaussray.runtime.devices import DevicesOptions, begin, leads, leave, together
 from gaussray.runtime.lock import release_locks
-from gaussray.runtime.progress import STYLES, check_style, end_line, say, style, told_as
+from gaussray.runtime.progress import (
+    STYLES,
+    check_style,
+    end_line,
+    plain_warnings,
+    say,
+    style,
+    told_as,
+)
 from gaussray.runtime.provenance import asked_by
 from gaussray.runtime.resource_errors import is_full, is_memory, memory_message
 
@@ -36,7 +44,7 @@ AGAIN = {
 def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point. Errors of the user end in one line and exit code 2 (`usage.EXITS`)."""
     words = list(sys.argv[1:] if arguments is None else arguments)
-    with told_as(_style(words)), asked_by(words):
+    with told_as(_style(words)), asked_by(words), plain_warnings():
         _guarded(words)
 
 

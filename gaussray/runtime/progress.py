@@ -7,6 +7,7 @@ import json
 import shutil
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
 from typing import Any
@@ -59,6 +60,21 @@ def say(text: str, event: str = "message", **facts: Any) -> None:
     if style() == "json":
         text = json.dumps({"event": event, "text": text} | facts)
     print(text, flush=True)
+
+
+@contextlib.contextmanager
+def plain_warnings() -> Iterator[None]:
+    """Within the block, a warning is one line on stderr: its text, without file and source line."""
+
+    def text(message: Warning | str, *_: Any, **__: Any) -> str:
+        end_line()
+        return f"gaussray: warning: {message}\n"
+
+    before, warnings.formatwarning = warnings.formatwarning, text
+    try:
+        yield
+    finally:
+        warnings.formatwarning = before
 
 
 def end_line() -> None:

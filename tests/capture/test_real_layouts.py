@@ -42,7 +42,7 @@ def picture(path, value=128, size=(W, H)):
 def lay(folder, frames, **top):
     """A transforms.json, and a picture for each of its frames."""
     for i, frame in enumerate(frames):
-        picture(folder / frame["file_path"], 20 + 10 * i)
+        picture(folder / frame["file_path"], 20 + 30 * i)
     document = {**LENS, **top, "frames": frames}
     (folder / "transforms.json").write_text(json.dumps(document))
     return folder
@@ -173,11 +173,11 @@ def test_what_instant_ngp_leaves_out_follows_from_the_angle_and_the_picture(tmp_
 
 def test_a_stray_json_file_with_frames_is_skipped_with_its_reason(tmp_path):
     lay(tmp_path, [frame("a/0.png", 0, time=0.0)])
-    (tmp_path / "other.json").write_text(json.dumps({"frames": [{"id": 3}]}))
+    (tmp_path / "other.json").write_text(json.dumps({"frames": [{"time": 3}]}))
     with pytest.warns(CaptureWarning, match="other.json: skipped, it is no file of a capture: "):
         capture = open_capture(tmp_path)
     assert len(capture.views) == 1 and not capture.effects
-    (tmp_path / "other.json").write_text(json.dumps({"frames": [{"id": 3}], "effect": "fisheye"}))
+    (tmp_path / "other.json").write_text(json.dumps({"frames": [{"time": 3}], "effect": "fisheye"}))
     with pytest.raises(CaptureError, match="other.json"):
         open_capture(tmp_path)
 

@@ -2,12 +2,13 @@
 
 import json
 import time
+import warnings
 
 import pytest
 
 from gaussray.runtime import progress as module
 from gaussray.runtime.jit_cache import Clock
-from gaussray.runtime.progress import Progress, end_line, say, told_as
+from gaussray.runtime.progress import Progress, end_line, plain_warnings, say, told_as
 
 
 def spoken(monkeypatch, steps, **options):
@@ -133,3 +134,11 @@ def test_an_unknown_style_is_refused():
     with pytest.raises(ValueError, match="progress must be one of auto, bar, .*got 'loud'"):
         with told_as("loud"):
             pass
+
+
+def test_a_warning_is_one_line_without_its_source():
+    before = warnings.formatwarning
+    with plain_warnings():
+        shown = warnings.formatwarning("a text", UserWarning, "file.py", 3)
+    assert shown == "gaussray: warning: a text\n"
+    assert warnings.formatwarning is before
