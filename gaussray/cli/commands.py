@@ -60,7 +60,7 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         return {}
     refuse(Path(cfg.out), resume=resume)
     out = begin_run_folder(cfg)
-    how: dict[str, Any] = {"devices": devices, "quiet": cfg.quiet, "told": _scalars(cfg, out)}
+    how: dict[str, Any] = {"devices": devices, "quiet": cfg.quiet, "listener": _scalars(cfg, out)}
     scene = reconstruct(capture, out, options=chosen, resume=resume, **how)
     facts = scene_size(scene)
     text = f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move."

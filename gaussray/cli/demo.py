@@ -45,7 +45,7 @@ def demo(
     truth = read_capture(folder)
     resume = (out / "checkpoint.npz").exists()
     shared: dict[str, Any] = {"devices": devices, "quiet": quiet}
-    scene = reconstruct(truth, out, options=reconstruction, resume=resume, told=told, **shared)
+    scene = reconstruct(truth, out, options=reconstruction, resume=resume, listener=told, **shared)
     fitted = clock.monotonic()
     trace = TraceOptions()
     some = EvaluateOptions(split="train", frames=26, images=False)

@@ -15,32 +15,44 @@ from gaussray.tracer.trace import TraceOptions
 class FitOptions(eqx.Module):
     """The course of a reconstruction.
 
-    With `auto`, what has its default is chosen by device and capture (`effort`); a capture of one
-    time then takes `minutes` instead of a number of steps, or less: a share `validate` of its tiles
-    is held out, and the fit ends soon after these no longer improve.
+    Args:
+        auto: choose all that has its default by device and capture (`effort`).
+        minutes: with `auto`, the duration of the fit of a capture of one time. 0: 3 on a GPU, 4 on
+            a CPU, or longer.
+        coarse: steps on the pictures of the first time, without deformation.
+        fine: steps on the pictures of all times.
+        segment: the largest number of times in a segment; a longer capture is cut into several.
+            Each takes `fine` steps and loads its own pictures. Neighbours share a time, at which
+            the later one starts from the earlier one's result. 0: one segment.
+        tiles: tiles of pictures in a step.
+        tile_side: side of a tile in pixels, a whole number of ray bundles.
+        block: steps between two visits of the host, which runs density control and writes files.
+        validate: share of the tiles that is held out with `minutes`; the fit ends soon after these no
+            longer improve.
+        balance: share of the tiles that are drawn in proportion to their moving pixels (of those
+            that are not drawn by error).
+        error: share of the tiles that are drawn in proportion to their last errors.
+        moving: a Gaussian may move if its pixels change for more than this share of the time.
+        degree: degree of the spherical harmonics, 0 to 3 (3DGS: 3).
+        rise: harmonics of degree n learn from step n x `rise` on (3DGS: 1000). 0: from the start.
+        opacity: opacity of the first Gaussians (3DGS: 0.1).
+        spread: scale of the first Gaussians, in distances between points (3DGS: 1).
+        points: random points if the capture has none; if it has fewer, the rest are put between
+            them (`from_points.between`).
+        surround: random Gaussians around the points, in numbers of points: for what is far away,
+            and for what mirrors show (`from_points.surrounding`).
+        footprint: the least size of a Gaussian, in pixels of the camera that sees it most finely.
+        outliers: points further from their neighbours than usual by more than this many standard
+            deviations are left out (`from_points.inliers`). 0 keeps all.
+        memory: gigabytes of pictures that are kept in memory; more are kept in a file.
+        samples: rays per pixel over pixel filter, aperture and exposure. 0: 1, or 4 if a camera has
+            an aperture or an exposure time.
+        refine: the parameters of the cameras that are learnt too (`corrections.REFINABLE`).
+        checkpoint: seconds between two checkpoints.
+        seed: seed of all random numbers.
 
-    `coarse` steps on the first instant, without deformation; `fine` steps on all (both on one
-    instant, if there are no others). A step sees `tiles` tiles of `tile_side` x `tile_side` pixels
-    (whole ray bundles), a share `error` of them in proportion to the errors last seen there, and of
-    the others a share `balance` where things move. Gaussians whose pixels change more than a share
-    `moving` of the time get a deformation. A block of `block` steps runs without the host;
-    `checkpoint` is the interval in seconds between saved states. Pictures of more than `memory`
-    gigabytes are kept in a file. A capture of more than `segment` instants is cut into segments of
-    at most so many (0: into none), of which each takes `fine` steps and loads its own pictures;
-    neighbours share an instant, at which the later one starts from what the other found.
-
-    `points` random points are the start if the capture has none; of those that it has, points go
-    that are further from their neighbours than usual by more than `outliers` standard deviations (0
-    keeps all, see `initial.inliers`), of fewer than `points` the rest are put between them
-    (`initial.between`), and around them `surround` times as many random ones are added
-    (`initial.surrounding`): for what is far, and what mirrors show. Gaussians have harmonics of
-    this `degree`, of which those of degree n learn from step n x `rise` on. They start with this
-    `opacity`, and `spread` gaps between points as scale; none gets smaller than `footprint` pixels
-    of the camera that sees it most finely.
-
-    Every pixel is seen by `samples` rays over film, lens and exposure (0: 1, and 4 if a camera has
-    an aperture or an exposure). `refine` names what of the cameras is learnt too
-    (`refinement.REFINABLE`).
+    Raises:
+        ValueError: a value is out of its range.
     """
 
     auto: bool = eqx.field(static=True, default=False)

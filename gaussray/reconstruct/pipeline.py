@@ -18,7 +18,9 @@ from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session, hand_over
-from gaussray.reconstruct.simplify.prune import required, sentence, total
+from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
+from gaussray.reconstruct.simplify.prune import pruned_scene
+from gaussray.reconstruct.simplify.summary import clip_report, summary_line
 from gaussray.reconstruct.start import continued_state, initial_state, with_deformation
 from gaussray.runtime.devices import leads, wait
 from gaussray.runtime.lock import locks_output
@@ -26,6 +28,7 @@ from gaussray.runtime.progress import Progress, say
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene, save_scene, scene_info
+from gaussray.tracer.shard import mesh
 
 
 @locks_output
@@ -37,26 +40,48 @@ def reconstruct(
     resume: bool = False,
     devices: int | None = None,
     quiet: bool = False,
-    told: Callable[[dict[str, Any]], None] | None = None,
+    listener: Callable[[dict[str, Any]], None] | None = None,
 ) -> Scene | Clip:
-    """Fit a scene to the training views of a capture and leave it in `out`/scene.npz.
+    """Fit a scene to the training views of a capture and save it as `out`/scene.npz.
 
-    A coarse stage on the first instant; then the bodies are tracked, and a fine stage with
-    deformation fits all instants. What is kept and returned is what of the scene the pictures
-    require (`required`), which requirement.json and, unless `quiet`, a printed line tell;
-    cameras.json holds the cameras as they were refined. `out` also gets metrics.jsonl and, at
-    intervals, checkpoint.npz, from which `resume` goes on exactly as if nothing had happened. The
-    rays of a step are dealt out to so many `devices` (None is all) of every host; the first host
-    alone writes. Whatever metrics.jsonl gets is also `told`, line by line.
+    The coarse stage fits Gaussians to the pictures of the first time. Then rigid bodies are
+    tracked, and the fine stage fits Gaussians and deformation to the pictures of all times. At the
+    end the scene is pruned (`pruned_scene`).
 
-    A capture of more than options.fit.segment instants becomes a clip, one segment after another:
-    each loads its own pictures, starts from what the one before ended with, and is kept in
-    `out`/segments until all are there. Cameras are refined in the first one.
+    A capture of more than options.fit.segment times becomes a clip, one segment after another. Each
+    segment loads its own pictures, starts from the end of the one before, and is kept in
+    `out`/segments until all are there. Cameras are refined in the first segment.
+
+    Besides scene.npz, `out` gets metrics.jsonl (one line per block of steps), requirement.json (the
+    report of pruning), cameras.json (the cameras as refined), and, while the run lasts,
+    checkpoint.npz.
+
+    Args:
+        capture: pictures and cameras; those of split "train" are used.
+        out: the output folder.
+        options: all options, one class per config group.
+        resume: go on with the interrupted run in `out`. The result is the same as without the
+            interruption.
+        devices: how many devices of every host share the rays of a step (None: all). With several
+            hosts, only the first writes.
+        quiet: print no progress.
+        listener: called with every line of metrics.jsonl.
+
+    Returns:
+        The scene as saved; a clip if there are several segments.
+
+    Raises:
+        ValueError: `out` holds an unfinished run and `resume` is False; or the run to resume had
+            other segments or refined other parameters of the cameras.
+        FileNotFoundError: there is no run to resume.
+        NonFiniteLoss: the loss or a parameter became infinite or not a number.
+        CaptureError: the training pictures cannot be used together.
     """
     capture, options, sentence_of_effort = effort(capture, options, this_machine())
     _say(sentence_of_effort, quiet or not leads())
     out, course = Path(out), segments(capture, options.fit.segment)
-    log = RunLog(out, resume=resume, interval=options.fit.checkpoint, writes=leads(), listener=told)
+    interval = options.fit.checkpoint
+    log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
     if leads():
         sweep(out, deep=len(course) > 1)
     state, progress = log.resumed() if resume else (None, RunProgress(segments=len(course)))
@@ -69,13 +94,13 @@ def reconstruct(
     for i in range(len(finished), len(course)):
         session = Session(capture, log, options, quiet or not leads(), devices, course[i])
         state, progress = _fitted(session, state, progress)
-        scene, report = _required(session, state, progress, devices)
+        scene, report = _pruned(session, state, progress, devices)
         if leads():
             _save(files[i], scene, report)
             if i == 0:
                 _write_cameras(out / "cameras.json", session, state)
         _say(_found(session, state) if i == 0 else "", session.quiet)
-        line = sentence(report, session.name or "the scene") if "steps" in report else ""
+        line = summary_line(report, session.name or "the scene") if "steps" in report else ""
         _say(line, session.quiet)
         scenes.append(scene)
         reports.append(report)
@@ -86,11 +111,11 @@ def reconstruct(
         del session
     result, report = scenes[0], reports[0]
     if len(course) > 1:
-        result, report = Clip(tuple(scenes)), total(reports)
+        result, report = Clip(tuple(scenes)), clip_report(reports)
         if leads():
             _save(out / "scene.npz", result, report)
         whole_clip = f"the clip of {len(course)} segments"
-        _say(sentence(report, whole_clip) if "after" in report else "", quiet or not leads())
+        _say(summary_line(report, whole_clip) if "after" in report else "", quiet or not leads())
     if leads():
         with whole(out / "requirement.json") as partial:
             partial.write_text(json.dumps(report, indent=2) + "\n")
@@ -129,30 +154,27 @@ def _fitted(
     )
 
 
-def _required(
+def _pruned(
     session: Session, state: State, progress: RunProgress, devices: int | None
 ) -> tuple[Scene, dict[str, Any]]:
-    """What of a fitted scene its pictures require, and the report."""
+    """The scene of a fitted state after pruning, and the report."""
     scene, unmet = session.scene(state, progress)
-    work: list[Progress] = []
+    bars: list[Progress] = []
 
-    def told(done: int, total: int, what: str) -> None:
-        # The first measurement says how many there are; by then the work has begun.
-        if not work:
-            work.append(session.progress_bar("need", total, patience=2.0))
-        work[0].report(done, what)
+    def shown(done: int, total: int, what: str) -> None:
+        # The total is known at the first measurement.
+        if not bars:
+            bars.append(session.progress_bar("need", total, patience=2.0))
+        bars[0].report(done, what)
 
-    return required(
+    return pruned_scene(
         scene,
-        session.footage,
-        *session.training_cameras(state),
-        unmet=unmet,
+        TrainingViews(session.footage, *session.training_cameras(state)),
         options=session.options.need,
-        trace=session.options.trace,
+        tracing=Tracing(session.options.trace, mesh(devices), session.key_states(state)),
         seed=session.options.fit.seed,
-        keys=session.key_states(state),
-        devices=devices,
-        told=told,
+        unmet=unmet,
+        report=shown,
     )
 
 

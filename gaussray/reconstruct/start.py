@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float
 from gaussray.camera.corrections import Corrections, no_corrections
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.motion_mask import point_activity
-from gaussray.reconstruct.initialize.body_tracking import track
+from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
 from gaussray.reconstruct.initialize.from_points import bodies, on_points, surrounding
 from gaussray.reconstruct.initialize.initializer import initializer
 from gaussray.reconstruct.optimize.optimizer import Parameters
@@ -153,10 +153,12 @@ def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodi
     )
     tracked = track(
         groups,
-        np.asarray(body_of(groups, moving.mean)),
-        position,
-        np.asarray(rotation_matrix(moving.quat))[:, :, 2],
-        np.asarray(moving.harmonics[:, 0] * C0 + 0.5),
+        MovingGaussians(
+            np.asarray(body_of(groups, moving.mean)),
+            position,
+            np.asarray(rotation_matrix(moving.quat))[:, :, 2],
+            np.asarray(moving.harmonics[:, 0] * C0 + 0.5),
+        ),
         session.shown,
         session.footage.camera,
         options=session.options.track,

@@ -117,8 +117,8 @@ def test_the_scene_holds_what_moves_and_the_cameras(fitted, capture):
 
 def test_a_run_ends_with_a_line_about_the_file(capture, tmp_path, capsys, monkeypatch):
     report = {"precision": "compact", "steps": []}
-    monkeypatch.setattr(recipe, "required", lambda scene, *_, **__: (scene, dict(report)))
-    monkeypatch.setattr(recipe, "sentence", lambda told, _: f"it has {told['file']} bytes")
+    monkeypatch.setattr(recipe, "pruned_scene", lambda scene, *_, **__: (scene, dict(report)))
+    monkeypatch.setattr(recipe, "summary_line", lambda told, _: f"it has {told['file']} bytes")
     reconstruct(capture, tmp_path, options=OPTIONS)
     size = (tmp_path / "scene.npz").stat().st_size
     assert capsys.readouterr().out == f"it has {size} bytes\n"

@@ -19,7 +19,8 @@ from gaussray.scene.named_arrays import deformation_from, named_arrays
 
 
 FORMAT, VERSION = "gaussray-checkpoint", 2
-# Names in the file of the sampler's errors, and of the gradient statistics in earlier versions.
+# Names in the file of the fields of TileErrorState, in their order, and of the gradient statistics
+# in files of earlier versions.
 TILE_ERRORS = {
     "mean": "note.errors.mean",
     "place": "note.errors.place",
@@ -76,7 +77,7 @@ def load_checkpoint(path: Path) -> tuple[State, RunProgress]:
     )
     errors = None
     if TILE_ERRORS["mean"] in array:
-        errors = TileErrorState(**{name: array[key] for name, key in TILE_ERRORS.items()})
+        errors = TileErrorState(*(array[key] for key in TILE_ERRORS.values()))
     try:
         return state, progress_from_json(header.get("info", {}), errors)
     except ValueError as error:
@@ -112,6 +113,7 @@ def _unconstrained(array: dict[str, np.ndarray], prefix: str) -> Unconstrained:
 
 def _corrections(array: dict[str, np.ndarray], prefix: str) -> Corrections | None:
     """The corrections of cameras among named arrays, None if nothing is refined."""
-    names = [name.removeprefix(f"{prefix}.") for name in array if name.startswith(f"{prefix}.")]
-    held = {name: jnp.asarray(array[f"{prefix}.{name}"]) for name in names}
-    return Corrections(**held) if held else None
+    keys = [f"{prefix}.{name}" for name in Corrections.__dataclass_fields__]
+    if not any(key in array for key in keys):
+        return None
+    return Corrections(*(jnp.asarray(array[key]) if key in array else None for key in keys))

@@ -25,17 +25,29 @@ KINDS = ("split", "relocate")
 class DensityOptions(eqx.Module):
     """How the number and the places of the Gaussians change.
 
-    Every `interval` steps between `start` and `stop` (shares of a stage); `interval = 0` switches
-    density control off. `kind` chooses between two rules.
+    "split" is the adaptive density control of 3DGS: clone, split and prune. "relocate" moves dead
+    Gaussians to others and grows to a budget (3DGS as Markov chain Monte Carlo, `relocation.py`).
 
-    "split" (3DGS): Gaussians whose mean gradient statistic exceeds `threshold` are cloned if their
-    largest scale is at most `small` x extent, else split in two of 1/`shrink` the scale; below
-    `opacity` they are pruned. At most `growth` x the first number of Gaussians.
+    Args:
+        kind: split or relocate.
+        interval: steps between two runs of density control; 0 switches it off (3DGRT: 300).
+        start: the first run, as a share of the stage.
+        stop: the last run, as a share of the stage.
+        threshold: split: mean gradient statistic above which a Gaussian is cloned or split (3DGRT:
+            2e-4).
+        small: split: the largest scale, in extents, of a Gaussian that is cloned; others are split in
+            two (3DGRT: 0.01).
+        shrink: split: by how much the halves of a split Gaussian are smaller (3DGRT: 1.6).
+        opacity: Gaussians below it are pruned or relocated (3DGRT: 0.005).
+        growth: split: the largest number of Gaussians, in initial numbers.
+        gaussians: relocate: the largest number of Gaussians; it grows by 5 % each time.
+        opacity_cost: relocate: weight of the mean opacity in the loss (MCMC: 0.01).
+        scale_cost: relocate: weight of the mean scale, in extents, in the loss (MCMC: 0.01).
+        noise: relocate: noise of the positions of faint Gaussians, times covariance over extent; it
+            falls like the learning rates.
 
-    "relocate" (3DGS as Markov chain Monte Carlo, `relocation.py`): Gaussians of at most `opacity`
-    move to others, and the number grows by 5 % each time up to the budget of `gaussians`. The loss
-    adds `opacity_cost` and `scale_cost` times the means of opacity and scale (in extents). The
-    positions of faint ones get noise of `noise` x covariance / extent, which falls like the rates.
+    Raises:
+        ValueError: a value is out of its range.
     """
 
     kind: str = eqx.field(static=True, default="split")
@@ -192,7 +204,7 @@ def clone_split_prune_rows(
     large = scale.max(axis=1) > options.small * extent
     split, twin = wanted[large], target[large]
     dice = np.random.default_rng(seed)
-    # Of all rows: another number of them each time would compile each time.
+    # For all rows: a number that changes would compile again.
     turn = np.asarray(rotation_matrix(jnp.asarray(array.quat)))[split]
     center = array.mean[split]
     for half in (split, twin):

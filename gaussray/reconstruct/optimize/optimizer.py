@@ -1,4 +1,4 @@
-"""What is learnt, how fast: Adam with a rate and a schedule for every kind of parameter."""
+"""Adam with a learning rate and a schedule for every kind of parameter."""
 
 import equinox as eqx
 import jax
@@ -17,11 +17,11 @@ from gaussray.scene.scene import Scene
 ADAM = optax.scale_by_adam(eps=1e-15)
 
 
-_OF_BODIES = ("pivot", "radius", "time", "path", "turn")
+_BODY_FIELDS = ("pivot", "radius", "time", "path", "turn")
 
 
 class Parameters(eqx.Module):
-    """Everything the optimiser moves, in unconstrained values."""
+    """Everything that is learnt, in unconstrained values."""
 
     static: Unconstrained
     moving: Unconstrained
@@ -30,7 +30,7 @@ class Parameters(eqx.Module):
 
 
 def scene_of(parameters: Parameters, time_range: Float[Array, "2"]) -> Scene:
-    """The scene that the parameters stand for."""
+    """The scene with these parameters."""
     return Scene(
         static=constrain(parameters.static),
         moving=constrain(parameters.moving),
@@ -40,12 +40,34 @@ def scene_of(parameters: Parameters, time_range: Float[Array, "2"]) -> Scene:
 
 
 class OptimizerOptions(eqx.Module):
-    """Learning rates at the start of a stage; those of means, of the bodies' paths and of `motion`
-    (the last layer of the network's head for means) are multiplied by the extent: they are lengths.
+    """Learning rates of Adam at the start of a stage.
 
-    `decay` is the share of every rate that is left at the end of a stage (exponential schedule);
-    everything follows it. `pose`, `lens`, `shutter`, `exposure` and `offset` are for `Corrections`
-    of cameras, in their units: largest in the middle of a stage, to which they rise from 0.
+    They fall exponentially to a share `decay` at the end of the stage. Rates of lengths are
+    multiplied by the scene's extent. Rates of cameras apply to what fit.refine names; they rise
+    from 0 to the middle of the stage and fall after it.
+
+    Args:
+        mean: means of Gaussians, in extents (3DGS: 1.6e-4, for 30,000 steps).
+        quat: rotations of Gaussians (3DGS: 1e-3).
+        scale: logarithms of scales (3DGS: 5e-3).
+        opacity: logits of opacities (3DGS: 0.05).
+        color: the constant harmonic (3DGS: 2.5e-3).
+        harmonics: all other harmonics (3DGS: 1.25e-4).
+        path: paths of rigid bodies, in extents.
+        turn: rotations of rigid bodies, as quaternions.
+        light: light on surfaces by the direction of their normals.
+        planes: feature planes of the deformation (4DGaussians: 1.6e-3).
+        network: network of the deformation (4DGaussians: 1.6e-4).
+        motion: the last layer of the network's head for means, in extents.
+        pose: poses of cameras, in radians and extents.
+        lens: logarithms of focal lengths, and principal points in focal lengths.
+        shutter: logarithm of the readout time.
+        exposure: logarithms of the gains of the colour channels.
+        offset: delays of cameras, in intervals between two times.
+        decay: share of every rate that is left at the end of a stage.
+
+    Raises:
+        ValueError: a rate is negative, or `decay` is not in (0, 1].
     """
 
     mean: float = eqx.field(static=True, default=1e-3)
@@ -100,10 +122,11 @@ def rates(
     formed: bool = False,
     rise: int = 0,
 ) -> Parameters:
-    """Learning rate of every array at a step, as a tree of the parameters' shape. Corrections of
-    cameras rest unless `refine` names them. Gaussians that stand still and are `formed` by an
-    earlier stage learn at the rate with which that ended. Harmonics of degree n rest for the first
-    n x `rise` steps."""
+    """The learning rate of every array at a step, as a tree of the parameters' structure.
+
+    Corrections of cameras that `refine` does not name have rate 0. If static Gaussians were
+    `formed` in an earlier segment, they learn at the rate with which its stage ended. Harmonics of
+    degree n have rate 0 for the first n x `rise` steps."""
     steps = jnp.maximum(steps, 1)
     fall = options.decay ** (step / steps)
 
@@ -130,7 +153,7 @@ def rates(
         planes = eqx.tree_at(lambda p: (p.lower, p.upper, p.begin, p.end), planes, fixed)
         bodies = (fixed[0],) * 3 + (options.path * extent * fall, options.turn * fall)
         deformation = eqx.tree_at(
-            lambda d: (d.planes, *(getattr(d.bodies, name) for name in _OF_BODIES)),
+            lambda d: (d.planes, *(getattr(d.bodies, name) for name in _BODY_FIELDS)),
             deformation,
             (planes, *bodies),
         )
@@ -142,12 +165,12 @@ def rates(
             )
     static = gaussians(parameters.static, jnp.full_like(fall, options.decay) if formed else fall)
     moving = gaussians(parameters.moving, fall)
-    corrections, held = parameters.corrections, refined_kinds(parameters.corrections)
-    if held:
-        # A scene that has not formed yet would lead them astray.
+    corrections, refined = parameters.corrections, refined_kinds(parameters.corrections)
+    if refined:
+        # A scene that is not formed yet gives wrong gradients of cameras.
         half = 2 * step / steps
         late = jnp.minimum(half, 1) * options.decay ** jnp.maximum(half - 1, 0)
-        kinds = {kind: getattr(options, kind) * late * (kind in refine) for kind in held}
+        kinds = {kind: getattr(options, kind) * late * (kind in refine) for kind in refined}
         corrections = eqx.tree_at(
             lambda c: tuple(getattr(c, kind) for kind in kinds), corrections, tuple(kinds.values())
         )
@@ -162,9 +185,9 @@ def descend(
 ) -> tuple[Parameters, optax.ScaleByAdamState]:
     """One step of Adam, every array at its own rate, where there is a gradient at all.
 
-    What a step does not see (Gaussians out of view, poses and rows of other instants) rests,
-    moments included. Otherwise momentum would carry it on blindly, and its second moment would fade
-    until the next gradient throws it several rates far.
+    What a step does not see (Gaussians out of view, poses and plane rows of other times) keeps its
+    value and its moments. Otherwise momentum would move it without evidence, and its second moment
+    would fade until the next gradient moves it by several rates at once.
     """
     direction, moments = ADAM.update(gradient, adam)  # type: ignore[arg-type]
     seen = jax.tree.map(lambda g: g != 0, gradient)

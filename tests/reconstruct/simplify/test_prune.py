@@ -11,9 +11,12 @@ import toy
 
 from gaussray.capture.formats.paired import read_capture
 from gaussray.reconstruct.data.pictures import footage
-from gaussray.reconstruct.simplify.prune import NeedOptions, facts, required, sentence
+from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
+from gaussray.reconstruct.simplify.prune import NeedOptions, pruned_scene
+from gaussray.reconstruct.simplify.summary import scene_sizes, summary_line
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.scene import Scene
+from gaussray.tracer.shard import mesh
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
@@ -22,6 +25,11 @@ TRACE = toy.SHORT.trace
 OPTIONS = NeedOptions(loss=0.05, tiles=8, weigh=24)
 HIDDEN, IDLE = 6, 4
 measured = []
+
+
+def pruned(scene, seen, options=OPTIONS, **more):
+    views, tracing = TrainingViews(seen, seen.camera), Tracing(TRACE, mesh(1))
+    return pruned_scene(scene, views, options=options, tracing=tracing, seed=0, **more)
 
 
 @pytest.fixture(scope="module")
@@ -65,8 +73,7 @@ def _only_near(field):
 @pytest.fixture(scope="module")
 def told(seen, lavish):
     measured.clear()
-    how = {"options": OPTIONS, "trace": TRACE, "seed": 0, "devices": 1}
-    return required(lavish, seen, seen.camera, **how, told=lambda *of: measured.append(of))
+    return pruned(lavish, seen, report=lambda *of: measured.append(of))
 
 
 def test_the_way_is_told_to_its_end(told):
@@ -88,8 +95,7 @@ def test_what_no_ray_has_met_stays_where_the_capture_has_it(seen, lavish):
     hidden = np.zeros(lavish.static.count + lavish.moving.count, bool)
     hidden[: lavish.static.count] = np.asarray(lavish.static.mean)[:, 2] > 30
     assert hidden.sum() == HIDDEN
-    options = {"options": OPTIONS, "trace": TRACE, "seed": 0, "devices": 1}
-    scene, _ = required(lavish, seen, seen.camera, unmet=hidden, **options)
+    scene, _ = pruned(lavish, seen, unmet=hidden)
     assert (np.asarray(scene.static.mean)[:, 2] > 30).sum() == HIDDEN
 
 
@@ -102,8 +108,8 @@ def test_the_field_goes_and_the_body_stays(told):
 def test_every_step_is_told_and_costs_at_most_what_it_may(told, lavish):
     scene, report = told
     now = {name: value for name, value in report["after"].items() if name != "psnr"}
-    assert now == facts(scene)
-    was = facts(lavish)
+    assert now == scene_sizes(scene)
+    was = scene_sizes(lavish)
     for step in report["steps"]:
         assert step["taken"] == (step["loss"] <= OPTIONS.loss)
         for name in was.keys() & step.keys():
@@ -120,9 +126,7 @@ def test_every_step_is_told_and_costs_at_most_what_it_may(told, lavish):
 def test_a_scene_that_needs_everything_keeps_it(seen):
     """Two instants' difference of a body's size is not given up, nor the wall behind it."""
     one = toy.scene()
-    scene, report = required(
-        one, seen, seen.camera, options=OPTIONS, trace=TRACE, seed=0, devices=1
-    )
+    scene, report = pruned(one, seen)
     assert scene.moving.count == 2 and scene.deformation.mean is not None
     assert scene.static.count > 20
     refused = [step for step in report["steps"] if not step["taken"]]
@@ -133,13 +137,13 @@ def test_a_scene_that_needs_everything_keeps_it(seen):
 def test_where_nothing_moves_there_is_no_field(seen):
     one = toy.scene()
     frozen = dataclasses.replace(one, deformation=toy.deformation())
-    scene, _ = required(frozen, seen, seen.camera, options=OPTIONS, trace=TRACE, seed=0, devices=1)
+    scene, _ = pruned(frozen, seen)
     assert scene.deformation is None and scene.moving.count == 0
 
 
 def test_a_loss_of_nothing_keeps_everything(seen, lavish):
     options = NeedOptions(loss=0.0, precision="full")
-    scene, report = required(lavish, seen, seen.camera, options=options, trace=TRACE, seed=0)
+    scene, report = pruned(lavish, seen, options)
     assert report == {"precision": "full"}
     for a, b in zip(jax.tree.leaves(scene), jax.tree.leaves(lavish), strict=True):
         np.testing.assert_array_equal(a, b)
@@ -150,7 +154,7 @@ def test_the_line_says_how_much_of_what_is_needed():
     before |= {"degree": 1, "bytes": 1_100_000, "psnr": 25.53}
     after = {"gaussians": 8214, "moving": 1903, "bodies": 1, "heads": 3, "scales": 1}
     after |= {"degree": 0, "psnr": 25.5}
-    assert sentence({"before": before, "after": after, "file": 401_000}) == (
+    assert summary_line({"before": before, "after": after, "file": 401_000}) == (
         "the scene needs 8,214 of 12,000 Gaussians (1,903 of 3,065 move, 1 body), 3 of 4 heads, "
         "1 of 2 scales of the field, harmonics of degree 0: 1.1 -> 0.4 MB, -0.03 dB"
     )

@@ -1,4 +1,4 @@
-"""What is taken from a draft is missing, what does nothing goes, and nothing else changes."""
+"""What is taken from a candidate is missing, what does nothing goes, and nothing else changes."""
 
 import dataclasses
 
@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.reconstruct.simplify.draft import (
+from gaussray.reconstruct.simplify.candidate import (
     at_time,
-    begin_draft,
-    finish_draft,
-    whole_draft,
+    begin_candidate,
+    finished_scene,
+    whole_candidate,
     with_degree,
     with_steady,
     without_head,
@@ -32,7 +32,7 @@ pytestmark = pytest.mark.usefixtures("quick_compilation")
 CLOSE = {"rtol": 2e-5, "atol": 2e-5}
 TIMES = np.linspace(0, 1, 3)
 shown = jax.jit(at)
-drafted = jax.jit(at_time)
+traced = jax.jit(at_time)
 
 
 @pytest.fixture(scope="module")
@@ -74,39 +74,39 @@ def assert_alike(found, wanted, rows=slice(None)):
 
 
 @pytest.mark.parametrize("time", [0.0, 0.3, 1.0])
-def test_a_draft_of_everything_is_the_scene_at_every_time(scene, time):
-    draft, _ = begin_draft(scene, TIMES)
-    assert_alike(drafted(draft, toy.single(time)), shown(scene, toy.single(time)))
-    assert_alike(shown(finish_draft(draft), toy.single(time)), shown(scene, toy.single(time)))
+def test_a_candidate_of_everything_is_the_scene_at_every_time(scene, time):
+    candidate, _ = begin_candidate(scene, TIMES)
+    assert_alike(traced(candidate, toy.single(time)), shown(scene, toy.single(time)))
+    assert_alike(shown(finished_scene(candidate), toy.single(time)), shown(scene, toy.single(time)))
 
 
 def test_bodies_that_hold_nothing_go(scene):
-    bodies = finish_draft(whole_draft(scene)).deformation.bodies
+    bodies = finished_scene(whole_candidate(scene)).deformation.bodies
     np.testing.assert_array_equal(bodies.pivot, scene.deformation.bodies.pivot[:1])
     np.testing.assert_array_equal(bodies.turn, scene.deformation.bodies.turn[:1])
 
 
 def test_what_is_not_kept_is_too_faint_to_be_met_and_then_gone(scene):
-    draft, _ = begin_draft(scene, TIMES)
+    candidate, _ = begin_candidate(scene, TIMES)
     gone = np.array([0, 7, 26])
-    draft = eqx.tree_at(lambda d: d.kept, draft, draft.kept.at[gone].set(False))
-    found, wanted = (f(x, toy.single(0.3)) for f, x in ((drafted, draft), (shown, scene)))
+    candidate = eqx.tree_at(lambda d: d.kept, candidate, candidate.kept.at[gone].set(False))
+    found, wanted = (f(x, toy.single(0.3)) for f, x in ((traced, candidate), (shown, scene)))
     assert np.all(np.asarray(found.opacity)[gone] < 1e-10)
     rest = np.delete(np.arange(27), gone)
     np.testing.assert_array_equal(found.opacity[rest], wanted.opacity[rest])
-    finished = finish_draft(draft)
+    finished = finished_scene(candidate)
     assert (finished.static.count, finished.moving.count) == (23, 1)
     assert_alike(shown(finished, toy.single(0.3)), wanted, rest)
 
 
 def test_at_rest_it_is_in_the_mean_of_its_states(scene):
-    draft, change = begin_draft(scene, TIMES)
+    candidate, change = begin_candidate(scene, TIMES)
     states = [shown(scene, toy.single(time)) for time in TIMES]
-    draft = eqx.tree_at(lambda d: d.resting, draft, draft.resting.at[0].set(True))
-    finished = finish_draft(draft)
+    candidate = eqx.tree_at(lambda d: d.resting, candidate, candidate.resting.at[0].set(True))
+    finished = finished_scene(candidate)
     assert (finished.static.count, finished.moving.count) == (26, 1)
     for time in (0.0, 0.7):
-        found, drawn = (f(x, toy.single(time)) for f, x in ((shown, finished), (drafted, draft)))
+        found, drawn = (f(x, toy.single(time)) for f, x in ((shown, finished), (traced, candidate)))
         mean = np.mean([x.mean[25] for x in states], axis=0)
         np.testing.assert_allclose(found.mean[25], mean, **CLOSE)
         scale = np.exp(np.mean([np.log(x.scale[25]) for x in states], axis=0))
@@ -128,49 +128,49 @@ def test_change_is_the_largest_of_path_axes_and_light():
     path = jnp.zeros_like(field.bodies.path).at[0, :, 0].set(0.2 * ramp)
     still = eqx.tree_at(lambda d: d.mean[1], field, jax.tree.map(jnp.zeros_like, field.mean[1]))
     moved = eqx.tree_at(lambda d: d.bodies.path, still, path)
-    _, change = begin_draft(dataclasses.replace(one, deformation=moved), TIMES)
+    _, change = begin_candidate(dataclasses.replace(one, deformation=moved), TIMES)
     np.testing.assert_allclose(change, 0.5, **CLOSE)
     turned = eqx.tree_at(lambda d: d.tint[1].bias, still, toy.single([0.3, 0, 0]))
-    _, change = begin_draft(dataclasses.replace(one, deformation=turned), TIMES)
+    _, change = begin_candidate(dataclasses.replace(one, deformation=turned), TIMES)
     np.testing.assert_allclose(change, 0, **CLOSE)
 
 
 def test_when_nothing_moves_there_is_no_deformation(scene):
-    draft, _ = begin_draft(scene, TIMES)
-    draft = eqx.tree_at(lambda d: d.resting, draft, jnp.ones(2, bool))
-    finished = finish_draft(draft)
+    candidate, _ = begin_candidate(scene, TIMES)
+    candidate = eqx.tree_at(lambda d: d.resting, candidate, jnp.ones(2, bool))
+    finished = finished_scene(candidate)
     assert finished.deformation is None and finished.moving.count == 0
     assert finished.static.count == 27
 
 
 def test_a_head_that_is_taken_away_adds_nothing(scene):
-    draft = whole_draft(scene)
-    without = without_head(draft, "mean")
-    finished = finish_draft(without)
+    candidate = whole_candidate(scene)
+    without = without_head(candidate, "mean")
+    finished = finished_scene(without)
     assert finished.deformation.mean is None and finished.deformation.tint is not None
-    assert_alike(shown(finished, toy.single(0.3)), drafted(without, toy.single(0.3)))
-    before = drafted(draft, toy.single(0.3))
-    np.testing.assert_array_equal(drafted(without, toy.single(0.3)).scale, before.scale)
-    assert np.abs(drafted(without, toy.single(0.3)).mean - before.mean)[25:].max() > 1e-3
+    assert_alike(shown(finished, toy.single(0.3)), traced(without, toy.single(0.3)))
+    before = traced(candidate, toy.single(0.3))
+    np.testing.assert_array_equal(traced(without, toy.single(0.3)).scale, before.scale)
+    assert np.abs(traced(without, toy.single(0.3)).mean - before.mean)[25:].max() > 1e-3
 
 
 def test_without_heads_bodies_still_move_and_the_field_is_gone(scene):
-    draft = whole_draft(scene)
+    candidate = whole_candidate(scene)
     for head in ("mean", "rotation", "scale", "tint"):
-        draft = without_head(draft, head)
-    finished = finish_draft(draft)
+        candidate = without_head(candidate, head)
+    finished = finished_scene(candidate)
     field = finished.deformation
     assert field.planes.space == () and field.trunk.weight.size == 0
     assert sum(x.size for x in jax.tree.leaves((field.planes.time, field.trunk))) == 0
-    assert_alike(shown(finished, toy.single(0.7)), drafted(draft, toy.single(0.7)))
+    assert_alike(shown(finished, toy.single(0.7)), traced(candidate, toy.single(0.7)))
     held = [shown(finished, toy.single(time)).mean[25] for time in (0.0, 1.0)]
     assert np.abs(held[1] - held[0]).max() > 0.1
 
 
 @pytest.mark.parametrize("scale", [0, 1])
 def test_a_scale_is_replaced_by_its_mean(scene, scale):
-    draft = without_scale(whole_draft(scene), scale, TIMES)
-    finished = finish_draft(draft)
+    candidate = without_scale(whole_candidate(scene), scale, TIMES)
+    finished = finished_scene(candidate)
     field, old = finished.deformation, scene.deformation
     assert len(field.planes.space) == 1
     np.testing.assert_array_equal(field.planes.space[0], old.planes.space[1 - scale])
@@ -181,24 +181,26 @@ def test_a_scale_is_replaced_by_its_mean(scene, scale):
     hidden = every[1].at[:, own].set(mean[None]) @ old.trunk.weight + old.trunk.bias[None]
     found = field.trunk(features(field.planes, place, toy.single(TIMES[1])))
     np.testing.assert_allclose(found, hidden, **CLOSE)
-    assert_alike(shown(finished, toy.single(0.3)), drafted(draft, toy.single(0.3)))
+    assert_alike(shown(finished, toy.single(0.3)), traced(candidate, toy.single(0.3)))
 
 
 def test_a_time_plane_that_is_steady_is_kept_as_one_row(scene):
-    draft = with_steady(whole_draft(scene), 1)
-    finished = finish_draft(draft)
+    candidate = with_steady(whole_candidate(scene), 1)
+    finished = finished_scene(candidate)
     time = finished.deformation.planes.time
     assert [x.shape[1] for x in time] == [3, 1]
     mean = scene.deformation.planes.time[1].mean(axis=1, keepdims=True)
     np.testing.assert_allclose(time[1], mean, **CLOSE)
     for moment in (0.0, 0.3, 1.0):
-        assert_alike(shown(finished, toy.single(moment)), drafted(draft, toy.single(moment)))
+        assert_alike(shown(finished, toy.single(moment)), traced(candidate, toy.single(moment)))
 
 
 def test_degrees_are_lowered_of_one_kind_alone(scene):
-    draft, _ = begin_draft(scene, TIMES)
-    draft = eqx.tree_at(lambda d: d.resting, draft, draft.resting.at[0].set(True))
-    lowered = {part: finish_draft(with_degree(draft, part, 0)) for part in ("static", "moving")}
+    candidate, _ = begin_candidate(scene, TIMES)
+    candidate = eqx.tree_at(lambda d: d.resting, candidate, candidate.resting.at[0].set(True))
+    lowered = {
+        part: finished_scene(with_degree(candidate, part, 0)) for part in ("static", "moving")
+    }
     counts = {
         p: (x.static.harmonics.shape[1], x.moving.harmonics.shape[1]) for p, x in lowered.items()
     }

@@ -15,7 +15,7 @@ from gaussray.scene.planes import Planes, features
 from gaussray.scene.scene import Scene
 
 
-class Draft(eqx.Module):
+class Candidate(eqx.Module):
     """A scene as it would be with only the Gaussians in `kept`, static ones first, and with those
     in `resting` in their state of `rest` at all times."""
 
@@ -25,14 +25,16 @@ class Draft(eqx.Module):
     resting: Bool[Array, " moving"]
 
 
-def whole_draft(scene: Scene) -> Draft:
+def whole_candidate(scene: Scene) -> Candidate:
     """The scene as it is."""
     count = scene.static.count + scene.moving.count
     kept, resting = jnp.ones(count, bool), jnp.zeros(scene.moving.count, bool)
-    return Draft(scene, scene.moving, kept, resting)
+    return Candidate(scene, scene.moving, kept, resting)
 
 
-def begin_draft(scene: Scene, times: Float[np.ndarray, " instants"]) -> tuple[Draft, np.ndarray]:
+def begin_candidate(
+    scene: Scene, times: Float[np.ndarray, " instants"]
+) -> tuple[Candidate, np.ndarray]:
     """Everything kept and nothing at rest, and how much every moving Gaussian changes.
 
     It rests in the mean of its states over the times (logarithms of scale and tint). Its change is
@@ -40,11 +42,11 @@ def begin_draft(scene: Scene, times: Float[np.ndarray, " instants"]) -> tuple[Dr
     change of its axes relative to their length (turn and stretch), and of the logarithm of its
     tint: 0.1 is a tenth of its size, or of its light.
     """
-    draft = whole_draft(scene)
+    candidate = whole_candidate(scene)
     if scene.deformation is None or not scene.moving.count:
-        return draft, np.zeros(scene.moving.count)
+        return candidate, np.zeros(scene.moving.count)
     rest, change = _rest(scene, jnp.asarray(times, scene.moving.mean.dtype))
-    return eqx.tree_at(lambda d: d.rest, draft, rest), np.asarray(change)
+    return eqx.tree_at(lambda d: d.rest, candidate, rest), np.asarray(change)
 
 
 @eqx.filter_jit
@@ -79,12 +81,12 @@ def _moved(scene: Scene, time: Float[Array, ""]) -> Gaussians:
     return Gaussians(moved.mean, moved.quat, moved.scale, moved.opacity, moved.harmonics, tint)
 
 
-def at_time(draft: Draft, time: Float[Array, ""]) -> Gaussians:
-    """All Gaussians of a draft at one time, those that are not kept too faint to be met."""
-    scene = draft.scene
-    moved, rests = _moved(scene, time), draft.resting
+def at_time(candidate: Candidate, time: Float[Array, ""]) -> Gaussians:
+    """All Gaussians of a candidate at one time, those that are not kept too faint to be met."""
+    scene = candidate.scene
+    moved, rests = _moved(scene, time), candidate.resting
     still = eqx.tree_at(
-        lambda g: g.tint, draft.rest, jnp.ones_like(moved.mean), is_leaf=lambda x: x is None
+        lambda g: g.tint, candidate.rest, jnp.ones_like(moved.mean), is_leaf=lambda x: x is None
     )
 
     def chosen(a: Array, b: Array) -> Array:
@@ -92,21 +94,21 @@ def at_time(draft: Draft, time: Float[Array, ""]) -> Gaussians:
 
     every = concatenate(scene.static, jax.tree.map(chosen, still, moved))
     opacity = jnp.where(
-        draft.kept, every.opacity, jax.nn.sigmoid(EMPTY).astype(every.opacity.dtype)
+        candidate.kept, every.opacity, jax.nn.sigmoid(EMPTY).astype(every.opacity.dtype)
     )
     return eqx.tree_at(lambda g: g.opacity, every, opacity)
 
 
-def finish_draft(draft: Draft) -> Scene:
-    """The scene that a draft stands for, without all that does nothing.
+def finished_scene(candidate: Candidate) -> Scene:
+    """The scene that a candidate stands for, without all that does nothing.
 
     That are harmonics of the highest degrees that are zero; a deformation of nothing; bodies that
     hold nothing; heads whose last layer is zero, and scales of the planes that the trunk does not
     look at, or the whole field if no head is left; rows of time planes that are all the same.
     """
-    scene, deformation = draft.scene, draft.scene.deformation
+    scene, deformation = candidate.scene, candidate.scene.deformation
     # On the host: nothing shall be compiled for every number of rows.
-    parts = scene.static, scene.moving, draft.rest, draft.kept, draft.resting
+    parts = scene.static, scene.moving, candidate.rest, candidate.kept, candidate.resting
     static, moving, rest, kept, resting = jax.device_get(parts)
     stay, move = np.split(kept, [len(static.mean)])
     still = _joined(
@@ -136,26 +138,28 @@ def _joined(first: Gaussians, second: Gaussians) -> Gaussians:
     return jax.tree.map(lambda a, b: np.concatenate([a, b]), padded(first), padded(second))
 
 
-def without_head(draft: Draft, name: str) -> Draft:
+def without_head(candidate: Candidate, name: str) -> Candidate:
     """The same without the residual of one head."""
-    head = getattr(_field(draft), name)
+    head = getattr(_field(candidate), name)
     return eqx.tree_at(
         lambda d: getattr(d.scene.deformation, name),
-        draft,
+        candidate,
         None if head is None else (head[0], jax.tree.map(jnp.zeros_like, head[1])),
         is_leaf=lambda x: x is None,
     )
 
 
-def without_scale(draft: Draft, scale: int, times: Float[np.ndarray, " instants"]) -> Draft:
+def without_scale(
+    candidate: Candidate, scale: int, times: Float[np.ndarray, " instants"]
+) -> Candidate:
     """The same with the features of one scale replaced by their mean over the moving Gaussians and
     the times."""
-    field = _field(draft)
+    field = _field(candidate)
     own = scale_rows(field.planes)[scale]
-    place, weight = draft.scene.moving.mean, field.trunk.weight
+    place, weight = candidate.scene.moving.mean, field.trunk.weight
     mean = _mean_features(field.planes, place, jnp.asarray(times, place.dtype))[own]
     trunk = Layer(weight.at[own].set(0), field.trunk.bias + product("i,io->o", mean, weight[own]))
-    return eqx.tree_at(lambda d: d.scene.deformation.trunk, draft, trunk)
+    return eqx.tree_at(lambda d: d.scene.deformation.trunk, candidate, trunk)
 
 
 @eqx.filter_jit
@@ -164,26 +168,26 @@ def _mean_features(planes: Planes, place: Array, times: Array) -> Float[Array, "
     return jnp.mean(every, axis=0)
 
 
-def with_steady(draft: Draft, scale: int) -> Draft:
+def with_steady(candidate: Candidate, scale: int) -> Candidate:
     """The same with the time planes of one scale at their mean over time."""
-    plane = _field(draft).planes.time[scale]
+    plane = _field(candidate).planes.time[scale]
     mean = jnp.broadcast_to(jnp.mean(plane, axis=1, keepdims=True), plane.shape)
-    return eqx.tree_at(lambda d: d.scene.deformation.planes.time[scale], draft, mean)
+    return eqx.tree_at(lambda d: d.scene.deformation.planes.time[scale], candidate, mean)
 
 
-def with_degree(draft: Draft, part: str, degree: int) -> Draft:
+def with_degree(candidate: Candidate, part: str, degree: int) -> Candidate:
     """The same with harmonics up to a degree only, of the Gaussians that move or of the static
     ones, with which those at rest will be."""
     cut = (degree + 1) ** 2
     if part == "static":
-        rest = draft.rest.harmonics.at[:, cut:].set(0)
-        draft = eqx.tree_at(lambda d: d.rest.harmonics, draft, rest)
-    harmonics = getattr(draft.scene, part).harmonics.at[:, cut:].set(0)
-    return eqx.tree_at(lambda d: getattr(d.scene, part).harmonics, draft, harmonics)
+        rest = candidate.rest.harmonics.at[:, cut:].set(0)
+        candidate = eqx.tree_at(lambda d: d.rest.harmonics, candidate, rest)
+    harmonics = getattr(candidate.scene, part).harmonics.at[:, cut:].set(0)
+    return eqx.tree_at(lambda d: getattr(d.scene, part).harmonics, candidate, harmonics)
 
 
-def _field(draft: Draft) -> Deformation:
-    field = draft.scene.deformation
+def _field(candidate: Candidate) -> Deformation:
+    field = candidate.scene.deformation
     assert isinstance(field, Deformation)
     return field
 
@@ -204,21 +208,28 @@ def _simplified(deformation: Deformation, held: np.ndarray) -> Deformation:
         bodies,
         (bodies.pivot[held], bodies.radius[held], bodies.path[held], bodies.turn[held]),
     )
-    heads = {name: _or_none(getattr(deformation, name)) for name in HEADS}
+    heads = [_or_none(getattr(deformation, name)) for name in HEADS]
     rows = scale_rows(planes)
     used = [s for s, own in enumerate(rows) if np.any(np.asarray(trunk.weight[own]))]
     weight, bias = (
         trunk.weight[np.concatenate([np.arange(0), *(rows[s] for s in used)])],
         trunk.bias,
     )
-    if not any(heads.values()):
+    if not any(heads):
         used, weight, bias = [], weight[:0, :0], bias[:0]
     planes = eqx.tree_at(
         lambda p: (p.space, p.time),
         planes,
         (tuple(planes.space[s] for s in used), tuple(_shortest(planes.time[s]) for s in used)),
     )
-    return Deformation(bodies, planes, Layer(weight, bias), **heads, light=deformation.light)
+    field = eqx.tree_at(
+        lambda d: [d.bodies, d.planes, d.trunk],
+        deformation,
+        [bodies, planes, Layer(weight, bias)],
+    )
+    return eqx.tree_at(
+        lambda d: [getattr(d, name) for name in HEADS], field, heads, is_leaf=lambda x: x is None
+    )
 
 
 def _without_zeros(gaussians: Gaussians) -> Gaussians:

@@ -1,4 +1,4 @@
-"""What Gaussians add to pictures sums to what is seen, and looks see all that there is."""
+"""What Gaussians add to pictures sums to what is seen, and tiles show all that there is."""
 
 import equinox as eqx
 import jax
@@ -10,8 +10,8 @@ from gaussray.capture.formats.paired import read_capture
 from gaussray.color import srgb_encode
 from gaussray.evaluate.metrics import psnr
 from gaussray.reconstruct.data.pictures import footage
-from gaussray.reconstruct.simplify.contribution import Gauge, looks
-from gaussray.reconstruct.simplify.draft import whole_draft
+from gaussray.reconstruct.simplify.candidate import whole_candidate
+from gaussray.reconstruct.simplify.measure import CandidateMeter, Tracing, TrainingViews, tile_views
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.tracer.shard import mesh
 
@@ -34,10 +34,10 @@ def seen(tmp_path_factory, quick_compilation):
 @pytest.fixture(scope="module")
 def whole(seen):
     """All tiles of three instants, as they fall to them."""
-    return looks(seen, seen.camera, tiles=4, instants=3, weigh=12, seed=0)
+    return tile_views(TrainingViews(seen, seen.camera), tiles=4, instants=3, weigh=12, seed=0)
 
 
-def test_together_the_further_looks_see_every_tile_of_every_camera_once(seen, whole):
+def test_together_the_further_views_see_every_tile_of_every_camera_once(seen, whole):
     some, further = whole
     assert len(some) == len(further) == 3
     assert [float(look.time) for look in some] == list(toy.TIMES)
@@ -49,25 +49,27 @@ def test_together_the_further_looks_see_every_tile_of_every_camera_once(seen, wh
     assert len(np.unique(np.concatenate([origin, direction], axis=1), axis=0)) == 3 * toy.SIZE**2
 
 
-def test_looks_depend_on_the_seed_alone(seen, whole):
-    again = looks(seen, seen.camera, tiles=4, instants=3, weigh=12, seed=0)
-    other = looks(seen, seen.camera, tiles=4, instants=3, weigh=12, seed=1)
+def test_tiles_depend_on_the_seed_alone(seen, whole):
+    again = tile_views(TrainingViews(seen, seen.camera), tiles=4, instants=3, weigh=12, seed=0)
+    other = tile_views(TrainingViews(seen, seen.camera), tiles=4, instants=3, weigh=12, seed=1)
     for a, b in zip(jax.tree.leaves(whole), jax.tree.leaves(again), strict=True):
         np.testing.assert_array_equal(a, b)
     assert any(np.any(a.truth != b.truth) for a, b in zip(whole[0], other[0], strict=True))
 
 
 def test_fewer_instants_and_tiles_are_spread_evenly(seen):
-    some, further = looks(seen, seen.camera, tiles=2, instants=2, weigh=4, seed=0)
+    some, further = tile_views(
+        TrainingViews(seen, seen.camera), tiles=2, instants=2, weigh=4, seed=0
+    )
     assert [float(look.time) for look in some] == [0.0, 1.0]
     assert len(further) == 2 and further[0].truth.shape == (2 * TRACE.bundle**2, 3)
 
 
 def test_what_all_gaussians_add_is_what_they_cover(seen, whole):
     scene = toy.scene()
-    gauge = Gauge(whole[0], trace=TRACE, mesh=mesh(1))
-    draft = whole_draft(scene)
-    weight = gauge.weights(draft, whole[1])
+    meter = CandidateMeter(whole[0], Tracing(TRACE, mesh(1)))
+    candidate = whole_candidate(scene)
+    weight = meter.weights(candidate, whole[1])
     assert weight.shape == (27,) and (weight >= 0).all()
     covered = 0.0
     renderer = Renderer(scene, options=RenderOptions(samples=1), trace=toy.TRACE)
@@ -75,17 +77,19 @@ def test_what_all_gaussians_add_is_what_they_cover(seen, whole):
         covered += renderer(record.camera).alpha.sum() / 3
     # Instants see other tiles each, and what moves covers about as much at each of them.
     assert weight.sum() == pytest.approx(covered, rel=0.05)
-    alone = eqx.tree_at(lambda d: d.kept, draft, draft.kept & (np.arange(27) == 12))
-    single = gauge.weights(alone, whole[1])
+    alone = eqx.tree_at(lambda d: d.kept, candidate, candidate.kept & (np.arange(27) == 12))
+    single = meter.weights(alone, whole[1])
     assert single[12] >= weight[12] - CLOSE and np.delete(single, 12).max() < CLOSE
 
 
 def test_the_psnr_is_that_of_the_pictures(seen):
     tiles = (toy.SIZE // TRACE.bundle) ** 2
-    some, _ = looks(seen, seen.camera, tiles=400 * tiles, instants=1, weigh=1, seed=0)
+    some, _ = tile_views(
+        TrainingViews(seen, seen.camera), tiles=400 * tiles, instants=1, weigh=1, seed=0
+    )
     dark = toy.scene()
     dark = eqx.tree_at(lambda s: s.static.harmonics, dark, dark.static.harmonics - 0.3)
-    found = Gauge(some, trace=TRACE, mesh=mesh(1)).psnr(whole_draft(dark))
+    found = CandidateMeter(some, Tracing(TRACE, mesh(1))).psnr(whole_candidate(dark))
     renderer = Renderer(dark, options=RenderOptions(samples=1), trace=toy.TRACE)
     first = [i for i, time in enumerate(seen.times) if time == 0]
     camera = [jax.tree.map(lambda x, i=i: x[i], seen.camera) for i in first]
@@ -98,12 +102,17 @@ def test_the_psnr_is_that_of_the_pictures(seen):
 
 @pytest.mark.slow
 def test_a_psnr_that_is_not_reached_is_not_measured_to_the_end(whole):
-    gauge, draft = Gauge(whole[0], trace=TRACE, mesh=mesh(1)), whole_draft(toy.scene())
-    faint = eqx.tree_at(lambda d: d.kept, draft, draft.kept & False)
-    exact, low = gauge.psnr(draft), gauge.psnr(faint)
-    assert gauge.psnr(draft, least=exact - 0.01) == exact
-    assert gauge.psnr(faint, least=low + 0.01) == gauge.psnr(draft, least=exact + 0.01) == -np.inf
+    meter, candidate = (
+        CandidateMeter(whole[0], Tracing(TRACE, mesh(1))),
+        whole_candidate(toy.scene()),
+    )
+    faint = eqx.tree_at(lambda d: d.kept, candidate, candidate.kept & False)
+    exact, low = meter.psnr(candidate), meter.psnr(faint)
+    assert meter.psnr(candidate, least=exact - 0.01) == exact
+    assert (
+        meter.psnr(faint, least=low + 0.01) == meter.psnr(candidate, least=exact + 0.01) == -np.inf
+    )
     looked = []
-    gauge._run = lambda *x, run=gauge._run: looked.append(x) or run(*x)
-    gauge.psnr(faint, least=exact)
-    assert len(looked) == 1 < len(gauge.looks)
+    meter._run = lambda *x, run=meter._run: looked.append(x) or run(*x)
+    meter.psnr(faint, least=exact)
+    assert len(looked) == 1 < len(meter.views)

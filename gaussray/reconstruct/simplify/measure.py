@@ -1,0 +1,204 @@
+"""How well candidates for the pruned scene match training pictures, and what each Gaussian adds."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh
+from jaxtyping import Array, Float
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.rays import Rays
+from gaussray.color import srgb_encode
+from gaussray.reconstruct.data.batches import gather, tile_colors, tile_rays
+from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.log import decibel
+from gaussray.reconstruct.optimize.loss import developed
+from gaussray.reconstruct.simplify.candidate import Candidate, at_time
+from gaussray.runtime.devices import agreed
+from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.harmonics import C0
+from gaussray.tracer.motion import Motion, still
+from gaussray.tracer.shard import trace_sharded
+from gaussray.tracer.trace import TraceOptions, enlarge, measure
+from gaussray.tracer.traverse import Capacity
+
+
+class TrainingViews(NamedTuple):
+    """The training pictures with their cameras and exposure gains as refined (None: all 1)."""
+
+    footage: Footage
+    camera: Camera
+    gain: Float[Array, "frames 3"] | None = None
+
+
+class TileView(NamedTuple):
+    """Tiles of training pictures at one time: chief rays, sRGB-encoded colours, the weight of each
+    ray (0 where a picture is masked, and where the lens forms no ray), and the exposure gain that
+    multiplies linear light."""
+
+    time: Float[Array, ""]
+    rays: Rays
+    truth: Float[Array, "rays 3"]
+    weight: Float[Array, " rays"]
+    gain: Float[Array, "rays 3"]
+
+
+def tile_views(
+    views: TrainingViews, *, tiles: int, instants: int, weigh: int, seed: int
+) -> tuple[list[TileView], list[TileView]]:
+    """Random tiles to measure PSNR on, and further tiles to measure contributions on.
+
+    The first list holds, at each of `instants` evenly spread times, as many tiles as have `tiles`
+    ray bundles (at most all). The second holds about `weigh` bundles in all. It goes through the
+    tiles from time to time, so that together its tiles cover the static scene if `weigh` allows.
+    """
+    seen, gain = views.footage, views.gain
+    tile_count, bundles = seen.pixel.shape[1], (seen.side // (seen.bundle or seen.side)) ** 2
+    tiles, weigh = -(-tiles // bundles), -(-weigh // bundles)
+    times, frames = np.unique(seen.times, return_counts=True)
+    tiles = min(tiles, tile_count * int(frames.max()))
+    chosen = np.unique(np.linspace(0, len(times) - 1, instants).round().astype(int))
+    batches = -(-weigh // (tiles * len(chosen)))
+    gains = np.ones((len(seen.times), 3), seen.times.dtype) if gain is None else np.asarray(gain)
+    measured, further = [], []
+    for i, time in enumerate(times[chosen]):
+        at_time = np.flatnonzero(seen.times == time)
+        count = len(at_time) * tile_count
+        order = np.random.default_rng(seed).permutation(count)
+        passed = np.roll(order, -(i * count // len(chosen)))
+        drawn = np.random.default_rng([seed, i]).permutation(count)
+        for part, cells, size in ((measured, drawn, tiles), (further, passed, batches * tiles)):
+            for cell in np.resize(cells, size).reshape(-1, tiles):
+                frame, tile = at_time[cell // tile_count], cell % tile_count
+                part.append(_tile_view(views, gains[frame], frame, tile, time))
+    return measured, further
+
+
+def _tile_view(views: TrainingViews, gain, frame, tile, time) -> TileView:
+    seen = views.footage
+    batch = jax.tree.map(lambda x: x[0], gather(seen, frame[None], tile[None], time[None]))
+    truth, weight = tile_colors(batch)
+    rays = _chief_rays(views.camera, batch.frame, batch.tile, side=seen.side, bundle=seen.bundle)
+    weight = weight * jnp.any(rays.direction != 0, axis=-1)
+    return TileView(
+        batch.time, rays, truth, weight, jnp.repeat(jnp.asarray(gain), seen.side**2, axis=0)
+    )
+
+
+@eqx.filter_jit
+def _chief_rays(views: Camera, frame: Array, tile: Array, *, side: int, bundle: int | None) -> Rays:
+    camera = jax.tree.map(lambda x: x[frame], views)
+    rays = tile_rays(camera, tile, jnp.full((1, 5), 0.5), side=side, bundle=bundle)
+    return jax.tree.map(lambda x: x[0], rays)
+
+
+class Tracing(eqx.Module):
+    """How candidates are traced: options, devices, and the number of key states of the scene across
+    the times of one picture (1 where all its rays share one time)."""
+
+    options: TraceOptions
+    mesh: Mesh = eqx.field(static=True)
+    keys: int = eqx.field(static=True, default=1)
+
+
+# A program returns a value, the sizes of the tracer's lists, and how many entries were dropped.
+_Program = Callable[[Candidate, TileView, Tracing, Capacity], tuple[Array, Array, Array]]
+
+
+class CandidateMeter:
+    """Measures candidates on the same tiles, in programs that are compiled once."""
+
+    def __init__(self, views: Sequence[TileView], tracing: Tracing):
+        self.views, self.tracing = views, tracing
+        self.capacity: Capacity | None = None
+        self.weight = 3 * float(np.sum([np.sum(view.weight) for view in views]))
+
+    def psnr(self, candidate: Candidate, *, least: float = -math.inf) -> float:
+        """PSNR of sRGB-encoded colours, in dB. It is -inf as soon as it is sure to be below
+        `least`, which saves the rest of the tiles."""
+        square, most = 0.0, self.weight * 10 ** (-least / 10)
+        for view in self.views:
+            square += float(agreed(self._run(_error, candidate, view)))
+            if square > most:
+                return -math.inf
+        return decibel(square / self.weight)
+
+    def weights(
+        self, candidate: Candidate, views: Sequence[TileView]
+    ) -> Float[np.ndarray, " gaussians"]:
+        """What every Gaussian adds to these tiles: the sum of its blending weights."""
+        return agreed(np.sum([self._run(_weights, candidate, view) for view in views], axis=0))
+
+    def _run(self, program: _Program, candidate: Candidate, view: TileView) -> np.ndarray:
+        tracing = self.tracing
+        if self.capacity is None:
+            motion = _motion(candidate, view, keys=tracing.keys)
+            self.capacity = measure(motion, view.rays, options=tracing.options, headroom=1.5)
+        while True:
+            value, needed, dropped = program(candidate, view, tracing, self.capacity)
+            if not int(dropped):
+                return np.asarray(value, np.float64)
+            wanted = [int(n) for n in needed]
+            self.capacity = enlarge(self.capacity, wanted, headroom=1.5)
+
+
+@eqx.filter_jit
+def _motion(candidate: Candidate, view: TileView, *, keys: int) -> Motion:
+    """What a candidate shows across the times of its rays."""
+    limits = candidate.scene.time_range
+    if keys == 1:
+        return still(at_time(candidate, view.time), candidate.scene.transient, limits)
+    time = jnp.linspace(jnp.min(view.rays.time), jnp.max(view.rays.time), keys)
+    state = jax.vmap(lambda t: at_time(candidate, t))(time)
+    opacity, harmonics = state.opacity[keys // 2], state.harmonics[keys // 2]
+    moved = Gaussians(state.mean, state.quat, state.scale, opacity, harmonics, state.tint)
+    transient = candidate.scene.transient
+    return Motion(time, moved, None, transient, None if transient is None else limits)
+
+
+@eqx.filter_jit
+def _error(
+    candidate: Candidate, view: TileView, tracing: Tracing, capacity: Capacity
+) -> tuple[Array, Array, Array]:
+    """Sum of squared errors, list sizes and how many entries were dropped."""
+    motion = _motion(candidate, view, keys=tracing.keys)
+    pixels, report = trace_sharded(
+        motion, view.rays, options=tracing.options, capacity=capacity, mesh=tracing.mesh
+    )
+    error = developed(srgb_encode(view.gain * pixels.color), view.truth) - view.truth
+    return jnp.sum(view.weight[:, None] * error * error), report.needed, report.dropped
+
+
+@eqx.filter_jit
+def _weights(
+    candidate: Candidate, view: TileView, tracing: Tracing, capacity: Capacity
+) -> tuple[Array, Array, Array]:
+    """Sum of every Gaussian's blending weights, list sizes and how many entries were dropped.
+
+    A pixel is sum_i w_i c_i, so the sum of the pixels has the slope sum w_i along the colour c_i of
+    one Gaussian; that colour is 1/2 + C0 x of its constant harmonic x.
+    """
+    motion = _motion(candidate, view, keys=tracing.keys)
+    every = motion.gaussians
+
+    def light(x: Array) -> tuple[Array, tuple[Array, Array]]:
+        harmonics = jnp.broadcast_to(x[:, None, None], (len(x), 1, 3))
+        plain = Gaussians(every.mean, every.quat, every.scale, every.opacity, harmonics)
+        pixels, report = trace_sharded(
+            replace(motion, gaussians=plain),
+            view.rays,
+            options=tracing.options,
+            capacity=capacity,
+            mesh=tracing.mesh,
+        )
+        return jnp.sum(view.weight * pixels.color[:, 0]), (report.needed, report.dropped)
+
+    # The slope is the same wherever colours are not clamped; zeros would be folded at compile time.
+    slope, report = jax.grad(light, has_aux=True)(every.opacity)
+    return slope / C0, *report
