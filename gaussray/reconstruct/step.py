@@ -1,4 +1,4 @@
-"""One block of training steps, compiled: rays, loss, gradients, Adam, without the host."""
+"""A block of training steps in one compiled program: rays, loss, gradients, Adam."""
 
 import equinox as eqx
 import jax
@@ -96,17 +96,17 @@ def measure_sizes(
     keys: int = 1,
     growth: float = 1.0,
 ) -> BlockSizes:
-    """Sizes measured on the first step of a block, doubled: steps differ in what they look at.
-    `growth` is by how much lists will grow, as far as that is known."""
+    """Twice the sizes that the first step of a block needs: steps see different tiles. `growth` is
+    the factor by which the lists are expected to grow."""
 
     @eqx.filter_jit
-    def looked_at(state, views, batch, cameras):
+    def first_step(state, views, batch, cameras):
         rays, _ = _rays(state.parameters, views, batch, cameras, state.step, options)
         scene = scene_of(state.parameters, jnp.zeros(2))
         part = jax.tree.map(lambda x: x[:, : -(-x.shape[1] // mesh.size)], rays)
         return _motion(scene, rays, batch.time, cameras, keys), part
 
-    motion, rays = looked_at(state, views, jax.tree.map(lambda x: x[0], batches), cameras)
+    motion, rays = first_step(state, views, jax.tree.map(lambda x: x[0], batches), cameras)
     return BlockSizes(
         measure(motion, rays, options=options.trace, headroom=2.0 * growth), mesh, keys
     )
@@ -122,7 +122,8 @@ def loss_of(
     options: StepOptions,
     sizes: BlockSizes,
 ):
-    """Weighted sum of the terms of one step's loss, the terms, and what there is to report."""
+    """The loss of one step (the weighted sum of its terms), and the terms, the tracer's report, the
+    origins of the rays and the errors of the tiles."""
     rays, gain = _rays(parameters, views, batch, cameras, step, options)
     truth, weight = tile_colors(batch)
     scene = _dealt_out(scene_of(parameters, jnp.zeros(2)), sizes.mesh)
@@ -136,7 +137,7 @@ def loss_of(
     light = pixels.color if rays.weight is None else rays.weight[..., None] * pixels.color
     color = jnp.mean(light, axis=0)
     image = losses.developed(srgb_encode(color if gain is None else gain * color), truth)
-    # Where the lens forms no ray there is nothing to learn.
+    # Pixels for which the lens forms no ray do not count.
     weight = weight * jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
     image = jnp.where(weight[:, None] > 0, image, truth)
     terms = losses.terms(
@@ -191,8 +192,8 @@ def _rays(
     step: Int[Array, ""],
     options: StepOptions,
 ) -> tuple[Rays, Float[Array, "rays 3"] | None]:
-    """Rays of a step (samples x rays) from the cameras as they are refined, and the gain of each
-    pixel, None if none is."""
+    """Rays of a step (samples x rays) from the refined cameras, and the exposure gain of each
+    pixel (None: 1)."""
     seen, owner = jax.tree.map(lambda x: x[batch.frame], (views, cameras.owner))
     camera, gain = refined_views(parameters.corrections, cameras, seen, owner)
     if gain is not None:
@@ -223,12 +224,12 @@ def train_block(
     schedule: Schedule,
     sizes: BlockSizes,
 ):
-    """The state after a block of steps, mean terms, errors of all tiles, largest list sizes,
-    entries dropped.
+    """The state after a block of steps, the mean terms of the loss, the errors of all tiles, the
+    largest list sizes, and how many list entries were dropped.
 
     `views` are the cameras of all frames as recorded, `batches` what each step looks at; over the
     steps of the `schedule` the rates fall. A tile's error is its mean absolute
-    difference. If anything was dropped, the block is void: run it again with an enlarged sizes.
+    difference. If anything was dropped, the block is void: run it again with enlarged sizes.
     """
 
     shortest = _shortest(state.parameters, cameras, options.footprint)
@@ -257,20 +258,20 @@ def train_block(
 
     state, (terms, error, needed, dropped) = jax.lax.scan(step, state, batches)
     terms, needed = jax.tree.map(jnp.mean, terms), jnp.max(needed, axis=0)
-    found = state, terms, error, needed, jnp.sum(dropped)
-    # Every host reads them.
-    return jax.lax.with_sharding_constraint(found, NamedSharding(sizes.mesh, PartitionSpec()))
+    result = state, terms, error, needed, jnp.sum(dropped)
+    # Every host reads the result.
+    return jax.lax.with_sharding_constraint(result, NamedSharding(sizes.mesh, PartitionSpec()))
 
 
 def _shortest(
     parameters: Parameters, cameras: CameraSet, footprint: float
 ) -> tuple[Float[Array, " static"], Float[Array, " moving"]] | None:
-    """Logarithm of the least scale of Gaussians of either kind; None if there is no bound.
+    """Logarithm of the least scale of static and of moving Gaussians; None if there is no bound.
 
-    What is smaller than the pixels is met by some of the rays that should see it and missed by
-    others: it fits the training pixels one by one, and flickers in all other pictures
-    (Mip-Splatting's three-dimensional filter, as a bound). A block of steps changes no distance
-    much.
+    A Gaussian smaller than the pixels is met by some of the rays that should see it and missed by
+    others: it fits single training pixels and aliases in all other pictures. This is the 3D
+    smoothing filter of Mip-Splatting, as a bound. It is computed once per block, for distances to
+    the cameras hardly change within one.
     """
     if not footprint:
         return None
@@ -282,7 +283,7 @@ def _shortest(
 
 
 def _widened(parameters: Parameters, shortest) -> Parameters:
-    """Scales of at least these; a third of them along the shortest axis, for what is flat."""
+    """The parameters with scales of at least these; a third of them along the shortest axis."""
     if shortest is None:
         return parameters
 
@@ -308,7 +309,7 @@ def _tile_errors(image: Array, truth: Array, weight: Array, batch: Batch) -> Flo
 
 
 def _dealt_out(scene: Scene, mesh: Mesh) -> Scene:
-    """The moving Gaussians dealt out to the devices while they are deformed."""
+    """The scene with its moving Gaussians sharded over the devices while they are deformed."""
     if mesh.size == 1 or scene.moving.count % mesh.size:
         return scene
     spread = NamedSharding(mesh, PartitionSpec("rays"))

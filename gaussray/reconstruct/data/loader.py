@@ -1,4 +1,4 @@
-"""Blocks of steps' tiles, prepared while the device is at work on those before."""
+"""Batches of tiles for blocks of steps, prepared while the device works on the block before."""
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -13,9 +13,9 @@ from gaussray.reconstruct.data.sampler import Sampler, TileErrors, TileErrorStat
 
 
 class Loader:
-    """What the steps of a fit look at: `tiles` tiles of one instant each, drawn by a `Sampler`.
+    """Gives every step its tiles: `tiles` tiles of one time, drawn by a `Sampler`.
 
-    A block depends on seed, stage and step, and on the errors told of the blocks before the last.
+    A block depends on seed, stage and step, and on the errors of the blocks before the last one.
     Tiles that are `held_out` are never drawn.
     """
 
@@ -47,8 +47,8 @@ class Loader:
         )
 
     def batches(self, stage: str, done: int, size: int) -> Batch:
-        """The block of `size` steps after `done` others of a stage; the coarse one sees the first
-        instant alone."""
+        """The tiles of `size` steps after `done` steps of a stage. The coarse stage sees the first
+        time only."""
         dice = np.random.default_rng([self.seed, stage == "fine", done])
         among = self.sampler.instants if stage == "fine" else self.sampler.instants[:1]
         instant = among[dice.integers(len(among), size=size)]
@@ -57,15 +57,15 @@ class Loader:
         return gather(self.footage, frame, tile, time)
 
     def blocks(self, stage: str, done: int, steps: int, block: int) -> Iterator[tuple[int, Batch]]:
-        """All blocks of up to `block` steps that are left of a stage of `steps`, with the steps
-        done before each. A thread prepares the next one; what fails there is raised here."""
+        """The blocks of up to `block` steps that are left of a stage of `steps` steps, and the
+        number of steps before each. A thread prepares the next one; its errors are raised here."""
         sizes = {at: min(block, steps - at) for at in range(done, steps, block)}
         ahead = None
         with ThreadPoolExecutor(1) as thread:
             for at, size in sizes.items():
                 batches = ahead.result() if ahead else self.batches(stage, at, size)
-                # Only now: the block at hand was drawn without knowing the last one's errors, and
-                # after an interruption it must be drawn so again.
+                # Only now: this block was drawn without the errors of the last one, and a resumed
+                # run must draw it the same way.
                 if self.errors is not None:
                     self.errors.learn()
                 after = at + size
@@ -75,7 +75,7 @@ class Loader:
                 yield at, batches
 
     def tell(self, batches: Batch, error: np.ndarray) -> None:
-        """The errors of a block's tiles."""
+        """Note the errors of a block's tiles."""
         if self.errors is not None:
             self.errors.tell(np.asarray(batches.frame), np.asarray(batches.tile), error)
 

@@ -1,4 +1,4 @@
-"""Which tiles a step looks at: more of them where things move, and where the error is."""
+"""Which tiles a step sees: more of them where pixels move, and where the error is large."""
 
 import equinox as eqx
 import numpy as np
@@ -18,15 +18,15 @@ class TileErrorState(eqx.Module):
 
 
 class TileErrors:
-    """How wrong the tiles of every camera were when they were last drawn.
+    """The error of the tiles of every camera when they were last drawn.
 
-    A tile's error is the exponential mean of what was told of it at any instant: a training of
-    1000 steps draws a tile of one instant hardly once, but that of a camera as often as there are
-    instants. What was never drawn counts as the worst. What is told becomes known with `learn`
-    alone, so that a block may be drawn while the one before is at work.
+    It is an exponential mean over all times: 1000 steps draw a tile of one time hardly once, but
+    the same tile of a camera as often as there are times. A tile that was never drawn has the
+    largest error. Errors given to `tell` count after `learn`, so that a block can be drawn while
+    the device works on the one before.
     """
 
-    # What the latest error counts for.
+    # Weight of the latest error.
     RATE = 0.3
 
     def __init__(self, camera: Int[np.ndarray, " frames"], tiles: int):
@@ -35,12 +35,12 @@ class TileErrors:
         self._told = np.zeros((0, 2), np.int32), np.zeros(0, np.float32)
 
     def tell(self, frame: np.ndarray, tile: np.ndarray, error: np.ndarray) -> None:
-        """The errors of a block; they must be learned before the next are told."""
+        """Take the errors of a block; `learn` must be called before the next `tell`."""
         place = np.stack([self._camera[frame.reshape(-1)], tile.reshape(-1)], axis=1)
         self._told = place.astype(np.int32), np.asarray(error, np.float32).reshape(-1)
 
     def learn(self) -> None:
-        """Take into account what was told."""
+        """Count the errors of the last block."""
         if not len(self._told[1]):
             return
         (camera, tile), error = self._told[0].T, self._told[1]
@@ -54,7 +54,7 @@ class TileErrors:
         self._told = self._told[0][:0], error[:0]
 
     def of(self, frames: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n tiles"]:
-        """The errors known, of the tiles of these frames."""
+        """The errors of the tiles of these frames."""
         known = self._mean[~np.isnan(self._mean)]
         worst = known.max() if known.size else 1.0
         mean = self._mean[self._camera[frames]]
@@ -71,16 +71,15 @@ class TileErrors:
 
 
 class Sampler:
-    """Draws the tiles of steps; each sees one instant from all cameras. Same dice, same tiles.
+    """Draws the tiles of steps; each step sees one time from all cameras.
 
-    Of an instant's tiles a share `error` is drawn in proportion to their errors; of the others a
-    share `balance` in proportion to the pixels that move, the rest evenly. Only tiles that are
-    `visible`, those of which any pixel counts, are drawn at all.
+    Of the tiles of a step a share `error` is drawn in proportion to their errors; of the others a
+    share `balance` in proportion to their moving pixels, and the rest uniformly. Only `visible`
+    tiles, those with at least one pixel that is not masked, are drawn.
 
-    What is drawn often weighs much in the loss, which is the purpose: nothing is divided by its
-    probability again. Importance weights would keep the loss that of even draws and only lower the
-    noise of its gradient, where that is as uneven as the draws; the gradient of an absolute
-    difference does not grow with it.
+    The loss is not divided by the probability of a tile: tiles that are drawn often shall count
+    more. Importance weights would keep the loss of uniform draws and lower only the variance of its
+    gradient, and that of an absolute difference does not grow with the error.
     """
 
     def __init__(

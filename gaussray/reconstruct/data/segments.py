@@ -1,4 +1,4 @@
-"""A long capture as a course of segments, each for a reconstruction of its own."""
+"""A long capture cut into segments in time, which are reconstructed one after another."""
 
 import dataclasses
 
@@ -10,8 +10,8 @@ from gaussray.capture.selection import same_size
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Segment:
-    """The training views from one instant to another, both included, and the interval of time that
-    they stand for; `name` is what it is called, nothing if it is the whole capture."""
+    """The training views from one time to another, both included, and that interval of time;
+    `name` is shown in progress bars and empty for a whole capture."""
 
     views: list[View]
     time_range: tuple[float, float]
@@ -24,11 +24,11 @@ def training_views(capture: Capture) -> list[View]:
 
 
 def segments(capture: Capture, most: int) -> list[Segment]:
-    """The training views in segments of as even length as can be, of at most so many instants (0:
-    all in one); neighbours share one.
+    """The training views in segments of about equal length, of at most `most` times each (0: one
+    segment). Neighbours share one time.
 
-    So what is exposed, read out or held out around that instant is inside of one or the other. The
-    first segment begins and the last one ends as the capture does.
+    So an exposure or readout around that time lies within one of them. The first segment begins and
+    the last one ends with the capture.
     """
     views = training_views(capture)
     times = np.unique([view.time for view in views])

@@ -1,4 +1,4 @@
-"""What points and pixels look like, so that they are known again: colour more than brightness."""
+"""The appearance of points and pixels that tracking compares: colour more than brightness."""
 
 from typing import NamedTuple
 
@@ -12,13 +12,13 @@ from gaussray.color import srgb_decode
 
 # Linear light below which a colour means little.
 DARK = 0.005
-# What counts for how much: colour (sum over channels), brightness, and that a pixel changes at all.
+# Weights of colour (sum over channels), of brightness, and of whether a pixel changes at all.
 COLOR, BRIGHTNESS, CHANGES = 0.4, 0.1, 0.3
 
 
 class Shown(NamedTuple):
-    """What some frames show: sRGB-encoded values, which pixels differ from what they show most of
-    the time, and which count (None if all do)."""
+    """Pictures of some frames (sRGB-encoded), which pixels differ from their temporal median, and
+    which are not masked (None: all)."""
 
     picture: Shaped[np.ndarray, "frames h w 3"]
     moved: Bool[np.ndarray, "frames h w"]
@@ -46,7 +46,7 @@ def _shrunk(picture: np.ndarray, factor: int) -> np.ndarray:
     _, height, width, channels = picture.shape
     height, width = height // factor, width // factor
 
-    # One by one: in single precision all would take four times their own room.
+    # One by one: in single precision all together would take four times their memory.
     def one(frame: np.ndarray) -> np.ndarray:
         block = frame[: height * factor, : width * factor].astype(np.float32)
         return block.reshape(height, factor, width, factor, channels).mean(axis=(1, 3))

@@ -35,8 +35,8 @@ class DensityOptions(eqx.Module):
         stop: the last run, as a share of the stage.
         threshold: split: mean gradient statistic above which a Gaussian is cloned or split (3DGRT:
             2e-4).
-        small: split: the largest scale, in extents, of a Gaussian that is cloned; others are split in
-            two (3DGRT: 0.01).
+        small: split: the largest scale, in extents, of a Gaussian that is cloned; others are
+            split in two (3DGRT: 0.01).
         shrink: split: by how much the halves of a split Gaussian are smaller (3DGRT: 1.6).
         opacity: Gaussians below it are pruned or relocated (3DGRT: 0.005).
         growth: split: the largest number of Gaussians, in initial numbers.

@@ -1,4 +1,4 @@
-"""What a field should be when the data do not say: smooth in space, steady in time."""
+"""Regularisers of the deformation planes: smooth in space, steady in time."""
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float

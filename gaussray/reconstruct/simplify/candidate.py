@@ -1,4 +1,4 @@
-"""A scene of which parts are taken away on trial, in arrays that keep their shapes."""
+"""A scene with parts removed on trial, in arrays that keep their shapes."""
 
 import equinox as eqx
 import jax
@@ -26,7 +26,7 @@ class Candidate(eqx.Module):
 
 
 def whole_candidate(scene: Scene) -> Candidate:
-    """The scene as it is."""
+    """The scene with nothing removed."""
     count = scene.static.count + scene.moving.count
     kept, resting = jnp.ones(count, bool), jnp.zeros(scene.moving.count, bool)
     return Candidate(scene, scene.moving, kept, resting)
@@ -82,7 +82,7 @@ def _moved(scene: Scene, time: Float[Array, ""]) -> Gaussians:
 
 
 def at_time(candidate: Candidate, time: Float[Array, ""]) -> Gaussians:
-    """All Gaussians of a candidate at one time, those that are not kept too faint to be met."""
+    """All Gaussians of a candidate at one time. Removed ones are too faint for a ray to meet."""
     scene = candidate.scene
     moved, rests = _moved(scene, time), candidate.resting
     still = eqx.tree_at(
@@ -100,9 +100,9 @@ def at_time(candidate: Candidate, time: Float[Array, ""]) -> Gaussians:
 
 
 def finished_scene(candidate: Candidate) -> Scene:
-    """The scene that a candidate stands for, without all that does nothing.
+    """The scene of a candidate, without parts that have no effect.
 
-    That are harmonics of the highest degrees that are zero; a deformation of nothing; bodies that
+    These are harmonics of the highest degrees that are zero; a deformation of nothing; bodies that
     hold nothing; heads whose last layer is zero, and scales of the planes that the trunk does not
     look at, or the whole field if no head is left; rows of time planes that are all the same.
     """

@@ -136,9 +136,8 @@ def test_without_poses_to_try_bodies_rest(film):
 BOX, GAP = 0.35, 0.9
 NEAR = np.array([[-0.8, 0.05, -0.5], [-0.1, 0.05, -0.5], [0.6, 0.05, -0.5]])
 FAR = np.array([[0.5, 0, 0.5], [0.05, 0, 0.5], [-0.4, 0, 0.5]])
-# A box of one colour shows no turn but by its silhouette and shading, so the bound is on its path:
-# two pixels.
-OCCLUDED = 2 / 17.6
+# Two pixels across the view. Cameras up to 0.5 rad to the side tell the depth half as well.
+OCCLUDED = 2 / 17.6 * np.array([1, 1, 2])
 
 
 def box(side=6):
@@ -202,7 +201,7 @@ def test_two_grey_boxes_that_occlude_one_another_are_found(quick_compilation):
     )
     assert found.pivot.shape == (2, 3)
     for path, truth in zip(np.asarray(found.path), (NEAR, FAR), strict=True):
-        np.testing.assert_allclose(path, truth - truth[0], atol=OCCLUDED)
+        assert (np.abs(path - (truth - truth[0])) < OCCLUDED).all(), path
 
 
 @pytest.mark.parametrize(
