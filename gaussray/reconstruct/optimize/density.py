@@ -19,7 +19,7 @@ from gaussray.reconstruct.optimize.state import ChangedRows, State, with_gaussia
 from gaussray.scene.gaussians import Unconstrained
 
 
-KINDS = ("split", "relocate")
+DENSITY_KINDS = ("split", "relocate")
 
 
 class DensityOptions(eqx.Module):
@@ -65,8 +65,10 @@ class DensityOptions(eqx.Module):
     noise: float = eqx.field(static=True, default=80.0)
 
     def __check_init__(self):
-        if self.kind not in KINDS:
-            raise ValueError(f"density.kind must be one of {', '.join(KINDS)}, got {self.kind!r}.")
+        if self.kind not in DENSITY_KINDS:
+            raise ValueError(
+                f"density.kind must be one of {', '.join(DENSITY_KINDS)}, got {self.kind!r}."
+            )
         for name in ("opacity_cost", "scale_cost", "noise"):
             if getattr(self, name) < 0:
                 raise ValueError(f"density.{name} must be at least 0, got {getattr(self, name)}.")

@@ -64,7 +64,7 @@ class NeedOptions(eqx.Module):
 
 
 # Called with the number of measurements done, their total, and what the last one was of.
-Report = Callable[[int, int, str], None]
+ProgressReport = Callable[[int, int, str], None]
 # Measurements that bisection takes to come within a hundredth.
 BISECTIONS = 8
 
@@ -72,7 +72,9 @@ BISECTIONS = 8
 class _Removals:
     """Removes parts from a candidate, one after another, each if it costs at most `bound` dB."""
 
-    def __init__(self, candidate: Candidate, meter: CandidateMeter, bound: float, report: Report):
+    def __init__(
+        self, candidate: Candidate, meter: CandidateMeter, bound: float, report: ProgressReport
+    ):
         self.candidate, self.meter, self.bound = candidate, meter, bound
         self._report, self._plan, self._measured = report, _measurements(candidate.scene), 0
         self.begin("nothing")
@@ -145,7 +147,7 @@ def pruned_scene(
     tracing: Tracing,
     seed: int,
     unmet: Bool[np.ndarray, " gaussians"] | None = None,
-    report: Report = lambda *_: None,
+    report: ProgressReport = lambda *_: None,
 ) -> tuple[Scene, dict[str, Any]]:
     """The scene without what its training pictures do not need.
 
