@@ -177,7 +177,7 @@ def boxes_seen(angles):
 
 @pytest.mark.xfail(
     strict=True,
-    reason="two rigid bodies may claim the same pixels: the far box is found in the near one's place",
+    reason="bodies may claim the same pixels: the far box is found in the near one's place",
 )
 def test_two_grey_boxes_that_occlude_one_another_are_found(quick_compilation):
     # The cameras stand before the boxes, so that the near box hides the far one in most of them.
