@@ -27,8 +27,8 @@ class FitOptions(eqx.Module):
         tiles: tiles of pictures in a step.
         tile_side: side of a tile in pixels, a whole number of ray bundles.
         block: steps between two visits of the host, which runs density control and writes files.
-        validate: share of the tiles that is held out with `minutes`; the fit ends soon after these no
-            longer improve.
+        validate: share of the tiles that is held out with `minutes`; the fit ends soon after these
+            no longer improve.
         balance: share of the tiles that are drawn in proportion to their moving pixels (of those
             that are not drawn by error).
         error: share of the tiles that are drawn in proportion to their last errors.
