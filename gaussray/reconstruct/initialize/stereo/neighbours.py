@@ -1,0 +1,115 @@
+"""Which views are compared with each, and between which distances."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from gaussray.reconstruct.initialize.stereo.views import StereoViews, rays, seen_at
+
+
+# Rays along each side of a picture, and distances, at which views are compared; the distances lie
+# between these multiples of the cameras' spread.
+_GRID, _STEPS, _NEAREST, _FARTHEST = 5, 24, 0.03, 100.0
+# Radians between the rays to a point: below the first a pair says little of its distance, and
+# beyond the second patches no longer look alike.
+_NARROW, _WIDE = np.radians(8.0), np.radians(60.0)
+# A distance is looked at where this share of a view's rays meets two neighbours, and up to where
+# the disparity from infinity is this many pixels.
+_SHARE, _DISPARITY = 0.1, 2.0
+
+
+class StereoPairs(eqx.Module):
+    """The neighbours of every view, best first; the inverse distances between which its surfaces
+    are looked for, and the inverse distance by which they move by one pixel in the neighbours."""
+
+    neighbour: Int[np.ndarray, "views neighbours"]
+    nearest: Float[np.ndarray, " views"]
+    farthest: Float[np.ndarray, " views"]
+    step: Float[np.ndarray, " views"]
+
+
+def stereo_pairs(
+    views: StereoViews, count: int, known: Float[np.ndarray, "points 3"] | None = None
+) -> StereoPairs:
+    """The best `count` neighbours of every view, by the share of its rays that they see at useful
+    angles over all distances, and the distances at which two of them do.
+
+    Of points that are `known`, those that a view sees narrow its distances down: from 2/3 of the
+    first to twice the last hundredth of theirs.
+    """
+    origin = np.asarray(views.origin, np.float64)
+    spread = _spread(origin)
+    distance = spread * np.geomspace(_NEAREST, _FARTHEST, _STEPS)
+    count = min(count, len(origin) - 1)
+    rows = [
+        _one(views, i, distance, count, spread, None if known is None else jnp.asarray(known))
+        for i in range(len(origin))
+    ]
+    neighbour, nearest, farthest, step = (np.array(x) for x in zip(*rows, strict=True))
+    return StereoPairs(neighbour, nearest, farthest, step)
+
+
+def _spread(origin):
+    """Median distance of the cameras from their median place."""
+    away = np.linalg.norm(origin - np.median(origin, axis=0), axis=1)
+    return float(np.median(away)) or float(away.max()) or 1.0
+
+
+def _one(views, i, distance, count, spread, known):
+    """The row of one view."""
+    sees, angle = (np.asarray(x) for x in _overlap(views, jnp.asarray(i), jnp.asarray(distance, views.origin.dtype)))
+    quality = np.where(angle < _NARROW, angle / _NARROW, np.maximum(1 - (angle - _NARROW) / (_WIDE - _NARROW), 0))
+    score = (sees * quality).sum(axis=(1, 2))
+    score[i] = -1
+    best = np.argsort(-score, kind="stable")[:count]
+    useful = sees[best] & (angle[best] < _WIDE)
+    share = (useful.sum(axis=0) >= min(2, count)).mean(axis=0)
+    reached = np.flatnonzero(share >= _SHARE * max(share.max(), 1e-9))
+    near = distance[reached[0]] if share.max() > 0 else spread
+    away = np.linalg.norm(np.asarray(views.origin)[best] - np.asarray(views.origin)[i], axis=1)
+    base = max(float(np.median(away)), 1e-6 * spread)
+    step = float(views.angle[i]) / base
+    nearest, farthest = 1 / near, min(_DISPARITY * step, 0.5 / near)
+    if known is not None and len(known):
+        nearest, farthest = _narrowed(views, i, known, nearest, farthest)
+    return best, nearest, farthest, step
+
+
+@eqx.filter_jit
+def _overlap(views: StereoViews, i: Int[Array, ""], distance: Float[Array, " steps"]):
+    """Whether each view sees the points at these distances on a grid of one view's rays, and the
+    angle between the two rays there: [views, rays, steps] each."""
+    own = views[i]
+    ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
+    h, w = own.size
+    at = [jnp.asarray(((np.arange(_GRID) + 0.5) * n / _GRID).astype(int)) for n in (h, w)]
+    ray = ray[:, at[0][:, None], at[1][None]].reshape(3, -1)
+    point = own.origin[:, None, None] + ray[:, :, None] * distance[None, None]
+
+    formed = jnp.any(ray != 0, axis=0)[:, None]
+
+    def by(view: StereoViews):
+        _, _, inside = seen_at(jax.tree.map(lambda x: x[None], view), point)
+        back = point - view.origin[:, None, None]
+        away = jnp.sqrt(jnp.sum(back * back, axis=0))
+        cosine = jnp.sum(ray[:, :, None] * back, axis=0) / jnp.maximum(away, 1e-12)
+        return inside[0] & formed, jnp.arccos(jnp.clip(cosine, -1, 1))
+
+    return jax.lax.map(by, views)
+
+
+def _narrowed(views, i, known, nearest, farthest):
+    """The inverse distances that the known points leave."""
+    _, _, (inside,) = seen_at(views[np.array([i])], known.T.astype(views.origin.dtype))
+    away = np.linalg.norm(np.asarray(known - views.origin[i][None]), axis=1)[np.asarray(inside)]
+    if len(away) < 20:
+        return nearest, farthest
+    low, high = np.quantile(away, (0.01, 0.99))
+    return min(nearest, 1.5 / low), max(farthest, 0.5 / high)
+
+
+def visible(pairs: StereoPairs) -> Bool[np.ndarray, " views"]:
+    """Which views have distances to look at."""
+    return pairs.nearest > pairs.farthest

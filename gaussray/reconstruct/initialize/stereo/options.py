@@ -1,0 +1,56 @@
+"""How carefully stereo matching looks, by device."""
+
+import equinox as eqx
+
+
+class StereoOptions(eqx.Module):
+    """Settings of stereo matching.
+
+    A picture is reduced until it has at most `pixels`; of more than `views` pictures an even share
+    is matched. Every view is compared with `neighbours` others at `depths` distances, on spheres
+    about the camera and on planes of `tilts` inclinations (degrees, four directions each), in
+    windows of (2 `radius` + 1)^2 pixels. `modes` best distances are refined in `rounds` rounds of
+    propagation and search.
+
+    A cost is `zncc` (1 - ZNCC) + (1 - `zncc`) min(colour difference / `color`, 1), at most 1, with
+    ZNCC regularised by the noise of a picture (`noise`, of full scale). A point stays if it costs
+    less than `cost` and at least `confirm` other views see a surface there. Of all, about `points`
+    are kept. Where a view masks a point, it says nothing; with `silhouette` above 0 it counts
+    against the point, by so much for each view beyond the first.
+    """
+
+    pixels: int = eqx.field(static=True, default=140_000)
+    views: int = eqx.field(static=True, default=120)
+    neighbours: int = eqx.field(static=True, default=8)
+    depths: int = eqx.field(static=True, default=128)
+    tilts: tuple[float, ...] = eqx.field(static=True, default=(45.0,))
+    radius: int = eqx.field(static=True, default=2)
+    modes: int = eqx.field(static=True, default=3)
+    rounds: int = eqx.field(static=True, default=3)
+    zncc: float = eqx.field(static=True, default=0.6)
+    color: float = eqx.field(static=True, default=0.15)
+    noise: float = eqx.field(static=True, default=0.015)
+    cost: float = eqx.field(static=True, default=0.35)
+    confirm: int = eqx.field(static=True, default=2)
+    points: int = eqx.field(static=True, default=100_000)
+    silhouette: float = eqx.field(static=True, default=0.0)
+    seed: int = eqx.field(static=True, default=0)
+
+    def __check_init__(self):
+        for name in ("pixels", "views", "neighbours", "depths", "radius", "modes", "points"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"stereo.{name} must be at least 1, got {getattr(self, name)}.")
+        for name in ("zncc", "cost"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"stereo.{name} must be in [0, 1], got {getattr(self, name)}.")
+
+
+def options_for(platform: str, views: int) -> StereoOptions:
+    """What a device (cpu, gpu) manages in seconds (GPU) or a minute and a half (two CPU cores)."""
+    if platform != "cpu":
+        return StereoOptions()
+    # 50 views of 135 x 240 is what the time was measured with; more views get smaller pictures.
+    pixels = int(min(33_000, max(12_000, 33_000 * 50 / max(views, 1))))
+    return StereoOptions(
+        pixels=pixels, views=80, neighbours=4, depths=64, tilts=(), modes=2, rounds=1, points=60_000
+    )

@@ -1,0 +1,208 @@
+"""Refinement: planes spread from pixel to pixel, and each is moved and turned while that helps."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaussray.geometry import normalize
+from gaussray.reconstruct.initialize.stereo.cost import (
+    Comparison,
+    best_half,
+    comparison,
+    misses,
+    patch_cost,
+    window,
+)
+from gaussray.reconstruct.initialize.stereo.options import StereoOptions
+from gaussray.reconstruct.initialize.stereo.sweep import Candidates
+from gaussray.reconstruct.initialize.stereo.views import StereoViews, sampled, seen_at, unpacked
+
+
+# Windows may be seen this many times larger or smaller by a neighbour.
+_STRETCH = 4.0
+# A plane that is seen at less than this cosine is not tried.
+_GRAZING = 0.1
+
+
+class Surface(NamedTuple):
+    """A view's surface: per pixel the inverse distance along its ray, the normal in the world and
+    the matching cost."""
+
+    inverse: Float[Array, "h w"]
+    normal: Float[Array, "3 h w"]
+    cost: Float[Array, "h w"]
+
+
+def moves(rounds: int) -> Float[np.ndarray, "moves 5"]:
+    """What is tried one after the other at every pixel: the plane of the pixel at (row, column)
+    offset, its inverse distance changed by so many steps, and its normal turned along two axes by
+    tangents."""
+    table = []
+    spans = ((1, 4, 12, 32), (1, 2, 6, 18), (1, 3, 9), (1, 2, 5))
+    for k in range(rounds):
+        for span in spans[k % len(spans)]:
+            table += [(span, 0, 0, 0, 0), (-span, 0, 0, 0, 0), (0, span, 0, 0, 0), (0, -span, 0, 0, 0)]
+        shift, turn = 0.5 / 2**k, np.tan(np.radians(30)) / 2**k
+        table += [(0, 0, s, 0, 0) for s in (-shift, shift, -shift / 2, shift / 2)]
+        table += [(0, 0, 0, turn, 0), (0, 0, 0, -turn, 0), (0, 0, 0, 0, turn), (0, 0, 0, 0, -turn)]
+        table += [(0, 0, s, 0, 0) for s in (-shift / 4, shift / 4)]
+    return np.array(table, np.float64)
+
+
+def refine(
+    own: StereoViews,
+    ray: Float[Array, "3 h w"],
+    near: StereoViews,
+    candidates: Candidates,
+    step: Float[Array, ""],
+    bounds: tuple[Float[Array, ""], Float[Array, ""]],
+    options: StereoOptions,
+) -> Surface:
+    """The best plane of every pixel: the candidates first, then the `moves`, each kept where it
+    costs less (PatchMatch stereo, Bleyer et al. 2011, in which all pixels move at once)."""
+    patch = _Patch(own, ray, near, options)
+
+    def pick(surface: Surface, hypothesis):
+        return _better(surface, *hypothesis, patch.cost(*hypothesis)), None
+
+    empty = Surface(candidates.inverse[0], candidates.normal[0], jnp.full_like(ray[0], 2))
+    surface, _ = jax.lax.scan(pick, empty, (candidates.inverse, candidates.normal))
+
+    def move(surface: Surface, change):
+        hypothesis = _moved(surface, ray, change, step)
+        facing = -jnp.sum(hypothesis[1] * ray, axis=0)
+        allowed = (hypothesis[0] >= bounds[0]) & (hypothesis[0] <= bounds[1]) & (facing > _GRAZING)
+        cost = jnp.where(allowed, patch.cost(*hypothesis), 2)
+        return _better(surface, *hypothesis, cost), None
+
+    table = jnp.asarray(moves(options.rounds), ray.dtype)
+    return jax.lax.scan(move, surface, table)[0]
+
+
+def _better(surface, inverse, normal, cost):
+    """The surface with what costs less."""
+    lower = cost < surface.cost
+    return Surface(
+        jnp.where(lower, inverse, surface.inverse),
+        jnp.where(lower[None], normal, surface.normal),
+        jnp.minimum(cost, surface.cost),
+    )
+
+
+def _moved(surface, ray, change, step):
+    """Inverse distance and normal of the hypothesis that a move makes of the surface."""
+    shift = -change[:2].astype(jnp.int32)
+    rolled = jax.tree.map(lambda x: jnp.roll(x, shift, axis=(-2, -1)), (surface, ray))
+    other, its_ray = rolled
+    # The plane through the other pixel's point, met by this pixel's ray: 1/t = 1/t' (n r)/(n r').
+    facing = jnp.sum(other.normal * its_ray, axis=0)
+    along = jnp.sum(other.normal * ray, axis=0)
+    inverse = other.inverse * along / jnp.where(facing < -1e-6, facing, -1)
+    inverse = inverse + change[2] * step
+    first, second = _tangents(other.normal)
+    normal = normalize_first(other.normal + change[3] * first + change[4] * second)
+    return inverse, normal
+
+
+def _tangents(normal):
+    """Two directions perpendicular to a normal and to each other (Duff et al. 2017)."""
+    x, y, z = normal
+    sign = jnp.where(z < 0, -1.0, 1.0).astype(normal.dtype)
+    a = -1 / (sign + z)
+    b = x * y * a
+    first = jnp.stack([1 + sign * x * x * a, sign * b, -sign * x])
+    return first, jnp.stack([b, sign + y * y * a, -y])
+
+
+def normalize_first(vector: Float[Array, "3 *n"]) -> Float[Array, "3 *n"]:
+    """Unit vectors, components first."""
+    return jnp.moveaxis(normalize(jnp.moveaxis(vector, 0, -1)), -1, 0)
+
+
+class _Patch:
+    """The windows of a view, to be compared with its neighbours' on any planes."""
+
+    def __init__(self, own, ray, near, options):
+        self.own, self.ray, self.near, self.options = own, ray, near, options
+        color, _ = unpacked(own.pixel, ray.dtype)
+        self.padded = tuple(jnp.pad(c, options.radius, mode="edge") for c in color)
+        side = np.arange(-options.radius, options.radius + 1)
+        rows, columns = np.meshgrid(side, side, indexing="ij")
+        # Every second pixel, as on a chess board, tells as much as all.
+        keep = (rows + columns) % 2 == 0
+        self.taps = jnp.asarray(np.stack([rows[keep], columns[keep]], axis=-1), jnp.int32)
+        padded = jnp.pad(ray, ((0, 0), (1, 1), (1, 1)), mode="edge")
+        self.right = _where_formed(padded[:, 1:-1, 2:], padded[:, 1:-1, :-2], ray)
+        self.down = _where_formed(padded[:, 2:, 1:-1], padded[:, :-2, 1:-1], ray)
+        self.reference = self._mean(lambda place: window(self._shifted(place)))
+
+    def cost(self, inverse, normal):
+        """Cost of one plane at every pixel."""
+        formed = jnp.any(self.ray != 0, axis=0) & (inverse > 0)
+        distance = 1 / jnp.where(formed, inverse, 1)
+        # The map of a window's pixels into a neighbour is linear, with the slopes that the places
+        # of two points beside the window's middle give.
+        (x, y, sees), right, down = (
+            seen_at(self.near, self._on_plane(ray, distance, normal))
+            for ray in (self.ray, self.right, self.down)
+        )
+        slopes = [
+            jnp.where(inside, beside - middle, 0)
+            for *places, inside in (right, down)
+            for beside, middle in zip(places, (x, y), strict=True)
+        ]
+        area = jnp.abs(slopes[0] * slopes[3] - slopes[1] * slopes[2])
+        sees = sees & formed[None] & (area < _STRETCH**2) & (area > _STRETCH**-2)
+        cost = patch_cost(self.reference, self._compared(x, y, slopes), self.options)
+        _, hit = sampled(self.near.pixel, x, y)
+        if not self.options.silhouette:
+            return best_half(cost, sees & hit)
+        return misses(best_half(cost, sees), sees, hit, self.options.silhouette)
+
+    def _on_plane(self, ray, distance, normal):
+        """Where a ray beside a pixel's own meets the pixel's plane."""
+        own = jnp.sum(normal * self.ray, axis=0)
+        other = jnp.sum(normal * ray, axis=0)
+        ratio = jnp.clip(own / jnp.where(other < -1e-3, other, -1e-3), 0.3, 3)
+        return self.own.origin[:, None, None] + ray * (distance * ratio)[None]
+
+    def _compared(self, x, y, slopes) -> Comparison:
+        """What the neighbours show of the windows about these places."""
+        h, w = self.own.size
+        right_x, right_y, down_x, down_y = slopes
+
+        def tap(place):
+            row, column = place
+            u = jnp.clip(x + right_x * column + down_x * row, 0.5, w - 0.5)
+            v = jnp.clip(y + right_y * column + down_y * row, 0.5, h - 0.5)
+            color, _ = sampled(self.near.pixel, u, v)
+            return comparison(self._shifted(place), color)
+
+        return self._mean(tap)
+
+    def _mean(self, tap):
+        """Mean of what `tap` says of every place of a window."""
+        kind = jax.eval_shape(tap, self.taps[0])
+        empty = jax.tree.map(lambda like: jnp.zeros(like.shape, like.dtype), kind)
+
+        def add(whole, place):
+            return jax.tree.map(jnp.add, whole, tap(place)), None
+
+        whole, _ = jax.lax.scan(add, empty, self.taps)
+        return jax.tree.map(lambda value: value / len(self.taps), whole)
+
+    def _shifted(self, place):
+        """The view's colours, [1, h, w] each: of every pixel the one at an offset from it."""
+        start = place + self.options.radius
+        size = self.own.size
+        return tuple(jax.lax.dynamic_slice(c, (start[0], start[1]), size)[None] for c in self.padded)
+
+
+def _where_formed(ahead, behind, ray):
+    """The ray one pixel further, by half the difference of both neighbours; the ray itself where
+    the lens forms one of them not."""
+    formed = jnp.any(ahead != 0, axis=0) & jnp.any(behind != 0, axis=0)
+    return jnp.where(formed[None], ray + (ahead - behind) / 2, ray)

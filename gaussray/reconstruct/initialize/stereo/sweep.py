@@ -1,0 +1,154 @@
+"""The plane sweep: every distance at once over whole pictures, on spheres and tilted planes."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+
+from gaussray.reconstruct.initialize.stereo.cost import (
+    best_half,
+    comparison,
+    misses,
+    patch_cost,
+    total,
+    window,
+)
+from gaussray.reconstruct.initialize.stereo.options import StereoOptions
+from gaussray.reconstruct.initialize.stereo.views import (
+    StereoViews,
+    sampled,
+    seen_at,
+    turned,
+    unpacked,
+)
+
+
+# Levels around a chosen distance at which no second one is taken.
+_APART = 2
+# The cosine between a ray and a plane's normal below which the ray is too grazing for its windows.
+_GRAZING = 0.15
+
+
+class Candidates(NamedTuple):
+    """The best distances of every pixel of a view, with the normal and the cost of each."""
+
+    inverse: Float[Array, "modes h w"]
+    normal: Float[Array, "modes 3 h w"]
+    cost: Float[Array, "modes h w"]
+
+
+def sweep(
+    own: StereoViews,
+    ray: Float[Array, "3 h w"],
+    near: StereoViews,
+    inverse: Float[Array, " depths"],
+    options: StereoOptions,
+) -> Candidates:
+    """Distances at which the windows of a view look most like its neighbours' (`near`).
+
+    Sphere k of the sweep has the inverse distance `inverse[k]` along every ray; plane k of a tilt
+    has it along the optical axis (Gallup et al. 2007: planes of several directions). A whole
+    picture is warped at once, so that a window costs one sample. The best distances of every
+    family of surfaces, by non-maximum suppression, compete for the `modes` places.
+    """
+    reference, _ = unpacked(own.pixel, ray.dtype)
+    normals, shapes = _families(own, ray, options)
+
+    def family(surface):
+        normal, shape = surface
+
+        def level(value):
+            return _level_cost(own, ray, near, reference, value * shape, options)
+
+        cost = jax.lax.map(level, inverse)
+        chosen, best = _suppressed(cost, options.modes)
+        usable = shape > 0
+        found = inverse[chosen] * shape[None]
+        cost = jnp.where(usable[None], best, 2)
+        return Candidates(found, jnp.broadcast_to(normal, (options.modes, *ray.shape)), cost)
+
+    every = jax.lax.map(family, (normals, shapes))
+    every = Candidates(*(x.reshape(-1, *x.shape[2:]) for x in every))
+    if len(normals) == 1:
+        return every
+    return _best(every, jnp.abs(inverse[0] - inverse[-1]) / (len(inverse) - 1), options.modes)
+
+
+def _families(own, ray, options):
+    """Normals [families, 3, h, w] and shapes of the surfaces that are swept: inverse distance along
+    a ray over that along the axis; 0 where a ray does not meet the surface."""
+    normals, shapes = [-ray], [jnp.ones_like(ray[0])]
+    axis = own.world_from_camera
+    for tilt in np.radians(options.tilts):
+        for turn in np.arange(4) * (np.pi / 2):
+            local = [np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), -np.cos(tilt)]
+            normal = turned(axis, jnp.asarray(local, ray.dtype)[:, None, None])
+            facing = -jnp.sum(normal * ray, axis=0)
+            shapes.append(jnp.where(facing > _GRAZING, facing, 0) / np.cos(tilt))
+            normals.append(jnp.broadcast_to(normal, ray.shape))
+    return jnp.stack(normals), jnp.stack(shapes)
+
+
+def _level_cost(own, ray, near, reference, inverse, options):
+    """Cost [h, w] of one surface of the sweep, given by the inverse distances along the rays."""
+    formed = jnp.any(ray != 0, axis=0) & (inverse > 0)
+    point = own.origin[:, None, None] + ray / jnp.where(formed, inverse, 1)
+
+    x, y, inside = seen_at(near, point)
+    color, hit = sampled(near.pixel, x, y)
+    sees = inside & formed[None]
+    if not options.silhouette:
+        sees = sees & hit
+    means = jax.tree.map(
+        lambda value: windowed(value, options.radius),
+        (window(reference), comparison(tuple(c[None] for c in reference), color)),
+    )
+    seen = jax.tree.map(lambda value: value[None], means[0])
+    cost = best_half(patch_cost(seen, means[1], options), sees)
+    return misses(cost, sees, hit, options.silhouette) if options.silhouette else cost
+
+
+def windowed(value: Float[Array, "*n h w"], radius: int) -> Float[Array, "*n h w"]:
+    """Mean over the window of (2 radius + 1)^2 pixels around each, the border's pixels repeated."""
+    for axis in (-1, -2):
+        pad = [(0, 0)] * value.ndim
+        pad[axis] = (radius, radius)
+        padded = jnp.pad(value, pad, mode="edge")
+        size = value.shape[axis]
+        parts = [
+            jax.lax.slice_in_dim(padded, k, k + size, axis=axis % value.ndim)
+            for k in range(2 * radius + 1)
+        ]
+        value = total(parts) / (2 * radius + 1)
+    return value
+
+
+def _suppressed(cost, modes):
+    """Levels [modes, h, w] of least cost, none within _APART of a better one, and their costs."""
+    level = jnp.arange(cost.shape[0])[:, None, None]
+    chosen, costs = [], []
+    for _ in range(modes):
+        best = jnp.argmin(cost, axis=0)
+        chosen.append(best)
+        costs.append(jnp.min(cost, axis=0))
+        cost = jnp.where(jnp.abs(level - best[None]) <= _APART, 2, cost)
+    return jnp.stack(chosen), jnp.stack(costs)
+
+
+def _best(every, step, modes):
+    """The best of the candidates of all families, apart from each other."""
+    cost, taken = every.cost, []
+    for _ in range(modes):
+        best = jnp.argmin(cost, axis=0)[None]
+        taken.append(
+            Candidates(
+                jnp.take_along_axis(every.inverse, best, axis=0)[0],
+                jnp.take_along_axis(every.normal, best[:, None], axis=0)[0],
+                jnp.take_along_axis(every.cost, best, axis=0)[0],
+            )
+        )
+        close = jnp.abs(every.inverse - taken[-1].inverse[None]) <= _APART * step
+        cost = jnp.where(close, 3, cost)
+    return Candidates(*(jnp.stack(x) for x in zip(*taken, strict=True)))

@@ -1,0 +1,262 @@
+"""Velocities of moving points: patches of one timestamp's points registered with the next one's."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+from scipy.spatial import KDTree
+
+from gaussray.geometry import normalize_quaternion, product, rotation_matrix
+
+
+# What stands for rows without a point: far from every point, in any unit of the features.
+_NOWHERE = 1e4
+# Distances between features beyond which a point counts as lost, not as so much worse.
+_LOST = 3.0
+
+
+class RegistrationOptions(eqx.Module):
+    """Settings of patch registration.
+
+    `seeds` patches of `patch` neighbouring points each try `hypotheses` displacements, to points of
+    like colour; the `best` ones are refined by rigid ICP over positions and colours. Colours that
+    differ by `color` are as unlike as places one gap between points apart. Every point then chooses
+    among the motions of its `around` nearest patches by its own `own` nearest points. At most
+    `points` points of a timestamp are used.
+    """
+
+    seeds: int = eqx.field(static=True, default=256)
+    patch: int = eqx.field(static=True, default=48)
+    hypotheses: int = eqx.field(static=True, default=40)
+    best: int = eqx.field(static=True, default=3)
+    color: float = eqx.field(static=True, default=0.1)
+    around: int = eqx.field(static=True, default=6)
+    own: int = eqx.field(static=True, default=12)
+    points: int = eqx.field(static=True, default=4096)
+    # Widths of the matching features in each round of ICP, in gaps between points.
+    widths: tuple[float, ...] = eqx.field(static=True, default=(4, 3, 2, 2, 1.5, 1.5, 1, 1))
+
+
+class Motion(NamedTuple):
+    """What each point does until the next timestamp: it is displaced, by a rotation (quaternion)
+    about itself; `residual` is the mean distance of the moved patch from the points there, in gaps
+    (3: lost)."""
+
+    displacement: Float[np.ndarray, "points 3"]
+    quat: Float[np.ndarray, "points 4"]
+    residual: Float[np.ndarray, " points"]
+
+
+class _Cloud(NamedTuple):
+    """Points of one timestamp, padded."""
+
+    position: Float[Array, "rows 3"]
+    color: Float[Array, "rows 3"]
+
+
+def registered(
+    position: Float[np.ndarray, "points 3"],
+    color: Float[np.ndarray, "points 3"],
+    next_position: Float[np.ndarray, "next 3"],
+    next_color: Float[np.ndarray, "next 3"],
+    *,
+    reach: float,
+    options: RegistrationOptions | None = None,
+    seed: int = 0,
+) -> Motion:
+    """Where the points of one timestamp are at the next: nearest neighbours would be wrong by most
+    of the way, so patches search from many starts.
+
+    Args:
+        position, color: points and sRGB-encoded colours at a timestamp.
+        next_position, next_color: those of the other timestamp.
+        reach: the longest displacement that is tried, in the unit of the positions.
+        seed: of the drawn patches.
+    """
+    options = options or RegistrationOptions()
+    count, dice = len(position), np.random.default_rng(seed)
+    if min(count, len(next_position)) < 8:
+        still = np.tile(np.asarray([1, 0, 0, 0], position.dtype), (count, 1))
+        return Motion(np.zeros_like(position), still, np.full(count, _LOST, position.dtype))
+    gap = typical_gap(next_position)
+    center = next_position.mean(axis=0)
+    clouds = []
+    for place, shade in ((position, color), (next_position, next_color)):
+        kept = dice.permutation(len(place))[: options.points]
+        clouds.append(_padded((place[kept] - center) / gap, shade[kept], options))
+    seeds = dice.integers(min(count, options.points), size=options.seeds)
+    uniform = dice.random((options.seeds, options.points)).astype(position.dtype)
+    rows = -(-count // options.points) * options.points
+    every = np.resize((position - center) / gap, (rows, 3)).reshape(-1, options.points, 3)
+    moved = _registered(
+        *clouds,
+        jnp.asarray(every),
+        jnp.asarray(seeds),
+        jnp.asarray(uniform),
+        jnp.asarray(reach / gap, position.dtype),
+        options,
+    )
+    shift, quat, residual = (np.asarray(x).reshape(rows, -1)[:count] for x in moved)
+    return Motion(shift * gap, quat, residual[:, 0])
+
+
+def typical_gap(position: Float[np.ndarray, "points 3"]) -> float:
+    """Median distance of a point to its nearest neighbour, of at most 2,000 points."""
+    some = position[:: max(1, len(position) // 2000)]
+    distance = KDTree(position).query(some, k=2)[0][:, 1]
+    return float(np.median(distance)) or 1e-6 * float(np.ptp(position)) or 1.0
+
+
+def _padded(position, color, options):
+    lack = options.points - len(position)
+    far = np.pad(position, ((0, lack), (0, 0)), constant_values=_NOWHERE)
+    return _Cloud(jnp.asarray(far), jnp.asarray(np.pad(color, ((0, lack), (0, 0)))))
+
+
+@eqx.filter_jit
+def _registered(
+    here: _Cloud,
+    there: _Cloud,
+    every: Float[Array, "chunks rows 3"],
+    seeds: Int[Array, " seeds"],
+    uniform: Float[Array, "seeds rows"],
+    reach: Float[Array, ""],
+    options: RegistrationOptions,
+) -> tuple[Float[Array, "chunks rows 3"], Float[Array, "chunks rows 4"], Float[Array, "chunks rows"]]:
+    """Displacement, rotation and residual of every point, in gaps."""
+
+    def patch_motion(parts):
+        seed, jitter = parts
+        return _patch_motion(here, there, seed, jitter, reach, options)
+
+    quat, shift, pivot, score = jax.lax.map(patch_motion, (seeds, uniform))
+
+    def point_motion(position):
+        return _point_motion(here, there, position, quat, shift, pivot, score, options)
+
+    def chunk(positions):
+        return jax.lax.map(point_motion, positions, batch_size=64)
+
+    return jax.lax.map(chunk, every)
+
+
+def _features(position, color, width, options):
+    return jnp.concatenate([position / width, color / options.color], axis=-1)
+
+
+def _nearest(a: Float[Array, "n d"], b: Float[Array, "m d"]):
+    """Distance to and row of the nearest of `b` for each of `a`."""
+    square = jnp.sum(a * a, axis=1)[:, None] + jnp.sum(b * b, axis=1)[None]
+    square = square - 2 * product("nd,md->nm", a, b)
+    best = jnp.argmin(square, axis=1)
+    away = a - b[best]
+    return jnp.sqrt(jnp.sum(away * away, axis=1)), best
+
+
+def _patch_motion(here, there, seed, jitter, reach, options):
+    """Rotation, displacement, pivot and score of one patch's best motion."""
+    pivot, shade = here.position[seed], here.color[seed]
+    away = jnp.sum((here.position - pivot[None]) ** 2, axis=1)
+    rows = jax.lax.top_k(-away, options.patch)[1]
+    patch, color = here.position[rows] - pivot[None], here.color[rows]
+    way = there.position - pivot[None]
+    far = jnp.sqrt(jnp.sum(way * way, axis=1)) > reach
+    like = jnp.sqrt(jnp.sum((there.color - shade[None]) ** 2, axis=1))
+    unlike = like + 0.5 * options.color * jitter + 100 * far
+    ways = way[jax.lax.top_k(-unlike, options.hypotheses)[1]]
+    # Standing still is a hypothesis as well.
+    ways = ways.at[0].set(0)
+    some = slice(None, None, 3)
+    tried = (patch[some][None] + ways[:, None] + pivot[None, None]).reshape(-1, 3)
+    shades = jnp.tile(color[some], (options.hypotheses, 1))
+    wide = options.widths[0]
+    distance, _ = _nearest(
+        _features(tried, shades, wide, options),
+        _features(there.position, there.color, wide, options),
+    )
+    score = jnp.minimum(distance, _LOST).reshape(options.hypotheses, -1).mean(axis=1)
+    starts = ways[jax.lax.top_k(-score, options.best)[1]]
+    quat, shift, score = jax.vmap(
+        lambda start: _refined(patch, color, pivot, there, start, options)
+    )(starts)
+    best = jnp.argmin(score)
+    return quat[best], shift[best], pivot, score[best]
+
+
+def _refined(patch, color, pivot, there, start, options):
+    """Rigid ICP of one patch from one start: every round matches in places and colours, then fits
+    rotation and displacement to the matches, weighted by their likeness."""
+
+    def residual(quat, shift, width):
+        turned = product("ij,nj->ni", rotation_matrix(quat), patch)
+        now = turned + (pivot + shift)[None]
+        return _nearest(
+            _features(now, color, width, options),
+            _features(there.position, there.color, width, options),
+        )
+
+    def step(motion, width):
+        distance, match = residual(*motion, width)
+        weight = jnp.exp(-0.5 * distance**2) + 1e-6
+        return rigid(patch, there.position[match] - pivot[None], weight), None
+
+    still = jnp.asarray([1, 0, 0, 0], patch.dtype)
+    widths = jnp.asarray(options.widths, patch.dtype)
+    (quat, shift), _ = jax.lax.scan(step, (still, start), widths)
+    distance, _ = residual(quat, shift, widths[-1])
+    return quat, shift, jnp.minimum(distance, _LOST).mean()
+
+
+def rigid(
+    source: Float[Array, "n 3"], target: Float[Array, "n 3"], weight: Float[Array, " n"]
+) -> tuple[Float[Array, "4"], Float[Array, "3"]]:
+    """Rotation (quaternion) about the origin and displacement that best take points to others, by
+    weighted least squares: the quaternion is the eigenvector of the largest eigenvalue of Horn's
+    matrix (1987), found by squaring it."""
+    weight = weight / jnp.sum(weight)
+    middle, goal = (jnp.sum(weight[:, None] * x, axis=0) for x in (source, target))
+    s = product("ni,nj->ij", weight[:, None] * (source - middle[None]), target - goal[None])
+    trace = jnp.trace(s)
+    side = jnp.stack([s[1, 2] - s[2, 1], s[2, 0] - s[0, 2], s[0, 1] - s[1, 0]])
+    body = s + s.T - trace * jnp.eye(3, dtype=s.dtype)
+    horn = jnp.concatenate(
+        [
+            jnp.concatenate([trace[None], side])[None],
+            jnp.concatenate([side[:, None], body], axis=1),
+        ]
+    )
+    # All eigenvalues are at most the Frobenius norm in size: shifted by it, none is negative.
+    norm = jnp.sqrt(jnp.sum(horn**2)) + 1e-30
+    power = horn / norm + jnp.eye(4, dtype=s.dtype)
+    for _ in range(12):
+        power = product("ij,jk->ik", power, power)
+        power = power / jnp.max(jnp.abs(power))
+    longest = jnp.argmax(jnp.sum(power**2, axis=0))
+    quat = normalize_quaternion(power[:, longest])
+    return quat, goal - product("ij,j->i", rotation_matrix(quat), middle)
+
+
+def _point_motion(here, there, position, quat, shift, pivot, score, options):
+    """The motion, of those of the nearest patches, that suits one point's own surroundings best."""
+    away = jnp.sum((pivot - position[None]) ** 2, axis=1)
+    chosen = jax.lax.top_k(-away, options.around)[1]
+    around = jnp.sum((here.position - position[None]) ** 2, axis=1)
+    rows = jax.lax.top_k(-around, options.own)[1]
+    near, color = here.position[rows], here.color[rows]
+
+    def moved(index, place):
+        turned = product("ij,nj->ni", rotation_matrix(quat[index]), place - pivot[index][None])
+        return turned + (pivot[index] + shift[index])[None]
+
+    width = options.widths[-1]
+    target = _features(there.position, there.color, width, options)
+    placed = jax.vmap(lambda index: moved(index, near))(chosen).reshape(-1, 3)
+    shades = jnp.tile(color, (options.around, 1))
+    distance, _ = _nearest(_features(placed, shades, width, options), target)
+    own = jnp.minimum(distance, _LOST).reshape(options.around, -1).mean(axis=1)
+    best = chosen[jnp.argmin(own + 0.5 * score[chosen])]
+    place = moved(best, position[None])[0]
+    return place - position, quat[best], jnp.min(own)
