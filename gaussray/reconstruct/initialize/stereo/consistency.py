@@ -6,7 +6,6 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from gaussray.reconstruct.initialize.stereo.refine import Surface
 from gaussray.reconstruct.initialize.stereo.views import (
     StereoViews,
     corners,

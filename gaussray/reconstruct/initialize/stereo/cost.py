@@ -15,7 +15,7 @@ class Window(NamedTuple):
     """Means over a window of one picture: of each channel and of the squares' sum."""
 
     color: Channels
-    square: Float[Array, "*n"]
+    square: Float[Array, "..."]
 
 
 class Comparison(NamedTuple):
@@ -23,9 +23,9 @@ class Comparison(NamedTuple):
     absolute differences with the first picture's, summed over the channels."""
 
     color: Channels
-    square: Float[Array, "*n"]
-    product: Float[Array, "*n"]
-    difference: Float[Array, "*n"]
+    square: Float[Array, "..."]
+    product: Float[Array, "..."]
+    difference: Float[Array, "..."]
 
 
 def window(color: Channels) -> Window:
@@ -49,7 +49,7 @@ def total(parts: Iterable[Array]) -> Array:
     return functools.reduce(jnp.add, parts)
 
 
-def patch_cost(reference: Window, other: Comparison, options: StereoOptions) -> Float[Array, "*n"]:
+def patch_cost(reference: Window, other: Comparison, options: StereoOptions) -> Float[Array, "..."]:
     """Cost in [0, 1] of two windows: zncc (1 - ZNCC) + (1 - zncc) min(difference / color, 1).
 
     ZNCC is over all channels jointly; the noise variance e keeps it defined without texture:
@@ -69,8 +69,8 @@ def patch_cost(reference: Window, other: Comparison, options: StereoOptions) -> 
 
 
 def best_half(
-    cost: Float[Array, "views *n"], sees: Bool[Array, "views *n"]
-) -> Float[Array, " *n"]:
+    cost: Float[Array, "views ..."], sees: Bool[Array, "views ..."]
+) -> Float[Array, "..."]:
     """Mean cost over the better half (at least two) of the views that see a point: the others may
     see something in front of it. 1 where no view sees it; one view that sees it counts half."""
     count = cost.shape[0]
@@ -88,8 +88,11 @@ def best_half(
 
 
 def misses(
-    cost: Float[Array, " *n"], sees: Bool[Array, "views *n"], hit: Bool[Array, "views *n"], weight: float
-) -> Float[Array, " *n"]:
+    cost: Float[Array, "..."],
+    sees: Bool[Array, "views ..."],
+    hit: Bool[Array, "views ..."],
+    weight: float,
+) -> Float[Array, "..."]:
     """The cost with the silhouettes' votes: `weight` for each view beyond the first that sees the
     place of a point, but something at rest there."""
     missing = jnp.sum(sees & ~hit, axis=0)

@@ -15,8 +15,12 @@ from gaussray.reconstruct.initialize.stereo.neighbours import StereoPairs, stere
 from gaussray.reconstruct.initialize.stereo.options import StereoOptions
 from gaussray.reconstruct.initialize.stereo.refine import Surface, refine
 from gaussray.reconstruct.initialize.stereo.subsample import evenly
-from gaussray.reconstruct.initialize.stereo.sweep import sweep
+from gaussray.reconstruct.initialize.stereo.sweep import Levels, sweep
 from gaussray.reconstruct.initialize.stereo.views import StereoViews, rays, stereo_views, unpacked
+
+
+# Pixels of disparity between two levels of the sweep.
+_STRIDE = 1.5
 
 
 class StereoPoints(NamedTuple):
@@ -39,6 +43,7 @@ def stereo_points(
     *,
     options: StereoOptions,
     known: Float[np.ndarray, "known 3"] | None = None,
+    wanted: Bool[np.ndarray, "views rows columns"] | None = None,
     report: Callable[[int], object] = lambda done: None,
 ) -> StereoPoints:
     """Points of all surfaces that pictures of one instant show from several sides.
@@ -53,6 +58,7 @@ def stereo_points(
         options: how carefully to look (`options_for` chooses by device).
         known: points of the scene, as a structure from motion finds them: they narrow down the
             distances that are looked at.
+        wanted: of which pixels of the reduced pictures there shall be points; None is of all.
         report: called with the number of views done, of twice as many as pictures.
 
     Raises:
@@ -69,10 +75,16 @@ def stereo_points(
         report(i + 1)
     parts = []
     for i in range(len(pictures)):
-        parts.append(confirmed(views, i, pairs, surfaces, options))
+        of = None if wanted is None else wanted[i]
+        parts.append(confirmed(views, i, pairs, surfaces, options, of))
         report(len(pictures) + i + 1)
-    points = StereoPoints(*(np.concatenate(x) for x in zip(*parts, strict=True)))
-    return evenly(points, options.points)
+    return evenly(StereoPoints(*map(np.concatenate, zip(*parts, strict=True))), options.points)
+
+
+def no_points() -> StereoPoints:
+    """The empty set."""
+    vector, number = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
+    return StereoPoints(vector, vector, vector, number, number, number)
 
 
 def reduction(size: tuple[int, int], pixels: int) -> int:
@@ -82,16 +94,13 @@ def reduction(size: tuple[int, int], pixels: int) -> int:
 
 def matched(views: StereoViews, i: int, pairs: StereoPairs, options: StereoOptions) -> Surface:
     """The surface that view `i` shows."""
-    bounds = np.array([pairs.farthest[i], pairs.nearest[i]])
-    dtype = views.origin.dtype
-    return _matched(
-        views,
-        jnp.asarray(i),
-        jnp.asarray(pairs.neighbour[i]),
-        jnp.asarray(bounds, dtype),
-        jnp.asarray(pairs.step[i], dtype),
-        options,
-    )
+    dtype, first = views.origin.dtype, pairs.farthest[i]
+    span = max(pairs.nearest[i] - first, 0.0)
+    count = int(np.clip(np.ceil(span / (_STRIDE * pairs.step[i])), 8, options.depths))
+    step = jnp.asarray(span / (count - 1), dtype)
+    levels = Levels(jnp.asarray(first, dtype), step, jnp.asarray(count))
+    neighbour = jnp.asarray(pairs.neighbour[i])
+    return _matched(views, jnp.asarray(i), neighbour, levels, options)
 
 
 @eqx.filter_jit
@@ -99,16 +108,13 @@ def _matched(
     views: StereoViews,
     i: Int[Array, ""],
     neighbour: Int[Array, " neighbours"],
-    bounds: Float[Array, "2"],
-    step: Float[Array, ""],
+    levels: Levels,
     options: StereoOptions,
 ) -> Surface:
     own, near = views[i], views[neighbour]
     ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
-    inverse = jnp.linspace(bounds[0], bounds[1], options.depths)
-    candidates = sweep(own, ray, near, inverse, options)
-    level = (bounds[1] - bounds[0]) / (options.depths - 1)
-    return refine(own, ray, near, candidates, level, (bounds[0], bounds[1]), options)
+    candidates = sweep(own, ray, near, levels, options)
+    return refine(own, ray, near, candidates, levels, options)
 
 
 def confirmed(
@@ -117,8 +123,9 @@ def confirmed(
     pairs: StereoPairs,
     surfaces: list[Surface],
     options: StereoOptions,
+    wanted: Bool[np.ndarray, "rows columns"] | None = None,
 ) -> StereoPoints:
-    """Those points of view `i` that other views confirm."""
+    """Those points of view `i` that other views confirm, of the wanted pixels."""
     chosen = pairs.neighbour[i]
     maps = jnp.stack([_trusted(surfaces[j], options.cost) for j in chosen])
     step = jnp.asarray(pairs.step[i], views.origin.dtype)
@@ -128,6 +135,8 @@ def confirmed(
     need = min(options.confirm, len(chosen))
     keep = (own.inverse > 0) & (agreed.confirmed >= need) & mask
     keep &= agreed.crossed <= agreed.confirmed
+    if wanted is not None:
+        keep &= wanted
     distance = 1 / agreed.inverse[keep]
     count = agreed.confirmed[keep]
     error = 0.5 * distance**2 * pairs.step[i] / np.sqrt(count + 1)

@@ -11,10 +11,12 @@ from gaussray.reconstruct.initialize.stereo.views import StereoViews, rays, seen
 
 # Rays along each side of a picture, and distances, at which views are compared; the distances lie
 # between these multiples of the cameras' spread.
-_GRID, _STEPS, _NEAREST, _FARTHEST = 5, 24, 0.03, 100.0
+_GRID, _STEPS, _NEAREST, _FARTHEST = 5, 40, 0.03, 100.0
 # Radians between the rays to a point: below the first a pair says little of its distance, and
 # beyond the second patches no longer look alike.
 _NARROW, _WIDE = np.radians(8.0), np.radians(60.0)
+# A patch may be so many times as far from one view as from the other.
+_LARGER = 2.5
 # A distance is looked at where this share of a view's rays meets two neighbours, and up to where
 # the disparity from infinity is this many pixels.
 _SHARE, _DISPARITY = 0.1, 2.0
@@ -59,8 +61,14 @@ def _spread(origin):
 
 def _one(views, i, distance, count, spread, known):
     """The row of one view."""
-    sees, angle = (np.asarray(x) for x in _overlap(views, jnp.asarray(i), jnp.asarray(distance, views.origin.dtype)))
-    quality = np.where(angle < _NARROW, angle / _NARROW, np.maximum(1 - (angle - _NARROW) / (_WIDE - _NARROW), 0))
+    ray, sees, angle, ratio = (
+        np.asarray(x)
+        for x in _overlap(views, jnp.asarray(i), jnp.asarray(distance, views.origin.dtype))
+    )
+    quality = np.where(
+        angle < _NARROW, angle / _NARROW, np.maximum(1 - (angle - _NARROW) / (_WIDE - _NARROW), 0)
+    )
+    sees = sees & (ratio < _LARGER) & (ratio > 1 / _LARGER)
     score = (sees * quality).sum(axis=(1, 2))
     score[i] = -1
     best = np.argsort(-score, kind="stable")[:count]
@@ -68,9 +76,11 @@ def _one(views, i, distance, count, spread, known):
     share = (useful.sum(axis=0) >= min(2, count)).mean(axis=0)
     reached = np.flatnonzero(share >= _SHARE * max(share.max(), 1e-9))
     near = distance[reached[0]] if share.max() > 0 else spread
-    away = np.linalg.norm(np.asarray(views.origin)[best] - np.asarray(views.origin)[i], axis=1)
-    base = max(float(np.median(away)), 1e-6 * spread)
-    step = float(views.angle[i]) / base
+    # By an inverse distance d, the ray to a point turns by d times the part of the baseline that is
+    # perpendicular to it.
+    baseline = np.asarray(views.origin)[best] - np.asarray(views.origin)[i]
+    across = np.linalg.norm(np.cross(ray.T[None], baseline[:, None]), axis=-1)
+    step = float(views.angle[i]) / max(float(np.median(across)), 1e-6 * spread)
     nearest, farthest = 1 / near, min(_DISPARITY * step, 0.5 / near)
     if known is not None and len(known):
         nearest, farthest = _narrowed(views, i, known, nearest, farthest)
@@ -80,7 +90,8 @@ def _one(views, i, distance, count, spread, known):
 @eqx.filter_jit
 def _overlap(views: StereoViews, i: Int[Array, ""], distance: Float[Array, " steps"]):
     """Whether each view sees the points at these distances on a grid of one view's rays, and the
-    angle between the two rays there: [views, rays, steps] each."""
+    angle between the two rays there and the ratio of the two distances: [views, rays, steps] each,
+    after the rays."""
     own = views[i]
     ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
     h, w = own.size
@@ -95,9 +106,10 @@ def _overlap(views: StereoViews, i: Int[Array, ""], distance: Float[Array, " ste
         back = point - view.origin[:, None, None]
         away = jnp.sqrt(jnp.sum(back * back, axis=0))
         cosine = jnp.sum(ray[:, :, None] * back, axis=0) / jnp.maximum(away, 1e-12)
-        return inside[0] & formed, jnp.arccos(jnp.clip(cosine, -1, 1))
+        angle = jnp.arccos(jnp.clip(cosine, -1, 1))
+        return inside[0] & formed, angle, away / distance[None]
 
-    return jax.lax.map(by, views)
+    return ray, *jax.lax.map(by, views)
 
 
 def _narrowed(views, i, known, nearest, farthest):

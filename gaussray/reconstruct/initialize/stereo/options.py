@@ -1,5 +1,7 @@
 """How carefully stereo matching looks, by device."""
 
+from dataclasses import replace
+
 import equinox as eqx
 
 
@@ -7,10 +9,10 @@ class StereoOptions(eqx.Module):
     """Settings of stereo matching.
 
     A picture is reduced until it has at most `pixels`; of more than `views` pictures an even share
-    is matched. Every view is compared with `neighbours` others at `depths` distances, on spheres
-    about the camera and on planes of `tilts` inclinations (degrees, four directions each), in
-    windows of (2 `radius` + 1)^2 pixels. `modes` best distances are refined in `rounds` rounds of
-    propagation and search.
+    is matched. Every view is compared with `neighbours` others at no more than `depths` distances
+    (as many as steps of 1.5 pixels need), on spheres about the camera and on planes of `tilts`
+    inclinations (degrees, four directions each), in windows of (2 `radius` + 1)^2 pixels. `modes`
+    best distances are refined in `rounds` rounds of propagation and search.
 
     A cost is `zncc` (1 - ZNCC) + (1 - `zncc`) min(colour difference / `color`, 1), at most 1, with
     ZNCC regularised by the noise of a picture (`noise`, of full scale). A point stays if it costs
@@ -22,7 +24,7 @@ class StereoOptions(eqx.Module):
     pixels: int = eqx.field(static=True, default=140_000)
     views: int = eqx.field(static=True, default=120)
     neighbours: int = eqx.field(static=True, default=8)
-    depths: int = eqx.field(static=True, default=128)
+    depths: int = eqx.field(static=True, default=256)
     tilts: tuple[float, ...] = eqx.field(static=True, default=(45.0,))
     radius: int = eqx.field(static=True, default=2)
     modes: int = eqx.field(static=True, default=3)
@@ -52,5 +54,17 @@ def options_for(platform: str, views: int) -> StereoOptions:
     # 50 views of 135 x 240 is what the time was measured with; more views get smaller pictures.
     pixels = int(min(33_000, max(12_000, 33_000 * 50 / max(views, 1))))
     return StereoOptions(
-        pixels=pixels, views=80, neighbours=4, depths=64, tilts=(), modes=2, rounds=1, points=60_000
+        pixels=pixels,
+        views=80,
+        neighbours=4,
+        depths=160,
+        tilts=(),
+        modes=2,
+        rounds=1,
+        points=60_000,
     )
+
+
+def with_silhouette(options: StereoOptions) -> StereoOptions:
+    """The same for what moves, with the votes of the silhouettes, a quarter of the points."""
+    return replace(options, silhouette=0.12, points=max(options.points // 4, 1))

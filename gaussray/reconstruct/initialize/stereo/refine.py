@@ -17,7 +17,7 @@ from gaussray.reconstruct.initialize.stereo.cost import (
     window,
 )
 from gaussray.reconstruct.initialize.stereo.options import StereoOptions
-from gaussray.reconstruct.initialize.stereo.sweep import Candidates
+from gaussray.reconstruct.initialize.stereo.sweep import Candidates, Levels
 from gaussray.reconstruct.initialize.stereo.views import StereoViews, sampled, seen_at, unpacked
 
 
@@ -44,7 +44,12 @@ def moves(rounds: int) -> Float[np.ndarray, "moves 5"]:
     spans = ((1, 4, 12, 32), (1, 2, 6, 18), (1, 3, 9), (1, 2, 5))
     for k in range(rounds):
         for span in spans[k % len(spans)]:
-            table += [(span, 0, 0, 0, 0), (-span, 0, 0, 0, 0), (0, span, 0, 0, 0), (0, -span, 0, 0, 0)]
+            table += [
+                (span, 0, 0, 0, 0),
+                (-span, 0, 0, 0, 0),
+                (0, span, 0, 0, 0),
+                (0, -span, 0, 0, 0),
+            ]
         shift, turn = 0.5 / 2**k, np.tan(np.radians(30)) / 2**k
         table += [(0, 0, s, 0, 0) for s in (-shift, shift, -shift / 2, shift / 2)]
         table += [(0, 0, 0, turn, 0), (0, 0, 0, -turn, 0), (0, 0, 0, 0, turn), (0, 0, 0, 0, -turn)]
@@ -57,8 +62,7 @@ def refine(
     ray: Float[Array, "3 h w"],
     near: StereoViews,
     candidates: Candidates,
-    step: Float[Array, ""],
-    bounds: tuple[Float[Array, ""], Float[Array, ""]],
+    levels: Levels,
     options: StereoOptions,
 ) -> Surface:
     """The best plane of every pixel: the candidates first, then the `moves`, each kept where it
@@ -71,10 +75,12 @@ def refine(
     empty = Surface(candidates.inverse[0], candidates.normal[0], jnp.full_like(ray[0], 2))
     surface, _ = jax.lax.scan(pick, empty, (candidates.inverse, candidates.normal))
 
+    last = levels.first + (levels.count - 1) * levels.step
+
     def move(surface: Surface, change):
-        hypothesis = _moved(surface, ray, change, step)
+        hypothesis = _moved(surface, ray, change, levels.step)
         facing = -jnp.sum(hypothesis[1] * ray, axis=0)
-        allowed = (hypothesis[0] >= bounds[0]) & (hypothesis[0] <= bounds[1]) & (facing > _GRAZING)
+        allowed = (hypothesis[0] >= levels.first) & (hypothesis[0] <= last) & (facing > _GRAZING)
         cost = jnp.where(allowed, patch.cost(*hypothesis), 2)
         return _better(surface, *hypothesis, cost), None
 
@@ -117,7 +123,7 @@ def _tangents(normal):
     return first, jnp.stack([b, sign + y * y * a, -y])
 
 
-def normalize_first(vector: Float[Array, "3 *n"]) -> Float[Array, "3 *n"]:
+def normalize_first(vector: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
     """Unit vectors, components first."""
     return jnp.moveaxis(normalize(jnp.moveaxis(vector, 0, -1)), -1, 0)
 
@@ -198,7 +204,9 @@ class _Patch:
         """The view's colours, [1, h, w] each: of every pixel the one at an offset from it."""
         start = place + self.options.radius
         size = self.own.size
-        return tuple(jax.lax.dynamic_slice(c, (start[0], start[1]), size)[None] for c in self.padded)
+        return tuple(
+            jax.lax.dynamic_slice(c, (start[0], start[1]), size)[None] for c in self.padded
+        )
 
 
 def _where_formed(ahead, behind, ray):

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float, Int
 
 from gaussray.reconstruct.initialize.stereo.cost import (
     best_half,
@@ -25,10 +25,18 @@ from gaussray.reconstruct.initialize.stereo.views import (
 )
 
 
-# Levels around a chosen distance at which no second one is taken.
+# Levels around a family's chosen distance at which none of another family is taken.
 _APART = 2
 # The cosine between a ray and a plane's normal below which the ray is too grazing for its windows.
 _GRAZING = 0.15
+
+
+class Levels(NamedTuple):
+    """The inverse distances of a sweep: `count` of them from the `first`, a `step` apart."""
+
+    first: Float[Array, ""]
+    step: Float[Array, ""]
+    count: Int[Array, ""]
 
 
 class Candidates(NamedTuple):
@@ -43,15 +51,15 @@ def sweep(
     own: StereoViews,
     ray: Float[Array, "3 h w"],
     near: StereoViews,
-    inverse: Float[Array, " depths"],
+    levels: Levels,
     options: StereoOptions,
 ) -> Candidates:
     """Distances at which the windows of a view look most like its neighbours' (`near`).
 
-    Sphere k of the sweep has the inverse distance `inverse[k]` along every ray; plane k of a tilt
-    has it along the optical axis (Gallup et al. 2007: planes of several directions). A whole
-    picture is warped at once, so that a window costs one sample. The best distances of every
-    family of surfaces, by non-maximum suppression, compete for the `modes` places.
+    A level of the sphere has the same inverse distance along every ray; one of a tilted plane has
+    it along the optical axis (Gallup et al. 2007: planes of several directions). A whole picture is
+    warped at once, so that a window costs one sample. The local minima of every family of surfaces
+    compete for the `modes` places.
     """
     reference, _ = unpacked(own.pixel, ray.dtype)
     normals, shapes = _families(own, ray, options)
@@ -59,21 +67,45 @@ def sweep(
     def family(surface):
         normal, shape = surface
 
-        def level(value):
-            return _level_cost(own, ray, near, reference, value * shape, options)
+        def cost_at(level):
+            inverse = (levels.first + level * levels.step) * shape
+            cost = _level_cost(own, ray, near, reference, inverse, options)
+            return jnp.where(shape > 0, cost, 2)
 
-        cost = jax.lax.map(level, inverse)
-        chosen, best = _suppressed(cost, options.modes)
-        usable = shape > 0
-        found = inverse[chosen] * shape[None]
-        cost = jnp.where(usable[None], best, 2)
-        return Candidates(found, jnp.broadcast_to(normal, (options.modes, *ray.shape)), cost)
+        level, cost = _minima(cost_at, levels.count, ray[0], options.modes)
+        inverse = (levels.first + level * levels.step) * shape[None]
+        return Candidates(inverse, jnp.broadcast_to(normal, (options.modes, *ray.shape)), cost)
 
     every = jax.lax.map(family, (normals, shapes))
     every = Candidates(*(x.reshape(-1, *x.shape[2:]) for x in every))
-    if len(normals) == 1:
-        return every
-    return _best(every, jnp.abs(inverse[0] - inverse[-1]) / (len(inverse) - 1), options.modes)
+    return every if len(normals) == 1 else _best(every, levels.step, options.modes)
+
+
+def _minima(cost_at, count, like, modes):
+    """Levels [modes, h, w] of the lowest local minima over `count` levels, and their costs, the
+    lowest first; 2 where there are fewer minima."""
+    high = jnp.full_like(like, 2)
+    empty = jnp.zeros((modes, *like.shape), like.dtype)
+
+    def body(level, carry):
+        before, last, kept, costs = carry
+        cost = jnp.where(level < count, cost_at(level.astype(like.dtype)), high)
+        lowest = (last < before) & (last <= cost)
+        value = jnp.where(lowest, last, 2)
+        place = jnp.full_like(like, 1) * (level - 1)
+        # Insertion into the sorted list.
+        rows = []
+        for k in range(modes):
+            better = value < costs[k]
+            rows.append((jnp.where(better, place, kept[k]), jnp.where(better, value, costs[k])))
+            place, value = (
+                jnp.where(better, a, b) for a, b in ((kept[k], place), (costs[k], value))
+            )
+        kept, costs = (jnp.stack(x) for x in zip(*rows, strict=True))
+        return last, cost, kept, costs
+
+    start = high, high, empty, empty + 2
+    return jax.lax.fori_loop(0, count + 1, body, start)[2:]
 
 
 def _families(own, ray, options):
@@ -94,7 +126,7 @@ def _families(own, ray, options):
 def _level_cost(own, ray, near, reference, inverse, options):
     """Cost [h, w] of one surface of the sweep, given by the inverse distances along the rays."""
     formed = jnp.any(ray != 0, axis=0) & (inverse > 0)
-    point = own.origin[:, None, None] + ray / jnp.where(formed, inverse, 1)
+    point = own.origin[:, None, None] + ray / jnp.where(formed, inverse, 1)[None]
 
     x, y, inside = seen_at(near, point)
     color, hit = sampled(near.pixel, x, y)
@@ -110,7 +142,7 @@ def _level_cost(own, ray, near, reference, inverse, options):
     return misses(cost, sees, hit, options.silhouette) if options.silhouette else cost
 
 
-def windowed(value: Float[Array, "*n h w"], radius: int) -> Float[Array, "*n h w"]:
+def windowed(value: Float[Array, "... h w"], radius: int) -> Float[Array, "... h w"]:
     """Mean over the window of (2 radius + 1)^2 pixels around each, the border's pixels repeated."""
     for axis in (-1, -2):
         pad = [(0, 0)] * value.ndim
@@ -123,18 +155,6 @@ def windowed(value: Float[Array, "*n h w"], radius: int) -> Float[Array, "*n h w
         ]
         value = total(parts) / (2 * radius + 1)
     return value
-
-
-def _suppressed(cost, modes):
-    """Levels [modes, h, w] of least cost, none within _APART of a better one, and their costs."""
-    level = jnp.arange(cost.shape[0])[:, None, None]
-    chosen, costs = [], []
-    for _ in range(modes):
-        best = jnp.argmin(cost, axis=0)
-        chosen.append(best)
-        costs.append(jnp.min(cost, axis=0))
-        cost = jnp.where(jnp.abs(level - best[None]) <= _APART, 2, cost)
-    return jnp.stack(chosen), jnp.stack(costs)
 
 
 def _best(every, step, modes):

@@ -125,7 +125,9 @@ def _registered(
     uniform: Float[Array, "seeds rows"],
     reach: Float[Array, ""],
     options: RegistrationOptions,
-) -> tuple[Float[Array, "chunks rows 3"], Float[Array, "chunks rows 4"], Float[Array, "chunks rows"]]:
+) -> tuple[
+    Float[Array, "chunks rows 3"], Float[Array, "chunks rows 4"], Float[Array, "chunks rows"]
+]:
     """Displacement, rotation and residual of every point, in gaps."""
 
     def patch_motion(parts):

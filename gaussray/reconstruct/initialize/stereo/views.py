@@ -112,14 +112,14 @@ def rays(
     return turned(world_from_camera, local.T.reshape(3, h, w))
 
 
-def turned(matrix: Float[Array, "3 3"], vector: Float[Array, "3 *n"]) -> Float[Array, "3 *n"]:
+def turned(matrix: Float[Array, "3 3"], vector: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
     """A matrix times many vectors, components first, in full precision on every device."""
     return jnp.stack([sum(matrix[i, k] * vector[k] for k in range(3)) for i in range(3)])
 
 
 def seen_at(
-    views: StereoViews, point: Float[Array, "3 *n"]
-) -> tuple[Float[Array, "views *n"], Float[Array, "views *n"], Bool[Array, "views *n"]]:
+    views: StereoViews, point: Float[Array, "3 ..."]
+) -> tuple[Float[Array, "views ..."], Float[Array, "views ..."], Bool[Array, "views ..."]]:
     """Column and row (in reduced pixels, centres at +0.5) at which every view sees points of the
     world, and whether they lie within its picture with room for a bilinear sample. Elsewhere the
     place is a corner of the picture."""
@@ -137,15 +137,15 @@ def seen_at(
     return jax.vmap(one)(views)
 
 
-def distance_from(views: StereoViews, point: Float[Array, "3 *n"]) -> Float[Array, "views *n"]:
+def distance_from(views: StereoViews, point: Float[Array, "3 ..."]) -> Float[Array, "views ..."]:
     """Distance of points from every view."""
     shape = (-1, 3, *[1] * (point.ndim - 1))
     return jnp.sqrt(jnp.sum((point[None] - views.origin.reshape(shape)) ** 2, axis=1))
 
 
 def corners(
-    values: Shaped[Array, "views h w"], x: Float[Array, "views *n"], y: Float[Array, "views *n"]
-) -> tuple[list[Shaped[Array, "views *n"]], Float[Array, "views *n"], Float[Array, "views *n"]]:
+    values: Shaped[Array, "views h w"], x: Float[Array, "views ..."], y: Float[Array, "views ..."]
+) -> tuple[list[Shaped[Array, "views ..."]], Float[Array, "views ..."], Float[Array, "views ..."]]:
     """The four pixels around places of each view's picture (left and right above, then below), and
     the share of the right and of the lower ones."""
     count, h, w = values.shape
@@ -161,8 +161,8 @@ def corners(
 
 
 def sampled(
-    pixel: Int[Array, "views h w"], x: Float[Array, "views *n"], y: Float[Array, "views *n"]
-) -> tuple[Channels, Bool[Array, "views *n"]]:
+    pixel: Int[Array, "views h w"], x: Float[Array, "views ..."], y: Float[Array, "views ..."]
+) -> tuple[Channels, Bool[Array, "views ..."]]:
     """Bilinear colours of packed pictures at places within each, and whether all four pixels of a
     place are unmasked."""
     around, fx, fy = corners(pixel, x, y)
@@ -179,7 +179,7 @@ def sampled(
     return jax.lax.optimization_barrier(channels), ((a & b & c & d) >> _MASK_BIT) > 0
 
 
-def unpacked(pixel: Int[Array, "*n"], dtype: DTypeLike) -> tuple[Channels, Bool[Array, "*n"]]:
+def unpacked(pixel: Int[Array, "..."], dtype: DTypeLike) -> tuple[Channels, Bool[Array, "..."]]:
     """Colours (0..1) and mask of packed pixels."""
     channels = tuple(((pixel >> shift) & _LEVELS).astype(dtype) / _LEVELS for shift in _SHIFTS)
     return channels, (pixel >> _MASK_BIT) > 0

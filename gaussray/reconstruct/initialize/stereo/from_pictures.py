@@ -1,0 +1,249 @@
+"""Points from the training pictures of a capture: of what stands still, and of what moves at given
+timestamps with its velocities."""
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
+from scipy.ndimage import binary_dilation, uniform_filter
+
+from gaussray.camera.camera import Camera
+from gaussray.capture.points import Points
+from gaussray.color import srgb_decode
+from gaussray.reconstruct.data.motion_mask import CHANGE
+from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.initialize.stereo.matching import (
+    StereoPoints,
+    no_points,
+    reduction,
+    stereo_points,
+)
+from gaussray.reconstruct.initialize.stereo.options import (
+    StereoOptions,
+    options_for,
+    with_silhouette,
+)
+from gaussray.reconstruct.initialize.stereo.velocity import RegistrationOptions, registered
+
+
+# Frames of one camera of which the temporal median is taken, at least and at most.
+_FEWEST, _MOST = 3, 31
+# Of a pixel's 3 x 3 neighbourhood, the share that must move with it.
+_CLEAN = 0.4
+# The longest displacement between two timestamps, in diagonals of the moving points' box.
+_REACH = 0.25
+
+Report = Callable[[int, int], object]
+
+
+class StereoViewSet(NamedTuple):
+    """Pictures that show one instant, or what stands still: with their cameras, and with the frames
+    of the footage that they are of (the first, for a median)."""
+
+    pictures: Shaped[np.ndarray, "views h w 3"]
+    masks: Bool[np.ndarray, "views h w"] | None
+    cameras: Camera
+    frames: Int[np.ndarray, " views"]
+
+
+class MovingPoints(NamedTuple):
+    """Points of what moves at one timestamp, their velocities in units of length per unit of time,
+    and the residual of the registration that found these (gaps between points; 3: lost)."""
+
+    points: StereoPoints
+    time: float
+    velocity: Float[np.ndarray, "points 3"]
+    residual: Float[np.ndarray, " points"]
+
+
+def points_from_pictures(
+    footage: Footage,
+    *,
+    options: StereoOptions | None = None,
+    known: Points | None = None,
+    report: Report = lambda done, total: None,
+) -> Points:
+    """Points of the surfaces that training pictures show: of all that stands still, and of what
+    moves as it is at the first timestamp.
+
+    Args:
+        footage: the training pictures and their cameras.
+        options: None chooses by device and number of views.
+        known: points that are there already (of a structure from motion, say): they narrow the
+            distances down.
+        report: called with the number of steps done and their total.
+
+    Returns:
+        Positions in the world and linear colours; none where fewer than two views overlap.
+    """
+    still = still_views(footage)
+    options = options or options_for(jax.default_backend(), len(still.frames))
+    still = _some(still, options.views)
+    position = None if known is None else known.position
+    first = moving_views(footage, float(footage.times.min()))
+    steps = 2 * len(still.frames), 2 * (0 if first is None else len(first[0].frames))
+    parts = []
+    if len(still.frames) > 1:
+        parts.append(
+            stereo_points(
+                *still[:1],
+                still.cameras,
+                still.masks,
+                options=options,
+                known=position,
+                report=lambda done: report(done, sum(steps)),
+            )
+        )
+    if first is not None:
+        parts.append(_moving(*first, options, lambda done: report(steps[0] + done, sum(steps))))
+    found = StereoPoints(*(np.concatenate(x) for x in zip(no_points(), *parts, strict=True)))
+    color = srgb_decode(np.clip(found.color, 0, 1).astype(np.float64))
+    return Points(found.position.astype(np.float32), color.astype(np.float32))
+
+
+def moving_points(
+    footage: Footage,
+    times: Sequence[float],
+    *,
+    options: StereoOptions | None = None,
+    registration: RegistrationOptions | None = None,
+    report: Report = lambda done, total: None,
+) -> list[MovingPoints]:
+    """Points of what moves at each of these timestamps, with velocities towards the next one (for
+    the last, from the one before).
+
+    Only cameras that stand still tell what moves. Without at least two of them, a timestamp has no
+    points.
+    """
+    options = options or options_for(jax.default_backend(), len(np.unique(footage.name)))
+    clouds = []
+    for time in times:
+        views = moving_views(footage, float(time))
+        clouds.append(no_points() if views is None else _moving(*views, options, lambda done: None))
+        report(len(clouds), 2 * len(times))
+    result = []
+    for k, cloud in enumerate(clouds):
+        other = k + 1 if k + 1 < len(clouds) else k - 1
+        velocity, residual = np.zeros_like(cloud.position), np.full(len(cloud.scale), 3.0)
+        if 0 <= other < len(clouds):
+            size = np.ptp(np.concatenate([cloud.position, clouds[other].position]), axis=0)
+            motion = registered(
+                cloud.position,
+                cloud.color,
+                clouds[other].position,
+                clouds[other].color,
+                reach=_REACH * float(np.linalg.norm(size)),
+                options=registration,
+                seed=k,
+            )
+            velocity = motion.displacement / (times[other] - times[k])
+            residual = motion.residual
+        result.append(MovingPoints(cloud, float(times[k]), velocity, residual))
+        report(len(clouds) + k + 1, 2 * len(times))
+    return result
+
+
+def still_views(footage: Footage) -> StereoViewSet:
+    """One view per camera that stands still, its temporal median; of the others every frame."""
+    pictures, masks, frames = [], [], []
+    for own, still in _cameras(footage):
+        own = own if not still else own[: 1 if len(own) < _FEWEST else None]
+        if not still or len(own) == 1:
+            pictures += list(footage.pictures(own))
+            masks += list(footage.masks(own)) if footage.mask is not None else []
+            frames += own.tolist()
+            continue
+        median, known = _median(footage, own)
+        pictures.append(median)
+        masks.append(known)
+        frames.append(int(own[0]))
+    chosen = np.array(frames, np.int64)
+    cameras = jax.tree.map(lambda x: x[chosen], footage.camera)
+    seen = np.stack(masks) if len(masks) == len(pictures) else None
+    return StereoViewSet(_stack(pictures, footage.scale), seen, cameras, chosen)
+
+
+def moving_views(
+    footage: Footage, time: float
+) -> tuple[StereoViewSet, Bool[np.ndarray, "views h w"]] | None:
+    """The pictures of still cameras at one timestamp, masked to what moves and a margin, and which
+    pixels move; None if fewer than two cameras show that anything moves."""
+    pictures, masks, frames = [], [], []
+    for own, still in _cameras(footage):
+        now = own[footage.times[own] == np.float32(time)]
+        if not still or len(own) < _FEWEST or not len(now):
+            continue
+        median, known = _median(footage, own)
+        picture = footage.pictures(now[:1])[0]
+        away = np.abs(picture.astype(np.float32) - median.astype(np.float32))
+        moved = (away > CHANGE * footage.scale).any(axis=-1) & known
+        # Isolated pixels are noise.
+        moved &= uniform_filter(moved.astype(np.float32), 3) > _CLEAN
+        pictures.append(picture)
+        masks.append(moved)
+        frames.append(int(now[0]))
+    if len(frames) < 2 or sum(mask.any() for mask in masks) < 2:
+        return None
+    chosen, moved = np.array(frames, np.int64), np.stack(masks)
+    wide = np.stack([binary_dilation(mask, np.ones((3, 3)), 3) for mask in masks])
+    cameras = jax.tree.map(lambda x: x[chosen], footage.camera)
+    return StereoViewSet(_stack(pictures, footage.scale), wide, cameras, chosen), moved
+
+
+def _moving(views, moved, options, report) -> StereoPoints:
+    """Points of the pixels that move; a silhouette that misses a point counts against it."""
+    factor = reduction(moved.shape[1:], options.pixels)
+    h, w = (n // factor * factor for n in moved.shape[1:])
+    middle = slice(factor // 2, None, factor)
+    return stereo_points(
+        views.pictures,
+        views.cameras,
+        views.masks,
+        options=with_silhouette(options),
+        wanted=moved[:, :h, :w][:, middle, middle],
+        report=report,
+    )
+
+
+def _cameras(footage: Footage) -> list[tuple[Int[np.ndarray, " frames"], bool]]:
+    """The frames of every camera in the order of time, and whether it stands still in all of them:
+    what a camera is named says nothing of that."""
+    path = footage.camera.trajectory
+    pose = np.concatenate([np.asarray(path.quat), np.asarray(path.translation)], axis=-1)
+    result = []
+    for name in np.unique(footage.name):
+        own = np.flatnonzero(footage.name == name)
+        own = own[np.argsort(footage.times[own], kind="stable")]
+        still = path.shake is None and np.ptp(pose[own], axis=(0, 1)).max() < 1e-6
+        several = len(np.unique(footage.times[own])) == len(own)
+        result.append((own, bool(still and several)))
+    return result
+
+
+def _median(footage, own):
+    """Temporal median of a camera's pictures, and where at least half of them count."""
+    some = own[np.linspace(0, len(own) - 1, min(len(own), _MOST)).round().astype(int)]
+    pictures, masks = footage.pictures(some), footage.masks(some)
+    if masks is None:
+        median = np.median(pictures, axis=0)
+        return median.astype(pictures.dtype), np.ones(median.shape[:2], bool)
+    hidden = np.where(masks[..., None], pictures, np.nan)
+    known = masks.mean(axis=0) >= 0.5
+    median = np.nanmedian(np.where(known[None, ..., None], hidden, 0), axis=0)
+    return median.astype(pictures.dtype), known
+
+
+def _stack(pictures, scale):
+    return (
+        np.stack(pictures) if pictures else np.zeros((0, 1, 1, 3), np.uint8 if scale > 1 else float)
+    )
+
+
+def _some(views: StereoViewSet, most: int) -> StereoViewSet:
+    """An even share of the views."""
+    if len(views.frames) <= most:
+        return views
+    chosen = np.linspace(0, len(views.frames) - 1, most).round().astype(int)
+    return jax.tree.map(lambda x: x[chosen], views)
