@@ -34,8 +34,9 @@ TRACE = ["trace.levels=0", "trace.group=2", "trace.chunk=8"]
 BLOCK, INTERVAL = 4, 0.2
 FIT = [
     f"fit.coarse={12 * BLOCK}", f"fit.fine={36 * BLOCK}", f"fit.block={BLOCK}", "fit.tiles=4",
-    "fit.points=100", "fit.surround=0", "track.poses=0", "field.sides=[4]", "field.channels=4",
-    "field.width=8", "need.loss=0", "need.precision=full", f"fit.checkpoint={INTERVAL}", *TRACE,
+    "fit.points=100", "fit.start=given", "fit.surround=0", "track.poses=0", "field.sides=[4]",
+    "field.channels=4", "field.width=8",
+    "need.loss=0", "need.precision=full", f"fit.checkpoint={INTERVAL}", *TRACE,
 ]  # fmt: skip
 
 

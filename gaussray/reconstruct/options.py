@@ -12,6 +12,11 @@ from gaussray.scene.deformation import FieldOptions
 from gaussray.tracer.trace import TraceOptions
 
 
+# Which points the first Gaussians stand on: the capture's if there are enough of them, else those
+# of stereo as well; the capture's, or random ones if it has none; those of stereo; random ones.
+STARTS = ("auto", "given", "stereo", "random")
+
+
 class FitOptions(eqx.Module):
     """The course of a reconstruction.
 
@@ -37,7 +42,8 @@ class FitOptions(eqx.Module):
         rise: harmonics of degree n learn from step n x `rise` on (3DGS: 1000). 0: from the start.
         opacity: opacity of the first Gaussians (3DGS: 0.1).
         spread: scale of the first Gaussians, in distances between points (3DGS: 1).
-        points: random points if the capture has none; if it has fewer, the rest are put between
+        start: which points the first Gaussians stand on, one of STARTS.
+        points: random points if there are none; if there are fewer, the rest are put between
             them (`from_points.between`).
         surround: random Gaussians around the points, in numbers of points: for what is far away,
             and for what mirrors show (`from_points.surrounding`).
@@ -71,6 +77,7 @@ class FitOptions(eqx.Module):
     rise: int = eqx.field(static=True, default=0)
     opacity: float = eqx.field(static=True, default=0.9)
     spread: float = eqx.field(static=True, default=0.6)
+    start: str = eqx.field(static=True, default="auto")
     points: int = eqx.field(static=True, default=10000)
     surround: float = eqx.field(static=True, default=0.15)
     footprint: float = eqx.field(static=True, default=0.35)
@@ -101,6 +108,8 @@ class FitOptions(eqx.Module):
             )
         if self.segment and self.segment < 2:
             raise ValueError(f"fit.segment must be 0 or at least 2, got {self.segment}.")
+        if self.start not in STARTS:
+            raise ValueError(f"fit.start must be one of {', '.join(STARTS)}, got {self.start!r}.")
         if self.degree not in (0, 1, 2, 3):
             raise ValueError(f"fit.degree must be 0, 1, 2 or 3, got {self.degree}.")
 

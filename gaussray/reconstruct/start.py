@@ -1,6 +1,6 @@
 """The state before the first step: where the first Gaussians stand, and which of them may move.
 
-A new kind of initialiser is added in `initialize.initializer`.
+A new kind of initialiser is added in `initialize.initializer.initial_points`.
 """
 
 from dataclasses import replace
@@ -16,7 +16,7 @@ from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.motion_mask import point_activity
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
 from gaussray.reconstruct.initialize.from_points import bodies, on_points, surrounding
-from gaussray.reconstruct.initialize.initializer import initializer
+from gaussray.reconstruct.initialize.initializer import initial_points
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
@@ -36,14 +36,16 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
     Gaussians stand on the points of an initialiser and on random ones around these. Which of them
     may move is decided here, so that static and moving Gaussians keep their rows.
     """
-    fit, chosen = session.options.fit, initializer(session.capture)
-    position, color = chosen.points(session.capture, session.footage, fit)
+    fit = session.options.fit
+    position, color, on_surfaces = initial_points(
+        session.capture, session.footage, fit, session.progress_bar
+    )
     gaussians = on_points(
         position, color, degree=fit.degree, opacity=fit.opacity, spread=fit.spread
     )
-    moves = _moves(session, position, on_surfaces=chosen.on_surfaces)
-    initial = _counts(moves) if chosen.on_surfaces else (0, 0)
-    count = round(fit.surround * len(position)) if chosen.on_surfaces else 0
+    moves = _moves(session, position, on_surfaces=on_surfaces)
+    initial = _counts(moves) if on_surfaces else (0, 0)
+    count = round(fit.surround * len(position)) if on_surfaces else 0
     if count:
         around = surrounding(position, count=count, seed=fit.seed)
         more = on_points(*around, degree=fit.degree, opacity=0.5, flat=1.0)
@@ -144,7 +146,10 @@ def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodi
     There are none where points do not lie on surfaces, nor where every camera took one picture.
     """
     position, times = np.asarray(moving.mean), session.times
-    trackable = initializer(session.capture).on_surfaces and session.has_videos
+    given, start = session.capture.points is not None, session.options.fit.start
+    matched = start in ("auto", "stereo") and sum(progress.initial) > 0
+    on_surfaces = matched or (given and start != "random")
+    trackable = on_surfaces and session.has_videos
     known = progress.bodies
     groups = bodies(
         position if trackable else position[:0],

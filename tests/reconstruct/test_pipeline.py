@@ -36,7 +36,14 @@ pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 OPTIONS = ReconstructOptions(
     fit=FitOptions(
-        coarse=100, fine=200, tiles=4, block=10, checkpoint=0.0, points=27, surround=0.0
+        coarse=100,
+        fine=200,
+        tiles=4,
+        block=10,
+        checkpoint=0.0,
+        points=27,
+        surround=0.0,
+        start="given",
     ),
     track=TrackOptions(poses=8, points=4, elite=2, rounds=1, blur=(0.5,)),
     field=toy.SHORT.field,

@@ -41,6 +41,7 @@ OPTIONS = ReconstructOptions(
         coarse=60,
         fine=60,
         points=1,
+        start="given",
         segment=5,
         tiles=4,
         block=20,

@@ -1,10 +1,12 @@
 """Which points the first Gaussians stand on: an initialiser, chosen by what the capture holds."""
 
 import warnings
-from typing import NamedTuple, Protocol, runtime_checkable
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial import KDTree
 
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureWarning
@@ -12,65 +14,110 @@ from gaussray.capture.points import Points
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.initialize.from_points import between, in_common_view, inliers, merged
+from gaussray.reconstruct.initialize.stereo.from_pictures import points_from_pictures
+from gaussray.reconstruct.initialize.stereo.velocity import typical_gap
 from gaussray.reconstruct.options import FitOptions
+from gaussray.runtime.progress import Progress
+
+
+# Points of stereo below which the pictures do not overlap.
+FEWEST = 100
 
 
 class InitialPoints(NamedTuple):
-    """Positions in the world, and colours in linear light."""
-
-    position: Float[np.ndarray, "points 3"]
-    color: Float[np.ndarray, "points 3"]
-
-
-@runtime_checkable
-class PointSource(Protocol):
-    """A function from a capture and its training pictures to points."""
-
-    def __call__(
-        self, capture: Capture, footage: Footage, options: FitOptions
-    ) -> InitialPoints: ...
-
-
-class Initializer(NamedTuple):
-    """A source of points, and whether these lie `on_surfaces`.
+    """Positions in the world, colours in linear light, and whether the points lie `on_surfaces`.
 
     Only of points on surfaces the pictures tell at once which move, and connected groups of them
     are rigid bodies. Random Gaussians are added around them, and they stay in the scene even if no
     training ray meets them.
     """
 
-    points: PointSource
+    position: Float[np.ndarray, "points 3"]
+    color: Float[np.ndarray, "points 3"]
     on_surfaces: bool
 
 
-def initializer(capture: Capture) -> Initializer:
-    """The initialiser for a capture: its own points if it has any, else random points."""
-    if capture.points is not None:
-        return Initializer(points_of_capture, on_surfaces=True)
-    return Initializer(points_in_view, on_surfaces=False)
+# The progress bar of a piece of work: of its name and its number of steps.
+Bar = Callable[[str, int], Progress]
 
 
-def points_of_capture(capture: Capture, footage: Footage, options: FitOptions) -> InitialPoints:
-    """The points of the capture without duplicates and outliers; if they are fewer than
-    fit.points, the missing ones are put between them."""
-    assert capture.points is not None
-    position, color = cleaned(capture.points, options.outliers)
+def initial_points(
+    capture: Capture, footage: Footage, options: FitOptions, bar: Bar
+) -> InitialPoints:
+    """The points that the first Gaussians stand on, by fit.start: those of the capture, those that
+    stereo finds in the pictures, or random ones. Where stereo finds too few, random ones."""
+    given, start = capture.points, options.start
+    if start == "random" or (start == "given" and given is None):
+        return points_in_view(footage, options)
+    if given is not None and (start == "given" or len(given.position) >= options.points):
+        return points_of_capture(given, options)
+    known = None if given is None or start == "stereo" else given
+    matched = points_of_stereo(footage, options, known, bar)
+    if known is not None:
+        return points_of_capture(filled_up(known, matched), options)
+    if len(matched.position) < FEWEST:
+        warnings.warn(
+            f"stereo finds {len(matched.position)} points in the pictures: the start is random "
+            "ones. Pictures that overlap, of a textured scene, have thousands.",
+            CaptureWarning,
+            stacklevel=2,
+        )
+        return points_in_view(footage, options)
+    return points_of_capture(matched, options)
+
+
+def points_of_capture(points: Points, options: FitOptions) -> InitialPoints:
+    """Points on surfaces without duplicates and outliers; if they are fewer than fit.points, the
+    missing ones are put between them."""
+    position, color = cleaned(points, options.outliers)
     missing = max(options.points - len(position), 0) if len(position) else 0
     more = between(position, color, count=missing, seed=options.seed)
-    return InitialPoints(np.concatenate([position, more[0]]), np.concatenate([color, more[1]]))
+    place, light = (np.concatenate(x) for x in zip((position, color), more, strict=True))
+    return InitialPoints(place, light, on_surfaces=True)
 
 
-def points_in_view(capture: Capture, footage: Footage, options: FitOptions) -> InitialPoints:
+def points_in_view(footage: Footage, options: FitOptions) -> InitialPoints:
     """fit.points random grey points where the cameras look."""
     pose = footage.camera.trajectory
     origin = np.asarray(pose.translation)[:, 0]
     axis = np.asarray(rotation_matrix(pose.quat[:, 0])[:, :, 2])
-    return InitialPoints(*in_common_view(origin, axis, count=options.points, seed=options.seed))
+    points = in_common_view(origin, axis, count=options.points, seed=options.seed)
+    return InitialPoints(*points, on_surfaces=False)
 
 
-def cleaned(points: Points, limit: float) -> InitialPoints:
-    """The points without duplicates, and without those further than `limit` standard deviations
-    from the others (0 keeps all). Warns of how many are left out."""
+def points_of_stereo(
+    footage: Footage, options: FitOptions, known: Points | None, bar: Bar
+) -> Points:
+    """The points that stereo finds in the training pictures."""
+    progress: list[Progress] = []
+
+    def report(done: int, total: int) -> None:
+        if not progress:
+            progress.append(bar("stereo", total))
+        progress[0].report(done)
+
+    return points_from_pictures(footage, known=known, report=report)
+
+
+def filled_up(known: Points, matched: Points) -> Points:
+    """Known points, and those of stereo that lie further from all of them than these from each
+    other: where the known ones leave surfaces empty."""
+    if len(matched.position) < 2:
+        return known
+    gap = max(typical_gap(known.position), typical_gap(matched.position))
+    away, _ = KDTree(known.position).query(matched.position)
+    more = away > gap
+    return Points(
+        np.concatenate([known.position, matched.position[more]]),
+        np.concatenate([known.color, matched.color[more]]),
+    )
+
+
+def cleaned(
+    points: Points, limit: float
+) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
+    """Positions and colours of the points without duplicates, and without those further than
+    `limit` standard deviations from the others (0 keeps all). Warns of how many are left out."""
     count = len(points.position)
     position, color = merged(np.asarray(points.position), np.asarray(points.color))
     keep = inliers(position, limit) if limit else np.ones(len(position), bool)
@@ -82,4 +129,4 @@ def cleaned(points: Points, limit: float) -> InitialPoints:
             CaptureWarning,
             stacklevel=3,
         )
-    return InitialPoints(position[keep], color[keep])
+    return position[keep], color[keep]

@@ -14,17 +14,13 @@ from gaussray.capture.points import Points
 from gaussray.color import srgb_decode
 from gaussray.reconstruct.data.motion_mask import CHANGE
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.initialize.stereo.matching import (
-    StereoPoints,
-    no_points,
-    reduction,
-    stereo_points,
-)
+from gaussray.reconstruct.initialize.stereo.matching import reduction, stereo_points
 from gaussray.reconstruct.initialize.stereo.options import (
     StereoOptions,
     options_for,
     with_silhouette,
 )
+from gaussray.reconstruct.initialize.stereo.points import StereoPoints, no_points
 from gaussray.reconstruct.initialize.stereo.velocity import RegistrationOptions, registered
 
 
@@ -152,7 +148,8 @@ def still_views(footage: Footage) -> StereoViewSet:
         own = own if not still else own[: 1 if len(own) < _FEWEST else None]
         if not still or len(own) == 1:
             pictures += list(footage.pictures(own))
-            masks += list(footage.masks(own)) if footage.mask is not None else []
+            known = footage.masks(own)
+            masks += [] if known is None else list(known)
             frames += own.tolist()
             continue
         median, known = _median(footage, own)

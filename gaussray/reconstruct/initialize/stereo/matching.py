@@ -1,7 +1,6 @@
 """Dense multi-view stereo: points of all surfaces that the pictures of one instant show."""
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,27 +12,21 @@ from gaussray.camera.camera import Camera
 from gaussray.reconstruct.initialize.stereo.consistency import Agreement, agreement
 from gaussray.reconstruct.initialize.stereo.neighbours import StereoPairs, stereo_pairs
 from gaussray.reconstruct.initialize.stereo.options import StereoOptions
+from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 from gaussray.reconstruct.initialize.stereo.refine import Surface, refine
 from gaussray.reconstruct.initialize.stereo.subsample import evenly
 from gaussray.reconstruct.initialize.stereo.sweep import Levels, sweep
-from gaussray.reconstruct.initialize.stereo.views import StereoViews, rays, stereo_views, unpacked
+from gaussray.reconstruct.initialize.stereo.views import (
+    StereoViews,
+    halved,
+    rays,
+    stereo_views,
+    unpacked,
+)
 
 
-# Pixels of disparity between two levels of the sweep.
-_STRIDE = 1.5
-
-
-class StereoPoints(NamedTuple):
-    """Points of surfaces, on the host: place and unit normal in the world, sRGB-encoded colour
-    (0..1), how sure each is (0..1: the share of a cost of 0 and of many views), the standard
-    deviation of its place along the ray, and the gap to its neighbours that its pixel spans."""
-
-    position: Float[np.ndarray, "points 3"]
-    normal: Float[np.ndarray, "points 3"]
-    color: Float[np.ndarray, "points 3"]
-    confidence: Float[np.ndarray, " points"]
-    error: Float[np.ndarray, " points"]
-    scale: Float[np.ndarray, " points"]
+# Pixels of disparity between two levels of the sweep, which is of pictures of half the size.
+_STRIDE = 2.5
 
 
 def stereo_points(
@@ -81,12 +74,6 @@ def stereo_points(
     return evenly(StereoPoints(*map(np.concatenate, zip(*parts, strict=True))), options.points)
 
 
-def no_points() -> StereoPoints:
-    """The empty set."""
-    vector, number = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
-    return StereoPoints(vector, vector, vector, number, number, number)
-
-
 def reduction(size: tuple[int, int], pixels: int) -> int:
     """The integer by which a picture of this size is reduced to have about `pixels` at most."""
     return max(1, int(np.ceil(np.sqrt(size[0] * size[1] / pixels) - 0.05)))
@@ -113,8 +100,18 @@ def _matched(
 ) -> Surface:
     own, near = views[i], views[neighbour]
     ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
-    candidates = sweep(own, ray, near, levels, options)
+    small = halved(own)
+    small_ray = rays(small.lens, small.world_from_camera, small.size, small.factor)
+    swept = sweep(small, small_ray, halved(near), levels, options)
+    candidates = jax.tree.map(lambda x: _doubled(x, own.size), swept)
     return refine(own, ray, near, candidates, levels, options)
+
+
+def _doubled(value: Float[Array, "... rows columns"], size: tuple[int, int]):
+    """An array of twice the size, every value four times; the last repeats up to `size`."""
+    value = jnp.repeat(jnp.repeat(value, 2, axis=-2), 2, axis=-1)
+    lack = [n - m for n, m in zip(size, value.shape[-2:], strict=True)]
+    return jnp.pad(value, [(0, 0)] * (value.ndim - 2) + [(0, k) for k in lack], mode="edge")
 
 
 def confirmed(

@@ -10,9 +10,10 @@ class StereoOptions(eqx.Module):
 
     A picture is reduced until it has at most `pixels`; of more than `views` pictures an even share
     is matched. Every view is compared with `neighbours` others at no more than `depths` distances
-    (as many as steps of 1.5 pixels need), on spheres about the camera and on planes of `tilts`
-    inclinations (degrees, four directions each), in windows of (2 `radius` + 1)^2 pixels. `modes`
-    best distances are refined in `rounds` rounds of propagation and search.
+    (as many as steps of 2.5 pixels need), on spheres about the camera and on planes of `tilts`
+    inclinations (degrees, four directions each), in pictures of half the size and windows of
+    (2 `radius` + 1)^2 pixels. The `modes` best distances are refined in the whole pictures, in
+    `rounds` rounds of propagation and search.
 
     A cost is `zncc` (1 - ZNCC) + (1 - `zncc`) min(colour difference / `color`, 1), at most 1, with
     ZNCC regularised by the noise of a picture (`noise`, of full scale). A point stays if it costs

@@ -18,7 +18,13 @@ from gaussray.reconstruct.initialize.stereo.cost import (
 )
 from gaussray.reconstruct.initialize.stereo.options import StereoOptions
 from gaussray.reconstruct.initialize.stereo.sweep import Candidates, Levels
-from gaussray.reconstruct.initialize.stereo.views import StereoViews, sampled, seen_at, unpacked
+from gaussray.reconstruct.initialize.stereo.views import (
+    StereoViews,
+    sampled,
+    seen_at,
+    turned,
+    unpacked,
+)
 
 
 # Windows may be seen this many times larger or smaller by a neighbour.
@@ -53,7 +59,7 @@ def moves(rounds: int) -> Float[np.ndarray, "moves 5"]:
         shift, turn = 0.5 / 2**k, np.tan(np.radians(30)) / 2**k
         table += [(0, 0, s, 0, 0) for s in (-shift, shift, -shift / 2, shift / 2)]
         table += [(0, 0, 0, turn, 0), (0, 0, 0, -turn, 0), (0, 0, 0, 0, turn), (0, 0, 0, 0, -turn)]
-        table += [(0, 0, s, 0, 0) for s in (-shift / 4, shift / 4)]
+        table += [(0, 0, s, 0, 0) for s in (-shift / 4, shift / 4, -shift / 8, shift / 8)]
     return np.array(table, np.float64)
 
 
@@ -70,7 +76,8 @@ def refine(
     patch = _Patch(own, ray, near, options)
 
     def pick(surface: Surface, hypothesis):
-        return _better(surface, *hypothesis, patch.cost(*hypothesis)), None
+        inverse, normal = hypothesis
+        return _better(surface, inverse, normal, patch.cost(inverse, normal)), None
 
     empty = Surface(candidates.inverse[0], candidates.normal[0], jnp.full_like(ray[0], 2))
     surface, _ = jax.lax.scan(pick, empty, (candidates.inverse, candidates.normal))
@@ -78,7 +85,7 @@ def refine(
     last = levels.first + (levels.count - 1) * levels.step
 
     def move(surface: Surface, change):
-        hypothesis = _moved(surface, ray, change, levels.step)
+        hypothesis = _moved(surface, ray, change, levels.step, own.world_from_camera)
         facing = -jnp.sum(hypothesis[1] * ray, axis=0)
         allowed = (hypothesis[0] >= levels.first) & (hypothesis[0] <= last) & (facing > _GRAZING)
         cost = jnp.where(allowed, patch.cost(*hypothesis), 2)
@@ -98,7 +105,7 @@ def _better(surface, inverse, normal, cost):
     )
 
 
-def _moved(surface, ray, change, step):
+def _moved(surface, ray, change, step, axes):
     """Inverse distance and normal of the hypothesis that a move makes of the surface."""
     shift = -change[:2].astype(jnp.int32)
     rolled = jax.tree.map(lambda x: jnp.roll(x, shift, axis=(-2, -1)), (surface, ray))
@@ -108,19 +115,21 @@ def _moved(surface, ray, change, step):
     along = jnp.sum(other.normal * ray, axis=0)
     inverse = other.inverse * along / jnp.where(facing < -1e-6, facing, -1)
     inverse = inverse + change[2] * step
-    first, second = _tangents(other.normal)
+    first, second = _tangents(other.normal, axes)
     normal = normalize_first(other.normal + change[3] * first + change[4] * second)
     return inverse, normal
 
 
-def _tangents(normal):
-    """Two directions perpendicular to a normal and to each other (Duff et al. 2017)."""
-    x, y, z = normal
+def _tangents(normal, axes):
+    """Two directions perpendicular to a normal and to each other (Duff et al. 2017), built in the
+    camera's axes, so that they turn with the camera."""
+    x, y, z = turned(axes.T, normal)
     sign = jnp.where(z < 0, -1.0, 1.0).astype(normal.dtype)
     a = -1 / (sign + z)
     b = x * y * a
     first = jnp.stack([1 + sign * x * x * a, sign * b, -sign * x])
-    return first, jnp.stack([b, sign + y * y * a, -y])
+    second = jnp.stack([b, sign + y * y * a, -y])
+    return turned(axes, first), turned(axes, second)
 
 
 def normalize_first(vector: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:

@@ -1,12 +1,9 @@
 """An even share of many points: one per voxel, in voxels as fine as the pictures are there."""
 
-from typing import TypeVar
-
 import numpy as np
 from jaxtyping import Float, Int
 
-
-Points = TypeVar("Points", bound=tuple)
+from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 
 
 def voxels(
@@ -22,19 +19,20 @@ def voxels(
     return np.unique(key, return_inverse=True)[1].reshape(-1)
 
 
-def evenly(points: Points, count: int) -> Points:
-    """About `count` of the points (a tuple of arrays with position, scale and confidence): the mean
-    of each voxel's, weighted by confidence, of voxels of the size that leaves so many."""
+def evenly(points: StereoPoints, count: int) -> StereoPoints:
+    """About `count` of the points: the mean of each voxel's, weighted by confidence, of voxels of
+    the size that leaves so many."""
     if len(points.position) <= count:
         return points
     # Of surfaces, the number of voxels falls with the square of their size.
     size = 1.0
+    label = voxels(points.position, points.scale, size)
     for _ in range(6):
-        label = voxels(points.position, points.scale, size)
         ratio = (label.max() + 1) / count
         if 0.95 < ratio < 1.05:
             break
         size *= np.sqrt(ratio)
+        label = voxels(points.position, points.scale, size)
     weight = np.maximum(points.confidence, 1e-6).astype(np.float64)
     total = np.bincount(label, weight)
 
@@ -48,4 +46,4 @@ def evenly(points: Points, count: int) -> Points:
     merged["normal"] = merged["normal"] / np.maximum(length, 1e-12)
     # A voxel's point stands for all of it.
     merged["scale"] = merged["scale"] * size
-    return type(points)(**merged)
+    return StereoPoints(**merged)

@@ -83,16 +83,17 @@ def registered(
         return Motion(np.zeros_like(position), still, np.full(count, _LOST, position.dtype))
     gap = typical_gap(next_position)
     center = next_position.mean(axis=0)
-    clouds = []
-    for place, shade in ((position, color), (next_position, next_color)):
-        kept = dice.permutation(len(place))[: options.points]
-        clouds.append(_padded((place[kept] - center) / gap, shade[kept], options))
+    chosen = dice.permutation(count)[: options.points]
+    here = _padded((position[chosen] - center) / gap, color[chosen], options)
+    chosen = dice.permutation(len(next_position))[: options.points]
+    there = _padded((next_position[chosen] - center) / gap, next_color[chosen], options)
     seeds = dice.integers(min(count, options.points), size=options.seeds)
     uniform = dice.random((options.seeds, options.points)).astype(position.dtype)
     rows = -(-count // options.points) * options.points
     every = np.resize((position - center) / gap, (rows, 3)).reshape(-1, options.points, 3)
     moved = _registered(
-        *clouds,
+        here,
+        there,
         jnp.asarray(every),
         jnp.asarray(seeds),
         jnp.asarray(uniform),
@@ -201,7 +202,7 @@ def _refined(patch, color, pivot, there, start, options):
         )
 
     def step(motion, width):
-        distance, match = residual(*motion, width)
+        distance, match = residual(motion[0], motion[1], width)
         weight = jnp.exp(-0.5 * distance**2) + 1e-6
         return rigid(patch, there.position[match] - pivot[None], weight), None
 

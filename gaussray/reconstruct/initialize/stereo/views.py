@@ -1,5 +1,7 @@
 """Pictures and cameras as stereo matching needs them: packed pixels, poses, viewing directions."""
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -22,7 +24,7 @@ Channels = tuple[Array, ...]
 
 
 class StereoViews(eqx.Module):
-    """Pictures with their lenses and poses; the leading axis is the view.
+    """Pictures with their lenses and poses; the leading axis is the view (one view has none).
 
     `pixel` packs sRGB-encoded red, green and blue in 10 bits each and the mask in one more: a
     sample of a picture is then one number per corner, which CPUs gather four times as fast as four
@@ -30,11 +32,11 @@ class StereoViews(eqx.Module):
     mean angle between the rays of neighbouring pixels (radians).
     """
 
-    pixel: Int[Array, "views h w"]
+    pixel: Int[Array, "*views h w"]
     lens: AbstractLens
-    world_from_camera: Float[Array, "views 3 3"]
-    origin: Float[Array, "views 3"]
-    angle: Float[Array, " views"]
+    world_from_camera: Float[Array, "*views 3 3"]
+    origin: Float[Array, "*views 3"]
+    angle: Float[Array, "*views"]
     factor: int = eqx.field(static=True)
 
     def __getitem__(self, index) -> "StereoViews":
@@ -177,6 +179,20 @@ def sampled(
     )
     a, b, c, d = around
     return jax.lax.optimization_barrier(channels), ((a & b & c & d) >> _MASK_BIT) > 0
+
+
+def halved(views: StereoViews) -> StereoViews:
+    """The views with pictures of half the size; a pixel is masked where any of its four is."""
+    h, w = (n // 2 for n in views.size)
+    blocks = views.pixel[..., : 2 * h, : 2 * w].reshape(*views.pixel.shape[:-2], h, 2, w, 2)
+    parts = [blocks[..., i, :, j] for i in (0, 1) for j in (0, 1)]
+    pixel = functools.reduce(jnp.bitwise_and, parts) & (1 << _MASK_BIT)
+    for shift in _SHIFTS:
+        level = sum((part >> shift) & _LEVELS for part in parts)
+        pixel = pixel | ((level + 2) // 4) << shift
+    return StereoViews(
+        pixel, views.lens, views.world_from_camera, views.origin, 2 * views.angle, 2 * views.factor
+    )
 
 
 def unpacked(pixel: Int[Array, "..."], dtype: DTypeLike) -> tuple[Channels, Bool[Array, "..."]]:
