@@ -169,7 +169,7 @@ def moving_views(
     pixels move; None if fewer than two cameras show that anything moves."""
     pictures, masks, frames = [], [], []
     for own, still in _cameras(footage):
-        now = own[footage.times[own] == np.float32(time)]
+        now = own[footage.times[own] == footage.times.dtype.type(time)]
         if not still or len(own) < _FEWEST or not len(now):
             continue
         median, known = _median(footage, own)

@@ -1,0 +1,105 @@
+"""Which pictures stereo sees: medians of still cameras, all frames of moving ones, what moves."""
+
+import dataclasses
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from textured_plane import PLACES, SIZE, perspective, rig
+
+from gaussray.capture.points import Points
+from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.tiles import cut, tile_pixels
+from gaussray.reconstruct.initialize.initializer import filled_up
+from gaussray.reconstruct.initialize.stereo.from_pictures import moving_views, still_views
+
+
+TIMES = (0.0, 0.25, 0.5, 0.75, 1.0)
+SIDE = 8
+# Where the square stands in frame k: columns 8 k to 8 k + 8.
+ROWS = slice(16, 28)
+
+
+def film_of_square(*, moving_camera=False):
+    """Two cameras of five frames each: an even background, and a white square that moves; the
+    second camera may move too."""
+    base = rig(perspective(), [PLACES[0]] * 5 + [PLACES[1]] * 5)
+    times = jnp.asarray(TIMES * 2, jnp.float32)
+    base = eqx.tree_at(lambda c: c.time, base, times)
+    if moving_camera:
+        shift = jnp.arange(5.0)[:, None, None] * jnp.asarray([0.1, 0, 0])[None, None]
+        path = base.trajectory.translation
+        path = path.at[5:].add(shift)
+        base = eqx.tree_at(lambda c: c.trajectory.translation, base, path)
+    pictures = np.full((10, SIZE, SIZE, 3), 60, np.uint8)
+    for k in range(10):
+        pictures[k, ROWS, 8 * (k % 5) : 8 * (k % 5) + 8] = 255
+    pixels = tile_pixels(base.film, SIDE)
+    tiles = np.stack([cut(picture, pixels) for picture in pictures])
+    names = np.array(["a"] * 5 + ["b"] * 5)
+    fields = {field.name for field in dataclasses.fields(Footage)}
+    extra = {"bundle": SIDE} if "bundle" in fields else {}
+    return Footage(tiles, None, base, names, SIDE, **extra), pictures
+
+
+def test_what_passes_by_is_not_in_the_medians_of_still_cameras():
+    footage, _ = film_of_square()
+    views = still_views(footage)
+    assert views.frames.tolist() == [0, 5]
+    np.testing.assert_array_equal(views.pictures, 60)
+
+
+def test_every_frame_of_a_moving_camera_is_a_view_of_its_own():
+    footage, pictures = film_of_square(moving_camera=True)
+    views = still_views(footage)
+    assert views.frames.tolist() == [0, 5, 6, 7, 8, 9]
+    np.testing.assert_array_equal(views.pictures[1:], pictures[5:])
+    places = np.asarray(views.cameras.trajectory.translation)[1:, 0, 0]
+    assert np.all(np.diff(places) > 0.09)
+
+
+def test_pictures_of_one_instant_are_views_as_they_are():
+    footage, pictures = film_of_square()
+    once = dataclasses.replace(footage, name=np.array([f"cam{k}" for k in range(10)]))
+    np.testing.assert_array_equal(still_views(once).pictures, pictures)
+
+
+def test_moving_pixels_are_those_that_differ_from_the_median():
+    footage, pictures = film_of_square()
+    found = moving_views(footage, 0.5)
+    assert found is not None
+    views, moved = found
+    square = np.zeros((SIZE, SIZE), bool)
+    square[ROWS, 16:24] = True
+    assert views.frames.tolist() == [2, 7] and views.masks is not None
+    # The corners have few moving neighbours.
+    assert (moved[0] & ~square).sum() == 0 and (square & ~moved[0]).sum() <= 4
+    assert views.masks[0].sum() > square.sum() and (views.masks[0] | ~moved[0]).all()
+    np.testing.assert_array_equal(views.pictures[0], pictures[2])
+
+
+def test_without_two_still_cameras_nothing_is_known_to_move():
+    footage, _ = film_of_square(moving_camera=True)
+    assert moving_views(footage, 0.5) is None
+
+
+def test_stereo_fills_up_known_points_only_where_they_leave_surfaces_empty():
+    x, y = np.meshgrid(np.arange(20.0), np.arange(10.0))
+    plane = np.stack([x.ravel(), y.ravel(), np.zeros(200)], axis=1).astype(np.float32)
+    known = Points(plane[plane[:, 0] < 10], np.zeros((100, 3), np.float32))
+    matched = Points(plane + np.float32([0.2, 0.1, 0]), np.ones((200, 3), np.float32))
+    whole = filled_up(known, matched)
+    np.testing.assert_array_equal(whole.position[:100], known.position)
+    added = whole.position[100:]
+    assert len(added) == 100 and added[:, 0].min() > 10 and np.all(whole.color[100:] == 1)
+
+
+def test_leaves_of_views_are_those_of_their_frames():
+    footage, _ = film_of_square()
+    cameras = still_views(footage).cameras
+    expected = jax.tree.map(lambda leaf: leaf[np.array([0, 5])], footage.camera)
+    assert all(
+        np.array_equal(a, b)
+        for a, b in zip(jax.tree.leaves(cameras), jax.tree.leaves(expected), strict=True)
+    )
