@@ -4,6 +4,7 @@ import functools
 from collections.abc import Iterable
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
@@ -74,7 +75,8 @@ def best_half(
     """Mean cost over the better half (at least two) of the views that see a point: the others may
     see something in front of it. 1 where no view sees it; one view that sees it counts half."""
     count = cost.shape[0]
-    cost = jnp.where(sees, cost, 1)
+    # Else a CPU computes the costs anew for every comparison.
+    cost = jax.lax.optimization_barrier(jnp.where(sees, cost, 1))
     taken = jnp.sum(sees, axis=0)
     taken = jnp.maximum((taken + 1) // 2, min(2, count))
     # The rank of each by comparisons: XLA's sort is slow for few elements.
