@@ -167,9 +167,8 @@ def _write(scene: Scene, views: list[Camera], options, trace: TraceOptions, devi
         for i, view in enumerate(views)
     ]
     with tempfile.TemporaryDirectory() as out:
-        render_dataset(
-            scene, records, out, options=options, trace=trace, devices=devices, quiet=True
-        )
+        renderer = Renderer(scene, options=options, trace=trace, devices=devices)
+        render_dataset(renderer, records, out, quiet=True)
 
 
 def exponent(x: ArrayLike, seconds: ArrayLike) -> float:

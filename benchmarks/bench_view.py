@@ -79,7 +79,7 @@ def _measured(
         timer, began = StageTimer(), time.perf_counter()
         with timer.stage("tracing"):
             shot = model.shot(values, viewpoint, size)
-            camera = with_chromatic(shot.records[0].camera, shot.sensor.chromatic)
+            camera = with_chromatic(shot.records[0].camera, shot.dataset.sensor.chromatic)
             while (preview := previewer(camera, rays)) is None or previewer.compiling:
                 time.sleep(0.05)
         with timer.stage("developing"):

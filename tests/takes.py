@@ -1,5 +1,5 @@
-"""What `test_factory.py` kills: `takes.py SCENE OUT N CAMERA` films six takes of two frames, and is
-gone when its file number N (0: none) is written but not yet in its place.
+"""What `test_generate.py` kills: `takes.py SCENE OUT N CAMERA` renders six samples of two frames.
+The process is killed when file number N (0: none) is written but not yet in its place.
 
 With CAMERA = quick all is as ever but the pictures, which show noise instead of the scene.
 """

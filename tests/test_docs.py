@@ -21,7 +21,7 @@ from gaussray.cli.help import VERBS
 from gaussray.cli.main import main
 from gaussray.config import compose as configurations
 from gaussray.config.compose import compose_config
-from gaussray.config.jobs import shot_of
+from gaussray.config.jobs import render_job
 from gaussray.config.options import build_options
 from gaussray.config.schema import choices, groups, keys
 from gaussray.dataset.manifest import write_manifest
@@ -105,7 +105,7 @@ def checked_verb(words):
     if verb == "render":
         build_options(SensorOptions, cfg.sensor)
         if not cfg.factory.count:
-            shot_of(cfg, lambda _: None, lambda *_: views())
+            render_job(cfg, lambda _: None, lambda *_: views())
 
 
 @functools.cache

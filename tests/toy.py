@@ -174,7 +174,8 @@ def with_effect(listed: list[FrameRecord]) -> list[FrameRecord]:
 def write_paired(folder: Path, filmed: Scene) -> Path:
     """A paired capture of a scene with points and an effect."""
     one = RenderOptions(samples=1)
-    render_dataset(filmed, with_effect(records()), folder, options=one, trace=TRACE, quiet=True)
+    renderer = Renderer(filmed, options=one, trace=TRACE)
+    render_dataset(renderer, with_effect(records()), folder, quiet=True)
     write_points(folder / "points3d.ply", filmed)
     return folder
 

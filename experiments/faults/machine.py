@@ -27,8 +27,8 @@ from gaussray.dataset.manifest import write_manifest
 # What is called over and over during a work, and at which call something happens.
 MOMENTS = {
     "reconstruct": ("gaussray.reconstruct.log.Journal.record", 30),
-    "render": ("gaussray.render.dataset._write", 6),
-    "takes": ("gaussray.render.dataset._write", 6),
+    "render": ("gaussray.render.dataset.write_picture", 6),
+    "takes": ("gaussray.render.dataset.write_picture", 6),
     "evaluate": ("gaussray.evaluate.pipeline.write_image", 4),
 }
 # Of memory, for frames that need more.

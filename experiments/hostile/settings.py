@@ -34,16 +34,16 @@ def _preset(folder: Path) -> object:
 
 def _command(folder: Path) -> object:
     from gaussray.config.compose import compose_config
-    from gaussray.config.jobs import _drawn
+    from gaussray.config.jobs import all_distributions
 
-    return _drawn(compose_config("render", [*PLAIN, "sample=mine", _search(folder)]))
+    return all_distributions(compose_config("render", [*PLAIN, "sample=mine", _search(folder)]))
 
 
 def _yaml(folder: Path) -> object:
     from hydra.core.default_element import GroupDefault, ResultDefault
 
     from gaussray.config.compose import check_search_path, one_message, resolve
-    from gaussray.config.jobs import _drawn
+    from gaussray.config.jobs import all_distributions
 
     with one_message("render", [_search(folder)]):
         check_search_path([_search(folder)])
@@ -59,7 +59,7 @@ def _yaml(folder: Path) -> object:
         placed = ResultDefault(config_path=NAME, package=chosen.get_final_package())
         cfg = copy.deepcopy(plain)
         cfg.merge_with(loader._load_single_config(placed, repository).config)
-    return _drawn(resolve("render", cfg))
+    return all_distributions(resolve("render", cfg))
 
 
 @functools.cache

@@ -89,14 +89,15 @@ def _scalars(cfg: Configuration, out: Path) -> Callable[[dict[str, Any]], None] 
 
 
 def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
-    from gaussray.config.jobs import shot_of
-    from gaussray.render.randomize.generate import film
+    from gaussray.config.jobs import render_job
+    from gaussray.render.dataset import render_dataset
 
-    shot = shot_of(cfg)
-    out = film(shot, begin_run_folder(cfg), devices=devices, quiet=cfg.quiet)
-    effect, count = shot.records[0].effect, len(shot.records)
+    job = render_job(cfg)
+    out, quiet = begin_run_folder(cfg), cfg.quiet
+    render_dataset(job.renderer(devices), job.records, out, options=job.dataset, quiet=quiet)
+    effect, count = job.records[0].effect, len(job.records)
     _say(f"{out}: {count} frames of {effect}.", out=str(out), frames=count, effect=effect)
-    return {"scene": shot.scene}
+    return {"scene": job.scene}
 
 
 def view(cfg: Configuration, overrides: Sequence[str]) -> None:

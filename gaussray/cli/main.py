@@ -103,10 +103,10 @@ def _run(verb: str, overrides: Sequence[str]) -> None:
     check_style(str(cfg.get("progress", "auto")))
     limit(build_options(Limits, cfg.limits))
     if verb == "render" and cfg.factory.count:
-        from gaussray.config.jobs import produce
+        from gaussray.config.jobs import generate_dataset
         from gaussray.dataset.takes import MANIFEST
 
-        told = produce(cfg, overrides)
+        told = generate_dataset(cfg, overrides)
         if cfg.report and (Path(str(cfg.out)) / MANIFEST).is_file():
             _page("takes", Path(str(cfg.out)), {})
         say(told, "result", verb=verb, out=cfg.out)

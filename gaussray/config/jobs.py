@@ -1,4 +1,4 @@
-"""From a configuration to pictures: the shot it describes, or all takes of a distribution."""
+"""From a configuration to a render job, or to all samples of its distributions."""
 
 import contextlib
 import functools
@@ -17,10 +17,11 @@ from gaussray.config.yaml_files import to_plain
 from gaussray.dataset.takes import MANIFEST, write_takes
 from gaussray.io.safe.limits import Limits, limit
 from gaussray.render.aov.labeller import check_labels
-from gaussray.render.randomize.distributions import distributions
-from gaussray.render.randomize.generate import Shot, produce as produce_takes
+from gaussray.render.job import RenderJob
+from gaussray.render.options import DatasetOptions, RenderOptions
+from gaussray.render.randomize.distributions import read_distributions
+from gaussray.render.randomize.generate import generate_samples
 from gaussray.render.randomize.options import FactoryOptions
-from gaussray.render.renderer import RenderOptions
 from gaussray.render.rig import physical_units as physical, rig as rigs
 from gaussray.render.rig.validate import check_possible
 from gaussray.runtime.devices import DevicesOptions, begin, together
@@ -28,17 +29,25 @@ from gaussray.scene.store import load_scene
 from gaussray.tracer.trace import TraceOptions
 
 
-# Keys that say what is told of the work, and those that say where and by whom takes are made, not
-# what they are.
-TALK = ("quiet", "progress", "report")
-ELSEWHERE = ("preset", "out", "devices", "limits", "sample", "factory", *TALK)
-# Keys in which processes differ that work on one data set.
-SHARED = ("out", "devices", "factory.shard", "factory.shards", "render.memory", *TALK)
-SEEDS = {"integer": [0, 2**31 - 1]}
+# Keys about progress and reports.
+_REPORTING = ("quiet", "progress", "report")
+# Keys that say where and by whom a sample is rendered: they are no parameters of the sample.
+_NO_PARAMETERS = ("preset", "out", "devices", "limits", "sample", "factory", *_REPORTING)
+# Keys that may differ between the processes that work on one dataset.
+_PER_PROCESS = (
+    "out",
+    "devices",
+    "factory.shard",
+    "factory.shards",
+    "render.memory",
+    *_REPORTING,
+)
+# The distribution of every seed of a randomised dataset.
+_SEEDS = {"integer": [0, 2**31 - 1]}
 
 
 def rig_options(cfg: Configuration) -> rigs.RigOptions:
-    """The camera that a configuration asks for, but for its `physical` numbers."""
+    """The cameras that a configuration asks for, without its `physical` values."""
     return rigs.RigOptions(
         camera=build_options(rigs.CameraOptions, cfg.camera),
         lens=build_options(rigs.LensOptions, cfg.lens),
@@ -49,87 +58,107 @@ def rig_options(cfg: Configuration) -> rigs.RigOptions:
     )
 
 
-def shot_of(
+def render_job(
     cfg: Configuration, load: Callable = load_scene, cameras: Callable = rigs.cameras_of
-) -> Shot:
-    """What is filmed; `load` and `cameras` read scenes and views where many shots share them."""
-    wanted = rig_options(cfg)
-    given = build_options(physical.PhysicalOptions, cfg.physical)
+) -> RenderJob:
+    """The render job of a configuration.
+
+    Args:
+        cfg: A configuration of `gaussray render` or `gaussray view`.
+        load: Reads the scene from its path; a cached function where many jobs share the scene.
+        cameras: Reads the views from the paths of scene and capture, likewise.
+
+    Raises:
+        ValueError: A value is impossible; the message names its key and its rule.
+    """
+    rig = rig_options(cfg)
+    units = build_options(physical.PhysicalOptions, cfg.physical)
     sensor = build_options(SensorOptions, cfg.sensor)
-    sampling, trace = (
+    options, trace = (
         build_options(RenderOptions, cfg.render),
         build_options(TraceOptions, cfg.trace),
     )
     fps = as_type(float, cfg.fps, "fps")
     if not fps > 0:
         raise ValueError(f"fps must be above 0, got {fps}.")
-    asked = as_type(tuple, to_plain(cfg.labels), "labels")
-    check_labels(asked)
+    labels = as_type(tuple, to_plain(cfg.labels), "labels")
+    check_labels(labels)
     scene = load(cfg.scene)
     views = cameras(cfg.scene, cfg.cameras)
-    film = physical.applied(wanted, given)
+    in_scene_units = physical.applied(rig, units)
     records = rigs.rig(
-        views, options=film, samples=sampling.samples, format=as_type(str, cfg.format, "format")
+        views,
+        options=in_scene_units,
+        samples=options.samples,
+        format=as_type(str, cfg.format, "format"),
     )
-    physical.check_shape(given, (record.camera.film for record in records))
-    check_possible(film, records)
-    return Shot(
-        scene, records, sampling, trace, sensor, physical.described(wanted, given), asked, fps
-    )
+    physical.check_shape(units, (record.camera.film for record in records))
+    check_possible(in_scene_units, records)
+    dataset = DatasetOptions(sensor, labels, fps, physical.described(rig, units))
+    return RenderJob(scene, records, options, trace, dataset)
 
 
-def produce(cfg: Configuration, overrides: Sequence[str]) -> str:
-    """Film takes of the distributions in `sample`, this process's share or all by Hydra's launcher;
-    what is to be said of it."""
-    chosen, out = build_options(FactoryOptions, cfg.factory), Path(cfg.out)
-    if chosen.shards > 1:
-        shares = range(chosen.shards)
-        # All name one folder, also if it is named by the time.
+def generate_dataset(cfg: Configuration, overrides: Sequence[str]) -> str:
+    """Render samples of the distributions in `sample`: this process's shard, or all shards through
+    Hydra's launcher. Returns the line that tells the user the result."""
+    factory, out = build_options(FactoryOptions, cfg.factory), Path(cfg.out)
+    if factory.shards > 1:
+        # All shards share one folder, also if it is named by the time.
         overrides = [*(word for word in overrides if not word.startswith("out=")), f"out={out}"]
-        jobs = [[f"factory.shard={i}/{chosen.shards}", "factory.shards=1"] for i in shares]
-        launch_jobs("render", overrides, jobs, functools.partial(film_share, overrides))
+        jobs = [
+            [f"factory.shard={i}/{factory.shards}", "factory.shards=1"]
+            for i in range(factory.shards)
+        ]
+        launch_jobs("render", overrides, jobs, functools.partial(render_shard, overrides))
         with contextlib.suppress(OSError):
-            (out / "jobs").rmdir()  # where no cluster has left anything
-        missing = write_takes(out, chosen.count)
+            (out / "jobs").rmdir()  # which stays empty unless a cluster has left files
+        missing = write_takes(out, factory.count)
     else:
-        missing = film_share(overrides, cfg)
+        missing = render_shard(overrides, cfg)
     if missing:
-        return f"{out}: {missing} of {chosen.count} takes are for other shards to film."
-    return f"{out / MANIFEST}: {chosen.count} takes."
+        return f"{out}: {missing} of {factory.count} samples are left to other shards."
+    return f"{out / MANIFEST}: {factory.count} samples."
 
 
-def film_share(overrides: Sequence[str], cfg: Configuration) -> int:
-    """Film the takes of one shard; how many of all are not there yet."""
+def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
+    """Render the samples of one shard. Returns how many samples of all shards are missing."""
     limit(build_options(Limits, cfg.limits))
     devices = begin(build_options(DevicesOptions, cfg.devices))
     if together():
         raise ValueError(
-            "devices.hosts must be 1 with factory.count: processes share takes by factory.shard."
+            "devices.hosts must be 1 with factory.count: processes share the samples by "
+            "factory.shard."
         )
     variations = Variations("render", overrides)
     load, cameras = functools.lru_cache(2)(load_scene), functools.lru_cache(2)(rigs.cameras_of)
 
-    def shoot(values: Mapping[str, Any]) -> tuple[dict[str, Any], Shot]:
-        made = variations.with_values(values)
-        parameters = {key: value for key, value in to_plain(made).items() if key not in ELSEWHERE}
-        # No matter of the pictures: with less of it a data set is gone on with.
+    def make_job(values: Mapping[str, Any]) -> tuple[dict[str, Any], RenderJob]:
+        varied = variations.with_values(values)
+        parameters = {k: v for k, v in to_plain(varied).items() if k not in _NO_PARAMETERS}
+        # Pictures do not depend on it: a dataset that ran out of memory continues with less.
         del parameters["render"]["memory"]
-        return parameters, shot_of(made, load, cameras)
+        return parameters, render_job(varied, load, cameras)
 
-    chosen = build_options(FactoryOptions, cfg.factory)
-    out = begin_run_folder(cfg, without=SHARED, part=chosen.shard)
-    how = {"options": chosen, "devices": devices}
-    return produce_takes(out, _drawn(cfg), shoot, **how, quiet=cfg.quiet)
+    factory = build_options(FactoryOptions, cfg.factory)
+    out = begin_run_folder(cfg, without=_PER_PROCESS, part=factory.shard)
+    return generate_samples(
+        out,
+        all_distributions(cfg),
+        make_job,
+        options=factory,
+        devices=devices,
+        quiet=cfg.quiet,
+    )
 
 
-def _drawn(cfg: Configuration) -> dict[str, dict[str, Any]]:
-    """The distributions of the configuration, and of all seeds in it: what happens by chance shall
-    not happen twice."""
+def all_distributions(cfg: Configuration) -> dict[str, dict[str, Any]]:
+    """The distributions of the configuration, and one for every seed in it: two samples must not
+    have the same noise."""
     seeds = {
-        f"{group}.{key}": SEEDS
+        f"{group}.{key}": _SEEDS
         for group, node in cfg.items()
-        if OmegaConf.is_dict(node) and group not in ELSEWHERE
+        if OmegaConf.is_dict(node) and group not in _NO_PARAMETERS
         for key in node
         if str(key).endswith("seed")
     }
-    return seeds | distributions(to_plain(cfg.get("sample") or {}))
+    return seeds | read_distributions(to_plain(cfg.get("sample") or {}))

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.camera.film import Film
-from gaussray.render.plan import BATCHES, RenderOptions
+from gaussray.render.options import BATCHES, RenderOptions
 
 
 # Share of the pixels whose standard error is to be reached.

@@ -19,11 +19,11 @@ from jaxtyping import Array, Float
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import SIDEWAYS, time_window
 from gaussray.render.frame import Frame as Frame, channels, joined, settled, united
+from gaussray.render.options import RenderOptions as RenderOptions
 from gaussray.render.plan import (
     Layout,
     Pace,
     Part,
-    RenderOptions as RenderOptions,
     packed,
     part_of,
     strip,
@@ -59,6 +59,7 @@ class Renderer:
         trace: TraceOptions | None = None,
         devices: int | None = None,
     ):
+        self.scene = scene
         self.scenes, self._edges = segments_of(scene), edges_of(scene)
         self.options = options or RenderOptions()
         self.trace = trace or TraceOptions()

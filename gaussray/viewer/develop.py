@@ -12,13 +12,13 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.sensor.noise import picture_key
 from gaussray.camera.sensor.sensor import SensorOptions, amounts, develop_by, steps_of
 from gaussray.camera.sensor.tone import toned
-from gaussray.render.randomize.generate import Shot
+from gaussray.render.job import RenderJob
 from gaussray.viewer.preview import Preview
 
 
-def develop_preview(preview: Preview, shot: Shot) -> UInt8[np.ndarray, "h w 3"]:
+def develop_preview(preview: Preview, shot: RenderJob) -> UInt8[np.ndarray, "h w 3"]:
     """8-bit sRGB levels of a preview; up to rounding, those of the PNG that `render` writes."""
-    camera, sensor = shot.records[0].camera, shot.sensor
+    camera, sensor = shot.records[0].camera, shot.dataset.sensor
     steps, *settings = _settings(sensor, shot.records[0].file_path.rsplit(".", 1)[0])
     # Passing the camera takes time, so it is passed only where a step needs it.
     needed = camera if steps.falloff or any(steps.vignetting) else None

@@ -10,10 +10,10 @@ import numpy as np
 
 from gaussray.capture.capture import View
 from gaussray.config.compose import Configuration, Variations
-from gaussray.config.jobs import rig_options, shot_of
+from gaussray.config.jobs import render_job, rig_options
 from gaussray.config.options import build_options
 from gaussray.config.yaml_files import to_plain
-from gaussray.render.randomize.generate import Shot
+from gaussray.render.job import RenderJob
 from gaussray.render.rig import physical_units as physical, rig as rigs
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
@@ -101,7 +101,9 @@ class ViewerModel:
         instants = len({view.time for view in self.views})
         return first, last, max(instants - 1, 1) / self.fps
 
-    def shot(self, values: Mapping[str, Any], viewpoint: Viewpoint, size: tuple[int, int]) -> Shot:
+    def shot(
+        self, values: Mapping[str, Any], viewpoint: Viewpoint, size: tuple[int, int]
+    ) -> RenderJob:
         """The render job of a viewpoint; ValueError for an impossible camera."""
         shot = self._shot_at_time(_frozen(values), viewpoint.time, size)
         (record,) = shot.records
@@ -111,7 +113,7 @@ class ViewerModel:
 
     def pinhole_shot(
         self, values: Mapping[str, Any], viewpoint: Viewpoint, size: tuple[int, int]
-    ) -> Shot:
+    ) -> RenderJob:
         """The render job of the same viewpoint with an ideal pinhole camera."""
         return self.shot(pinhole_values(values, self.fov), viewpoint, size)
 
@@ -119,10 +121,10 @@ class ViewerModel:
         """The configuration with these control values; it is shared, so do not change it."""
         return self._configuration_for(_frozen(values))
 
-    def _initial_shot(self, items: FrozenValues, time: float, size: tuple[int, int]) -> Shot:
+    def _initial_shot(self, items: FrozenValues, time: float, size: tuple[int, int]) -> RenderJob:
         """The render job at a time from the initial viewpoint."""
         view = view_at(self.first_view, self.initial_viewpoint._replace(time=time), size)
-        return shot_of(self._configuration_for(items), lambda _: self.scene, lambda *_: [view])
+        return render_job(self._configuration_for(items), lambda _: self.scene, lambda *_: [view])
 
     def _configured(self, items: FrozenValues) -> Configuration:
         told = {key: list(v) if isinstance(v, tuple) else v for key, v in items}

@@ -13,7 +13,7 @@ from gaussray.config.yaml_files import read_yaml, to_plain, yaml_text
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.io.atomic import whole
-from gaussray.render.randomize.generate import Shot
+from gaussray.render.job import RenderJob
 from gaussray.viewer.controls import GROUPS, ControlValues, consistent_values, flat_values
 from gaussray.viewer.model import ViewerModel
 from gaussray.viewer.viewpoint import Viewpoint, viewpoint_of
@@ -51,7 +51,7 @@ def save_preset(
 ) -> Path:
     """Write a preset: `preset.yaml` for `gaussray render`, `camera.json` (a manifest with the exact
     camera), and the `picture` (8-bit sRGB) if there is one. Returns the path of preset.yaml."""
-    shot: Shot = model.shot(values, viewpoint, model.size)
+    shot: RenderJob = model.shot(values, viewpoint, model.size)
     record = dataclasses.replace(shot.records[0], file_path=PICTURE)
     write_manifest(folder / CAMERA, [record], extra={"info": {"scene": str(model.source)}})
     config: Any = to_plain(model.configured(values))

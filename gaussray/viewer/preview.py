@@ -15,11 +15,11 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
+from gaussray.render.options import RenderOptions
 from gaussray.render.plan import (
     Layout,
     Pace,
     Part,
-    RenderOptions,
     dealt,
     packed,
     part_of,

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gaussray.camera.camera import Camera, with_chromatic
-from gaussray.render.dataset import stored
-from gaussray.render.randomize.generate import Shot
+from gaussray.render.develop import picture_levels
+from gaussray.render.job import RenderJob
 from gaussray.render.renderer import Renderer
 from gaussray.viewer.adaptive_size import SizeController, preview_sizes
 from gaussray.viewer.develop import develop_preview
@@ -187,7 +187,9 @@ class ViewerSession:
             stage = "compiling and tracing" if frame.compiled else "tracing"
             timer.stages[stage] = timer.stages.get(stage, 0) + 1000 * (clock.monotonic() - begin)
             with timer.stage("developing"):
-                pictures.append((pane, stored(shot.records[0], frame.color, shot.sensor)))
+                pictures.append(
+                    (pane, picture_levels(shot.records[0], frame.color, shot.dataset.sensor))
+                )
             hits += frame.hits / (frame.color[..., 0].size * frame.samples)
             rays += frame.samples
         if self._put(request, pictures, timer, True):
@@ -196,7 +198,7 @@ class ViewerSession:
             self._anticipate(request)
         return True
 
-    def _renderer(self, shot: Shot) -> Renderer:
+    def _renderer(self, shot: RenderJob) -> Renderer:
         """The renderer for a job's settings; kept, so that its lists are measured once."""
         key = shot.options, shot.trace
         if key not in self._renderers:
@@ -265,10 +267,10 @@ class ViewerSession:
         width, height = self.model.size
         return panes(request.layout, request.window, width / height, request.split)
 
-    def _shot(self, request: RenderRequest, pane: Pane, size: tuple[int, int]) -> Shot:
+    def _shot(self, request: RenderRequest, pane: Pane, size: tuple[int, int]) -> RenderJob:
         make = self.model.pinhole_shot if pane.name == "pinhole" else self.model.shot
         return make(request.values, request.viewpoint, size)
 
 
-def _camera(shot: Shot) -> Camera:
-    return with_chromatic(shot.records[0].camera, shot.sensor.chromatic)
+def _camera(shot: RenderJob) -> Camera:
+    return with_chromatic(shot.records[0].camera, shot.dataset.sensor.chromatic)

@@ -264,15 +264,15 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ("aperture.focus_distance=0", "aperture.focus_distance must be above 0, got 0"),
         (
             "factory.count=3 aperture.radius=0.1 sample.aperture.focus_distance.choice=[0,-1]",
-            "take 0 is impossible: aperture.focus_distance must be above 0, got",
+            "sample 0 is impossible: aperture.focus_distance must be above 0, got",
         ),
         (
             "factory.count=2 sample.lens.choice=[kannala_brandt] sample.lens.k.choice=[[-9,0,0,0]]",
-            "take 0 is impossible: lens.",
+            "sample 0 is impossible: lens.",
         ),
         (
             "factory.count=2 shutter.kind=global sample.shutter.exposure.uniform=[0.6,0.7]",
-            "take 0 is impossible: shutter.exposure must be at most the 0.5 from one frame",
+            "sample 0 is impossible: shutter.exposure must be at most the 0.5 from one frame",
         ),
         ("factory.count=2 sample.fps=3", "sample.fps must be a distribution"),
         ("factory.count=2 sample.lens.fog.uniform=[0,1]", "sample.lens.fog: lens.fog is no key"),

@@ -21,7 +21,7 @@ from gaussray.config.schema import conf_folder
 from gaussray.evaluate.pipeline import EvaluateOptions
 from gaussray.io.safe.limits import Limits
 from gaussray.reconstruct import options as stage
-from gaussray.render.randomize.distributions import distributions, drawn
+from gaussray.render.randomize.distributions import draw_values, read_distributions
 from gaussray.render.randomize.options import FactoryOptions
 from gaussray.render.renderer import RenderOptions
 from gaussray.render.rig import rig
@@ -98,9 +98,9 @@ def test_every_group_has_a_class():
 @pytest.mark.parametrize("name", [path.stem for path in (conf_folder() / "sample").glob("*.yaml")])
 def test_every_sample_holds_distributions_of_keys_that_there_are(name):
     cfg = compose_config("render", [*GIVEN["render"], f"sample={name}"])
-    found = distributions(OmegaConf.to_container(cfg.sample) if "sample" in cfg else {})
+    found = read_distributions(OmegaConf.to_container(cfg.sample) if "sample" in cfg else {})
     assert bool(found) == (name != "none")
-    made = Variations("render", GIVEN["render"]).with_values(drawn(0, 0, 0, found))
+    made = Variations("render", GIVEN["render"]).with_values(draw_values(0, 0, 0, found))
     assert all(OmegaConf.select(made, key) is not None for key in found)
 
 

@@ -21,10 +21,11 @@ from gaussray.color import srgb_decode
 from gaussray.dataset.layers import read_layers
 from gaussray.evaluate import pipeline as evaluation
 from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
-from gaussray.render import dataset as filming
+from gaussray.render import dataset, develop
 from gaussray.render.dataset import render_dataset
+from gaussray.render.options import DatasetOptions, RenderOptions
 from gaussray.render.plan import PIXEL, RAY, SAMPLE
-from gaussray.render.renderer import RenderOptions
+from gaussray.render.renderer import Renderer
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -36,6 +37,10 @@ CODES = (0.5 + 0.5 * 2.3) / 255
 SCARCE = toy.SIZE**2 * 3 * 4
 
 shoot = jax.jit(camera_rays)
+
+
+def renderer(scene, options=ONE):
+    return Renderer(scene, options=options, trace=toy.TRACE)
 
 
 def test_a_data_set_reads_back_is_kept_and_scores_against_itself(tmp_path):
@@ -61,14 +66,12 @@ def test_a_data_set_reads_back_is_kept_and_scores_against_itself(tmp_path):
     assert gone.read_bytes() == content
 
     with pytest.raises(ValueError, match="holds pictures of another scene, camera or option"):
-        render_dataset(
-            scene, records, tmp_path, options=RenderOptions(samples=2), trace=toy.TRACE, quiet=True
-        )
+        render_dataset(renderer(scene, RenderOptions(samples=2)), records, tmp_path, quiet=True)
 
     # Who ran out of memory goes on with less.
     gone.unlink()
     less = dataclasses.replace(ONE, memory=8 * toy.SIZE * (RAY + SAMPLE + PIXEL) / 1e9)
-    render_dataset(scene, records, tmp_path, options=less, trace=toy.TRACE, quiet=True)
+    render_dataset(renderer(scene, less), records, tmp_path, quiet=True)
     assert kept.stat().st_mtime_ns == before and gone.is_file()
 
     report = evaluate(
@@ -103,9 +106,7 @@ def test_scores_whose_pictures_vanish_are_not_called_done(tmp_path, monkeypatch)
 def test_manifests_record_the_samples_that_an_error_took(tmp_path):
     records = toy.records(times=(0.5,), cameras=("cam_3",))
     options = RenderOptions(samples=2, error=1e-9, samples_most=8)
-    render_dataset(
-        toy.scene(speed=0), records, tmp_path, options=options, trace=toy.TRACE, quiet=True
-    )
+    render_dataset(renderer(toy.scene(speed=0), options), records, tmp_path, quiet=True)
     (view,) = read_capture(tmp_path).views
     assert view.samples == 8
     told = json.loads((tmp_path / records[0].file_path).with_suffix(".json").read_text())
@@ -132,10 +133,8 @@ def test_sensors_labels_and_added_samples_go_together_and_read_back(tmp_path):
     records = [changed(r) for r in toy.records(times=(0.0, 0.5), cameras=("cam_3",))]
     sensor = SensorOptions(chromatic=(1.01, 1.0, 0.99), full_well=1000.0)
     options = RenderOptions(samples=2, error=1e-9, samples_most=8)
-    render_dataset(
-        toy.scene(), records, tmp_path, options=options, trace=toy.TRACE, sensor=sensor,
-        labels=("time", "flow_forward", "valid", "sharp"), quiet=True,
-    )  # fmt: skip
+    stored = DatasetOptions(sensor, labels=("time", "flow_forward", "valid", "sharp"))
+    render_dataset(renderer(toy.scene(), options), records, tmp_path, options=stored, quiet=True)
     capture = read_capture(tmp_path)
     (twins,) = capture.effects.values()
     assert [view.samples for view in (*capture.views, *twins)] == [8] * 4
@@ -152,30 +151,28 @@ def test_sensors_labels_and_added_samples_go_together_and_read_back(tmp_path):
 
 
 def test_what_cannot_be_written_stops_the_run_and_what_was_written_stays(tmp_path, monkeypatch):
-    records, write = toy.records()[:4], filming.write_image
+    records, write = toy.records()[:4], develop.write_image
 
     def refuse(path, color):
         if path == tmp_path / records[2].file_path:
             raise OSError(f"{path}: the picture cannot be written: no space left")
         write(path, color)
 
-    monkeypatch.setattr(filming, "write_image", refuse)
-    monkeypatch.setattr(filming, "BACKLOG", SCARCE)
+    monkeypatch.setattr(develop, "write_image", refuse)
+    monkeypatch.setattr(dataset, "BACKLOG", SCARCE)
     with pytest.raises(OSError, match="the picture cannot be written: no space left"):
-        render_dataset(toy.scene(), records, tmp_path, options=ONE, trace=toy.TRACE, quiet=True)
+        render_dataset(renderer(toy.scene()), records, tmp_path, quiet=True)
     assert all((tmp_path / record.file_path).exists() for record in records[:2])
     assert not (tmp_path / "transforms.json").exists()
-    monkeypatch.setattr(filming, "write_image", write)
-    render_dataset(toy.scene(), records, tmp_path, options=ONE, trace=toy.TRACE, quiet=True)
+    monkeypatch.setattr(develop, "write_image", write)
+    render_dataset(renderer(toy.scene()), records, tmp_path, quiet=True)
     assert len(read_capture(tmp_path).views) == 4
 
 
 def filmed(folder, records, sensor, info=None):
     """The stored values of each record's picture, filmed with a sensor."""
-    render_dataset(
-        toy.scene(speed=0), records, folder, options=ONE, trace=toy.TRACE, sensor=sensor, info=info,
-        quiet=True,
-    )  # fmt: skip
+    options = DatasetOptions(sensor, info=info or {})
+    render_dataset(renderer(toy.scene(speed=0)), records, folder, options=options, quiet=True)
     size = toy.SIZE, toy.SIZE
     return {r.file_path: read_stored(folder / r.file_path, *size) for r in records}
 
@@ -198,14 +195,12 @@ def test_noise_is_that_of_a_picture_whatever_is_filmed_before_it(tmp_path):
 def test_a_sensor_is_noted_and_none_leaves_everything_as_it_was(tmp_path, monkeypatch):
     records = toy.records()[:2]
     with monkeypatch.context() as patch:
-        patch.setattr(filming, "_developed", lambda *_, **__: pytest.fail("there is no sensor"))
+        patch.setattr(develop, "_develop", lambda *_, **__: pytest.fail("there is no sensor"))
         filmed(tmp_path / "none", records, SensorOptions())
     document = json.loads((tmp_path / "none" / "transforms.json").read_text())
     assert "info" not in document and "color_space" not in document
     note = (tmp_path / "none" / "render.sha256").read_text()
-    render_dataset(
-        toy.scene(speed=0), records, tmp_path / "none", options=ONE, trace=toy.TRACE, quiet=True
-    )
+    render_dataset(renderer(toy.scene(speed=0)), records, tmp_path / "none", quiet=True)
     assert (tmp_path / "none" / "render.sha256").read_text() == note
 
     sensor = SensorOptions(exposure=-1.0, vignetting=(-0.2, 0.0, 0.0), tone="linear", seed=9)

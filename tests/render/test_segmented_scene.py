@@ -12,6 +12,7 @@ from gaussray.camera.aperture import Aperture, Rim
 from gaussray.camera.shutter import interlaced
 from gaussray.evaluate.pipeline import scene_size
 from gaussray.render.dataset import render_dataset
+from gaussray.render.options import DatasetOptions
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.formats.convert import export_model
 from gaussray.scene.segmented import Clip
@@ -151,7 +152,7 @@ def test_the_facts_of_a_clip_are_those_of_all_its_segments():
 def test_labels_of_a_clip_are_refused(tmp_path):
     clip = Clip((toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0)))
     with pytest.raises(ValueError, match="fit.segment=0"):
-        render_dataset(
-            clip, toy.records(), tmp_path, options=ONE, trace=toy.TRACE, labels=["flow"], quiet=True
-        )
+        renderer = Renderer(clip, options=ONE, trace=toy.TRACE)
+        options = DatasetOptions(labels=["flow_forward"])
+        render_dataset(renderer, toy.records(), tmp_path, options=options, quiet=True)
     assert not any(tmp_path.iterdir())

@@ -14,7 +14,7 @@ import rooms
 
 from gaussray.camera.sensor.sensor import SensorOptions
 from gaussray.render.aov.labeller import Labeller
-from gaussray.render.dataset import stored
+from gaussray.render.develop import picture_levels
 from gaussray.render.renderer import Renderer
 from gaussray.tracer.trace import Report
 from gaussray.tracer.traverse import Capacity
@@ -61,7 +61,7 @@ def test_a_sketch_is_the_picture_that_is_rendered(model, previewer):
     np.testing.assert_allclose(values[..., :3], frame.color, atol=SINGLE)
     np.testing.assert_allclose(values[..., 3], frame.alpha, atol=SINGLE)
     assert found.dropped == 0 and found.hits == frame.hits
-    codes = stored(shot.records[0], frame.color, shot.sensor).astype(int)
+    codes = picture_levels(shot.records[0], frame.color, shot.dataset.sensor).astype(int)
     assert np.abs(develop_preview(found, shot).astype(int) - codes).max() <= 1
 
 
@@ -125,10 +125,10 @@ def test_where_nothing_is_seen_there_is_no_focus(model, previewer):
 def test_a_sensor_develops_a_sketch_as_a_picture(model, previewer):
     values = model.initial_values | choice_values("sensor", "filmic") | {"aperture.radius": 0.2}
     shot = model.shot(values, model.initial_viewpoint, model.size)
-    assert shot.sensor != SensorOptions()
+    assert shot.dataset.sensor != SensorOptions()
     found = rooms.made(previewer, shot.records[0].camera, 2)
     light = np.asarray(found.values)[:, :3].reshape(16, 16, 3)
-    codes = stored(shot.records[0], light, shot.sensor).astype(int)
+    codes = picture_levels(shot.records[0], light, shot.dataset.sensor).astype(int)
     assert codes.std() > 5
     assert np.abs(develop_preview(found, shot).astype(int) - codes).max() <= 1
 

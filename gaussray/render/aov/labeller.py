@@ -13,7 +13,8 @@ from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
 from gaussray.render.aov.trace import OF_RAYS, labelled
 from gaussray.render.frame import joined
-from gaussray.render.plan import Pace, RenderOptions, strip, strips, whole_picture
+from gaussray.render.options import RenderOptions
+from gaussray.render.plan import Pace, strip, strips, whole_picture
 from gaussray.render.program import about_to_trace
 from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.trace import TraceOptions, enlarge, measure

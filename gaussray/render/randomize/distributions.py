@@ -31,7 +31,7 @@ def chance(seed: int, index: int, attempt: int, key: str) -> float:
     return ((int.from_bytes(digest[:8], "big") >> 12) + 0.5) * 2.0**-52
 
 
-def distributions(tree: Mapping[str, Any], name: str = "sample") -> dict[str, dict[str, Any]]:
+def read_distributions(tree: Mapping[str, Any], name: str = "sample") -> dict[str, dict[str, Any]]:
     """The distribution of every key, checked, from a tree that is nested as the keys are.
 
     A node with one of the words of `BESIDE` is a distribution; beside the `choice` of a whole group
@@ -42,11 +42,13 @@ def distributions(tree: Mapping[str, Any], name: str = "sample") -> dict[str, di
     return found
 
 
-def drawn(seed: int, index: int, attempt: int, of: Mapping[str, Mapping[str, Any]]) -> dict:
+def draw_values(
+    seed: int, index: int, attempt: int, specs: Mapping[str, Mapping[str, Any]]
+) -> dict:
     """A value for every key."""
     return {
         key: value(spec, lambda name: chance(seed, index, attempt, name), key)
-        for key, spec in of.items()
+        for key, spec in specs.items()
     }
 
 

@@ -306,10 +306,10 @@ def test_a_value_makes_no_object(tmp_path, monkeypatch):
     with pytest.raises(ValueError, match="_target_"):
         compose_config("render", [*RENDER, "lens._target_=os.mkdir"])
     cfg = compose_config("render", [*RENDER, "+lens._target_=os.mkdir", "+lens._args_=[owned]"])
-    from gaussray.config.jobs import shot_of
+    from gaussray.config.jobs import render_job
 
     with pytest.raises(ValueError, match="lens._target_ is unknown"):
-        shot_of(cfg)
+        render_job(cfg)
     assert os.listdir(tmp_path) == []
 
 

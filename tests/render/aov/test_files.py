@@ -8,10 +8,11 @@ import toy
 
 from gaussray.capture.formats.paired import read_capture
 from gaussray.dataset.layers import read_layers
-from gaussray.render import dataset as filming
+from gaussray.render import dataset
 from gaussray.render.aov.files import annotated, neighbours
 from gaussray.render.dataset import render_dataset
-from gaussray.render.renderer import RenderOptions
+from gaussray.render.options import DatasetOptions, RenderOptions
+from gaussray.render.renderer import Renderer
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -21,17 +22,15 @@ ASKED = ("depth", "flow_forward", "moving", "sharp")
 
 def film(folder, records, labels=()):
     """Every file that filming leaves, by its path."""
-    render_dataset(
-        toy.scene(speed=0), records, folder, options=RenderOptions(samples=1), trace=toy.TRACE,
-        labels=labels, quiet=True,
-    )  # fmt: skip
+    renderer = Renderer(toy.scene(speed=0), options=RenderOptions(samples=1), trace=toy.TRACE)
+    render_dataset(renderer, records, folder, options=DatasetOptions(labels=labels), quiet=True)
     return {p.relative_to(folder).as_posix(): p for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
 def test_labels_are_written_and_listed_beside_pictures_that_stay_as_they_are(tmp_path, monkeypatch):
     records = toy.records()[:3]
     with monkeypatch.context() as patch:
-        patch.setattr(filming, "Labeller", lambda *_, **__: pytest.fail("nothing was asked for"))
+        patch.setattr(dataset, "Labeller", lambda *_, **__: pytest.fail("nothing was asked for"))
         plain = film(tmp_path / "plain", records)
     assert not any(path.startswith("labels") or "sharp" in path for path in plain)
     assert "labels" not in (tmp_path / "plain" / "transforms.json").read_text()

@@ -1,4 +1,4 @@
-"""Takes of a distribution: each from its index alone, whatever was filmed before and by whom."""
+"""Samples of a distribution: each follows from its index alone, whatever was rendered before."""
 
 import dataclasses
 import hashlib
@@ -14,35 +14,35 @@ import pytest
 import toy
 
 from gaussray.camera.film import Film
-from gaussray.camera.sensor.sensor import SensorOptions
 from gaussray.camera.shutter import Shutter
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.dataset.takes import read_frames, read_takes
-from gaussray.render.randomize import generate as factory
-from gaussray.render.randomize.distributions import distributions, drawn
-from gaussray.render.randomize.generate import Shot, produce, take
+from gaussray.render.job import RenderJob
+from gaussray.render.options import DatasetOptions, RenderOptions
+from gaussray.render.randomize import generate
+from gaussray.render.randomize.distributions import draw_values, read_distributions
+from gaussray.render.randomize.generate import draw_sample, generate_samples
 from gaussray.render.randomize.options import FactoryOptions
-from gaussray.render.renderer import RenderOptions
 from gaussray.report import write_page
 from gaussray.report.dataset import SHOWN
 from gaussray.scene.store import save_scene
 
 
-RADIUS = distributions({"aperture": {"radius": {"uniform": [0.0, 1.0]}}})
+RADIUS = read_distributions({"aperture": {"radius": {"uniform": [0.0, 1.0]}}})
 SCENE = toy.scene(speed=0)
 RUN = pathlib.Path(__file__).parents[2] / "takes.py"
 # Single precision of times of about 1.
 ROUNDING = 1e-6
 
 
-def shoot(values):
-    """A shot of one frame; radii above 0.8 are impossible."""
+def make_job(values):
+    """A job of one frame; radii above 0.8 are impossible."""
     radius = possible(values)["aperture.radius"]
     camera = dataclasses.replace(toy.camera(), time=toy.single(radius))
     record = FrameRecord("images/pinhole/cam_0/0000.png", camera, "cam_0", "test")
-    shot = Shot(SCENE, [record], RenderOptions(samples=1), toy.TRACE, SensorOptions(), {}, (), 8.0)
-    return {"aperture": {"radius": radius}, "far": float("inf")}, shot
+    job = RenderJob(SCENE, [record], RenderOptions(samples=1), toy.TRACE, DatasetOptions())
+    return {"aperture": {"radius": radius}, "far": float("inf")}, job
 
 
 def possible(values):
@@ -53,14 +53,14 @@ def possible(values):
 
 
 def drawn_at(index, **options):
-    """The take that an index has become, without a shot."""
+    """The take that an index has become, without a job."""
     told = FactoryOptions(**{"redraws": 50, **options})
-    return take(index, RADIUS, lambda values: (possible(values), None), options=told)
+    return draw_sample(index, RADIUS, lambda values: (possible(values), None), options=told)
 
 
 def first_drawn(index, seed=0):
     """What was drawn for an index, be it possible or not."""
-    return drawn(seed, index, 0, RADIUS)
+    return draw_values(seed, index, 0, RADIUS)
 
 
 @pytest.fixture
@@ -68,20 +68,20 @@ def filmed(monkeypatch):
     """Folders that were filmed, by a camera that is quick."""
     folders = []
 
-    def film(scene, records, out, **how):
+    def render(renderer, records, out, **_):
         folders.append(out)
         light = np.full((toy.SIZE, toy.SIZE, 3), float(records[0].camera.time))
         write_image(out / records[0].file_path, light)
         write_manifest(out / "transforms.json", records)
         return out
 
-    monkeypatch.setattr(factory, "render_dataset", film)
+    monkeypatch.setattr(generate, "render_dataset", render)
     return folders
 
 
-def made(out, of=RADIUS, shots=shoot, **options):
+def made(out, of=RADIUS, make=make_job, **options):
     told = FactoryOptions(**{"redraws": 50, **options})
-    return produce(out, of, shots, options=told, quiet=True)
+    return generate_samples(out, of, make, options=told, quiet=True)
 
 
 def contents(out):
@@ -121,12 +121,12 @@ def test_a_page_shows_takes_and_how_they_are_distributed(tmp_path, filmed):
 
 def test_a_page_shows_takes_without_an_effect(tmp_path, filmed):
     def plain(values):
-        told, shot = shoot(values)
-        (record,) = shot.records
+        told, job = make_job(values)
+        (record,) = job.records
         camera = dataclasses.replace(record.camera, film=Film(toy.SIZE, toy.SIZE))
-        return told, shot._replace(records=[dataclasses.replace(record, camera=camera)])
+        return told, job._replace(records=[dataclasses.replace(record, camera=camera)])
 
-    made(tmp_path, shots=plain, count=1)
+    made(tmp_path, make=plain, count=1)
     (taken,) = read_takes(tmp_path)
     assert "effect" not in taken["frames"][0]
     assert "0 · pinhole" in write_page("takes", tmp_path).read_text()
@@ -162,11 +162,11 @@ def test_a_take_of_another_distribution_or_scene_is_refused(tmp_path, filmed):
         made(tmp_path, count=2, seed=1)
 
     def elsewhere(values):
-        parameters, shot = shoot(values)
-        return parameters, shot._replace(scene=toy.scene(speed=0.5))
+        parameters, job = make_job(values)
+        return parameters, job._replace(scene=toy.scene(speed=0.5))
 
     with pytest.raises(ValueError, match="takes/000000/take.json: .* another scene_sha256. Choose"):
-        made(tmp_path, count=2, shots=elsewhere)
+        made(tmp_path, count=2, make=elsewhere)
     assert len(filmed) == 2
 
 
@@ -174,7 +174,9 @@ def test_an_impossible_take_is_refused_by_index_and_key_before_anything_is_filme
     radii = [first_drawn(index, seed=1)["aperture.radius"] for index in range(20)]
     wrong = next(i for i, radius in enumerate(radii) if radius > 0.8)
     assert wrong > 0
-    message = f"take {wrong} is impossible: aperture.radius must be at most 0.8, got {radii[wrong]}"
+    message = (
+        f"sample {wrong} is impossible: aperture.radius must be at most 0.8, got {radii[wrong]}"
+    )
     with pytest.raises(ValueError, match=re.escape(message)):
         made(tmp_path, count=20, seed=1, redraws=0)
     assert not filmed
@@ -187,32 +189,32 @@ def test_a_take_that_is_drawn_anew_says_how_often_and_leaves_the_others():
     assert abs(len(again) - 40) < 3 * (200 * 0.2 * 0.8) ** 0.5
     for one in found:
         assert (first_drawn(one.index) == one.values) == (one.attempt == 0)
-    with pytest.raises(ValueError, match="take 0 is impossible in 3 attempts: aperture.radius"):
-        never = distributions({"aperture": {"radius": {"uniform": [0.9, 1.0]}}})
-        take(0, never, shoot, options=FactoryOptions(redraws=2))
+    with pytest.raises(ValueError, match="sample 0 is impossible in 3 attempts: aperture.radius"):
+        never = read_distributions({"aperture": {"radius": {"uniform": [0.9, 1.0]}}})
+        draw_sample(0, never, make_job, options=FactoryOptions(redraws=2))
 
 
 def test_times_of_rows_are_those_of_the_shutter(tmp_path, filmed):
     def rolling(direction, offset, step):
-        def shots(values):
-            parameters, shot = shoot({"aperture.radius": 0.5})
+        def make(values):
+            parameters, job = make_job({"aperture.radius": 0.5})
             numbers = (toy.single(x) for x in (offset, step, 0.1))
             shutter = Shutter(*numbers, direction=direction)
             camera = dataclasses.replace(toy.camera(time=0.5, width=24), shutter=shutter)
-            return parameters, shot._replace(
-                records=[dataclasses.replace(shot.records[0], camera=camera)]
+            return parameters, job._replace(
+                records=[dataclasses.replace(job.records[0], camera=camera)]
             )
 
-        return shots
+        return make
 
     lines = {"top_to_bottom": 16, "bottom_to_top": 16, "right_to_left": 24}
     for direction, count in lines.items():
-        made(tmp_path / direction, shots=rolling(direction, -0.2, 0.01), count=1)
+        made(tmp_path / direction, make=rolling(direction, -0.2, 0.01), count=1)
         (frame,) = read_frames(tmp_path / direction)
         expected = 0.5 - 0.2 + 0.01 * np.arange(count)
         expected = expected if direction == "top_to_bottom" else expected[::-1]
         np.testing.assert_allclose(frame["row_times"], expected, atol=ROUNDING)
-    made(tmp_path / "global", shots=rolling("top_to_bottom", 0.1, 0.0), count=1)
+    made(tmp_path / "global", make=rolling("top_to_bottom", 0.1, 0.0), count=1)
     (frame,) = read_frames(tmp_path / "global")
     np.testing.assert_allclose(frame["row_times"], [0.6], atol=ROUNDING)
 

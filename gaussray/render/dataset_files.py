@@ -1,0 +1,154 @@
+"""The files of a dataset beside its pictures: manifests, videos, and the record of its inputs."""
+
+import dataclasses
+import hashlib
+import json
+import time as clock
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.camera.sensor.sensor import sensor_record
+from gaussray.capture.picture_file import read_stored
+from gaussray.dataset.manifest import FrameRecord, write_manifest
+from gaussray.dataset.video import write_video
+from gaussray.io.atomic import demand, whole
+from gaussray.io.safe.files import read_json
+from gaussray.render.aov.files import SHARP, described as units
+from gaussray.render.develop import sensor_of
+from gaussray.render.frame import SHARE
+from gaussray.render.options import NO_SENSOR, DatasetOptions
+from gaussray.runtime.devices import leads, together
+from gaussray.scene.scene import Scene
+from gaussray.scene.segmented import Clip
+
+
+# Seconds within which a shared folder shows the files that another host has written.
+_NETWORK_DELAY = 90.0
+# The file that records the inputs of a dataset.
+INPUTS_FILE = "render.sha256"
+
+
+def claim_folder(
+    out: Path, scene: Scene | Clip, records: Sequence[FrameRecord], settings: tuple[Any, ...]
+) -> None:
+    """Record the inputs of a dataset in its folder, as the SHA-256 of scene, cameras and settings.
+
+    Raises:
+        ValueError: The folder records other inputs, so its pictures are of something else.
+        OSError: The folder cannot be written.
+    """
+    digest = hashlib.sha256()
+    for leaf in jax.tree.leaves(jax.device_get((scene, [record.camera for record in records]))):
+        digest.update(np.asarray(leaf).tobytes())
+    files = [record.file_path for record in records]
+    static = [jax.tree.structure(record.camera) for record in records]
+    digest.update(repr((files, static, *settings)).encode())
+    note, text = out / INPUTS_FILE, digest.hexdigest() + "\n"
+    try:
+        if note.exists() and note.read_text() != text:
+            raise ValueError(
+                f"out={out} holds pictures of another scene, camera or option. Choose another "
+                "folder, or delete this one."
+            )
+        if leads():
+            with whole(note) as partial:
+                partial.write_text(text)
+    except OSError as error:
+        raise OSError(f"out={out}: cannot be written: {error.strerror or error}") from error
+
+
+def demand_files(out: Path, records: Sequence[FrameRecord]) -> None:
+    """Raise an OSError unless all pictures and labels are there. Files that other hosts have
+    written may appear late in a shared folder, and are waited for."""
+    files = [path for r in records for path in (r.file_path, *(r.labels or {}).values())]
+    if not together():
+        demand(out, files)
+    deadline = clock.monotonic() + _NETWORK_DELAY
+    while missing := [path for path in files if not (out / path).exists()]:
+        if clock.monotonic() > deadline:
+            raise OSError(
+                f"out={out}: {len(missing)} files that other hosts have written are not here, "
+                f"such as {missing[0]}. Choose a folder that all hosts share."
+            )
+        clock.sleep(0.5)
+
+
+def write_manifests(out: Path, records: Sequence[FrameRecord], options: DatasetOptions) -> None:
+    """Write one manifest per effect, with the sensor, the labels and the `info` of its frames."""
+    records = [_with_samples(out, record) for record in records]
+    for effect in dict.fromkeys(record.effect for record in records):
+        name = "transforms" if effect == "pinhole" else effect
+        frames = [r for r in records if r.effect == effect]
+        used = sensor_of(frames[0], options.sensor)
+        facts, extra = dict[str, Any](options.info), dict[str, Any]()
+        if used != NO_SENSOR:
+            facts["sensor"] = sensor_record(used)
+        if options.labels and effect != SHARP:
+            facts["labels"] = units(options.labels)
+        if used.tone == "linear":
+            extra["color_space"] = "linear"
+        if facts:
+            extra["info"] = facts
+        write_manifest(out / f"{name}.json", frames, extra=extra)
+
+
+def write_sample_count(picture: Path, samples: int, error: Float[np.ndarray, "h w"]) -> None:
+    """Write beside a picture how many rays per pixel `render.error` needed, and the standard error
+    that they reached."""
+    values = {"samples": samples, "error": float(np.quantile(error, SHARE))}
+    with whole(picture.with_suffix(".json")) as partial:
+        partial.write_text(json.dumps(values) + "\n")
+
+
+def _with_samples(out: Path, record: FrameRecord) -> FrameRecord:
+    """The record with the rays per pixel that are written beside its picture, if any."""
+    note = (out / record.file_path).with_suffix(".json")
+    if not note.exists():
+        return record
+    values = read_json(note)
+    if not isinstance(values, dict) or type(values.get("samples")) is not int:
+        raise ValueError(f"{note}: must hold the samples of its picture. Delete both.")
+    return dataclasses.replace(record, samples=values["samples"])
+
+
+def video_name(record: FrameRecord) -> str:
+    """The name of the video that a frame belongs to: one per effect and camera."""
+    return f"{record.effect}_{record.camera_name}"
+
+
+class Videos:
+    """Encodes a video for every effect and camera from the pictures in the folder."""
+
+    def __init__(
+        self, out: Path, records: Sequence[FrameRecord], fps: float, pool: ThreadPoolExecutor
+    ):
+        self._out, self._fps, self._pool = out, fps, pool
+        self._frames: dict[str, list[FrameRecord]] = {}
+        for record in records:
+            self._frames.setdefault(video_name(record), []).append(record)
+        self._encoding: dict[str, Future[None]] = {}
+
+    def begin(self, name: str) -> None:
+        """Encode a video whose pictures are all there, while other pictures are rendered."""
+        if name not in self._encoding:
+            self._encoding[name] = self._pool.submit(self._write, name)
+
+    def finish(self) -> None:
+        """Encode the remaining videos, and wait for all."""
+        for name in self._frames:
+            self.begin(name)
+        for video in self._encoding.values():
+            video.result()
+
+    def _write(self, name: str) -> None:
+        records, film = self._frames[name], self._frames[name][0].camera.film
+        if len(records) > 1:
+            size = film.width, film.height
+            pictures = (read_stored(self._out / r.file_path, *size) for r in records)
+            write_video(self._out / f"{name}.mp4", pictures, self._fps)

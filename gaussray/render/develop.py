@@ -1,0 +1,72 @@
+"""Develops linear light by the sensor into the values of a picture file."""
+
+import dataclasses
+from pathlib import Path
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from gaussray.camera.sensor.noise import picture_key
+from gaussray.camera.sensor.sensor import SensorOptions, amounts, develop_by, encode, steps_of
+from gaussray.dataset.images import codes, write_image
+from gaussray.dataset.manifest import FrameRecord
+from gaussray.render.aov.files import SHARP
+from gaussray.render.options import NO_SENSOR
+
+
+# A half float keeps this many bits of the numbers that a sensor tells apart.
+HALF_BITS = 10
+
+
+def sensor_of(record: FrameRecord, sensor: SensorOptions) -> SensorOptions:
+    """The sensor of a picture: none for the ground truth without effects (label `sharp`)."""
+    return NO_SENSOR if record.effect == SHARP else sensor
+
+
+def without_unused_seed(sensor: SensorOptions) -> SensorOptions:
+    """`NO_SENSOR` for a sensor that changes nothing but has a seed for noise that it does not add.
+
+    Randomised samples draw every seed, and equal pictures must have equal records.
+    """
+    same = dataclasses.replace(sensor, seed=NO_SENSOR.seed) == NO_SENSOR
+    return NO_SENSOR if same else sensor
+
+
+def write_picture(
+    path: Path, record: FrameRecord, light: Float[np.ndarray, "h w 3"], sensor: SensorOptions
+) -> None:
+    """Write linear light, developed by the sensor, as PNG or EXR, whichever the path ends in."""
+    if path.suffix != ".exr":
+        write_image(path, picture_levels(record, light, sensor))
+    elif sensor == NO_SENSOR:
+        write_image(path, light)
+    else:
+        depth = "float" if sensor.bits > HALF_BITS else "half"
+        write_image(path, _sensor_values(record, light, sensor), depth=depth)
+
+
+def picture_levels(
+    record: FrameRecord, light: Float[np.ndarray, "h w 3"], sensor: SensorOptions
+) -> UInt8[np.ndarray, "h w 3"]:
+    """The 8-bit levels that a PNG stores for the linear light of a frame."""
+    if sensor == NO_SENSOR:
+        return codes(light)
+    light = _sensor_values(record, light, sensor)
+    if sensor.tone == "srgb":
+        return codes(light)
+    return codes(light, lambda x: encode(jnp.asarray(x), options=sensor))
+
+
+def _sensor_values(
+    record: FrameRecord, light: Float[np.ndarray, "h w 3"], sensor: SensorOptions
+) -> Float[np.ndarray, "h w 3"]:
+    """The sensor's linear values of a frame. The noise follows from the seed and the file's name
+    without its suffix, so that it does not depend on the other frames or on the format."""
+    key = picture_key(sensor.seed, str(Path(record.file_path).with_suffix("")))
+    inputs = amounts(sensor), jnp.asarray(light), record.camera, key
+    return np.asarray(_develop(*inputs, steps=steps_of(sensor)))
+
+
+_develop = eqx.filter_jit(develop_by)

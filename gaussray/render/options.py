@@ -1,0 +1,87 @@
+"""Options of rendering: how a picture is sampled, and what a dataset stores of every frame."""
+
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+
+from gaussray.camera.sensor.sensor import SensorOptions
+
+
+# The standard error of a pixel is estimated from at least this many batches of samples.
+BATCHES = 4
+# A sensor that changes nothing: the light is written as it is.
+NO_SENSOR = SensorOptions()
+
+
+class RenderOptions(eqx.Module):
+    """How a picture is sampled.
+
+    `samples` rays per pixel over film, lens and exposure. `keys` states of the scene across the
+    times of one frame, between which each ray moves the Gaussians to its own time; 0 takes three
+    for every interval between the capture's instants (they share their ends), and a frame whose
+    rays share one time needs and takes only one. `chunk_rows` > 0 is the paper's way instead: one
+    state for so many rows (1 = a state for every row).
+
+    With an `error` above 0, batches of `samples` are added until the standard error of the mean of
+    95 % of the pixels (linear light, the worst of three channels) is at most that, or until the
+    next batch would take more than `samples_most` rays per pixel.
+
+    A frame whose rays would take more than `memory` gigabytes at once (`strip_rows`) is traced in
+    strips of rows, one after another: the same picture, and each strip looks anew for what its rays
+    meet. What the scene itself takes comes on top, and of the lists of millions of Gaussians 4
+    bytes for each that a bundle may meet. Labels are cut likewise.
+
+    `dilation` (square pixels) and `harmonics` (along each ray, or from the camera's center to a
+    Gaussian's) show a model as the rasteriser that it was fitted through: 3DGS has 0.3 and center.
+    """
+
+    samples: int = eqx.field(static=True, default=4)
+    keys: int = eqx.field(static=True, default=0)
+    chunk_rows: int = eqx.field(static=True, default=0)
+    dilation: float = eqx.field(static=True, default=0.0)
+    harmonics: str = eqx.field(static=True, default="ray")
+    error: float = eqx.field(static=True, default=0.0)
+    samples_most: int = eqx.field(static=True, default=1024)
+    memory: float = eqx.field(static=True, default=8.0)
+
+    def __check_init__(self):
+        if self.samples < 1:
+            raise ValueError(f"render.samples must be at least 1, got {self.samples}.")
+        if self.keys not in (0, 2) and (self.keys < 3 or self.keys % 2 == 0):
+            raise ValueError(
+                f"render.keys must be 0 (as many as it takes), 2 or odd from 3, got {self.keys}."
+            )
+        if self.chunk_rows < 0:
+            raise ValueError(f"render.chunk_rows must be at least 0, got {self.chunk_rows}.")
+        if not self.memory > 0:
+            raise ValueError(f"render.memory must be above 0, got {self.memory}.")
+        if not 0 <= self.dilation < math.inf:
+            raise ValueError(f"render.dilation must be at least 0, got {self.dilation}.")
+        if self.harmonics not in ("ray", "center"):
+            raise ValueError(f"render.harmonics must be ray or center, got {self.harmonics!r}.")
+        if not 0 <= self.error < math.inf:
+            raise ValueError(f"render.error must be at least 0, got {self.error}. 0 is off.")
+        least = BATCHES * self.samples
+        if self.error and self.samples_most < least:
+            raise ValueError(
+                f"render.samples_most must be at least {least}, which is {BATCHES} batches of "
+                f"render.samples, got {self.samples_most}."
+            )
+
+
+@dataclasses.dataclass(frozen=True)
+class DatasetOptions:
+    """What a dataset stores of every frame.
+
+    `sensor` develops the light before it is written. `labels` are names of `aov.labeller.LABELS`,
+    which are written beside the pictures. Videos have `fps` frames per second. `info` is copied
+    into the manifests.
+    """
+
+    sensor: SensorOptions = NO_SENSOR
+    labels: Sequence[str] = ()
+    fps: float = 8.0
+    info: Mapping[str, Any] = dataclasses.field(default_factory=dict)
