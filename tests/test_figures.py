@@ -24,7 +24,7 @@ from gaussray.camera.lens import (
     pinhole,
 )
 from gaussray.camera.shutter import row_moments
-from gaussray.render.rig.exposure import ShutterOptions, shutter_of
+from gaussray.render.rig.shutter import ShutterOptions, build_shutter
 
 
 FIGURES = pathlib.Path(__file__).parents[1] / "docs" / "figures"
@@ -93,6 +93,6 @@ def test_the_circle_of_confusion_is_the_library_s(told):
 
 
 def test_rows_look_when_the_library_s_do(told):
-    shutter = shutter_of(toy.camera(), ShutterOptions(kind="rolling", readout=0.25), None)
+    shutter = build_shutter(toy.camera(), ShutterOptions(kind="rolling", readout=0.25), None)
     # The library keeps single precision.
     np.testing.assert_allclose(told["rows"], row_moments(shutter, (16, 16)), atol=1e-7)

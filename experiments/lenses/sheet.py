@@ -111,7 +111,7 @@ def main(out):
     from gaussray.config.schema import conf_folder
     from gaussray.dataset.images import contact_sheet, write_image
     from gaussray.render import Renderer, RenderOptions
-    from gaussray.render.rig.rig import LensOptions, RigOptions, rig
+    from gaussray.render.rig.rig import LensOptions, RigOptions, frame_records
     from gaussray.scene.scene import Scene
 
     every = room()
@@ -129,7 +129,7 @@ def main(out):
             chosen = compose_config("render", ["scene=x", "out=x", f"lens={name}", file]).lens
             view = wide if name == "equirectangular" else square
             lens = build_options(LensOptions, chosen)
-            (record,) = rig([view], options=RigOptions(lens=lens), samples=4)
+            (record,) = frame_records([view], options=RigOptions(lens=lens), samples=4)
             frame = render(record.camera)
             title = name if name == "table" else f"{name} {lens.fov:g}"
             block = contact_sheet([("", [frame.color])], titles=[title], font=12)

@@ -85,8 +85,8 @@ def render_job(
     check_labels(labels)
     scene = load(cfg.scene)
     views = cameras(cfg.scene, cfg.cameras)
-    in_scene_units = physical.applied(rig, units)
-    records = rigs.rig(
+    in_scene_units = physical.apply_units(rig, units)
+    records = rigs.frame_records(
         views,
         options=in_scene_units,
         samples=options.samples,
@@ -94,7 +94,7 @@ def render_job(
     )
     physical.check_shape(units, (record.camera.film for record in records))
     check_possible(in_scene_units, records)
-    dataset = DatasetOptions(sensor, labels, fps, physical.described(rig, units))
+    dataset = DatasetOptions(sensor, labels, fps, physical.units_record(rig, units))
     return RenderJob(scene, records, options, trace, dataset)
 
 

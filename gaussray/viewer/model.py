@@ -63,7 +63,7 @@ class ViewerModel:
         self.options = build_options(ViewOptions, cfg.view)
         self.source, self.cameras, self.fps = cfg.scene, cfg.cameras, float(cfg.fps)
         self.physical = build_options(physical.PhysicalOptions, cfg.physical)
-        wanted = physical.applied(rig_options(cfg), self.physical)
+        wanted = physical.apply_units(rig_options(cfg), self.physical)
         self.scene: Scene | Clip = load_scene(cfg.scene)
         self.views: list[View] = rigs.cameras_of(cfg.scene, cfg.cameras)
         self.first_view = self._first_view(wanted.camera)

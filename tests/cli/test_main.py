@@ -287,7 +287,7 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ),
         (
             "shutter=rolling physical.readout=10 physical.seconds_per_unit=1",
-            "shutter.readout = 0.25 and physical.readout = 10.0 both say what it is",
+            "shutter.readout = 0.25 and physical.readout = 10.0 both set it",
         ),
     ],
 )

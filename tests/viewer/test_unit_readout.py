@@ -2,7 +2,7 @@
 
 import pytest
 
-from gaussray.render.rig.physical_units import PhysicalOptions, converted
+from gaussray.render.rig.physical_units import PhysicalOptions, to_scene_units
 from gaussray.viewer.unit_readout import physical_readout
 
 
@@ -23,7 +23,7 @@ def test_a_camera_comes_back_as_it_was_given():
         focal_length=50.0, sensor=(36.0, 24.0), f_number=2.8, focus_distance=3.0, readout=20.0,
         exposure=8.0, frame_rate=30.0, **UNITS,
     )  # fmt: skip
-    values = VALUES | converted(given) | {"shutter.kind": "rolling"}
+    values = VALUES | to_scene_units(given) | {"shutter.kind": "rolling"}
     expected = "50 mm on 36 mm · f/2.8 · focus 3 m · exposure 8 ms · readout 20 ms"
     assert physical_readout(values, given) == expected
 

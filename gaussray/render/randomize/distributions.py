@@ -1,4 +1,4 @@
-"""Values drawn from distributions, each by its own name: no draw depends on any other."""
+"""Draws values from distributions, each by the name of its key: no draw depends on another."""
 
 import hashlib
 import math
@@ -9,8 +9,8 @@ import numpy as np
 from scipy.special import ndtr, ndtri
 
 
-# What a kind of distribution may have beside its own word.
-BESIDE = {
+# The kinds of distribution, each with the keys that it may have beside its own.
+EXTRA_KEYS = {
     "uniform": (),
     "log_uniform": (),
     "integer": (),
@@ -18,24 +18,25 @@ BESIDE = {
     "choice": ("weights",),
     "each": (),
 }
-Chance = Callable[[str], float]
+# From the name of a key to its number in (0, 1).
+UniformNumbers = Callable[[str], float]
 
 
-def chance(seed: int, index: int, attempt: int, key: str) -> float:
-    """The number in (0, 1) that a key has in one attempt at one index.
+def uniform_number(seed: int, index: int, attempt: int, key: str) -> float:
+    """The number in (0, 1) of a key, for one attempt at the sample of one index.
 
-    52 bits of the SHA-256 of the four, so that it is the same on every machine, whatever else is
-    drawn, in whichever order; a key that is added leaves all others as they were.
+    It is 52 bits of the SHA-256 of the four arguments: equal on every machine, independent of the
+    order and of all other keys. Adding a key leaves the numbers of the others as they are.
     """
     digest = hashlib.sha256(f"{seed}/{index}/{attempt}/{key}".encode()).digest()
     return ((int.from_bytes(digest[:8], "big") >> 12) + 0.5) * 2.0**-52
 
 
 def read_distributions(tree: Mapping[str, Any], name: str = "sample") -> dict[str, dict[str, Any]]:
-    """The distribution of every key, checked, from a tree that is nested as the keys are.
+    """The checked distribution of every key, from a tree that is nested as the keys are.
 
-    A node with one of the words of `BESIDE` is a distribution; beside the `choice` of a whole group
-    may stand those of the group's keys.
+    A node with one of the words of `EXTRA_KEYS` is a distribution. Beside the `choice` of a whole
+    group there may be distributions of the group's keys. A ValueError names what is wrong.
     """
     found: dict[str, dict[str, Any]] = {}
     _gather(tree, "", name, found)
@@ -45,25 +46,26 @@ def read_distributions(tree: Mapping[str, Any], name: str = "sample") -> dict[st
 def draw_values(
     seed: int, index: int, attempt: int, specs: Mapping[str, Mapping[str, Any]]
 ) -> dict:
-    """A value for every key."""
+    """A value for every key, at one attempt for the sample of an index."""
     return {
-        key: value(spec, lambda name: chance(seed, index, attempt, name), key)
+        key: draw_value(spec, lambda name: uniform_number(seed, index, attempt, name), key)
         for key, spec in specs.items()
     }
 
 
-def value(spec: Any, u: Chance, key: str) -> Any:
-    """The value of a checked distribution at the numbers u in (0, 1); what is none stands for
-    itself.
+def draw_value(spec: Any, u: UniformNumbers, key: str) -> Any:
+    """The value of a checked distribution at the uniform numbers u; a fixed value is returned as it
+    is.
 
-    Distributions are inverted: x = F^-1(u), with u(key), and u(key[i]) for the elements of `each`.
+    The cumulative distribution is inverted, x = F^-1(u), with u(key), or u(key[i]) for the elements
+    of `each`.
 
     uniform: [a, b]          a + (b - a) u
-    log_uniform: [a, b]      a (b / a)^u: every octave is as likely
+    log_uniform: [a, b]      a (b / a)^u: every octave is equally likely
     integer: [a, b]          whole numbers from a to b, both included
-    normal: [mean, deviation], within: [a, b]    the part of the bell between a and b, if given
-    choice: [...], weights: [...]     one of these, alike likely if there are no weights
-    each: [...]              a list, of a distribution or a fixed value each
+    normal: [mean, deviation], within: [a, b]    truncated to a ... b, if given
+    choice: [...], weights: [...]     one of these, equally likely without weights
+    each: [...]              a list; each element is a distribution or a fixed value
     """
     match spec:
         case {"uniform": [a, b]}:
@@ -79,7 +81,7 @@ def value(spec: Any, u: Chance, key: str) -> Any:
             weights = np.cumsum(spec.get("weights", [1.0] * len(values)))
             return values[int(np.searchsorted(weights / weights[-1], u(key), side="right"))]
         case {"each": list(elements)}:
-            return [value(x, u, f"{key}[{i}]") for i, x in enumerate(elements)]
+            return [draw_value(x, u, f"{key}[{i}]") for i, x in enumerate(elements)]
     return spec
 
 
@@ -88,7 +90,7 @@ def _normal(mean: float, deviation: float, low: float, high: float, u: float) ->
         return float(mean)
     a, b = (low - mean) / deviation, (high - mean) / deviation
     if a > 0:
-        # The upper tail, where 1 - F is lost in rounding, as the lower one.
+        # 1 - F is lost in rounding in the upper tail: mirror it to the lower one.
         a, b, deviation, u = -b, -a, -deviation, 1 - u
     place = ndtri(ndtr(a) + (ndtr(b) - ndtr(a)) * u)
     return float(min(max(mean + deviation * place, low), high))
@@ -99,32 +101,32 @@ def _gather(node: Any, key: str, name: str, found: dict[str, dict[str, Any]]) ->
     if not isinstance(node, Mapping):
         raise ValueError(
             f"{label} must be a distribution, such as uniform: [0, 1] or choice: [a, b], got "
-            f"{node!r}. A fixed value is given without {name}."
+            f"{node!r}. A fixed value needs no {name}: write the key alone."
         )
-    kinds = [word for word in node if word in BESIDE]
+    kinds = [word for word in node if word in EXTRA_KEYS]
     if len(kinds) > 1:
         raise ValueError(
-            f"{label} must be one distribution, got {' and '.join(kinds)}: take the other away, "
+            f"{label} must be one distribution, got {' and '.join(kinds)}: remove the others, "
             f"e.g. ~{label}.{kinds[0]}."
         )
-    own = (*kinds, *BESIDE[kinds[0]]) if kinds else ()
+    own = (*kinds, *EXTRA_KEYS[kinds[0]]) if kinds else ()
     if kinds:
         found[key] = {word: node[word] for word in own if word in node}
-        check(found[key], label)
+        check_distribution(found[key], label)
     for word, below in node.items():
         if word in own:
             continue
         if kinds and kinds[0] != "choice":
             raise ValueError(
                 f"{label}.{word} is unknown; beside {kinds[0]} may stand "
-                f"{' or '.join(BESIDE[kinds[0]]) or 'nothing'}."
+                f"{' or '.join(EXTRA_KEYS[kinds[0]]) or 'nothing'}."
             )
         _gather(below, f"{key}.{word}" if key else str(word), name, found)
 
 
-def check(spec: Mapping[str, Any], label: str) -> None:
+def check_distribution(spec: Mapping[str, Any], label: str) -> None:
     """Raise a ValueError, with key and rule, unless the distribution is one."""
-    (kind,) = (word for word in spec if word in BESIDE)
+    (kind,) = (word for word in spec if word in EXTRA_KEYS)
     given, label = spec[kind], f"{label}.{kind}"
 
     def demand(holds: bool, rule: str) -> None:

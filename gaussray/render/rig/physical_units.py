@@ -1,4 +1,4 @@
-"""A camera's numbers in millimetres, f-numbers and milliseconds, in the units of the scene."""
+"""Converts millimetres, f-numbers and milliseconds of a real camera to the units of the scene."""
 
 import dataclasses
 import math
@@ -11,8 +11,8 @@ from gaussray.camera.film import Film
 from gaussray.render.rig.rig import RigOptions
 
 
-# What a key needs beside it.
-NEEDS = {
+# The keys that a key needs beside it.
+_REQUIRED_KEYS = {
     "f_number": ("focal_length", "focus_distance", "units_per_metre"),
     "focus_distance": ("units_per_metre",),
     "breathing": ("focal_length", "focus_distance"),
@@ -23,12 +23,13 @@ NEEDS = {
 
 
 class PhysicalOptions(eqx.Module):
-    """Numbers as they stand on a real camera; None is not given.
+    """Settings of a real camera; None is not given.
 
     `focal_length` and `sensor` (width, height) in mm, `focus_distance` in metres, `readout` and
     `exposure` in ms, `shutter_angle` in degrees of the frame's 360, `frame_rate` per second.
-    `units_per_metre` are scene units, `seconds_per_unit` is what the capture's unit of time lasts.
-    `breathing` puts the film where a thin lens has its image, not at the focal length.
+    `units_per_metre` are scene units per metre, `seconds_per_unit` are seconds per unit of the
+    capture's time. `breathing` puts the film at the image distance of a thin lens, not at its focal
+    length, so that the field of view changes with the focus.
     """
 
     focal_length: float | None = eqx.field(static=True, default=None)
@@ -56,7 +57,7 @@ class PhysicalOptions(eqx.Module):
             raise ValueError(
                 f"physical.sensor must be width and height in mm, above 0, got {self.sensor}."
             )
-        for key, needed in NEEDS.items():
+        for key, needed in _REQUIRED_KEYS.items():
             lacking = [name for name in needed if getattr(self, name) is None]
             if getattr(self, key) not in (None, False) and lacking:
                 raise ValueError(f"physical.{key} needs physical.{lacking[0]}, which is null.")
@@ -94,9 +95,10 @@ class PhysicalOptions(eqx.Module):
                 )
 
 
-def converted(options: PhysicalOptions) -> dict[str, Any]:
-    """What the given numbers amount to, as values of the camera's keys.
+def to_scene_units(options: PhysicalOptions) -> dict[str, Any]:
+    """The values of the rig's keys that the settings of a real camera amount to, by their names.
 
+    With focal length f, focus distance d, sensor width w and f-number N:
     lens.fov = 2 atan(w / 2 v) in degrees with v = f (with `breathing` f d / (d - f)),
     aperture.radius = f / 2 N in scene units, and the shutter's times in the capture's unit.
     """
@@ -121,51 +123,58 @@ def converted(options: PhysicalOptions) -> dict[str, Any]:
     return values
 
 
-def applied(options: RigOptions, given: PhysicalOptions) -> RigOptions:
-    """The rig with what the given numbers amount to in the place of its own keys, which must be at
-    their defaults."""
-    for key, value in derived(options, given).items():
+def apply_units(options: RigOptions, units: PhysicalOptions) -> RigOptions:
+    """The rig with the values that the physical settings amount to.
+
+    Raises:
+        ValueError: A key of the rig and a physical setting both say the same quantity, or a
+            physical setting lacks another one.
+    """
+    for key, value in _rig_values(options, units).items():
         group, name = key.split(".")
-        chosen = getattr(options, group)
-        default = type(chosen).__dataclass_fields__[name].default
-        if key not in ("lens.model", "shutter.kind") and getattr(chosen, name) != default:
-            source = _source(key, given)
+        group_options = getattr(options, group)
+        default = type(group_options).__dataclass_fields__[name].default
+        if key not in ("lens.model", "shutter.kind") and getattr(group_options, name) != default:
+            source, value = _source(key, units), getattr(group_options, name)
             raise ValueError(
-                f"{key} = {getattr(chosen, name)} and physical.{source} = {getattr(given, source)} "
-                f"both say what it is: leave {key} at {default}, or physical.{source} at null."
+                f"{key} = {value} and physical.{source} = {getattr(units, source)} "
+                f"both set it: leave {key} at {default}, or physical.{source} at null."
             )
-        changed = dataclasses.replace(chosen, **{name: value})
+        changed = dataclasses.replace(group_options, **{name: value})
         options = dataclasses.replace(options, **{group: changed})
     return options
 
 
-def derived(options: RigOptions, given: PhysicalOptions) -> dict[str, Any]:
-    """Values of the keys of this rig that the given numbers decide."""
-    values = converted(given)
-    if given.focal_length is not None and not (given.sensor or given.f_number):
+def _rig_values(options: RigOptions, units: PhysicalOptions) -> dict[str, Any]:
+    """The values of this rig's keys that the physical settings decide."""
+    values = to_scene_units(units)
+    if units.focal_length is not None and not (units.sensor or units.f_number):
         raise ValueError("physical.focal_length needs physical.sensor or physical.f_number.")
     if options.lens.model not in ("keep", "pinhole"):
-        # A fisheye's own keys say what it sees; the focal length is for the aperture alone.
+        # Other lenses have keys for their field of view; the focal length is for the aperture.
         values.pop("lens.fov", None)
     elif values.pop("lens.sensor", None):
-        if given.focal_length is None:
+        if units.focal_length is None:
             raise ValueError("physical.sensor needs physical.focal_length.")
         values["lens.model"] = "pinhole"
     if "aperture.radius" not in values and values.pop("aperture.focus_distance", None):
-        if not given.breathing:
+        if not units.breathing:
             raise ValueError("physical.focus_distance needs physical.f_number.")
-    if given.focus_distance is not None and options.aperture.focus_times:
+    if units.focus_distance is not None and options.aperture.focus_times:
         raise ValueError(
             f"aperture.focus_times = {list(options.aperture.focus_times)} and "
-            f"physical.focus_distance = {given.focus_distance} both say where the focus is: leave "
-            "one of them out."
+            f"physical.focus_distance = {units.focus_distance} both set the focus: leave one "
+            "of them out."
         )
     shutter = options.shutter
-    refused = {"kind": shutter.kind in ("global", "table"), "row_step": shutter.row_step != 0}
-    for key, holds in refused.items():
+    contradictions = {
+        "kind": shutter.kind in ("global", "table"),
+        "row_step": shutter.row_step != 0,
+    }
+    for key, holds in contradictions.items():
         if "shutter.readout" in values and holds:
             raise ValueError(
-                f"physical.readout = {given.readout} and shutter.{key} = {getattr(shutter, key)} "
+                f"physical.readout = {units.readout} and shutter.{key} = {getattr(shutter, key)} "
                 "contradict each other: leave one of them out."
             )
     if options.shutter.kind == "keep" and any(key.startswith("shutter.") for key in values):
@@ -173,30 +182,30 @@ def derived(options: RigOptions, given: PhysicalOptions) -> dict[str, Any]:
     return values
 
 
-def _source(key: str, given: PhysicalOptions) -> str:
-    """The physical key that decides a key."""
-    if key == "shutter.exposure" and given.exposure is None:
+def _source(key: str, units: PhysicalOptions) -> str:
+    """The physical key that decides a key of the rig."""
+    if key == "shutter.exposure" and units.exposure is None:
         return "shutter_angle"
     names = {"lens.fov": "focal_length", "aperture.radius": "f_number"}
     return names.get(key, key.split(".")[1])
 
 
-def check_shape(given: PhysicalOptions, films: Iterable[Film]) -> None:
+def check_shape(units: PhysicalOptions, films: Iterable[Film]) -> None:
     """Raise a ValueError unless the sensor has the shape of every picture, to half a pixel."""
     for w, h in {(film.width, film.height) for film in films}:
-        if given.sensor and abs(h - w * given.sensor[1] / given.sensor[0]) > 0.5:
+        if units.sensor and abs(h - w * units.sensor[1] / units.sensor[0]) > 0.5:
             raise ValueError(
                 f"physical.sensor must have the shape of the picture, {w} x {h} pixels, got "
-                f"{given.sensor[0]} x {given.sensor[1]} mm. Give the part that the picture shows."
+                f"{units.sensor[0]} x {units.sensor[1]} mm. Give the part that the picture shows."
             )
 
 
-def described(options: RigOptions, given: PhysicalOptions) -> dict[str, Any]:
-    """The numbers that were given beside what they amount to, for a manifest; empty if none were.
-    Infinity is a word, which JSON has no number for."""
-    if given == PhysicalOptions():
+def units_record(options: RigOptions, units: PhysicalOptions) -> dict[str, Any]:
+    """The physical settings, and the rig's values that they amount to, for a manifest; empty
+    without settings. Infinity is the text "infinity", because JSON has no such number."""
+    if units == PhysicalOptions():
         return {}
-    told = {"given": vars(given), "derived": derived(options, given)}
+    record = {"given": vars(units), "derived": _rig_values(options, units)}
     return {
         "physical": {
             part: {
@@ -204,6 +213,6 @@ def described(options: RigOptions, given: PhysicalOptions) -> dict[str, Any]:
                 for name, value in values.items()
                 if value is not None and value is not False and value != ()
             }
-            for part, values in told.items()
+            for part, values in record.items()
         }
     }

@@ -1,4 +1,4 @@
-"""Which cameras film a scene: a capture's, with lens, aperture, shutter or path exchanged."""
+"""The cameras of a render: a capture's, with another lens, aperture, shutter or trajectory."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,21 +16,24 @@ from gaussray.capture.formats.paired import read_cameras
 from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.open import FORMATS, format_of
 from gaussray.dataset.manifest import FrameRecord
-from gaussray.render.rig.exposure import (
-    ApertureOptions as ApertureOptions,
-    ShutterOptions as ShutterOptions,
-    aperture_of,
-    delays,
-    rolls,
-    shutter_of,
-)
+from gaussray.render.rig.aperture import ApertureOptions as ApertureOptions, build_aperture
 from gaussray.render.rig.lens import LensOptions as LensOptions, lens_label, mounted
-from gaussray.render.rig.trajectory import TrajectoryOptions as TrajectoryOptions, moved
+from gaussray.render.rig.shutter import (
+    ShutterOptions as ShutterOptions,
+    build_shutter,
+    reads_rows_in_turn,
+    trigger_delays,
+)
+from gaussray.render.rig.trajectory import TrajectoryOptions as TrajectoryOptions, move_cameras
+
+
+# Times (the capture's unit) that differ by less are equal.
+_SAME_TIME = 1e-6
 
 
 class CameraOptions(eqx.Module):
-    """Which of the capture's cameras: by `names` (all of `split` if empty), at which `times` (all
-    if empty)."""
+    """Which frames of the capture to render: those of the cameras in `names` (empty: all cameras of
+    `split`) at the `times` (empty: all)."""
 
     split: str = eqx.field(static=True, default="test")
     names: tuple[str, ...] = eqx.field(static=True, default=())
@@ -38,14 +41,15 @@ class CameraOptions(eqx.Module):
 
 
 class FilmOptions(eqx.Module):
-    """`filter`: keep, center, box, gaussian or blackman_harris, `width` pixels wide in all."""
+    """The pixel filter: keep (the capture's), center, box, gaussian or blackman_harris, `width`
+    pixels wide in total."""
 
     filter: str = eqx.field(static=True, default="keep")
     width: float = eqx.field(static=True, default=3.0)
 
 
 class RigOptions(eqx.Module):
-    """All of it, one class per config group."""
+    """All options of the cameras of a render, one class per group of conf/."""
 
     camera: CameraOptions = eqx.field(default_factory=CameraOptions)
     lens: LensOptions = eqx.field(default_factory=LensOptions)
@@ -55,34 +59,39 @@ class RigOptions(eqx.Module):
     film: FilmOptions = eqx.field(default_factory=FilmOptions)
 
 
-def rig(
+def frame_records(
     views: Sequence[View], *, options: RigOptions, samples: int, format: str = "png"
 ) -> list[FrameRecord]:
-    """One record for every frame to be filmed, into files of this format (png or exr)."""
+    """The frames to render, each with its camera and the path of its picture.
+
+    Args:
+        views: The views of a capture.
+        options: Which of them to render, and what to change about their cameras.
+        samples: Rays per pixel, for the record.
+        format: File format of the pictures: png (8-bit sRGB) or exr (linear light).
+
+    Raises:
+        ValueError: The options choose no frame, or no camera can be built from them.
+    """
     if format not in ("png", "exr"):
         raise ValueError(f"format must be png (sRGB) or exr (linear light), got {format!r}.")
-    chosen = moved(_chosen(views, options.camera), options.trajectory)
-    changed = {
-        lens_label(options.lens): bool(lens_label(options.lens)),
-        "depth_of_field": options.aperture.radius > 0,
-        "rolling_shutter": rolls(options.shutter),
-        "interlaced": options.shutter.kind == "interlaced",
-        "motion_blur": options.shutter.kind != "keep" and options.shutter.exposure > 0,
-    }
-    effect = "_".join(name for name, on in changed.items() if on) or "pinhole"
+    frames = move_cameras(_choose(views, options.camera), options.trajectory)
+    effect = _effect_name(options)
     records, lenses = [], {}
-    late = delays(options.shutter, list(dict.fromkeys(name for name, _, _ in chosen)))
-    for i, (name, split, camera) in enumerate(chosen):
+    delays = trigger_delays(options.shutter, list(dict.fromkeys(name for name, _, _ in frames)))
+    for i, (name, split, camera) in enumerate(frames):
         film = _film(camera.film, options.film)
         size = film.width, film.height
-        if size not in lenses or options.lens.model == "keep":
-            keep = options.lens.model == "keep"
-            lenses[size] = camera.lens if keep else mounted(film, options.lens)
+        if options.lens.model == "keep":
+            lens = camera.lens
+        else:
+            # Frames of one size share their lens: building one takes a while.
+            lens = lenses[size] = lenses.get(size) or mounted(film, options.lens)
         built = Camera(
             film,
-            lenses[size],
-            _aperture(camera, lenses[size], options.aperture),
-            shutter_of(camera, options.shutter, late.get(name)),
+            lens,
+            _aperture(camera, lens, options.aperture),
+            build_shutter(camera, options.shutter, delays.get(name)),
             camera.trajectory,
             camera.time,
         )
@@ -91,25 +100,38 @@ def rig(
     return records
 
 
-def _chosen(views: Sequence[View], options: CameraOptions) -> list[tuple[str, str, Camera]]:
+def _effect_name(options: RigOptions) -> str:
+    """The names of all effects that the options add, joined; pinhole without any."""
+    changes = {
+        lens_label(options.lens): bool(lens_label(options.lens)),
+        "depth_of_field": options.aperture.radius > 0,
+        "rolling_shutter": reads_rows_in_turn(options.shutter),
+        "interlaced": options.shutter.kind == "interlaced",
+        "motion_blur": options.shutter.kind != "keep" and options.shutter.exposure > 0,
+    }
+    return "_".join(name for name, changed in changes.items() if changed) or "pinhole"
+
+
+def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, str, Camera]]:
+    """The chosen frames: camera name, split and camera."""
     known = dict.fromkeys(view.camera_name for view in views)
     for name in options.names:
         if name not in known:
             raise ValueError(
                 f"camera.names must be among the capture's ({', '.join(known)}), got {name}."
             )
-    picked = [
+    chosen = [
         view
         for view in views
         if (view.camera_name in options.names if options.names else view.split == options.split)
-        and (not options.times or np.min(np.abs(np.array(options.times) - view.time)) < 1e-6)
+        and (not options.times or np.min(np.abs(np.array(options.times) - view.time)) < _SAME_TIME)
     ]
-    if not picked:
+    if not chosen:
         raise ValueError(
             "camera.split, camera.names and camera.times choose no frame of the capture; "
             f"its cameras are {', '.join(known)}."
         )
-    return [(view.camera_name, view.split, view.camera) for view in picked]
+    return [(view.camera_name, view.split, view.camera) for view in chosen]
 
 
 def _film(film: Film, options: FilmOptions) -> Film:
@@ -121,14 +143,26 @@ def _film(film: Film, options: FilmOptions) -> Film:
 def _aperture(camera: Camera, lens: AbstractLens, options: ApertureOptions) -> Aperture:
     if options.radius > 0 and options.focus == "plane" and lens.sees_sideways:
         raise ValueError(
-            "aperture.focus must be sphere for a lens that sees 90 degrees aside and beyond, where "
-            "no plane in front is met, got plane."
+            "aperture.focus must be sphere for a lens with a field of view of 180 degrees or more, "
+            "whose rays do not all meet a plane in front of it, got plane."
         )
-    return aperture_of(camera, options)
+    return build_aperture(camera, options)
 
 
 def cameras_of(scene: Path | str, cameras: Path | str | None) -> list[View]:
-    """The views of a capture, or those noted beside a reconstructed scene (cameras.json)."""
+    """Read the views of a capture, or those stored with a reconstructed scene.
+
+    Args:
+        scene: The folder of a reconstruction, or a scene file in it; read if `cameras` is None.
+        cameras: A folder with a capture in any format, or a manifest (JSON).
+
+    Returns:
+        One view per frame: camera, name, split, time and, for a capture, the picture.
+
+    Raises:
+        OSError: A file cannot be read, or the scene has no cameras.json.
+        ValueError: A file is malformed.
+    """
     if cameras is not None:
         folder = Path(cameras)
         if not folder.is_dir():

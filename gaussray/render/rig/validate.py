@@ -1,4 +1,4 @@
-"""What no camera can do is refused before anything is rendered."""
+"""Checks, before anything is rendered, that the cameras of a render are possible."""
 
 from collections.abc import Sequence
 
@@ -8,15 +8,15 @@ from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.rig.rig import RigOptions
 
 
-# Times are single precision.
-ROUNDING = 1e-5
+# Relative rounding of times, which are single precision.
+_TIME_ROUNDING = 1e-5
 
 
 def check_possible(options: RigOptions, records: Sequence[FrameRecord]) -> None:
-    """Raise a ValueError, with key and rule, unless a camera can be set so and film these frames.
+    """Raise a ValueError, with key and rule, unless real cameras could take these frames.
 
-    Lenses and apertures refuse by themselves what is none (`camera.lens.check_lens`,
-    `camera.aperture.Aperture`), numbers in millimetres and milliseconds too (`physical`).
+    Lenses, apertures and physical settings check their own values (`camera.lens.check_lens`,
+    `camera.aperture.Aperture`, `physical_units`).
     """
     focus, readout = options.aperture.focus_distance, options.shutter.readout
     if not focus > 0:
@@ -26,18 +26,18 @@ def check_possible(options: RigOptions, records: Sequence[FrameRecord]) -> None:
             f"shutter.readout must be at least 0, got {readout}. shutter.direction reads from the "
             "other side."
         )
-    interval, exposure = _interval(records), options.shutter.exposure
-    if options.shutter.kind != "keep" and exposure > interval * (1 + ROUNDING):
+    interval, exposure = _frame_interval(records), options.shutter.exposure
+    if options.shutter.kind != "keep" and exposure > interval * (1 + _TIME_ROUNDING):
         raise ValueError(
             f"shutter.exposure must be at most the {interval:.6g} from one frame to the next of a "
-            f"camera, got {exposure}. Lower it, or film fewer frames."
+            f"camera, got {exposure}. Lower it, or render fewer frames."
         )
 
 
-def _interval(records: Sequence[FrameRecord]) -> float:
-    """The least time between two frames of one camera; infinite if no camera films two."""
+def _frame_interval(records: Sequence[FrameRecord]) -> float:
+    """The least time between two frames of one camera; infinite if no camera has two."""
     times: dict[str, list[float]] = {}
     for record in records:
         times.setdefault(record.camera_name, []).append(float(record.camera.time))
-    steps = [np.diff(np.unique(film)) for film in times.values()]
+    steps = [np.diff(np.unique(of_camera)) for of_camera in times.values()]
     return float(min((x.min() for x in steps if len(x)), default=np.inf))

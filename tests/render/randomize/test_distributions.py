@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from gaussray.render.randomize.distributions import chance, distributions, drawn, value
+from gaussray.render.randomize.distributions import (
+    draw_value,
+    draw_values,
+    read_distributions,
+    uniform_number,
+)
 
 
 # Kolmogorov and Smirnov: chance exceeds this p-value of a wrong distribution with certainty, and
@@ -17,8 +22,8 @@ COUNT = 2000
 
 def sampled(spec, key="x"):
     """The value of a distribution at many indices."""
-    of = distributions({key: spec})
-    return [drawn(0, index, 0, of)[key] for index in range(COUNT)]
+    of = read_distributions({key: spec})
+    return [draw_values(0, index, 0, of)[key] for index in range(COUNT)]
 
 
 def at(u):
@@ -27,10 +32,10 @@ def at(u):
 
 def test_a_number_is_that_of_seed_index_attempt_and_key():
     # 52 bits of `printf 7/3/0/aperture.radius | sha256sum`, in the middle of their cell.
-    assert chance(7, 3, 0, "aperture.radius") == (0x903A766196382 + 0.5) / 2**52
+    assert uniform_number(7, 3, 0, "aperture.radius") == (0x903A766196382 + 0.5) / 2**52
     near = [(7, 3, 0, "k"), (8, 3, 0, "k"), (7, 4, 0, "k"), (7, 3, 1, "k"), (7, 3, 0, "l")]
-    assert len({chance(*names) for names in near}) == len(near)
-    numbers = [chance(0, index, 0, "x") for index in range(COUNT)]
+    assert len({uniform_number(*names) for names in near}) == len(near)
+    numbers = [uniform_number(0, index, 0, "x") for index in range(COUNT)]
     assert 0 < min(numbers) and max(numbers) < 1
     assert stats.kstest(numbers, "uniform").pvalue > CHANCE
     assert abs(np.corrcoef(numbers[1:], numbers[:-1])[0, 1]) < 3 / COUNT**0.5
@@ -67,13 +72,13 @@ def test_the_ends_belong_to_what_is_drawn(u):
     # So close to 0 and 1 that products round.
     low, high = (0, 1) if u < 0.5 else (1, 0)
     for spec in ({"uniform": [0.1, 0.3]}, {"log_uniform": [0.1, 0.3]}):
-        assert 0.1 <= value(spec, at(u), "x") <= 0.3
-    assert value({"integer": [2, 4]}, at(u), "x") == (2, 4)[low]
-    assert value({"choice": ["a", "b"]}, at(u), "x") == "ab"[low]
+        assert 0.1 <= draw_value(spec, at(u), "x") <= 0.3
+    assert draw_value({"integer": [2, 4]}, at(u), "x") == (2, 4)[low]
+    assert draw_value({"choice": ["a", "b"]}, at(u), "x") == "ab"[low]
     bell = {"normal": [0.0, 1.0], "within": [-1.0, 1.0]}
-    assert value(bell, at(u), "x") == pytest.approx((-1.0, 1.0)[low], abs=1e-12)
-    assert value({"normal": [2.0, 0.0]}, at(u), "x") == 2.0
-    assert value({"uniform": [5.0, 5.0]}, at(u), "x") == 5.0 and high in (0, 1)
+    assert draw_value(bell, at(u), "x") == pytest.approx((-1.0, 1.0)[low], abs=1e-12)
+    assert draw_value({"normal": [2.0, 0.0]}, at(u), "x") == 2.0
+    assert draw_value({"uniform": [5.0, 5.0]}, at(u), "x") == 5.0 and high in (0, 1)
 
 
 def test_elements_of_a_list_are_drawn_each_on_their_own():
@@ -85,9 +90,12 @@ def test_elements_of_a_list_are_drawn_each_on_their_own():
 
 def test_a_draw_knows_nothing_of_other_keys_and_of_their_order():
     a, b = {"uniform": [0.0, 1.0]}, {"normal": [0.0, 1.0]}
-    both = drawn(1, 5, 0, distributions({"lens": {"fov": a, "k": b}}))
-    assert drawn(1, 5, 0, distributions({"lens": {"k": b, "fov": a}})) == both
-    assert drawn(1, 5, 0, distributions({"lens": {"fov": a}}))["lens.fov"] == both["lens.fov"]
+    both = draw_values(1, 5, 0, read_distributions({"lens": {"fov": a, "k": b}}))
+    assert draw_values(1, 5, 0, read_distributions({"lens": {"k": b, "fov": a}})) == both
+    assert (
+        draw_values(1, 5, 0, read_distributions({"lens": {"fov": a}}))["lens.fov"]
+        == both["lens.fov"]
+    )
 
 
 def test_a_tree_is_read_by_its_keys_and_a_group_may_have_keys_beside_its_choice():
@@ -96,13 +104,13 @@ def test_a_tree_is_read_by_its_keys_and_a_group_may_have_keys_beside_its_choice(
         "aperture": {"radius": {"choice": [0.1], "weights": [1]}},
         "fps": {"integer": [8, 24]},
     }
-    assert distributions(tree) == {
+    assert read_distributions(tree) == {
         "lens": {"choice": ["fisheye", "pinhole"]},
         "lens.fov": {"uniform": [60, 90]},
         "aperture.radius": {"choice": [0.1], "weights": [1]},
         "fps": {"integer": [8, 24]},
     }
-    assert distributions({}) == {}
+    assert read_distributions({}) == {}
 
 
 @pytest.mark.parametrize(
@@ -126,11 +134,11 @@ def test_a_tree_is_read_by_its_keys_and_a_group_may_have_keys_beside_its_choice(
         ({"choice": [1, 2], "weights": [1]}, "sample.x.weights must be 2 numbers of at least 0"),
         ({"choice": [1, 2], "weights": [0, 0]}, "one for each choice and not all 0"),
         ({"uniform": [0, 1], "weights": [1]}, "sample.x.weights is unknown; beside uniform"),
-        ({"uniform": [0, 1], "normal": [0, 1]}, "take the other away, e.g. ~sample.x.uniform"),
+        ({"uniform": [0, 1], "normal": [0, 1]}, "remove the others, e.g. ~sample.x.uniform"),
         ({"each": [{"uniform": [1, 0]}]}, "sample.x.each.0.uniform must be two numbers"),
         ({"each": [{"mean": {"uniform": [0, 1]}}]}, "sample.x.each must be a list of"),
     ],
 )
 def test_what_is_no_distribution_is_refused_by_its_key(spec, message):
     with pytest.raises(ValueError, match=re.escape(message)):
-        distributions({"x": spec})
+        read_distributions({"x": spec})

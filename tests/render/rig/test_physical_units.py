@@ -16,10 +16,10 @@ from gaussray.dataset.manifest import write_manifest
 from gaussray.render.rig import rig
 from gaussray.render.rig.physical_units import (
     PhysicalOptions,
-    applied,
+    apply_units,
     check_shape,
-    converted,
-    described,
+    to_scene_units,
+    units_record,
 )
 from gaussray.render.rig.rig import ApertureOptions, LensOptions, RigOptions, ShutterOptions
 
@@ -44,18 +44,18 @@ def views(tmp_path_factory):
 
 
 def filmed(views, given):
-    options = applied(RigOptions(), given)
-    return rig.rig(views, options=options, samples=1)[0].camera
+    options = apply_units(RigOptions(), given)
+    return rig.frame_records(views, options=options, samples=1)[0].camera
 
 
 def test_a_50_mm_lens_at_f_2_by_hand():
-    values = converted(PORTRAIT)
+    values = to_scene_units(PORTRAIT)
     assert values["lens.fov"] == pytest.approx(39.59775270904986, abs=EXACT)
     assert values["aperture.radius"] == pytest.approx(0.0125, abs=EXACT)
     assert values["aperture.focus_distance"] == 2.0
     # In a scene counted in feet, and with the film where the lens has its image of 2 m.
     feet = dataclasses.replace(PORTRAIT, units_per_metre=3.25, breathing=True)
-    values = converted(feet)
+    values = to_scene_units(feet)
     assert values["aperture.radius"] == pytest.approx(0.0125 * 3.25, abs=EXACT)
     assert values["aperture.focus_distance"] == 6.5
     # v = f d / (d - f) = 100000 / 1950 mm.
@@ -66,9 +66,11 @@ def test_a_50_mm_lens_at_f_2_by_hand():
 def test_times_by_hand():
     # A clip of 15 frames at 20 per second is 0.75 s, and the capture calls it 1.
     given = PhysicalOptions(readout=30.0, exposure=6.0, seconds_per_unit=0.75)
-    assert converted(given) == pytest.approx({"shutter.readout": 0.04, "shutter.exposure": 0.008})
+    assert to_scene_units(given) == pytest.approx(
+        {"shutter.readout": 0.04, "shutter.exposure": 0.008}
+    )
     half = PhysicalOptions(shutter_angle=180.0, frame_rate=24.0, seconds_per_unit=1.0)
-    assert converted(half)["shutter.exposure"] == pytest.approx(1 / 48, abs=EXACT)
+    assert to_scene_units(half)["shutter.exposure"] == pytest.approx(1 / 48, abs=EXACT)
 
 
 @pytest.mark.parametrize("breathing", [False, True])
@@ -115,28 +117,28 @@ def test_a_camera_has_what_was_given(views):
 
 def test_what_is_not_given_stays():
     options = RigOptions(shutter=ShutterOptions("global", 0.0, 0.2))
-    assert applied(options, PhysicalOptions()) == options
-    assert described(options, PhysicalOptions()) == {}
-    exposed = applied(RigOptions(), PhysicalOptions(exposure=5.0, seconds_per_unit=1.0))
+    assert apply_units(options, PhysicalOptions()) == options
+    assert units_record(options, PhysicalOptions()) == {}
+    exposed = apply_units(RigOptions(), PhysicalOptions(exposure=5.0, seconds_per_unit=1.0))
     assert exposed == RigOptions(shutter=ShutterOptions("global", 0.0, 0.005))
     # A fisheye keeps its own field; the focal length is for the aperture.
     fisheye = RigOptions(lens=LensOptions("kannala_brandt", 150.0, (0.0,) * 4))
     given = dataclasses.replace(PORTRAIT, sensor=())
-    assert applied(fisheye, given).lens == fisheye.lens
-    assert applied(fisheye, given).aperture.radius == pytest.approx(0.0125)
+    assert apply_units(fisheye, given).lens == fisheye.lens
+    assert apply_units(fisheye, given).aperture.radius == pytest.approx(0.0125)
     polynomial = RigOptions(lens=LensOptions("fisheye_polynomial", 166.0, (0.0,) * 5))
     small = PhysicalOptions(sensor=(24.0, 24.0))
-    assert applied(polynomial, small).lens.sensor == (24.0, 24.0)
+    assert apply_units(polynomial, small).lens.sensor == (24.0, 24.0)
 
 
 def test_a_manifest_has_both():
-    told = described(RigOptions(), dataclasses.replace(PORTRAIT, focus_distance=np.inf))
+    told = units_record(RigOptions(), dataclasses.replace(PORTRAIT, focus_distance=np.inf))
     text = json.loads(json.dumps(told, allow_nan=False))["physical"]
     assert text["given"]["f_number"] == 2.0 and text["given"]["focus_distance"] == "infinity"
     assert "readout" not in text["given"]
     assert text["derived"]["aperture.radius"] == pytest.approx(0.0125)
     still = PhysicalOptions(readout=0.0, seconds_per_unit=1.0)
-    assert described(RigOptions(), still)["physical"]["derived"]["shutter.readout"] == 0.0
+    assert units_record(RigOptions(), still)["physical"]["derived"]["shutter.readout"] == 0.0
 
 
 @pytest.mark.parametrize(
@@ -252,7 +254,7 @@ BREATHING = dataclasses.replace(PORTRAIT, f_number=None, breathing=True)
 )
 def test_a_contradiction_names_both_keys(options, given, keys):
     with pytest.raises(ValueError) as error:
-        applied(options, given)
+        apply_units(options, given)
     assert all(key in str(error.value) for key in keys)
 
 

@@ -30,7 +30,7 @@ def views(tmp_path_factory):
 
 
 def built(views, **groups):
-    return rig.rig(views, options=rig.RigOptions(**groups), samples=3)
+    return rig.frame_records(views, options=rig.RigOptions(**groups), samples=3)
 
 
 def test_keep_keeps_the_held_out_cameras(views):
@@ -264,10 +264,10 @@ def test_cameras_come_from_a_capture_or_from_beside_the_scene(tmp_path):
 
 
 def test_pictures_are_png_or_exr(views):
-    records = rig.rig(views, options=rig.RigOptions(), samples=1, format="exr")
+    records = rig.frame_records(views, options=rig.RigOptions(), samples=1, format="exr")
     assert all(record.file_path.endswith(".exr") for record in records)
     with pytest.raises(ValueError, match="format must be png .* or exr .*, got 'jpg'"):
-        rig.rig(views, options=rig.RigOptions(), samples=1, format="jpg")
+        rig.frame_records(views, options=rig.RigOptions(), samples=1, format="jpg")
 
 
 def test_cameras_of_a_capture_in_splits(tmp_path):

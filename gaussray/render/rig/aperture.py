@@ -1,0 +1,77 @@
+"""The aperture of a rig's cameras, from options."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaussray.camera.aperture import Aperture, FocusPull, Rim, no_aperture
+from gaussray.camera.camera import Camera
+
+
+class ApertureOptions(eqx.Module):
+    """`radius` in scene units (0: pinhole, -1: the capture's own aperture) and `focus_distance` in
+    scene units; `camera.aperture.Aperture` explains the others.
+
+    `focus_times` and `focus_distances` pull the focus over time instead, as `focus_ease` says
+    (`FocusPull`). `rim_radius` and `rim_distance` are a second rim that clips oblique rays:
+    optical vignetting (`Rim`); both 0 is no rim.
+    """
+
+    radius: float = eqx.field(static=True, default=-1.0)
+    focus_distance: float = eqx.field(static=True, default=2.5)
+    focus: str = eqx.field(static=True, default="plane")
+    blades: int = eqx.field(static=True, default=0)
+    rotation: float = eqx.field(static=True, default=0.0)
+    ratio: float = eqx.field(static=True, default=1.0)
+    focus_times: tuple[float, ...] = eqx.field(static=True, default=())
+    focus_distances: tuple[float, ...] = eqx.field(static=True, default=())
+    focus_ease: str = eqx.field(static=True, default="linear")
+    rim_radius: float = eqx.field(static=True, default=0.0)
+    rim_distance: float = eqx.field(static=True, default=0.0)
+
+
+def build_aperture(camera: Camera, options: ApertureOptions) -> Aperture:
+    """The aperture of the options, or the camera's own one where they keep it."""
+    if options.radius == -1:
+        return camera.aperture
+    if options.radius == 0:
+        return jax.tree.map(_float32, no_aperture())
+    radius, rotation, ratio = map(_float32, (options.radius, options.rotation, options.ratio))
+    return Aperture(
+        radius,
+        _focus(options),
+        rotation,
+        ratio,
+        blades=options.blades,
+        focus=options.focus,
+        rim=_rim(options),
+    )
+
+
+def _focus(options: ApertureOptions) -> Float[Array, ""] | FocusPull:
+    times, distances = options.focus_times, options.focus_distances
+    if len(times) != len(distances):
+        raise ValueError(
+            "aperture.focus_distances must have one value for each of aperture.focus_times, got "
+            f"{len(distances)} and {len(times)}."
+        )
+    if not times:
+        return _float32(options.focus_distance)
+    return FocusPull(_float32(times), _float32(distances), options.focus_ease)
+
+
+def _rim(options: ApertureOptions) -> Rim | None:
+    if options.rim_radius == 0 and options.rim_distance == 0:
+        return None
+    for key in ("rim_radius", "rim_distance"):
+        if not 0 < getattr(options, key) < np.inf:
+            raise ValueError(
+                f"aperture.{key} must be above 0, got {getattr(options, key)}. Both 0 is no rim."
+            )
+    return Rim(_float32(options.rim_radius), _float32(options.rim_distance))
+
+
+def _float32(value) -> Array:
+    return jnp.asarray(value, jnp.float32)

@@ -1,0 +1,118 @@
+"""The shutter of a rig's cameras, from options."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.film import Film
+from gaussray.camera.shutter import (
+    Shutter,
+    check_shutter,
+    global_shutter,
+    interlaced,
+    row_count,
+    step_of,
+)
+
+
+SHUTTERS = ("keep", "global", "rolling", "interlaced", "table")
+# The kinds of shutter that use a key; all others refuse it.
+_KINDS_OF_KEY = {
+    "readout": ("rolling", "interlaced"),
+    "row_step": ("rolling", "interlaced"),
+    "field_time": ("interlaced",),
+    "row_times": ("table",),
+}
+
+
+class ShutterOptions(eqx.Module):
+    """`kind`: keep (the capture's own shutter), global, rolling, interlaced or table.
+
+    All times are in the capture's unit. `readout` is the time from the first to the last row, or
+    `row_step` the time from row to row; `exposure` is that of each row. The time of the frame is in
+    the middle of the readout. An interlaced shutter reads every second row `field_time` after the
+    others, `first_field` (even: rows 0, 2, ...) first. `row_times` are the times of a table, one
+    for each row, relative to the time of the frame. `trigger` is the delay of every chosen camera,
+    in the order of camera.names or of the capture; one value is for all. It goes with any kind.
+    """
+
+    kind: str = eqx.field(static=True, default="keep")
+    readout: float = eqx.field(static=True, default=0.0)
+    exposure: float = eqx.field(static=True, default=0.0)
+    direction: str = eqx.field(static=True, default="top_to_bottom")
+    row_step: float = eqx.field(static=True, default=0.0)
+    field_time: float = eqx.field(static=True, default=0.0)
+    first_field: str = eqx.field(static=True, default="even")
+    row_times: tuple[float, ...] = eqx.field(static=True, default=())
+    trigger: tuple[float, ...] = eqx.field(static=True, default=())
+
+
+def reads_rows_in_turn(options: ShutterOptions) -> bool:
+    """Whether rows are read one after another."""
+    has_readout = options.readout != 0 or options.row_step != 0
+    return options.kind == "table" or options.kind in ("rolling", "interlaced") and has_readout
+
+
+def trigger_delays(options: ShutterOptions, names: Sequence[str]) -> dict[str, Float[Array, ""]]:
+    """The trigger delay of each camera by its name; empty if the options have none."""
+    delays = options.trigger * (len(names) if len(options.trigger) == 1 else 1)
+    if delays and len(delays) != len(names):
+        raise ValueError(
+            "shutter.trigger must be one delay, or one for each of the chosen cameras "
+            f"({', '.join(names)}), got {len(delays)}."
+        )
+    return dict(zip(names, map(_float32, delays), strict=False))
+
+
+def build_shutter(
+    camera: Camera, options: ShutterOptions, delay: Float[Array, ""] | None
+) -> Shutter:
+    """The shutter of the options, or the camera's own one where they keep it, with a trigger
+    `delay` if there is one."""
+    shutter = camera.shutter if options.kind == "keep" else _new_shutter(camera.film, options)
+    return shutter if delay is None else dataclasses.replace(shutter, trigger=delay)
+
+
+def _new_shutter(film: Film, options: ShutterOptions) -> Shutter:
+    _check_keys(options)
+    exposure = _float32(options.exposure)
+    if options.kind == "global":
+        return global_shutter(exposure)
+    rows = row_count(options.direction, (film.width, film.height))
+    readout = options.readout or options.row_step * (rows - 1)
+    table = {"rolling": None, "table": options.row_times}.get(options.kind)
+    if options.kind == "interlaced":
+        table = interlaced(rows, options.field_time, options.first_field)
+    shutter = Shutter(
+        _float32(-readout / 2),
+        _float32(options.row_step or step_of(readout, rows)),
+        exposure,
+        direction=options.direction,
+        row_times=None if table is None else _float32(table),
+    )
+    check_shutter(shutter, (film.width, film.height))
+    return shutter
+
+
+def _check_keys(options: ShutterOptions) -> None:
+    """Raise a ValueError for an unknown kind, or a key that the kind does not use."""
+    if options.kind not in SHUTTERS:
+        raise ValueError(f"shutter.kind must be {', '.join(SHUTTERS)}, got {options.kind!r}.")
+    for key, kinds in _KINDS_OF_KEY.items():
+        if getattr(options, key) and options.kind not in kinds:
+            raise ValueError(
+                f"shutter.{key} needs shutter.kind={' or '.join(kinds)}, got {options.kind!r}."
+            )
+    if options.readout and options.row_step:
+        raise ValueError(
+            f"shutter.readout = {options.readout} and shutter.row_step = {options.row_step} both "
+            "say how long the readout is: leave one of them at 0."
+        )
+
+
+def _float32(value) -> Array:
+    return jnp.asarray(value, jnp.float32)
