@@ -17,7 +17,7 @@ import toy
 
 from gaussray.camera.sensor.sensor import SensorOptions
 from gaussray.cli.commands import reconstruct_options
-from gaussray.cli.help import VERBS
+from gaussray.cli.help import COMMANDS
 from gaussray.cli.main import main
 from gaussray.config import compose as configurations
 from gaussray.config.compose import compose_config
@@ -39,8 +39,8 @@ FENCE = re.compile(r"^```(\w*)\n(.*?)^```$", re.M | re.S)
 SPAN = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
 KEY = re.compile(r"([a-z_]+\.[a-z0-9_.]+)(?:=.*)?")
 CHOICE = re.compile(r"([a-z_]+)=([a-z_0-9]+)")
-KNOWN = {name for verb in VERBS for name in keys(verb)}
-GROUPS = {group for verb in VERBS for group in groups(verb)}
+KNOWN = {name for verb in COMMANDS for name in keys(verb)}
+GROUPS = {group for verb in COMMANDS for group in groups(verb)}
 # Programs of others; what follows `srun` and its flags is a line of its own.
 OTHERS = ("colmap", "ffmpeg", "mkdir", "cd", "uv", "git", "podman", "pytest", "ruff", "pyright")
 # Names in files, which look like keys.
@@ -90,7 +90,7 @@ def checked_verb(words):
     if verb.startswith("-"):
         assert verb in ("--help", "--version", "--completion")
         return
-    assert verb in VERBS
+    assert verb in COMMANDS
     plain = [word for word in overrides if not word.startswith("hydra")]
     if "..." in plain:
         plain[plain.index("...")] = "scene=RUN"

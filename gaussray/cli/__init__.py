@@ -1,3 +1,3 @@
-"""The command `gaussray`."""
+"""The command line program `gaussray`."""
 
 from gaussray.cli.main import main as main

@@ -1,4 +1,4 @@
-"""What each verb does: options of a configuration in, a call of the library."""
+"""The commands: each builds typed options from its configuration and calls the library."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from gaussray.runtime.progress import say
 
 
 def reconstruct_options(cfg: Configuration) -> Any:
-    """ReconstructOptions of a configuration."""
+    """The ReconstructOptions of a configuration."""
     from gaussray.reconstruct import options as stage
 
     return stage.ReconstructOptions(
@@ -30,18 +30,21 @@ def reconstruct_options(cfg: Configuration) -> Any:
 
 
 def _capture(path: str, node: Configuration, label: str, prefix: str = "") -> Any:
-    """The capture at a path, as the keys of a node say that begin with `prefix`; `label` stands
-    before them in messages."""
+    """Open the capture at a path with the selection (frames, crop, scale, ...) of a configuration.
+
+    The keys of `node` that begin with `prefix` hold the selection; `label` stands before a key in
+    messages.
+    """
     from gaussray.capture.open import open_capture
     from gaussray.capture.selection import Selection
 
-    def told(kind: type, name: str) -> Any:
+    def read(kind: type, name: str) -> Any:
         return as_type(kind, to_plain(node[prefix + name]), f"{label}{name}")
 
     fields = Selection.__dataclass_fields__.items()
-    chosen = {name: told(type(field.default), name) for name, field in fields}
-    names = told(str, "format"), told(str, "background")
-    return open_capture(path, *names, selection=Selection(**chosen))
+    selection = Selection(**{name: read(type(field.default), name) for name, field in fields})
+    file_format, background = read(str, "format"), read(str, "background")
+    return open_capture(path, file_format, background, selection=selection)
 
 
 def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
@@ -51,17 +54,24 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
 
     chosen = reconstruct_options(cfg)
     capture = _capture(cfg.capture.path, cfg.capture, "capture.")
-    # Whether there is a run to go on with is for nobody to ask while another process is at it.
+    # Lock first: another process may be about to finish the run.
     lock_output(Path(cfg.out))
     resume = resumes(cfg)
     if resume is None:
         out = Path(cfg.out)
-        _say(f"{out / 'scene.npz'}: finished already. resume=false makes it anew.", out=str(out))
+        _say(f"{out / 'scene.npz'}: is finished. resume=false starts again.", out=str(out))
         return {}
     refuse(Path(cfg.out), resume=resume)
     out = begin_run_folder(cfg)
-    how: dict[str, Any] = {"devices": devices, "quiet": cfg.quiet, "listener": _scalars(cfg, out)}
-    scene = reconstruct(capture, out, options=chosen, resume=resume, **how)
+    scene = reconstruct(
+        capture,
+        out,
+        options=chosen,
+        resume=resume,
+        devices=devices,
+        quiet=cfg.quiet,
+        listener=_tensorboard(cfg, out),
+    )
     facts = scene_size(scene)
     text = f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move."
     _say(text, out=str(out), scene=facts)
@@ -69,20 +79,20 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
 
 
 def resumes(cfg: Configuration) -> bool | None:
-    """Whether the run in `out` is gone on with; None if resume=auto finds nothing left to do."""
+    """Whether to resume the run in `out`; None if resume=auto finds it finished."""
     if isinstance(cfg.resume, bool):
         return cfg.resume
     if cfg.resume != "auto":
         raise ValueError(f"resume must be true, false or auto, got {cfg.resume!r}.")
     out = Path(cfg.out)
-    # requirement.json is written last, before the checkpoint goes.
-    ended = (out / "requirement.json").is_file() and (out / "scene.npz").is_file()
-    begun = (out / "checkpoint.npz").is_file()
-    return None if ended and not begun else begun
+    # requirement.json is written last, before the checkpoint is removed.
+    finished = (out / "requirement.json").is_file() and (out / "scene.npz").is_file()
+    interrupted = (out / "checkpoint.npz").is_file()
+    return None if finished and not interrupted else interrupted
 
 
-def _scalars(cfg: Configuration, out: Path) -> Callable[[dict[str, Any]], None] | None:
-    """Who else is told the figures of a fit."""
+def _tensorboard(cfg: Configuration, out: Path) -> Callable[[dict[str, Any]], None] | None:
+    """A function that logs scalars for TensorBoard, None if it is off."""
     from gaussray.runtime.tensorboard import tensorboard
 
     return tensorboard(out / "tensorboard") if cfg.tensorboard and leads() else None
@@ -101,14 +111,14 @@ def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
 
 
 def view(cfg: Configuration, overrides: Sequence[str]) -> None:
-    """Serve the page until the user stops it."""
+    """Serve the viewer until the user stops it."""
     from gaussray.viewer.serve import serve
 
     begin(build_options(DevicesOptions, cfg.devices))
     server = serve(cfg, overrides)
     _say(
-        f"{server.url} shows {cfg.scene}; the first pictures take as long as their programs take "
-        "to compile. Stop with Ctrl-C.",
+        f"{server.url} shows {cfg.scene}. The first pictures take longer, until their programs are "
+        "compiled. Stop with Ctrl-C.",
         url=server.url,
     )
     server.wait()
@@ -179,8 +189,8 @@ def _export(cfg: Configuration, devices: int | None) -> None:
         raise ValueError(f"format must be ply, got {cfg.format!r}.")
     time = None if cfg.time is None else as_type(float, cfg.time, "time")
     color, degree = as_type(str, cfg.color, "color"), as_type(int, cfg.degree, "degree")
-    _, said = export_model(load_scene(cfg.scene), cfg.out, time, color=color, degree=degree)
-    _say(f"{cfg.out}: {said}")
+    _, message = export_model(load_scene(cfg.scene), cfg.out, time, color=color, degree=degree)
+    _say(f"{cfg.out}: {message}")
 
 
 def _pack(cfg: Configuration, devices: int | None) -> None:
@@ -193,31 +203,37 @@ def _pack(cfg: Configuration, devices: int | None) -> None:
 
 def _demo(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.capture.formats.paired import read_capture
-    from gaussray.cli.demo import demo
+    from gaussray.cli.demo import DemoOptions, demo
     from gaussray.evaluate.pipeline import EvaluateOptions
     from gaussray.io.sample_data import sample
     from gaussray.render.renderer import RenderOptions
     from gaussray.scene.store import load_scene
 
-    chosen = {
-        "reconstruction": reconstruct_options(cfg),
-        "render": build_options(RenderOptions, cfg.render),
-        "evaluation": build_options(EvaluateOptions, cfg.evaluate),
-    }
+    options = DemoOptions(
+        reconstruct_options(cfg),
+        build_options(RenderOptions, cfg.render),
+        build_options(EvaluateOptions, cfg.evaluate),
+    )
     out = begin_run_folder(cfg)
-    how: dict[str, Any] = {"devices": devices, "quiet": cfg.quiet, "told": _scalars(cfg, out)}
-    demo(cfg.capture.path, out, **chosen, **how)
+    demo(
+        cfg.capture.path,
+        out,
+        options=options,
+        devices=devices,
+        quiet=cfg.quiet,
+        log=_tensorboard(cfg, out),
+    )
     capture = read_capture(cfg.capture.path or sample("capture"))
     return {"scene": load_scene(out), "capture": capture}
 
 
 def _say(text: str, **facts: Any) -> None:
-    """What came of it: said once, however many processes work together."""
+    """Print the result of a command, once for all processes."""
     if leads():
         say(text, "result", **facts)
 
 
-# What a verb does, and what of it the page shows: the scene, the capture.
+# The function of each command. It returns what the report shows: the scene, the capture.
 RUN: dict[str, Callable[[Configuration, int | None], dict[str, Any] | None]] = {
     "demo": _demo,
     "reconstruct": _reconstruct,

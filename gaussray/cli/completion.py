@@ -1,15 +1,15 @@
-"""What a shell needs to complete the words of the command: a script that asks nobody."""
+"""The script for tab completion in bash and zsh. It holds all words and starts no program."""
 
-from gaussray.cli.help import VERBS
+from gaussray.cli.help import COMMANDS
 from gaussray.config.schema import choices, groups, keys
 from gaussray.runtime.progress import STYLES
 
 
 SHELLS = ("bash", "zsh")
-# Values of keys that are a few words.
-FEW = {"progress": STYLES}
-# Keys whose values are names of files.
-PATHS = ("capture.path", "out", "scene", "cameras", "truth", "source", "data", "lens.file",
+# Keys with a few possible values.
+FEW_VALUES = {"progress": STYLES}
+# Keys whose values are paths.
+PATH_KEYS = ("capture.path", "out", "scene", "cameras", "truth", "source", "data", "lens.file",
          "trajectory.file")  # fmt: skip
 
 _SCRIPT = """\
@@ -17,12 +17,12 @@ _SCRIPT = """\
 #   gaussray --completion {shell} > ~/.gaussray-completion
 #   echo 'source ~/.gaussray-completion' >> ~/.{shell}rc
 {begin}_gaussray() {{
-    local line="${{COMP_LINE:0:$COMP_POINT}}" word verb words="" first one
+    local line="${{COMP_LINE:0:$COMP_POINT}}" word command words="" first one
     word="${{line##* }}"
-    read -r _ verb _ <<< "$line "
+    read -r _ command _ <<< "$line "
     COMPREPLY=()
     if [[ "$line" != *" "*" "* ]]; then
-        words="{verbs} --help --version --completion"
+        words="{commands} --help --version --completion"
     else
         case "$word" in
             {paths})
@@ -34,7 +34,7 @@ _SCRIPT = """\
                 done
                 ;;
             *)
-                case "$verb" in
+                case "$command" in
 {cases}
                 esac
                 ;;
@@ -62,24 +62,26 @@ complete -o nospace -F _gaussray gaussray
 
 
 def script(shell: str) -> str:
-    """The script for a shell; ValueError for one that is not known."""
+    """The completion script of a shell (bash or zsh); a ValueError for any other."""
     if shell not in SHELLS:
         raise ValueError(f"--completion must be one of {', '.join(SHELLS)}, got {shell!r}.")
     begin = "autoload -U +X bashcompinit && bashcompinit\n" if shell == "zsh" else ""
     cases = "\n".join(
-        f'                    {verb}) words="{" ".join(words(verb))}" ;;' for verb in VERBS
+        f'                    {name}) words="{" ".join(words(name))}" ;;' for name in COMMANDS
     )
-    paths = " | ".join(f"{key}=*" for key in PATHS)
-    return _SCRIPT.format(shell=shell, begin=begin, verbs=" ".join(VERBS), cases=cases, paths=paths)
+    paths = " | ".join(f"{key}=*" for key in PATH_KEYS)
+    return _SCRIPT.format(
+        shell=shell, begin=begin, commands=" ".join(COMMANDS), cases=cases, paths=paths
+    )
 
 
-def words(verb: str) -> list[str]:
-    """Every word that may follow a verb: keys, with their values where these are few, and choices
-    of groups."""
-    found = ["--help", "--help=all"]
-    for group in groups(verb):
-        found += [f"{group}={choice}" for choice in choices(group)]
-    for name, key in keys(verb).items():
+def words(command: str) -> list[str]:
+    """Every word that may follow a command: keys, with their values where these are few, and
+    choices of groups."""
+    known = ["--help", "--help=all"]
+    for group in groups(command):
+        known += [f"{group}={choice}" for choice in choices(group)]
+    for name, key in keys(command).items():
         switch = ("true", "false") if key.default in ("true", "false") else ("",)
-        found += [f"{name}={value}" for value in FEW.get(name, switch)]
-    return found
+        known += [f"{name}={value}" for value in FEW_VALUES.get(name, switch)]
+    return known

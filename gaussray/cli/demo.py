@@ -1,12 +1,13 @@
-"""The whole pipeline on the sample capture, from pictures to scored effects."""
+"""The demo: the sample capture is reconstructed, rendered through every effect, and evaluated."""
 
+import dataclasses
 import shutil
 import time as clock
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from gaussray.capture.formats.paired import read_capture
+from gaussray.capture.formats.paired import Capture, read_capture
 from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
 from gaussray.evaluate.scores import scores_text
 from gaussray.io.atomic import write_json
@@ -18,58 +19,92 @@ from gaussray.runtime.progress import say
 from gaussray.tracer.trace import TraceOptions
 
 
+class DemoOptions(NamedTuple):
+    """Options of the two stages and of the evaluation."""
+
+    reconstruct: ReconstructOptions
+    render: RenderOptions
+    evaluate: EvaluateOptions
+
+
 def demo(
     capture: Path | str | None,
     out: Path | str,
     *,
-    reconstruction: ReconstructOptions,
-    render: RenderOptions,
-    evaluation: EvaluateOptions,
+    options: DemoOptions,
     devices: int | None = None,
     quiet: bool = False,
-    told: Callable[[dict[str, Any]], None] | None = None,
+    log: Callable[[dict[str, Any]], None] | None = None,
 ) -> dict[str, Any]:
-    """Reconstruct, film through every effect at the held-out cameras, compare with the truth.
+    """Reconstruct a capture, render every effect at the held-out cameras, and compare.
 
-    Leaves in `out`: scene.npz, report.json, contact_sheet.png, and per effect pictures and videos,
-    truth beside ours. An interrupted demo goes on where it stopped. Hosts share the work as they do
-    in `reconstruct` and `evaluate`; figures of the fit are `told` as there.
+    The output folder gets scene.npz, report.json, contact_sheet.png, and per effect pictures and
+    videos with the ground truth beside the render. An interrupted demo continues where it stopped.
+
+    Args:
+        capture: Folder of a paired capture; None is the sample.
+        out: The output folder.
+        options: Options of reconstruction, rendering and evaluation.
+        devices: How many devices of this host to use; None is all.
+        quiet: Whether to report no progress.
+        log: Is called with the scalars of every logged training step.
+
+    Returns:
+        The content of report.json: the scores of all effects and of the training views.
+
+    Raises:
+        FileNotFoundError: The folder of the capture does not exist.
     """
     began = clock.monotonic()
     folder, out = Path(capture or sample("capture")), Path(out)
     if not folder.is_dir():
         raise FileNotFoundError(
-            f"{folder}: the sample capture is not there. It ships with the repository and with the "
-            "wheel: install one of them whole, or name a capture of yours: capture.path=DIR."
+            f"{folder}: the sample capture is missing. It is part of the repository and of the "
+            "wheel: install one of them completely, or name a capture of yours: capture.path=DIR."
         )
     truth = read_capture(folder)
-    resume = (out / "checkpoint.npz").exists()
-    shared: dict[str, Any] = {"devices": devices, "quiet": quiet}
-    scene = reconstruct(truth, out, options=reconstruction, resume=resume, listener=told, **shared)
-    fitted = clock.monotonic()
-    trace = TraceOptions()
-    some = EvaluateOptions(split="train", frames=26, images=False)
-    truth_train = type(truth)(**{**vars(truth), "effects": {}})
-    train = evaluate(
-        scene, truth_train, out / "train", options=some, render=render, trace=trace, **shared
+    scene = reconstruct(
+        truth,
+        out,
+        options=options.reconstruct,
+        resume=(out / "checkpoint.npz").exists(),
+        devices=devices,
+        quiet=quiet,
+        listener=log,
     )
-    report = evaluate(scene, truth, out, options=evaluation, render=render, trace=trace, **shared)
+    reconstructed = clock.monotonic()
+
+    def scores(of: Capture, folder: Path, chosen: EvaluateOptions) -> dict[str, Any]:
+        return evaluate(
+            scene,
+            of,
+            folder,
+            options=chosen,
+            render=options.render,
+            trace=TraceOptions(),
+            devices=devices,
+            quiet=quiet,
+        )
+
+    training_views = EvaluateOptions(split="train", frames=26, images=False)
+    train = scores(dataclasses.replace(truth, effects={}), out / "train", training_views)
+    report = scores(truth, out, options.evaluate)
     report["train"] = train["effects"]["pinhole"]
     report["seconds"] = {
-        "reconstruct": round(fitted - began, 1),
-        "evaluate": round(clock.monotonic() - fitted, 1),
+        "reconstruct": round(reconstructed - began, 1),
+        "evaluate": round(clock.monotonic() - reconstructed, 1),
         "total": round(clock.monotonic() - began, 1),
     }
     if not leads():
         return report
-    # The training views leave a row in the report, not a folder.
+    # The scores of the training views are a row of the report, not a folder.
     shutil.rmtree(out / "train", ignore_errors=True)
     write_json(out / "report.json", report)
     say(scores_text({"effects": {"training views": report["train"], **report["effects"]}}))
     facts = report["scene"]
     say(
         f"{facts['gaussians']} Gaussians, of which {facts['moving']} move, "
-        f"{facts['bytes'] / 1e6:.1f} MB; {report['seconds']['total']:.0f} s in all. "
+        f"{facts['bytes'] / 1e6:.1f} MB; {report['seconds']['total']:.0f} s in total. "
         f"See {out / 'contact_sheet.png'} and the videos in {out}."
     )
     return report

@@ -1,4 +1,4 @@
-"""What `--help` says: the verbs, the keys of a verb that are used most, or all of them."""
+"""Help texts: the list of commands, the most used keys of a command, and all of its keys."""
 
 import re
 import textwrap
@@ -6,25 +6,25 @@ import textwrap
 from gaussray.config.schema import Key, choices, conf_folder, groups, keys
 
 
-VERBS = {
-    "demo": "reconstruct the sample capture, film it through every effect, score it",
-    "reconstruct": "multi-view video in, a scene out",
-    "render": "a scene and cameras in, a paired capture and videos out; or a data set of many",
-    "view": "a web page with the scene under the mouse and a camera's numbers as controls",
-    "evaluate": "score a scene against a paired capture",
-    "calibrate": "find cameras in pictures of a known scene, with standard errors",
-    "import": "a model of 3D Gaussian Splatting or 4DGaussians in, a scene out",
-    "export": "a scene at one instant as a 3D Gaussian Splatting model",
-    "pack": "a produced data set as tar files that stream (WebDataset)",
+COMMANDS = {
+    "demo": "run everything on the sample capture: reconstruct, render effects, evaluate",
+    "reconstruct": "reconstruct a dynamic scene from multi-view video",
+    "render": "render a scene through cameras, to pictures, labels and videos",
+    "view": "explore a scene in the web browser, with every camera setting as a control",
+    "evaluate": "score a scene against the pictures of a capture",
+    "calibrate": "find the cameras of pictures of a known scene, with standard errors",
+    "import": "convert a 3D Gaussian Splatting or 4DGaussians model to a scene",
+    "export": "convert a scene at one time to a 3D Gaussian Splatting model",
+    "pack": "pack a rendered dataset into tar files (WebDataset)",
 }
-# What a process ends with.
+# Meaning of the exit codes.
 EXITS = {
-    0: "all is well",
-    1: "a fault of gaussray: the traceback says where",
-    2: "something given or read is wrong: one line says what, and what to do",
-    130: "interrupted; the line says how to go on",
+    0: "success",
+    1: "a bug in gaussray; a traceback is printed",
+    2: "a wrong argument or input; one line says what is wrong and how to fix it",
+    130: "interrupted; one line says how to continue",
 }
-# Beside what must be given, the keys that most commands have, in the order of their help.
+# The keys of each command that short help shows, in this order, after the mandatory ones.
 MOST_USED = {
     "demo": "out capture.path fit.fine render.samples",
     "reconstruct": (
@@ -46,74 +46,81 @@ MOST_USED = {
     "export": "time color degree",
     "pack": "frames_per_tar",
 }
-SHARED = ("devices.count", "progress", "report")
-WIDTH = 100
+_ALL_COMMANDS = ("devices.count", "progress", "report")
+_WIDTH = 100
 _NOW = re.compile(r"\$\{now:[^}]*\}")
 
 
 def usage() -> str:
-    """All verbs, where more is to be learnt, and exit codes."""
-    lines = ["usage: gaussray <verb> [key=value ...] [group=choice ...]", ""]
-    lines += [f"  {verb:<12} {text}" for verb, text in VERBS.items()]
-    lines += ["", "  gaussray <verb> --help       the keys that are used most, groups and choices"]
-    lines += ["  gaussray <verb> --help=all   every key, with its default and unit"]
-    lines += ["  gaussray --completion SHELL  words of the command for bash or zsh to complete"]
-    lines += ["  gaussray --version", ""]
-    lines += ["progress=bar, lines, json (an object a line on stdout) or quiet; it ends with"]
+    """The help of `gaussray` itself: all commands, where to read on, and exit codes."""
+    lines = ["usage: gaussray COMMAND [key=value ...] [group=choice ...]", "", "commands"]
+    lines += [f"  {command:<12} {text}" for command, text in COMMANDS.items()]
+    lines += ["", "help"]
+    lines += ["  gaussray COMMAND --help       the most used keys of a command, and its groups"]
+    lines += ["  gaussray COMMAND --help=all   all keys, with defaults and units"]
+    lines += ["  gaussray --completion SHELL   a script for tab completion in bash or zsh"]
+    lines += ["  gaussray --version            the installed version"]
+    lines += ["", "first steps"]
+    lines += ["  gaussray demo"]
+    lines += ["  gaussray render scene=sample lens=fisheye out=pictures"]
+    lines += ["", "exit codes"]
     lines += [f"  {code:>3}  {text}" for code, text in EXITS.items()]
     return "\n".join(lines)
 
 
-def short_help(verb: str) -> str:
-    """What a verb must be given, its keys that are used most, its groups with their choices."""
-    known = keys(verb)
-    needed = [name for name, key in known.items() if key.default == "???"]
-    words = " ".join(f"{name}=..." for name in needed)
-    lines = [f"gaussray {verb}: {VERBS[verb]}", ""]
-    lines += [f"usage: gaussray {verb} {words}".rstrip() + " [key=value ...] [group=choice ...]"]
-    if needed:
-        lines += ["", "must be given"]
-        lines += [line for name in needed for line in _told(name, known[name])]
-    lines += ["", "used most" + " " * 29 + "(default)"]
-    for name in (*MOST_USED.get(verb, "").split(), *SHARED):
-        if name in known and name not in needed:
-            lines += _told(name, known[name])
-    several = [group for group in groups(verb) if len(choices(group)) > 1]
+def short_help(command: str) -> str:
+    """The mandatory keys of a command, the most used ones, and its groups with their choices."""
+    known = keys(command)
+    mandatory = [name for name, key in known.items() if key.default == "???"]
+    arguments = " ".join(f"{name}=..." for name in mandatory)
+    lines = [f"gaussray {command}: {COMMANDS[command]}", ""]
+    lines += [f"usage: gaussray {command} {arguments}".rstrip()]
+    lines[-1] += " [key=value ...] [group=choice ...]"
+    if mandatory:
+        lines += ["", "mandatory keys"]
+        lines += [line for name in mandatory for line in _key_lines(name, known[name])]
+    lines += ["", f"{'most used keys':<28}(default)"]
+    for name in (*MOST_USED.get(command, "").split(), *_ALL_COMMANDS):
+        if name in known and name not in mandatory:
+            lines += _key_lines(name, known[name])
+    several = [group for group in groups(command) if len(choices(group)) > 1]
     if several:
-        lines += ["", "groups, choices: the default comes first"]
-        lines += [line for group in several for line in _chosen(verb, group)]
-    lines += ["", f"`gaussray {verb} --help=all` lists every key with its default and unit."]
+        lines += ["", "groups (the first choice is the default)"]
+        lines += [line for group in several for line in _group_lines(command, group)]
+    lines += ["", f"`gaussray {command} --help=all` lists every key with its default and unit."]
     return "\n".join(lines)
 
 
-def _told(name: str, key: Key) -> list[str]:
-    """A key, its default, and what it means in the lines beside them."""
+def _key_lines(name: str, key: Key) -> list[str]:
+    """A key and its default, with its meaning in a column beside them."""
     default = "" if key.default == "???" else _NOW.sub("DATE_TIME", key.default)
     head = f"  {name:<24}  {default}"
-    if len(head) > 40:
-        return [head, *textwrap.wrap(key.meaning, WIDTH, initial_indent=" " * 42,
-                                     subsequent_indent=" " * 42)]  # fmt: skip
-    return textwrap.wrap(
-        key.meaning or "-", WIDTH, initial_indent=f"{head:<40}  ", subsequent_indent=" " * 42
+    column = " " * 42
+    # A default that is too long for its column gets a line of its own.
+    first = column if len(head) > 40 else f"{head:<40}  "
+    meaning = textwrap.wrap(
+        key.meaning or "-", _WIDTH, initial_indent=first, subsequent_indent=column
     )
+    return [head, *meaning] if len(head) > 40 else meaning
 
 
-def _chosen(verb: str, group: str) -> list[str]:
-    first = groups(verb)[group]
-    text = ", ".join([first, *(name for name in choices(group) if name != first)])
-    return textwrap.wrap(text, WIDTH, initial_indent=f"  {group:<12}", subsequent_indent=" " * 14)
+def _group_lines(command: str, group: str) -> list[str]:
+    """A group and its choices, the default first."""
+    default = groups(command)[group]
+    text = ", ".join([default, *(name for name in choices(group) if name != default)])
+    return textwrap.wrap(text, _WIDTH, initial_indent=f"  {group:<12}", subsequent_indent=" " * 14)
 
 
-def full_help(verb: str) -> str:
-    """The groups and keys of a verb, with defaults and comments, as the YAML files have them."""
+def full_help(command: str) -> str:
+    """The groups and keys of a command, with defaults and comments, as the YAML files have them."""
     folder = conf_folder()
-    lines = [f"gaussray {verb}: {VERBS[verb]}", ""]
-    top = (folder / f"{verb}.yaml").read_text()
-    for line in top.split("_self_", 1)[1].splitlines():
+    lines = [f"gaussray {command}: {COMMANDS[command]}", ""]
+    top_level = (folder / f"{command}.yaml").read_text()
+    for line in top_level.split("_self_", 1)[1].splitlines():
         lines += [f"  {line}"] if line.strip() else []
-    for group, chosen in groups(verb).items():
-        lines += ["", f"{group}={chosen}   (choices: {', '.join(choices(group))})"]
-        for line in (folder / group / f"{chosen}.yaml").read_text().splitlines():
+    for group, default in groups(command).items():
+        lines += ["", f"{group}={default}   (choices: {', '.join(choices(group))})"]
+        for line in (folder / group / f"{default}.yaml").read_text().splitlines():
             if line.startswith(" "):
                 lines.append(f"    {line}")
             elif line and not line.startswith("#"):

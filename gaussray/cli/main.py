@@ -1,4 +1,4 @@
-"""One command, `gaussray <verb> [overrides]`: how it is called, and how its errors are told."""
+"""Entry point of the program `gaussray`: parses the command, runs it, reports its errors."""
 
 import os
 import sys
@@ -12,7 +12,7 @@ from typing import Any
 
 from gaussray.cli.commands import RUN, view
 from gaussray.cli.completion import script
-from gaussray.cli.help import VERBS, full_help, short_help, usage
+from gaussray.cli.help import COMMANDS, full_help, short_help, usage
 from gaussray.config.compose import compose_config
 from gaussray.config.options import build_options
 from gaussray.config.suggest import did_you_mean
@@ -33,8 +33,8 @@ from gaussray.runtime.provenance import asked_by
 from gaussray.runtime.resource_errors import is_full, is_memory, memory_message
 
 
-# How an interrupted verb is gone on with.
-AGAIN = {
+# How to resume each command after an interruption.
+RESUME = {
     "reconstruct": "The same command with resume=auto",
     "render": "The same command",
     "demo": "The same command",
@@ -42,50 +42,65 @@ AGAIN = {
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Entry point. Errors of the user end in one line and exit code 2 (`usage.EXITS`)."""
+    """Run the program.
+
+    An error in arguments or files prints one line and exits with code 2 (`cli.help.EXITS`). With
+    the environment variable GAUSSRAY_TRACEBACK set, every error shows its traceback.
+
+    Args:
+        arguments: Words of the command line without the program's name; None reads sys.argv.
+
+    Raises:
+        SystemExit: The command failed; the exit code says how.
+    """
     words = list(sys.argv[1:] if arguments is None else arguments)
     with told_as(_style(words)), asked_by(words), plain_warnings():
-        _guarded(words)
+        _run_and_report(words)
 
 
-def _guarded(words: list[str]) -> None:
+def _run_and_report(words: list[str]) -> None:
+    """Run the command; turn errors into messages and exit codes."""
     try:
-        _main(words)
+        _dispatch(words)
     except KeyboardInterrupt:
         if words[0] == "view":
             return
-        _fail(f"interrupted. {_again(words[0])}", 130)
+        _fail(f"interrupted. {_resume_hint(words[0])}", 130)
     except (ValueError, OSError, RuntimeError, MemoryError) as error:
         if is_memory(error) and not os.environ.get("GAUSSRAY_TRACEBACK"):
-            _fail(memory_message(words[0], error, _again(words[0])))
+            _fail(memory_message(words[0], error, _resume_hint(words[0])))
         unknown = isinstance(error, RuntimeError) and type(error).__name__ != "NonFiniteLoss"
         if unknown or os.environ.get("GAUSSRAY_TRACEBACK"):
-            _raise(error)
-        told = str(error)
+            _raise_bug(error)
+        message = str(error)
         if is_full(error):
-            told = f"{told.rstrip('. ')}. The disk is full: make room. {_again(words[0])}"
-        _fail(told)
+            message = (
+                f"{message.rstrip('. ')}. The disk is full: make room. {_resume_hint(words[0])}"
+            )
+        _fail(message)
     except Exception as error:
-        _raise(error)
+        _raise_bug(error)
     finally:
         release_locks()
 
 
-def _again(verb: str) -> str:
-    """How a verb that was stopped is gone on with."""
-    return f"{AGAIN[verb]} goes on where it stopped." if verb in AGAIN else ""
+def _resume_hint(command: str) -> str:
+    """The sentence after an interruption that says how to resume the command; empty if it cannot be
+    resumed."""
+    return f"{RESUME[command]} continues where it stopped." if command in RESUME else ""
 
 
-def _main(words: list[str]) -> None:
+def _dispatch(words: list[str]) -> None:
+    """Print the help that is asked for, or run the command."""
     if not words or words[0] in ("-h", "--help"):
         print(usage())
     elif words[0] == "--version":
         print(f"gaussray {version('gaussray')}")
     elif words[0] in ("--completion", "-sc"):
-        # Hydra's own way to ask for it is -sc install=bash.
+        # Hydra's spelling is -sc install=bash.
         print(script(words[1].removeprefix("install=") if len(words) > 1 else "bash"), end="")
-    elif words[0] not in VERBS:
-        known, hint = ", ".join(VERBS), did_you_mean(words[0], VERBS)
+    elif words[0] not in COMMANDS:
+        known, hint = ", ".join(COMMANDS), did_you_mean(words[0], COMMANDS)
         raise ValueError(
             f"the command must be one of {known}, got {words[0]!r}.{hint} See `gaussray --help`."
         )
@@ -97,53 +112,57 @@ def _main(words: list[str]) -> None:
         _run(words[0], words[1:])
 
 
-def _run(verb: str, overrides: Sequence[str]) -> None:
+def _run(command: str, overrides: Sequence[str]) -> None:
+    """Run a command with these words, and write its report."""
     began = time.monotonic()
-    cfg = compose_config(verb, overrides)
+    cfg = compose_config(command, overrides)
     check_style(str(cfg.get("progress", "auto")))
     limit(build_options(Limits, cfg.limits))
-    if verb == "render" and cfg.factory.count:
+    if command == "render" and cfg.factory.count:
         from gaussray.config.jobs import generate_dataset
         from gaussray.dataset.takes import MANIFEST
 
-        told = generate_dataset(cfg, overrides)
+        result = generate_dataset(cfg, overrides)
         if cfg.report and (Path(str(cfg.out)) / MANIFEST).is_file():
-            _page("takes", Path(str(cfg.out)), {})
-        say(told, "result", verb=verb, out=cfg.out)
+            _write_report("takes", Path(str(cfg.out)), {})
+        say(result, "result", verb=command, out=cfg.out)
         return
-    if verb == "view":
+    if command == "view":
         view(cfg, overrides)
         return
-    had = RUN[verb](cfg, begin(build_options(DevicesOptions, cfg.devices))) or {}
+    shown = RUN[command](cfg, begin(build_options(DevicesOptions, cfg.devices))) or {}
     out = Path(str(cfg.out))
     if leads() and (out / provenance.FILE).is_file():
         provenance.note_end(out, time.monotonic() - began)
         if cfg.get("report"):
-            _page(verb, out, had)
+            _write_report(command, out, shown)
 
 
 def _style(words: Sequence[str]) -> str:
-    """How the work is to be told of, also if another word is wrong."""
-    told = [word.split("=", 1)[1] for word in words if word.startswith("progress=")]
-    told = [name for name in told if name in STYLES]
-    return (told or ["quiet" if "quiet=true" in words else "auto"])[-1]
+    """The style of progress in the words; the default if its value is wrong, which is reported
+    later."""
+    styles = [word.split("=", 1)[1] for word in words if word.startswith("progress=")]
+    styles = [name for name in styles if name in STYLES]
+    return (styles or ["quiet" if "quiet=true" in words else "auto"])[-1]
 
 
-def _page(verb: str, out: Path, had: dict[str, Any]) -> None:
-    """The page to look at; if it cannot be made, the work is none the less done."""
+def _write_report(command: str, out: Path, shown: dict[str, Any]) -> None:
+    """Write report.html into the output folder. A failure is a warning, because the results are
+    complete without it."""
     from gaussray.report import write_page
 
     try:
-        write_page(verb, out, **had)
+        write_page(command, out, scene=shown.get("scene"), capture=shown.get("capture"))
     except Exception as error:
         warnings.warn(
-            f"{out / 'report.html'}: the page could not be made ({type(error).__name__}: {error}). "
-            "Everything else is there.",
+            f"{out / 'report.html'}: the report could not be written ({type(error).__name__}: "
+            f"{error}). All results are there.",
             stacklevel=2,
         )
 
 
 def _fail(message: str, code: int = 2) -> None:
+    """Print an error as one line and exit."""
     message = " ".join(message.split())
     end_line()
     print(f"gaussray: {message}", file=sys.stderr)
@@ -152,8 +171,9 @@ def _fail(message: str, code: int = 2) -> None:
     leave(code)
 
 
-def _raise(error: Exception) -> None:
-    """An error that is not the user's."""
+def _raise_bug(error: Exception) -> None:
+    """Raise an unexpected error with its traceback. With several processes, this one exits at once,
+    so that the others do not wait for it."""
     end_line()
     if not together():
         raise error

@@ -1,4 +1,4 @@
-"""Verbs hand on what they leave, and the demo does in one command what they do one by one."""
+"""Commands hand on what they leave, and the demo does in one command what they do one by one."""
 
 import json
 
@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 
 from gaussray.capture.formats.paired import read_cameras, read_capture
 from gaussray.capture.frames import read_encoded, read_image
-from gaussray.cli.help import VERBS
+from gaussray.cli.help import COMMANDS
 from gaussray.cli.main import main
 from gaussray.color import srgb_encode
 from gaussray.evaluate.metrics import psnr
@@ -40,8 +40,8 @@ def truth(tmp_path_factory, quick_compilation, known_sizes):
 
 @pytest.fixture(scope="module")
 def run(truth, tmp_path_factory):
-    """Where the verbs left a scene fitted to the capture, its pictures and their scores."""
-    folder = tmp_path_factory.mktemp("verbs")
+    """Where the commands left a scene fitted to the capture, its pictures and their scores."""
+    folder = tmp_path_factory.mktemp("commands")
     fit = toy.overrides(toy.SHORT)
     main(["reconstruct", f"capture.path={truth}", f"out={folder}/scene", "quiet=true", *fit])
     film = [f"scene={folder}/scene", f"out={folder}/film", "render.samples=1"]
@@ -81,7 +81,7 @@ def test_what_render_leaves_is_a_capture_with_the_cameras_it_was_asked_for(run):
     assert (run / "film" / "pinhole_cam_3.mp4").stat().st_size > 0
 
 
-def test_the_pictures_of_the_verb_are_those_of_python_and_exr_holds_their_light(run, tmp_path):
+def test_the_pictures_of_the_command_are_those_of_python_and_exr_holds_their_light(run, tmp_path):
     view = read_capture(run / "film").views[1]
     render = Renderer(load_scene(run / "scene"), options=RenderOptions(samples=1))
     color = render(view.camera).color
@@ -105,7 +105,7 @@ def test_a_run_leaves_a_page_and_what_it_was(run, folder):
     text = page.read_text()
     assert page.stat().st_size < 5e6 and text.endswith("</html>\n")
     assert text.count("<h2>") >= 4 and "data:image/" in text and "NaN" not in text
-    assert told["command"].startswith("gaussray ") and told["command"].split()[1] in VERBS
+    assert told["command"].startswith("gaussray ") and told["command"].split()[1] in COMMANDS
     assert told["seconds"] > 0 and {"jax", "device"} <= set(told["versions"]) and told["began"]
 
 
@@ -114,7 +114,9 @@ def test_a_page_that_cannot_be_made_is_a_warning_and_the_work_is_done(run, monke
         raise TypeError("no page")
 
     monkeypatch.setattr("gaussray.report.write_page", stumble)
-    with pytest.warns(UserWarning, match="report.html: the page could not be made .TypeError: no"):
+    with pytest.warns(
+        UserWarning, match="report.html: the report could not be written .TypeError: no"
+    ):
         main(["render", f"scene={run}/scene", f"out={run}/film", "render.samples=1", "quiet=true"])
 
 

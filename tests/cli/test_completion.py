@@ -5,8 +5,8 @@ import subprocess
 
 import pytest
 
-from gaussray.cli.completion import FEW, PATHS, SHELLS, script, words
-from gaussray.cli.help import VERBS
+from gaussray.cli.completion import FEW_VALUES, PATH_KEYS, SHELLS, script, words
+from gaussray.cli.help import COMMANDS
 from gaussray.config.schema import choices, groups, keys
 
 
@@ -23,9 +23,9 @@ def completed(line, breaks=" =:"):
 pytestmark = pytest.mark.skipif(not shutil.which("bash"), reason="there is no bash")
 
 
-def test_verbs_come_first():
+def test_commands_come_first():
     assert completed("gaussray re") == ["reconstruct", "render"]
-    assert set(VERBS) <= set(completed("gaussray "))
+    assert set(COMMANDS) <= set(completed("gaussray "))
 
 
 def test_groups_come_before_their_keys_and_choices():
@@ -68,17 +68,17 @@ def test_zsh_offers_what_bash_does(line):
     assert done.stdout.split() == completed(line, " ")
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_every_key_and_choice_is_a_word(verb):
-    told = {word.split("=")[0] for word in words(verb)}
-    assert set(keys(verb)) <= told
-    for group in groups(verb):
-        assert {f"{group}={choice}" for choice in choices(group)} <= set(words(verb))
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_key_and_choice_is_a_word(command):
+    told = {word.split("=")[0] for word in words(command)}
+    assert set(keys(command)) <= told
+    for group in groups(command):
+        assert {f"{group}={choice}" for choice in choices(group)} <= set(words(command))
 
 
 def test_paths_and_values_are_those_of_keys():
-    known = {name for verb in VERBS for name in keys(verb)}
-    assert set(PATHS) | set(FEW) <= known
+    known = {name for command in COMMANDS for name in keys(command)}
+    assert set(PATH_KEYS) | set(FEW_VALUES) <= known
 
 
 def test_a_shell_that_is_not_known_is_refused():

@@ -9,7 +9,7 @@ import toy
 from omegaconf import OmegaConf
 
 from gaussray.cli.commands import RUN, resumes
-from gaussray.cli.help import EXITS, MOST_USED, VERBS
+from gaussray.cli.help import COMMANDS, EXITS, MOST_USED
 from gaussray.cli.main import main
 from gaussray.config.schema import keys
 from gaussray.dataset.images import write_image
@@ -79,28 +79,28 @@ def test_no_word_and_help_print_the_verbs(capsys):
     for words in ([], ["--help"], ["-h"]):
         main(words)
         text = capsys.readouterr().out
-        assert all(verb in text for verb in VERBS)
+        assert all(command in text for command in COMMANDS)
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_help_of_a_verb_prints_its_groups_with_choices(verb, capsys):
-    main([verb, "--help"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_prints_its_groups_with_choices(command, capsys):
+    main([command, "--help"])
     text = capsys.readouterr().out
-    assert "devices.count" in text and f"gaussray {verb} --help=all" in text
+    assert "devices.count" in text and f"gaussray {command} --help=all" in text
     lines = text.splitlines()
     assert len(lines) <= 72 and max(map(len, lines)) <= 100
-    if verb == "render":
+    if command == "render":
         assert "aperture.focus_distance   2.5           scene units" in text
         assert "fisheye, kannala_brandt, opencv, orthographic, pinhole" in text
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_all_help_of_a_verb_prints_every_key(verb, capsys):
-    main([verb, "--help=all"])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_all_help_of_a_command_prints_every_key(command, capsys):
+    main([command, "--help=all"])
     text = capsys.readouterr().out
     assert "devices." in text and "choices:" in text
-    assert all(f"{key}:" in text or f"{key.split('.')[-1]}:" in text for key in keys(verb))
-    if verb == "render":
+    assert all(f"{key}:" in text or f"{key.split('.')[-1]}:" in text for key in keys(command))
+    if command == "render":
         assert "fisheye, kannala_brandt, keep, opencv, orthographic, pinhole" in text
 
 
@@ -112,14 +112,14 @@ def test_help_says_how_the_command_ends(capsys):
 
 
 def test_every_key_that_is_used_most_is_a_key_with_a_meaning():
-    for verb, named in MOST_USED.items():
-        known = keys(verb)
+    for command, named in MOST_USED.items():
+        known = keys(command)
         assert all(known[name].meaning for name in named.split())
 
 
-def test_an_unknown_verb(fails):
+def test_an_unknown_command(fails):
     line = fails("paint")
-    assert "'paint'" in line and all(verb in line for verb in VERBS)
+    assert "'paint'" in line and all(command in line for command in COMMANDS)
     assert "Did you mean render?" in fails("rendr")
 
 
@@ -206,15 +206,15 @@ def test_a_capture_that_is_not_there(fails, tmp_path):
     assert "capture.path" in fails("demo", f"capture.path={tmp_path}/none", f"out={tmp_path}/out")
 
 
-@pytest.mark.parametrize("verb", ["render", "evaluate"])
-def test_a_scene_that_is_not_there_or_not_one(fails, tmp_path, capture, verb):
-    rest = [f"out={tmp_path}/out"] + [f"truth={capture}"] * (verb == "evaluate")
-    assert "no such file" in fails(verb, f"scene={tmp_path}/none.npz", *rest)
+@pytest.mark.parametrize("command", ["render", "evaluate"])
+def test_a_scene_that_is_not_there_or_not_one(fails, tmp_path, capture, command):
+    rest = [f"out={tmp_path}/out"] + [f"truth={capture}"] * (command == "evaluate")
+    assert "no such file" in fails(command, f"scene={tmp_path}/none.npz", *rest)
     other = tmp_path / "other.npz"
     other.write_text("a text")
-    assert "is not a gaussray-scene file" in fails(verb, f"scene={other}", *rest)
+    assert "is not a gaussray-scene file" in fails(command, f"scene={other}", *rest)
     np.savez(other, a=np.zeros(3))
-    assert "is not a gaussray-scene file" in fails(verb, f"scene={other}", *rest)
+    assert "is not a gaussray-scene file" in fails(command, f"scene={other}", *rest)
 
 
 def test_a_scene_of_another_version_or_kind(fails, tmp_path):
@@ -301,15 +301,15 @@ def test_a_page_without_its_package_says_what_to_install(fails, scene_file, monk
     assert "pip install -e '.[viewer]'" in fails("view", f"scene={scene_file}")
 
 
-@pytest.mark.parametrize("verb", ["reconstruct", "render", "evaluate"])
-def test_an_output_folder_that_cannot_be_made(fails, tmp_path, scene_file, capture, verb):
+@pytest.mark.parametrize("command", ["reconstruct", "render", "evaluate"])
+def test_an_output_folder_that_cannot_be_made(fails, tmp_path, scene_file, capture, command):
     (tmp_path / "file").write_text("")
     given = {
         "reconstruct": [f"capture.path={capture}"],
         "render": [f"scene={scene_file}"],
         "evaluate": [f"scene={scene_file}", f"truth={capture}"],
     }
-    line = fails(verb, *given[verb], f"out={tmp_path}/file/out")
+    line = fails(command, *given[command], f"out={tmp_path}/file/out")
     assert f"out={tmp_path}/file/out: cannot be written" in line
 
 

@@ -14,7 +14,7 @@ from gaussray.calibrate.pipeline import CalibrateOptions
 from gaussray.camera.sensor.sensor import SensorOptions
 from gaussray.capture.open import FORMATS
 from gaussray.capture.selection import Selection
-from gaussray.cli.help import VERBS
+from gaussray.cli.help import COMMANDS
 from gaussray.config.compose import Variations, compose_config
 from gaussray.config.options import build_options
 from gaussray.config.schema import conf_folder
@@ -62,7 +62,7 @@ CHOICES = [
     for group in GROUPS
     for path in sorted((conf_folder() / group).glob("*.yaml"))
 ]
-# What each verb demands before it says anything else.
+# What each command demands before it says anything else.
 GIVEN = {
     "demo": [],
     "reconstruct": ["capture.path=x", "out=x"],
@@ -78,11 +78,11 @@ GIVEN = {
 
 @functools.cache
 def group_of(group, choice):
-    """What one YAML file says, in the words of a verb."""
+    """What one YAML file says, in the words of a command."""
     fitted = "fit", "track", "field", "loss", "optimizer", "density", "need"
-    verb = "reconstruct" if group in fitted else "render"
-    verb = group if group in ("evaluate", "calibrate", "view") else verb
-    return compose_config(verb, [*GIVEN[verb], f"{group}={choice}"])[group]
+    command = "reconstruct" if group in fitted else "render"
+    command = group if group in ("evaluate", "calibrate", "view") else command
+    return compose_config(command, [*GIVEN[command], f"{group}={choice}"])[group]
 
 
 def leaf(group, choice):
@@ -142,9 +142,9 @@ def test_every_choice_names_every_key_and_builds_options_without_leaves(group, c
     assert keys == set(GROUPS[group][0].__dataclass_fields__)
 
 
-@pytest.mark.parametrize("verb", VERBS)
-def test_every_verb_has_a_configuration(verb):
-    assert compose_config(verb, GIVEN[verb])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_a_configuration(command):
+    assert compose_config(command, GIVEN[command])
 
 
 @pytest.mark.parametrize("override", ["fit.steps=3", "+fit.steps=3"])
@@ -155,7 +155,7 @@ def test_an_unknown_key_fails_and_is_named(override):
 
 
 @pytest.mark.parametrize(
-    ("verb", "override", "message"),
+    ("command", "override", "message"),
     [
         ("demo", "fit.coarse=many", "fit.coarse must be a whole number, got 'many'"),
         ("demo", "fit.coarse=2.5", "fit.coarse must be a whole number, got 2.5"),
@@ -189,9 +189,9 @@ def test_an_unknown_key_fails_and_is_named(override):
         ("evaluate", "evaluate.split=both", "evaluate.split must be train, test or all"),
     ],
 )
-def test_a_bad_value_fails_with_key_rule_and_value(verb, override, message):
+def test_a_bad_value_fails_with_key_rule_and_value(command, override, message):
     group = override.split(".")[0]
-    cfg = compose_config(verb, [*GIVEN[verb], override])
+    cfg = compose_config(command, [*GIVEN[command], override])
     with pytest.raises(ValueError, match=re.escape(message)):
         build_options(GROUPS[group][0], cfg[group])
 
@@ -205,7 +205,7 @@ def test_a_whole_number_does_for_a_fraction():
 
 
 def test_a_page_begins_with_any_camera_that_can_be_rendered():
-    cfg = [compose_config(verb, GIVEN[verb]) for verb in ("render", "view")]
+    cfg = [compose_config(command, GIVEN[command]) for command in ("render", "view")]
     groups = {"lens", "aperture", "shutter", "trajectory", "film", "physical", "sensor", "trace"}
     assert all(cfg[0][group] == cfg[1][group] for group in groups | {"camera", "render"})
 
