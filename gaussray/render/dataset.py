@@ -14,7 +14,7 @@ from gaussray.camera.camera import with_chromatic
 from gaussray.camera.sensor.sensor import SensorOptions, check_sensor
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.io.atomic import sweep
-from gaussray.render.aov.files import annotated, complete, write_labels
+from gaussray.render.aov.files import labels_exist, with_label_files, write_labels
 from gaussray.render.aov.labeller import Labeller
 from gaussray.render.dataset_files import (
     Videos,
@@ -71,7 +71,7 @@ def render_dataset(
         OSError: A file cannot be written, or pictures of other hosts do not appear in the folder.
     """
     options = options or DatasetOptions()
-    out, scene, records = Path(out), renderer.scene, annotated(records, options.labels)
+    out, scene, records = Path(out), renderer.scene, with_label_files(records, options.labels)
     _check(scene, records, options)
     claim_folder(out, scene, records, _settings(renderer, options))
     if leads():
@@ -168,7 +168,7 @@ def _write_labels(
     quiet: bool,
 ) -> None:
     """Write this host's share of the missing labels."""
-    exists = agreed(np.array([complete(out, record) for record in records]))
+    exists = agreed(np.array([labels_exist(out, record) for record in records]))
     missing = [record for record, there in zip(records, exists, strict=True) if not there]
     assigned = {record.file_path for record in share(missing)}
     progress = Progress("labels", len(assigned), quiet=quiet or not leads())

@@ -1,4 +1,4 @@
-"""The labels of a data set's pictures as files beside them, and their sharp twins."""
+"""Label files of a dataset, and the ground truth pictures without effects (label `sharp`)."""
 
 import dataclasses
 import os
@@ -13,78 +13,80 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.ideal_pinhole import sharp
 from gaussray.dataset.layers import write_codes, write_layers
 from gaussray.dataset.manifest import FrameRecord
-from gaussray.render.aov.labeller import CODES, LABELS, Labeller, check_labels
+from gaussray.render.aov.labeller import INTEGER_LABELS, LABELS, Labeller, check_labels
 
 
-# Effect of the pictures that `sharp` asks for, and so the name of their manifest.
+# The effect of the pictures of the label `sharp`, which names their manifest.
 SHARP = "sharp"
-# The label that stands for all layers of one file.
+# The key of the EXR file that holds all labels but whole numbers and `sharp`.
 LAYERS = "layers"
 
 
-def annotated(records: Sequence[FrameRecord], labels: Sequence[str]) -> list[FrameRecord]:
-    """The records with the files of these labels, and the records of their sharp twins behind them.
+def with_label_files(records: Sequence[FrameRecord], labels: Sequence[str]) -> list[FrameRecord]:
+    """The records with the paths of their label files, followed by the records of the ground truth
+    pictures if `sharp` is among the labels.
 
-    A picture `images/fisheye/cam00/0003.png` has its layers in `labels/fisheye/cam00/0003.exr`,
-    its codes in `0003.moving.png` and the like beside them, and its twin in
+    A picture `images/fisheye/cam00/0003.png` has float labels in `labels/fisheye/cam00/0003.exr`,
+    whole numbers beside them in `0003.moving.png` and the like, and its ground truth in
     `images/sharp/fisheye/cam00/0003.png`.
     """
     check_labels(labels)
     if not labels:
         return list(records)
-    own = [dataclasses.replace(one, labels=_files(one, labels)) for one in records]
-    return [*own, *(_twin(one) for one in own if SHARP in labels)]
+    with_files = [dataclasses.replace(one, labels=_files(one, labels)) for one in records]
+    return [*with_files, *(_sharp_record(one) for one in with_files if SHARP in labels)]
 
 
-def neighbours(
+def neighbour_cameras(
     records: Sequence[FrameRecord],
 ) -> dict[str, tuple[Camera | None, Camera | None]]:
-    """The cameras of the frames before and after each file's, of the same camera and effect, by
-    their times."""
-    films: dict[tuple[str, str], list[FrameRecord]] = {}
+    """The cameras of the previous and the next frame for each file, of the same camera name and
+    effect, in order of time."""
+    sequences: dict[tuple[str, str], list[FrameRecord]] = {}
     for record in records:
-        films.setdefault((record.effect, record.camera_name), []).append(record)
+        sequences.setdefault((record.effect, record.camera_name), []).append(record)
     found = {}
-    for film in films.values():
-        film = sorted(film, key=lambda record: float(record.camera.time))
-        cameras = [None, *(record.camera for record in film), None]
-        for i, record in enumerate(film):
+    for frames in sequences.values():
+        frames = sorted(frames, key=lambda record: float(record.camera.time))
+        cameras = [None, *(record.camera for record in frames), None]
+        for i, record in enumerate(frames):
             found[record.file_path] = cameras[i], cameras[i + 2]
     return found
 
 
-def complete(out: Path, record: FrameRecord) -> bool:
-    """Whether the labels of a record are all there."""
-    return all((out / path).exists() for path in _own(record).values())
+def labels_exist(out: Path, record: FrameRecord) -> bool:
+    """Whether all label files of a record exist."""
+    return all((out / path).exists() for path in _label_files(record).values())
 
 
 def write_labels(
     out: Path,
     records: Sequence[FrameRecord],
-    own: Collection[str],
+    assigned: Collection[str],
     labels: Sequence[str],
     labeller: Labeller,
 ) -> Iterator[FrameRecord]:
-    """The records with a picture among `own` as their labels are written, one after another; cores
-    compress some while the device goes on. The other records are neighbours."""
-    near = neighbours([record for record in records if record.effect != SHARP])
+    """Write the labels of the records whose pictures are `assigned`, and yield each when its files
+    are written. The cores compress files while the device computes the next labels. The other
+    records are neighbours, which flow needs."""
+    near = neighbour_cameras([record for record in records if record.effect != SHARP])
     waiting: deque[tuple[FrameRecord, Future[None]]] = deque()
     cores = os.cpu_count() or 1
     with ThreadPoolExecutor(cores) as pool:
         for record in records:
-            if record.file_path not in own:
+            if record.file_path not in assigned:
                 continue
             before, after = near[record.file_path]
-            found = labeller(record.camera, labels, before=before, after=after)
-            waiting.append((record, pool.submit(_write, out, record, found)))
+            values = labeller(record.camera, labels, before=before, after=after)
+            waiting.append((record, pool.submit(_write, out, record, values)))
             while len(waiting) > cores:
                 yield _written(waiting)
         while waiting:
             yield _written(waiting)
 
 
-def described(labels: Sequence[str]) -> dict[str, str]:
-    """What a manifest says of its labels: meaning and unit of each."""
+def label_units(labels: Sequence[str]) -> dict[str, str]:
+    """Meaning and unit of each label, for a manifest."""
     return {name: text for name, text in LABELS.items() if name in labels}
 
 
@@ -94,31 +96,31 @@ def _written(waiting: deque[tuple[FrameRecord, Future[None]]]) -> FrameRecord:
     return record
 
 
-def _write(out: Path, record: FrameRecord, found: dict[str, np.ndarray]) -> None:
-    files = _own(record)
+def _write(out: Path, record: FrameRecord, values: dict[str, np.ndarray]) -> None:
+    files = _label_files(record)
     for name in files.keys() - {LAYERS}:
-        write_codes(out / files[name], found[name])
+        write_codes(out / files[name], values[name])
     if LAYERS in files:
-        layers = {name: image for name, image in found.items() if name not in CODES}
+        layers = {name: image for name, image in values.items() if name not in INTEGER_LABELS}
         write_layers(out / files[LAYERS], layers)
 
 
-def _own(record: FrameRecord) -> dict[str, str]:
-    """Files of a record's labels other than pictures."""
+def _label_files(record: FrameRecord) -> dict[str, str]:
+    """The label files of a record, without the ground truth picture."""
     return {name: path for name, path in (record.labels or {}).items() if name != SHARP}
 
 
 def _files(record: FrameRecord, labels: Sequence[str]) -> dict[str, str]:
     path = Path(record.file_path)
     stem = Path("labels", *path.parts[1:]).with_suffix("")
-    files = {LAYERS: f"{stem.as_posix()}.exr"} if set(labels) - {*CODES, SHARP} else {}
-    files |= {name: f"{stem.as_posix()}.{name}.png" for name in CODES if name in labels}
+    files = {LAYERS: f"{stem.as_posix()}.exr"} if set(labels) - {*INTEGER_LABELS, SHARP} else {}
+    files |= {name: f"{stem.as_posix()}.{name}.png" for name in INTEGER_LABELS if name in labels}
     if SHARP in labels:
         files[SHARP] = Path(path.parts[0], SHARP, *path.parts[1:]).as_posix()
     return files
 
 
-def _twin(record: FrameRecord) -> FrameRecord:
+def _sharp_record(record: FrameRecord) -> FrameRecord:
     files = record.labels or {}
     return dataclasses.replace(
         record,

@@ -1,4 +1,4 @@
-"""What is known of every pixel beside its colour: geometry, motion, blur, identity."""
+"""Labels: what is known of every pixel besides its colour, such as geometry, motion, identity."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +11,7 @@ import numpy as np
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
-from gaussray.render.aov.trace import OF_RAYS, labelled
+from gaussray.render.aov.trace import OF_RAYS, FrameCameras, trace_labels
 from gaussray.render.frame import joined
 from gaussray.render.options import RenderOptions
 from gaussray.render.plan import Pace, strip, strips, whole_picture
@@ -21,7 +21,8 @@ from gaussray.tracer.trace import TraceOptions, enlarge, measure
 from gaussray.tracer.traverse import Capacity
 
 
-# Every label, with its unit. `sharp` is a picture, the others are numbers of a pixel's chief ray.
+# Every label with its meaning and unit, as manifests have it. `sharp` is a picture; the others are
+# numbers of each pixel's chief ray.
 LABELS = {
     "depth": "distance along the ray, scene units",
     "z": "depth along the camera's axis, scene units",
@@ -40,8 +41,8 @@ LABELS = {
     "valid": "1 where a surface is seen: the lens forms a ray and alpha is at least 1/2",
     "sharp": "the picture of an ideal pinhole in an instant",
 }
-# Those that are whole numbers.
-CODES = ("group", "moving", "valid")
+# Labels that are whole numbers.
+INTEGER_LABELS = ("group", "moving", "valid")
 
 
 def check_labels(names: Sequence[str]) -> None:
@@ -54,11 +55,16 @@ def check_labels(names: Sequence[str]) -> None:
 
 
 class Labeller:
-    """Labels of frame after frame of one scene, on the first device.
+    """Computes labels of frames of one scene, on the first device.
 
-    A label is that of the pixel's chief ray: through its centre and the middle of the opening, at
-    the middle of its row's exposure, whatever a rim keeps of its light. Scene and rows are those of
-    the picture, by key states also where `render.chunk_rows` asks for blocks of rows.
+    The labels of a pixel are those of its chief ray: through the centre of the pixel and of the
+    aperture, in the middle of its row's exposure, whatever light the rim blocks. The scene moves by
+    key states, also where `render.chunk_rows` asks for blocks of rows.
+
+    Args:
+        scene: The scene; clips of several segments have no labels.
+        options: Of them `keys` and `memory` matter; labels have one ray per pixel.
+        trace: How rays are traced.
     """
 
     def __init__(self, scene: Scene, *, options: RenderOptions, trace: TraceOptions):
@@ -74,37 +80,46 @@ class Labeller:
         before: Camera | None = None,
         after: Camera | None = None,
     ) -> dict[str, np.ndarray]:
-        """The labels of these names, [h, w] or [h, w, channels]: integers for `CODES`, else float.
+        """Compute the labels of one frame.
 
-        `before` and `after` are the cameras of the neighbouring frames; flow towards a frame that
-        is not there is NaN everywhere.
+        Args:
+            camera: The camera of the frame.
+            names: Names of `LABELS`; `sharp` is ignored, because it is a picture.
+            before: The camera of the previous frame, for backward flow.
+            after: The camera of the next frame, for forward flow.
+
+        Returns:
+            An array [h, w] or [h, w, channels] for each name: integers for `INTEGER_LABELS`,
+            otherwise float. Flow towards a missing frame is NaN everywhere.
+
+        Raises:
+            ValueError: A name is no label or is given twice.
         """
         check_labels(names)
-        asked = tuple(name for name in LABELS if name in names and name != "sharp")
-        if not asked:
+        names = tuple(name for name in LABELS if name in names and name != "sharp")
+        if not names:
             return {}
         camera = _geometric(camera)
         before, after = (one and _geometric(one) for one in (before, after))
         film = camera.film
-        # The one that adds most is found by the arrays everywhere, which take more memory.
-        rows, trace = strips(
-            film, self.options, replace(self.trace, backend="array"), self.scene.count
-        )
-        strip_of = partial(self._strip, camera, (before, after), asked, rows)
+        # The search for the largest weight uses arrays on every device, which need more memory.
+        arrays = replace(self.trace, backend="array")
+        rows, trace = strips(film, self.options, arrays, self.scene.count)
+        strip_of = partial(self._strip, camera, (before, after), names, rows)
         tops = (min(y, film.height - rows) for y in range(0, film.height, rows))
-        found = [(top, strip_of(top, replace(trace, backend=self.trace.backend))) for top in tops]
-        return {name: joined(film, [(top, seen[name]) for top, seen in found]) for name in asked}
+        pieces = [(top, strip_of(top, replace(trace, backend=self.trace.backend))) for top in tops]
+        return {name: joined(film, [(top, seen[name]) for top, seen in pieces]) for name in names}
 
     def _strip(
         self,
         camera: Camera,
         others: tuple[Camera | None, Camera | None],
-        asked: tuple[str, ...],
+        names: tuple[str, ...],
         rows: int,
         top: int,
         trace: TraceOptions,
     ) -> dict[str, np.ndarray]:
-        """The labels of so many rows from `top` on."""
+        """The labels of a strip of rows from `top` on."""
         film = camera.film
         if rows == film.height:
             part, trace = whole_picture(film, trace)
@@ -115,17 +130,18 @@ class Labeller:
         pace = Pace(Capacity((), 0, 0), keys, self.options, trace, None)
         arrays = replace(trace, backend="array")
         key = film.width, rows, keys, jax.tree.structure(camera)
-        if key not in self._capacity and not set(asked) <= set(OF_RAYS):
+        if key not in self._capacity and not set(names) <= set(OF_RAYS):
             motion, rays = about_to_trace(self.scene, camera, part, pace=pace)
             self._capacity[key] = [
                 measure(motion, rays, options=one, headroom=1.5) for one in (trace, arrays)
             ]
         pixel = pixel_grid(film)[top : top + rows].reshape(-1, 2)
+        cameras = FrameCameras(camera, *others)
         while True:
-            held = self._capacity.get(key, [pace.capacity] * 2)
-            sizes = held[0], held[1]
-            values, reports = labelled(
-                self.scene, camera, *others, part, pixel, pace=pace, sizes=sizes, asked=asked
+            kept = self._capacity.get(key, [pace.capacity] * 2)
+            sizes = kept[0], kept[1]
+            values, reports = trace_labels(
+                self.scene, cameras, part, pixel, pace=pace, sizes=sizes, names=names
             )
             short = [i for i, (_, dropped) in enumerate(reports) if int(dropped)]
             if not short:

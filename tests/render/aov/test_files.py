@@ -9,7 +9,7 @@ import toy
 from gaussray.capture.formats.paired import read_capture
 from gaussray.dataset.layers import read_layers
 from gaussray.render import dataset
-from gaussray.render.aov.files import annotated, neighbours
+from gaussray.render.aov.files import neighbour_cameras, with_label_files
 from gaussray.render.dataset import render_dataset
 from gaussray.render.options import DatasetOptions, RenderOptions
 from gaussray.render.renderer import Renderer
@@ -63,9 +63,9 @@ def test_labels_are_written_and_listed_beside_pictures_that_stay_as_they_are(tmp
 
 def test_neighbours_are_those_in_time_of_the_same_camera():
     records = toy.records()
-    near = neighbours(records[::-1])
+    near = neighbour_cameras(records[::-1])
     first, second, third = records[:3]
     assert near[first.file_path] == (None, second.camera)
     assert near[second.file_path] == (first.camera, third.camera)
     assert near[third.file_path] == (second.camera, None)
-    assert annotated(records, ()) == records
+    assert with_label_files(records, ()) == records
