@@ -54,7 +54,7 @@ def _focus(options: ApertureOptions) -> Float[Array, ""] | FocusPull:
     times, distances = options.focus_times, options.focus_distances
     if len(times) != len(distances):
         raise ValueError(
-            "aperture.focus_distances must have one value for each of aperture.focus_times, got "
+            "aperture.focus_distances must be as many as aperture.focus_times, got "
             f"{len(distances)} and {len(times)}."
         )
     if not times:
