@@ -21,8 +21,8 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.lens import pinhole
 from gaussray.render import Renderer, RenderOptions
-from gaussray.render.plan import Pace, strips
-from gaussray.render.program import render_part
+from gaussray.render.compiled import ProgramSettings, render_part
+from gaussray.render.parts import strips
 from gaussray.render.renderer import _Batch
 from gaussray.runtime.jit_cache import compiled
 from gaussray.scene.scene import Scene
@@ -59,9 +59,9 @@ def count(renderer: Renderer, camera: Camera) -> float:
     batch = _Batch([view], True, rows, trace)
     part, trace = renderer._part(0, batch)
     capacity = renderer._measure(batch, part, trace)
-    pace = Pace(capacity, view.keys, renderer.options, trace, renderer.mesh)
+    settings = ProgramSettings(capacity, view.keys, renderer.options, trace, renderer.mesh)
     leaves, structure = renderer._flat[0]
-    program = render_part(structure, view.layout, pace).lower(leaves, view.row, part).compile()
+    program = render_part(structure, view.layout, settings).lower(leaves, view.row, part).compile()
     found = program.memory_analysis()
     print(f"{rows} rows in bundles of {trace.levels} levels, {capacity.pairs} pairs in lists")
     return found.temp_size_in_bytes / 1e9

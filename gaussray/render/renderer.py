@@ -18,19 +18,11 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import SIDEWAYS, time_window
+from gaussray.render.camera_layout import CameraLayout, pack_camera
+from gaussray.render.compiled import ProgramSettings, prepare_trace, render_frames, render_part
 from gaussray.render.frame import Frame as Frame, channels, joined, settled, united
 from gaussray.render.options import RenderOptions as RenderOptions
-from gaussray.render.plan import (
-    Layout,
-    Pace,
-    Part,
-    packed,
-    part_of,
-    strip,
-    strips,
-    whole_picture,
-)
-from gaussray.render.program import about_to_trace, render_frames, render_part
+from gaussray.render.parts import Part, part_of, strip, strips, whole_picture
 from gaussray.render.segments import Share, shares
 from gaussray.scene.scene import Scene, key_count
 from gaussray.scene.segmented import Clip, edges_of, segments_of
@@ -121,7 +113,7 @@ class Renderer:
         cameras = iter(cameras)
         while some := list(itertools.islice(cameras, 64)):
             for camera in jax.device_get(some):
-                row, layout = packed(camera)
+                row, layout = pack_camera(camera)
                 divided = shares(camera, self._edges, self.options.samples, number)
                 for segment, share in divided:
                     keys, last = self._keys(camera, segment, share), segment == divided[-1][0]
@@ -184,16 +176,16 @@ class Renderer:
         part, trace = self._part(top, batch)
         if size not in self._capacity:
             self._capacity[size] = self._measure(batch, part, trace)
-        pace = Pace(self._capacity[size], batch.keys, self.options, trace, self.mesh)
-        batch.compiled |= (size, pace.capacity) not in self._ready
-        self._ready.add((size, pace.capacity))
+        settings = ProgramSettings(self._capacity[size], batch.keys, self.options, trace, self.mesh)
+        batch.compiled |= (size, settings.capacity) not in self._ready
+        self._ready.add((size, settings.capacity))
         rows, layout = [view.row for view in batch.views], batch.views[0].layout
         leaves, structure = self._flat[batch.views[0].segment]
         if batch.alone:
-            return render_part(structure, layout, pace)(leaves, rows[0], part)
+            return render_part(structure, layout, settings)(leaves, rows[0], part)
         # A device without a frame of its own repeats the last.
         rows = np.stack(rows + rows[-1:] * (self.mesh.size - len(rows)))
-        return render_frames(structure, layout, pace)(leaves, rows, part)
+        return render_frames(structure, layout, settings)(leaves, rows, part)
 
     def _finish(self, batch: "_Batch") -> list[Frame]:
         """The frames of a batch; parts whose lists were too short are rendered again."""
@@ -241,11 +233,11 @@ class Renderer:
         return jax.device_put(tree, NamedSharding(self.mesh, PartitionSpec()))
 
     def _measure(self, batch: "_Batch", part: Part, trace: TraceOptions) -> Capacity:
-        unknown = Pace(Capacity((), 0, 0), batch.keys, self.options, trace, None)
+        unknown = ProgramSettings(Capacity((), 0, 0), batch.keys, self.options, trace, None)
         part = jax.device_get(part)
         camera = batch.views[0].camera
         scene = self.scenes[batch.views[0].segment]
-        motion, rays = about_to_trace(scene, camera, part, pace=unknown)
+        motion, rays = prepare_trace(scene, camera, part, settings=unknown)
         found = measure(motion, rays, options=trace, headroom=1.5)
         # A device sees its share of the bundles, but any one device may get the fullest.
         share = self.mesh.size if batch.alone else 1
@@ -264,7 +256,7 @@ class _View(NamedTuple):
 
     camera: Camera
     row: Float[np.ndarray, " numbers"]
-    layout: Layout
+    layout: CameraLayout
     keys: int
     segment: int = 0
     share: Share | None = None

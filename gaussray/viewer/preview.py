@@ -15,17 +15,10 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
+from gaussray.render.camera_layout import CameraLayout, pack_camera
+from gaussray.render.compiled import ProgramSettings, prepare_trace, render_part, render_pieces
 from gaussray.render.options import RenderOptions
-from gaussray.render.plan import (
-    Layout,
-    Pace,
-    Part,
-    dealt,
-    packed,
-    part_of,
-    whole_picture,
-)
-from gaussray.render.program import about_to_trace, render_part, render_pieces
+from gaussray.render.parts import Part, interleaved, part_of, whole_picture
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, edges_of, segments_of
 from gaussray.tracer.shard import mesh as device_mesh
@@ -65,7 +58,7 @@ class _Key(NamedTuple):
     """What a program is compiled for: camera layout, picture size, key states, rays per pixel,
     segment of the scene, and whether it traces a single pixel (`probe`)."""
 
-    layout: Layout
+    layout: CameraLayout
     size: tuple[int, int]
     keys: int
     samples: int
@@ -151,7 +144,7 @@ class PreviewRenderer:
 
     def _key(self, camera: Camera, samples: int, probe: bool = False):
         camera = jax.device_get(camera)
-        row, layout = packed(camera)
+        row, layout = pack_camera(camera)
         film = camera.film
         begin, end = time_window(camera.shutter, (film.width, film.height))
         segment = int(np.searchsorted(self._edges, float(camera.time), side="right"))
@@ -209,15 +202,15 @@ class PreviewRenderer:
         options = dataclasses.replace(self._like, samples=key.samples)
         capacity = capacity or self._known(key, trace.levels)
         if capacity is None:
-            unknown = Pace(Capacity((), 0, 0), key.keys, options, trace, None)
+            unknown = ProgramSettings(Capacity((), 0, 0), key.keys, options, trace, None)
             one = part if place is None else jax.tree.map(lambda x: x[0], jax.device_get(part))
-            motion, rays = about_to_trace(self.scenes[key.segment], camera, one, pace=unknown)
+            motion, rays = prepare_trace(self.scenes[key.segment], camera, one, settings=unknown)
             capacity = measure(motion, rays, options=trace, headroom=_HEADROOM)
         make, mesh = (render_part, None) if place is None else (render_pieces, self._mesh)
-        pace = Pace(capacity, key.keys, options, trace, mesh)
-        call = make(self._flat[key.segment][1], key.layout, pace)
+        settings = ProgramSettings(capacity, key.keys, options, trace, mesh)
+        call = make(self._flat[key.segment][1], key.layout, settings)
         program = _Program(call, capacity, part, place)
-        self._run(program, key, packed(jax.device_get(camera))[0], part)
+        self._run(program, key, pack_camera(jax.device_get(camera))[0], part)
         self._programs[key] = program
 
     def _part(self, key: _Key, camera: Camera) -> tuple[Part, TraceOptions, np.ndarray | None]:
@@ -228,7 +221,7 @@ class PreviewRenderer:
             return *part_of(camera.film, np.array([middle]), self.trace), None
         if self._mesh.size == 1:
             return *whole_picture(camera.film, self.trace), None
-        part, trace, place = dealt(camera.film, self.trace, self._mesh.size)
+        part, trace, place = interleaved(camera.film, self.trace, self._mesh.size)
         shared = jax.device_put(part, NamedSharding(self._mesh, PartitionSpec("rays")))
         return shared, trace, np.asarray(place)
 

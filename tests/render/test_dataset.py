@@ -24,7 +24,7 @@ from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
 from gaussray.render import dataset, develop
 from gaussray.render.dataset import render_dataset
 from gaussray.render.options import DatasetOptions, RenderOptions
-from gaussray.render.plan import PIXEL, RAY, SAMPLE
+from gaussray.render.parts import PIXEL, RAY, SAMPLE
 from gaussray.render.renderer import Renderer
 
 

@@ -15,16 +15,16 @@ from gaussray.camera.lens import KannalaBrandt
 from gaussray.camera.sampling import sobol_samples
 from gaussray.camera.shutter import Shutter, interlaced
 from gaussray.camera.trajectory import Trajectory
-from gaussray.render import plan as parts
-from gaussray.render.plan import (
+from gaussray.render import parts
+from gaussray.render.parts import (
     PIXEL,
     RAY,
     RAY_OF_KERNEL,
     SAMPLE,
-    dealt,
+    interleaved,
+    samples_at_once,
     strip_rows,
     strips,
-    together,
 )
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.scene import Scene, key_count
@@ -293,7 +293,7 @@ def test_strips_are_whole_tiles_that_fit_and_at_least_one():
 @pytest.mark.parametrize("devices", [1, 2, 3])
 def test_every_pixel_of_a_dealt_picture_has_one_place(devices):
     film, trace = Film(44, 20, "center"), TraceOptions(bundle=4, levels=1)
-    part, how, place = dealt(film, trace, devices)
+    part, how, place = interleaved(film, trace, devices)
     assert part.pixel.shape[0] == len(part.row) == devices and how.levels == 0
     y, x = np.mgrid[:20, :44]
     there = np.asarray(part.pixel).reshape(-1, 2)[np.asarray(place)]
@@ -321,6 +321,6 @@ def test_strips_of_a_kernel_are_larger_also_where_samples_are_traced_one_by_one(
     options = dataclasses.replace(options, samples=5)
     arrays = strip_rows(film, options, trace)
     monkeypatch.setattr(parts, "on_kernel", lambda *_: True)
-    assert together(options, trace) == 1
+    assert samples_at_once(options, trace) == 1
     kernel = strip_rows(film, options, trace)
     assert kernel > 1.5 * arrays and kernel * 4096 * (RAY_OF_KERNEL + 5 * SAMPLE + PIXEL) <= 2e9

@@ -12,10 +12,10 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
 from gaussray.render.aov.trace import OF_RAYS, FrameCameras, trace_labels
+from gaussray.render.compiled import ProgramSettings, prepare_trace
 from gaussray.render.frame import joined
 from gaussray.render.options import RenderOptions
-from gaussray.render.plan import Pace, strip, strips, whole_picture
-from gaussray.render.program import about_to_trace
+from gaussray.render.parts import strip, strips, whole_picture
 from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.trace import TraceOptions, enlarge, measure
 from gaussray.tracer.traverse import Capacity
@@ -127,21 +127,21 @@ class Labeller:
             part, trace = strip(film, rows, trace, top)
         begin, end = time_window(jax.device_get(camera.shutter), (film.width, film.height))
         keys = (self.options.keys or key_count(self.scene, end - begin)) if end > begin else 1
-        pace = Pace(Capacity((), 0, 0), keys, self.options, trace, None)
+        settings = ProgramSettings(Capacity((), 0, 0), keys, self.options, trace, None)
         arrays = replace(trace, backend="array")
         key = film.width, rows, keys, jax.tree.structure(camera)
         if key not in self._capacity and not set(names) <= set(OF_RAYS):
-            motion, rays = about_to_trace(self.scene, camera, part, pace=pace)
+            motion, rays = prepare_trace(self.scene, camera, part, settings=settings)
             self._capacity[key] = [
                 measure(motion, rays, options=one, headroom=1.5) for one in (trace, arrays)
             ]
         pixel = pixel_grid(film)[top : top + rows].reshape(-1, 2)
         cameras = FrameCameras(camera, *others)
         while True:
-            kept = self._capacity.get(key, [pace.capacity] * 2)
+            kept = self._capacity.get(key, [settings.capacity] * 2)
             sizes = kept[0], kept[1]
             values, reports = trace_labels(
-                self.scene, cameras, part, pixel, pace=pace, sizes=sizes, names=names
+                self.scene, cameras, part, pixel, settings=settings, sizes=sizes, names=names
             )
             short = [i for i, (_, dropped) in enumerate(reports) if int(dropped)]
             if not short:

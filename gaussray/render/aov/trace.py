@@ -16,8 +16,8 @@ from gaussray.camera.rays import Rays
 from gaussray.camera.rolling_projection import landing, place_at
 from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import normalize, safe_norm
-from gaussray.render.plan import Pace, Part
-from gaussray.render.program import about_to_trace
+from gaussray.render.compiled import ProgramSettings, prepare_trace
+from gaussray.render.parts import Part
 from gaussray.scene.normals import normals
 from gaussray.scene.point_tracks import STATIC, carried, group_of
 from gaussray.scene.scene import Scene
@@ -54,7 +54,7 @@ def trace_labels(
     part: Part,
     pixel: Float[Array, "pixels 2"],
     *,
-    pace: Pace,
+    settings: ProgramSettings,
     sizes: tuple[Capacity, Capacity],
     names: tuple[str, ...],
 ) -> tuple[dict[str, Array], list[tuple[Array, Array]]]:
@@ -62,7 +62,7 @@ def trace_labels(
     the number of candidates that it dropped. `sizes` are the lists of the trace of surfaces and of
     the search for the Gaussian with the largest weight."""
     camera = cameras.camera
-    motion, rays = about_to_trace(scene, camera, part, pace=pace)
+    motion, rays = prepare_trace(scene, camera, part, settings=settings)
     rays = jax.tree.map(lambda x: x[0], rays)
     chief: Rays = jax.tree.map(lambda x: x[part.slot], rays)
     labels: dict[str, Array] = {
@@ -72,12 +72,12 @@ def trace_labels(
     }
     reports: list[tuple[Array, Array]] = []
     if not set(names) <= set(OF_RAYS):
-        seen, report = _surface(motion, rays, part, camera, pace.trace, sizes[0])
+        seen, report = _surface(motion, rays, part, camera, settings.trace, sizes[0])
         labels |= seen
         reports.append(report)
         if set(names) & set(_OF_DOMINANT):
             best = dominant(
-                motion, rays, options=replace(pace.trace, backend="array"), capacity=sizes[1]
+                motion, rays, options=replace(settings.trace, backend="array"), capacity=sizes[1]
             )
             reports.append((best.needed, best.dropped))
             index = best.index[part.slot]

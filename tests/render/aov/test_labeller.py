@@ -10,7 +10,7 @@ import toy
 from gaussray.camera.aperture import Aperture, FocusPull, Rim
 from gaussray.camera.shutter import interlaced
 from gaussray.render.aov.labeller import LABELS, Labeller, check_labels
-from gaussray.render.plan import PIXEL, RAY, SAMPLE
+from gaussray.render.parts import PIXEL, RAY, SAMPLE
 from gaussray.render.renderer import RenderOptions
 from gaussray.scene.scene import Scene
 

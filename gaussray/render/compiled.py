@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import NamedSharding, PartitionSpec
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jax.tree_util import PyTreeDef
 from jaxtyping import Array, Bool, Float
 
@@ -16,7 +16,9 @@ from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import shifted_samples, sobol_samples
 from gaussray.camera.shutter import decisive_pixels, row_number
-from gaussray.render.plan import Layout, Pace, Part, together
+from gaussray.render.camera_layout import CameraLayout
+from gaussray.render.options import RenderOptions
+from gaussray.render.parts import Part, samples_at_once
 from gaussray.render.splat_compat import dilated, seen_from_center
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene
@@ -24,51 +26,67 @@ from gaussray.scene.transient import Transients, transients_at
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, scene_motion
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import Report, over, prepare
+from gaussray.tracer.trace import Report, TraceOptions, over, prepare
+from gaussray.tracer.traverse import Capacity
+
+
+class ProgramSettings(eqx.Module):
+    """What a program is compiled for: list sizes, key states (0: one, at the time of the row of the
+    part), options, and the devices that share the rays (None: one device)."""
+
+    capacity: Capacity
+    keys: int = eqx.field(static=True)
+    options: RenderOptions
+    trace: TraceOptions
+    mesh: Mesh | None = eqx.field(static=True)
 
 
 @functools.lru_cache(maxsize=64)
 def render_part(
-    structure: PyTreeDef, layout: Layout, pace: Pace
+    structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings
 ) -> Callable[..., tuple[Array, Report]]:
     """A compiled function of (leaves of a scene of this structure, row of a camera, part): red,
     green, blue, coverage and mean distance of the part's pixels, the rays spread over the devices.
 
-    Made once for each pace, so that a frame costs the host as little as can be.
+    Made once for each settings, so that a frame costs the host as little as can be.
     """
 
     @jax.jit
     def run(leaves: list[Array], row: Array, part: Part):
-        return _seen(jax.tree.unflatten(structure, leaves), layout.camera(row), part, pace)
+        return _seen(jax.tree.unflatten(structure, leaves), layout.camera(row), part, settings)
 
     return run
 
 
 @functools.lru_cache(maxsize=64)
 def render_frames(
-    structure: PyTreeDef, layout: Layout, pace: Pace
+    structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings
 ) -> Callable[..., tuple[Array, Report]]:
     """The same for as many cameras (a row each) as there are devices, a frame on each."""
-    return _on_each(structure, layout, pace, of_each=("row",))
+    return _on_each(structure, layout, settings, of_each=("row",))
 
 
 @functools.lru_cache(maxsize=64)
 def render_pieces(
-    structure: PyTreeDef, layout: Layout, pace: Pace
+    structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings
 ) -> Callable[..., tuple[Array, Report]]:
     """The same for a part of one frame on each device (`parts.dealt`). None waits for another, so
     that programs may share the devices."""
-    return _on_each(structure, layout, pace, of_each=("part",))
+    return _on_each(structure, layout, settings, of_each=("part",))
 
 
-def _on_each(structure: PyTreeDef, layout: Layout, pace: Pace, of_each: tuple[str, ...]):
+def _on_each(
+    structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings, of_each: tuple[str, ...]
+):
     """Values and report of every device, stacked, where the arguments `of_each` have a row each."""
-    if pace.mesh is None:
+    if settings.mesh is None:
         raise ValueError("frames are spread over a mesh of devices, got none.")
     names, split = ("leaves", "row", "part"), PartitionSpec("rays")
     specs = tuple(split if name in of_each else PartitionSpec() for name in names)
-    placed = [NamedSharding(pace.mesh, spec) for spec in specs]
-    alone = Pace(pace.capacity, pace.keys, pace.options, pace.trace, None)
+    placed = [NamedSharding(settings.mesh, spec) for spec in specs]
+    alone = ProgramSettings(
+        settings.capacity, settings.keys, settings.options, settings.trace, None
+    )
 
     def one_device(*given):
         own = (
@@ -80,24 +98,28 @@ def _on_each(structure: PyTreeDef, layout: Layout, pace: Pace, of_each: tuple[st
         return jax.tree.map(lambda x: x[None], seen)
 
     return jax.jit(
-        jax.shard_map(one_device, mesh=pace.mesh, in_specs=specs, out_specs=split, check_vma=False),
+        jax.shard_map(
+            one_device, mesh=settings.mesh, in_specs=specs, out_specs=split, check_vma=False
+        ),
         in_shardings=tuple(placed),
     )
 
 
-def _seen(scene: Scene, camera: Camera, part: Part, pace: Pace) -> tuple[Array, Report]:
-    motion = _motion(scene, camera, part, pace)
+def _seen(
+    scene: Scene, camera: Camera, part: Part, settings: ProgramSettings
+) -> tuple[Array, Report]:
+    motion = _motion(scene, camera, part, settings)
     if camera.chromatic is not None:
 
         def channel(magnification: Float[Array, ""]) -> tuple[Pixels, Report]:
-            return _traced(motion, camera, part, pace, magnification)
+            return _traced(motion, camera, part, settings, magnification)
 
         seen, reports = over(channel, camera.chromatic)
         color = jnp.stack([seen.color[i, :, i] for i in range(3)], axis=-1)
         pixels = Pixels(color, jnp.mean(seen.transmittance, axis=0), jnp.mean(seen.depth, axis=0))
         report = _all_of(reports)
     else:
-        pixels, report = _traced(motion, camera, part, pace)
+        pixels, report = _traced(motion, camera, part, settings)
     alpha = 1 - pixels.transmittance
     depth = pixels.depth / jnp.maximum(alpha, 1e-6)
     return jnp.concatenate([pixels.color, alpha[:, None], depth[:, None]], axis=1), report
@@ -107,15 +129,15 @@ def _traced(
     motion: Motion,
     camera: Camera,
     part: Part,
-    pace: Pace,
+    settings: ProgramSettings,
     magnification: Float[Array, ""] | None = None,
 ) -> tuple[Pixels, Report]:
     """The part's pixels, each the mean of its samples; `magnification` is that of one colour."""
-    u, shared = _points(part, pace), together(pace.options, pace.trace)
+    u, shared = _points(part, settings), samples_at_once(settings.options, settings.trace)
     mine = None if part.share is None else part.share.seen
     # Once for all samples.
     span = _span(camera, part)
-    scene = prepare(motion, span, options=pace.trace, capacity=pace.capacity)
+    scene = prepare(motion, span, options=settings.trace, capacity=settings.capacity)
 
     def trace_some(
         some: tuple[Array, Array | None],
@@ -124,9 +146,9 @@ def _traced(
         pixels, report = trace_sharded(
             scene,
             rays,
-            options=pace.trace,
-            capacity=pace.capacity,
-            mesh=pace.mesh,
+            options=settings.trace,
+            capacity=settings.capacity,
+            mesh=settings.mesh,
         )
         weight = rays.weight
         if weight is not None:
@@ -139,8 +161,8 @@ def _traced(
     return pixels if weight is None else _vignetted(pixels, weight), _all_of(reports)
 
 
-def _points(part: Part, pace: Pace) -> Float[Array, "samples 5"]:
-    count = pace.options.samples
+def _points(part: Part, settings: ProgramSettings) -> Float[Array, "samples 5"]:
+    count = settings.options.samples
     u = sobol_samples(count) if part.batch is None else shifted_samples(count, part.batch)
     return u.astype(part.pixel.dtype)
 
@@ -191,8 +213,8 @@ def _rays(
     return jax.vmap(sample)(u, seen)
 
 
-def _motion(scene: Scene, camera: Camera, part: Part, pace: Pace) -> Motion:
-    key_time, options = _key_times(camera, part, pace.keys), pace.options
+def _motion(scene: Scene, camera: Camera, part: Part, settings: ProgramSettings) -> Motion:
+    key_time, options = _key_times(camera, part, settings.keys), settings.options
 
     def shown(gaussians: Gaussians) -> Gaussians:
         if options.dilation:
@@ -251,9 +273,11 @@ def _bounds(part: Part) -> tuple[Array | None, Array | None]:
 
 
 @eqx.filter_jit
-def about_to_trace(scene: Scene, camera: Camera, part: Part, *, pace: Pace) -> tuple[Motion, Rays]:
+def prepare_trace(
+    scene: Scene, camera: Camera, part: Part, *, settings: ProgramSettings
+) -> tuple[Motion, Rays]:
     """What is traced at once, to measure list sizes with."""
-    u, some = _points(part, pace), together(pace.options, pace.trace)
-    motion = _motion(scene, camera, part, pace)
+    u, some = _points(part, settings), samples_at_once(settings.options, settings.trace)
+    motion = _motion(scene, camera, part, settings)
     seen = None if part.share is None else part.share.seen[:some]
     return motion, _rays(camera, part.pixel, u[:some], seen)

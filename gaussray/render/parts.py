@@ -1,31 +1,26 @@
-"""What is traced at once, how it is sampled, and what it is compiled for."""
+"""Parts of a picture: the pixels that are traced at once, and how they are cut and ordered."""
 
 import dataclasses
 import math
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.sharding import Mesh
-from jax.tree_util import PyTreeDef
 from jaxtyping import Array, Float, Int
 
-from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.render.options import RenderOptions
 from gaussray.render.segments import Share
 from gaussray.tracer.bundle import FAN, tiles
 from gaussray.tracer.grid import OCCUPANCY
 from gaussray.tracer.trace import TraceOptions, on_kernel
-from gaussray.tracer.traverse import Capacity
 
 
 # Samples of a pixel that are traced at once and share what their bundle may meet. That saves a GPU
 # most of the search; on a CPU the longer lists cost more (16 samples of a lens take 1.9 times as
 # long).
-_TOGETHER = 16
+_SAMPLES_AT_ONCE = 16
 # Cells of the grid times bundles of the coarsest level, at most, where levels can be added: the
 # answers of so many tests are in memory at once.
 _TESTS = 1 << 26
@@ -36,10 +31,13 @@ RAY, RAY_OF_KERNEL, SAMPLE, PIXEL = 520, 100, 20, 60
 
 
 class Part(eqx.Module):
-    """What is traced at once: `pixel` index (column, row) in the order of the bundles (padding
-    repeats a pixel), and the `slot` of each pixel in it. `row` is where a chunk of rows has its
-    time. Of a frame that several segments of a clip show, one traces its `share`. `batch` is the
-    number of a batch of samples, None if there is only one."""
+    """The pixels that are traced at once.
+
+    `pixel` are indices (column, row) in the order of the ray bundles; padding repeats a pixel;
+    `slot` is the place of each pixel in that order. `row` is the row whose time a chunk of rows
+    uses. `share` are the rays of one segment where several segments of a clip show a frame. `batch`
+    is the number of a batch of samples, None if there is only one.
+    """
 
     pixel: Float[Array, "slots 2"]
     slot: Int[Array, " pixels"]
@@ -49,20 +47,24 @@ class Part(eqx.Module):
 
 
 def whole_picture(film: Film, trace: TraceOptions) -> tuple[Part, TraceOptions]:
-    """A picture traced at once, and how: small ones have no use for coarser bundles."""
+    """All pixels of a picture as one part, and its trace options: a small picture needs no coarser
+    bundles."""
     order = tiles(film.width, film.height, trace.bundle, trace.levels)
     return part_of(film, order, trace)
 
 
-def together(options: RenderOptions, trace: TraceOptions) -> int:
-    """How many samples of a pixel are traced at once."""
-    return math.gcd(options.samples, _TOGETHER) if on_kernel(trace, jnp.float32) else 1
+def samples_at_once(options: RenderOptions, trace: TraceOptions) -> int:
+    """The number of samples of a pixel that are traced at once."""
+    return math.gcd(options.samples, _SAMPLES_AT_ONCE) if on_kernel(trace, jnp.float32) else 1
 
 
 def strip_rows(film: Film, options: RenderOptions, trace: TraceOptions) -> int:
     """The rows of a picture that are traced at once: all of them, or whole tiles, as many as
     `render.memory` allows for, and at least one."""
-    ray, group = RAY_OF_KERNEL if on_kernel(trace, jnp.float32) else RAY, together(options, trace)
+    ray, group = (
+        RAY_OF_KERNEL if on_kernel(trace, jnp.float32) else RAY,
+        samples_at_once(options, trace),
+    )
     each = ray * group + SAMPLE * options.samples / group + PIXEL
     most = int(options.memory * 1e9 / (each * film.width))
     if most >= film.height:
@@ -101,9 +103,9 @@ def strip(film: Film, rows: int, trace: TraceOptions, top: int) -> tuple[Part, T
     return part_of(film, np.where(order < 0, order, order + top * film.width), trace, top)
 
 
-def dealt(film: Film, trace: TraceOptions, devices: int) -> tuple[Part, TraceOptions, Array]:
-    """A picture in as many parts, stacked, of blocks of tiles from all over it, so that the work is
-    even; how they are traced; and where each pixel is among the slots of all parts."""
+def interleaved(film: Film, trace: TraceOptions, devices: int) -> tuple[Part, TraceOptions, Array]:
+    """A picture as one part per device, stacked, of interleaved blocks of tiles, for even work;
+    its trace options; and the place of each pixel among the slots of all parts."""
     block = trace.bundle**2 * FAN**trace.levels
     order = tiles(film.width, film.height, trace.bundle, trace.levels).reshape(-1, block)
     order = np.pad(order, ((0, -len(order) % devices), (0, 0)), constant_values=-1)
@@ -128,35 +130,3 @@ def part_of(
     middle = top + (len(inside) // film.width - 1) / 2
     place = jnp.asarray(pixel, jnp.float32), jnp.asarray(slot), jnp.asarray(middle, jnp.float32)
     return Part(*place), trace
-
-
-class Pace(eqx.Module):
-    """What a part is compiled for: list sizes, and how many key states (0: that of its row)."""
-
-    capacity: Capacity
-    keys: int = eqx.field(static=True)
-    options: RenderOptions
-    trace: TraceOptions
-    mesh: Mesh | None = eqx.field(static=True)
-
-
-class Layout(NamedTuple):
-    """How a camera's numbers lie in a row, which costs a frame one transfer instead of a dozen."""
-
-    structure: PyTreeDef
-    shapes: tuple[tuple[int, ...], ...]
-    dtypes: tuple[np.dtype, ...]
-
-    def camera(self, row: Float[Array, " numbers"]) -> Camera:
-        """The camera of a row."""
-        ends = np.cumsum([math.prod(shape) for shape in self.shapes])
-        parts = jnp.split(row, ends[:-1])
-        told = zip(parts, self.shapes, self.dtypes, strict=True)
-        return jax.tree.unflatten(self.structure, [x.reshape(s).astype(d) for x, s, d in told])
-
-
-def packed(camera: Camera) -> tuple[Float[np.ndarray, " numbers"], Layout]:
-    """A camera whose numbers are on the host as one row."""
-    leaves, structure = jax.tree.flatten(camera)
-    layout = Layout(structure, tuple(x.shape for x in leaves), tuple(x.dtype for x in leaves))
-    return np.concatenate([x.ravel() for x in leaves]), layout
