@@ -70,8 +70,10 @@ def render_frames(
 def render_pieces(
     structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings
 ) -> Callable[..., tuple[Array, Report]]:
-    """The same for a part of one frame on each device (`parts.interleaved`). None waits for another, so
-    that programs may share the devices."""
+    """The same for a part of one frame on each device (`parts.interleaved`).
+
+    No device waits for another, so that programs may share the devices.
+    """
     return _on_each(structure, layout, settings, of_each=("part",))
 
 
