@@ -13,7 +13,7 @@ from gaussray.geometry import RigidTransform, multiply, turning
 
 # Waves of the process, and the largest seed, which single precision holds exactly.
 WAVES = 64
-SEEDS = 2**24
+SHAKE_SEEDS = 2**24
 
 
 class Shake(eqx.Module):
@@ -43,8 +43,8 @@ class Shake(eqx.Module):
         require(
             "trajectory.shake.seed",
             self.seed,
-            lambda s: (s >= 0) & (s < SEEDS) & (s == np.floor(s)),
-            f"a whole number in 0 ... {SEEDS - 1}",
+            lambda s: (s >= 0) & (s < SHAKE_SEEDS) & (s == np.floor(s)),
+            f"a whole number in 0 ... {SHAKE_SEEDS - 1}",
         )
 
 

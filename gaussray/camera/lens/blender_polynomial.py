@@ -14,8 +14,8 @@ from gaussray.camera.lens.model import (
     LensModel,
     LensOptions,
     coefficients_of,
+    film_size,
     half_angle,
-    picture_size,
 )
 from gaussray.camera.lens.radial import polar
 from gaussray.camera.roots import increasing_root
@@ -177,7 +177,7 @@ def _from_options(film: Film, options: LensOptions) -> FisheyePolynomial:
     return FisheyePolynomial(
         jnp.asarray(coefficients_of(options, 5)),
         jnp.asarray(options.sensor, jnp.float32),
-        jnp.asarray(picture_size(film)),
+        jnp.asarray(film_size(film)),
         jnp.zeros(2, jnp.float32),
         jnp.asarray(2 * half_angle(options), jnp.float32),
     )

@@ -11,9 +11,9 @@ from gaussray.camera.lens.model import (
     LensModel,
     LensOptions,
     coefficients_of,
+    film_size,
     focal_and_center,
     half_angle,
-    picture_size,
 )
 from gaussray.camera.lens.radial import RadialLens, root
 from gaussray.camera.roots import increasing_root
@@ -132,7 +132,7 @@ def _covering(
 
 
 def _from_options(film: Film, options: LensOptions) -> Division:
-    k, size = coefficients_of(options, 1, 2), picture_size(film)
+    k, size = coefficients_of(options, 1, 2), film_size(film)
     focal = float(size[0]) / 2 / _radius_of(half_angle(options, 179.0), k.astype(np.float64))
     return Division(
         focal=jnp.full(2, focal, jnp.float32),

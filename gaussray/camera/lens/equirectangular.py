@@ -13,8 +13,8 @@ from gaussray.camera.lens.model import (
     LensModel,
     LensOptions,
     coefficients_of,
+    film_size,
     focal_and_center,
-    picture_size,
 )
 from gaussray.geometry import safe_norm
 
@@ -66,7 +66,7 @@ def _from_options(film: Film, options: LensOptions) -> Equirectangular:
     coefficients_of(options, 0)
     if not 0 < options.fov_y <= 180:
         raise ValueError(f"lens.fov_y must be in (0, 180] degrees, got {options.fov_y}.")
-    size = picture_size(film)
+    size = film_size(film)
     focal = size * 180 / np.array([options.fov, options.fov_y], np.float32)
     return Equirectangular(jnp.asarray(focal, jnp.float32), jnp.asarray(size / 2))
 

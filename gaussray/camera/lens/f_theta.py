@@ -14,9 +14,9 @@ from gaussray.camera.lens.model import (
     LensModel,
     LensOptions,
     coefficients_of,
+    film_size,
     focal_and_center,
     half_angle,
-    picture_size,
 )
 from gaussray.camera.lens.radial import RadialLens
 from gaussray.camera.roots import increasing_root
@@ -134,7 +134,7 @@ def _from_options(film: Film, options: LensOptions) -> FTheta:
     limit = jnp.asarray(limit_of(k.tolist(), half_angle(options), kind), jnp.float32)
     return FTheta(
         focal=jnp.ones(2, jnp.float32),
-        center=jnp.asarray(picture_size(film) / 2),
+        center=jnp.asarray(film_size(film) / 2),
         coefficients=jnp.asarray(k),
         limit=limit,
         polynomial=kind,

@@ -109,7 +109,7 @@ def focal_and_center(
     return jnp.array(focal, dtype), jnp.array([keys.number("cx"), keys.number("cy")], dtype)
 
 
-def picture_size(film: Film) -> Float[np.ndarray, "2"]:
+def film_size(film: Film) -> Float[np.ndarray, "2"]:
     """Width and height in pixels."""
     return np.array([film.width, film.height], np.float32)
 

@@ -18,9 +18,9 @@ from gaussray.camera.lens.model import (
     LensModel,
     LensOptions,
     coefficients_of,
+    film_size,
     focal_and_center,
     half_angle,
-    picture_size,
 )
 from gaussray.camera.validate import known, require
 from gaussray.geometry import normalize
@@ -139,8 +139,8 @@ def _from_options(film: Film, options: LensOptions) -> Pinhole:
         raise ValueError(f"lens.fov must be in (0, 180) for a pinhole, got {options.fov}.")
     k = coefficients_of(options, 0, 4, 5, 8, 12, 14)
     k = np.pad(k, (0, max(8 - len(k), 0)))
-    focal = picture_size(film)[0] / 2 / np.tan(half_angle(options))
-    center = jnp.asarray(picture_size(film) / 2)
+    focal = film_size(film)[0] / 2 / np.tan(half_angle(options))
+    center = jnp.asarray(film_size(film) / 2)
     return pinhole(jnp.full(2, focal, jnp.float32), center, jnp.asarray(k) if any(k) else None)
 
 

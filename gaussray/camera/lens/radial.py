@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float
 
 from gaussray.camera.film import Film
 from gaussray.camera.lens.correctable import ParametricLens
-from gaussray.camera.lens.model import picture_size
+from gaussray.camera.lens.model import film_size
 from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
@@ -116,9 +116,9 @@ def root(square: Float[Array, ""]) -> Float[Array, ""]:
 def spanning(film: Film, half: float, build: Callable[[Array, Array, Array], _Radial]) -> _Radial:
     """The radial lens whose picture, `half` radians wide from axis to rim, touches the longer sides
     of the film; `build` makes it from focal length, principal point and half angle."""
-    center, angle = jnp.asarray(picture_size(film) / 2), jnp.asarray(half, jnp.float32)
+    center, angle = jnp.asarray(film_size(film) / 2), jnp.asarray(half, jnp.float32)
 
     def scaled(focal: float) -> _Radial:
         return build(jnp.full(2, focal, jnp.float32), center, angle)
 
-    return scaled(float(picture_size(film).min() / 2 / scaled(1.0).radius(angle)))
+    return scaled(float(film_size(film).min() / 2 / scaled(1.0).radius(angle)))
