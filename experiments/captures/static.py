@@ -141,7 +141,8 @@ def fit(
     folder: Path, options: ReconstructOptions, scale: float, devices: int | None, quiet: bool
 ) -> dict[str, float]:
     """Fit a capture and score its held-out views."""
-    capture = open_capture(folder, selection=Selection(scale=scale))
+    # The first time, of a video.
+    capture = open_capture(folder, selection=Selection(frames=(0, 0, 1), scale=scale))
     with tempfile.TemporaryDirectory() as out:
         begin = time.perf_counter()
         run = Path(out) / "run"

@@ -1,5 +1,7 @@
 """The error of held-out tiles, and whether a fit still improves."""
 
+import math
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -44,11 +46,12 @@ def held_out_psnr(
     options: StepOptions,
     sizes: BlockSizes,
 ) -> float:
-    """PSNR in dB of the held-out tiles; -inf if the tracer had no room for some of them."""
+    """PSNR in dB of the held-out tiles, without batches for which the tracer had no room; NaN if
+    these are more than half."""
     known = [
         float(_square_error(state, views, everywhere(batch, sizes.mesh), cameras,
                             options=options, sizes=sizes))
         for batch in batches
     ]  # fmt: skip
-    mean = float(np.mean(known))
-    return psnr_from_mse(mean) if np.isfinite(mean) else -np.inf
+    finite = [value for value in known if np.isfinite(value)]
+    return psnr_from_mse(float(np.mean(finite))) if 2 * len(finite) >= len(known) else math.nan

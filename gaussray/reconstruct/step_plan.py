@@ -1,5 +1,6 @@
 """How many steps a stage takes: as its options say, or as many as fit into a time."""
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -54,7 +55,10 @@ class Plateau:
         self._best, self._since = -np.inf, 0
 
     def reached(self, step: int, score: float) -> bool:
-        if score > self._best + self._gain:
+        if math.isnan(score):
+            # Unknown is no reason to end.
+            self._since = step
+        elif score > self._best + self._gain:
             self._best, self._since = score, step
         return step - self._since > self._patience * step
 

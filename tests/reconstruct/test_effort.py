@@ -1,5 +1,6 @@
 """fit=auto: what is chosen follows device and capture, and what is set stays."""
 
+import math
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -127,6 +128,8 @@ def test_a_plateau_begins_where_the_score_gained_nothing_for_a_fifth_of_the_step
     scores = {100: 20.0, 200: 21.0, 220: 21.04, 240: 20.9, 251: 21.04}
     assert [plateau.reached(*pair) for pair in scores.items()] == [False] * 4 + [True]
     assert not plateau.reached(260, 21.06)
+    # What could not be measured ends nothing.
+    assert not plateau.reached(400, math.nan) and not plateau.reached(410, 20.0)
 
 
 def test_a_fit_ends_soon_after_held_out_tiles_no_longer_improve(monkeypatch):

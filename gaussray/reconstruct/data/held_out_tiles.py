@@ -31,6 +31,9 @@ def held_out_batches(
     frame, tile = (x.astype(np.int32) for x in np.nonzero(held))
     if not len(frame):
         return []
+    # Neighbours together would need longer lists than the tiles of a step.
+    order = np.random.default_rng(0).permutation(len(frame))
+    frame, tile = frame[order], tile[order]
     count = max(len(frame) // tiles, 1) * tiles
     frame, tile = np.resize(frame, count), np.resize(tile, count)
     time = footage.times[:1]
