@@ -97,7 +97,13 @@ def launch(
     The kernel writes every element of its results, and adds to its sums in place. (A sum is an
     operand that shares its memory with a result at the end of the list, which the kernel does not
     declare.)
+
+    Raises:
+        TypeError: an array is not of 32-bit floats or integers, which is what kernels read.
     """
+    wrong = [x.dtype for x in (*operands, *sums, *results) if x.dtype not in (np.float32, np.int32)]
+    if wrong:
+        raise TypeError(f"{name}: kernels take float32 and int32 arrays, got {wrong[0]}.")
     given, made = len(operands), len(results)
     call = jax.ffi.ffi_call(
         _TARGET,

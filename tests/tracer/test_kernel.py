@@ -146,7 +146,7 @@ def mixed(keys=3):
 
 def roomy(options):
     """Room for every list, coarse levels as the options want."""
-    return Capacity((512,) * (options.levels + 1), 8192, 128, COUNT)
+    return Capacity((512,) * (options.levels + 1), 8192, 4 * COUNT, COUNT)
 
 
 def on_host(tree):
@@ -237,7 +237,7 @@ def test_transient_gaussians_at_times_of_rays(scene, when):
 
 @pytest.mark.gpu
 def test_transient_gaussians_alone_are_those_of_the_arrays():
-    nothing = eqx.tree_at(lambda m: m.gaussians.opacity, resting(gaussians(1)), jnp.zeros(1))
+    nothing = eqx.tree_at(lambda m: m.gaussians.opacity, resting(gaussians(1)), jnp.zeros(1, jnp.float32))
     motion = beside(nothing, fleeting(COUNT, seed=3, size=(0.1, 0.5)))
     lines, capacity = shot(rays()), roomy(OPTIONS)
     weight = weights(dtype=np.float32)
@@ -256,7 +256,7 @@ def test_on_a_device_too_what_is_not_alive_enters_no_list():
     lines = replace(shot(rays()), time=jnp.full(RAYS, 0.5, jnp.float32))
     few = fleeting(COUNT, seed=3, size=(0.05, 0.4), lifetime=(0.01, 0.02), speed=0.0)
     few = replace(few, instant=jnp.where(jnp.arange(COUNT) % 4, 10.0, 0.5))
-    nothing = eqx.tree_at(lambda m: m.gaussians.opacity, resting(gaussians(1)), jnp.zeros(1))
+    nothing = eqx.tree_at(lambda m: m.gaussians.opacity, resting(gaussians(1)), jnp.zeros(1, jnp.float32))
     every, living = beside(nothing, few), beside(nothing, jax.tree.map(lambda x: x[::4], few))
     pixels, report = look(every, lines, options=OPTIONS, capacity=roomy(OPTIONS))
     expected, least = look(living, lines, options=OPTIONS, capacity=roomy(OPTIONS))
