@@ -235,9 +235,15 @@ def test_transient_gaussians_at_times_of_rays(scene, when):
     assert color < COLOR and max(errors.values()) < GRADIENT, errors
 
 
+def invisible():
+    """A motion of one Gaussian that no ray meets."""
+    none = jnp.zeros(1, jnp.float32)
+    return eqx.tree_at(lambda m: m.gaussians.opacity, resting(gaussians(1)), none)
+
+
 @pytest.mark.gpu
 def test_transient_gaussians_alone_are_those_of_the_arrays():
-    nothing = eqx.tree_at(lambda m: m.gaussians.opacity, resting(gaussians(1)), jnp.zeros(1, jnp.float32))
+    nothing = invisible()
     motion = beside(nothing, fleeting(COUNT, seed=3, size=(0.1, 0.5)))
     lines, capacity = shot(rays()), roomy(OPTIONS)
     weight = weights(dtype=np.float32)
@@ -256,7 +262,7 @@ def test_on_a_device_too_what_is_not_alive_enters_no_list():
     lines = replace(shot(rays()), time=jnp.full(RAYS, 0.5, jnp.float32))
     few = fleeting(COUNT, seed=3, size=(0.05, 0.4), lifetime=(0.01, 0.02), speed=0.0)
     few = replace(few, instant=jnp.where(jnp.arange(COUNT) % 4, 10.0, 0.5))
-    nothing = eqx.tree_at(lambda m: m.gaussians.opacity, resting(gaussians(1)), jnp.zeros(1, jnp.float32))
+    nothing = invisible()
     every, living = beside(nothing, few), beside(nothing, jax.tree.map(lambda x: x[::4], few))
     pixels, report = look(every, lines, options=OPTIONS, capacity=roomy(OPTIONS))
     expected, least = look(living, lines, options=OPTIONS, capacity=roomy(OPTIONS))
