@@ -16,7 +16,7 @@ from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from gaussray.runtime.jit_cache import keep_programs
 
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
 class DevicesOptions(eqx.Module):
@@ -122,7 +122,7 @@ def leads() -> bool:
     return jax.process_index() == 0
 
 
-def share(items: Sequence[T]) -> Sequence[T]:
+def share(items: Sequence[_T]) -> Sequence[_T]:
     """The items that fall to this process; neighbours go to different ones, as they cost alike."""
     return items[jax.process_index() :: jax.process_count()]
 
@@ -133,7 +133,7 @@ def wait(name: str) -> None:
         multihost_utils.sync_global_devices(name)
 
 
-def agreed(tree: T) -> T:
+def agreed(tree: _T) -> _T:
     """The arrays of process 0, on this host alone.
 
     What hosts decide on by themselves (how many Gaussians, how long a list) must follow from equal
@@ -145,7 +145,7 @@ def agreed(tree: T) -> T:
     return jax.tree.map(jnp.asarray, told)
 
 
-def everywhere(tree: T, mesh: Mesh) -> T:
+def everywhere(tree: _T, mesh: Mesh) -> _T:
     """The arrays, equal on all hosts, on every device of the mesh."""
     sharding = NamedSharding(mesh, PartitionSpec())
     own = [d for d in mesh.devices.flat if d.process_index == jax.process_index()]

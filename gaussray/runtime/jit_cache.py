@@ -11,7 +11,7 @@ import jax
 
 
 # Programs that took this long are kept; to load one takes milliseconds.
-WORTH = 0.2
+MIN_COMPILE_SECONDS = 0.2
 # Tracing, lowering and XLA; JAX says of each how long it took.
 EVENTS = "/jax/core/compile/"
 
@@ -78,7 +78,7 @@ def keep_programs(folder: str) -> Path | None:
             raise OSError(f"devices.programs={folder}: cannot be written: {error}") from error
         return None
     jax.config.update("jax_compilation_cache_dir", str(path))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", WORTH)
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", MIN_COMPILE_SECONDS)
     return path
 
 

@@ -15,7 +15,7 @@ from gaussray.capture.formats.transforms import points_of, views_of
 from gaussray.capture.picture_file import picture_size
 
 
-PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
+_PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
 # Every eighth picture is held out, as in LLFF, NeRF and their successors.
 HELD_OUT_STEP = 8
 
@@ -61,7 +61,7 @@ def llff_pictures(folder: Path) -> list[Path]:
     reduced.sort(key=lambda path: int(path.name.removeprefix("images_")))
     for place in (folder / "images", *reduced):
         if place.is_dir():
-            names = sorted(p for p in place.iterdir() if p.suffix.lower() in PICTURE_SUFFIXES)
+            names = sorted(p for p in place.iterdir() if p.suffix.lower() in _PICTURE_SUFFIXES)
             if names:
                 listed = {"picture": [path.relative_to(folder).as_posix() for path in names]}
                 return [
