@@ -68,7 +68,7 @@ def base(steps: int, tiles: int, gaussians: int, degree: int) -> ReconstructOpti
     return ReconstructOptions(
         fit=FitOptions(
             coarse=1, fine=steps - 1, tiles=tiles, tile_side=32, degree=degree,
-            rise=max(steps // 7, 1), opacity=0.5, spread=0.6, points=gaussians // 2, surround=0.0,
+            rise=max(steps // 7, 1), opacity=0.5, spread=0.6, points=gaussians // 4, surround=0.15,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
         optimizer=OptimizerOptions(),
@@ -114,6 +114,7 @@ VARIANTS: dict[str, Callable[[ReconstructOptions], ReconstructOptions]] = {
     "budget*2": lambda o: replaced(
         o, density__gaussians=o.density.gaussians * 2, fit__points=o.fit.points * 2
     ),
+    "random": lambda o: replaced(o, fit__start="random"),
     "few": lambda o: replaced(o, fit__points=o.density.gaussians // 8),
     "often": lambda o: replaced(o, density__interval=50),
     "full": lambda o: replaced(o, fit__points=o.density.gaussians),

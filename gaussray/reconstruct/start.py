@@ -15,7 +15,7 @@ from gaussray.camera.corrections import Corrections, no_corrections
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.motion_mask import point_activity
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
-from gaussray.reconstruct.initialize.from_points import bodies, on_points, surrounding
+from gaussray.reconstruct.initialize.from_points import bodies, on_points, surrounding, thinned
 from gaussray.reconstruct.initialize.initializer import initial_points
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
@@ -40,6 +40,9 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
     position, color, on_surfaces = initial_points(
         session.capture, session.footage, fit, session.progress_bar
     )
+    if session.options.density.relocates:
+        room = int(session.options.density.gaussians / (1 + on_surfaces * fit.surround))
+        position, color = thinned(position, color, count=max(room, 1), seed=fit.seed)
     gaussians = on_points(
         position, color, degree=fit.degree, opacity=fit.opacity, spread=fit.spread
     )

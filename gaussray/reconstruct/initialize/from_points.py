@@ -120,6 +120,20 @@ def between(
     return place.astype(np.float32), tone.astype(np.float32)
 
 
+def thinned(
+    position: Float[np.ndarray, "points 3"],
+    color: Float[np.ndarray, "points 3"],
+    *,
+    count: int,
+    seed: int,
+) -> tuple[Float[np.ndarray, "rest 3"], Float[np.ndarray, "rest 3"]]:
+    """At most `count` of the points, drawn at random, in their order."""
+    if len(position) <= count:
+        return position, color
+    chosen = np.sort(np.random.default_rng(seed).permutation(len(position))[:count])
+    return position[chosen], color[chosen]
+
+
 def surrounding(
     position: Float[np.ndarray, "points 3"], *, count: int, seed: int
 ) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count 3"]]:

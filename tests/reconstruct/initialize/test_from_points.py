@@ -12,6 +12,7 @@ from gaussray.reconstruct.initialize.from_points import (
     merged,
     on_points,
     surrounding,
+    thinned,
 )
 from gaussray.reconstruct.session import scene_extent
 from gaussray.scene.bodies import body_of
@@ -123,3 +124,12 @@ def test_bodies_that_are_known_stay_two_where_they_touch_and_new_ones_are_found(
     member = np.asarray(body_of(found, jnp.asarray(cloud)))
     np.testing.assert_array_equal(member, np.repeat([0, 1, 2], 300))
     assert not np.any(found.path) and len(bodies(cloud[:0], times, known=known).pivot) == 0
+
+
+def test_a_budget_keeps_points_with_their_colours():
+    position = np.arange(60, dtype=np.float32).reshape(20, 3)
+    place, color = thinned(position, 2 * position, count=7, seed=1)
+    assert place.shape == (7, 3) and (np.diff(place[:, 0]) > 0).all()
+    np.testing.assert_array_equal(color, 2 * place)
+    assert np.isin(place, position).all()
+    assert thinned(position, position, count=20, seed=1)[0] is position
