@@ -1,0 +1,70 @@
+"""Which points a reconstruction starts from, by fit.start and by what there is."""
+
+import inspect
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.points import Points
+from gaussray.reconstruct.initialize import initializer
+from gaussray.reconstruct.options import FitOptions
+
+
+GIVEN, MATCHED, RANDOM = 40, 300, 64
+
+
+def cloud(count, seed):
+    position = np.random.default_rng(seed).random((count, 3)).astype(np.float32)
+    return Points(position, np.full((count, 3), 0.5, np.float32))
+
+
+@pytest.fixture
+def started(monkeypatch):
+    """The points of a start, where stereo finds so many."""
+
+    def start(word, *, given=None, matched=MATCHED, points=RANDOM):
+        random = initializer.InitialPoints(np.zeros((points, 3)), np.zeros((points, 3)), False)
+        monkeypatch.setattr(initializer, "points_in_view", lambda *_: random)
+        monkeypatch.setattr(initializer, "points_of_stereo", lambda *_: cloud(matched, 1))
+        capture = SimpleNamespace(points=given)
+        options = FitOptions(start=word, points=points, outliers=0.0)
+        return inspect.unwrap(initializer.initial_points)(capture, None, options, None)
+
+    return start
+
+
+@pytest.mark.parametrize(
+    ("word", "given", "count", "on_surfaces"),
+    [
+        ("auto", None, MATCHED, True),
+        ("auto", 100, 100, True),
+        ("given", 100, 100, True),
+        ("given", None, RANDOM, False),
+        ("stereo", 100, MATCHED, True),
+        ("stereo", None, MATCHED, True),
+        ("random", 100, RANDOM, False),
+    ],
+)
+def test_points_come_from_where_the_start_says(started, word, given, count, on_surfaces):
+    points = started(word, given=None if given is None else cloud(given, 0))
+    assert len(points.position) == count and points.on_surfaces == on_surfaces
+
+
+def test_few_given_points_stay_and_stereo_adds_to_them(started):
+    given = cloud(GIVEN, 0)
+    points = started("auto", given=given)
+    np.testing.assert_array_equal(points.position[:GIVEN], given.position)
+    assert GIVEN < len(points.position) <= GIVEN + MATCHED
+
+
+def test_where_stereo_finds_too_few_points_the_start_is_random_with_a_warning(started):
+    with pytest.warns(CaptureWarning, match="stereo finds 12 points"):
+        points = started("auto", matched=12)
+    assert len(points.position) == RANDOM and not points.on_surfaces
+
+
+def test_an_unknown_start_is_refused_with_those_there_are():
+    with pytest.raises(ValueError, match="fit.start must be one of auto, given, stereo, random"):
+        FitOptions(start="colmap")
