@@ -49,9 +49,9 @@ def initial_points(
     given, start = capture.points, options.start
     if start == "random" or (start == "given" and given is None):
         return points_in_view(footage, options)
-    if given is not None and (start == "given" or len(given.position) >= options.points):
-        return points_of_capture(given, options)
-    known = None if given is None or start == "stereo" else given
+    known = None if start == "stereo" else given
+    if known is not None and (start == "given" or len(known.position) >= options.points):
+        return points_of_capture(known, options)
     matched = points_of_stereo(footage, options, known, bar)
     if known is not None:
         return points_of_capture(filled_up(known, matched), options)
@@ -100,11 +100,11 @@ def points_of_stereo(
 
 
 def filled_up(known: Points, matched: Points) -> Points:
-    """Known points, and those of stereo that lie further from all of them than these from each
-    other: where the known ones leave surfaces empty."""
+    """Known points, and those of stereo that lie further from all of them than from each other:
+    where the known ones leave surfaces empty."""
     if len(matched.position) < 2:
         return known
-    gap = max(typical_gap(known.position), typical_gap(matched.position))
+    gap = typical_gap(matched.position)
     away, _ = KDTree(known.position).query(matched.position)
     more = away > gap
     return Points(
