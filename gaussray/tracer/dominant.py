@@ -71,11 +71,11 @@ def dominant(motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Cap
 
 def _among_all(scene: Prepared, index: Int[Array, " rays"]) -> Int[Array, " rays"]:
     """Numbers among all Gaussians of those among the ones that are alive."""
-    if scene.index is None or not scene.index.shape[0]:
+    if scene.living is None:
         return index
-    first = scene.motion.gaussians.count
-    place = jnp.clip(index - first, 0, scene.index.shape[0] - 1)
-    return jnp.where(index < first, index, first + scene.index[place])
+    first, number = scene.motion.gaussians.count, scene.living.index
+    place = jnp.clip(index - first, 0, number.shape[0] - 1)
+    return jnp.where(index < first, index, first + number[place])
 
 
 def _walk(rows, layout: Columns, index, bundle: _Bundle, *, options: TraceOptions, slots: int):

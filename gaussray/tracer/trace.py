@@ -19,7 +19,7 @@ from gaussray.tracer.march import march
 from gaussray.tracer.motion import Motion, control_weights, whole, within
 from gaussray.tracer.table import Lanes, columns, table
 from gaussray.tracer.traverse import Candidates, Capacity, candidates
-from gaussray.tracer.window import alive, chosen
+from gaussray.tracer.window import Living, living
 
 
 BACKENDS = ("auto", "array", "kernel")
@@ -84,28 +84,25 @@ class Report(eqx.Module):
 class Prepared(eqx.Module):
     """A motion as all rays within a `span` of time may meet it.
 
-    `motion` holds of the transient Gaussians those that are alive in the span, `index` which ones
-    they are among all (-1: an empty place), `needed` how many there are. `grid` is the one over
-    them (None where the CUDA kernels trace).
+    `motion` holds of the transient Gaussians those that are `living` in the span (None: there are
+    no transient ones). `grid` is the one over them (None where the CUDA kernels trace).
     """
 
     motion: Motion
     grid: Grid | None
     span: Float[Array, "2"]
-    index: Int[Array, " alive"] | None = None
-    needed: Int[Array, ""] | None = None
-    unusable: Int[Array, ""] | None = None
+    living: Living | None = None
 
     def extended(self, needed: Array, dropped: Array) -> tuple[Array, Array]:
-        """List sizes with the number of transients that are alive, and what finds no place."""
-        if self.needed is None or self.index is None:
+        """List sizes with the number of living transients, and entries without a place."""
+        if self.living is None:
             return needed, dropped
-        lost = jnp.maximum(self.needed - self.index.shape[0], 0)
-        return jnp.append(needed, self.needed), dropped + lost
+        lost = jnp.maximum(self.living.needed - self.living.index.shape[0], 0)
+        return jnp.append(needed, self.living.needed), dropped + lost
 
     def skipped(self, others: Array) -> Array:
         """How many Gaussians are not finite, given how many of the `others` are not."""
-        return others if self.unusable is None else others + self.unusable
+        return others if self.living is None else others + self.living.unusable
 
 
 def prepare(
@@ -119,23 +116,20 @@ def prepare(
         options: how it will be traced.
         capacity: that of the traces.
     """
-    index = needed = unusable = None
+    chosen, transient = None, motion.transient
     span = jax.lax.stop_gradient(span)
-    if motion.transient is not None and not motion.transient.count:
-        motion = replace(motion, transient=None)
-    if motion.transient is not None:
-        lit, fine = alive(motion.transient, within(motion.time_range, span), options.alpha_min)
-        needed = jnp.sum(lit, dtype=jnp.int32)
-        unusable = jnp.sum(~fine, dtype=jnp.int32)
+    if transient is not None:
         # At least one place: an array of nothing is no operand of a kernel.
-        transient, index = chosen(motion.transient, lit, max(capacity.transient, 1))
-        motion = replace(motion, transient=transient)
+        places, seen = max(capacity.transient, 1), within(motion.time_range, span)
+        if transient.count:
+            chosen = living(transient, seen, places, options.alpha_min)
+        motion = replace(motion, transient=None if chosen is None else chosen.transients)
     grid = None
     if not on_kernel(options, motion.gaussians.mean.dtype):
         motion = whole(motion)
         fixed = jax.lax.stop_gradient(motion)
         grid = build(fixed, alpha_min=options.alpha_min, span=span)
-    return Prepared(motion, grid, span, index, needed, unusable)
+    return Prepared(motion, grid, span, chosen)
 
 
 def prepared_for(
@@ -333,7 +327,7 @@ def _alive_count(motion: Motion, rays: Rays, options: TraceOptions) -> Int[Array
     """How many transient Gaussians some ray may meet."""
     none = Capacity((), 0, 0)
     scene = prepare(motion, span_of(rays), options=options, capacity=none)
-    return jnp.zeros((), jnp.int32) if scene.needed is None else scene.needed
+    return jnp.zeros((), jnp.int32) if scene.living is None else scene.living.needed
 
 
 # Compiled once for all who measure alike.

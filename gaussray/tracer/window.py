@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.transient import Transients, squared_age
@@ -89,31 +89,48 @@ def swept_box(
     return center - half + least, center + half + most
 
 
-def alive(
-    transients: Transients, span: Float[Array, "2"], alpha_min: float
-) -> tuple[Bool[Array, " transients"], Bool[Array, " transients"]]:
-    """Which transient Gaussians some ray within the span of time may meet, and which are finite."""
-    t = jax.lax.stop_gradient(transients)
-    window = window_of(t)
-    numbers = (window.velocity, *(x[:, None] for x in (t.instant, window.rate, t.plateau)))
-    finite = jnp.all(jnp.isfinite(jnp.concatenate(numbers, axis=1)), axis=1)
-    fine = usable(still(t.gaussians).gaussians) & finite & (t.lifetime > 0)
-    swept = sweep(window, reach(t.opacity, alpha_min), span[0], span[1])
-    return fine & (swept.shrink > 0), fine
+class Living(eqx.Module):
+    """The transient Gaussians that some ray within a span of time may meet.
+
+    `index` tells which ones of all they are (-1: an empty place, which holds a Gaussian of opacity
+    0), `needed` how many places they want, and `unusable` how many Gaussians are not finite: all
+    those whose windows are not, and of the others the ones that are alive.
+    """
+
+    transients: Transients
+    index: Int[Array, " places"]
+    needed: Int[Array, ""]
+    unusable: Int[Array, ""]
 
 
-def chosen(
-    transients: Transients, lit: Bool[Array, " transients"], capacity: int
-) -> tuple[Transients, Int[Array, " capacity"]]:
-    """The first `capacity` transients that are lit, and which ones they are (-1: an empty place,
-    which holds a Gaussian of opacity 0). Gradients go back to where the Gaussians came from."""
-    index = jnp.nonzero(lit, size=capacity, fill_value=transients.count)[0].astype(jnp.int32)
+def living(
+    transients: Transients, span: Float[Array, "2"], places: int, alpha_min: float
+) -> Living:
+    """Picks the transient Gaussians that are alive, the first of them if there are too many.
 
-    def pick(x: Array) -> Array:
-        return x.at[index].get(mode="fill", fill_value=1)
-
+    Only windows and opacities of all Gaussians are looked at, so that a trace costs hardly more
+    than what is alive. Gradients go back to where the Gaussians came from.
+    """
+    fixed = jax.lax.stop_gradient(transients)
+    window = window_of(fixed)
+    windows = jnp.stack([window.instant, window.rate, window.plateau, fixed.opacity])
+    finite = jnp.all(jnp.isfinite(windows), axis=0) & (window.rate >= 0)
+    swept = sweep(window, reach(fixed.opacity, alpha_min), span[0], span[1])
+    lit = finite & (swept.shrink > 0)
+    index = jnp.nonzero(lit, size=places, fill_value=transients.count)[0].astype(jnp.int32)
+    picked = jax.tree.map(lambda x: x.at[index].get(mode="fill", fill_value=1), transients)
     there = index < transients.count
-    picked = jax.tree.map(pick, transients)
-    opacity = jnp.where(there, picked.opacity, 0)
-    picked = eqx.tree_at(lambda t: t.opacity, picked, opacity)
-    return picked, jnp.where(there, index, -1)
+    fine = usable(still(picked.gaussians).gaussians)
+    fine = fine & jnp.all(jnp.isfinite(picked.velocity), axis=1)
+
+    def replaced(x: Array) -> Array:
+        return jnp.where(fine.reshape(-1, *(1,) * (x.ndim - 1)), x, 1)
+
+    picked = jax.tree.map(replaced, picked)
+    opacity = jnp.where(there & fine, picked.opacity, 0)
+    return Living(
+        transients=eqx.tree_at(lambda t: t.opacity, picked, opacity),
+        index=jnp.where(there, index, -1),
+        needed=jnp.sum(lit, dtype=jnp.int32),
+        unusable=jnp.sum(~finite, dtype=jnp.int32) + jnp.sum(~fine, dtype=jnp.int32),
+    )

@@ -270,7 +270,7 @@ def test_without_transients_no_size_is_reported_for_them():
     motion, lines = resting(gaussians(COUNT)), shot(rays())
     _, report = look(motion, lines, options=OPTIONS, capacity=CAPACITY)
     assert len(report.needed) == len(CAPACITY.cells) + 2
-    assert prepare(motion, span_of(lines), options=OPTIONS, capacity=CAPACITY).index is None
+    assert prepare(motion, span_of(lines), options=OPTIONS, capacity=CAPACITY).living is None
     empty = beside(motion, fleeting(0))
     pixels, _ = look(empty, lines, options=OPTIONS, capacity=ROOM)
     expected, _ = look(motion, lines, options=OPTIONS, capacity=CAPACITY)
