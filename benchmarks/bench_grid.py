@@ -18,10 +18,10 @@ from benchmarks.record import backend, begin, record, show, timed
 from gaussray.camera.rays import Rays
 from gaussray.scene.scene import Scene, at, moving_at
 from gaussray.tracer import kernel
-from gaussray.tracer.bundle import tiles
-from gaussray.tracer.grid import build
+from gaussray.tracer.bundle import morton_tiles
+from gaussray.tracer.grid import build_grid
 from gaussray.tracer.kernel_layout import boxes_of, rows_of
-from gaussray.tracer.motion import Motion, still, whole
+from gaussray.tracer.motion import Motion, still, with_rest
 from gaussray.tracer.trace import TraceOptions, find, measure, span_of
 from gaussray.tracer.traverse import Capacity
 
@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--keys", type=int, nargs="+", default=[1, 3])
     chosen = parser.parse_args(argv)
     options = TraceOptions(backend=backend(chosen.backend))
-    order = np.maximum(tiles(chosen.side, chosen.side, options.bundle, options.levels), 0)
+    order = np.maximum(morton_tiles(chosen.side, chosen.side, options.bundle, options.levels), 0)
     rows = []
     for count in chosen.gaussians:
         scene = dynamic_room(count)
@@ -84,26 +84,26 @@ def stages(motion: Motion, rays: Rays, options: TraceOptions):
 
 def _arrays(options: TraceOptions, capacity: Capacity):
     def order(motion, rays):
-        return build(whole(motion), alpha_min=options.alpha_min)
+        return build_grid(with_rest(motion), alpha_min=options.alpha_min)
 
     def lists(motion, rays):
-        return find(whole(motion), rays, options=options, capacity=capacity)
+        return find(with_rest(motion), rays, options=options, capacity=capacity)
 
     return order, lists, lambda result: int(result[0].dropped)
 
 
 def _kernel(options: TraceOptions, capacity: Capacity):
     def order(motion, rays):
-        motion = whole(motion) if motion.keys == 1 else motion
+        motion = with_rest(motion) if motion.keys == 1 else motion
         made, box, kept, _ = rows_of(motion, options.alpha_min, span_of(rays))
         return made, boxes_of(box, kept)
 
     def lists(motion, rays):
-        stage, strips = kernel.prepare(
+        stage, strips = kernel.stage_and_strips(
             motion, rays, span_of(rays), options=options, slots=capacity.slots
         )
         # The lists of one strip: all there are, unless the picture is very large.
-        return kernel.candidates(stage, jax.tree.map(lambda x: x[0], strips))
+        return kernel.candidate_lists(stage, jax.tree.map(lambda x: x[0], strips))
 
     def lost(result) -> int:
         return int(np.sum(np.maximum(np.asarray(result.count) - capacity.slots, 0)))

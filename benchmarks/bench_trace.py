@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks import exact
 from benchmarks.problem import room, room_rays
 from benchmarks.record import backend, begin, record, show, timed
-from gaussray.tracer.bundle import tiles
+from gaussray.tracer.bundle import morton_tiles
 from gaussray.tracer.motion import still
 from gaussray.tracer.shard import mesh, trace_sharded
 from gaussray.tracer.trace import TraceOptions, measure
@@ -31,7 +31,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     rows = []
     for count in chosen.gaussians:
         scene = room(count)
-        order = np.maximum(tiles(chosen.side, chosen.side, 8, 1), 0)
+        order = np.maximum(morton_tiles(chosen.side, chosen.side, 8, 1), 0)
         rays = room_rays(chosen.side, order)
         some = exact.checked(len(order), count)
         truth = exact.color(still(scene), jax.tree.map(lambda x: x[some], rays))  # noqa: B023

@@ -18,7 +18,7 @@ from benchmarks.problem import room, room_rays
 from benchmarks.record import backend, begin, record, show, timed
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.transient import Transients, transients_at
-from gaussray.tracer.bundle import tiles
+from gaussray.tracer.bundle import morton_tiles
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.trace import TraceOptions, measure, prepare, span_of, trace
 
@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--share", type=float, default=0.1)
     parser.add_argument("--side", type=int, default=128)
     chosen = parser.parse_args(argv)
-    order = np.maximum(tiles(chosen.side, chosen.side, 8, 1), 0)
+    order = np.maximum(morton_tiles(chosen.side, chosen.side, 8, 1), 0)
     rays = replace(room_rays(chosen.side, order), time=jnp.full(len(order), NOW, jnp.float32))
     options = TraceOptions(backend=backend(chosen.backend))
     rows, first = [], None

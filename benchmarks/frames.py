@@ -13,7 +13,7 @@ from gaussray.camera.camera import Camera
 from gaussray.render import Renderer, RenderOptions
 from gaussray.render.renderer import Frame
 from gaussray.scene.scene import Scene
-from gaussray.tracer.trace import TraceOptions, enlarge
+from gaussray.tracer.trace import TraceOptions, enlarged_capacity
 from gaussray.tracer.traverse import Capacity
 
 
@@ -39,7 +39,7 @@ class Bench(Renderer):
             needed = np.max([np.asarray(part[2].needed).reshape(-1) for part in parts], axis=0)
             none = Capacity((1,) * (len(needed) - 2), 1, 1)
             (size,) = self._capacity
-            right = enlarge(none, [int(n) for n in needed], headroom=1.5)
+            right = enlarged_capacity(none, [int(n) for n in needed], headroom=1.5)
             if right.slots != self._capacity[size].slots:
                 self._capacity[size] = right
                 frame = self(camera)

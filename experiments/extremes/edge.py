@@ -7,7 +7,7 @@ from benchmarks.problem import room, room_rays
 from gaussray.camera.rays import Rays
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant
-from gaussray.tracer.bundle import tiles
+from gaussray.tracer.bundle import morton_tiles
 
 
 def single(x):
@@ -31,7 +31,7 @@ def gaussians(mean, scale, opacity, dice) -> Gaussians:
 
 def looking(side, *, origin=(0.0, 0, 0), wide=0.5) -> Rays:
     """A pinhole that looks along +z: rays in the order of the tiles, sides up to `wide` aside."""
-    order = tiles(side, side, 8, 1)
+    order = morton_tiles(side, side, 8, 1)
     order = order[order >= 0]
     x, y = ((order % side, order // side) - np.array(side / 2 - 0.5)) * (2 * wide / side)
     direction = np.stack([x, y, np.ones(len(x))], axis=-1)
@@ -42,7 +42,7 @@ def looking(side, *, origin=(0.0, 0, 0), wide=0.5) -> Rays:
 
 def parallel(side, wide) -> Rays:
     """Rays along +z, side by side."""
-    order = tiles(side, side, 8, 1)
+    order = morton_tiles(side, side, 8, 1)
     order = order[order >= 0]
     x, y = ((order % side, order // side) - np.array(side / 2 - 0.5)) * (2 * wide / side)
     place = np.stack([x, y, np.zeros(len(x))], axis=-1)
@@ -52,7 +52,7 @@ def parallel(side, wide) -> Rays:
 
 def many(count, side):
     """A room of so many Gaussians."""
-    order = tiles(side, side, 8, 1)
+    order = morton_tiles(side, side, 8, 1)
     return room(count), room_rays(side, order[order >= 0])
 
 

@@ -9,9 +9,9 @@ from gaussray import geometry
 from gaussray.scene.gaussians import Gaussians, whitening
 from gaussray.tracer.composite import composite
 from gaussray.tracer.grid import around
-from gaussray.tracer.motion import Motion, control_weights, controls
+from gaussray.tracer.motion import Motion, control_points, control_weights
 from gaussray.tracer.response import opacity_on_ray, reach, response
-from gaussray.tracer.table import state_at, table
+from gaussray.tracer.table import gaussian_table, state_at
 
 
 ALPHA_MIN = 1 / 255
@@ -62,7 +62,7 @@ def _between_keys(time, quat, scale, origin, direction):
         jnp.ones(1, scale.dtype), jnp.zeros((1, 1, 3), scale.dtype),
     )  # fmt: skip
     motion = Motion(jnp.linspace(0, 1, 3, dtype=time.dtype), g)
-    row = table(motion)[0]
+    row = gaussian_table(motion)[0]
     whiten, mean = state_at(list(row), control_weights(motion.time, time))
     return jnp.exp(-0.5 * response(whiten, mean, origin, direction)[1])
 
@@ -86,7 +86,7 @@ def _arc(share, mean):
     quat = jnp.ones((3, 1, 4), mean.dtype)
     none = jnp.zeros((1, 1, 3), mean.dtype)
     g = Gaussians(mean[:, None], quat, jnp.ones_like(mean)[:, None], none[0, 0, :1], none)
-    return controls(Motion(time, g))[0]
+    return control_points(Motion(time, g))[0]
 
 
 def _boxed(mean, support):

@@ -25,7 +25,7 @@ from gaussray.camera.lens import Fisheye
 from gaussray.camera.rays import Rays
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.scene import at
-from gaussray.tracer.grid import build
+from gaussray.tracer.grid import build_grid
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.trace import TraceOptions, measure, on_kernel, trace
 
@@ -125,7 +125,7 @@ def ties(told) -> Iterator[Outcome]:
     yield Outcome("coplanar", "k = 4 and 16", float(jnp.mean(abs(first - short))), COLOR)
     order = np.arange(shown.count)
     if not on_kernel(TraceOptions(), jnp.float32):
-        index = np.asarray(build(still(shown), alpha_min=TraceOptions().alpha_min).index)
+        index = np.asarray(build_grid(still(shown), alpha_min=TraceOptions().alpha_min).index)
         order = index[index >= 0]
     sorted_ = still(jax.tree.map(lambda x: x[order], shown))
     truth = exact.color(sorted_, jax.tree.map(lambda x: x[:256], rays))

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.color import srgb_encode
-from gaussray.tracer.bundle import tiles
+from gaussray.tracer.bundle import morton_tiles
 
 
 # Rays along the side of a block, at most, and ray tiles that are traced together: with fixed sizes
@@ -54,7 +54,7 @@ def pixel_blocks(
     across, down = -(-width // factor), -(-height // factor)
     mean, weight_of = _block_means(light, mask, factor, (down, across))
 
-    order = tiles(across * side, down * side, bundle, 0).reshape(-1, bundle**2)
+    order = morton_tiles(across * side, down * side, bundle, 0).reshape(-1, bundle**2)
     inside, (y, x) = order >= 0, np.divmod(np.maximum(order, 0), across * side)
     place = ((np.arange(side) + 0.5) * factor / side).astype(int)
     row, column = (v // side * factor + place[v % side] for v in (y, x))

@@ -19,7 +19,7 @@ from gaussray.reconstruct.optimize.loss import developed
 from gaussray.scene.scene import Scene
 from gaussray.tracer.motion import Motion, scene_motion
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import TraceOptions, enlarge, measure
+from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
 
 
@@ -111,7 +111,9 @@ class ResidualEvaluator:
             colors, needed, dropped = _color_slopes(*inputs, capacity)
             if not int(dropped):
                 break
-            self._capacity[size] = enlarge(capacity, [int(n) for n in needed], headroom=1.5)
+            self._capacity[size] = enlarged_capacity(
+                capacity, [int(n) for n in needed], headroom=1.5
+            )
         bend = jnp.asarray(self.bend * deviation, estimate.value.dtype)
         equations = _normal_equations(colors, estimate, blocks, bend, self.trace.bundle)
         return jax.device_get(equations)

@@ -28,7 +28,7 @@ from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.scene import Scene
 from gaussray.tracer.motion import Motion, scene_motion
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import TraceOptions, enlarge, measure
+from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
 
 
@@ -81,7 +81,7 @@ class BlockSizes(eqx.Module):
 
     def enlarged(self, needed) -> "BlockSizes":
         """Sizes for a block whose lists needed this much room."""
-        capacity = enlarge(self.capacity, [int(n) for n in needed], headroom=1.5)
+        capacity = enlarged_capacity(self.capacity, [int(n) for n in needed], headroom=1.5)
         return BlockSizes(capacity, self.mesh, self.keys)
 
 

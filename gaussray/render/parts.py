@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 from gaussray.camera.film import Film
 from gaussray.render.options import RenderOptions
 from gaussray.render.segments import Share
-from gaussray.tracer.bundle import FAN, tiles
+from gaussray.tracer.bundle import FAN, morton_tiles
 from gaussray.tracer.grid import OCCUPANCY
 from gaussray.tracer.trace import TraceOptions, on_kernel
 
@@ -49,7 +49,7 @@ class Part(eqx.Module):
 def whole_picture(film: Film, trace: TraceOptions) -> tuple[Part, TraceOptions]:
     """All pixels of a picture as one part, and its trace options: a small picture needs no coarser
     bundles."""
-    order = tiles(film.width, film.height, trace.bundle, trace.levels)
+    order = morton_tiles(film.width, film.height, trace.bundle, trace.levels)
     return part_of(film, order, trace)
 
 
@@ -99,7 +99,7 @@ def strips(
 
 def strip(film: Film, rows: int, trace: TraceOptions, top: int) -> tuple[Part, TraceOptions]:
     """The strip of so many rows from `top` on as a part."""
-    order = tiles(film.width, rows, trace.bundle, trace.levels)
+    order = morton_tiles(film.width, rows, trace.bundle, trace.levels)
     return part_of(film, np.where(order < 0, order, order + top * film.width), trace, top)
 
 
@@ -107,7 +107,7 @@ def interleaved(film: Film, trace: TraceOptions, devices: int) -> tuple[Part, Tr
     """A picture as one part per device, stacked, of interleaved blocks of tiles, for even work;
     its trace options; and the place of each pixel among the slots of all parts."""
     block = trace.bundle**2 * FAN**trace.levels
-    order = tiles(film.width, film.height, trace.bundle, trace.levels).reshape(-1, block)
+    order = morton_tiles(film.width, film.height, trace.bundle, trace.levels).reshape(-1, block)
     order = np.pad(order, ((0, -len(order) % devices), (0, 0)), constant_values=-1)
     order = order.reshape(-1, devices, block).swapaxes(0, 1).reshape(devices, -1)
     whole, trace = part_of(film, order.reshape(-1), trace)

@@ -27,7 +27,7 @@ from gaussray.render.segments import Share, shares
 from gaussray.scene.scene import Scene, key_count
 from gaussray.scene.segmented import Clip, edges_of, segments_of
 from gaussray.tracer.shard import mesh as device_mesh
-from gaussray.tracer.trace import TraceOptions, enlarge, measure
+from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
 
 
@@ -197,7 +197,7 @@ class Renderer:
                 wanted = [int(n) for n in needed.max(axis=0)]
                 with self._repairing:
                     held = self._capacity[batch.size]
-                    self._capacity[batch.size] = enlarge(held, wanted, headroom=1.5)
+                    self._capacity[batch.size] = enlarged_capacity(held, wanted, headroom=1.5)
                     values, report = self._launch(batch, top)
             seen = [x.reshape(batch.rows, film.width, 5) for x in _pictures(values, count)]
             pieces.append((top, seen))

@@ -80,7 +80,7 @@ def _row_end(count: int) -> int:
     return max(int(np.sqrt(count)) - 1, 0) if count > 1 else 0
 
 
-def tiles(width: int, height: int, side: int, levels: int) -> Int[np.ndarray, " slots"]:
+def morton_tiles(width: int, height: int, side: int, levels: int) -> Int[np.ndarray, " slots"]:
     """Pixel index (row-major) of every slot when a picture is cut in tiles of `side` x `side`.
 
     Tiles follow the Morton curve, so that FAN consecutive tiles are a 4 x 4 block, and so on for

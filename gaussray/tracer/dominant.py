@@ -9,10 +9,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
-from gaussray.tracer.k_nearest import nearest, pack, slot_mask
+from gaussray.tracer.k_nearest import nearest_hits, slot_mask, sort_key
 from gaussray.tracer.motion import Motion
 from gaussray.tracer.response import opacity_on_ray, reach
-from gaussray.tracer.table import Columns, Lanes, columns, meet, table
+from gaussray.tracer.table import Columns, Lanes, columns, gaussian_table, meet
 from gaussray.tracer.trace import (
     Prepared,
     TraceOptions,
@@ -57,7 +57,7 @@ def dominant(motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Cap
     count = rays.time.shape[0]
     lists, _ = find(scene, rays, options=arrays, capacity=capacity)
     layout = columns(scene.motion)
-    rows = table(scene.motion)[:, : layout.opacity + 1]
+    rows = gaussian_table(scene.motion)[:, : layout.opacity + 1]
     lanes = lanes_of(scene.motion, in_bundles(rays, options))
     # Bundles come first, and a ray meets several Gaussians at once.
     lanes = jax.tree.map(lambda x: jnp.moveaxis(x, 1, 0)[:, :, None], lanes)
@@ -109,12 +109,12 @@ def _walk(rows, layout: Columns, index, bundle: _Bundle, *, options: TraceOption
     low = jnp.min(order, axis=(0, 1))
     high = jnp.max(jnp.where(order == end, 0, order), axis=(0, 1))
     slot = jnp.arange(shape[0] * shape[1], dtype=jnp.int32).reshape(*shape[:2], 1)
-    key = pack(order, slot, low[None, None], high[None, None], mask)
+    key = sort_key(order, slot, low[None, None], high[None, None], mask)
     key = jnp.where(order == end, end, key)
 
     def round(state):
         best, weight, light, after, _ = state
-        kept = nearest(key, chunks, after, k=options.k)
+        kept = nearest_hits(key, chunks, after, k=options.k)
         there = kept != end
         place = jnp.where(there, kept & mask.astype(kind), 0).astype(jnp.int32)
         gaussian = jnp.maximum(index.at[bundle.start + place].get(mode="clip"), 0)

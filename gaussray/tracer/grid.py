@@ -6,9 +6,9 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.tracer.bundle import morton
-from gaussray.tracer.motion import Motion, controls, usable, within
+from gaussray.tracer.motion import Motion, clipped_time, control_points, usable
 from gaussray.tracer.response import reach
-from gaussray.tracer.window import Sweep, Window, all_states, sweep, swept_box
+from gaussray.tracer.window import Sweep, TimeWindow, all_states, swept_between, swept_box
 
 
 # Gaussians in one cell.
@@ -39,7 +39,7 @@ class Fading(eqx.Module):
     """Windows of the Gaussians of a grid, their reach at full opacity in standard deviations, and
     the times beyond which they rest."""
 
-    window: Window
+    window: TimeWindow
     radius: Float[Array, "*gaussians"]
     time_range: Float[Array, "2"] | None
 
@@ -47,11 +47,11 @@ class Fading(eqx.Module):
         self, earliest: Float[Array, "*windows"], latest: Float[Array, "*windows"]
     ) -> Sweep:
         """What the Gaussians do between two times."""
-        earliest, latest = (within(self.time_range, x) for x in (earliest, latest))
-        return sweep(self.window, self.radius, earliest, latest)
+        earliest, latest = (clipped_time(self.time_range, x) for x in (earliest, latest))
+        return swept_between(self.window, self.radius, earliest, latest)
 
 
-def build(motion: Motion, *, alpha_min: float, span: Float[Array, "2"] | None = None) -> Grid:
+def build_grid(motion: Motion, *, alpha_min: float, span: Float[Array, "2"] | None = None) -> Grid:
     """Sort the Gaussians into cells and bound each cell over all control points of the motion.
 
     The ellipsoids reach to where alpha = `alpha_min` (`response.reach`); Gaussians that never rise
@@ -60,7 +60,7 @@ def build(motion: Motion, *, alpha_min: float, span: Float[Array, "2"] | None = 
     """
     motion = jax.lax.stop_gradient(motion)
     g, window = all_states(motion)
-    mean, frame = controls(Motion(motion.time, g))
+    mean, frame = control_points(Motion(motion.time, g))
     radius = reach(g.opacity, alpha_min)
     support = frame * radius[None, :, None, None]
     lower, upper = around(mean, support)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Int
 
 
-def nearest(
+def nearest_hits(
     keys: Int[Array, "chunks chunk *rays"],
     chunks: Int[Array, ""],
     after: Int[Array, "*rays"],
@@ -45,7 +45,7 @@ def slot_mask(count: Int[Array, "*lists"]) -> Int[Array, "*lists"]:
     return (2 << (jnp.iinfo(most.dtype).bits - 1 - jax.lax.clz(most))) - 1
 
 
-def pack(
+def sort_key(
     order: Int[Array, "*hits"],
     slot: Int[Array, "*slots"],
     low: Int[Array, "*rays"],

@@ -37,7 +37,7 @@ from jaxtyping import Array, Float, Int
 from gaussray.camera.rays import Rays
 from gaussray.tracer.cuda import launch, ptx
 from gaussray.tracer.kernel_layout import Rows, boxes_of, coefficients, is_tinted, rows_of
-from gaussray.tracer.motion import Motion, arc_weights, whole, within
+from gaussray.tracer.motion import Motion, arc_weights, clipped_time, with_rest
 
 
 _SOURCE = Path(__file__).with_suffix(".cu")
@@ -141,14 +141,14 @@ class Stage(NamedTuple):
     skipped: Int[Array, ""]
 
 
-def prepare(
+def stage_and_strips(
     motion: Motion, rays: Rays, span: Float[Array, "2"], *, options, slots: int
 ) -> tuple[Stage, Strip]:
     """Everything up to the candidates. Strips come first in the rays' axes, which are padded.
 
     All times of the rays are in the span.
     """
-    motion = whole(motion) if motion.keys == 1 else motion
+    motion = with_rest(motion) if motion.keys == 1 else motion
     rows, box, kept, fine = rows_of(motion, options.alpha_min, span)
     group = options.bundle**2 * (_BUNDLES if options.levels else 1)
     samples, count = rays.time.shape
@@ -184,13 +184,13 @@ def prepare(
         weight = cut(jnp.concatenate([share, first[..., None].astype(share.dtype)], axis=-1))
     time = jnp.zeros((strips, 1, 1, 1), rays.time.dtype)
     if motion.transient is not None:
-        time = cut(within(motion.time_range, rays.time)[..., None])
+        time = cut(clipped_time(motion.time_range, rays.time)[..., None])
     skipped = jnp.sum(~fine, dtype=jnp.int32)
     stage = Stage(program, rows, boxes, strips, skipped)
     return stage, Strip(cut(rays.origin), cut(rays.direction), weight, time)
 
 
-def candidates(stage: Stage, strip: Strip) -> Lists:
+def candidate_lists(stage: Stage, strip: Strip) -> Lists:
     """The lists of one strip. No gradient."""
     program, (order, cell, super_) = stage.program, stage.boxes
     groups, code = program.rays // program.group, program.code
@@ -272,8 +272,8 @@ def _march_backward(program, saved, cotangent):
     return d_rows, Strip(d_origin, d_direction, d_weight, d_time), None
 
 
-march = jax.custom_vjp(_march, nondiff_argnums=(0,))
-march.defvjp(_march_forward, _march_backward)
+march_kernel = jax.custom_vjp(_march, nondiff_argnums=(0,))
+march_kernel.defvjp(_march_forward, _march_backward)
 
 
 def _blocks(program: Program) -> int:

@@ -11,15 +11,15 @@ from gaussray.scene.transient import Transients
 from gaussray.tracer.grid import OCCUPANCY, around, place
 from gaussray.tracer.motion import (
     Motion,
-    controls,
+    clipped_time,
+    control_points,
     ordinary,
     still,
     tint_controls,
     usable,
-    within,
 )
 from gaussray.tracer.response import reach
-from gaussray.tracer.window import sweep, swept_box, window_of
+from gaussray.tracer.window import swept_between, swept_box, window_of
 
 
 # Cells in a box of the coarser grid, one for each thread of a warp.
@@ -71,7 +71,9 @@ def rows_of(
             parts.insert(0, _resting(still(motion.rest).gaussians, form))
     window = jnp.zeros((1, 8), keyed.dtype)
     if motion.transient is not None:
-        transient, window = _transient(motion.transient, within(motion.time_range, span), form)
+        transient, window = _transient(
+            motion.transient, clipped_time(motion.time_range, span), form
+        )
         parts.append(transient)
     extent, state, color, box, kept, fine = (jnp.concatenate(x) for x in zip(*parts, strict=True))
     return Rows(jax.lax.stop_gradient(extent), state, keyed, color, window), box, kept, fine
@@ -114,7 +116,7 @@ def _moving(motion: Motion, form: _Form):
     fine = usable(motion.gaussians)
     g = ordinary(motion.gaussians, fine)
     motion = Motion(motion.time, g)
-    mean, frame = controls(motion)
+    mean, frame = control_points(motion)
     radius = reach(jax.lax.stop_gradient(g.opacity), form.alpha_min)
     kept = fine & (radius > 0)
     tint = tint_controls(motion)
@@ -136,7 +138,7 @@ def _transient(transients: Transients, span: Float[Array, "2"], form: _Form):
     number = -2 - jnp.arange(kept.shape[0], dtype=state.dtype)
     radius = jnp.sqrt(jnp.maximum(jax.lax.stop_gradient(state[:, 13]), 0))
     fixed = jax.lax.stop_gradient(window)
-    swept = sweep(fixed, radius, span[0], span[1])
+    swept = swept_between(fixed, radius, span[0], span[1])
     kept = kept & (swept.shrink > 0)
     state = state.at[:, 14].set(number)
     box = jnp.concatenate(swept_box(box[:, :3], box[:, 3:], swept), axis=1)

@@ -8,7 +8,7 @@ from jaxtyping import Array
 
 from gaussray.scene.harmonics import radiance
 from gaussray.tracer.composite import composite
-from gaussray.tracer.k_nearest import nearest, pack, slot_mask
+from gaussray.tracer.k_nearest import nearest_hits, slot_mask, sort_key
 from gaussray.tracer.response import opacity_on_ray, reach
 from gaussray.tracer.table import Lanes, meet, tint_at
 
@@ -258,7 +258,7 @@ def _list_keys(space, geometry, one, index, options, columns) -> _Listed:
     def finish(i, kept):
         slot = (i * options.chunk + lanes)[:, None, None]
         order = kept[i]
-        key = pack(order, slot, low[None], high[None], one["mask"][None])
+        key = sort_key(order, slot, low[None], high[None], one["mask"][None])
         return kept.at[i].set(jnp.where(order == end, end, key))
 
     chunks = -(-jnp.max(one["count"]) // options.chunk)
@@ -273,7 +273,7 @@ def _list_keys(space, geometry, one, index, options, columns) -> _Listed:
 def _round(listed, one, index, after, options):
     """The next k hits of every ray: Gaussian indices, -1 for none, and the last key; and the hits'
     slots in the lists."""
-    kept = nearest(listed.key, listed.chunks, after, k=options.k)
+    kept = nearest_hits(listed.key, listed.chunks, after, k=options.k)
     there = kept != _END[kept.dtype]
     slot = jnp.where(there, kept & one["mask"].astype(kept.dtype)[None], 0).astype(jnp.int32)
     place = one["start"][None, :, None] + slot

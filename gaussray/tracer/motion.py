@@ -20,10 +20,10 @@ class Motion(eqx.Module):
     the key spacing and exact for constant acceleration; a bounce is exact where arcs meet and
     smoothed within one. Before the first and after the last key the scene rests.
 
-    Arcs are blended from control points (`controls`) with weights that are not negative and sum to
-    1 (`control_weights`). The support of the blend along any normal n is then at most the largest
-    of its control points, n.c + |F^T n| being convex: what bounds them bounds every time of the
-    arc. That is why F is blended, not its inverse.
+    Arcs are blended from `control_points` with weights that are not negative and sum to 1
+    (`control_weights`). The support of the blend along any normal n is then at most the largest of
+    its control points, n.c + |F^T n| being convex: what bounds them bounds every time of the arc.
+    That is why F is blended, not its inverse.
 
     `rest` are Gaussians without key states that stand still; they come before the others.
     `transient` are Gaussians that live for a short time; they come last. They have no key states:
@@ -92,7 +92,7 @@ def scene_motion(
     return Motion(key_time, moving_at(scene, key_time), rest, transient, limits)
 
 
-def whole(motion: Motion) -> Motion:
+def with_rest(motion: Motion) -> Motion:
     """The same with the resting Gaussians repeated at every key."""
     if motion.rest is None:
         return motion
@@ -100,7 +100,7 @@ def whole(motion: Motion) -> Motion:
     return Motion(motion.time, every, None, motion.transient, motion.time_range)
 
 
-def within(
+def clipped_time(
     time_range: Float[Array, "2"] | None, time: Float[Array, "*times"]
 ) -> Float[Array, "*times"]:
     """Times as transient Gaussians see them: not before the range begins, nor after it ends."""
@@ -109,7 +109,7 @@ def within(
     return jnp.clip(time, *jax.lax.stop_gradient((time_range[0], time_range[1])))
 
 
-def controls(
+def control_points(
     motion: Motion,
 ) -> tuple[Float[Array, "keys gaussians 3"], Float[Array, "keys gaussians 3 3"]]:
     """Mean and axes F of the control points: the ends of the arcs, and between them the inner ones.
@@ -222,7 +222,7 @@ def padded(g: Gaussians) -> Gaussians:
 
 
 def _each(change: Callable[[Array, int], Array], g: Gaussians) -> Gaussians:
-    """A change of every array, which is told the axis of the Gaussians."""
+    """A change of every array; `change` gets the array and the axis of the Gaussians."""
     return Gaussians(
         mean=change(g.mean, 1),
         quat=change(g.quat, 1),

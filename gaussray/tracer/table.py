@@ -8,14 +8,14 @@ from jaxtyping import Array, Float
 
 from gaussray.scene.gaussians import whitening
 from gaussray.scene.transient import squared_age
-from gaussray.tracer.motion import Motion, controls, ordinary, padded, tint_controls, usable
+from gaussray.tracer.motion import Motion, control_points, ordinary, padded, tint_controls, usable
 from gaussray.tracer.response import response
-from gaussray.tracer.window import Window, all_states
+from gaussray.tracer.window import TimeWindow, all_states
 
 
 class Columns(NamedTuple):
-    """What stands where in a row of the `table`: keys x (9 + 3), six of the `Window` if any
-    Gaussian is `transient`, opacity, harmonics, and, if the Gaussians are `tinted`, keys x 3."""
+    """What stands where in a row of the `gaussian_table`: keys x (9 + 3), six of the `TimeWindow`
+    if any Gaussian is `transient`, opacity, harmonics, and keys x 3 if the Gaussians are `tinted`."""
 
     keys: int
     coefficients: int
@@ -54,12 +54,12 @@ class Lanes(NamedTuple):
 
 
 def columns(motion: Motion) -> Columns:
-    """How the rows of the `table` of a motion are laid out."""
+    """How the rows of the `gaussian_table` of a motion are laid out."""
     g, window = jax.eval_shape(all_states, motion)
     return Columns(motion.keys, g.harmonics.shape[1], g.tint is not None, window is not None)
 
 
-def table(motion: Motion) -> Float[Array, "rows columns"]:
+def gaussian_table(motion: Motion) -> Float[Array, "rows columns"]:
     """All that shading needs of a Gaussian in one row (`Columns`): control points, opacity, colour.
 
     A single key stores A = S^-1 R^T (nothing to invert later); several store F = R S of the control
@@ -72,7 +72,7 @@ def table(motion: Motion) -> Float[Array, "rows columns"]:
     if motion.keys == 1:
         mean, matrix = g.mean, whitening(g.quat, g.scale)
     else:
-        mean, matrix = controls(Motion(motion.time, g))
+        mean, matrix = control_points(Motion(motion.time, g))
     state = jnp.concatenate([matrix.reshape(*matrix.shape[:2], 9), mean], axis=-1)
     parts = [_by_row(state), g.opacity[:, None], g.harmonics.reshape(g.count, -1)]
     if window is not None:
@@ -82,7 +82,7 @@ def table(motion: Motion) -> Float[Array, "rows columns"]:
     return jnp.concatenate(parts, axis=1)
 
 
-def _as_columns(window: Window) -> Float[Array, "gaussians 6"]:
+def _as_columns(window: TimeWindow) -> Float[Array, "gaussians 6"]:
     last = jnp.stack([window.instant, window.rate, window.plateau], axis=1)
     return jnp.concatenate([window.velocity, last], axis=1)
 
@@ -96,8 +96,8 @@ def meet(
 ) -> tuple[Float[Array, "*both"], Float[Array, "*both"]]:
     """Distance t of the peak along every ray, and the squared distance there (`response`).
 
-    A row of `table`, column by column, meets rays at their own times. The squared distance of a
-    transient Gaussian is that in space and time, q + s^2 (`squared_age`).
+    A row of `gaussian_table`, column by column, meets rays at their own times. The squared
+    distance of a transient Gaussian is that in space and time, q + s^2 (`squared_age`).
     """
     whiten, mean = state_at(row, lanes.weights)
     if lanes.time is None:
@@ -112,7 +112,7 @@ def meet(
 def state_at(
     row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
 ) -> tuple[list[Float[Array, "*both"]], list[Float[Array, "*both"]]]:
-    """Gaussians (a row of `table`, column by column) blended for their rays with
+    """Gaussians (a row of `gaussian_table`, column by column) blended for their rays with
     `control_weights`: the nine entries of A, row by row, and the mean."""
     keys = weights.shape[0]
     if keys == 1:

@@ -7,66 +7,24 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
-from gaussray.tracer import cuda, kernel
+from gaussray.tracer import kernel
 from gaussray.tracer.bundle import FAN, bound
 from gaussray.tracer.composite import Pixels
-from gaussray.tracer.grid import Grid, build
+from gaussray.tracer.grid import build_grid
 from gaussray.tracer.march import march
-from gaussray.tracer.motion import Motion, control_weights, whole, within
-from gaussray.tracer.table import Lanes, columns, table
+from gaussray.tracer.motion import Motion, clipped_time, control_weights
+from gaussray.tracer.options import BACKENDS as BACKENDS, TraceOptions as TraceOptions, on_kernel
+from gaussray.tracer.prepare import (
+    Prepared as Prepared,
+    prepare as prepare,
+    prepared_for,
+    span_of as span_of,
+)
+from gaussray.tracer.table import Lanes, columns, gaussian_table
 from gaussray.tracer.traverse import Candidates, Capacity, candidates
-from gaussray.tracer.window import Living, living
-
-
-BACKENDS = ("auto", "array", "kernel")
-
-
-class TraceOptions(eqx.Module):
-    """Everything static about a trace; changing a field recompiles.
-
-    `k` hits are taken per round; rounds go on until the transmittance falls to `transmittance_min`
-    or nothing is left, so k is a matter of speed alone. `bundle` is the side of a square bundle in
-    pixels, `levels` the number of coarser bundle levels (0 for bundles that are not neighbours;
-    pictures of millions of Gaussians get more than asked for), `group` how many bundles march
-    together (0: 4 on a CPU, whose caches they fill, 16 on a GPU), `chunk` how many list entries are
-    read at once. `backend` is "array" (runs everywhere, in any
-    precision), "kernel" (single precision on a CUDA device, see kernel.py) or "auto": the kernel
-    where it runs.
-    """
-
-    k: int = eqx.field(static=True, default=16)
-    alpha_min: float = eqx.field(static=True, default=1 / 255)
-    alpha_max: float = eqx.field(static=True, default=0.99)
-    transmittance_min: float = eqx.field(static=True, default=1e-4)
-    bundle: int = eqx.field(static=True, default=8)
-    levels: int = eqx.field(static=True, default=1)
-    group: int = eqx.field(static=True, default=0)
-    chunk: int = eqx.field(static=True, default=16)
-    backend: str = eqx.field(static=True, default="auto")
-
-    def __check_init__(self):
-        for name in ("k", "bundle", "chunk"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"trace.{name} must be at least 1, got {getattr(self, name)}.")
-        if self.backend not in BACKENDS:
-            raise ValueError(f"trace.backend must be one of {BACKENDS}, got {self.backend!r}.")
-        if self.group < 0:
-            raise ValueError(f"trace.group must be at least 0, got {self.group}.")
-        if not 0 <= self.levels <= 4:
-            raise ValueError(f"trace.levels must be from 0 to 4, got {self.levels}.")
-        if not 0 < self.alpha_min < self.alpha_max < 1:
-            raise ValueError(
-                "trace.alpha_min and trace.alpha_max must satisfy 0 < alpha_min < alpha_max < 1, "
-                f"got {self.alpha_min} and {self.alpha_max}."
-            )
-        if not 0 <= self.transmittance_min < 1:
-            raise ValueError(
-                f"trace.transmittance_min must be in [0, 1), got {self.transmittance_min}."
-            )
 
 
 class Report(eqx.Module):
@@ -81,74 +39,6 @@ class Report(eqx.Module):
     hits: Float[Array, ""]
 
 
-class Prepared(eqx.Module):
-    """A motion as all rays within a `span` of time may meet it.
-
-    `motion` holds of the transient Gaussians those that are `living` in the span (None: there are
-    no transient ones). `grid` is the one over them (None where the CUDA kernels trace).
-    """
-
-    motion: Motion
-    grid: Grid | None
-    span: Float[Array, "2"]
-    living: Living | None = None
-
-    def extended(self, needed: Array, dropped: Array) -> tuple[Array, Array]:
-        """List sizes with the number of living transients, and entries without a place."""
-        if self.living is None:
-            return needed, dropped
-        lost = jnp.maximum(self.living.needed - self.living.index.shape[0], 0)
-        return jnp.append(needed, self.living.needed), dropped + lost
-
-    def skipped(self, others: Array) -> Array:
-        """How many Gaussians are not finite, given how many of the `others` are not."""
-        return others if self.living is None else others + self.living.unusable
-
-
-def prepare(
-    motion: Motion, span: Float[Array, "2"], *, options: TraceOptions, capacity: Capacity
-) -> Prepared:
-    """What all traces of rays within a span of time share: worth it for several traces.
-
-    Args:
-        motion: the scene.
-        span: the earliest and the latest time of any ray.
-        options: how it will be traced.
-        capacity: that of the traces.
-    """
-    chosen, transient = None, motion.transient
-    span = jax.lax.stop_gradient(span)
-    if transient is not None:
-        # At least one place: an array of nothing is no operand of a kernel.
-        places, seen = max(capacity.transient, 1), within(motion.time_range, span)
-        if transient.count:
-            chosen = living(transient, seen, places, options.alpha_min)
-        motion = replace(motion, transient=None if chosen is None else chosen.transients)
-    grid = None
-    if not on_kernel(options, motion.gaussians.mean.dtype):
-        motion = whole(motion)
-        fixed = jax.lax.stop_gradient(motion)
-        grid = build(fixed, alpha_min=options.alpha_min, span=span)
-    return Prepared(motion, grid, span, chosen)
-
-
-def prepared_for(
-    motion: Motion | Prepared, rays: Rays, options: TraceOptions, capacity: Capacity
-) -> Prepared:
-    """A motion prepared for these rays, unless it is prepared already."""
-    if isinstance(motion, Prepared):
-        return motion
-    return prepare(motion, span_of(rays), options=options, capacity=capacity)
-
-
-def span_of(rays: Rays) -> Float[Array, "2"]:
-    """The earliest and the latest time of rays; times that are not finite do not count."""
-    time = jax.lax.stop_gradient(rays.time)
-    real = jnp.isfinite(time)
-    low = jnp.min(jnp.where(real, time, jnp.inf), initial=jnp.inf)
-    return jnp.stack([low, jnp.max(jnp.where(real, time, -jnp.inf), initial=-jnp.inf)])
-
-
 def trace(
     motion: Motion | Prepared,
     rays: Rays,
@@ -159,7 +49,7 @@ def trace(
     """What rays see of a moving scene, with gradients to scene, rays and times.
 
     Every `bundle`^2 consecutive rays form a bundle, so rays should come in a coherent order
-    (`bundle.tiles` for pictures, `bundle.coherent_order` for any others). Their number need not
+    (`bundle.morton_tiles` for pictures, `bundle.coherent_order` for others). Their number need not
     divide evenly. A leading axis holds samples of the same rays (of an aperture, of an exposure):
     they share what their bundle may meet, which is looked for once. Hits at exactly one distance
     come in the order of the grid (arrays), or in that in which the reach of their Gaussians begins
@@ -183,33 +73,17 @@ def trace(
     return _trace_arrays(scene, rays, options=options, capacity=capacity)
 
 
-def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
-    """Whether the CUDA kernel traces rays of this precision."""
-    single = jnp.dtype(dtype) == jnp.float32
-    if options.backend == "kernel" and not single:
-        raise ValueError(
-            f"trace.backend=kernel is for single precision, the rays are {jnp.dtype(dtype)}. "
-            "Choose trace.backend=array."
-        )
-    if options.backend == "kernel" and not cuda.available():
-        raise ValueError(
-            "trace.backend=kernel needs a CUDA device and NVIDIA's run-time compiler: install "
-            "'gaussray[cuda]', or choose trace.backend=array."
-        )
-    return options.backend != "array" and single and cuda.available()
-
-
 def _trace_kernel(
     scene: Prepared, rays: Rays, *, options: TraceOptions, capacity: Capacity
 ) -> tuple[Pixels, Report]:
     samples, count = rays.time.shape
-    stage, strips = kernel.prepare(
+    stage, strips = kernel.stage_and_strips(
         scene.motion, rays, scene.span, options=options, slots=capacity.slots
     )
 
     def one(strip: kernel.Strip):
-        lists = kernel.candidates(stage, strip)
-        sums, transmittance, hits = kernel.march(stage.program, stage.rows, strip, lists)
+        lists = kernel.candidate_lists(stage, strip)
+        sums, transmittance, hits = kernel.march_kernel(stage.program, stage.rows, strip, lists)
         needed, dropped = _wants(lists.count, options, capacity)
         return sums, transmittance, needed, dropped, total_hits(hits)
 
@@ -245,7 +119,7 @@ def _trace_arrays(
 ) -> tuple[Pixels, Report]:
     motion, count = scene.motion, rays.time.shape[1]
     lists, skipped = find(scene, rays, options=options, capacity=capacity)
-    rows, layout = table(motion), columns(motion)
+    rows, layout = gaussian_table(motion), columns(motion)
 
     def one(rays: Rays):
         channels, transmittance, hits = march(
@@ -272,7 +146,7 @@ def lanes_of(motion: Motion, bundled: Rays) -> Lanes:
     if motion.transient is not None and not motion.transient.count:
         motion = replace(motion, transient=None)
     if motion.transient is not None:
-        time = within(motion.time_range, bundled.time)[None]
+        time = clipped_time(motion.time_range, bundled.time)[None]
     return Lanes(leading(bundled.origin), leading(bundled.direction), leading(weights), time)
 
 
@@ -288,7 +162,7 @@ def find(
     scene = prepared_for(motion, rays, replace(options, backend="array"), capacity)
     motion, grid = scene.motion, scene.grid
     if grid is None:
-        grid = build(motion, alpha_min=options.alpha_min, span=scene.span)
+        grid = build_grid(motion, alpha_min=options.alpha_min, span=scene.span)
     each = jax.vmap(lambda one: in_bundles(one, options))(_sampled(rays))
     bundled = jax.tree.map(
         lambda x: jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1, *x.shape[3:]), each
@@ -314,10 +188,10 @@ def _sizes(motion, rays, *, options, capacity) -> tuple[Int[Array, " sizes"], In
     if on_kernel(options, rays.time.dtype):
         rays = _sampled(rays)
         scene = prepared_for(motion, rays, options, capacity)
-        stage, strips = kernel.prepare(
+        stage, strips = kernel.stage_and_strips(
             scene.motion, rays, scene.span, options=options, slots=capacity.slots
         )
-        counts = over(lambda strip: kernel.candidates(stage, strip).count, strips)
+        counts = over(lambda strip: kernel.candidate_lists(stage, strip).count, strips)
         return scene.extended(*_wants(counts, options, capacity))
     lists, _ = find(motion, rays, options=options, capacity=capacity)
     return lists.needed, lists.dropped
@@ -357,13 +231,15 @@ def measure(
     while True:
         needed, dropped = _search(motion, rays, options=options, capacity=trial)
         needed = [int(n) for n in needed]
-        wanted = enlarge(trial, needed, headroom=headroom)
+        wanted = enlarged_capacity(trial, needed, headroom=headroom)
         if int(dropped) == 0:
-            return enlarge(Capacity((1,) * (options.levels + 1), 1, 1), needed, headroom=headroom)
+            return enlarged_capacity(
+                Capacity((1,) * (options.levels + 1), 1, 1), needed, headroom=headroom
+            )
         trial = wanted
 
 
-def enlarge(capacity: Capacity, needed: list[int], *, headroom: float = 1.3) -> Capacity:
+def enlarged_capacity(capacity: Capacity, needed: list[int], *, headroom: float = 1.3) -> Capacity:
     """The capacity with every size that `needed` exceeds, or nearly (0.8 of it), raised, with
     head-room: where lists grow, one new compilation serves them all.
 
@@ -371,9 +247,9 @@ def enlarge(capacity: Capacity, needed: list[int], *, headroom: float = 1.3) -> 
     a power of two, which is room enough.
     """
 
-    def size(held: int, wanted: int, near: float = 0.8) -> int:
-        if wanted <= near * held:
-            return held
+    def size(present: int, wanted: int, near: float = 0.8) -> int:
+        if wanted <= near * present:
+            return present
         target = max(int(wanted * headroom), 16)
         step = max(1 << (target.bit_length() - 3), 1)
         return -(-target // step) * step

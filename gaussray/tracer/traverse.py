@@ -68,7 +68,7 @@ class _Pairs(NamedTuple):
     count: Int[Array, ""]
 
     def block(self, first: Int[Array, ""], size: int) -> tuple[Array, Array, Array]:
-        """Bundles and cells of so many places from `first` on, and which of them are held."""
+        """Bundles and cells of so many places from `first` on, and which of them are filled."""
         one, other = (
             jax.lax.dynamic_slice_in_dim(x, first, size) for x in (self.bundle, self.cell)
         )
@@ -87,8 +87,8 @@ def _meetings(grid: Grid, bounds: Bundles, size: int) -> tuple[_Pairs, Int[Array
         # The last rows may be some of those before them, which are not asked twice.
         begin = jnp.minimum(first, bundles - rows)
         bundle = begin + jnp.arange(rows, dtype=jnp.int32)
-        own = jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, begin, rows), bounds)
-        touched = jax.vmap(lambda b: _touches_box(b, grid.lower, grid.upper))(own)
+        some = jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, begin, rows), bounds)
+        touched = jax.vmap(lambda b: _touches_box(b, grid.lower, grid.upper))(some)
         touched = touched & filled[None] & (bundle >= first)[:, None]
         return _appended(state, touched, jnp.broadcast_to(bundle[:, None], cell.shape), cell, size)
 
@@ -109,13 +109,13 @@ def _refined(
 
     def ask(first: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
         bits, count = state
-        parent, cell, held = pairs.block(first, block)
+        parent, cell, filled = pairs.block(first, block)
         child = jax.tree.map(lambda x: x.reshape(-1, FAN, *x.shape[1:])[parent], bounds)
         touched = _touches_box(child, grid.lower[cell][:, None], grid.upper[cell][:, None])
-        touched = touched & held[:, None]
-        told = jnp.sum(touched << fan[None], axis=1, dtype=jnp.int32)
+        touched = touched & filled[:, None]
+        bits_of_pairs = jnp.sum(touched << fan[None], axis=1, dtype=jnp.int32)
         return (
-            jax.lax.dynamic_update_slice_in_dim(bits, told, first, 0),
+            jax.lax.dynamic_update_slice_in_dim(bits, bits_of_pairs, first, 0),
             count.at[parent].add(touched.astype(jnp.int32)),
         )
 
@@ -126,8 +126,8 @@ def _refined(
     def put(first: Array, state: tuple[_Pairs, Array]) -> tuple[_Pairs, Array]:
         kept, following = state
         parent, cell, _ = pairs.block(first, block)
-        told = jax.lax.dynamic_slice_in_dim(bits, first, block)
-        touched = (told[:, None] >> fan[None]) & 1
+        bits_of_pairs = jax.lax.dynamic_slice_in_dim(bits, first, block)
+        touched = (bits_of_pairs[:, None] >> fan[None]) & 1
         # Before it in this block, less those of other parents.
         before = jnp.cumsum(touched, axis=0, dtype=jnp.int32) - touched
         opens = jnp.concatenate([jnp.ones(1, bool), parent[1:] != parent[:-1]])
@@ -157,16 +157,16 @@ def _gathered(
 
     def step(first: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
         index, count, total = state
-        bundle, cell, held = pairs.block(first, block)
+        bundle, cell, filled = pairs.block(first, block)
         side = jax.tree.map(lambda x: x[bundle], bounds)
-        found = grid.index[cell]
+        index_of_cell = grid.index[cell]
         swept = None if fading is None else _swept(fading, cell, side)
         mask = _touches_ellipsoid(side, center[cell], axes[cell], swept)
-        mask = mask & held[:, None] & (found >= 0)
+        mask = mask & filled[:, None] & (index_of_cell >= 0)
         rank = jnp.cumsum(mask.reshape(-1), dtype=jnp.int32)
         place = jnp.where(mask.reshape(-1), total + rank - 1, capacity.pairs)
         return (
-            index.at[place].set(found.reshape(-1), mode="drop"),
+            index.at[place].set(index_of_cell.reshape(-1), mode="drop"),
             count.at[bundle].add(jnp.sum(mask, axis=1, dtype=jnp.int32)),
             total + rank[-1],
         )
@@ -175,10 +175,10 @@ def _gathered(
     index, count, total = _blocks(pairs.count, block, step, (*none, jnp.zeros((), jnp.int32)))
     start = jnp.cumsum(count, dtype=jnp.int32) - count
     sizes = jnp.stack([*needed, total, jnp.max(count)])
-    held = jnp.asarray([*capacity.cells, capacity.pairs], jnp.int32)
+    room = jnp.asarray([*capacity.cells, capacity.pairs], jnp.int32)
     there = jnp.clip(capacity.pairs - start, 0, count)
     fits = jnp.minimum(there, capacity.slots)
-    lost = jnp.sum(jnp.maximum(sizes[:-1] - held, 0)) + jnp.sum(there - fits)
+    lost = jnp.sum(jnp.maximum(sizes[:-1] - room, 0)) + jnp.sum(there - fits)
     return Candidates(index, start, fits, sizes, lost.astype(jnp.int32))
 
 
@@ -236,10 +236,10 @@ def _touches_box(
 
 def _swept(fading: Fading, cell: Int[Array, " pairs"], bundle: Bundles) -> Sweep:
     """What the Gaussians of a cell do in the time of its bundle."""
-    own = Fading(
+    of_cell = Fading(
         jax.tree.map(lambda x: x[cell], fading.window), fading.radius[cell], fading.time_range
     )
-    return own.between(bundle.earliest[:, None], bundle.latest[:, None])
+    return of_cell.between(bundle.earliest[:, None], bundle.latest[:, None])
 
 
 def _touches_ellipsoid(

@@ -7,11 +7,11 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.transient import Transients, squared_age
-from gaussray.tracer.motion import Motion, still, usable, whole
+from gaussray.tracer.motion import Motion, still, usable, with_rest
 from gaussray.tracer.response import reach
 
 
-class Window(eqx.Module):
+class TimeWindow(eqx.Module):
     """How Gaussians move and fade in time: velocity, instant, rate (1 / lifetime) and plateau of
     `Transients`, zeros for Gaussians that are there all the time."""
 
@@ -31,26 +31,26 @@ class Sweep(eqx.Module):
     shrink: Float[Array, "*gaussians"]
 
 
-def window_of(transients: Transients) -> Window:
+def window_of(transients: Transients) -> TimeWindow:
     """The window of every transient Gaussian."""
     t = transients
-    return Window(t.velocity, t.instant, 1 / t.lifetime, t.plateau)
+    return TimeWindow(t.velocity, t.instant, 1 / t.lifetime, t.plateau)
 
 
-def all_states(motion: Motion) -> tuple[Gaussians, Window | None]:
+def all_states(motion: Motion) -> tuple[Gaussians, TimeWindow | None]:
     """All Gaussians of a motion at its keys: resting, moving, then transient ones, which are as at
     their own instants; and their windows (None: no Gaussian is transient)."""
-    persistent, transient = whole(motion).gaussians, motion.transient
+    persistent, transient = with_rest(motion).gaussians, motion.transient
     if transient is None:
         return persistent, None
     none = jnp.zeros(persistent.count, persistent.mean.dtype)
-    steady = Window(jnp.zeros((persistent.count, 3), none.dtype), none, none, none)
+    steady = TimeWindow(jnp.zeros((persistent.count, 3), none.dtype), none, none, none)
     window = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), steady, window_of(transient))
     return concatenate(persistent, transient.gaussians), window
 
 
-def sweep(
-    window: Window,
+def swept_between(
+    window: TimeWindow,
     radius: Float[Array, "*gaussians"],
     earliest: Float[Array, "*windows"],
     latest: Float[Array, "*windows"],
@@ -115,7 +115,7 @@ def living(
     window = window_of(fixed)
     windows = jnp.stack([window.instant, window.rate, window.plateau, fixed.opacity])
     finite = jnp.all(jnp.isfinite(windows), axis=0) & (window.rate >= 0)
-    swept = sweep(window, reach(fixed.opacity, alpha_min), span[0], span[1])
+    swept = swept_between(window, reach(fixed.opacity, alpha_min), span[0], span[1])
     lit = finite & (swept.shrink > 0)
     index = jnp.nonzero(lit, size=places, fill_value=transients.count)[0].astype(jnp.int32)
     picked = jax.tree.map(lambda x: x.at[index].get(mode="fill", fill_value=1), transients)

@@ -22,7 +22,7 @@ from gaussray.render.parts import Part, interleaved, part_of, whole_picture
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, edges_of, segments_of
 from gaussray.tracer.shard import mesh as device_mesh
-from gaussray.tracer.trace import Report, TraceOptions, enlarge, measure
+from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
 
 
@@ -229,4 +229,4 @@ class PreviewRenderer:
 def _longer(program: _Program, report: Report) -> Capacity:
     """List capacity enlarged to what a picture needed."""
     needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1]).max(axis=0)
-    return enlarge(program.capacity, [int(n) for n in needed], headroom=_HEADROOM)
+    return enlarged_capacity(program.capacity, [int(n) for n in needed], headroom=_HEADROOM)

@@ -12,7 +12,7 @@ from gaussray.camera.film import Film
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, pinhole
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
-from gaussray.tracer.bundle import tiles
+from gaussray.tracer.bundle import morton_tiles
 
 
 SIDE = 8
@@ -54,7 +54,7 @@ def seen_through(lens, radius=0.05):
         ),
         number(0.5),
     )
-    index = tiles(SIDE, SIDE, OPTIONS.bundle, OPTIONS.levels)
+    index = morton_tiles(SIDE, SIDE, OPTIONS.bundle, OPTIONS.levels)
     pixel = jnp.asarray(np.stack([index % SIDE, index // SIDE], axis=-1), float)
     u = jnp.asarray(np.random.default_rng(5).uniform(size=(RAYS, 5)))
     seen = shoot(camera, pixel, u)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scenes import Lines, rays, shot
 
-from gaussray.tracer.bundle import FAN, bound, coherent_order, morton, tiles
+from gaussray.tracer.bundle import FAN, bound, coherent_order, morton, morton_tiles
 
 
 # Points on rays against planes of single precision, relative to their distance.
@@ -16,7 +16,7 @@ ROUNDING = 1e-6
 @pytest.mark.parametrize("picture", [(8, 8, 8, 0), (37, 21, 4, 1), (70, 65, 4, 2), (1, 1, 8, 1)])
 def test_tiles_cover_each_pixel_once(picture):
     width, height, side, levels = picture
-    index = tiles(width, height, side, levels)
+    index = morton_tiles(width, height, side, levels)
     assert len(index) % (side**2 * FAN**levels) == 0
     np.testing.assert_array_equal(np.sort(index[index >= 0]), np.arange(width * height))
 
@@ -24,7 +24,7 @@ def test_tiles_cover_each_pixel_once(picture):
 @pytest.mark.parametrize("level", [0, 1, 2])
 def test_tiles_of_every_level_are_square_blocks(level):
     width, height, side = 128, 64, 2
-    index = tiles(width, height, side, 2).reshape(-1, side**2 * FAN**level)
+    index = morton_tiles(width, height, side, 2).reshape(-1, side**2 * FAN**level)
     x, y = index % width, index // width
     span = side * 4**level
     for c in (x, y):

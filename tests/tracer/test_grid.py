@@ -8,11 +8,11 @@ import pytest
 import reference
 from scenes import gaussians, moving, resting, wandering
 
-from gaussray.tracer.grid import OCCUPANCY, build
+from gaussray.tracer.grid import OCCUPANCY, build_grid
 
 
 ALPHA_MIN = 1 / 255
-make = jax.jit(functools.partial(build, alpha_min=ALPHA_MIN))
+make = jax.jit(functools.partial(build_grid, alpha_min=ALPHA_MIN))
 
 
 def test_every_visible_gaussian_is_in_one_cell():

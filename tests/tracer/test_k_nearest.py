@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.tracer.k_nearest import nearest, pack
+from gaussray.tracer.k_nearest import nearest_hits, sort_key
 
 
 def test_nearest_in_rounds_is_a_sort():
@@ -16,8 +16,8 @@ def test_nearest_in_rounds_is_a_sort():
     order = jnp.asarray(t.view(np.int32))
     end = np.iinfo(np.int32).max
     low, high = jnp.min(order, (0, 1), keepdims=True), jnp.max(order, (0, 1), keepdims=True)
-    key = jnp.where(missing, end, pack(order, jnp.asarray(slot), low, high, jnp.asarray(31)))
-    find_next = jax.jit(lambda after: nearest(key, jnp.int32(chunks), after, k=k))
+    key = jnp.where(missing, end, sort_key(order, jnp.asarray(slot), low, high, jnp.asarray(31)))
+    find_next = jax.jit(lambda after: nearest_hits(key, jnp.int32(chunks), after, k=k))
     after, found = jnp.full(count, -1, jnp.int32), []
     for _ in range(-(-chunks * chunk // k) + 1):
         found.append(np.asarray(find_next(after)))
@@ -35,6 +35,6 @@ def test_keys_tell_close_distances_apart_however_far_they_lie():
     t = np.linspace(1000, 1001, 100, dtype=np.float32)
     order = jnp.asarray(t.view(np.int32))
     ends = order[:1], order[-1:]
-    key = pack(order, jnp.arange(99, -1, -1, dtype=jnp.int32), *ends, jnp.asarray(2**14 - 1))
+    key = sort_key(order, jnp.arange(99, -1, -1, dtype=jnp.int32), *ends, jnp.asarray(2**14 - 1))
     assert np.all(np.diff(np.asarray(key)) > 0)
     assert 0 <= int(key[0]) and int(key[-1]) < np.iinfo(np.int32).max

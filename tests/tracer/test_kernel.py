@@ -36,7 +36,7 @@ from scenes import (
 from gaussray.camera.rays import Rays
 from gaussray.scene.gaussians import Gaussians
 from gaussray.tracer import cuda, kernel
-from gaussray.tracer.motion import Motion, whole
+from gaussray.tracer.motion import Motion, with_rest
 from gaussray.tracer.trace import TraceOptions, measure, trace
 from gaussray.tracer.traverse import Capacity
 
@@ -112,7 +112,7 @@ def test_without_a_device_the_kernel_is_refused_and_auto_is_the_arrays(monkeypat
 def test_resting_gaussians_are_those_repeated_at_every_key():
     motion, lines = mixed(), shot(rays())
     apart, _ = look(motion, lines, options=OPTIONS, capacity=roomy(OPTIONS))
-    together, _ = look(whole(motion), lines, options=OPTIONS, capacity=roomy(OPTIONS))
+    together, _ = look(with_rest(motion), lines, options=OPTIONS, capacity=roomy(OPTIONS))
     np.testing.assert_allclose(stacked(apart), stacked(together), atol=SAME)
 
 
@@ -161,7 +161,7 @@ def errors_on_device(motion, lines, options=OPTIONS):
     pixels, report, gradient = pull(motion, shot(lines), weight, options=options, capacity=capacity)
     assert int(report.dropped) == 0 and int(report.hits) > 0
     assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves((pixels, gradient)))
-    repeated, pull_back = jax.vjp(whole, motion)
+    repeated, pull_back = jax.vjp(with_rest, motion)
     host = on_host(jax.tree.map(lambda x: np.asarray(x, np.float64), (repeated, shot(lines))))
     slope = pull_dense(*host, on_host(weight.astype(np.float64)))
     expected = stacked(reference.trace(*host))

@@ -14,11 +14,11 @@ from gaussray.tracer.motion import (
     Motion,
     active_controls,
     arc_weights,
+    control_points,
     control_weights,
-    controls,
     usable,
 )
-from gaussray.tracer.table import state_at, table
+from gaussray.tracer.table import gaussian_table, state_at
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -34,9 +34,9 @@ KEYS = {
 }
 WINDOWS = [(-2, -1), (0, 0), (0.1, 0.2), (0.3, 0.5), (0.5, 0.7), (0.7, 9), (2, 3)]
 
-rows_of = jax.jit(table)
+rows_of = jax.jit(gaussian_table)
 shares = jax.jit(jax.vmap(control_weights, in_axes=(None, 0)))
-points = jax.jit(controls)
+points = jax.jit(control_points)
 
 
 def at(motion, time):
@@ -169,7 +169,7 @@ def test_gradients_to_times_and_key_states_are_finite_differences():
         g = motion.gaussians
         blend = control_weights(key_time, time)
         moved = Motion(key_time, Gaussians(mean, quat, scale, g.opacity, g.harmonics))
-        return [jnp.tensordot(blend, x, 1) for x in controls(moved)]
+        return [jnp.tensordot(blend, x, 1) for x in control_points(moved)]
 
     g = motion.gaussians
     for time in (0.1, 0.45, 0.9):

@@ -12,7 +12,7 @@ from pictures import seen_through
 from scenes import OPTIONS, RAYS, moving, rays, shot, wandering
 
 from gaussray.tracer import traverse
-from gaussray.tracer.trace import enlarge, find, measure
+from gaussray.tracer.trace import enlarged_capacity, find, measure
 from gaussray.tracer.traverse import Capacity
 
 
@@ -115,7 +115,7 @@ def test_what_does_not_fit_is_counted_and_what_is_needed_suffices():
     assert any(n > h for n, h in zip(needed, held, strict=True))
     # What came after the overflow saw only a part: a lower bound, so at most one try per size.
     for _ in range(4):
-        small = enlarge(small, needed)
+        small = enlarged_capacity(small, needed)
         lists, _ = search(motion, lines, options=OPTIONS, capacity=small)
         needed = [int(n) for n in lists.needed]
         if int(lists.dropped) == 0:
@@ -135,7 +135,7 @@ def test_measured_capacity_suffices_with_head_room():
 
 def test_enlarge_keeps_what_is_large_enough_and_raises_what_nearly_is_not():
     capacity = Capacity((100, 200), 300, 64)
-    assert enlarge(capacity, [80, 160, 240, 64]) == capacity
-    grown = enlarge(capacity, [101, 160, 241, 65])
+    assert enlarged_capacity(capacity, [80, 160, 240, 64]) == capacity
+    grown = enlarged_capacity(capacity, [101, 160, 241, 65])
     assert grown.cells[0] >= 131 and grown.cells[1:] == (200,)
     assert grown.pairs >= 313 and grown.slots == 128

@@ -10,7 +10,7 @@ from jaxtyping import Int, Shaped
 
 from gaussray.camera.film import Film
 from gaussray.capture.errors import CaptureError
-from gaussray.tracer.bundle import tiles as morton_tiles
+from gaussray.tracer.bundle import morton_tiles
 
 
 def fitting_side(film: Film, wanted: int, bundle: int) -> int:

@@ -25,7 +25,7 @@ from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import TraceOptions, enlarge, measure
+from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
 
 
@@ -145,7 +145,7 @@ class CandidateMeter:
             if not int(dropped):
                 return np.asarray(value, np.float64)
             wanted = [int(n) for n in needed]
-            self.capacity = enlarge(self.capacity, wanted, headroom=1.5)
+            self.capacity = enlarged_capacity(self.capacity, wanted, headroom=1.5)
 
 
 @eqx.filter_jit

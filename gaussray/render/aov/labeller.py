@@ -17,7 +17,7 @@ from gaussray.render.frame import joined
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import strip, strips, whole_picture
 from gaussray.scene.scene import Scene, key_count
-from gaussray.tracer.trace import TraceOptions, enlarge, measure
+from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
 
 
@@ -149,7 +149,7 @@ class Labeller:
                 return {k: x.reshape(rows, film.width, *x.shape[1:]) for k, x in seen.items()}
             for i in short:
                 needed = [int(n) for n in reports[i][0]]
-                self._capacity[key][i] = enlarge(sizes[i], needed, headroom=1.5)
+                self._capacity[key][i] = enlarged_capacity(sizes[i], needed, headroom=1.5)
 
 
 def _geometric(camera: Camera) -> Camera:

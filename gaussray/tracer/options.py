@@ -1,0 +1,70 @@
+"""How rays are traced, and which backend traces them."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jax.typing import DTypeLike
+
+from gaussray.tracer import cuda
+
+
+BACKENDS = ("auto", "array", "kernel")
+
+
+class TraceOptions(eqx.Module):
+    """Everything static about a trace; changing a field recompiles.
+
+    `k` hits are taken per round; rounds go on until the transmittance falls to `transmittance_min`
+    or nothing is left, so k is a matter of speed alone. `bundle` is the side of a square bundle in
+    pixels, `levels` the number of coarser bundle levels (0 for bundles that are not neighbours;
+    pictures of millions of Gaussians get more than asked for), `group` how many bundles march
+    together (0: 4 on a CPU, whose caches they fill, 16 on a GPU), `chunk` how many list entries are
+    read at once. `backend` is "array" (runs everywhere, in any
+    precision), "kernel" (single precision on a CUDA device, see kernel.py) or "auto": the kernel
+    where it runs.
+    """
+
+    k: int = eqx.field(static=True, default=16)
+    alpha_min: float = eqx.field(static=True, default=1 / 255)
+    alpha_max: float = eqx.field(static=True, default=0.99)
+    transmittance_min: float = eqx.field(static=True, default=1e-4)
+    bundle: int = eqx.field(static=True, default=8)
+    levels: int = eqx.field(static=True, default=1)
+    group: int = eqx.field(static=True, default=0)
+    chunk: int = eqx.field(static=True, default=16)
+    backend: str = eqx.field(static=True, default="auto")
+
+    def __check_init__(self):
+        for name in ("k", "bundle", "chunk"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"trace.{name} must be at least 1, got {getattr(self, name)}.")
+        if self.backend not in BACKENDS:
+            raise ValueError(f"trace.backend must be one of {BACKENDS}, got {self.backend!r}.")
+        if self.group < 0:
+            raise ValueError(f"trace.group must be at least 0, got {self.group}.")
+        if not 0 <= self.levels <= 4:
+            raise ValueError(f"trace.levels must be from 0 to 4, got {self.levels}.")
+        if not 0 < self.alpha_min < self.alpha_max < 1:
+            raise ValueError(
+                "trace.alpha_min and trace.alpha_max must satisfy 0 < alpha_min < alpha_max < 1, "
+                f"got {self.alpha_min} and {self.alpha_max}."
+            )
+        if not 0 <= self.transmittance_min < 1:
+            raise ValueError(
+                f"trace.transmittance_min must be in [0, 1), got {self.transmittance_min}."
+            )
+
+
+def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
+    """Whether the CUDA kernel traces rays of this precision."""
+    single = jnp.dtype(dtype) == jnp.float32
+    if options.backend == "kernel" and not single:
+        raise ValueError(
+            f"trace.backend=kernel is for single precision, the rays are {jnp.dtype(dtype)}. "
+            "Choose trace.backend=array."
+        )
+    if options.backend == "kernel" and not cuda.available():
+        raise ValueError(
+            "trace.backend=kernel needs a CUDA device and NVIDIA's run-time compiler: install "
+            "'gaussray[cuda]', or choose trace.backend=array."
+        )
+    return options.backend != "array" and single and cuda.available()
