@@ -15,7 +15,7 @@ from gaussray.tracer.window import TimeWindow, all_states
 
 class Columns(NamedTuple):
     """What stands where in a row of the `gaussian_table`: keys x (9 + 3), six of the `TimeWindow`
-    if any Gaussian is `transient`, opacity, harmonics, and keys x 3 if the Gaussians are `tinted`."""
+    if any Gaussian is `transient`, opacity, harmonics, and keys x 3 if Gaussians are `tinted`."""
 
     keys: int
     coefficients: int
