@@ -100,7 +100,7 @@ def step_plan(session: Session, progress: RunProgress) -> StepPlan:
     if progress.planned:
         return StepPlan(progress.planned)
     if fit.minutes:
-        return TimedPlan(session.log.began + 60 * fit.minutes, fit.block)
+        return TimedPlan(60 * fit.minutes, fit.block)
     return StepPlan(fit.coarse + fit.fine)
 
 

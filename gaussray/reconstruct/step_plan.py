@@ -12,6 +12,8 @@ from gaussray.reconstruct.run_progress import RunProgress
 
 # Steps before the pace is known, and the most of any timed stage.
 _GUESS, _MOST = 3000, 200_000
+# No timed stage takes fewer steps: with less, nothing has formed.
+_LEAST = 600
 # Blocks between looks at held-out tiles.
 _CHECK = 10
 # Share of the plan before which no fit ends: rates must be high for long enough.
@@ -64,16 +66,18 @@ class Plateau:
 
 
 class TimedPlan(StepPlan):
-    """As many steps as fit before `end` (of `time.monotonic`), in whole blocks.
+    """As many steps as fit into `seconds` from the end of the first block on, in whole blocks.
 
-    The pace is measured during the first half; then the plan stays. When held-out tiles no longer
+    Reading, stereo and compilation, which come before, do not count: they differ most from machine
+    to machine. There are at least _LEAST steps. The pace is measured during the first half; then
+    the plan stays. When held-out tiles no longer
     improve, the plan is cut to a tenth more steps, over which the learning rates fall to their end.
     """
 
-    def __init__(self, end: float, block: int):
+    def __init__(self, seconds: float, block: int):
         super().__init__(_GUESS)
         self.most = _MOST
-        self._end, self._block = end, block
+        self._seconds, self._block = seconds, block
         self._marks: list[tuple[int, float]] = []
         self._plateau = Plateau()
 
@@ -99,8 +103,9 @@ class TimedPlan(StepPlan):
             return False
         step, when = np.array(self._marks[-_BLOCKS - 1 :]).T
         pace = float(np.median(np.diff(when) / np.diff(step)))
-        left = max(self._end - when[-1], 0) / max(pace, 1e-9)
-        blocks = max(int((done + left) / self._block), -(-done // self._block))
+        end = self._marks[0][1] + self._seconds
+        left = max(end - when[-1], 0) / max(pace, 1e-9)
+        blocks = max(int(max(done + left, _LEAST) / self._block), -(-done // self._block))
         steps = min(blocks * self._block, _MOST)
         changed, self.steps = steps != self.steps, steps
         return changed
