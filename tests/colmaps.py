@@ -2,10 +2,10 @@
 
 import struct
 
-from gaussray.capture.formats.colmap_files import MODELS
+from gaussray.capture.formats.colmap_files import COLMAP_MODELS
 
 
-NUMBERS = {name: number for number, (name, _) in MODELS.items()}
+NUMBERS = {name: number for number, (name, _) in COLMAP_MODELS.items()}
 
 
 def lay(folder, cameras, images, points, form="bin", numbers=None):

@@ -185,4 +185,4 @@ def loss_sweeps():
         return 0.5 + place * dice.normal(size=(64, 3)), 0.5 + place * dice.normal(size=(64, 3))
 
     yield Sweep("fit", "dssim", "contrast", apart, flat, lambda a, b: loss.dssim(a, b, side=8))
-    yield Sweep("fit", "regularizer", "roughness", apart, _rough, regularizer.terms)
+    yield Sweep("fit", "regularizer", "roughness", apart, _rough, regularizer.plane_terms)

@@ -27,7 +27,7 @@ from gaussray.reconstruct.optimize.state import State, begin_state
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
 from gaussray.runtime.progress import Progress
-from gaussray.scene.bodies import pose_at
+from gaussray.scene.bodies import body_pose_at
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import constrain, folded, unconstrain
 from gaussray.scene.scene import Scene, at, key_count
@@ -171,7 +171,7 @@ def hand_over(session: Session, state: State, progress: RunProgress) -> tuple[St
     known = None
     if isinstance(scene.deformation, Deformation):
         bodies = scene.deformation.bodies
-        pivot = np.asarray(bodies.pivot + pose_at(bodies, last)[0])
+        pivot = np.asarray(bodies.pivot + body_pose_at(bodies, last)[0])
         known = KnownBodies(pivot, np.asarray(bodies.radius))
     static = unconstrain(folded(eqx.filter_jit(at)(scene, last)))
     moving = jax.tree.map(lambda x: x[:0], static)

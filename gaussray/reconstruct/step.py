@@ -144,7 +144,7 @@ def loss_of(
         image, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
     )
     if parameters.deformation is not None:
-        terms |= regularizer.terms(parameters.deformation.planes)
+        terms |= regularizer.plane_terms(parameters.deformation.planes)
     total = sum(getattr(options.loss, name) * term for name, term in terms.items())
     total += _density_cost(parameters, cameras, options.density)
     terms["mse"] = jnp.sum((image - truth) ** 2) / (3 * jnp.maximum(jnp.sum(weight), 1))

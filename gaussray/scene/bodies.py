@@ -60,7 +60,7 @@ def body_of(bodies: Bodies, place: Float[Array, "gaussians 3"]) -> Int[Array, " 
     return jnp.where(held, jnp.argmin(square, axis=1), bodies.pivot.shape[0])
 
 
-def pose_at(
+def body_pose_at(
     bodies: Bodies, time: Float[Array, ""]
 ) -> tuple[Float[Array, "bodies 3"], Float[Array, "bodies 4"]]:
     """Displacement and unit turn of every body at a time; rests before and after the instants.

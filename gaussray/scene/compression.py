@@ -40,13 +40,13 @@ from gaussray.scene.harmonics import C0
 
 
 # Logarithms to base 2 of the steps: in themselves,
-QUAT, SCALE, OPACITY, COLOR, HARMONICS = -10, -6, -7, -8, -7
+_QUAT, _SCALE, OPACITY, _COLOR, HARMONICS = -10, -6, -7, -8, -7
 # and in units of the largest number,
 PLANES, NETWORK = -7, -8
 # of a short lifetime,
 INSTANT = -5
 # and of the least extent that all but a share THIN of the Gaussians exceed.
-MEAN, THIN = -4, 0.05
+_MEAN, THIN = -4, 0.05
 
 
 class Code(NamedTuple):
@@ -69,7 +69,7 @@ def _from_color(x: np.ndarray) -> np.ndarray:
 
 
 # So that one step does for all harmonics.
-_REST = 2.0 ** (COLOR - HARMONICS)
+_REST = 2.0 ** (_COLOR - HARMONICS)
 CURVES: dict[str, tuple[Callable, Callable]] = {
     "linear": (lambda x: x, lambda x: x),
     "log2": (lambda x: np.log2(np.maximum(x, np.finfo(np.float32).tiny)), np.exp2),
@@ -147,15 +147,15 @@ def _steps(array: dict[str, np.ndarray]) -> dict[str, tuple[str, int]]:
     residual = "deformation.encoded" in array
     for prefix in _kinds(array):
         scale = array[f"{prefix}.scale"]
-        steps[f"{prefix}.mean"] = "linear", MEAN + _thin(scale)
-        steps[f"{prefix}.scale"] = "log2", SCALE
+        steps[f"{prefix}.mean"] = "linear", _MEAN + _thin(scale)
+        steps[f"{prefix}.scale"] = "log2", _SCALE
         steps[f"{prefix}.opacity"] = "linear", OPACITY
-        steps[f"{prefix}.harmonics"] = "color", COLOR
+        steps[f"{prefix}.harmonics"] = "color", _COLOR
         if prefix != "moving" or not residual:
-            steps[f"{prefix}.quat"] = "linear", QUAT
+            steps[f"{prefix}.quat"] = "linear", _QUAT
     if "transient.lifetime" in array:
         short, long = (_lifetime(array["transient.lifetime"], x) for x in (THIN, 1 - THIN))
-        steps["transient.lifetime"] = "log2", SCALE
+        steps["transient.lifetime"] = "log2", _SCALE
         steps["transient.instant"] = steps["transient.plateau"] = "linear", INSTANT + short
         steps["transient.velocity"] = "linear", steps["transient.mean"][1] - long - 3
     for name, x in array.items():
@@ -171,17 +171,17 @@ def _thin(scale: np.ndarray) -> int:
 
     Of extents that are rounded already, so that it comes out the same the next time.
     """
-    least = np.sort(np.rint(np.ldexp(CURVES["log2"][0](scale.astype(np.float64)), -SCALE)).min(1))
-    return math.floor(math.ldexp(least[int(THIN * len(least))], SCALE)) if len(least) else 0
+    least = np.sort(np.rint(np.ldexp(CURVES["log2"][0](scale.astype(np.float64)), -_SCALE)).min(1))
+    return math.floor(math.ldexp(least[int(THIN * len(least))], _SCALE)) if len(least) else 0
 
 
 def _lifetime(lifetime: np.ndarray, share: float) -> int:
     """Logarithm of the lifetime that a share of the transient Gaussians do not reach, rounded down:
     of lifetimes that are rounded already, as in `_thin`."""
-    rounded = np.sort(np.rint(np.ldexp(CURVES["log2"][0](lifetime.astype(np.float64)), -SCALE)))
+    rounded = np.sort(np.rint(np.ldexp(CURVES["log2"][0](lifetime.astype(np.float64)), -_SCALE)))
     if not len(rounded):
         return 0
-    return math.floor(math.ldexp(rounded[int(share * len(rounded))], SCALE))
+    return math.floor(math.ldexp(rounded[int(share * len(rounded))], _SCALE))
 
 
 def _kinds(array: dict[str, np.ndarray]) -> list[str]:
@@ -200,8 +200,8 @@ def _unit(name: str, x: np.ndarray) -> np.ndarray:
     if not name.endswith(".quat"):
         return x
     length = np.linalg.norm(x, axis=1, keepdims=True)
-    number = np.ldexp(x, -QUAT)
-    rounded = (abs(length - 1) <= 2.0**QUAT) & (number == np.rint(number)).all(1, keepdims=True)
+    number = np.ldexp(x, -_QUAT)
+    rounded = (abs(length - 1) <= 2.0**_QUAT) & (number == np.rint(number)).all(1, keepdims=True)
     return np.where(rounded, x, x / np.where(length > 0, length, 1))
 
 

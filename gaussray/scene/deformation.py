@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PRNGKeyArray
 
 from gaussray.geometry import multiply, normalize_quaternion, product, rotation_matrix
-from gaussray.scene.bodies import Bodies, body_of, pose_at
+from gaussray.scene.bodies import Bodies, body_of, body_pose_at
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import basis
 from gaussray.scene.planes import Planes, features
@@ -143,7 +143,7 @@ def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""
 
 def _carried(bodies: Bodies, place: Array, time: Array) -> tuple[Array, Array, Array]:
     """Pivot, path and turn of each Gaussian's body; those of no body rest."""
-    path, turn = pose_at(bodies, time)
+    path, turn = body_pose_at(bodies, time)
     zero = jnp.zeros((1, 3), path.dtype)
     identity = jnp.zeros((1, 4), turn.dtype).at[:, 0].set(1)
     body = body_of(bodies, place)

@@ -42,8 +42,8 @@ from gaussray.scene.segmented import Clip, segments_of
 
 FORMAT = "gaussray-scene"
 # A scene is written in the lowest version that can hold it.
-VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT = 1, 2, 3, 4, 5
-VERSIONS = VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT
+_VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT = 1, 2, 3, 4, 5
+VERSIONS = _VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT
 # How arrays are stored: full keeps every bit, compact quantises (`compression`).
 PRECISIONS = ("full", "compact")
 
@@ -141,7 +141,7 @@ def _version(scene: Scene) -> int:
     complete = deformation is None or (
         deformation.planes.space and all(getattr(deformation, head) for head in HEADS)
     )
-    return VERSION if complete else LISTED
+    return _VERSION if complete else LISTED
 
 
 def _scene(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> Scene:
@@ -163,7 +163,7 @@ def _scene(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> 
 def _clip(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> Clip:
     """The clip in a file."""
     listed = header.get("segments")
-    versions = VERSION, RESIDUALS, LISTED, TRANSIENT
+    versions = _VERSION, RESIDUALS, LISTED, TRANSIENT
     if not isinstance(listed, list) or not all(
         isinstance(part, dict) and part.get("version") in versions for part in listed
     ):

@@ -17,7 +17,7 @@ def without_aperture(camera: Camera) -> Camera:
     return dataclasses.replace(camera, aperture=none, chromatic=None)
 
 
-def focus_distance_at(
+def clicked_focus_distance(
     previewer: PreviewRenderer, camera: Camera, pixel: tuple[int, int]
 ) -> float | None:
     """The focus distance of the surface in a pixel (column, row), in scene units.

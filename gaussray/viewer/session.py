@@ -15,7 +15,7 @@ from gaussray.render.job import RenderJob
 from gaussray.render.renderer import Renderer
 from gaussray.viewer.adaptive_size import SizeController, preview_sizes
 from gaussray.viewer.develop import develop_preview
-from gaussray.viewer.focus import focus_distance_at, without_aperture
+from gaussray.viewer.focus import clicked_focus_distance, without_aperture
 from gaussray.viewer.model import ViewerModel
 from gaussray.viewer.preview import PreviewRenderer
 from gaussray.viewer.timing import RenderStatus, StageTimer
@@ -95,7 +95,7 @@ class ViewerSession:
             pixel = pane.pixel(position, self.model.size)
             if pixel is not None:
                 camera = self._shot(request, pane, self.model.size).records[0].camera
-                return focus_distance_at(self.previewer, camera, pixel)
+                return clicked_focus_distance(self.previewer, camera, pixel)
         return None
 
     def _run(self) -> None:

@@ -343,7 +343,7 @@ def test_a_capture_without_training_views(fails, capture):
 def test_a_picture_that_is_missing(fails, capture):
     path = capture / "images" / "cam_1" / "0001.png"
     path.unlink()
-    line = fails(*reconstruct_of(capture))
+    line = fails(*reconstruct_of(capture), "capture.missing=error")
     assert str(path) in line and "does not exist" in line
 
 
@@ -394,7 +394,7 @@ def test_an_interruption_says_how_to_go_on(fails, capture, monkeypatch):
     def stop(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("gaussray.reconstruct.reconstruct", stop)
+    monkeypatch.setattr("gaussray.reconstruct.pipeline.reconstruct", stop)
     assert "resume=auto" in fails(*reconstruct_of(capture), code=130)
 
 

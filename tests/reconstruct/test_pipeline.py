@@ -345,6 +345,7 @@ def test_a_given_time_ends_a_fit_and_held_out_tiles_are_looked_at(
     looks = []
     monkeypatch.setattr(held_out_tiles, "_LEAST", 1)
     monkeypatch.setattr(step_plan, "_CHECK", 1)
+    monkeypatch.setattr(step_plan, "_LEAST", 1)
     monkeypatch.setattr(step_plan.Plateau, "reached", lambda *pair: looks.append(pair[1:]) or True)
     views = [view for view in capture.views if view.time == 0]
     one = type(capture)(**(vars(capture) | {"views": views, "time_range": (0.0, 0.0)}))

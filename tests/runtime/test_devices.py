@@ -16,7 +16,7 @@ import toy
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded
 from gaussray.dataset.manifest import write_manifest
-from gaussray.render import dataset as filming
+from gaussray.render import dataset_files
 from gaussray.runtime.devices import DevicesOptions, agreed, begin, everywhere, leads, share
 from gaussray.scene.store import save_scene
 from gaussray.tracer.shard import mesh, mesh_of_hosts
@@ -194,12 +194,12 @@ def test_without_a_cluster_hosts_must_be_named(tmp_path):
 
 
 def test_pictures_that_another_host_keeps_to_itself_are_missed(tmp_path, monkeypatch):
-    monkeypatch.setattr(filming, "PATIENCE", 0.0)
-    monkeypatch.setattr(filming, "together", lambda: True)
+    monkeypatch.setattr(dataset_files, "_NETWORK_DELAY", 0.0)
+    monkeypatch.setattr(dataset_files, "together", lambda: True)
     with pytest.raises(OSError, match="12 files .* Choose a folder that all hosts share"):
-        filming._demand_all(tmp_path, toy.records())
+        dataset_files.demand_files(tmp_path, toy.records())
 
 
 def test_pictures_that_vanish_from_a_host_of_its_own_are_missed_at_once(tmp_path):
     with pytest.raises(OSError, match="12 of 12 files have gone .* The same command"):
-        filming._demand_all(tmp_path, toy.records())
+        dataset_files.demand_files(tmp_path, toy.records())

@@ -7,7 +7,7 @@ from jax.test_util import check_grads
 
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.initialize.from_points import bodies as found_bodies
-from gaussray.scene.bodies import body_of, pose_at, reaching, resting
+from gaussray.scene.bodies import body_of, body_pose_at, reaching, resting
 
 
 # Rounding of float64 sums of a few terms.
@@ -26,7 +26,7 @@ def thrown():
 def test_a_resting_body_is_the_identity_at_all_times():
     body = resting(jnp.ones((2, 3)), jnp.ones(2), TIMES)
     for time in (-1.0, 0.0, 0.3, 2.0):
-        path, turn = pose_at(body, jnp.asarray(time))
+        path, turn = body_pose_at(body, jnp.asarray(time))
         assert np.abs(path).max() == 0
         assert np.allclose(rotation_matrix(turn), np.eye(3), atol=EXACT)
 
@@ -34,13 +34,13 @@ def test_a_resting_body_is_the_identity_at_all_times():
 def test_poses_are_met_at_their_instants_and_rest_beyond():
     body = thrown()
     for i, time in enumerate(body.time):
-        assert np.allclose(pose_at(body, time)[0], body.path[:, i], atol=EXACT)
-    assert np.allclose(pose_at(body, jnp.asarray(9.0))[0], body.path[:, -1], atol=EXACT)
+        assert np.allclose(body_pose_at(body, time)[0], body.path[:, i], atol=EXACT)
+    assert np.allclose(body_pose_at(body, jnp.asarray(9.0))[0], body.path[:, -1], atol=EXACT)
 
 
 def test_a_parabola_is_followed_exactly_between_inner_instants():
     time = jnp.asarray(0.4)
-    path, _ = pose_at(thrown(), time)
+    path, _ = body_pose_at(thrown(), time)
     assert np.allclose(path[0], [0.4, 0.8 - 4 * 0.16, 0], atol=EXACT)
 
 
@@ -50,7 +50,7 @@ def test_bodies_that_reach_further_go_on_at_steady_speed():
     assert np.allclose(further.time, [-0.1, *body.time, 1.2], atol=EXACT)
     # The first and the last quarter's speeds are (1, 1) and (1, -5).
     for time, place in ((-0.1, [-0.1, -0.1, 0]), (1.2, [1.2, -2 - 1, 0])):
-        path, turn = pose_at(further, jnp.asarray(time))
+        path, turn = body_pose_at(further, jnp.asarray(time))
         assert np.allclose(path, [place, [0, 0, 0]], atol=EXACT)
         assert np.allclose(rotation_matrix(turn), np.eye(3), atol=EXACT)
     assert np.allclose(further.path[:, 1:-1], body.path, atol=EXACT)
@@ -66,7 +66,7 @@ def test_gaussians_belong_to_the_nearest_body_in_reach():
 def test_without_bodies_everything_is_its_own():
     none = resting(jnp.zeros((0, 3)), jnp.zeros(0), TIMES)
     assert body_of(none, jnp.ones((2, 3))).tolist() == [0, 0]
-    path, turn = pose_at(none, jnp.asarray(0.3))
+    path, turn = body_pose_at(none, jnp.asarray(0.3))
     assert path.shape == (0, 3) and turn.shape == (0, 4)
 
 
@@ -76,7 +76,7 @@ def test_gradients_reach_poses_and_time():
     def place(path, turn, time):
         path, turn, time = (jnp.asarray(x) for x in (path, turn, time))
         moved = body.__class__(body.pivot, body.radius, body.time, path, turn)
-        return jnp.concatenate([x.reshape(-1) for x in pose_at(moved, time)])
+        return jnp.concatenate([x.reshape(-1) for x in body_pose_at(moved, time)])
 
     turn = body.turn + 0.1 * jax.random.normal(jax.random.key(0), body.turn.shape)
     check_grads(place, (body.path, turn, jnp.asarray(0.37)), order=1, modes=["rev"])

@@ -21,7 +21,7 @@ from gaussray.tracer.traverse import Capacity
 from gaussray.viewer import preview as module
 from gaussray.viewer.controls import choice_values
 from gaussray.viewer.develop import develop_preview
-from gaussray.viewer.focus import focus_distance_at
+from gaussray.viewer.focus import clicked_focus_distance
 from gaussray.viewer.preview import PreviewRenderer
 
 
@@ -112,14 +112,14 @@ def test_the_focus_is_on_what_is_under_the_mouse(model, previewer):
     labels = Labeller(model.scene, options=shot.options, trace=shot.trace)(camera, ["z", "alpha"])
     seen = np.argwhere(labels["alpha"] > 0.6)
     row, column = seen[len(seen) // 2]
-    found = focus_distance_at(previewer, camera, (int(column), int(row)))
+    found = clicked_focus_distance(previewer, camera, (int(column), int(row)))
     assert found == pytest.approx(labels["z"][row, column], rel=1e-4)
 
 
 def test_where_nothing_is_seen_there_is_no_focus(model, previewer):
     away = model.initial_viewpoint._replace(position=(0.0, 0.0, 50.0))
     camera = model.shot(model.initial_values, away, model.size).records[0].camera
-    assert focus_distance_at(previewer, camera, (8, 8)) is None
+    assert clicked_focus_distance(previewer, camera, (8, 8)) is None
 
 
 def test_a_sensor_develops_a_sketch_as_a_picture(model, previewer):

@@ -36,7 +36,7 @@ _LEAST = 1e-30
 
 
 # Focal lengths in widths of a picture beyond which hardly a lens is: 136 degrees wide, or 3.
-NEAR, FAR = 0.2, 20.0
+_NEAR, _FAR = 0.2, 20.0
 
 
 class CameraImages(NamedTuple):
@@ -97,7 +97,7 @@ def _check_lenses(model: Model) -> None:
     """Warn of lenses that COLMAP has hardly found: with few pictures it bends them at will."""
     for number, lens in model.cameras.items():
         share = lens["fl_x"] / lens["w"]
-        if not NEAR <= share <= FAR:
+        if not _NEAR <= share <= _FAR:
             Keys(model.file, {}).warn(
                 f"camera {number} has a focal length of {lens['fl_x']:.4g} pixels for a picture "
                 f"{lens['w']} wide: hardly a lens that anybody has. Let COLMAP find one for all "

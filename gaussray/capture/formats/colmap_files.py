@@ -20,7 +20,7 @@ _T = TypeVar("_T")
 # Where the files of a model lie in a capture's folder.
 PLACES = ("sparse/0", "sparse", "colmap/sparse/0", ".")
 # Number and name of each model, and its parameters in their order.
-MODELS: dict[int, tuple[str, tuple[str, ...]]] = {
+COLMAP_MODELS: dict[int, tuple[str, tuple[str, ...]]] = {
     0: ("SIMPLE_PINHOLE", ("f", "cx", "cy")),
     1: ("PINHOLE", ("fl_x", "fl_y", "cx", "cy")),
     2: ("SIMPLE_RADIAL", ("f", "cx", "cy", "k1")),
@@ -38,7 +38,7 @@ MODELS: dict[int, tuple[str, tuple[str, ...]]] = {
         ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "s1", "s2"),
     ),
 }
-_NUMBERS = {name: number for number, (name, _) in MODELS.items()}
+_NUMBERS = {name: number for number, (name, _) in COLMAP_MODELS.items()}
 
 
 class Registered(NamedTuple):
@@ -109,13 +109,13 @@ def read_colmap_model(folder: Path) -> Model:
 
 def _camera(path, number, model, size, read) -> tuple[int, dict[str, Any]]:
     """A camera's number and keys; `read(count)` gives the parameters that follow in the file."""
-    if model not in MODELS:
+    if model not in COLMAP_MODELS:
         raise CaptureError(
             f"{path}: the model of camera {number} must be one of {', '.join(_NUMBERS)}, "
             f"got {model!s:.80}. Run `colmap image_undistorter` on the pictures and use what it "
             "writes."
         )
-    name, names = MODELS[model]
+    name, names = COLMAP_MODELS[model]
     values: dict[str, Any] = dict(zip(names, read(len(names)), strict=True))
     if "f" in values:
         values["fl_x"] = values["fl_y"] = values.pop("f")

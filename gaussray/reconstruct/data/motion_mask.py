@@ -15,7 +15,7 @@ from gaussray.reconstruct.data.tiles import join, tile_of, tile_pixels
 # A channel of an encoded picture must change by this much to count (the benchmark's own threshold).
 CHANGE = 0.1
 # Pictures of a camera, evenly spread in time, of which the median is taken at most.
-SAMPLE = 63
+_SAMPLE = 63
 # Bytes of pictures that are looked at together.
 PIECE = 1 << 24
 
@@ -38,7 +38,7 @@ def activity(footage: Footage) -> Activity:
     moved = np.empty(pixel.shape[:2], np.uint16)
     for row, name in enumerate(names):
         own = np.flatnonzero(footage.viewpoints == name)
-        some = np.linspace(0, len(own) - 1, min(len(own), SAMPLE)).round().astype(int)
+        some = np.linspace(0, len(own) - 1, min(len(own), _SAMPLE)).round().astype(int)
         step = max(1, PIECE // (len(own) * pixel[0, 0].nbytes))
         for part in (slice(i, i + step) for i in range(0, pixel.shape[1], step)):
             seen, visible = pixel[own, part], footage.visible(own, part)

@@ -18,7 +18,7 @@ from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.named_arrays import deformation_from, named_arrays
 
 
-FORMAT, VERSION = "gaussray-checkpoint", 2
+_FORMAT, _VERSION = "gaussray-checkpoint", 2
 # Names in the file of the fields of TileErrorState, in their order, and of the gradient statistics
 # in files of earlier versions.
 TILE_ERRORS = {
@@ -31,7 +31,7 @@ EARLIER = {"static_statistic": "static_pull", "moving_statistic": "moving_pull"}
 
 def save_checkpoint(path: Path, state: State, progress: RunProgress) -> None:
     """Write a checkpoint, whole or not at all."""
-    header = {"format": FORMAT, "version": VERSION, "info": progress_to_json(progress)}
+    header = {"format": _FORMAT, "version": _VERSION, "info": progress_to_json(progress)}
     arrays = named_arrays(state)
     if progress.tile_errors is not None:
         arrays |= {key: getattr(progress.tile_errors, name) for name, key in TILE_ERRORS.items()}
@@ -40,7 +40,7 @@ def save_checkpoint(path: Path, state: State, progress: RunProgress) -> None:
 
 def load_checkpoint(path: Path) -> tuple[State, RunProgress]:
     """Read a checkpoint. ValueError if the file is damaged."""
-    header, found = read_arrays(path, FORMAT, VERSION)
+    header, found = read_arrays(path, _FORMAT, _VERSION)
     array = _Whole(path, found)
 
     def parameters(prefix: str) -> Parameters:

@@ -17,7 +17,7 @@ class LossOptions(eqx.Module):
 
     `l1` (mean absolute difference) and `dssim` (1 - SSIM) compare sRGB-encoded colours (4D-GRT: 1
     and 0; 3DGS and 3DGRT: 0.8 and 0.2). `space`,
-    `time` and `one` weigh the plane regularisers (`regularizer.terms`).
+    `time` and `one` weigh the plane regularisers (`regularizer.plane_terms`).
     """
 
     l1: float = eqx.field(static=True, default=1.0)

@@ -6,7 +6,7 @@ from jaxtyping import Array, Float
 from gaussray.scene.planes import Planes
 
 
-def terms(planes: Planes) -> dict[str, Float[Array, ""]]:
+def plane_terms(planes: Planes) -> dict[str, Float[Array, ""]]:
     """The three plane regularisers of HexPlane and 4DGaussians, unweighted.
 
     `space`: mean squared difference of neighbours in the spatial planes (total variation).

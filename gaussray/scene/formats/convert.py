@@ -26,7 +26,7 @@ COLORS = ("srgb", "linear")
 # Opacity below which a transient Gaussian is left out of a file: that which rasterisers leave out.
 LEAST_OPACITY = 1 / 255
 # Gaussians whose colours are converted at a time: bounds the memory.
-BLOCK = 1 << 16
+CONVERSION_BLOCK = 1 << 16
 
 
 def import_model(
@@ -136,12 +136,12 @@ def converted(
     _, weight = directions()
     values, sums = (np.asarray(x, np.float32) for x in projection(coefficients))
     result, square = np.empty(harmonics.shape, np.float32), 0.0
-    for begin in range(0, count, BLOCK):
-        part = np.asarray(harmonics[begin : begin + BLOCK], np.float32)
+    for begin in range(0, count, CONVERSION_BLOCK):
+        part = np.asarray(harmonics[begin : begin + CONVERSION_BLOCK], np.float32)
         seen = _seen(values, part)
         wanted = srgb_encode(seen) if encode else srgb_decode(seen)
         fitted = np.einsum("dc,dnk->nck", sums, wanted - 0.5, optimize=True)
-        result[begin : begin + BLOCK] = fitted
+        result[begin : begin + CONVERSION_BLOCK] = fitted
         shown = _seen(values, fitted)
         off = shown - wanted if encode else srgb_encode(shown) - seen
         square += float(np.einsum("d,dnk->", weight, np.square(off, dtype=np.float64)))

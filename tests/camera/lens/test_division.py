@@ -17,7 +17,7 @@ from gaussray.camera.lens.division import Division, fold_radius
 from gaussray.capture.formats.paired import read_views
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.render.rig.lens import LensOptions, lens_label, mounted
-from gaussray.viewer.controls import offered
+from gaussray.viewer.controls import offered_choices
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -215,5 +215,5 @@ def test_calibration_finds_lambda_from_where_points_are_imaged():
 
 
 def test_the_viewer_offers_it():
-    assert "division" in offered("lens")
+    assert "division" in offered_choices("lens")
     assert not isinstance(mounted(Film(64, 48), LensOptions("division", 120.0, (-0.2,))), Pinhole)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gaussray.capture.errors import CaptureError
-from gaussray.capture.formats.colmap_files import MODELS, model_folder, read_colmap_model
+from gaussray.capture.formats.colmap_files import COLMAP_MODELS, model_folder, read_colmap_model
 from gaussray.color import srgb_decode
 
 
@@ -44,9 +44,9 @@ def test_both_forms_say_the_same(folder):
 
 
 @pytest.mark.parametrize("form", ["bin", "txt"])
-@pytest.mark.parametrize("number", MODELS)
+@pytest.mark.parametrize("number", COLMAP_MODELS)
 def test_parameters_of_every_model_go_by_their_names(tmp_path, form, number):
-    name, names = MODELS[number]
+    name, names = COLMAP_MODELS[number]
     values = tuple(float(k + 1) for k in range(len(names)))
     colmaps.lay(tmp_path, {1: (name, 4, 3, values)}, [("a.png", *IMAGES[0][1:3], 1)], [], form)
     camera = read_colmap_model(tmp_path).cameras[1]

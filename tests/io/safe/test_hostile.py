@@ -17,7 +17,7 @@ from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.colmap import read_colmap
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.paths import read_path
-from gaussray.capture.videos import read_frames, read_video
+from gaussray.capture.videos import decode_frames, read_video
 from gaussray.config.compose import compose_config
 from gaussray.dataset.pack import pack
 from gaussray.io.ply import read_vertices
@@ -65,7 +65,7 @@ def test_frames_beyond_the_limits_are_not_decoded(tmp_path, lowered):
         read_video(tmp_path / "a.mp4")
     lowered(frames=2)
     with pytest.raises(CaptureError, match="the frames must be at most limits.frames=2"):
-        list(read_frames(tmp_path / "a.mp4", [0]))
+        list(decode_frames(tmp_path / "a.mp4", [0]))
 
 
 def test_a_pipe_called_a_video_is_not_waited_for(tmp_path):

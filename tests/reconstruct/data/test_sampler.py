@@ -135,7 +135,7 @@ def test_errors_are_kept_and_restored_with_what_was_told_last():
     errors.tell(np.array([0]), np.array([1]), np.array([0.5]))
     errors.learn()
     errors.tell(np.array([1]), np.array([1]), np.array([0.25]))
-    again.restore({name: array.copy() for name, array in errors.arrays().items()})
+    again.restore(errors.state())
     np.testing.assert_array_equal(again.of(np.arange(3)), errors.of(np.arange(3)))
     errors.learn()
     again.learn()

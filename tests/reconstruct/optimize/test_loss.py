@@ -94,7 +94,7 @@ def test_a_weight_of_zero_leaves_dssim_out(tiles):
 def test_the_regulariser_of_constant_planes_is_zero():
     start = planes()
     flat = planes(space=tuple(jnp.full_like(x, 0.3) for x in start.space))
-    assert {name: float(x) for name, x in regularizer.terms(flat).items()} == {
+    assert {name: float(x) for name, x in regularizer.plane_terms(flat).items()} == {
         "space": 0.0, "time": 0.0, "one": 0.0,
     }  # fmt: skip
 
@@ -105,7 +105,7 @@ def test_the_regularisers_by_hand():
     space = [x * 0 for x in space]
     space[0][0, 1, 1, 0] = 3.0  # in the middle of 3 x 3: two differences each way
     time[0][1, 2, 0, 0] = 2.0  # row 2 of 4: second differences 1, -2
-    found = regularizer.terms(planes(space=tuple(map(jnp.asarray, space)),
+    found = regularizer.plane_terms(planes(space=tuple(map(jnp.asarray, space)),
                                      time=tuple(map(jnp.asarray, time))))  # fmt: skip
     each_way = 2 * 3.0**2 / (3 * 2 * 3 * 2)
     np.testing.assert_allclose(found["space"], 2 * each_way, rtol=1e-12)
@@ -115,7 +115,7 @@ def test_the_regularisers_by_hand():
 
 def test_two_instants_have_no_curvature():
     start = planes()
-    found = regularizer.terms(planes(time=tuple(x[:, :2] for x in start.time)))
+    found = regularizer.plane_terms(planes(time=tuple(x[:, :2] for x in start.time)))
     assert found["time"] == 0
 
 

@@ -136,7 +136,7 @@ def test_the_error_of_a_smooth_colour_is_small_and_of_second_order(encode):
 def test_the_conversion_does_not_depend_on_the_blocks(monkeypatch):
     harmonics = random_gaussians(9, 20).harmonics
     whole, error = converted(harmonics, encode=True)
-    monkeypatch.setattr("gaussray.scene.formats.convert.BLOCK", 7)
+    monkeypatch.setattr("gaussray.scene.formats.convert.CONVERSION_BLOCK", 7)
     parts, again = converted(harmonics, encode=True)
     np.testing.assert_allclose(parts, whole, atol=SINGLE)
     assert math.isclose(error, again, rel_tol=SINGLE)

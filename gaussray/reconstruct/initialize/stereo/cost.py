@@ -12,7 +12,7 @@ from gaussray.reconstruct.initialize.stereo.options import StereoOptions
 from gaussray.reconstruct.initialize.stereo.views import Channels
 
 
-class Window(NamedTuple):
+class PlaneWindow(NamedTuple):
     """Means over a window of one picture: of each channel and of the squares' sum."""
 
     color: Channels
@@ -29,9 +29,9 @@ class Comparison(NamedTuple):
     difference: Float[Array, "..."]
 
 
-def window(color: Channels) -> Window:
+def window(color: Channels) -> PlaneWindow:
     """What one pixel adds to a window's means."""
-    return Window(color, total(c * c for c in color))
+    return PlaneWindow(color, total(c * c for c in color))
 
 
 def comparison(reference: Channels, color: Channels) -> Comparison:
@@ -50,7 +50,9 @@ def total(parts: Iterable[Array]) -> Array:
     return functools.reduce(jnp.add, parts)
 
 
-def patch_cost(reference: Window, other: Comparison, options: StereoOptions) -> Float[Array, "..."]:
+def patch_cost(
+    reference: PlaneWindow, other: Comparison, options: StereoOptions
+) -> Float[Array, "..."]:
     """Cost in [0, 1] of two windows: zncc (1 - ZNCC) + (1 - zncc) min(difference / color, 1).
 
     ZNCC is over all channels jointly; the noise variance e keeps it defined without texture:

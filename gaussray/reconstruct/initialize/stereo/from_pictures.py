@@ -31,7 +31,7 @@ _CLEAN = 0.4
 # The longest displacement between two timestamps, in diagonals of the moving points' box.
 _REACH = 0.25
 
-Report = Callable[[int, int], object]
+StereoReport = Callable[[int, int], object]
 
 
 class StereoViewSet(NamedTuple):
@@ -59,7 +59,7 @@ def points_from_pictures(
     *,
     options: StereoOptions | None = None,
     known: Points | None = None,
-    report: Report = lambda done, total: None,
+    report: StereoReport = lambda done, total: None,
 ) -> Points:
     """Points of the surfaces that training pictures show: of all that stands still, and of what
     moves as it is at the first timestamp.
@@ -105,7 +105,7 @@ def moving_points(
     *,
     options: StereoOptions | None = None,
     registration: RegistrationOptions | None = None,
-    report: Report = lambda done, total: None,
+    report: StereoReport = lambda done, total: None,
 ) -> list[MovingPoints]:
     """Points of what moves at each of these timestamps, with velocities towards the next one (for
     the last, from the one before).

@@ -15,7 +15,7 @@ from gaussray.reconstruct.initialize.stereo.options import StereoOptions
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 from gaussray.reconstruct.initialize.stereo.refine import Surface, refine
 from gaussray.reconstruct.initialize.stereo.subsample import evenly
-from gaussray.reconstruct.initialize.stereo.sweep import Levels, sweep
+from gaussray.reconstruct.initialize.stereo.sweep import DepthLevels, sweep_planes
 from gaussray.reconstruct.initialize.stereo.views import (
     StereoViews,
     halved,
@@ -85,7 +85,7 @@ def matched(views: StereoViews, i: int, pairs: StereoPairs, options: StereoOptio
     span = max(pairs.nearest[i] - first, 0.0)
     count = int(np.clip(np.ceil(span / (_STRIDE * pairs.step[i])), 8, options.depths))
     step = jnp.asarray(span / (count - 1), dtype)
-    levels = Levels(jnp.asarray(first, dtype), step, jnp.asarray(count))
+    levels = DepthLevels(jnp.asarray(first, dtype), step, jnp.asarray(count))
     neighbour = jnp.asarray(pairs.neighbour[i])
     return _matched(views, jnp.asarray(i), neighbour, levels, options)
 
@@ -95,14 +95,14 @@ def _matched(
     views: StereoViews,
     i: Int[Array, ""],
     neighbour: Int[Array, " neighbours"],
-    levels: Levels,
+    levels: DepthLevels,
     options: StereoOptions,
 ) -> Surface:
     own, near = views[i], views[neighbour]
     ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
     small = halved(own)
     small_ray = rays(small.lens, small.world_from_camera, small.size, small.factor)
-    swept = sweep(small, small_ray, halved(near), levels, options)
+    swept = sweep_planes(small, small_ray, halved(near), levels, options)
     candidates = jax.tree.map(lambda x: _doubled(x, own.size), swept)
     return refine(own, ray, near, candidates, levels, options)
 

@@ -17,7 +17,7 @@ from gaussray.reconstruct.initialize.stereo.cost import (
     window,
 )
 from gaussray.reconstruct.initialize.stereo.options import StereoOptions
-from gaussray.reconstruct.initialize.stereo.sweep import Candidates, Levels
+from gaussray.reconstruct.initialize.stereo.sweep import DepthCandidates, DepthLevels
 from gaussray.reconstruct.initialize.stereo.views import (
     StereoViews,
     sampled,
@@ -67,8 +67,8 @@ def refine(
     own: StereoViews,
     ray: Float[Array, "3 h w"],
     near: StereoViews,
-    candidates: Candidates,
-    levels: Levels,
+    candidates: DepthCandidates,
+    levels: DepthLevels,
     options: StereoOptions,
 ) -> Surface:
     """The best plane of every pixel: the candidates first, then the `moves`, each kept where it

@@ -25,13 +25,13 @@ from gaussray.reconstruct.initialize.stereo.views import (
 )
 
 
-# Levels around a family's chosen distance at which none of another family is taken.
+# DepthLevels around a family's chosen distance at which none of another family is taken.
 _APART = 2
 # The cosine between a ray and a plane's normal below which the ray is too grazing for its windows.
 _GRAZING = 0.15
 
 
-class Levels(NamedTuple):
+class DepthLevels(NamedTuple):
     """The inverse distances of a sweep: `count` of them from the `first`, a `step` apart."""
 
     first: Float[Array, ""]
@@ -39,7 +39,7 @@ class Levels(NamedTuple):
     count: Int[Array, ""]
 
 
-class Candidates(NamedTuple):
+class DepthCandidates(NamedTuple):
     """The best distances of every pixel of a view, with the normal and the cost of each."""
 
     inverse: Float[Array, "modes h w"]
@@ -47,13 +47,13 @@ class Candidates(NamedTuple):
     cost: Float[Array, "modes h w"]
 
 
-def sweep(
+def sweep_planes(
     own: StereoViews,
     ray: Float[Array, "3 h w"],
     near: StereoViews,
-    levels: Levels,
+    levels: DepthLevels,
     options: StereoOptions,
-) -> Candidates:
+) -> DepthCandidates:
     """Distances at which the windows of a view look most like its neighbours' (`near`).
 
     A level of the sphere has the same inverse distance along every ray; one of a tilted plane has
@@ -74,10 +74,10 @@ def sweep(
 
         level, cost = _minima(cost_at, levels.count, ray[0], options.modes)
         inverse = (levels.first + level * levels.step) * shape[None]
-        return Candidates(inverse, jnp.broadcast_to(normal, (options.modes, *ray.shape)), cost)
+        return DepthCandidates(inverse, jnp.broadcast_to(normal, (options.modes, *ray.shape)), cost)
 
     every = jax.lax.map(family, (normals, shapes))
-    every = Candidates(*(x.reshape(-1, *x.shape[2:]) for x in every))
+    every = DepthCandidates(*(x.reshape(-1, *x.shape[2:]) for x in every))
     return every if len(normals) == 1 else _best(every, levels.step, options.modes)
 
 
@@ -164,7 +164,7 @@ def _best(every, step, modes):
     for _ in range(modes):
         best = jnp.argmin(cost, axis=0)[None]
         taken.append(
-            Candidates(
+            DepthCandidates(
                 jnp.take_along_axis(every.inverse, best, axis=0)[0],
                 jnp.take_along_axis(every.normal, best[:, None], axis=0)[0],
                 jnp.take_along_axis(every.cost, best, axis=0)[0],
@@ -172,4 +172,4 @@ def _best(every, step, modes):
         )
         close = jnp.abs(every.inverse - taken[-1].inverse[None]) <= _APART * step
         cost = jnp.where(close, 3, cost)
-    return Candidates(*(jnp.stack(x) for x in zip(*taken, strict=True)))
+    return DepthCandidates(*(jnp.stack(x) for x in zip(*taken, strict=True)))

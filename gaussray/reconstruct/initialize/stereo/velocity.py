@@ -40,7 +40,7 @@ class RegistrationOptions(eqx.Module):
     widths: tuple[float, ...] = eqx.field(static=True, default=(4, 3, 2, 2, 1.5, 1.5, 1, 1))
 
 
-class Motion(NamedTuple):
+class RigidMotion(NamedTuple):
     """What each point does until the next timestamp: it is displaced, by a rotation (quaternion)
     about itself; `residual` is the mean distance of the moved patch from the points there, in gaps
     (3: lost)."""
@@ -66,7 +66,7 @@ def registered(
     reach: float,
     options: RegistrationOptions | None = None,
     seed: int = 0,
-) -> Motion:
+) -> RigidMotion:
     """Where the points of one timestamp are at the next: nearest neighbours would be wrong by most
     of the way, so patches search from many starts.
 
@@ -80,7 +80,7 @@ def registered(
     count, dice = len(position), np.random.default_rng(seed)
     if min(count, len(next_position)) < 8:
         still = np.tile(np.asarray([1, 0, 0, 0], position.dtype), (count, 1))
-        return Motion(np.zeros_like(position), still, np.full(count, _LOST, position.dtype))
+        return RigidMotion(np.zeros_like(position), still, np.full(count, _LOST, position.dtype))
     gap = typical_gap(next_position)
     center = next_position.mean(axis=0)
     chosen = dice.permutation(count)[: options.points]
@@ -101,7 +101,7 @@ def registered(
         options,
     )
     shift, quat, residual = (np.asarray(x).reshape(rows, -1)[:count] for x in moved)
-    return Motion(shift * gap, quat, residual[:, 0])
+    return RigidMotion(shift * gap, quat, residual[:, 0])
 
 
 def typical_gap(position: Float[np.ndarray, "points 3"]) -> float:
