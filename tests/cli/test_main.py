@@ -344,7 +344,7 @@ def test_a_picture_that_is_missing(fails, capture):
     path = capture / "images" / "cam_1" / "0001.png"
     path.unlink()
     line = fails(*reconstruct_of(capture), "capture.missing=error")
-    assert str(path) in line and "does not exist" in line
+    assert str(path) in line and "1 of 12 frames have no picture" in line
 
 
 def test_a_picture_that_is_truncated(fails, capture):
