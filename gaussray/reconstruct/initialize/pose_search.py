@@ -61,10 +61,8 @@ MISMATCH = 0.3
 # Standard deviations, in radians of turn and body sizes of path, with which the search at each blur
 # begins, and the least with which it ends; the last pair holds for all further blurs.
 WIDTHS = ((0.35, 0.05), (0.1, 0.02), (0.05, 0.005))
-# Standard deviation, and factor of the number of poses, of the search for a body that was hit. With
-# a factor of 4, rounding alone decided whether one of the sample's balls was found again after a
-# collision; 12 takes a third more time.
-LOST, FAR = 0.8, 12
+# Standard deviation, and factor of the number of poses, of the search for a body that was hit.
+LOST, FAR = 0.8, 4
 
 
 class Pose(NamedTuple):
