@@ -8,6 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 
+# An error that `least` of `psnr_from_mse` may be set to, so that PSNR ends at 120 dB.
+LEAST_MSE = 1e-12
+
 Values = TypeVar("Values", jax.Array, np.ndarray)
 
 

@@ -82,7 +82,7 @@ def known_sizes():
     """Lists with room for every toy: nothing is measured, and scenes that differ in numbers alone
     share what is compiled. Where they are too short after all, they grow as ever."""
     from gaussray.reconstruct import loop
-    from gaussray.reconstruct.step import BlockSizes
+    from gaussray.reconstruct.step_loss import BlockSizes
     from gaussray.render import renderer as render
     from gaussray.tracer.traverse import Capacity
 

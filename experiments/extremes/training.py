@@ -45,7 +45,7 @@ from gaussray.scene.harmonics import constant
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
-from gaussray.reconstruct.step import BlockSizes
+from gaussray.reconstruct.step_loss import BlockSizes
 
 
 SIDE, TIMES = 32, np.linspace(0, 1, 4)

@@ -14,7 +14,7 @@ from gaussray.camera.camera import Camera
 from gaussray.color import psnr_from_mse
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize.state import State
-from gaussray.reconstruct.step import BlockSizes, StepOptions, loss_of
+from gaussray.reconstruct.step_loss import BlockSizes, StepOptions, loss_of
 from gaussray.runtime.devices import everywhere
 
 
@@ -29,10 +29,10 @@ def _square_error(
     sizes: BlockSizes,
 ) -> Array:
     """Mean squared error of a batch, infinite where the tracer had no room for all of it."""
-    _, (terms, report, *_) = loss_of(
+    _, details = loss_of(
         state.parameters, views, batch, cameras, state.step, options=options, sizes=sizes
     )
-    value = jnp.where(report.dropped > 0, jnp.inf, terms["mse"])
+    value = jnp.where(details.report.dropped > 0, jnp.inf, details.terms["mse"])
     # Every host reads it.
     return jax.lax.with_sharding_constraint(value, NamedSharding(sizes.mesh, PartitionSpec()))
 

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
+from gaussray.color import LEAST_MSE, psnr_from_mse
 from gaussray.reconstruct.optimize.checkpoint import load_checkpoint, save_checkpoint
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import State
@@ -91,7 +92,7 @@ class RunLog:
         line |= {"stage": progress.stage, "step": step}
         line["seconds"] = round(clock.monotonic() - self.began, 3)
         line |= {name: float(value) for name, value in terms.items()}
-        line |= {"psnr": decibel(terms["mse"]), "gaussians": gaussians}
+        line |= {"psnr": psnr_from_mse(terms["mse"], least=LEAST_MSE), "gaussians": gaussians}
         try:
             with self.metrics.open("a") as file:
                 file.write(json.dumps(line) + "\n")
@@ -121,7 +122,7 @@ class RunLog:
         Raises:
             NonFiniteLoss: a term of the loss or a parameter `after` the block is not finite.
         """
-        wrong = [f"loss.{name}" for name, value in terms.items() if not np.isfinite(float(value))]
+        wrong = [_term_key(name) for name, value in terms.items() if not np.isfinite(float(value))]
         # The tracer passes over Gaussians that are not finite, so the loss alone would not tell.
         if not wrong and bool(_all_finite(after.parameters)):
             return
@@ -138,11 +139,6 @@ class RunLog:
         )
 
 
-def decibel(mse: Array | float) -> float:
-    """PSNR of a mean squared error of values in [0, 1]."""
-    return -10 * float(np.log10(max(float(mse), 1e-12)))
-
-
 @eqx.filter_jit
 def _all_finite(tree) -> Array:
     return jnp.all(jnp.stack([jnp.all(jnp.isfinite(x)) for x in jax.tree.leaves(tree)]))
@@ -154,6 +150,11 @@ def _not_finite(parameters: Parameters) -> list[str]:
     return [
         jax.tree_util.keystr(path).lstrip(".") for path, x in leaves if not np.isfinite(x).all()
     ]
+
+
+def _term_key(name: str) -> str:
+    """The key of the weight of a term of the loss."""
+    return f"{'density' if name.endswith('_cost') else 'loss'}.{name}"
 
 
 def _rate_of(name: str) -> str:

@@ -11,16 +11,17 @@ import numpy as np
 
 from gaussray.camera.array import CameraSet, rays_per_pixel
 from gaussray.camera.camera import Camera
+from gaussray.color import LEAST_MSE, psnr_from_mse
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.data.held_out_tiles import held_out_batches
 from gaussray.reconstruct.held_out import held_out_psnr
-from gaussray.reconstruct.log import decibel
 from gaussray.reconstruct.optimize.density import density_control, density_due
 from gaussray.reconstruct.optimize.rows import occupied
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.run_progress import RunProgress, SavedSizes
 from gaussray.reconstruct.session import Session
-from gaussray.reconstruct.step import BlockSizes, StepOptions, measure_sizes, schedule, train_block
+from gaussray.reconstruct.step import measure_sizes, schedule, train_block
+from gaussray.reconstruct.step_loss import BlockSizes, StepOptions
 from gaussray.reconstruct.step_plan import StepPlan, TimedPlan
 from gaussray.runtime.devices import agreed, everywhere
 from gaussray.runtime.progress import say
@@ -60,7 +61,7 @@ def run_stage(
         count = count if state is after else _gaussian_count(state)
         done += len(batches.time)
         log.record(progress, done, terms, count)
-        bar.report(done, f"{decibel(terms['mse']):.2f} dB")
+        bar.report(done, f"{psnr_from_mse(terms['mse'], least=LEAST_MSE):.2f} dB")
         if plan.after_block(done, score and partial(score, state, sizes)):
             bar, progress = session.progress_bar(stage, plan.steps), plan.noted(progress)
             _say_stopped(session, plan, done)

@@ -16,10 +16,12 @@ _OTHER = ("segment", "stage", "step", "seconds", "psnr", "gaussians", "mse")
 # Names of the terms of the loss.
 TERMS = {
     "l1": "L1",
-    "ssim": "D-SSIM",
+    "dssim": "1 - SSIM",
     "one": "planes: distance from 1",
     "space": "planes: smoothness in space",
     "time": "planes: smoothness in time",
+    "opacity_cost": "mean opacity",
+    "scale_cost": "mean scale",
 }
 
 

@@ -7,7 +7,11 @@ import toy
 
 from gaussray.camera.array import camera_set, resolved
 from gaussray.reconstruct.optimize.optimizer import Parameters
-from gaussray.reconstruct.step import FLAT, _shortest, _widened
+from gaussray.reconstruct.optimize.smallest_scale import (
+    FLAT,
+    smallest_scales,
+    with_smallest_scales,
+)
 from gaussray.scene.gaussians import unconstrain
 
 
@@ -38,7 +42,7 @@ def test_scales_end_at_the_footprint_and_discs_stay_flat():
     scale = toy.single([[1, 2, 3], [1e-6, 2, 1e-5], [least / 2] * 3])
     discs = unconstrain(type(discs)(discs.mean, discs.quat, scale, *list(vars(discs).values())[3:]))
     parameters = Parameters(discs, discs, None)
-    found = _widened(parameters, _shortest(parameters, rig(0.0), 0.5))
+    found = with_smallest_scales(parameters, smallest_scales(parameters, rig(0.0), 0.5))
     thin = least * np.exp(-FLAT)
     expected = [[1, 2, 3], [thin, 2, least], [max(least / 2, thin)] * 3]
     for part in (found.static, found.moving):
@@ -48,4 +52,6 @@ def test_scales_end_at_the_footprint_and_discs_stay_flat():
 def test_without_a_footprint_nothing_is_bounded():
     discs = unconstrain(toy.gaussians([[0, 0, 0]], 1e-9, [0.5, 0.5, 0.5]))
     parameters = Parameters(discs, discs, None)
-    assert _widened(parameters, _shortest(parameters, rig(0.0), 0.0)) is parameters
+    assert (
+        with_smallest_scales(parameters, smallest_scales(parameters, rig(0.0), 0.0)) is parameters
+    )

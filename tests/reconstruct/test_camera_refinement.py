@@ -34,7 +34,7 @@ from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.start import initial_state, with_deformation
-from gaussray.reconstruct.step import BlockSizes
+from gaussray.reconstruct.step_loss import BlockSizes
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.gaussians import unconstrain
 from gaussray.tracer.traverse import Capacity
@@ -239,7 +239,7 @@ def soft(tmp_path_factory, quick_compilation):
 
     @eqx.filter_jit
     def loss(views, batches, step):
-        value, (_, report, _, _) = training.loss_of(
+        value, details = training.loss_of(
             state.parameters,
             views,
             jax.tree.map(lambda x: x[0], batches),
@@ -248,7 +248,7 @@ def soft(tmp_path_factory, quick_compilation):
             options=loop.step_options(fit, "fine"),
             sizes=sizes,
         )
-        return value, report.dropped
+        return value, details.report.dropped
 
     def whole(views=fit.footage.camera, batches=drawn, step=0):
         value, dropped = loss(views, batches, jnp.asarray(step))

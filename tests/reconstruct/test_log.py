@@ -104,3 +104,12 @@ def test_a_parameter_that_is_not_finite_is_named_with_the_rate_to_lower(tmp_path
     assert f"resume=true and a smaller {key} (" in told
     state, progress = RunLog(tmp_path, resume=True, interval=0.0).resumed()
     assert progress.stage == "fine" and np.isfinite(place(state)).all()
+
+
+@pytest.mark.parametrize(
+    ("term", "key"), [("l1", "loss.l1"), ("opacity_cost", "density.opacity_cost")]
+)
+def test_a_term_that_is_not_finite_is_named_by_its_weight(tmp_path, state, term, key):
+    log = RunLog(tmp_path, resume=False, interval=0.0)
+    with pytest.raises(NonFiniteLoss, match=f"^{key} became infinite or not a number"):
+        log.demand_finite({term: jnp.asarray(np.nan)}, state, state, RunProgress())

@@ -359,6 +359,7 @@ def test_a_given_time_ends_a_fit_and_held_out_tiles_are_looked_at(
     assert [step for step, _ in looks] == [12] and 0 < looks[0][1] < 60
     done = lines(tmp_path)
     assert done[-1]["step"] in (12, 14) and done[-1]["gaussians"] > done[0]["gaussians"]
+    assert all(line["opacity_cost"] > 0 and line["scale_cost"] > 0 for line in done)
 
 
 @pytest.mark.slow

@@ -14,10 +14,9 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.rays import Rays
-from gaussray.color import srgb_encode
+from gaussray.color import LEAST_MSE, psnr_from_mse, srgb_encode
 from gaussray.reconstruct.data.batches import gather, tile_colors, tile_rays
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.log import decibel
 from gaussray.reconstruct.optimize.loss import developed
 from gaussray.reconstruct.simplify.candidate import Candidate, at_time
 from gaussray.runtime.devices import agreed
@@ -127,7 +126,7 @@ class CandidateMeter:
             square += float(agreed(self._run(_error, candidate, view)))
             if square > most:
                 return -math.inf
-        return decibel(square / self.weight)
+        return psnr_from_mse(square / self.weight, least=LEAST_MSE)
 
     def weights(
         self, candidate: Candidate, views: Sequence[TileView]

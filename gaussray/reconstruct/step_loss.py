@@ -1,0 +1,182 @@
+"""The loss of a training step: its rays, the picture they see, the terms, and their sum."""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+from jaxtyping import Array, Float, Int
+
+from gaussray.camera.array import CameraSet
+from gaussray.camera.camera import Camera
+from gaussray.camera.corrections import refined_views
+from gaussray.camera.rays import Rays
+from gaussray.camera.sampling import step_samples
+from gaussray.color import srgb_encode
+from gaussray.reconstruct.data.batches import Batch, tile_colors, tile_rays
+from gaussray.reconstruct.optimize import loss as losses, regularizer, relocation
+from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.loss import LossOptions
+from gaussray.reconstruct.optimize.optimizer import OptimizerOptions, Parameters, scene_of
+from gaussray.scene.scene import Scene
+from gaussray.tracer.motion import Motion, scene_motion
+from gaussray.tracer.shard import trace_sharded
+from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity
+from gaussray.tracer.traverse import Capacity
+
+
+class StepOptions(eqx.Module):
+    """Options of a training step.
+
+    `samples` is the number of rays of a pixel, `footprint` the least standard deviation of a
+    Gaussian in pixels, `refine` what the stage refines of the cameras. `formed` and `rise` (the
+    steps after which harmonics of the next degree begin to learn) are those of `rates`.
+    """
+
+    loss: LossOptions
+    optimizer: OptimizerOptions
+    trace: TraceOptions
+    samples: int = eqx.field(static=True, default=1)
+    footprint: float = eqx.field(static=True, default=0.0)
+    refine: tuple[str, ...] = eqx.field(static=True, default=())
+    formed: bool = eqx.field(static=True, default=False)
+    rise: int = eqx.field(static=True, default=0)
+    density: DensityOptions = eqx.field(default_factory=DensityOptions)
+
+    def weights(self) -> dict[str, float]:
+        """The weight of every term of the loss, by the term's name."""
+        loss, density = self.loss, self.density
+        shared = {name: getattr(loss, name) for name in ("l1", "dssim", "space", "time", "one")}
+        costs = {"opacity_cost": density.opacity_cost, "scale_cost": density.scale_cost}
+        return shared | costs
+
+
+class BlockSizes(eqx.Module):
+    """The static sizes that a block of steps is compiled for: the capacity of the tracer's lists,
+    the devices, and the number of key states of the scene across a step (1: all its rays share one
+    time)."""
+
+    capacity: Capacity
+    mesh: Mesh = eqx.field(static=True)
+    keys: int = eqx.field(static=True, default=1)
+
+    def enlarged(self, needed) -> "BlockSizes":
+        """Sizes for a block whose lists needed this much room."""
+        capacity = enlarged_capacity(self.capacity, [int(n) for n in needed], headroom=1.5)
+        return BlockSizes(capacity, self.mesh, self.keys)
+
+
+class LossDetails(NamedTuple):
+    """What a step reports beside the value of its loss.
+
+    Args:
+        terms: the terms of the loss, unweighted, by name, and `mse`, the mean squared error.
+        report: the tracer's: list sizes needed and entries dropped.
+        origin: origins of the rays, (samples x rays, 3).
+        error: mean absolute difference of each tile.
+    """
+
+    terms: dict[str, Float[Array, ""]]
+    report: Report
+    origin: Float[Array, "origins 3"]
+    error: Float[Array, " tiles"]
+
+
+def loss_of(
+    parameters: Parameters,
+    views: Camera,
+    batch: Batch,
+    cameras: CameraSet,
+    step: Int[Array, ""],
+    *,
+    options: StepOptions,
+    sizes: BlockSizes,
+) -> tuple[Float[Array, ""], LossDetails]:
+    """The loss of one step: the sum of its terms, each times its weight."""
+    rays, gain = step_rays(parameters, views, batch, cameras, step, options)
+    truth, weight = tile_colors(batch)
+    scene = _dealt_out(scene_of(parameters, jnp.zeros(2)), sizes.mesh)
+    pixels, report = trace_sharded(
+        step_motion(scene, rays, batch.time, cameras, sizes.keys),
+        rays,
+        options=options.trace,
+        capacity=sizes.capacity,
+        mesh=sizes.mesh,
+    )
+    light = pixels.color if rays.weight is None else rays.weight[..., None] * pixels.color
+    color = jnp.mean(light, axis=0)
+    image = losses.developed(srgb_encode(color if gain is None else gain * color), truth)
+    # Pixels for which the lens forms no ray do not count.
+    weight = weight * jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
+    image = jnp.where(weight[:, None] > 0, image, truth)
+    terms = losses.terms(
+        image, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
+    )
+    if parameters.deformation is not None:
+        terms |= regularizer.plane_terms(parameters.deformation.planes)
+    terms |= density_terms(parameters, cameras, options.density)
+    weights = options.weights()
+    total = jnp.asarray(sum(weights[name] * term for name, term in terms.items()))
+    terms["mse"] = jnp.sum((image - truth) ** 2) / (3 * jnp.maximum(jnp.sum(weight), 1))
+    error = _tile_errors(image, truth, weight, batch)
+    return total, LossDetails(terms, report, rays.origin.reshape(-1, 3), error)
+
+
+def density_terms(
+    parameters: Parameters, cameras: CameraSet, density: DensityOptions
+) -> dict[str, Float[Array, ""]]:
+    """The terms for opacity and scale where Gaussians are relocated, so that unused ones fade: the
+    mean over static Gaussians plus the mean over moving ones."""
+    if not density.relocates:
+        return {}
+    static, moving = (
+        relocation.costs(free, cameras.extent) for free in (parameters.static, parameters.moving)
+    )
+    weights = {"opacity": density.opacity_cost, "scale": density.scale_cost}
+    return {f"{name}_cost": static[name] + moving[name] for name, w in weights.items() if w}
+
+
+def step_rays(
+    parameters: Parameters,
+    views: Camera,
+    batch: Batch,
+    cameras: CameraSet,
+    step: Int[Array, ""],
+    options: StepOptions,
+) -> tuple[Rays, Float[Array, "rays 3"] | None]:
+    """Rays of a step (samples x rays) from the refined cameras, and the exposure gain of each
+    pixel (None: 1)."""
+    seen, owner = jax.tree.map(lambda x: x[batch.frame], (views, cameras.owner))
+    camera, gain = refined_views(parameters.corrections, cameras, seen, owner)
+    if gain is not None:
+        gain = jnp.repeat(gain, batch.side**2, axis=0)
+    u = step_samples(options.samples, step)
+    return tile_rays(camera, batch.tile, u, side=batch.side, bundle=options.trace.bundle), gain
+
+
+def step_motion(scene: Scene, rays: Rays, time: Array, cameras: CameraSet, keys: int) -> Motion:
+    """The scene across the times of a step's rays, or at the step's own time for a single key."""
+    if keys == 1 or scene.deformation is None:
+        return scene_motion(scene, time[None])
+    # Rays that happen to share one time still need an interval to be in.
+    first = jnp.min(rays.time)
+    last = jnp.maximum(jnp.max(rays.time), first + 1e-3 * cameras.interval)
+    key_time = jax.lax.stop_gradient(jnp.linspace(first, last, keys, dtype=first.dtype))
+    return scene_motion(scene, key_time)
+
+
+def _tile_errors(image: Array, truth: Array, weight: Array, batch: Batch) -> Float[Array, " tiles"]:
+    """Mean absolute difference over the visible pixels of every tile."""
+    tiles = batch.tile.shape[0]
+    difference = jnp.sum(jnp.abs(image - truth).reshape(tiles, -1), axis=1)
+    return difference / (3 * jnp.maximum(jnp.sum(weight.reshape(tiles, -1), axis=1), 1))
+
+
+def _dealt_out(scene: Scene, mesh: Mesh) -> Scene:
+    """The scene with its moving Gaussians sharded over the devices while they are deformed."""
+    if mesh.size == 1 or scene.moving.count % mesh.size:
+        return scene
+    spread = NamedSharding(mesh, PartitionSpec("rays"))
+    moving = jax.tree.map(lambda x: jax.lax.with_sharding_constraint(x, spread), scene.moving)
+    return eqx.tree_at(lambda s: s.moving, scene, moving)
