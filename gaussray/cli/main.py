@@ -69,7 +69,8 @@ def _run_and_report(words: list[str]) -> None:
     except (ValueError, OSError, RuntimeError, MemoryError) as error:
         if is_memory(error) and not os.environ.get("GAUSSRAY_TRACEBACK"):
             _fail(memory_message(words[0], error, _resume_hint(words[0])))
-        unknown = isinstance(error, RuntimeError) and type(error).__name__ != "NonFiniteLoss"
+        failed_fit = type(error).__name__ in ("NonFiniteLoss", "FailedFit")
+        unknown = isinstance(error, RuntimeError) and not failed_fit
         if unknown or os.environ.get("GAUSSRAY_TRACEBACK"):
             _raise_bug(error)
         message = str(error)

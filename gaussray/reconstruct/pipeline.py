@@ -12,6 +12,7 @@ from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.effort import effort, this_machine
+from gaussray.reconstruct.failed_fit import demand_success
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.loop import run_stage
 from gaussray.reconstruct.optimize.state import State
@@ -75,6 +76,7 @@ def reconstruct(
             other segments or refined other parameters of the cameras.
         FileNotFoundError: there is no run to resume.
         NonFiniteLoss: the loss or a parameter became infinite or not a number.
+        FailedFit: the fit ended below what one colour per camera scores, or with an empty scene.
         CaptureError: the training pictures cannot be used together.
     """
     capture, options, sentence_of_effort = effort(capture, options, this_machine())
@@ -95,6 +97,7 @@ def reconstruct(
         session = Session(capture, log, options, quiet or not leads(), devices, course[i])
         state, progress = _fitted(session, state, progress)
         scene, report = _pruned(session, state, progress, devices)
+        demand_success(scene, report, capture)
         if leads():
             _save(files[i], scene, report)
             if i == 0:

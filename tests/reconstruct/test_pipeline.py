@@ -123,7 +123,7 @@ def test_the_scene_holds_what_moves_and_the_cameras(fitted, capture):
 
 
 def test_a_run_ends_with_a_line_about_the_file(capture, tmp_path, capsys, monkeypatch):
-    report = {"precision": "compact", "steps": []}
+    report = {"precision": "compact", "steps": [], "psnr": 20.0, "one_color": 10.0}
     monkeypatch.setattr(recipe, "pruned_scene", lambda scene, *_, **__: (scene, dict(report)))
     monkeypatch.setattr(recipe, "summary_line", lambda told, _: f"it has {told['file']} bytes")
     reconstruct(capture, tmp_path, options=OPTIONS)

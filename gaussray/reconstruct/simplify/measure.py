@@ -28,6 +28,10 @@ from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
 
 
+# Frames of a viewpoint, and tiles of each, whose mean colour is that of the viewpoint.
+_MEAN_FRAMES, _MEAN_TILES = 8, 256
+
+
 class TrainingViews(NamedTuple):
     """The training pictures with their cameras and exposure gains as refined (None: all 1)."""
 
@@ -38,14 +42,15 @@ class TrainingViews(NamedTuple):
 
 class TileView(NamedTuple):
     """Tiles of training pictures at one time: chief rays, sRGB-encoded colours, the weight of each
-    ray (0 where a picture is masked, and where the lens forms no ray), and the exposure gain that
-    multiplies linear light."""
+    ray (0 where a picture is masked, and where the lens forms no ray), the exposure gain that
+    multiplies linear light, and the mean sRGB-encoded colour of the viewpoint's pictures."""
 
     time: Float[Array, ""]
     rays: Rays
     truth: Float[Array, "rays 3"]
     weight: Float[Array, " rays"]
     gain: Float[Array, "rays 3"]
+    mean: Float[Array, "rays 3"]
 
 
 def tile_views(
@@ -65,7 +70,7 @@ def tile_views(
     chosen = np.unique(np.linspace(0, len(times) - 1, instants).round().astype(int))
     batches = -(-weigh // (tiles * len(chosen)))
     gains = np.ones((len(seen.times), 3), seen.times.dtype) if gain is None else np.asarray(gain)
-    measured, further = [], []
+    means, measured, further = _mean_colors(seen), [], []
     for i, time in enumerate(times[chosen]):
         at_time = np.flatnonzero(seen.times == time)
         count = len(at_time) * tile_count
@@ -75,19 +80,46 @@ def tile_views(
         for part, cells, size in ((measured, drawn, tiles), (further, passed, batches * tiles)):
             for cell in np.resize(cells, size).reshape(-1, tiles):
                 frame, tile = at_time[cell // tile_count], cell % tile_count
-                part.append(_tile_view(views, gains[frame], frame, tile, time))
+                known = gains[frame], means[frame]
+                part.append(_tile_view(views, known, frame, tile, time))
     return measured, further
 
 
-def _tile_view(views: TrainingViews, gain, frame, tile, time) -> TileView:
+def _mean_colors(footage: Footage) -> Float[np.ndarray, "frames 3"]:
+    """For every frame the mean sRGB-encoded colour of its viewpoint: of some tiles of some frames,
+    evenly spread, without masked pixels."""
+    owner = np.asarray(footage.viewpoints)
+    means = np.zeros((len(owner), 3), np.float32)
+    tiles = np.arange(0, footage.pixel.shape[1], -(-footage.pixel.shape[1] // _MEAN_TILES))
+    for name in np.unique(owner):
+        of_name = np.flatnonzero(owner == name)
+        frames = of_name[:: -(-len(of_name) // _MEAN_FRAMES)]
+        pixel = footage.pixel[frames[:, None], tiles].reshape(-1, 3)
+        visible = footage.visible(frames[:, None], tiles)
+        if visible is not None:
+            pixel = pixel[visible.reshape(-1)]
+        if len(pixel):
+            means[of_name] = pixel.mean(axis=0, dtype=np.float64) / footage.scale
+    return means
+
+
+def one_color_psnr(views: Sequence[TileView]) -> float:
+    """PSNR in dB of pictures that show nothing but the mean colour of their viewpoint, on these
+    tiles."""
+    square = [np.sum(v.weight[:, None] * (v.mean - v.truth) ** 2, dtype=np.float64) for v in views]
+    weight = 3 * float(np.sum([np.sum(view.weight) for view in views]))
+    return psnr_from_mse(float(np.sum(square)) / max(weight, 1.0), least=LEAST_MSE)
+
+
+def _tile_view(views: TrainingViews, known, frame, tile, time) -> TileView:
+    """Tiles of frames at a time; `known` are the gain and the mean colour of each frame."""
     seen = views.footage
     batch = jax.tree.map(lambda x: x[0], gather(seen, frame[None], tile[None], time[None]))
     truth, weight = tile_colors(batch)
     rays = _chief_rays(views.camera, batch.frame, batch.tile, side=seen.side, bundle=seen.bundle)
     weight = weight * jnp.any(rays.direction != 0, axis=-1)
-    return TileView(
-        batch.time, rays, truth, weight, jnp.repeat(jnp.asarray(gain), seen.side**2, axis=0)
-    )
+    gain, mean = (jnp.repeat(jnp.asarray(x), seen.side**2, axis=0) for x in known)
+    return TileView(batch.time, rays, truth, weight, gain, mean)
 
 
 @eqx.filter_jit

@@ -24,6 +24,7 @@ from gaussray.reconstruct.simplify.measure import (
     TileView,
     Tracing,
     TrainingViews,
+    one_color_psnr,
     tile_views,
 )
 from gaussray.reconstruct.simplify.summary import scene_sizes
@@ -167,12 +168,11 @@ def pruned_scene(
 
     Returns:
         The scene as it is saved, and a report: `scene_sizes` and PSNR `before` and `after`, every
-        step with its loss in dB and what it changes, and the `precision` of the file. With a loss
-        of 0 the report holds the precision alone.
+        step with its loss in dB and what it changes, the `precision` of the file, and the PSNR of
+        the unpruned scene (`psnr`) and of one colour per camera (`one_color`). With a loss of 0 the
+        report holds only the last three.
     """
     precision = options.precision
-    if not options.loss:
-        return as_stored(scene, precision=precision), {"precision": precision}
     measured, further = tile_views(
         views,
         tiles=options.tiles,
@@ -183,7 +183,12 @@ def pruned_scene(
     field = scene.deformation
     times = np.zeros(0) if field is None else np.asarray(field.instants)
     candidate, change = begin_candidate(scene, times)
-    removals = _Removals(candidate, CandidateMeter(measured, tracing), options.loss, report)
+    meter, one_color = CandidateMeter(measured, tracing), one_color_psnr(measured)
+    if not options.loss:
+        scores = {"psnr": meter.psnr(candidate), "one_color": one_color}
+        return as_stored(scene, precision=precision), scores | {"precision": precision}
+    removals = _Removals(candidate, meter, options.loss, report)
+    scores = {"psnr": removals.psnr, "one_color": one_color}
     before = scene_sizes(scene) | {"psnr": round(removals.psnr, 4)}
     removals.begin("prune")
     _remove_faint(removals, further, unmet)
@@ -204,7 +209,7 @@ def pruned_scene(
         precision = "full"
     after = scene_sizes(scene) | {"psnr": round(removals.psnr, 4)}
     steps = {"before": before, "after": after, "steps": removals.steps}
-    return scene, steps | {"precision": precision}
+    return scene, steps | scores | {"precision": precision}
 
 
 def _remove_faint(

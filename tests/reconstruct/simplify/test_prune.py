@@ -144,7 +144,7 @@ def test_where_nothing_moves_there_is_no_field(seen):
 def test_a_loss_of_nothing_keeps_everything(seen, lavish):
     options = NeedOptions(loss=0.0, precision="full")
     scene, report = pruned(lavish, seen, options)
-    assert report == {"precision": "full"}
+    assert report["precision"] == "full" and report["psnr"] > report["one_color"]
     for a, b in zip(jax.tree.leaves(scene), jax.tree.leaves(lavish), strict=True):
         np.testing.assert_array_equal(a, b)
 
