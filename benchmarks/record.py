@@ -12,7 +12,6 @@ import argparse
 import importlib.metadata
 import json
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -22,6 +21,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from gaussray.runtime.provenance import git_commit
 from gaussray.tracer import cuda
 
 
@@ -113,20 +113,14 @@ def machine() -> dict[str, Any]:
     """Device, versions and commit of a figure; GIT_COMMIT names it where there is no repository."""
     device = jax.devices()[0]
     stats = device.memory_stats() or {}
-    commit = subprocess.run(
-        ["git", "rev-parse", "--short", "HEAD"],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=Path(__file__).parent,
-    )
+    commit = git_commit()
     return {
         "device": device.device_kind,
         "devices": len(jax.devices()),
         "peak_bytes": stats.get("peak_bytes_in_use") or _peak_of_process(),
         "versions": {n: importlib.metadata.version(n) for n in ("jax", "jaxlib", "numpy")},
         "python": sys.version.split()[0],
-        "git": os.environ.get("GIT_COMMIT") or commit.stdout.strip() or None,
+        "git": os.environ.get("GIT_COMMIT") or (commit.hash[:7] if commit else None),
     }
 
 

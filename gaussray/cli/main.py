@@ -17,7 +17,6 @@ from gaussray.config.compose import compose_config
 from gaussray.config.options import build_options
 from gaussray.config.suggest import did_you_mean
 from gaussray.io.safe.limits import Limits, limit
-from gaussray.runtime import provenance
 from gaussray.runtime.devices import DevicesOptions, begin, leads, leave, together
 from gaussray.runtime.lock import release_locks
 from gaussray.runtime.progress import (
@@ -25,11 +24,11 @@ from gaussray.runtime.progress import (
     check_style,
     end_line,
     plain_warnings,
+    progress_style,
     say,
     style,
-    told_as,
 )
-from gaussray.runtime.provenance import asked_by
+from gaussray.runtime.provenance import RUN_RECORD, command_arguments, record_duration
 from gaussray.runtime.resource_errors import is_full, is_memory, memory_message
 
 
@@ -54,7 +53,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         SystemExit: The command failed; the exit code says how.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
-    with told_as(_style(words)), asked_by(words), plain_warnings():
+    with progress_style(_style(words)), command_arguments(words), plain_warnings():
         _run_and_report(words)
 
 
@@ -133,8 +132,8 @@ def _run(command: str, overrides: Sequence[str]) -> None:
         return
     shown = RUN[command](cfg, begin(build_options(DevicesOptions, cfg.devices))) or {}
     out = Path(str(cfg.out))
-    if leads() and (out / provenance.FILE).is_file():
-        provenance.note_end(out, time.monotonic() - began)
+    if leads() and (out / RUN_RECORD).is_file():
+        record_duration(out, time.monotonic() - began)
         if cfg.get("report"):
             _write_report(command, out, shown)
 

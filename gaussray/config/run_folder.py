@@ -10,7 +10,7 @@ from gaussray.config.compose import Configuration
 from gaussray.io.atomic import whole
 from gaussray.runtime.devices import leads
 from gaussray.runtime.lock import lock_output
-from gaussray.runtime.provenance import note_begin
+from gaussray.runtime.provenance import record_start
 
 
 def begin_run_folder(cfg: Configuration, without: Sequence[str] = (), part: str = "") -> Path:
@@ -36,7 +36,7 @@ def begin_run_folder(cfg: Configuration, without: Sequence[str] = (), part: str 
                 partial.write_text(OmegaConf.to_yaml(recorded))
             # Processes that share a folder write equal files; the time and the command differ.
             if not without:
-                note_begin(out)
+                record_start(out)
     except OSError as error:
         raise OSError(f"out={out}: cannot be written: {error.strerror or error}") from error
     return out

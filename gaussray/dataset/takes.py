@@ -3,7 +3,6 @@
 import functools
 import json
 import math
-import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -21,6 +20,7 @@ from gaussray.io.atomic import sweep, whole
 from gaussray.io.json_numbers import json_numbers
 from gaussray.io.safe.files import opened, parse_json, read_json
 from gaussray.io.safe.limits import limits, within
+from gaussray.runtime.provenance import git_commit
 
 
 # Of the schema: raised when a key changes its meaning or goes; keys may be added.
@@ -170,16 +170,8 @@ def _json(value: Any) -> Any:
     return value
 
 
-@functools.cache
 def _commit() -> str | None:
-    """The commit of the checkout that this is run from, with -dirty where files differ from it;
-    None for an installed package."""
-    checkout = Path(__file__).resolve().parents[2]
-    if not (checkout / ".git").exists():
-        return None
-    words = ["git", "describe", "--always", "--dirty", "--exclude=*", "--abbrev=40"]
-    try:
-        told = subprocess.run(words, cwd=checkout, capture_output=True, text=True, check=True)
-    except (OSError, subprocess.CalledProcessError):
-        return None
-    return told.stdout.strip()
+    """The git commit of the checkout, with -dirty where files differ from it; None for an installed
+    package."""
+    commit = git_commit()
+    return commit and commit.hash + ("-dirty" if commit.changed else "")

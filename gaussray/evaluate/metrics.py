@@ -75,24 +75,12 @@ def ssim(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None
     return float(local[mask].mean()) if mask.any() else float("nan")
 
 
-def moving_mask(
-    frames: np.ndarray | Array, *, threshold: float = 0.1
-) -> Bool[np.ndarray, "frames h w"]:
-    """Moving pixels in the frames of one camera that stands still.
+def unit_values(image: np.ndarray | Array, kind: type = np.float64) -> np.ndarray:
+    """Encoded colours as floats of a kind: 8-bit levels over 255, floats as they are.
 
-    Args:
-        frames: sRGB-encoded frames (t, h, w, 3), uint8 or float in 0..1.
-        threshold: Difference from the temporal median above which a channel counts as moving.
-
-    Returns:
-        A mask (t, h, w) of the pixels of which a channel differs by more than the threshold.
+    Raises:
+        ValueError: the pictures are neither uint8 nor floats.
     """
-    values = _unit(frames, np.float32)
-    median = np.median(values, axis=0)
-    return np.stack([(np.abs(frame - median) > threshold).any(axis=-1) for frame in values])
-
-
-def _unit(image, kind):
     image = np.asarray(image)
     if image.dtype == np.uint8:
         return image.astype(kind) / kind(255)
@@ -102,7 +90,7 @@ def _unit(image, kind):
 
 
 def _pair(truth, image, mask):
-    truth, image = _unit(truth, np.float64), _unit(image, np.float64)
+    truth, image = unit_values(truth), unit_values(image)
     if truth.shape != image.shape or truth.ndim != 3:
         raise ValueError(
             f"the pictures must both be [h, w, 3] of one size, got {truth.shape} and {image.shape}."

@@ -16,10 +16,11 @@ from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import Capture, View, viewpoints
 from gaussray.capture.frames import read_encoded
+from gaussray.capture.temporal_median import moving_mask
 from gaussray.dataset.images import codes, contact_sheet, side_by_side, write_image
 from gaussray.dataset.video import write_video
 from gaussray.evaluate.flicker import Flicker
-from gaussray.evaluate.metrics import moving_mask, psnr, ssim
+from gaussray.evaluate.metrics import psnr, ssim, unit_values
 from gaussray.evaluate.perceptual import perceptual_metrics
 from gaussray.evaluate.scores import summary
 from gaussray.io.atomic import demand, sweep, whole, write_json
@@ -268,7 +269,7 @@ def _moving(views: Sequence[View]) -> dict[Path, Bool[np.ndarray, "h w"]]:
     masks = {}
     for group in groups.values():
         if len(group) > 1:
-            frames = np.stack([_levels(view) for view in group])
+            frames = unit_values(np.stack([_levels(view) for view in group]), np.float32)
             masks |= dict(zip([v.image for v in group], moving_mask(frames), strict=True))
     return masks
 

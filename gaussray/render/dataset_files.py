@@ -1,7 +1,6 @@
 """The files of a dataset beside its pictures: manifests, videos, and the record of its inputs."""
 
 import dataclasses
-import hashlib
 import json
 import time as clock
 from collections.abc import Sequence
@@ -24,6 +23,7 @@ from gaussray.render.develop import sensor_of
 from gaussray.render.frame import SHARE
 from gaussray.render.options import NO_SENSOR, DatasetOptions
 from gaussray.runtime.devices import leads, together
+from gaussray.runtime.provenance import array_digest
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 
@@ -43,9 +43,7 @@ def claim_folder(
         ValueError: The folder records other inputs, so its pictures are of something else.
         OSError: The folder cannot be written.
     """
-    digest = hashlib.sha256()
-    for leaf in jax.tree.leaves(jax.device_get((scene, [record.camera for record in records]))):
-        digest.update(np.asarray(leaf).tobytes())
+    digest = array_digest((scene, [record.camera for record in records]))
     files = [record.file_path for record in records]
     static = [jax.tree.structure(record.camera) for record in records]
     digest.update(repr((files, static, *settings)).encode())

@@ -6,19 +6,19 @@ from typing import Any
 
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, collapsed, definition_list, note
-from gaussray.runtime.provenance import command, noted
+from gaussray.runtime.provenance import command, run_record
 
 
 def subtitle(out: Path) -> str:
     """The run's folder and start time."""
-    record = noted(out)
+    record = run_record(out)
     began = str(record.get("began", "")).replace("T", " ")[:16]
     return " · ".join(filter(None, (str(out), began)))
 
 
 def reproduction(out: Path, timings: list[tuple[str, Any]]) -> Section:
     """The command, git commit, package versions, durations and resolved configuration of a run."""
-    record, body = noted(out), list[Any]()
+    record, body = run_record(out), list[Any]()
     line = record.get("command") or command()
     if line:
         body += [tag("h3", "Command"), tag("pre", line, class_="command")]

@@ -1,4 +1,4 @@
-"""The devices that work together: those of one host, or of several that share a folder."""
+"""Devices of one host or of several hosts, and how hosts exchange arrays."""
 
 import contextlib
 import os
@@ -20,12 +20,20 @@ _T = TypeVar("_T")
 
 
 class DevicesOptions(eqx.Module):
-    """Who works together; the result is that of one device up to the order of sums.
+    """Which devices and hosts run a command.
 
-    `count` devices of each host (0 = all). `hosts` processes, started with the same words but for
-    `process`, their number from 0, meet at `coordinator`, an address HOST:PORT of process 0; with
-    `hosts` = 0 the cluster's environment says all that is not given. They share the output folder.
-    What is compiled is kept in the folder `programs` for later runs (`keep_programs`).
+    The result is that of one device, up to the order of sums. All hosts share the output folder.
+
+    Args:
+        count: devices of each host; 0 for all.
+        hosts: number of processes, each started with the same arguments but for `process`. 0: the
+            cluster's environment defines hosts, process and coordinator.
+        process: number of this process, from 0.
+        coordinator: address HOST:PORT of process 0, at which the processes meet.
+        programs: folder in which compiled programs are kept for later runs (`keep_programs`).
+
+    Raises:
+        ValueError: a value is out of range; the message names its key.
     """
 
     count: int = eqx.field(static=True, default=0)
@@ -52,28 +60,34 @@ class DevicesOptions(eqx.Module):
 
 
 def begin(options: DevicesOptions) -> int | None:
-    """Bring the devices up, before JAX does anything else; how many of them each host uses (None
-    is all).
+    """Start the devices, before JAX does anything else.
 
-    On a CPU each core is a device of its own, among which rays and frames are dealt out.
+    On a CPU each core becomes a device, so that rays and frames are distributed over all cores.
+
+    Returns:
+        The number of devices that each host uses; None for all.
+
+    Raises:
+        ValueError: there are fewer devices than asked for, hosts have different numbers of devices,
+            or the hosts cannot meet.
     """
-    # Where JAX is already at work (in a notebook, in tests) it keeps the devices that it has.
+    # If JAX has already started (in a notebook, in tests) it keeps its devices.
     with contextlib.suppress(RuntimeError):
         jax.config.update("jax_num_cpu_devices", options.count or _cores())
     keep_programs(options.programs)
     if options.hosts != 1 and not jax.distributed.is_initialized():
         _meet(options)
-    found = jax.local_device_count()
-    if options.count > found:
+    local = jax.local_device_count()
+    if options.count > local:
         raise ValueError(
-            f"devices.count must be at most {found}, what JAX finds here, got {options.count}. "
+            f"devices.count must be at most {local}, all that JAX sees, got {options.count}. "
             "0 takes all."
         )
-    # What hosts tell each other is laid out over all their devices.
-    if jax.device_count() != jax.process_count() * found:
+    # Arrays that hosts exchange are laid out over all devices of all hosts.
+    if jax.device_count() != jax.process_count() * local:
         raise ValueError(
             f"devices.hosts: every process must see equally many devices, but this one sees "
-            f"{found} of {jax.device_count()}. Limit them with CUDA_VISIBLE_DEVICES, or on CPUs "
+            f"{local} of {jax.device_count()}. Limit them with CUDA_VISIBLE_DEVICES, or on CPUs "
             "with devices.count."
         )
     return options.count or None
@@ -87,19 +101,19 @@ def _cores() -> int:
 
 
 def _meet(options: DevicesOptions) -> None:
-    """Join the other processes; JAX ends this one if they do not come within five minutes."""
-    given: dict[str, Any] = {
+    """Join the other processes. JAX ends this one if they do not join within five minutes."""
+    arguments: dict[str, Any] = {
         "coordinator_address": options.coordinator or None,
         "num_processes": options.hosts or None,
         "process_id": None if options.process < 0 else options.process,
     }
     if options.hosts:
-        # Nothing is left to a cluster: under SLURM, JAX would take one device per process.
-        given["cluster_detection_method"] = "deactivate"
-        where = f"process {options.process} of {options.hosts} at {options.coordinator}"
-        print(f"gaussray: {where} waits for the others", file=sys.stderr, flush=True)
+        # Without this JAX would use one device per process under SLURM.
+        arguments["cluster_detection_method"] = "deactivate"
+        process = f"process {options.process} of {options.hosts} at {options.coordinator}"
+        print(f"gaussray: {process} waits for the others", file=sys.stderr, flush=True)
     try:
-        jax.distributed.initialize(**given)
+        jax.distributed.initialize(**arguments)
     except ValueError as error:
         raise ValueError(
             "devices.hosts must be 1 or more where no cluster says how many processes there are, "
@@ -107,60 +121,62 @@ def _meet(options: DevicesOptions) -> None:
         ) from error
     except RuntimeError as error:
         raise ValueError(
-            f"devices.hosts must be 1 where JAX is already at work, got {options.hosts}. Start "
+            f"devices.hosts must be 1 where JAX has already started, got {options.hosts}. Start "
             "each process from the command line, or call jax.distributed.initialize first."
         ) from error
 
 
 def together() -> bool:
-    """Whether this process has met others, or will wait for them at its end."""
+    """Whether this process belongs to a group of processes, which wait for each other at exit."""
     return jax.distributed.is_initialized()
 
 
 def leads() -> bool:
-    """Whether this is process 0, which alone writes what all have found."""
+    """Whether this is process 0, which writes the files that all processes share."""
     return jax.process_index() == 0
 
 
 def share(items: Sequence[_T]) -> Sequence[_T]:
-    """The items that fall to this process; neighbours go to different ones, as they cost alike."""
+    """The items that this process works on. Neighbouring items go to different processes, because
+    they tend to cost the same."""
     return items[jax.process_index() :: jax.process_count()]
 
 
 def wait(name: str) -> None:
-    """Go on when every process has come here."""
+    """Wait until every process has called this function with the same name."""
     if jax.process_count() > 1:
         multihost_utils.sync_global_devices(name)
 
 
 def agreed(tree: _T) -> _T:
-    """The arrays of process 0, on this host alone.
+    """The arrays of process 0, copied to every host.
 
-    What hosts decide on by themselves (how many Gaussians, how long a list) must follow from equal
-    values, or their programs part; arithmetic on other hardware may differ in the last bit.
+    Hosts must take decisions (the number of Gaussians, the length of a list) from equal values, or
+    they run different programs; arithmetic on different hardware may differ in the last bit.
     """
     if jax.process_count() == 1:
         return tree
-    told = multihost_utils.broadcast_one_to_all(jax.tree.map(np.asarray, tree))
-    return jax.tree.map(jnp.asarray, told)
+    arrays = multihost_utils.broadcast_one_to_all(jax.tree.map(np.asarray, tree))
+    return jax.tree.map(jnp.asarray, arrays)
 
 
 def everywhere(tree: _T, mesh: Mesh) -> _T:
-    """The arrays, equal on all hosts, on every device of the mesh."""
+    """Copy arrays that are equal on all hosts to every device of the mesh."""
     sharding = NamedSharding(mesh, PartitionSpec())
-    own = [d for d in mesh.devices.flat if d.process_index == jax.process_index()]
+    local = [d for d in mesh.devices.flat if d.process_index == jax.process_index()]
 
     def one(x):
         if getattr(x, "sharding", None) == sharding:
             return x
-        copies = [jax.device_put(x, device) for device in own]
+        copies = [jax.device_put(x, device) for device in local]
         return jax.make_array_from_single_device_arrays(x.shape, sharding, copies)
 
     return jax.tree.map(one, tree)
 
 
 def leave(code: int) -> None:
-    """End the process; the others then fail too, rather than wait for it at the exit."""
+    """End the process with an exit code. The other processes then fail too, instead of waiting for
+    this one."""
     if together():
         sys.stdout.flush()
         sys.stderr.flush()

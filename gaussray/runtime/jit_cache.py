@@ -1,4 +1,4 @@
-"""Compiled programs: kept from run to run, and how long this process has compiled."""
+"""The compilation cache on disk, and the time that this process has spent on compilation."""
 
 import contextlib
 import hashlib
@@ -10,15 +10,18 @@ from pathlib import Path
 import jax
 
 
-# Programs that took this long are kept; to load one takes milliseconds.
+# Programs that take this many seconds to compile are kept; loading one takes milliseconds.
 MIN_COMPILE_SECONDS = 0.2
-# Tracing, lowering and XLA; JAX says of each how long it took.
+# Prefix of the names under which JAX reports the duration of tracing, lowering and XLA.
 EVENTS = "/jax/core/compile/"
 
 
 class Clock:
-    """Seconds spent on compilation, by what JAX reports at the end of each piece of it. Pieces
-    within one another, or at once in several threads, count once."""
+    """Sums the durations of compilation that JAX reports.
+
+    Intervals that overlap, because one compilation contains another or threads compile at the same
+    time, count once.
+    """
 
     def __init__(self):
         self._pieces: list[tuple[float, float]] = []
@@ -26,18 +29,18 @@ class Clock:
 
     @property
     def seconds(self) -> float:
-        """All pieces so far."""
+        """Total duration so far, in seconds."""
         return self._sum + sum(end - begin for begin, end in self._pieces)
 
     def hear(self, event: str, duration_secs: float, **_: str | int) -> None:
-        """A piece has just ended."""
+        """Add an interval that has just ended; a listener of `jax.monitoring`."""
         if event.startswith(EVENTS):
             end = time.monotonic()
             with self._lock:
                 self._add(end - duration_secs, end)
 
     def _add(self, begin: float, end: float) -> None:
-        """Pieces end in order, so that only the last ones can overlap a new one."""
+        """Intervals end in order, so that only the last ones can overlap a new one."""
         while self._pieces and self._pieces[-1][1] > begin:
             begin = min(begin, self._pieces.pop()[0])
         self._pieces.append((begin, end))
@@ -50,7 +53,7 @@ _clock: list[Clock] = []
 
 
 def compiled() -> float:
-    """Seconds that this process has compiled since this was first asked."""
+    """Seconds of compilation in this process since the first call of this function."""
     if not _clock:
         _clock.append(Clock())
         jax.monitoring.register_event_duration_secs_listener(_clock[0].hear)
@@ -58,12 +61,20 @@ def compiled() -> float:
 
 
 def keep_programs(folder: str) -> Path | None:
-    """Have JAX keep what it compiles in a folder, and load it from there instead of compiling it
-    again, in whichever process; where that is, if anywhere.
+    """Keep compiled programs in a folder, so that later processes load instead of compile them.
 
-    `auto` is the user's cache, a folder for every kind of processor (machine code of one may be
-    none of another), unless the environment's JAX_COMPILATION_CACHE_DIR says where, and nowhere if
-    it cannot be written; an empty text is nowhere.
+    The environment variable JAX_COMPILATION_CACHE_DIR has precedence over `folder`.
+
+    Args:
+        folder: the folder, or `auto` for a folder of the user's cache per kind of processor, since
+            machine code of one processor may not run on another. Empty: programs are not kept.
+
+    Returns:
+        The folder in use; None if programs are not kept, also where the user's cache cannot be
+        written.
+
+    Raises:
+        OSError: `folder` is not auto and cannot be written.
     """
     known = jax.config.values["jax_compilation_cache_dir"]
     if known:
@@ -87,9 +98,9 @@ def _cache() -> Path:
 
 
 def _processor() -> str:
-    """A name for what this processor can do."""
-    told = os.uname().machine if hasattr(os, "uname") else ""
+    """A hash of the processor's architecture and instruction sets."""
+    features = os.uname().machine if hasattr(os, "uname") else ""
     with contextlib.suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text().splitlines()
-        told += next((line for line in lines if line.startswith(("flags", "Features"))), "")
-    return hashlib.sha256(told.encode()).hexdigest()[:16]
+        features += next((line for line in lines if line.startswith(("flags", "Features"))), "")
+    return hashlib.sha256(features.encode()).hexdigest()[:16]

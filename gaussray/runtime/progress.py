@@ -1,4 +1,4 @@
-"""What is told of work that lasts: how far it is, how long it will still take, what came of it."""
+"""Progress bars, messages and warnings of a command, in one of several styles."""
 
 import bisect
 import contextlib
@@ -15,26 +15,26 @@ from typing import Any
 from gaussray.runtime.jit_cache import compiled
 
 
-# auto is a bar on a terminal and lines elsewhere.
+# auto: a bar on a terminal, lines elsewhere.
 STYLES = ("auto", "bar", "lines", "json", "quiet")
-# Seconds from one report to the next.
+# Seconds between two reports.
 _PACE = {"bar": 0.2, "lines": 5.0, "json": 1.0}
 _BAR = 24
 
 _style: ContextVar[str] = ContextVar("style", default="auto")
-# Whether a bar stands in the terminal's last line.
+# Whether the terminal's last line is an unfinished progress bar.
 _open = [False]
 
 
 def check_style(style: str) -> None:
-    """ValueError unless there is such a style."""
+    """Raise a ValueError unless `style` is one of STYLES."""
     if style not in STYLES:
         raise ValueError(f"progress must be one of {', '.join(STYLES)}, got {style!r}.")
 
 
 @contextlib.contextmanager
-def told_as(style: str) -> Iterator[None]:
-    """Within the block, work is told of in a style of STYLES."""
+def progress_style(style: str) -> Iterator[None]:
+    """Within the block, progress and messages have this style of STYLES."""
     check_style(style)
     token = _style.set(style)
     try:
@@ -44,7 +44,7 @@ def told_as(style: str) -> Iterator[None]:
 
 
 def style() -> str:
-    """How work is told of here: bar, lines, json or quiet."""
+    """The style in force, with auto resolved: bar, lines, json or quiet."""
     chosen = _style.get()
     if chosen == "auto":
         return "bar" if sys.stderr.isatty() else "lines"
@@ -52,8 +52,13 @@ def style() -> str:
 
 
 def say(text: str, event: str = "message", **facts: Any) -> None:
-    """A line on stdout; in the style json an object with the text and the facts, and in the style
-    quiet only of an `event` that is more than a message: result or error."""
+    """Print a message on stdout.
+
+    Args:
+        text: the message.
+        event: message, result or error. The style quiet prints no messages.
+        facts: further values; the style json prints an object of event, text and these.
+    """
     end_line()
     if style() == "quiet" and event == "message":
         return
@@ -64,7 +69,7 @@ def say(text: str, event: str = "message", **facts: Any) -> None:
 
 @contextlib.contextmanager
 def plain_warnings() -> Iterator[None]:
-    """Within the block, a warning is one line on stderr: its text, without file and source line."""
+    """Within the block, a warning is one line on stderr without file name and source line."""
 
     def text(message: Warning | str, *_: Any, **__: Any) -> str:
         end_line()
@@ -78,7 +83,7 @@ def plain_warnings() -> Iterator[None]:
 
 
 def end_line() -> None:
-    """Leave the line of a bar, if one stands there, to what is said next."""
+    """Start a new line if the terminal's last line is a progress bar."""
     if _open[0]:
         sys.stderr.write("\n")
         sys.stderr.flush()
@@ -86,13 +91,21 @@ def end_line() -> None:
 
 
 class Progress:
-    """How far a piece of work is. Nothing is said of work of less than `patience` seconds.
+    """Reports how much of a task is done, and estimates the remaining time.
 
-    Of `parts` = (units, cost of one), each may compile programs of its own; one part of equal units
-    is the default. What is left takes the seconds per cost of the later half of what was done,
-    without compilation, and for every part that has not begun what those before it took to compile.
-    Where every unit may be of a new kind (`anew`), compilation is work like any other. It is told
-    from the second report on.
+    The estimate is the remaining cost times the seconds per cost in the later half of what is done,
+    without compilation, plus, for each part that has not begun, the mean compilation time of the
+    parts before it. It appears from the second report on.
+
+    Args:
+        name: name of the task.
+        total: number of units.
+        quiet: whether to report nothing.
+        patience: a task shorter than this, in seconds, is not reported.
+        parts: (units, cost of a unit) of each part, which may compile programs of its own. Empty:
+            one part of equal units.
+        anew: whether every unit may compile; compilation then counts as work.
+        write: where reports go; None for stderr, or stdout in the style json.
     """
 
     def __init__(
@@ -117,7 +130,7 @@ class Progress:
         self.shown = -float("inf")
 
     def report(self, done: int, note: str = "") -> None:
-        """Say that `done` of the total are finished."""
+        """Report that `done` of the units are finished, with a `note`."""
         now = time.monotonic()
         spent, compiling = now - self.begin, 0.0 if self.anew else compiled() - self.before
         cost, whole = self._cost(done), self._cost(self.total)
@@ -134,10 +147,10 @@ class Progress:
             begun = sum(first < done for first in self._firsts())
             pace = (self.worked[-1] - self.worked[i]) / (cost - self.costs[i])
             left = pace * (whole - cost) + compiling / begun * (len(self.parts) - begun)
-        self._tell(done, note, spent, left, last)
+        self._write(done, note, spent, left)
 
     def _firsts(self) -> list[int]:
-        """Units before each part."""
+        """The number of units before each part."""
         return [0, *itertools.accumulate(units for units, _ in self.parts)][:-1]
 
     def _cost(self, done: int) -> float:
@@ -146,12 +159,13 @@ class Progress:
             cost += each * min(max(done - first, 0), units)
         return cost
 
-    def _tell(self, done: int, note: str, spent: float, left: float | None, last: bool) -> None:
+    def _write(self, done: int, note: str, spent: float, left: float | None) -> None:
+        last = done >= self.total
         if self.style == "json":
-            told = {"event": "progress", "work": self.name, "done": done, "total": self.total}
-            told |= {"note": note, "spent": round(spent, 2)}
-            told["left"] = None if left is None else round(left, 2)
-            self.write(json.dumps(told) + "\n")
+            line = {"event": "progress", "work": self.name, "done": done, "total": self.total}
+            line |= {"note": note, "spent": round(spent, 2)}
+            line["left"] = None if left is None else round(left, 2)
+            self.write(json.dumps(line) + "\n")
             sys.stdout.flush()
             return
         times = f"{_clock(spent)} spent" + ("" if left is None else f", {_clock(left)} left")
@@ -167,7 +181,7 @@ class Progress:
 
 
 def _bar(share: float, encoding: str) -> str:
-    """A share of 1 as a bar, in signs that the terminal has."""
+    """A progress bar, in characters that the terminal's encoding has."""
     full, rest = ("━", "╌") if "utf" in encoding.lower() else ("#", ".")
     count = round(_BAR * min(max(share, 0.0), 1.0))
     return full * count + rest * (_BAR - count)

@@ -1,7 +1,9 @@
-"""What a run was: its command, the code and the packages it ran with, how long it took."""
+"""Records how a run was made: command, git commit, package versions, duration."""
 
 import contextlib
 import datetime
+import functools
+import hashlib
 import importlib.metadata
 import json
 import platform
@@ -10,85 +12,106 @@ import subprocess
 from collections.abc import Iterator, Sequence
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 
 from gaussray.io.atomic import whole
 
 
-FILE = "run.json"
+# The record of a run, in its output folder.
+RUN_RECORD = "run.json"
 PACKAGES = ("gaussray", "jax", "jaxlib", "equinox", "numpy", "OpenImageIO", "scikit-image")
 
-_words: ContextVar[tuple[str, ...]] = ContextVar("words", default=())
+_arguments: ContextVar[tuple[str, ...]] = ContextVar("arguments", default=())
+
+
+class Commit(NamedTuple):
+    """A git commit: its full hash, and whether tracked files have `changed` since."""
+
+    hash: str
+    changed: bool
 
 
 @contextlib.contextmanager
-def asked_by(words: Sequence[str]) -> Iterator[None]:
-    """Within the block, runs were asked for by these words of a command line."""
-    token = _words.set(tuple(words))
+def command_arguments(arguments: Sequence[str]) -> Iterator[None]:
+    """Within the block, `command` returns the command line with these arguments."""
+    token = _arguments.set(tuple(arguments))
     try:
         yield
     finally:
-        _words.reset(token)
+        _arguments.reset(token)
 
 
 def command() -> str:
-    """The command line that asked; empty if none did."""
-    return shlex.join(("gaussray", *_words.get())) if _words.get() else ""
+    """The command line that started the run; empty if it was started from Python."""
+    return shlex.join(("gaussray", *_arguments.get())) if _arguments.get() else ""
 
 
 def versions() -> dict[str, str]:
-    """What the figures were made with."""
-    found = {}
+    """Versions of the packages that results depend on, and the kind of device."""
+    installed = {}
     for name in PACKAGES:
         # A checkout that is used without being installed has no metadata.
         with contextlib.suppress(importlib.metadata.PackageNotFoundError):
-            found[name] = importlib.metadata.version(name)
-    return found | {"device": jax.local_devices()[0].device_kind}
+            installed[name] = importlib.metadata.version(name)
+    return installed | {"device": jax.local_devices()[0].device_kind}
 
 
-def commit() -> dict[str, Any]:
-    """Of the checkout that the code is run from: its `git` hash, and whether it has been `changed`
-    since. Nothing where the code is installed, whatever repository that lies in."""
+@functools.cache
+def git_commit() -> Commit | None:
+    """The commit of the checkout that the code runs from; None for an installed package, even if it
+    is installed inside some other repository."""
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
-        return {}
-    told = []
-    for words in (["rev-parse", "HEAD"], ["status", "--porcelain", "--untracked-files=no"]):
+        return None
+    outputs = []
+    for arguments in (["rev-parse", "HEAD"], ["status", "--porcelain", "--untracked-files=no"]):
         try:
-            done = subprocess.run(
-                ["git", "-C", str(root), *words], capture_output=True, text=True, timeout=10
+            process = subprocess.run(
+                ["git", "-C", str(root), *arguments], capture_output=True, text=True, timeout=10
             )
         except (OSError, subprocess.TimeoutExpired):
-            return {}
-        if done.returncode:
-            return {}
-        told.append(done.stdout.strip())
-    return {"git": told[0], "changed": bool(told[1])}
+            return None
+        if process.returncode:
+            return None
+        outputs.append(process.stdout.strip())
+    return Commit(outputs[0], bool(outputs[1]))
 
 
-def note_begin(out: Path) -> None:
-    """Write run.json of a run that begins."""
+def array_digest(tree: Any) -> "hashlib._Hash":
+    """The SHA-256 of the bytes of all arrays of a pytree, in its order."""
+    digest = hashlib.sha256()
+    for leaf in jax.tree.leaves(jax.device_get(tree)):
+        digest.update(np.asarray(leaf).tobytes())
+    return digest
+
+
+def record_start(out: Path) -> None:
+    """Write run.json at the start of a run: command, start time, git commit, versions."""
     began = datetime.datetime.now().astimezone().isoformat(timespec="seconds")
-    told: dict[str, Any] = {"command": command()} if command() else {}
-    told |= {"began": began, **commit(), "python": platform.python_version()}
-    _write(out, told | {"versions": versions()})
+    record: dict[str, Any] = {"command": command()} if command() else {}
+    record["began"] = began
+    commit = git_commit()
+    if commit:
+        record |= {"git": commit.hash, "changed": commit.changed}
+    _write(out, record | {"python": platform.python_version(), "versions": versions()})
 
 
-def note_end(out: Path, seconds: float) -> None:
-    """Add to run.json how long the run took."""
-    _write(out, noted(out) | {"seconds": round(seconds, 1)})
+def record_duration(out: Path, seconds: float) -> None:
+    """Add the duration of the run to its run.json."""
+    _write(out, run_record(out) | {"seconds": round(seconds, 1)})
 
 
-def noted(out: Path) -> dict[str, Any]:
-    """What is noted of the run of a folder; nothing if that cannot be read."""
+def run_record(out: Path) -> dict[str, Any]:
+    """The content of run.json; empty if the file is missing or not JSON."""
     try:
-        return json.loads((out / FILE).read_text())
+        return json.loads((out / RUN_RECORD).read_text())
     except (OSError, ValueError):
         return {}
 
 
-def _write(out: Path, told: dict[str, Any]) -> None:
-    with whole(out / FILE) as partial:
-        partial.write_text(json.dumps(told, indent=2) + "\n")
+def _write(out: Path, record: dict[str, Any]) -> None:
+    with whole(out / RUN_RECORD) as partial:
+        partial.write_text(json.dumps(record, indent=2) + "\n")

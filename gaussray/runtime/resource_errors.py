@@ -1,4 +1,4 @@
-"""What to say when a disk or a memory is full: what was asked for, and what to change."""
+"""Error messages for a full disk or exhausted memory: what was requested, and what to change."""
 
 import errno
 import os
@@ -13,7 +13,7 @@ try:
 except ImportError:  # not on Windows
     resource = None
 
-# What makes a verb need less memory, most effective first.
+# Keys that reduce the memory of a command, most effective first.
 LESS = {
     "reconstruct": "fit.tiles, fit.points, density.growth, capture.scale or fit.memory",
     "demo": "fit.tiles, fit.points or render.memory",
@@ -26,12 +26,12 @@ _FULL = {errno.ENOSPC, errno.EDQUOT}
 
 
 def is_full(error: BaseException) -> bool:
-    """Whether an error comes of a full disk or a used quota."""
+    """Whether a full disk or an exhausted quota caused an error."""
     return any(isinstance(e, OSError) and e.errno in _FULL for e in _chain(error))
 
 
 def is_memory(error: BaseException) -> bool:
-    """Whether an error comes of memory that was not there, the host's or a device's."""
+    """Whether exhausted memory of the host or of a device caused an error."""
     return any(
         isinstance(e, MemoryError)
         or (isinstance(e, jax.errors.JaxRuntimeError | ValueError) and _exhausted(str(e)))
@@ -41,15 +41,18 @@ def is_memory(error: BaseException) -> bool:
 
 
 def memory_message(verb: str, error: BaseException, again: str = "") -> str:
-    """One line for a verb that ran out of memory: how much was asked for and was there, as far as
-    that is known, and which key to lower."""
-    asked = _asked(str(error))
+    """The message, one line, for a command (`verb`) that ran out of memory.
+
+    It states the size of the failed request and of the memory, as far as they are known, and which
+    keys to lower; `again` is appended.
+    """
+    requested = _requested_bytes(str(error))
     text = "out of memory"
-    if asked:
-        text += f": {asked / 1e9:.3g} GB were asked for at once"
-    lender, room = _room(error)
+    if requested:
+        text += f": {requested / 1e9:.3g} GB were requested at once"
+    owner, room = _memory_size(error)
     if room:
-        text += f" of a {lender} with {room / 1e9:.3g} GB"
+        text += f" of a {owner} with {room / 1e9:.3g} GB"
     less = LESS.get(verb, "the size of what is read")
     if less.startswith("render.memory") and room:
         less = less.replace("render.memory", f"render.memory to {room / 4e9:.2g}", 1)
@@ -60,18 +63,18 @@ def _exhausted(text: str) -> bool:
     return "RESOURCE_EXHAUSTED" in text or "Out of memory" in text or "bad_alloc" in text
 
 
-def _asked(text: str) -> float:
-    """Bytes, of a message that names them."""
-    found = re.search(r"([\d.]+) ?(bytes|[KMGTPE]iB)", text)
-    if not found:
+def _requested_bytes(text: str) -> float:
+    """The number of bytes that a message of JAX or NumPy names; 0 if it names none."""
+    match = re.search(r"([\d.]+) ?(bytes|[KMGTPE]iB)", text)
+    if not match:
         return 0.0
-    power = 0 if found[2] == "bytes" else 1 + "KMGTPE".index(found[2][0])
-    return float(found[1]) * 1024**power
+    power = 0 if match[2] == "bytes" else 1 + "KMGTPE".index(match[2][0])
+    return float(match[1]) * 1024**power
 
 
-def _room(error: BaseException) -> tuple[str, int]:
-    """Whose memory it was, a device's or the host's, and the bytes that this has, or lends to a
-    process; 0 if it does not say."""
+def _memory_size(error: BaseException) -> tuple[str, int]:
+    """Whose memory was exhausted ("device" or "host"), and its size in bytes; for the host at most
+    the limit of the process, and 0 if unknown."""
     stats = jax.local_devices()[0].memory_stats() or {}
     if stats.get("bytes_limit") and not any(isinstance(e, MemoryError) for e in _chain(error)):
         return "device", int(stats["bytes_limit"])
@@ -79,8 +82,8 @@ def _room(error: BaseException) -> tuple[str, int]:
     if resource is None or not set(names) <= set(os.sysconf_names):
         return "host", 0
     pages, size = (os.sysconf(name) for name in names)
-    lent = resource.getrlimit(resource.RLIMIT_AS)[0]
-    return "host", pages * size if lent == resource.RLIM_INFINITY else min(pages * size, lent)
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return "host", pages * size if limit == resource.RLIM_INFINITY else min(pages * size, limit)
 
 
 def _chain(error: BaseException | None) -> Iterator[BaseException]:

@@ -1,4 +1,4 @@
-"""Figures of a fit for TensorBoard."""
+"""Training curves for TensorBoard."""
 
 import atexit
 from collections.abc import Callable
@@ -6,14 +6,19 @@ from pathlib import Path
 from typing import Any
 
 
-# Of a line of figures, what names it.
+# Keys of metrics.jsonl that are not curves.
 _NAMES = ("segment", "stage", "step", "seconds")
 
 
 def tensorboard(folder: Path) -> Callable[[dict[str, Any]], None]:
-    """What writes lines of figures (`fit.journal`) as scalars into a folder: the terms of the loss,
-    PSNR and the number of Gaussians, by stage and, of a clip, by segment. ValueError if the package
-    is not here."""
+    """A function that writes a line of metrics.jsonl as TensorBoard scalars into a folder.
+
+    Each term of the loss, PSNR and the number of Gaussians has one curve per stage and, for a
+    segmented clip, per segment.
+
+    Raises:
+        ValueError: the package tensorboardX is not installed.
+    """
     try:
         from tensorboardX import SummaryWriter  # type: ignore[import-not-found]
     except ImportError as error:
@@ -22,13 +27,13 @@ def tensorboard(folder: Path) -> Callable[[dict[str, Any]], None]:
             "leave tensorboard=false."
         ) from error
     writer = SummaryWriter(str(folder), flush_secs=10)
-    # A thread writes; it is waited for.
+    # A thread of the writer writes the file; close waits for it.
     atexit.register(writer.close)
 
-    def told(line: dict[str, Any]) -> None:
+    def write(line: dict[str, Any]) -> None:
         part = f"segment_{line['segment']}/" if "segment" in line else ""
         for name, value in line.items():
             if name not in _NAMES:
                 writer.add_scalar(f"{part}{line['stage']}/{name}", value, line["step"])
 
-    return told
+    return write

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from gaussray.evaluate.metrics import moving_mask, psnr, ssim
+from gaussray.evaluate.metrics import psnr, ssim
 
 
 def noise(seed, shape=(20, 24, 3)):
@@ -73,22 +73,6 @@ def test_ssim_without_a_mask_leaves_out_the_border():
     mask[5:-5, 5:-5] = True
     assert ssim(x, y) == pytest.approx(ssim(x, y, mask), rel=1e-12)
     assert math.isnan(ssim(x, y, np.zeros((20, 24), bool)))
-
-
-def test_moving_pixels_are_far_from_their_temporal_median_in_some_channel():
-    frames = np.full((5, 3, 4, 3), 0.5)
-    frames[2, 0, 1, 2] = 0.61
-    frames[3, 1, 1, 0] = 0.59
-    mask = moving_mask(frames)
-    assert mask.shape == (5, 3, 4) and mask.dtype == bool
-    assert mask.sum() == 1 and mask[2, 0, 1]
-
-
-def test_moving_pixels_of_codes_are_those_of_their_values():
-    frames = np.random.default_rng(0).integers(0, 256, (6, 8, 8, 3), np.uint8)
-    np.testing.assert_array_equal(
-        moving_mask(frames), moving_mask(frames.astype(np.float32) / np.float32(255))
-    )
 
 
 def test_pictures_that_cannot_be_compared_are_refused():

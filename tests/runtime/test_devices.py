@@ -184,7 +184,7 @@ def test_more_devices_than_there_are_fail():
 
 def test_where_jax_is_at_work_no_hosts_can_be_met():
     hosts = DevicesOptions(hosts=2, process=0, coordinator="localhost:1")
-    with pytest.raises(ValueError, match="devices.hosts must be 1 where JAX is already at work"):
+    with pytest.raises(ValueError, match="devices.hosts must be 1 where JAX has already started"):
         begin(hosts)
 
 

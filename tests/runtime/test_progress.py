@@ -8,7 +8,7 @@ import pytest
 
 from gaussray.runtime import progress as module
 from gaussray.runtime.jit_cache import Clock
-from gaussray.runtime.progress import Progress, end_line, plain_warnings, say, told_as
+from gaussray.runtime.progress import Progress, end_line, plain_warnings, progress_style, say
 
 
 def spoken(monkeypatch, steps, **options):
@@ -93,7 +93,7 @@ def test_pieces_of_compilation_within_one_another_count_once(monkeypatch):
 
 def test_a_bar_fits_the_terminal_and_is_left_before_something_else_is_said(monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "60")
-    with told_as("bar"):
+    with progress_style("bar"):
         work = Progress("a long name of work", 3)
         work.report(1, "a note that does not fit in at all, however short the line is")
         say("said")
@@ -104,13 +104,13 @@ def test_a_bar_fits_the_terminal_and_is_left_before_something_else_is_said(monke
 
 
 def test_a_log_has_no_carriage_returns(capsys):
-    with told_as("auto"):
+    with progress_style("auto"):
         Progress("fit", 2).report(2)
     assert "\r" not in capsys.readouterr().err
 
 
 def test_json_is_an_object_a_line(capsys):
-    with told_as("json"):
+    with progress_style("json"):
         work = Progress("fit", 4)
         work.report(1, "one")
         work.report(4)
@@ -122,7 +122,7 @@ def test_json_is_an_object_a_line(capsys):
 
 
 def test_quiet_keeps_results(capsys):
-    with told_as("quiet"):
+    with progress_style("quiet"):
         Progress("fit", 1).report(1)
         say("by the way")
         say("done", "result")
@@ -132,7 +132,7 @@ def test_quiet_keeps_results(capsys):
 
 def test_an_unknown_style_is_refused():
     with pytest.raises(ValueError, match="progress must be one of auto, bar, .*got 'loud'"):
-        with told_as("loud"):
+        with progress_style("loud"):
             pass
 
 

@@ -41,7 +41,7 @@ def test_memory_is_known_whoever_lacks_it():
 )
 def test_the_size_is_told_and_the_key_to_lower(verb, key):
     line = memory_message(verb, EXHAUSTED)
-    assert "out of memory: 64 GB were asked for at once" in line
+    assert "out of memory: 64 GB were requested at once" in line
     assert f"Lower {key}" in line
 
 
@@ -57,7 +57,7 @@ def test_what_the_host_lends_is_told_and_what_would_fit(monkeypatch):
 def test_the_size_that_a_host_could_not_give_is_read_too():
     with pytest.raises(MemoryError) as found:
         np.empty((1 << 50,), np.uint8)
-    assert "1.13e+06 GB were asked for" in memory_message("render", found.value)
+    assert "1.13e+06 GB were requested" in memory_message("render", found.value)
 
 
 @pytest.mark.parametrize(

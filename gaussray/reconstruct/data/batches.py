@@ -1,4 +1,4 @@
-"""What a step looks at: tiles of pictures, and their rays."""
+"""Batches: the tiles that a training step renders, their rays and their colours."""
 
 import math
 
@@ -15,10 +15,14 @@ from gaussray.reconstruct.data.tiles import tile_grid, tile_order
 
 
 class Batch(eqx.Module):
-    """Tiles of one instant, or with a leading axis those of many steps.
+    """Tiles of one timestamp; with a leading axis, those of many steps.
 
-    `pixel` holds their sRGB-encoded values, bytes or fractions; `visible` is False where a pixel is
-    to be ignored, None if all count.
+    Args:
+        frame: the frame of each tile.
+        tile: the number of each tile in its frame.
+        time: the timestamp of the step.
+        pixel: sRGB-encoded colours, 8-bit levels or floats in 0..1.
+        visible: False where a pixel is ignored; None if all count.
     """
 
     frame: Int[Array, "*steps tiles"]
@@ -39,7 +43,7 @@ def gather(
     tile: Int[np.ndarray, "steps tiles"],
     time: Float[np.ndarray, " steps"],
 ) -> Batch:
-    """The tiles of many steps, from the host to the device."""
+    """Copy the tiles of many steps from the host to the device."""
     parts = (frame, tile, time, footage.pixel[frame, tile], footage.visible(frame, tile))
     return Batch(*(None if x is None else jnp.asarray(x) for x in parts))  # type: ignore[arg-type]
 
@@ -52,10 +56,17 @@ def tile_rays(
     side: int,
     bundle: int | None = None,
 ) -> Rays:
-    """Rays through the tiles' pixels, tile after tile in `tile_order`, for every sample `u` (see
-    `camera_ray`).
+    """Rays through the pixels of tiles, tile after tile in `tile_order`, for every sample.
 
-    `camera` is a stack: the camera that sees each tile.
+    Args:
+        camera: the stacked cameras, one per tile.
+        tile: the number of each tile in its picture.
+        u: sample numbers in [0, 1) of pixel, aperture and shutter (`camera_ray`).
+        side: pixels along the side of a tile.
+        bundle: pixels along the side of a ray bundle.
+
+    Returns:
+        Rays (samples, tiles x pixels).
     """
     width, height = camera.film.width, camera.film.height
     columns, _ = tile_grid(camera.film, side)
@@ -74,8 +85,8 @@ def tile_rays(
 
 
 def tile_colors(batch: Batch) -> tuple[Float[Array, "rays 3"], Float[Array, " rays"]]:
-    """Encoded colours in [0, 1] of one step's pixels, in the order of `tile_rays`, and the weight
-    of each: 0 where it is to be ignored, else 1."""
+    """Encoded colours in [0, 1] of the pixels of one step, in the order of `tile_rays`, and their
+    weights: 0 for pixels that are ignored, else 1."""
     dtype = batch.time.dtype
     scale = 255 if batch.pixel.dtype == jnp.uint8 else 1
     color = jnp.asarray(batch.pixel, dtype).reshape(-1, 3) / scale

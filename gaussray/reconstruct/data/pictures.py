@@ -28,11 +28,18 @@ _FEW_VISIBLE = 0.05
 class Footage:
     """Every training picture with its camera; the leading axis is the frame.
 
-    Pictures are kept as tiles of `side` x `side` pixels, so that what a step draws lies together,
-    in the order in which ray bundles of `bundle` x `bundle` pixels are traced (`tile_order`):
-    `pixel` holds sRGB-encoded values, bytes or, if any file has more than 8 bits, float32 in 0..1.
-    `mask` packs one bit per pixel, 0 where it is to be ignored; None if no view has a mask. `name`
-    is the camera's; `camera` is stacked.
+    Pictures are stored as square tiles, so that the pixels of a training step are contiguous.
+
+    Args:
+        pixel: sRGB-encoded colours: 8-bit levels, or float32 in 0..1 if any file has more bits.
+            The pixels of a tile are in the order in which their rays are traced (`tile_order`).
+        mask: one bit per pixel, packed into bytes, 0 where the pixel is ignored; None if no view
+            has a mask.
+        camera: the stacked cameras.
+        name: the camera's name.
+        side: pixels along the side of a tile.
+        bundle: pixels along the side of a ray bundle; None: a tile is one bundle.
+        viewpoint: label of the fixed viewpoint (`viewpoints`); None: the name.
     """
 
     pixel: Shaped[np.ndarray, "frames tiles pixels 3"]
@@ -63,11 +70,11 @@ class Footage:
 
     @property
     def scale(self) -> int:
-        """What full scale is in `pixel`."""
+        """The value of `pixel` that stands for 1: 255 for 8-bit levels, else 1."""
         return 255 if self.pixel.dtype == np.uint8 else 1
 
     def visible(self, *index) -> Bool[np.ndarray, "*index pixels"] | None:
-        """Which pixels count, of the frames and tiles at this index; None if all do."""
+        """Which pixels of the frames and tiles at this index count; None if all do."""
         if self.mask is None:
             return None
         return np.unpackbits(self.mask[index], axis=-1, count=self.side**2).astype(bool)
@@ -99,12 +106,20 @@ def footage(
     folder: Path | str | None = None,
     report: Callable[[int], object] = lambda done: None,
 ) -> Footage:
-    """The views' pictures as tiles of at most `side` x `side` pixels, and their cameras.
+    """Read the pictures of views as tiles.
 
-    Pictures are decoded one after another and kept in memory if all of them take no more than
-    `memory` gigabytes, else in a file without a name in `folder` (None: the system's own for
-    temporary files), of which the system keeps in memory what it has room for; the file goes when
-    the footage goes. `report(done)` is called after each picture. OSError if the disk is full.
+    Args:
+        views: training views, whose cameras must be of one kind.
+        side: the largest side of a tile, in pixels.
+        bundle: pixels along the side of a ray bundle.
+        memory: gigabytes of pictures that are kept in memory. More are kept in a temporary file
+            that is mapped into memory and that the system removes with the footage.
+        folder: folder of the temporary file; None for the system's own.
+        report: called with the number of pictures read, after each picture.
+
+    Raises:
+        CaptureError: there are no views, or cameras or pictures differ in kind or size.
+        OSError: a picture cannot be read, or the disk is full.
     """
     camera = stacked(views)
     side = fitting_side(camera.film, side, bundle or side)
@@ -165,7 +180,7 @@ def _kind(camera: Camera) -> tuple:
 
 
 def _on_disk(folder: Path | str | None) -> Callable[[tuple[int, ...], np.dtype], np.ndarray]:
-    """Makes arrays in files that have no name, and go with the arrays."""
+    """A function that makes arrays in unnamed temporary files, removed with the arrays."""
 
     def empty(shape: tuple[int, ...], dtype: np.dtype) -> np.ndarray:
         size = int(np.prod(shape)) * dtype.itemsize
@@ -173,7 +188,7 @@ def _on_disk(folder: Path | str | None) -> Callable[[tuple[int, ...], np.dtype],
         try:
             where.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryFile(dir=where) as file:
-                # Otherwise a full disk would end the process while pictures are written.
+                # Reserve the space now: writing to a map on a full disk would kill the process.
                 if hasattr(os, "posix_fallocate"):
                     os.posix_fallocate(file.fileno(), 0, size)
                 return np.memmap(file, dtype, "w+", shape=shape)

@@ -1,4 +1,4 @@
-"""Pictures as square tiles, the pieces in which training looks at them.
+"""Square tiles of pictures, of which a training step draws some.
 
 A tile of `side` x `side` pixels consists of ray bundles of `bundle` x `bundle` pixels. Its pixels
 are stored in the order in which their rays are traced: bundle after bundle along the Morton curve,
@@ -39,7 +39,8 @@ def tile_places(side: int, bundle: int | None = None) -> Int[np.ndarray, " pixel
 
 
 def tile_grid(film: Film, side: int) -> tuple[int, int]:
-    """Columns and rows of tiles; the last ones overlap their neighbours where nothing divides."""
+    """Columns and rows of tiles. If the side does not divide the picture's, the last tiles overlap
+    their neighbours."""
     if min(film.height, film.width) < side:
         raise CaptureError(
             f"trace.bundle must be at most the picture's smaller side, got {side} for a picture of "
@@ -69,7 +70,7 @@ def tile_of(
     row: Int[np.ndarray, " points"],
     bundle: int | None = None,
 ) -> tuple[Int[np.ndarray, " points"], Int[np.ndarray, " points"]]:
-    """A tile that holds the pixel, and the pixel's place in it."""
+    """A tile that holds each pixel, and the pixel's place in it."""
     columns, _ = tile_grid(film, side)
     left = np.minimum(column // side * side, film.width - side)
     top = np.minimum(row // side * side, film.height - side)
@@ -80,7 +81,7 @@ def tile_of(
 def cut(
     picture: Shaped[np.ndarray, "h w *channels"], pixels: Int[np.ndarray, "tiles pixels"]
 ) -> Shaped[np.ndarray, "tiles pixels *channels"]:
-    """The tiles of a picture."""
+    """Cut a picture into tiles."""
     return picture.reshape(-1, *picture.shape[2:])[pixels]
 
 
@@ -89,7 +90,7 @@ def join(
     pixels: Int[np.ndarray, "tiles pixels"],
     film: Film,
 ) -> Shaped[np.ndarray, "h w *channels"]:
-    """The picture of which these are the tiles."""
+    """Join tiles to a picture: the inverse of `cut`."""
     picture = np.empty((film.height * film.width, *tiles.shape[2:]), tiles.dtype)
     picture[pixels] = tiles
     return picture.reshape(film.height, film.width, *tiles.shape[2:])

@@ -1,13 +1,9 @@
 """Generates a randomised dataset: samples of camera parameters, drawn, checked and rendered."""
 
 import dataclasses
-import hashlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
-
-import jax
-import numpy as np
 
 from gaussray.dataset.takes import VERSION, folder_of, is_there, write_take, write_takes
 from gaussray.io.atomic import sweep
@@ -19,6 +15,7 @@ from gaussray.render.randomize.options import FactoryOptions
 from gaussray.render.renderer import Renderer
 from gaussray.runtime.lock import output_lock
 from gaussray.runtime.progress import Progress
+from gaussray.runtime.provenance import array_digest
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 
@@ -115,10 +112,7 @@ class _Shared:
     def scene_hash(self, scene: Scene | Clip) -> str:
         """SHA-256 of all arrays of a scene."""
         if id(scene) not in self._hashes:
-            digest = hashlib.sha256()
-            for leaf in jax.tree.leaves(jax.device_get(scene)):
-                digest.update(np.asarray(leaf).tobytes())
-            self._hashes[id(scene)] = scene, digest.hexdigest()
+            self._hashes[id(scene)] = scene, array_digest(scene).hexdigest()
         return self._hashes[id(scene)][1]
 
     def renderer(self, job: RenderJob) -> Renderer:

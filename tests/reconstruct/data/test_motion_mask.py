@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import toy
 
+from gaussray.capture.temporal_median import MOTION_THRESHOLD
 from gaussray.reconstruct.data import motion_mask as module
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels, point_activity
 from gaussray.reconstruct.data.pictures import Footage
@@ -55,7 +56,7 @@ def test_activity_counts_the_pixels_that_leave_the_median(picture):
 def test_two_cameras_masks_and_pieces_agree_with_brute_force(monkeypatch, bytes_of, piece):
     monkeypatch.setattr(module, "PIECE", piece)
     dice = np.random.default_rng(0)
-    # Codes far enough from each other that none differs by just CHANGE.
+    # Codes far enough from each other that none differs by just the threshold.
     codes = 30 * dice.integers(8, size=(10, SIZE, SIZE, 3))
     mask = dice.random((10, SIZE, SIZE)) < 0.6
     mask[::2, 5, 5] = False
@@ -69,7 +70,7 @@ def test_two_cameras_masks_and_pieces_agree_with_brute_force(monkeypatch, bytes_
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RuntimeWarning)  # a pixel that is never visible
             median = np.nanmedian(seen, axis=0)
-        expected[own] = (np.abs(codes[own] / 255 - median) > module.CHANGE).any(axis=-1)
+        expected[own] = (np.abs(codes[own] / 255 - median) > MOTION_THRESHOLD).any(axis=-1)
     found = activity(footage)
     np.testing.assert_array_equal(moved_pixels(footage, found, np.arange(10)), expected)
     pixels = tile_pixels(footage.film, SIDE)

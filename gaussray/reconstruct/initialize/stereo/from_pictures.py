@@ -11,8 +11,8 @@ from scipy.ndimage import binary_dilation, uniform_filter
 
 from gaussray.camera.camera import Camera
 from gaussray.capture.points import Points
+from gaussray.capture.temporal_median import differs, temporal_median
 from gaussray.color import srgb_decode
-from gaussray.reconstruct.data.motion_mask import CHANGE
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.initialize.stereo.matching import reduction, stereo_points
 from gaussray.reconstruct.initialize.stereo.options import (
@@ -174,8 +174,7 @@ def moving_views(
             continue
         median, known = _median(footage, own)
         picture = footage.pictures(now[:1])[0]
-        away = np.abs(picture.astype(np.float32) - median.astype(np.float32))
-        moved = (away > CHANGE * footage.scale).any(axis=-1) & known
+        moved = differs(picture, median, footage.scale) & known
         # Isolated pixels are noise.
         moved &= uniform_filter(moved.astype(np.float32), 3) > _CLEAN
         pictures.append(picture)
@@ -223,13 +222,9 @@ def _median(footage, own):
     """Temporal median of a camera's pictures, and where at least half of them count."""
     some = own[np.linspace(0, len(own) - 1, min(len(own), _MOST)).round().astype(int)]
     pictures, masks = footage.pictures(some), footage.masks(some)
-    if masks is None:
-        median = np.median(pictures, axis=0)
-        return median.astype(pictures.dtype), np.ones(median.shape[:2], bool)
-    hidden = np.where(masks[..., None], pictures, np.nan)
-    known = masks.mean(axis=0) >= 0.5
-    median = np.nanmedian(np.where(known[None, ..., None], hidden, 0), axis=0)
-    return median.astype(pictures.dtype), known
+    median = temporal_median(pictures, masks)
+    known = np.ones(median.shape[:2], bool) if masks is None else masks.mean(axis=0) >= 0.5
+    return np.where(known[..., None], median, 0).astype(pictures.dtype), known
 
 
 def _stack(pictures, scale):
