@@ -8,23 +8,20 @@ steps and Gaussians.
 """
 
 import argparse
-import dataclasses
 import json
 import shutil
 import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
+from experiments.captures.fits import Variant, fit_arguments, fitted, pairs, replaced, varied
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
 from gaussray.capture.selection import Selection
 from gaussray.dataset.images import codes, write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.evaluate.metrics import psnr, ssim
-from gaussray.reconstruct import reconstruct
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
@@ -81,23 +78,14 @@ def base(steps: int, tiles: int, gaussians: int, degree: int) -> ReconstructOpti
     )  # fmt: skip
 
 
-def replaced(options: ReconstructOptions, **changes) -> ReconstructOptions:
-    """The options with `group__key` changed, e.g. loss__dssim=0.0."""
-    for name, value in changes.items():
-        group, key = name.split("__")
-        part = dataclasses.replace(getattr(options, group), **{key: value})
-        options = dataclasses.replace(options, **{group: part})
-    return options
-
-
-def _tiles(side: int) -> Callable[[ReconstructOptions], ReconstructOptions]:
+def _tiles(side: int) -> Variant:
     """Tiles of another side, as many pixels a step."""
     return lambda o: replaced(
         o, fit__tile_side=side, fit__tiles=o.fit.tiles * (o.fit.tile_side // side) ** 2
     )
 
 
-VARIANTS: dict[str, Callable[[ReconstructOptions], ReconstructOptions]] = {
+VARIANTS: dict[str, Variant] = {
     "base": lambda o: o,
     "split": lambda o: replaced(
         o, density__kind="split", density__opacity=0.02, density__growth=8.0, density__start=0.15,
@@ -144,22 +132,15 @@ def fit(
     """Fit a capture and score its held-out views."""
     # The first time, of a video.
     capture = open_capture(folder, selection=Selection(frames=(0, 0, 1), scale=scale))
-    with tempfile.TemporaryDirectory() as out:
-        begin = time.perf_counter()
-        run = Path(out) / "run"
-        scene = reconstruct(capture, run, options=options, devices=devices, quiet=quiet)
-        seconds = time.perf_counter() - begin
-        lines = (run / "metrics.jsonl").read_text().splitlines()
+    made = fitted(capture, options, devices, quiet)
     sampling = RenderOptions(samples=1)
-    render = Renderer(scene, options=sampling, trace=TraceOptions(), devices=devices)
+    render = Renderer(made.scene, options=sampling, trace=TraceOptions(), devices=devices)
     scores = []
     for view in (view for view in capture.views if view.split == "test"):
         truth, image = read_encoded(view), codes(render(view.camera).color)
         scores.append((psnr(truth, image), ssim(truth, image)))
-    last = json.loads(lines[-1])
-    keys = ("psnr", "ssim")
-    report = dict(zip(keys, np.mean(scores, axis=0).tolist(), strict=True))
-    return report | {"seconds": seconds, "step": last["step"], "gaussians": last["gaussians"]}
+    report = dict(zip(("psnr", "ssim"), np.mean(scores, axis=0).tolist(), strict=True))
+    return report | {"seconds": made.seconds, "step": made.steps, "gaussians": made.gaussians}
 
 
 def main() -> None:
@@ -170,34 +151,26 @@ def main() -> None:
     command.add_argument("out", type=Path)
     command.add_argument("--scale", type=float, default=1.0)
     command = commands.add_parser("fit")
-    command.add_argument("folders", type=Path, nargs="+")
-    command.add_argument("--variants", nargs="+", default=["base"])
-    command.add_argument("--scale", type=float, default=1.0)
+    fit_arguments(command, VARIANTS, "base")
     command.add_argument("--steps", type=int, default=3000)
     command.add_argument("--tiles", type=int, default=32)
     command.add_argument("--gaussians", type=int, default=100_000)
     command.add_argument("--degree", type=int, default=3)
-    command.add_argument("--limit", type=float, default=1e9, help="no fit begins after so many s")
-    command.add_argument("--quiet", action="store_true")
-    told = parser.parse_args()
-    if told.command == "prepare":
-        prepare(told.source, told.out, told.scale)
+    chosen = parser.parse_args()
+    if chosen.command == "prepare":
+        prepare(chosen.source, chosen.out, chosen.scale)
         return
-    devices, begin = start_devices(DevicesOptions()), time.perf_counter()
+    devices = start_devices(DevicesOptions())
     print("| capture | variant | PSNR | SSIM | seconds | steps | Gaussians |\n|" + "---|" * 7)
-    for folder in told.folders:
-        for name in told.variants:
-            if time.perf_counter() - begin > told.limit:
-                break
-            options = base(told.steps, told.tiles, told.gaussians, told.degree)
-            for part in name.split("+"):
-                options = VARIANTS[part](options)
-            row = fit(folder, options, told.scale, devices, told.quiet)
-            print(
-                f"| {folder.name} | {name} | {row['psnr']:.2f} | {row['ssim']:.3f} | "
-                f"{row['seconds']:.0f} | {row['step']:.0f} | {row['gaussians']:.0f} |",
-                flush=True,
-            )
+    for folder, name in pairs(chosen):
+        options = base(chosen.steps, chosen.tiles, chosen.gaussians, chosen.degree)
+        options = varied(options, name, VARIANTS, chosen.set)
+        row = fit(folder, options, chosen.scale, devices, chosen.quiet)
+        print(
+            f"| {folder.name} | {name} | {row['psnr']:.2f} | {row['ssim']:.3f} | "
+            f"{row['seconds']:.0f} | {row['step']:.0f} | {row['gaussians']:.0f} |",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

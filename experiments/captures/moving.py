@@ -1,0 +1,153 @@
+"""Fit captures of moving scenes with variants of options and score the held-out cameras.
+
+    python -m experiments.captures.moving fit CAPTURE ... [--variants NAME ...] [--out DIR]
+
+Each fit prints one line: PSNR of whole pictures, of the pixels that move (mean over views; and from
+all their pixels together, as `gaussray evaluate`), SSIM; PSNR at held-out times, whole and moving;
+seconds (with compilation), steps, and Gaussians that are static, moving and transient.
+"""
+
+import argparse
+import json
+import time
+from pathlib import Path
+
+import numpy as np
+
+from experiments.captures.fits import Variant, fit_arguments, fitted, pairs, replaced, varied
+from gaussray.capture.capture import View
+from gaussray.capture.frames import read_encoded
+from gaussray.capture.open import open_capture
+from gaussray.capture.selection import Selection
+from gaussray.color import psnr_from_mse
+from gaussray.dataset.images import codes, side_by_side, write_image
+from gaussray.evaluate.metrics import moving_mask, psnr, ssim
+from gaussray.evaluate.pipeline import scene_size
+from gaussray.reconstruct.options import FitOptions, ReconstructOptions
+from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.runtime.devices import DevicesOptions, begin as start_devices
+from gaussray.tracer.trace import TraceOptions
+
+
+# What fit=auto chooses for a capture of several times on this machine.
+BASE = ReconstructOptions(fit=FitOptions(auto=True))
+
+VARIANTS: dict[str, Variant] = {
+    "auto": lambda o: o,
+    "given": lambda o: replaced(o, fit__start="given"),
+    "stereo": lambda o: replaced(o, fit__start="stereo"),
+    "random": lambda o: replaced(o, fit__start="random"),
+    "nobodies": lambda o: replaced(o, track__poses=0),
+    "dssim": lambda o: replaced(o, loss__l1=0.8, loss__dssim=0.2, fit__tile_side=32, fit__tiles=32),
+    "degree2": lambda o: replaced(o, fit__degree=2),
+    "seed1": lambda o: replaced(o, fit__seed=1),
+}
+
+HEAD = (
+    *("capture", "variant", "PSNR", "moving", "moving, pooled", "SSIM", "times", "times, moving"),
+    *("seconds", "steps", "static", "moving ones", "transient"),
+)
+
+
+def masks_of(views: list[View]) -> dict[Path, np.ndarray]:
+    """The pixels that move in each picture: those that differ from their camera's temporal median.
+    All cameras stand still."""
+    groups: dict[str, list[View]] = {}
+    for view in views:
+        groups.setdefault(view.camera_name, []).append(view)
+    masks = {}
+    for group in groups.values():
+        moving = moving_mask(np.stack([read_encoded(view) for view in group]))
+        masks |= {view.image: mask for view, mask in zip(group, moving, strict=True)}
+    return masks
+
+
+def scored(view: View, image: np.ndarray, mask: np.ndarray) -> dict[str, float]:
+    """Scores of one picture; those of moving pixels only if there are any."""
+    truth = read_encoded(view)
+    score = {"psnr": psnr(truth, image), "ssim": ssim(truth, image)}
+    if mask.any():
+        error = (truth.astype(np.float64) - image)[mask] / 255
+        score |= {"moving": psnr(truth, image, mask), "squared": float(np.sum(error**2))}
+        score["values"] = error.size
+    return score
+
+
+def mean_scores(rows: list[dict[str, float]]) -> dict[str, float]:
+    """Means over pictures, and PSNR of the moving pixels of all of them together (`pooled`)."""
+    means = {}
+    for name in ("psnr", "ssim", "moving"):
+        values = [row[name] for row in rows if name in row]
+        means[name] = float(np.mean(values)) if values else float("nan")
+    count = sum(row.get("values", 0) for row in rows)
+    squared = sum(row.get("squared", 0.0) for row in rows)
+    return means | {"pooled": psnr_from_mse(squared / count) if count else float("nan")}
+
+
+def fit(
+    folder: Path,
+    options: ReconstructOptions,
+    chosen: argparse.Namespace,
+    devices: int | None,
+    pictures: Path | None,
+) -> dict[str, float]:
+    """Fit a capture and score its held-out cameras, at the training times and at all others."""
+    capture = open_capture(folder, selection=Selection(scale=chosen.scale))
+    trained = {view.time for view in capture.views if view.split == "train"}
+    cameras = {view.camera_name for view in capture.views if view.split == "train"}
+    held_out = [view for view in capture.views if view.camera_name not in cameras]
+    made = fitted(capture, options, devices, chosen.quiet)
+    render = Renderer(
+        made.scene, options=RenderOptions(samples=1), trace=TraceOptions(), devices=devices
+    )
+    masks, known, between, images = masks_of(held_out), [], [], {}
+    for view in held_out:
+        images[view.image] = codes(render(view.camera).color)
+        score = scored(view, images[view.image], masks[view.image])
+        (known if view.time in trained else between).append(score)
+    if pictures is not None:
+        shown = [held_out[len(held_out) // 6], held_out[len(held_out) * 5 // 6]]
+        rows = [side_by_side(read_encoded(view), images[view.image], gain=3) for view in shown]
+        write_image(pictures, np.concatenate(rows))
+    row = {"seconds": made.seconds, "steps": made.steps, **mean_scores(known)}
+    row |= {f"between_{name}": value for name, value in mean_scores(between).items()}
+    size = scene_size(made.scene)
+    row |= {"transient": size.get("transient", 0), "moving_ones": size["moving"]}
+    return row | {"static": size["gaussians"] - row["moving_ones"] - row["transient"]}
+
+
+def line(folder: Path, name: str, row: dict[str, float]) -> str:
+    """A row of the table."""
+    figures = [f"{row[key]:.2f}" for key in ("psnr", "moving", "pooled")] + [f"{row['ssim']:.3f}"]
+    figures += [f"{row[key]:.2f}" for key in ("between_psnr", "between_moving")]
+    keys = ("seconds", "steps", "static", "moving_ones", "transient")
+    figures += [f"{row[key]:.0f}" for key in keys]
+    return f"| {' | '.join([folder.name, name, *figures])} |"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    commands = parser.add_subparsers(dest="command", required=True)
+    command = commands.add_parser("fit")
+    fit_arguments(command, VARIANTS, "auto")
+    command.add_argument("--out", type=Path, help="folder of rows.jsonl and a picture for each fit")
+    chosen = parser.parse_args()
+    devices = start_devices(DevicesOptions())
+    print("| " + " | ".join(HEAD) + " |\n|" + "---|" * len(HEAD), flush=True)
+    for folder, name in pairs(chosen):
+        picture = None
+        if chosen.out is not None:
+            chosen.out.mkdir(parents=True, exist_ok=True)
+            stem = "".join(c if c.isalnum() else "-" for c in f"{folder.name}_{name}")
+            picture = chosen.out / f"{stem}.png"
+        options = varied(BASE, name, VARIANTS, chosen.set)
+        row = fit(folder, options, chosen, devices, picture)
+        print(line(folder, name, row), flush=True)
+        if chosen.out is not None:
+            record = {"capture": folder.name, "variant": name, "set": chosen.set, **row}
+            with (chosen.out / "rows.jsonl").open("a") as file:
+                file.write(json.dumps(record | {"at": round(time.time())}) + "\n")
+
+
+if __name__ == "__main__":
+    main()

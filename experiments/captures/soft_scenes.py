@@ -1,0 +1,165 @@
+"""Render captures of moving scenes: cloth, figures that walk, blobs, things that fall or turn.
+
+    python -m experiments.captures.soft_scenes SCENE ... --out DIR
+    python -m experiments.captures.soft_scenes SCENE --out DIR --look
+
+Needs nothing but Blender as a Python module, `bpy` 4.5, and its numpy. Every folder DIR/<scene> is
+a paired capture: 13 training cameras and 3 held-out ones that stand still, 20 times each, and
+between these 3 more times at the held-out cameras. A command that was stopped goes on where it was.
+"""
+
+import argparse
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+
+from experiments.blender import points
+from experiments.blender.blocks import SENSOR_MM
+from experiments.blender.checks import report, verify, write_json
+from experiments.blender.effects import configure, new_camera
+from experiments.blender.session import quality, read, render, silence
+from experiments.captures.scenes.catalogue import SCENES
+from experiments.paired_benchmark.plan import listed
+from experiments.paired_benchmark.stage import FRAMES, cameras
+
+
+POINTS, ON_MOVING = 12000, 3000  # starting points, and those of them on what moves
+BETWEEN = (4.5, 9.5, 14.5)  # times between two frames, for held-out cameras alone
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much is rendered, and how well."""
+
+    size: int = 256
+    cameras: int = 16
+    held_cameras: int = 3
+    frames: int = 20
+    samples: int = 8
+    truth_samples: int = 20
+
+
+class Picture(NamedTuple):
+    """One picture to render, and what transforms.json says of it; `time` runs from 0 to 1."""
+
+    path: str
+    camera: str
+    split: str
+    pose: np.ndarray
+    time: float
+    depth: None = None
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("scenes", nargs="+", choices=SCENES)
+    parser.add_argument("--out", type=Path, required=True, help="folder of all captures")
+    parser.add_argument("--threads", type=int, default=0, help="0: all cores")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--look", action="store_true", help="few pictures, no capture")
+    for name, value in vars(Plan()).items():
+        parser.add_argument(f"--{name.replace('_', '-')}", type=int, default=value)
+    chosen = parser.parse_args()
+    plan = Plan(**{name: getattr(chosen, name) for name in vars(Plan())})
+    for name in chosen.scenes:
+        capture(chosen, plan, name)
+
+
+def capture(chosen, plan, name):
+    """Render what is missing of a scene's capture."""
+    with silence():
+        scene = SCENES[name]()
+    out = chosen.out / name
+    pictures = plan_pictures(plan, scene.rig, chosen.seed)
+    if chosen.look:
+        seen = sorted({picture.camera for picture in pictures})[::3]
+        times = {pictures[k * (plan.frames - 1) // 4].time for k in range(5)}
+        pictures = [p for p in pictures if p.camera in seen and p.time in times]
+    else:
+        out.mkdir(parents=True, exist_ok=True)
+        write_json(out / "transforms.json", document(plan, scene.rig, name, pictures))
+    missing = [picture for picture in pictures if not (out / picture.path).exists()]
+    prepare(plan, scene.rig, chosen.threads)
+    begun = time.monotonic()
+    for done, picture in enumerate(missing, 1):
+        shoot(out, plan, scene, picture, f"{chosen.seed} {name}/{picture.path}")
+        passed = time.monotonic() - begun
+        left = passed / done * (len(missing) - done)
+        print(
+            f"{done}/{len(missing)} {out / picture.path}  {passed:.0f} s, {left:.0f} s left",
+            flush=True,
+        )
+    if chosen.look:
+        return
+    if not (out / "points3d.ply").exists():
+        start(out, pictures, scene, scene.rig.focal * plan.size, chosen.seed)
+    verify(out)
+    report(out)
+
+
+def plan_pictures(plan, rig, seed):
+    """Every picture of a capture: all cameras at all times, then times between at held-out ones."""
+    placed = cameras(rig, plan.cameras, plan.held_cameras, seed)
+    last = plan.frames - 1
+    indices = [(camera, index) for camera in placed for index in range(plan.frames)]
+    indices += [(camera, index) for camera in placed if camera[1] == "test" for index in BETWEEN]
+    return [
+        Picture(
+            f"images/{name}/{index:04.1f}.jpg".replace(".0.", "."), name, split, pose, index / last
+        )
+        for (name, split, pose), index in indices
+    ]
+
+
+def document(plan, rig, name, pictures):
+    """The content of transforms.json."""
+    size, focal = plan.size, rig.focal * plan.size
+    return {
+        **{"w": size, "h": size, "fl_x": focal, "fl_y": focal, "cx": size / 2, "cy": size / 2},
+        **{"camera_model": "PINHOLE", "time_unit": "normalised", "color_space": "srgb"},
+        "ply_file_path": "points3d.ply",
+        "info": {"scene": name, "plan": vars(plan), "blender": bpy.app.version_string},
+        "frames": [listed(picture) for picture in pictures],
+    }
+
+
+def prepare(plan, rig, threads):
+    """The camera, and Cycles for quick pictures."""
+    camera = new_camera(SENSOR_MM * rig.focal)
+    configure(camera, {}, 0.0, [])
+    quality(plan.size, plan.size, plan.samples)
+    scene = bpy.context.scene
+    scene.render.use_persistent_data = True  # the room stays as it is
+    scene.cycles.max_bounces = scene.cycles.diffuse_bounces = 3
+    if threads:
+        scene.render.threads_mode, scene.render.threads = "FIXED", threads
+
+
+def shoot(out, plan, scene, picture, label):
+    """Render one picture."""
+    blender = bpy.context.scene
+    blender.cycles.samples = plan.truth_samples if picture.split == "test" else plan.samples
+    blender.camera.matrix_world = picture.pose.T.tolist()
+    scene.pose(picture.time)
+    render(out / picture.path, picture.time * (FRAMES - 1), label)
+
+
+def start(out, pictures, scene, focal, seed):
+    """Surface points of the first time, as the training cameras see them."""
+    scene.pose(0.0)
+    views = [
+        (picture.pose, read(out / picture.path))
+        for picture in pictures
+        if picture.time == 0 and picture.split == "train"
+    ]
+    groups = [(scene.moving, ON_MOVING), (scene.fixed, POINTS - ON_MOVING)]
+    found = points.sample(groups, views, focal, np.random.default_rng(seed))
+    points.write_ply(out / "points3d.ply", *found)
+
+
+if __name__ == "__main__":
+    main()
