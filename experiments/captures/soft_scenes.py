@@ -40,7 +40,7 @@ class Plan:
     held_cameras: int = 3
     frames: int = 20
     samples: int = 8
-    truth_samples: int = 20
+    truth_samples: int = 12
 
 
 class Picture(NamedTuple):

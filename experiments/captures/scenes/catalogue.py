@@ -2,7 +2,7 @@
 
 import bpy
 
-from experiments.captures.scenes import falling_boxes, fan_pendulum, soft_one
+from experiments.captures.scenes import falling_boxes, fan_pendulum, soft_one, soft_two
 
 
 def _empty(build):
@@ -17,5 +17,6 @@ def _empty(build):
 SCENES = {
     "soft_one": _empty(soft_one.scene),
     "falling_boxes": _empty(falling_boxes.scene),
+    "soft_two": _empty(soft_two.scene),
     "fan_pendulum": _empty(fan_pendulum.scene),
 }

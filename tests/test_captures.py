@@ -1,0 +1,47 @@
+"""Fits of captures with variants of options: their options, their scores and rows of tables."""
+
+import numpy as np
+import pytest
+
+from experiments.captures.fits import varied
+from experiments.captures.moving import BASE, HEAD, VARIANTS, line, mean_scores
+from gaussray.evaluate.metrics import psnr
+
+
+def test_a_variant_changes_the_options_in_order_and_settings_come_last():
+    options = varied(BASE, "stereo+nobodies+seed1", VARIANTS, ["fit.seed=3", "fit.start=given"])
+    assert (options.fit.start, options.fit.seed, options.track.poses) == ("given", 3, 0)
+    assert options.fit.auto
+
+
+def test_every_variant_makes_valid_options():
+    for name in VARIANTS:
+        varied(BASE, name, VARIANTS, [])
+
+
+def test_pooled_psnr_is_that_of_all_moving_pixels_together():
+    rng = np.random.default_rng(0)
+    truth, image = rng.integers(0, 256, (2, 3, 8, 8, 3), dtype=np.uint8)
+    masks = rng.random((3, 8, 8)) < 0.3
+    rows = []
+    for a, b, mask in zip(truth, image, masks, strict=True):
+        error = (a.astype(float) - b)[mask] / 255
+        rows.append({"psnr": psnr(a, b), "ssim": 0.0, "moving": psnr(a, b, mask)})
+        rows[-1] |= {"squared": float(np.sum(error**2)), "values": error.size}
+    means = mean_scores(rows)
+    error = (truth.astype(float) - image)[masks] / 255
+    assert means["pooled"] == pytest.approx(-10 * np.log10(np.mean(error**2)), abs=1e-9)
+    assert means["moving"] == pytest.approx(np.mean([row["moving"] for row in rows]), abs=1e-12)
+
+
+def test_a_picture_in_which_nothing_moves_counts_as_a_whole_alone():
+    still, moving = {"psnr": 30.0, "ssim": 0.9}, {"psnr": 20.0, "ssim": 0.7, "moving": 15.0}
+    means = mean_scores([still, moving | {"squared": 0.1, "values": 10}])
+    assert (means["psnr"], means["moving"]) == (25.0, 15.0)
+    assert means["pooled"] == pytest.approx(20.0, abs=1e-9)
+
+
+def test_a_row_has_a_figure_for_each_heading(tmp_path):
+    keys = ("psnr", "moving", "pooled", "ssim", "between_psnr", "between_moving", "seconds")
+    row = dict.fromkeys((*keys, "steps", "static", "moving_ones", "transient"), 1.0)
+    assert line(tmp_path, "given", row).count("|") == len(HEAD) + 1
