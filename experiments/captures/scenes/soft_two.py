@@ -36,7 +36,6 @@ from experiments.captures.scenes.furnish import (
     worn,
 )
 from experiments.captures.scenes.stage import MovingScene, room_rig
-from experiments.paired_benchmark.stage import FRAMES
 
 
 BOX_AT, BOX_SIDE = (1.0, -0.85), 0.46
@@ -60,21 +59,31 @@ def scene():
         *puffs("smoke", (1.25, 0.95, 1.0), 5, smoke, rise=1.0, radius=0.16),
         *jack,
         screen(
-            "screen", (1.5, 0.85), (3.4, 0.0, 1.55), (math.pi / 2, 0, -math.pi / 2),
+            "screen",
+            (1.5, 0.85),
+            (3.4, 0.0, 1.55),
+            (math.pi / 2, 0, -math.pi / 2),
             mosaic_of(TOYS + SEA + WHITE[:1], 0.3, 1.0),
         ),
-    ]  # fmt: skip
+    ]
     burner = [
         add("table", *cylinder(0.36, 0.05), (1.25, 0.95, 0.72), UP, stripes_of(WOOD, 0.1)),
         add("table_leg", *cylinder(0.06, 0.7), (1.25, 0.95, 0.35), UP, stripes_of(WOOD, 0.1)),
         add("burner", *cylinder(0.13, 0.2), (1.25, 0.95, 0.85), UP, mosaic_of(CLAY, 0.06, 1.0)),
     ]
     rail = [
-        add(f"rail_{k}", *cylinder(0.025, 2.55), (x, 1.35 + 0.07 * (x + 1.9), 1.27), UP,
-            stripes_of(GREY, 0.2, (0, 0, 1)))
+        add(
+            f"rail_{k}",
+            *cylinder(0.025, 2.55),
+            (x, 1.35 + 0.07 * (x + 1.9), 1.27),
+            UP,
+            stripes_of(GREY, 0.2, (0, 0, 1)),
+        )
         for k, x in enumerate((-1.95, -0.35))
-    ]  # fmt: skip
-    bar = add("rod", *box((1.7, 0.04, 0.04)), (-1.15, 1.4, 2.52), (0, 0, 0.07), stripes_of(WOOD, 0.2))
+    ]
+    bar = add(
+        "rod", *box((1.7, 0.04, 0.04)), (-1.15, 1.4, 2.52), (0, 0, 0.07), stripes_of(WOOD, 0.2)
+    )
     fixed = [*room(), *burner, *rail, bar, *crate]
     return MovingScene(fixed, softs, [lid], room_rig(3.0, (0.0, 0.1, 1.0)))
 
@@ -104,13 +113,19 @@ def jack_in_the_box():
     paint = mosaic_of(TOYS[:3] + WHITE[:1], 0.115, 0.0)
     crate = [
         add(f"box_{k}", *box(size), (x + dx, y + dy, side / 2 + 0.002), UP, paint)
-        for k, (size, dx, dy) in enumerate([
-            ((side, wall, side), 0, side / 2), ((side, wall, side), 0, -side / 2),
-            ((wall, side, side), side / 2, 0), ((wall, side, side), -side / 2, 0),
-        ])
-    ]  # fmt: skip
+        for k, (size, dx, dy) in enumerate(
+            [
+                ((side, wall, side), 0, side / 2),
+                ((side, wall, side), 0, -side / 2),
+                ((wall, side, side), side / 2, 0),
+                ((wall, side, side), -side / 2, 0),
+            ]
+        )
+    ]
     hinge = pivot("hinge", (x + side / 2, y, side + 0.012))
-    animate(hinge, "rotation_euler", {0: (0, 0, 0), 7: (0, 0.15, 0), 15: (0, 2.0, 0), 20: (0, 1.8, 0)})
+    animate(
+        hinge, "rotation_euler", {0: (0, 0, 0), 7: (0, 0.15, 0), 15: (0, 2.0, 0), 20: (0, 1.8, 0)}
+    )
     lid = hung(hinge, "lid", box((side, side, wall)), (-side / 2, 0, 0), UP, wedges)
     rings, share = 36, np.linspace(0, 1, 36)
     radii = np.repeat((0.085 + 0.02 * np.sin(2 * np.pi * 8 * share))[:, None], 2, axis=1)
@@ -176,13 +191,17 @@ def room():
     ]
     round_things = [
         ("shade", lathe([(0.24, 0), (0.14, 0.3)]), (-2.0, -3.2, 1.08), stripes_of(SAND, 0.05)),
-        ("vase", lathe([(0, 0), (0.14, 0), (0.2, 0.3), (0.08, 0.5), (0, 0.5)]), (-1.1, -3.2, 0.752),
-         mosaic_of(SEA + WHITE, 0.1, 1.0)),
+        (
+            "vase",
+            lathe([(0, 0), (0.14, 0), (0.2, 0.3), (0.08, 0.5), (0, 0.5)]),
+            (-1.1, -3.2, 0.752),
+            mosaic_of(SEA + WHITE, 0.1, 1.0),
+        ),
         ("rug", cylinder(1.0, 0.02), (-0.4, -0.4, 0.012), wedges),
         ("pot", cylinder(0.22, 0.36), (3.1, 2.9, 0.181), stripes_of(CLAY, 0.07, (0, 0, 1))),
         ("bush", ball(0.46), (3.05, 2.9, 0.8), mosaic_of(MOSS, 0.08, 1.0)),
         ("stool", cylinder(0.2, 0.45), (2.6, -2.9, 0.226), stripes_of(PLUM, 0.09, (1, 1, 0))),
-    ]  # fmt: skip
+    ]
     case = books("case", (-3.28, -2.0), 2.6, 4, 90, [TOYS, SEA + SAND, PLUM + CLAY, MOSS])
     pictures = framed("view", (1.3, 0.9), (0.5, 3.45, 1.8), 0, blotches_of(SEA + MOSS + SAND, 0.2))
     pictures += framed("print", (0.8, 1.0), (2.4, 3.45, 1.7), 0, mosaic_of(TOYS, 0.15, 1.0))
