@@ -2,7 +2,14 @@
 
 import bpy
 
-from experiments.captures.scenes import falling_boxes, fan_pendulum, soft_one, soft_two
+from experiments.captures.scenes import (
+    falling_boxes,
+    fan_pendulum,
+    soft_four,
+    soft_one,
+    soft_three,
+    soft_two,
+)
 
 
 def _empty(build):
@@ -19,4 +26,6 @@ SCENES = {
     "falling_boxes": _empty(falling_boxes.scene),
     "soft_two": _empty(soft_two.scene),
     "fan_pendulum": _empty(fan_pendulum.scene),
+    "soft_three": _empty(soft_three.scene),
+    "soft_four": _empty(soft_four.scene),
 }

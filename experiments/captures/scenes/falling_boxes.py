@@ -19,7 +19,6 @@ from experiments.blender.physics import Thrown, bake
 from experiments.blender.shapes import add, ball, box, cylinder, ring, shell
 from experiments.captures.scenes.furnish import (
     GREY,
-    STONE,
     UP,
     WHITE,
     framed,
@@ -101,7 +100,7 @@ def workshop():
     walls = shell(
         (7.2, 7.2, 3.2),
         {
-            "floor": blotches_of(STONE, 0.3),
+            "floor": blotches_of(["#9b958a", "#a8a195", "#918b80", "#b0a99b"], 0.5),
             "ceiling": stripes_of(["#a89e8e", "#b7ad9c", "#98907f"], 0.35, (0, 1, 0)),
             "north": bricks_of("#a9aaa2", "#8d9698", "#d8d2c4", 0.55, 0.25, 0.025),
             "south": blotches_of(["#c9b98f", "#d3c49c", "#bfae82"], 0.6),

@@ -74,9 +74,9 @@ def standing_fan(foot, height, heading):
     moving = [hung(holder, "hub_cap", cylinder(0.11, 0.12), (0, 0, 0), UP, wedges)]
     for k, pattern in enumerate(BLADES):
         turn = math.pi / 2 * k
-        place = (0.36 * math.cos(turn), 0.36 * math.sin(turn), 0)
+        place = (0.4 * math.cos(turn), 0.4 * math.sin(turn), 0)
         moving.append(
-            hung(holder, f"blade_{k}", box((0.52, 0.24, 0.025)), place, (0.35, 0, turn), pattern)
+            hung(holder, f"blade_{k}", box((0.6, 0.26, 0.025)), place, (0.35, 0, turn), pattern)
         )
     behind = (foot[0] - 0.16 * math.sin(heading), foot[1] + 0.16 * math.cos(heading))
     stand = [

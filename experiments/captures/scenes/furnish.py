@@ -10,7 +10,6 @@ UP = (0, 0, 0)
 WHITE = ["#e9e4d8", "#ddd6c6", "#f0ece2"]
 GREY = ["#8d9296", "#a3a8ab", "#767b80"]
 NAVY = ["#26374f", "#34507a", "#1d2a3d"]
-STONE = ["#9b958a", "#b3ab9c", "#868178", "#c4bba9"]
 
 
 def lit(wide, deep, high, power):
@@ -44,7 +43,8 @@ def rounds(table):
 
 
 def framed(name, size, middle, yaw, pattern, frame=WOOD):
-    """A picture on a wall: size is (width, height)."""
+    """A picture on a wall: size is (width, height); yaw is 0 in the north, -90 in the east, 90 in
+    the west, 180 in the south. Turned otherwise, its frame hides it."""
     turn = math.radians(yaw)
     wide, high = size
     x, y, z = middle
