@@ -53,7 +53,9 @@ def render_part(
 
     @jax.jit
     def run(leaves: list[Array], row: Array, part: Part):
-        return _seen(jax.tree.unflatten(structure, leaves), layout.camera(row), part, settings)
+        scene, camera = jax.tree.unflatten(structure, leaves), layout.camera(row)
+        u = sample_points(part, settings.options.samples)
+        return part_values(scene, camera, u, part, settings)
 
     return run
 
@@ -96,7 +98,9 @@ def _on_each(
             for name, x in zip(names, given, strict=True)
         )
         leaves, row, part = own
-        seen = _seen(jax.tree.unflatten(structure, leaves), layout.camera(row), part, alone)
+        scene, camera = jax.tree.unflatten(structure, leaves), layout.camera(row)
+        u = sample_points(part, settings.options.samples)
+        seen = part_values(scene, camera, u, part, alone)
         return jax.tree.map(lambda x: x[None], seen)
 
     return jax.jit(
@@ -107,44 +111,85 @@ def _on_each(
     )
 
 
-def _seen(
-    scene: Scene, camera: Camera, part: Part, settings: ProgramSettings
-) -> tuple[Array, Report]:
-    motion = _motion(scene, camera, part, settings)
+def part_values(
+    scene: Scene,
+    camera: Camera,
+    u: Float[Array, "samples 5"],
+    part: Part,
+    settings: ProgramSettings,
+    key_time: Float[Array, " keys"] | None = None,
+) -> tuple[Float[Array, "pixels 5"], Report]:
+    """Red, green, blue, coverage and mean distance of a part of a picture, and what they cost.
+
+    Pure and differentiable in the scene, the camera and the key times.
+
+    Args:
+        scene: The scene.
+        camera: The camera.
+        u: The samples of every pixel (`camera.camera_ray`).
+        part: The pixels.
+        settings: List sizes, key states, options and devices.
+        key_time: Times of the key states of the scene; None spreads them over the frame's times.
+    """
+    if key_time is None:
+        key_time = key_times(camera, part, settings.keys)
+    motion = _motion(scene, camera, key_time, settings.options)
     if camera.chromatic is not None:
 
-        def channel(magnification: Float[Array, ""]) -> tuple[Pixels, Report]:
-            return _traced(motion, camera, part, settings, magnification)
+        def channel(magnification: Float[Array, ""]) -> tuple[tuple[Pixels, Array | None], Report]:
+            return _traced(motion, camera, u, part, settings, magnification)
 
         seen, reports = over(channel, camera.chromatic)
-        color = jnp.stack([seen.color[i, :, i] for i in range(3)], axis=-1)
-        pixels = Pixels(color, jnp.mean(seen.transmittance, axis=0), jnp.mean(seen.depth, axis=0))
-        report = _all_of(reports)
+        report = merged_reports(reports)
     else:
-        pixels, report = _traced(motion, camera, part, settings)
-    alpha = 1 - pixels.transmittance
-    depth = pixels.depth / jnp.maximum(alpha, 1e-6)
-    return jnp.concatenate([pixels.color, alpha[:, None], depth[:, None]], axis=1), report
+        seen, report = _traced(motion, camera, u, part, settings)
+        seen = jax.tree.map(lambda x: x[None], seen)
+    return picture_values(*seen), report
+
+
+def picture_values(
+    pixels: Pixels, weight: Float[Array, "lenses pixels"] | None
+) -> Float[Array, "pixels 5"]:
+    """Red, green, blue, coverage and mean distance of pixels.
+
+    Args:
+        pixels: Means of the samples, with a leading axis: one for all colours, or one for each.
+        weight: Mean weights of the rays, which have multiplied the samples; None is 1.
+    """
+    if weight is not None:
+        pixels = _vignetted(pixels, weight)
+    color, transmittance, depth = pixels.color[0], pixels.transmittance[0], pixels.depth[0]
+    if len(pixels.color) == 3:
+        color = jnp.stack([pixels.color[i, :, i] for i in range(3)], axis=-1)
+        transmittance, depth = (
+            jnp.mean(pixels.transmittance, axis=0),
+            jnp.mean(pixels.depth, axis=0),
+        )
+    alpha = 1 - transmittance
+    depth = depth / jnp.maximum(alpha, 1e-6)
+    return jnp.concatenate([color, alpha[:, None], depth[:, None]], axis=1)
 
 
 def _traced(
     motion: Motion,
     camera: Camera,
+    u: Float[Array, "samples 5"],
     part: Part,
     settings: ProgramSettings,
     magnification: Float[Array, ""] | None = None,
-) -> tuple[Pixels, Report]:
-    """The part's pixels, each the mean of its samples; `magnification` is that of one colour."""
-    u, shared = _points(part, settings), samples_at_once(settings.options, settings.trace)
+) -> tuple[tuple[Pixels, Array | None], Report]:
+    """The part's pixels and the weights of their rays, each the mean of its samples;
+    `magnification` is that of one colour."""
+    shared = samples_at_once(settings.options, settings.trace)
     mine = None if part.share is None else part.share.seen
     # Once for all samples.
-    span = _span(camera, part)
+    span = frame_span(camera, part)
     scene = prepare(motion, span, options=settings.trace, capacity=settings.capacity)
 
     def trace_some(
         some: tuple[Array, Array | None],
     ) -> tuple[tuple[Pixels, Array | None], Report]:
-        rays = _rays(camera, part.pixel, *some, magnification)
+        rays = sample_rays(camera, part.pixel, *some, magnification)
         pixels, report = trace_sharded(
             scene,
             rays,
@@ -154,17 +199,22 @@ def _traced(
         )
         weight = rays.weight
         if weight is not None:
-            pixels = jax.tree.map(lambda x: x * _like(weight, x), pixels)
+            pixels = weighted(pixels, weight)
         return jax.tree.map(lambda x: jnp.mean(x, axis=0), (pixels, weight)), report
 
     groups = jax.tree.map(lambda x: x.reshape(-1, shared, x.shape[1]), (u, mine))
     seen, reports = over(trace_some, groups)
-    pixels, weight = jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], seen)
-    return pixels if weight is None else _vignetted(pixels, weight), _all_of(reports)
+    seen = jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], seen)
+    return seen, merged_reports(reports)
 
 
-def _points(part: Part, settings: ProgramSettings) -> Float[Array, "samples 5"]:
-    count = settings.options.samples
+def weighted(pixels: Pixels, weight: Float[Array, "*rays"]) -> Pixels:
+    """What rays see, times the weight of each."""
+    return jax.tree.map(lambda x: x * _like(weight, x), pixels)
+
+
+def sample_points(part: Part, count: int) -> Float[Array, "samples 5"]:
+    """The samples of every pixel: the plain ones, or those of the part's batch."""
     u = sobol_samples(count) if part.batch is None else shifted_samples(count, part.batch)
     return u.astype(part.pixel.dtype)
 
@@ -184,7 +234,8 @@ def _like(weight: Array, value: Array) -> Array:
     return weight.reshape(weight.shape + (1,) * (value.ndim - weight.ndim))
 
 
-def _all_of(reports: Report) -> Report:
+def merged_reports(reports: Report) -> Report:
+    """One report from several, which are stacked."""
     return Report(
         needed=jnp.max(reports.needed, axis=0),
         dropped=jnp.sum(reports.dropped),
@@ -193,7 +244,7 @@ def _all_of(reports: Report) -> Report:
     )
 
 
-def _rays(
+def sample_rays(
     camera: Camera,
     pixel: Array,
     u: Float[Array, "samples 5"],
@@ -215,9 +266,9 @@ def _rays(
     return jax.vmap(sample)(u, seen)
 
 
-def _motion(scene: Scene, camera: Camera, part: Part, settings: ProgramSettings) -> Motion:
-    key_time, options = _key_times(camera, part, settings.keys), settings.options
-
+def _motion(
+    scene: Scene, camera: Camera, key_time: Float[Array, " keys"], options: RenderOptions
+) -> Motion:
     def shown(gaussians: Gaussians) -> Gaussians:
         if options.dilation:
             gaussians = dilated(gaussians, camera, options.dilation)
@@ -243,13 +294,13 @@ def _motion(scene: Scene, camera: Camera, part: Part, settings: ProgramSettings)
     )
 
 
-def _span(camera: Camera, part: Part) -> Float[Array, "2"]:
+def frame_span(camera: Camera, part: Part) -> Float[Array, "2"]:
     """The earliest and the latest time at which a frame looks."""
     time = _decisive_times(camera, part)
     return jnp.stack([jnp.min(time), jnp.max(time)])
 
 
-def _key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
+def key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
     if not keys:
         place = jnp.stack([jnp.zeros_like(part.row), part.row])
         u = jnp.full((1, 5), 0.5, camera.time.dtype)
@@ -279,7 +330,8 @@ def prepare_trace(
     scene: Scene, camera: Camera, part: Part, *, settings: ProgramSettings
 ) -> tuple[Motion, Rays]:
     """What is traced at once, to measure list sizes with."""
-    u, some = _points(part, settings), samples_at_once(settings.options, settings.trace)
-    motion = _motion(scene, camera, part, settings)
+    some = samples_at_once(settings.options, settings.trace)
+    u = sample_points(part, settings.options.samples)
+    motion = _motion(scene, camera, key_times(camera, part, settings.keys), settings.options)
     seen = None if part.share is None else part.share.seen[:some]
-    return motion, _rays(camera, part.pixel, u[:some], seen)
+    return motion, sample_rays(camera, part.pixel, u[:some], seen)

@@ -36,14 +36,15 @@ class Part(eqx.Module):
     `pixel` are indices (column, row) in the order of the ray bundles; padding repeats a pixel;
     `slot` is the place of each pixel in that order. `row` is the row whose time a chunk of rows
     uses. `share` are the rays of one segment where several segments of a clip show a frame. `batch`
-    is the number of a batch of samples, None if there is only one.
+    is the number of a batch of samples, None if there is only one. Parts of several devices may be
+    stacked.
     """
 
-    pixel: Float[Array, "slots 2"]
-    slot: Int[Array, " pixels"]
-    row: Float[Array, ""]
+    pixel: Float[Array, "*devices slots 2"]
+    slot: Int[Array, "*devices pixels"]
+    row: Float[Array, "*devices"]
     share: Share | None = None
-    batch: Int[Array, ""] | None = None
+    batch: Int[Array, "*devices"] | None = None
 
 
 def whole_picture(film: Film, trace: TraceOptions) -> tuple[Part, TraceOptions]:
@@ -103,14 +104,18 @@ def strip(film: Film, rows: int, trace: TraceOptions, top: int) -> tuple[Part, T
     return part_of(film, np.where(order < 0, order, order + top * film.width), trace, top)
 
 
-def interleaved(film: Film, trace: TraceOptions, devices: int) -> tuple[Part, TraceOptions, Array]:
-    """A picture as one part per device, stacked, of interleaved blocks of tiles, for even work;
-    its trace options; and the place of each pixel among the slots of all parts."""
-    block = trace.bundle**2 * FAN**trace.levels
-    order = morton_tiles(film.width, film.height, trace.bundle, trace.levels).reshape(-1, block)
+def interleaved(
+    film: Film, trace: TraceOptions, devices: int, rows: int = 0, top: int = 0
+) -> tuple[Part, TraceOptions, Array]:
+    """A strip of so many rows from `top` on (0: the whole picture) as one part per device, stacked,
+    of interleaved blocks of tiles, for even work; its trace options; and the place of each pixel
+    among the slots of all parts."""
+    block, rows = trace.bundle**2 * FAN**trace.levels, rows or film.height
+    order = morton_tiles(film.width, rows, trace.bundle, trace.levels).reshape(-1, block)
+    order = np.where(order < 0, order, order + top * film.width)
     order = np.pad(order, ((0, -len(order) % devices), (0, 0)), constant_values=-1)
     order = order.reshape(-1, devices, block).swapaxes(0, 1).reshape(devices, -1)
-    whole, trace = part_of(film, order.reshape(-1), trace)
+    whole, trace = part_of(film, order.reshape(-1), trace, top)
     slots = jnp.arange(order.shape[1], dtype=jnp.int32)
     each = [Part(x, slots, whole.row) for x in whole.pixel.reshape(*order.shape, 2)]
     return jax.tree.map(lambda *x: jnp.stack(x), *each), trace, whole.slot

@@ -22,12 +22,19 @@ from gaussray.render.camera_layout import CameraLayout, pack_camera
 from gaussray.render.compiled import ProgramSettings, prepare_trace, render_frames, render_part
 from gaussray.render.frame import Frame as Frame, channels, joined, settled, united
 from gaussray.render.options import RenderOptions as RenderOptions
-from gaussray.render.parts import Part, part_of, strip, strips, whole_picture
+from gaussray.render.parts import Part, interleaved, part_of, strip, strips, whole_picture
 from gaussray.render.segments import Share, shares
+from gaussray.render.stages import (
+    in_stages,
+    rounded_capacity,
+    staged_needs,
+    staged_values,
+    usual_capacity,
+)
 from gaussray.scene.scene import Scene, key_count
 from gaussray.scene.segmented import Clip, edges_of, segments_of
 from gaussray.tracer.shard import mesh as device_mesh
-from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure
+from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
 
 
@@ -59,7 +66,8 @@ class Renderer:
         flat = [jax.tree.flatten(one) for one in self.scenes]
         self._flat = [(self._everywhere(leaves), structure) for leaves, structure in flat]
         self._capacity: dict[tuple, Capacity] = {}
-        self._parts: dict[tuple, tuple[Part, TraceOptions]] = {}
+        self._staged = in_stages(self.options, self.trace)
+        self._parts: dict[tuple, _PlacedPart] = {}
         self._ready: set = set()
         self._repairing = threading.Lock()
         # Key states by segment and span: a frame shall not ask the device for the instants.
@@ -97,8 +105,8 @@ class Renderer:
         """What every segment shows of every frame."""
         waiting: deque[tuple[list[_View], Future[list[Frame]]]] = deque()
         with ThreadPoolExecutor(_IN_FLIGHT) as pool:
-            for views in self._batches(self._views(cameras)):
-                batch = self._begin(views, alone=self.mesh.size == 1)
+            for views, lone in _with_lone(self._batches(self._views(cameras))):
+                batch = self._begin(views, alone=self.mesh.size == 1 or lone)
                 waiting.append((views, pool.submit(self._finish, batch)))
                 # After a compilation lists may turn out too short: better for one frame than eight.
                 while waiting and (len(waiting) > batch.in_flight or batch.compiled):
@@ -161,45 +169,59 @@ class Renderer:
             rows, trace = strips(film, self.options, self.trace, scene.count)
         else:
             rows, trace = min(self.options.chunk_rows, film.height), self.trace
-        batch = _Batch(views, alone, rows, trace)
+        layout = None if self._staged else views[0].layout
+        batch = _Batch(views, alone, rows, trace, layout)
         for top in (min(y, film.height - rows) for y in range(0, film.height, rows)):
             if batch.parts and jax.default_backend() == "cpu":
                 # Parts under way together share the cores' threads, where the sums over devices of
                 # one can wait for those of another without end.
-                jax.block_until_ready(batch.parts[-1][1])
+                jax.block_until_ready(batch.parts[-1][2])
             batch.parts.append((top, *self._launch(batch, top)))
         return batch
 
-    def _launch(self, batch: "_Batch", top: int):
-        """Values and report of a part, under way."""
+    def _launch(self, batch: "_Batch", top: int) -> tuple["_PlacedPart", Array, Report]:
+        """A part with its values and report, under way."""
         size = batch.size
-        part, trace = self._part(top, batch)
+        place = self._part(top, batch)
         if size not in self._capacity:
-            self._capacity[size] = self._measure(batch, part, trace)
-        settings = ProgramSettings(self._capacity[size], batch.keys, self.options, trace, self.mesh)
+            self._capacity[size] = self._measure(batch, place.part, place.trace)
+        settings = self._settings(batch, place, self._capacity[size])
         batch.compiled |= (size, settings.capacity) not in self._ready
         self._ready.add((size, settings.capacity))
-        rows, layout = [view.row for view in batch.views], batch.views[0].layout
+        layout = batch.views[0].layout
         leaves, structure = self._flat[batch.views[0].segment]
-        if batch.alone:
-            return render_part(structure, layout, settings)(leaves, rows[0], part)
-        # A device without a frame of its own repeats the last.
-        rows = np.stack(rows + rows[-1:] * (self.mesh.size - len(rows)))
-        return render_frames(structure, layout, settings)(leaves, rows, part)
+        rows = self._rows(batch)
+        if self._staged:
+            return place, *staged_values(structure, layout, settings, (leaves, rows, place.part))
+        program = render_part if batch.alone else render_frames
+        return place, *program(structure, layout, settings)(leaves, rows, place.part)
+
+    def _settings(
+        self, batch: "_Batch", place: "_PlacedPart", capacity: Capacity
+    ) -> ProgramSettings:
+        return ProgramSettings(capacity, batch.keys, self.options, place.trace, self.mesh)
+
+    def _rows(self, batch: "_Batch") -> np.ndarray:
+        """The numbers of the camera of every device. A device without a frame of its own repeats
+        the last."""
+        rows = [view.row for view in batch.views]
+        if batch.alone and not self._staged:
+            return rows[0]
+        return np.stack(rows + rows[-1:] * (self.mesh.size - len(rows)))
 
     def _finish(self, batch: "_Batch") -> list[Frame]:
         """The frames of a batch; parts whose lists were too short are rendered again."""
         film, hits, count = batch.film, 0, len(batch.views)
         pieces = []
-        for top, values, report in batch.parts:
+        for top, place, values, report in batch.parts:
             while np.any(report.dropped):
                 needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1])
                 wanted = [int(n) for n in needed.max(axis=0)]
                 with self._repairing:
-                    held = self._capacity[batch.size]
-                    self._capacity[batch.size] = enlarged_capacity(held, wanted, headroom=1.5)
-                    values, report = self._launch(batch, top)
-            seen = [x.reshape(batch.rows, film.width, 5) for x in _pictures(values, count)]
+                    known = self._capacity[batch.size]
+                    self._capacity[batch.size] = self._enlarged(known, wanted)
+                    _, values, report = self._launch(batch, top)
+            seen = [x.reshape(batch.rows, film.width, 5) for x in _pictures(values, place, count)]
             pieces.append((top, seen))
             hits += int(np.sum(report.hits))
         seconds = (clock.monotonic() - batch.began) / count
@@ -208,23 +230,42 @@ class Renderer:
             for x in (joined(film, [(top, seen[i]) for top, seen in pieces]) for i in range(count))
         ]
 
-    def _part(self, top: int, batch: "_Batch") -> tuple[Part, TraceOptions]:
+    def _part(self, top: int, batch: "_Batch") -> "_PlacedPart":
+        """The part of a batch whose first row is `top`, on the devices."""
         film, trace = batch.film, batch.trace
-        key = film.width, film.height, top, batch.rows, batch.keys == 0, trace.levels
+        key = film.width, film.height, top, batch.rows, batch.keys == 0, trace.levels, batch.alone
         if key not in self._parts:
-            if batch.keys and batch.rows == film.height:
-                part, trace = whole_picture(film, trace)
-            elif batch.keys:
-                part, trace = strip(film, batch.rows, trace, top)
-            else:
-                y, x = np.mgrid[top : top + batch.rows, : film.width]
-                part, trace = part_of(film, (y * film.width + x).T.reshape(-1), trace, top)
-            self._parts[key] = self._everywhere(part), trace
-        part, trace = self._parts[key]
-        view = batch.views[0]
+            self._parts[key] = self._placed(top, batch)
+        place, view = self._parts[key], batch.views[0]
         number = None if view.number is None else jnp.asarray(view.number, jnp.int32)
-        share, number = self._everywhere((view.share, number))
-        return replace(part, share=share, batch=number), trace
+        share, number = self._by_device((view.share, number))
+        return place._replace(part=replace(place.part, share=share, batch=number))
+
+    def _placed(self, top: int, batch: "_Batch") -> "_PlacedPart":
+        film, trace, slots = batch.film, batch.trace, None
+        if not batch.keys:
+            y, x = np.mgrid[top : top + batch.rows, : film.width]
+            part, trace = part_of(film, (y * film.width + x).T.reshape(-1), trace, top)
+        elif self._staged and batch.alone and self.mesh.size > 1:
+            part, trace, slots = interleaved(film, trace, self.mesh.size, batch.rows, top)
+            part, slots = jax.device_put(part, self._split()), np.asarray(slots)
+            return _PlacedPart(part, trace, slots)
+        elif batch.rows == film.height:
+            part, trace = whole_picture(film, trace)
+        else:
+            part, trace = strip(film, batch.rows, trace, top)
+        return _PlacedPart(self._by_device(part), trace)
+
+    def _by_device(self, tree):
+        """Arrays that are the same for every device, as the programs take them."""
+        if not self._staged:
+            return self._everywhere(tree)
+        tree = jax.tree.map(lambda x: jnp.broadcast_to(x, (self.mesh.size, *x.shape)), tree)
+        return tree if self.mesh.size == 1 else jax.device_put(tree, self._split())
+
+    def _split(self) -> NamedSharding:
+        """Arrays with a leading axis of devices."""
+        return NamedSharding(self.mesh, PartitionSpec("rays"))
 
     def _everywhere(self, tree):
         """On every device, once for all frames."""
@@ -233,10 +274,12 @@ class Renderer:
         return jax.device_put(tree, NamedSharding(self.mesh, PartitionSpec()))
 
     def _measure(self, batch: "_Batch", part: Part, trace: TraceOptions) -> Capacity:
+        scene = self.scenes[batch.views[0].segment]
+        if self._staged:
+            return self._first_sizes(batch, _PlacedPart(part, trace), scene)
         unknown = ProgramSettings(Capacity((), 0, 0), batch.keys, self.options, trace, None)
         part = jax.device_get(part)
         camera = batch.views[0].camera
-        scene = self.scenes[batch.views[0].segment]
         motion, rays = prepare_trace(scene, camera, part, settings=unknown)
         found = measure(motion, rays, options=trace, headroom=1.5)
         # A device sees its share of the bundles, but any one device may get the fullest.
@@ -247,6 +290,44 @@ class Renderer:
             found.slots,
             found.transient,
         )
+
+    def _first_sizes(self, batch: "_Batch", place: "_PlacedPart", scene: Scene) -> Capacity:
+        """Sizes that the first sample of a batch fits into, at least those of an ordinary scene."""
+        capacity = usual_capacity(place.part, place.trace, scene)
+        leaves, structure = self._flat[batch.views[0].segment]
+        arguments = leaves, self._rows(batch), place.part
+        while True:
+            settings = self._settings(batch, place, capacity)
+            needed, dropped = staged_needs(structure, batch.views[0].layout, settings, arguments)
+            capacity = self._enlarged(capacity, needed)
+            if not dropped:
+                return capacity
+
+    def _enlarged(self, capacity: Capacity, needed: list[int]) -> Capacity:
+        """Sizes with room for what is needed; in stages powers of two, so that few sets of programs
+        serve all cameras."""
+        capacity = enlarged_capacity(capacity, needed, headroom=1.5)
+        return rounded_capacity(capacity) if self._staged else capacity
+
+
+class _PlacedPart(NamedTuple):
+    """A part of a picture on the devices, how it is traced, and the place of each pixel among the
+    slots of all devices (None: every device has whole pictures)."""
+
+    part: Part
+    trace: TraceOptions
+    slots: np.ndarray | None = None
+
+
+def _with_lone(batches: Iterable[list["_View"]]) -> Iterator[tuple[list["_View"], bool]]:
+    """Batches, each with whether it is a single frame and there is no other batch."""
+    batches = iter(batches)
+    first, second = next(batches, None), next(batches, None)
+    if first is not None:
+        yield first, second is None and len(first) == 1
+    if second is not None:
+        yield second, False
+    yield from ((batch, False) for batch in batches)
 
 
 class _View(NamedTuple):
@@ -273,13 +354,21 @@ class _View(NamedTuple):
 class _Batch:
     """Frames under way: one whose rays are spread over the devices (`alone`), or one on each."""
 
-    def __init__(self, views: list[_View], alone: bool, rows: int, trace: TraceOptions):
+    def __init__(
+        self,
+        views: list[_View],
+        alone: bool,
+        rows: int,
+        trace: TraceOptions,
+        layout: CameraLayout | None,
+    ):
         self.views, self.alone, self.rows, self.trace = views, alone, rows, trace
         self.film, self.keys = views[0].camera.film, views[0].keys
         self.began, self.compiled = clock.monotonic(), False
         self.parts: list[tuple] = []
         of = views[0].segment, views[0].share is None
-        self.size = (self.film.width, rows, self.keys, views[0].layout, alone, *of)
+        # None where cameras of any layout share list sizes.
+        self.size = (self.film.width, rows, self.keys, layout, alone, *of)
 
     @property
     def in_flight(self) -> int:
@@ -290,10 +379,12 @@ class _Batch:
         return min(max(_BYTES // size, 1), _IN_FLIGHT)
 
 
-def _pictures(values: Array, count: int) -> list[np.ndarray]:
+def _pictures(values: Array, place: _PlacedPart, count: int) -> list[np.ndarray]:
     """The frames of a batch, one from each device, as they came: nothing is copied once more."""
     if values.ndim == 2:
         return [np.asarray(values)]
+    if place.slots is not None:
+        return [np.asarray(values).reshape(-1, values.shape[-1])[place.slots]]
     shards = sorted(values.addressable_shards, key=lambda shard: shard.index[0].start)
     return [np.asarray(shard.data) for shard in shards[:count]]
 

@@ -117,8 +117,24 @@ def _wants(count: Array, options: TraceOptions, capacity: Capacity) -> tuple[Arr
 def _trace_arrays(
     scene: Prepared, rays: Rays, *, options: TraceOptions, capacity: Capacity
 ) -> tuple[Pixels, Report]:
-    motion, count = scene.motion, rays.time.shape[1]
     lists, skipped = find(scene, rays, options=options, capacity=capacity)
+    pixels, hits = march_lists(scene.motion, rays, lists, options=options, slots=capacity.slots)
+    return pixels, Report(lists.needed, lists.dropped, skipped, hits)
+
+
+def march_lists(
+    motion: Motion, rays: Rays, lists: Candidates, *, options: TraceOptions, slots: int
+) -> tuple[Pixels, Float[Array, ""]]:
+    """What rays see of the Gaussians in the lists of their bundles, and all their hits.
+
+    Args:
+        motion: the scene, as `prepare` leaves it.
+        rays: samples of the same rays, with a leading axis.
+        lists: from `find`.
+        options: how to trace.
+        slots: length of the longest list that there is room for.
+    """
+    count = rays.time.shape[1]
     rows, layout = gaussian_table(motion), columns(motion)
 
     def one(rays: Rays):
@@ -128,14 +144,14 @@ def _trace_arrays(
             (lists.index, lists.start, lists.count),
             options,
             layout,
-            capacity.slots,
+            slots,
         )
         flat = channels.reshape(4, -1)[:, :count]
         pixels = Pixels(flat[:3].T, transmittance.reshape(-1)[:count], flat[3])
         return pixels, total_hits(hits)
 
     pixels, hits = over(one, rays)
-    return pixels, Report(lists.needed, lists.dropped, skipped, jnp.sum(hits))
+    return pixels, jnp.sum(hits)
 
 
 def lanes_of(motion: Motion, bundled: Rays) -> Lanes:

@@ -1,0 +1,250 @@
+"""A picture in stages, each a program of its own: camera, motion, lists, march, mean.
+
+Only the first stage knows the camera, so that all lenses, apertures and shutters share the programs
+of the others, which take most of the compilation. Every device of a mesh runs each stage on
+arguments of its own (their leading axis); no device waits for another.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.sharding import Mesh, PartitionSpec
+from jax.tree_util import PyTreeDef
+from jaxtyping import Array, Float, Int
+
+from gaussray.camera.rays import Rays
+from gaussray.render.camera_layout import CameraLayout
+from gaussray.render.compiled import (
+    ProgramSettings,
+    frame_span,
+    key_times,
+    merged_reports,
+    picture_values,
+    sample_points,
+    sample_rays,
+    weighted,
+)
+from gaussray.render.options import RenderOptions
+from gaussray.render.parts import Part
+from gaussray.runtime.programs import ProgramCache
+from gaussray.scene.scene import Scene
+from gaussray.tracer.composite import Pixels
+from gaussray.tracer.motion import scene_motion
+from gaussray.tracer.options import TraceOptions, on_kernel
+from gaussray.tracer.trace import Prepared, Report, find, march_lists, prepare
+from gaussray.tracer.traverse import Candidates, Capacity
+
+
+# Leaves of a scene; with a leading axis of devices the numbers of a camera and a part of a picture.
+StageArguments = tuple[list[Any], np.ndarray, Part]
+
+
+class Seen(eqx.Module):
+    """What some samples see, summed: pixels by lens (one, or one for each colour channel), each
+    times the weight of its ray (None: all weights are 1), and what that cost."""
+
+    pixels: Pixels
+    weight: Float[Array, "lenses slots"] | None
+    report: Report
+
+
+def in_stages(options: RenderOptions, trace: TraceOptions) -> bool:
+    """Whether pictures are rendered in stages: by the array tracer, of Gaussians that do not depend
+    on the camera."""
+    plain = not options.dilation and options.harmonics == "ray"
+    return plain and not on_kernel(trace, jnp.float32)
+
+
+def usual_capacity(part: Part, trace: TraceOptions, scene: Scene) -> Capacity:
+    """List sizes of an ordinary picture of this part, which has a leading axis of devices."""
+    bundles = -(-part.pixel.shape[-2] // trace.bundle**2)
+    transient = 0 if scene.transient is None else scene.transient.count
+    alive = min(transient, max(64, transient // 16))
+    sizes = Capacity((256 * bundles,) * (trace.levels + 1), 512 * bundles, 1024, alive)
+    return rounded_capacity(sizes)
+
+
+def rounded_capacity(capacity: Capacity) -> Capacity:
+    """List sizes rounded up to powers of two."""
+
+    def rounded(size: int) -> int:
+        return 1 << max(size - 1, 0).bit_length() if size else 0
+
+    return Capacity(
+        tuple(map(rounded, capacity.cells)),
+        rounded(capacity.pairs),
+        rounded(capacity.slots),
+        rounded(capacity.transient),
+    )
+
+
+def staged_values(
+    structure: PyTreeDef,
+    layout: CameraLayout,
+    settings: ProgramSettings,
+    arguments: StageArguments,
+) -> tuple[Array, Report]:
+    """Red, green, blue, coverage and mean distance of a part's pixels, and what they cost, on every
+    device.
+
+    Args:
+        structure: Structure of the scene.
+        layout: Layout of the camera's numbers.
+        settings: List sizes, key states, options and devices.
+        arguments: Leaves of the scene, numbers of the camera and part of the picture.
+    """
+    stages = _Stages(structure, layout, settings)
+    leaves, row, part = arguments
+    motion, seen = None, None
+    for sample in range(settings.options.samples):
+        rays, times = stages.camera(row, part, np.int32(sample))
+        motion = stages.motion(leaves, times) if motion is None else motion
+        lists, skipped = stages.lists(motion, rays)
+        one = stages.march(motion, rays, lists, skipped)
+        seen = one if seen is None else stages.add(seen, one)
+    return stages.mean(seen, part.slot, np.float32(settings.options.samples))
+
+
+def staged_needs(
+    structure: PyTreeDef,
+    layout: CameraLayout,
+    settings: ProgramSettings,
+    arguments: StageArguments,
+) -> tuple[list[int], int]:
+    """The list sizes that the first sample needs, and how many entries the settings have no place
+    for."""
+    stages = _Stages(structure, layout, settings)
+    leaves, row, part = arguments
+    rays, times = stages.camera(row, part, np.int32(0))
+    lists, _ = stages.lists(stages.motion(leaves, times), rays)
+    needed = np.asarray(lists.needed)
+    needed = needed.reshape(-1, needed.shape[-1]).max(axis=0)
+    return [int(n) for n in needed], int(np.sum(lists.dropped))
+
+
+class _Stages:
+    """The programs of a picture, each shared with all pictures that it is the same for."""
+
+    def __init__(self, structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings):
+        mesh, trace, capacity = settings.mesh, settings.trace, settings.capacity
+        samples = settings.options.samples
+        self.camera = _camera_program(layout, settings.keys, samples, mesh)
+        self.motion = _motion_program(structure, trace, capacity.transient, mesh)
+        self.lists = _lists_program(trace, capacity, mesh)
+        self.march = _march_program(trace, capacity.slots, mesh)
+        self.add, self.mean = _add_program(mesh), _mean_program(mesh)
+
+
+@ProgramCache(48)
+def _camera_program(
+    layout: CameraLayout, keys: int, samples: int, mesh: Mesh | None
+) -> Callable[..., tuple[Rays, tuple[Array, Array]]]:
+    """(numbers of a camera, part, index of a sample) -> rays, by lens and slot; key times and the
+    first and last time of the frame."""
+
+    def run(row: Array, part: Part, sample: Int[Array, ""]):
+        camera = layout.camera(row)
+        u = jax.lax.dynamic_slice_in_dim(sample_points(part, samples), sample, 1)
+        seen = None
+        if part.share is not None:
+            seen = jax.lax.dynamic_slice_in_dim(part.share.seen, sample, 1)
+        colors = camera.chromatic
+        lenses = [None] if colors is None else [colors[0], colors[1], colors[2]]
+        rays = [sample_rays(camera, part.pixel, u, seen, lens) for lens in lenses]
+        rays = jax.tree.map(lambda *x: jnp.concatenate(x), *rays)
+        return rays, (key_times(camera, part, keys), frame_span(camera, part))
+
+    return _on_devices(run, mesh, common=(2,))
+
+
+@ProgramCache(12)
+def _motion_program(
+    structure: PyTreeDef, trace: TraceOptions, transient: int, mesh: Mesh | None
+) -> Callable[..., Prepared]:
+    """(leaves of a scene, times) -> the scene across these times, sorted into a grid."""
+    capacity = Capacity((), 0, 0, transient)
+
+    def run(leaves: list[Array], times: tuple[Array, Array]) -> Prepared:
+        scene, (key_time, span) = jax.tree.unflatten(structure, leaves), times
+        motion = scene_motion(scene, key_time, scene.time_range)
+        return prepare(motion, span, options=trace, capacity=capacity)
+
+    return _on_devices(run, mesh, common=(0,))
+
+
+@ProgramCache(12)
+def _lists_program(
+    trace: TraceOptions, capacity: Capacity, mesh: Mesh | None
+) -> Callable[..., tuple[Candidates, Array]]:
+    """(scene, rays) -> the Gaussians that every bundle may meet; how many are not finite."""
+
+    def run(scene: Prepared, rays: Rays) -> tuple[Candidates, Array]:
+        return find(scene, rays, options=trace, capacity=capacity)
+
+    return _on_devices(run, mesh)
+
+
+@ProgramCache(12)
+def _march_program(trace: TraceOptions, slots: int, mesh: Mesh | None) -> Callable[..., Seen]:
+    """(scene, rays, lists, Gaussians that are not finite) -> what the rays see."""
+
+    def run(scene: Prepared, rays: Rays, lists: Candidates, skipped: Array) -> Seen:
+        pixels, hits = march_lists(scene.motion, rays, lists, options=trace, slots=slots)
+        if rays.weight is not None:
+            pixels = weighted(pixels, rays.weight)
+        return Seen(pixels, rays.weight, Report(lists.needed, lists.dropped, skipped, hits))
+
+    return _on_devices(run, mesh)
+
+
+@ProgramCache(4)
+def _add_program(mesh: Mesh | None) -> Callable[[Seen, Seen], Seen]:
+    def run(one: Seen, other: Seen) -> Seen:
+        reports = jax.tree.map(lambda *x: jnp.stack(x), one.report, other.report)
+        sums = (one.pixels, one.weight), (other.pixels, other.weight)
+        pixels, weight = jax.tree.map(jnp.add, *sums)
+        return Seen(pixels, weight, merged_reports(reports))
+
+    return _on_devices(run, mesh)
+
+
+@ProgramCache(4)
+def _mean_program(mesh: Mesh | None) -> Callable[..., tuple[Array, Report]]:
+    """(sums, slots of the pixels, number of samples) -> values of the pixels, report."""
+
+    def run(seen: Seen, slot: Array, samples: Float[Array, ""]) -> tuple[Array, Report]:
+        sums = seen.pixels, seen.weight
+        pixels, weight = jax.tree.map(lambda x: (x / samples.astype(x.dtype))[:, slot], sums)
+        return picture_values(pixels, weight), seen.report
+
+    return _on_devices(run, mesh, common=(2,))
+
+
+def _on_devices(function: Callable, mesh: Mesh | None, common: tuple[int, ...] = ()) -> Callable:
+    """A compiled function that every device of a mesh runs on its own arguments, which have a
+    leading axis of devices; those at the places `common` are the same for all."""
+
+    def one_device(*arguments):
+        own = (
+            x if i in common else jax.tree.map(lambda leaf: leaf[0], x)
+            for i, x in enumerate(arguments)
+        )
+        return jax.tree.map(lambda x: x[None], function(*own))
+
+    if mesh is None or mesh.size == 1:
+        return jax.jit(one_device)
+
+    split = PartitionSpec(mesh.axis_names[0])
+
+    def everywhere(*arguments):
+        specs = tuple(PartitionSpec() if i in common else split for i in range(len(arguments)))
+        spread: Callable = jax.shard_map(
+            one_device, mesh=mesh, in_specs=specs, out_specs=split, check_vma=False
+        )
+        return spread(*arguments)
+
+    return jax.jit(everywhere)
