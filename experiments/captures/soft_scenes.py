@@ -28,7 +28,7 @@ from experiments.paired_benchmark.stage import FRAMES, cameras
 
 
 POINTS, ON_MOVING = 12000, 3000  # starting points, and those of them on what moves
-BETWEEN = (4.5, 9.5, 14.5)  # times between two frames, for held-out cameras alone
+BETWEEN = 3  # times in the middle between two frames, for held-out cameras alone
 
 
 @dataclass(frozen=True)
@@ -106,7 +106,8 @@ def plan_pictures(plan, rig, seed):
     placed = cameras(rig, plan.cameras, plan.held_cameras, seed)
     last = plan.frames - 1
     indices = [(camera, index) for camera in placed for index in range(plan.frames)]
-    indices += [(camera, index) for camera in placed if camera[1] == "test" for index in BETWEEN]
+    between = [k * last // (BETWEEN + 1) + 0.5 for k in range(1, BETWEEN + 1)]
+    indices += [(camera, index) for camera in placed if camera[1] == "test" for index in between]
     return [
         Picture(
             f"images/{name}/{index:04.1f}.jpg".replace(".0.", "."), name, split, pose, index / last

@@ -1,0 +1,65 @@
+"""The generator of moving scenes with Blender itself: a capture that is whole, and resuming."""
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from experiments.paired_benchmark.geometry.proof import PYTHON_KEY, blender_python
+from gaussray.capture.formats.paired import read_capture
+from gaussray.capture.frames import read_encoded
+from gaussray.capture.picture_file import check_images
+
+
+ROOT = Path(__file__).parents[1]
+SMALL = ["--size", "32", "--cameras", "5", "--held-cameras", "1", "--frames", "5"]
+SMALL += ["--samples", "2", "--truth-samples", "2"]
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        blender_python() is None, reason=f"needs bpy here, or {PYTHON_KEY} naming a Python with it"
+    ),
+]
+
+
+def generate(out, *words):
+    """Exit code and output of the command."""
+    command = [blender_python(), "-m", "experiments.captures.soft_scenes", "soft_two"]
+    command += ["--out", str(out), *SMALL, *words]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    return done.returncode, done.stdout + done.stderr
+
+
+def files(out):
+    return {
+        str(path.relative_to(out)): path.read_bytes() for path in out.rglob("*") if path.is_file()
+    }
+
+
+def test_a_capture_is_whole_moves_and_is_the_same_after_a_stop(tmp_path):
+    code, said = generate(tmp_path)
+    assert code == 0, said
+    whole = files(tmp_path)
+    capture = read_capture(tmp_path / "soft_two")
+    check_images(capture.views)
+    held_out = [view for view in capture.views if view.split == "test"]
+    assert capture.points is not None and (len(capture.views), len(held_out)) == (28, 8)
+    trained = {view.time for view in capture.views if view.split == "train"}
+    assert sorted(view.time for view in held_out if view.time not in trained) == [
+        0.375,
+        0.625,
+        0.875,
+    ]
+    first = np.stack([read_encoded(v) for v in capture.views if v.camera_name == "cam00"]) / 255.0
+    assert (np.ptp(first, axis=0).max(axis=-1) > 0.2).mean() > 0.02
+
+    # The last picture of a session, and one in its middle, rendered in a session of their own.
+    for name in ("images/cam04/03.5.jpg", "images/cam02/03.jpg", "points3d.ply"):
+        (tmp_path / "soft_two" / name).unlink()
+    code, said = generate(tmp_path)
+    assert code == 0, said
+    assert files(tmp_path) == whole
+
+    code, said = generate(tmp_path, "--samples", "3")
+    assert code != 0 and "written with other settings" in said
