@@ -28,8 +28,21 @@ if importlib.util.find_spec("beartype"):
 
     install_import_hook("gaussray", "beartype.beartype")
 
-# Files of a minute and more.
-LONG = ("test_labels.py", "test_reconstruct.py", "test_trace.py", "test_refining.py")
+# The files that take longest, longest first.
+LONG = (
+    "reconstruct/test_pipeline.py",
+    "cli/test_commands.py",
+    "tracer/test_trace.py",
+    "render/aov/test_labeller.py",
+    "reconstruct/test_previous_version.py",
+    "reconstruct/test_camera_refinement.py",
+    "reconstruct/initialize/test_body_tracking.py",
+    "reconstruct/initialize/stereo/test_matching.py",
+    "render/randomize/test_generate.py",
+    "calibrate/test_pipeline.py",
+    "test_benchmarks.py",
+    "reconstruct/simplify/test_prune.py",
+)
 # Room for what the largest module compiles.
 MAPPINGS = 45_000
 
@@ -40,7 +53,9 @@ jax.config.update("jax_numpy_rank_promotion", "raise")
 def pytest_collection_modifyitems(items):
     """The files that take longest come first, so that all processes end together; tests marked
     `gpu` are skipped where JAX sees no CUDA device."""
-    items.sort(key=lambda item: item.path.name not in LONG)
+    tests = pathlib.Path(__file__).parent
+    rank = {str(pathlib.Path(name)): place for place, name in enumerate(LONG)}
+    items.sort(key=lambda item: rank.get(os.path.relpath(item.path, tests), len(LONG)))
     if jax.default_backend() == "gpu":
         return
     skip = pytest.mark.skip(reason="no CUDA device")

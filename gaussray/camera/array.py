@@ -11,12 +11,18 @@ from gaussray.camera.shutter import time_window
 
 
 class CameraSet(eqx.Module):
-    """The number of each frame's camera, every camera's `place` (its mean) and the angle of a
-    `pixel` in its middle (radians), the `extent` of the places (the scene's unit), the `interval`
-    between instants, and which joint poses are `free`: the projector that takes a
-    similarity of all cameras out of their turns and shifts (`refinement.Corrections`, flattened by
-    camera). No camera looks `earlier` than its instant by more than that, nor `later`, in the
-    capture's unit of time.
+    """The training cameras of a capture.
+
+    Args:
+        owner: number of the camera of each frame.
+        place: mean position of each camera.
+        pixel: angle between neighbouring pixels in the middle of each camera's picture, in radians.
+        extent: radius of the cameras' positions, the length unit of learning rates.
+        interval: time between two timestamps.
+        free: projector onto the pose corrections of all cameras (`Corrections.pose`, flattened)
+            that are not a common similarity transform.
+        earlier: the longest time between a row's exposure and its frame's timestamp, before it.
+        later: the same after the timestamp, in the capture's unit of time.
     """
 
     owner: Int[Array, " frames"]
@@ -30,7 +36,7 @@ class CameraSet(eqx.Module):
 
     @property
     def count(self) -> int:
-        """How many cameras there are."""
+        """The number of cameras."""
         return self.free.shape[0] // 6
 
 
@@ -41,7 +47,15 @@ def camera_set(
     extent: float,
     refine: tuple[str, ...] = (),
 ) -> CameraSet:
-    """The cameras of frames (`camera`, stacked); times leave room for what is refined of them."""
+    """The set of training cameras.
+
+    Args:
+        owner: number of the camera of each frame.
+        camera: the stacked cameras of the frames.
+        extent: radius of the cameras' positions.
+        refine: what is refined of the cameras. With shutter or offset, `earlier` and `later` leave
+            room for it.
+    """
     dtype, film = camera.time.dtype, camera.film
     place = np.asarray(camera.trajectory.translation, np.float64).mean(axis=1)
     place = np.stack([place[owner == i].mean(axis=0) for i in range(owner.max() + 1)])
@@ -65,7 +79,7 @@ def camera_set(
 
 
 def resolved(cameras: CameraSet, mean: Float[Array, "gaussians 3"]) -> Float[Array, " gaussians"]:
-    """How far apart the pixels of the camera are that sees each place most finely."""
+    """Distance of neighbouring pixels at each Gaussian, in the camera that resolves it best."""
 
     def nearest(place: Float[Array, "3"]) -> Float[Array, ""]:
         away = cameras.place - place[None]
@@ -75,14 +89,14 @@ def resolved(cameras: CameraSet, mean: Float[Array, "gaussians 3"]) -> Float[Arr
 
 
 def rays_per_pixel(camera: Camera) -> int:
-    """One where every picture is sharp, four where an aperture or an exposure blurs."""
+    """Rays per pixel in training: 1 for sharp pictures, 4 with depth of field or motion blur."""
     blur = camera.aperture.radius, camera.shutter.exposure
     return 4 if any(np.any(np.asarray(x)) for x in blur) else 1
 
 
 @jax.jit
 def _pixel_angle(cameras: Camera) -> Float[Array, " cameras"]:
-    """Angle between the rays of two neighbouring pixels in the middle of the picture."""
+    """Angle between the rays of neighbouring pixels in the middle of the picture, in radians."""
     film = cameras.film
     dtype = cameras.time.dtype
     pair = jnp.asarray([[film.width / 2 + x, film.height / 2] for x in (-0.5, 0.5)], dtype)
@@ -95,7 +109,7 @@ def _pixel_angle(cameras: Camera) -> Float[Array, " cameras"]:
 
 
 def _free(place: Float[np.ndarray, "cameras 3"]) -> Float[np.ndarray, "poses poses"]:
-    """Projector along the small turns, shifts and scalings of the whole set."""
+    """Projector that removes small rotations, translations and scalings of the whole set."""
     place = place - place.mean(axis=0, keepdims=True)
     axes = np.eye(3)
     whole = np.zeros((len(place), 6, 7))

@@ -1,4 +1,4 @@
-"""Corrections of recorded training cameras, which a reconstruction learns along with the scene."""
+"""Corrections of the training cameras, which are learnt together with the scene."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -17,22 +17,22 @@ from gaussray.camera.shutter import Shutter
 from gaussray.geometry import multiply, product, turning
 
 
-# What fit.refine can name: the fields of `Corrections`.
+# The values of fit.refine: the fields of `Corrections`.
 REFINABLE = ("pose", "lens", "shutter", "exposure", "offset")
 
 
 class Corrections(eqx.Module):
-    """Corrections of every training camera: all zero is the cameras as recorded, None is not
-    refined.
+    """Corrections of every training camera. Zero leaves a camera as recorded; None: not refined.
 
-    `pose` is a rotation vector about the camera's own place and a shift, along the world's axes, in
-    radians and extents. `lens` is the logarithm of a factor of both focal lengths, a shift of the
-    principal point in focal lengths (those on the axis), and what is added to the lens's
-    coefficients (those that are not zero). `shutter` is the logarithm of a factor of row step and
-    row offset: a single one, for cameras of one make read alike, and what one of them sees says
-    little. `exposure` is the logarithm of exposure times white balance, by channel of linear light.
-    `offset` is how much later than recorded a camera looks, in intervals between the capture's
-    instants.
+    Args:
+        pose: rotation vector about the camera's position, in radians, and translation, in extents;
+            both along the world's axes.
+        lens: logarithm of a factor of both focal lengths; shift of the principal point, in focal
+            lengths; changes of the lens's coefficients that are not zero.
+        shutter: logarithm of a factor of row step and row offset, one for all cameras: cameras of
+            one kind have one readout, and a single camera determines it poorly.
+        exposure: logarithm of exposure times white balance, per channel of linear light.
+        offset: delay of a camera, in intervals between timestamps.
     """
 
     pose: Float[Array, "*cameras 6"] | None = None
@@ -43,7 +43,19 @@ class Corrections(eqx.Module):
 
 
 def no_corrections(refine: Sequence[str], count: int, camera: Camera) -> Corrections | None:
-    """Zeros for what is refined of so many cameras like these; None if nothing is."""
+    """Corrections of zero.
+
+    Args:
+        refine: what is refined, of `REFINABLE`.
+        count: number of cameras.
+        camera: the stacked cameras of the frames.
+
+    Returns:
+        The corrections; None if nothing is refined.
+
+    Raises:
+        ValueError: the readout or the lens cannot be refined.
+    """
     if not refine:
         return None
     shutter = camera.shutter
@@ -66,15 +78,15 @@ def no_corrections(refine: Sequence[str], count: int, camera: Camera) -> Correct
 
 
 def refined_kinds(corrections: Corrections | None) -> tuple[str, ...]:
-    """What of `REFINABLE` the corrections hold."""
+    """The fields of the corrections that are refined."""
     return tuple(kind for kind in REFINABLE if getattr(corrections, kind, None) is not None)
 
 
 def correctable(lens: AbstractLens, key: str = "fit.refine") -> CorrectableLens:
-    """The lens, if its parameters may be corrected; `key` names the option that asks for it.
+    """Check that a lens is a `CorrectableLens`, and return it.
 
     Raises:
-        ValueError: If the lens is no `CorrectableLens`.
+        ValueError: the lens is not correctable; the message names the option `key`.
     """
     if not isinstance(lens, CorrectableLens):
         raise ValueError(
@@ -110,30 +122,30 @@ def gauge_fixed(corrections: Corrections, cameras: CameraSet) -> Corrections:
     return Corrections(pose, corrections.lens, shutter, exposure, offset)
 
 
-def refined(camera: Camera, own: Corrections, cameras: CameraSet) -> Camera:
-    """One camera with its row of the `gauge_fixed` corrections.
+def refined(camera: Camera, row: Corrections, cameras: CameraSet) -> Camera:
+    """A camera with its row of the `gauge_fixed` corrections applied.
 
-    Its exposure is no part of the camera and is left to the caller.
+    A camera has no exposure gain; the caller applies `row.exposure`.
     """
     trajectory, shutter, lens = camera.trajectory, camera.shutter, camera.lens
-    if own.pose is not None:
-        turn = turning(own.pose[:3])
+    if row.pose is not None:
+        turn = turning(row.pose[:3])
         quat = jax.vmap(multiply, in_axes=(None, 0))(turn, trajectory.quat)
-        place = trajectory.translation + cameras.extent * own.pose[None, 3:]
+        place = trajectory.translation + cameras.extent * row.pose[None, 3:]
         trajectory = dataclasses.replace(trajectory, quat=quat, translation=place)
-    if own.lens is not None:
+    if row.lens is not None:
         # Coefficients that the capture leaves out stay zero.
         lens = correctable(lens)
-        change = jnp.where(lens.coefficient_values != 0, own.lens[3:], 0)
-        lens = lens.corrected(jnp.exp(own.lens[0]), own.lens[1:3], change)
-    if own.shutter is not None:
-        factor = jnp.exp(own.shutter)
+        change = jnp.where(lens.coefficient_values != 0, row.lens[3:], 0)
+        lens = lens.corrected(jnp.exp(row.lens[0]), row.lens[1:3], change)
+    if row.shutter is not None:
+        factor = jnp.exp(row.shutter)
         readout = "row_offset", "row_step", "row_times"
-        told = {key: getattr(shutter, key) for key in readout}
-        scaled = jax.tree.map(lambda x: factor * x, told)
+        times = {key: getattr(shutter, key) for key in readout}
+        scaled = jax.tree.map(lambda x: factor * x, times)
         shutter = dataclasses.replace(shutter, **scaled)
-    if own.offset is not None:
-        late = shutter.row_offset + cameras.interval * own.offset
+    if row.offset is not None:
+        late = shutter.row_offset + cameras.interval * row.offset
         shutter = dataclasses.replace(shutter, row_offset=late)
     return dataclasses.replace(camera, lens=lens, shutter=shutter, trajectory=trajectory)
 
@@ -144,13 +156,23 @@ def refined_views(
     views: Camera,
     owner: Int[Array, " frames"],
 ) -> tuple[Camera, Float[Array, "frames 3"] | None]:
-    """Stacked views as they are refined, and what their linear light is multiplied by, None if
-    exposures are not; `owner` is the number of each view's camera."""
+    """The stacked cameras of frames with their corrections.
+
+    Args:
+        corrections: the corrections; None for none.
+        cameras: the set of training cameras.
+        views: the recorded cameras of the frames, stacked.
+        owner: number of the camera of each frame.
+
+    Returns:
+        The corrected cameras, and the gain of each channel of linear light; None if exposures are
+        not refined.
+    """
     if corrections is None:
         return views, None
-    own = jax.tree.map(lambda x: x[owner], gauge_fixed(corrections, cameras))
-    views = jax.vmap(refined, in_axes=(0, 0, None))(views, own, cameras)
-    return views, None if own.exposure is None else jnp.exp(own.exposure)
+    rows = jax.tree.map(lambda x: x[owner], gauge_fixed(corrections, cameras))
+    views = jax.vmap(refined, in_axes=(0, 0, None))(views, rows, cameras)
+    return views, None if rows.exposure is None else jnp.exp(rows.exposure)
 
 
 _refined = jax.jit(refined)
@@ -162,22 +184,29 @@ def refined_frames(
     names: Sequence[str],
     frames: Sequence[tuple[str, Camera]],
 ) -> list[Camera]:
-    """The cameras of frames, each with the name of its camera: those in `names`, the set's, as
-    they are refined, all others as they are."""
+    """The cameras of frames with their corrections.
+
+    Args:
+        corrections: the corrections; None for none.
+        cameras: the set of training cameras.
+        names: names of the cameras of the set, in the order of the corrections.
+        frames: name of the camera, and recorded camera, of each frame. Cameras that are not in
+            `names` stay as recorded.
+    """
     if corrections is None:
         return [camera for _, camera in frames]
-    rows = gauge_fixed(corrections, cameras)
-    own = {name: jax.tree.map(lambda x, i=i: x[i], rows) for i, name in enumerate(names)}
+    table = gauge_fixed(corrections, cameras)
+    rows = {name: jax.tree.map(lambda x, i=i: x[i], table) for i, name in enumerate(names)}
     return [
-        _refined(camera, own[name], cameras) if name in own else camera for name, camera in frames
+        _refined(camera, rows[name], cameras) if name in rows else camera for name, camera in frames
     ]
 
 
 def gains(
     corrections: Corrections | None, cameras: CameraSet, names: Sequence[str]
 ) -> dict[str, list[float]]:
-    """Red, green and blue of every camera over the scene's, in linear light; empty if exposures are
-    not refined."""
+    """The gains of red, green and blue in linear light, by camera name; empty if exposures are not
+    refined."""
     exposure = None if corrections is None else gauge_fixed(corrections, cameras).exposure
     if exposure is None:
         return {}
@@ -192,24 +221,25 @@ def corrections_summary(
 
     `shutter` is that of the training frames, stacked, and `unit` the capture's unit of time.
     """
-    c, said = jax.tree.map(np.asarray, gauge_fixed(corrections, cameras)), []
+    c, parts = jax.tree.map(np.asarray, gauge_fixed(corrections, cameras)), []
     if c.pose is not None:
         turn, shift = (np.linalg.norm(x, axis=1).max() for x in (c.pose[:, :3], c.pose[:, 3:]))
-        way = float(cameras.extent) * shift
-        said.append(f"poses turned by up to {np.degrees(turn):.3g} degrees, moved by {way:.3g}")
+        distance = float(cameras.extent) * shift
+        angle = np.degrees(turn)
+        parts.append(f"poses turned by up to {angle:.3g} degrees, moved by {distance:.3g}")
     if c.lens is not None:
         factor = np.exp(c.lens[:, 0])
-        said.append(f"focal lengths x {factor.min():.4f} to {factor.max():.4f}")
+        parts.append(f"focal lengths x {factor.min():.4f} to {factor.max():.4f}")
     if c.shutter is not None:
         step = np.asarray(shutter.row_step, np.float64)
         step = step[np.argmax(np.abs(step))]
         factor = np.exp(c.shutter[0])
         even = f"time of a row {step:.4g} -> {step * factor:.4g} ({unit})"
-        said.append(even if shutter.row_times is None else f"times of rows x {factor:.4f}")
+        parts.append(even if shutter.row_times is None else f"times of rows x {factor:.4f}")
     if c.exposure is not None:
         gain = np.exp(c.exposure)
-        said.append(f"exposures x {gain.min():.3f} to {gain.max():.3f}")
+        parts.append(f"exposures x {gain.min():.3f} to {gain.max():.3f}")
     if c.offset is not None:
         late = float(cameras.interval) * c.offset
-        said.append(f"offsets {late.min():.4g} to {late.max():.4g} ({unit})")
-    return f"refined cameras: {'; '.join(said)}"
+        parts.append(f"offsets {late.min():.4g} to {late.max():.4g} ({unit})")
+    return f"refined cameras: {'; '.join(parts)}"

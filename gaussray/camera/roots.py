@@ -1,4 +1,4 @@
-"""Roots of functions, on a line or in the plane, differentiable in everything they depend on."""
+"""Differentiable roots of functions of one or two variables."""
 
 from collections.abc import Callable
 from typing import Any
@@ -9,7 +9,7 @@ import jaxopt
 from jaxtyping import Array, Bool, Float
 
 
-# Halvings of the bracket before Newton, which then at least squares the error at every step:
+# Bisections of the bracket before Newton's method, which then squares the error at every step:
 # 2^-17, 1e-10, 1e-16 where the curvature over the whole bracket is of the order of the slope.
 HALVINGS, POLISH = 16, 2
 
@@ -22,13 +22,18 @@ def increasing_root(
 ) -> Float[Array, ""]:
     """The x in [0, upper] where function(x, parameters) = value.
 
-    The caller makes sure that there is one: function(0) <= value <= function(upper). Bisection
-    finds it without gradient; the last Newton step carries the exact first derivatives with respect
-    to `value` and `parameters` (implicit function theorem), forward and reverse.
+    Bisection finds it without gradient. The last Newton step has the exact first derivatives with
+    respect to `value` and `parameters` (implicit function theorem), forward and reverse.
+
+    Args:
+        function: increases in its first argument.
+        value: the value to reach; function(0) <= value <= function(upper).
+        parameters: second argument of the function, any pytree.
+        upper: upper end of the bracket.
     """
 
     def residual(part, value, parameters, upper):
-        # Below 0 the function goes on as a straight line, so that a root at exactly 0 (the optical
+        # Below 0 the function is continued as a straight line, so that a root at 0 (the optical
         # axis) is inside the bracket: jaxopt returns the upper end for a root on the lower one.
         inside = function(jnp.maximum(part, 0) * upper, parameters)
         return inside + jnp.minimum(part, 0) - value
@@ -61,11 +66,21 @@ def plane_root(
     steps: int,
     residual: float,
 ) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
-    """The x in the plane where function(x, parameters) = value, and whether one was found: with
-    less than that residual, where the function keeps orientation.
+    """The x in the plane where function(x, parameters) = value, by Newton's method.
 
-    Newton from `start` without gradient, then one step that carries the exact first derivatives
-    with respect to `value` and `parameters`. Where none is found x is `start`.
+    The last step has the exact first derivatives with respect to `value` and `parameters`.
+
+    Args:
+        function: maps the plane to itself.
+        value: the value to reach.
+        parameters: second argument of the function, any pytree.
+        start: where Newton's method starts.
+        steps: number of steps without gradient.
+        residual: largest error, per coordinate, of a root.
+
+    Returns:
+        The root, or `start` if none was found; and whether it was found: the error is below
+        `residual`, and the function keeps orientation there.
     """
 
     def newton(x, value, parameters):
@@ -89,7 +104,7 @@ def plane_root(
 def keeps_orientation(
     function: Callable[[Array, Any], Array], x: Float[Array, "2"], parameters: Any
 ) -> Bool[Array, ""]:
-    """Whether a map of the plane turns neither over nor flat at a point."""
+    """Whether the Jacobian determinant of a map of the plane is positive at a point."""
     a, b, c, d = _jacobian(function, x, parameters)
     return a * d - b * c > 0
 

@@ -1,4 +1,4 @@
-"""Pictures to disk, and pictures of pictures: comparisons and contact sheets."""
+"""Writes pictures; side-by-side comparisons and contact sheets."""
 
 import errno
 import math
@@ -17,8 +17,15 @@ from gaussray.io.safe.openimageio import oiio
 def codes(
     image: np.ndarray | Array, encode: Callable[[np.ndarray], np.ndarray | Array] = srgb_encode
 ) -> np.ndarray:
-    """8-bit codes of linear light, by default sRGB: values cut to 0..1, rounded to nearest; codes
-    stay."""
+    """8-bit levels of linear light: encoded, clipped to 0..1 and rounded to nearest.
+
+    Args:
+        image: linear light of any shape; uint8 levels are returned as they are.
+        encode: transfer curve; the sRGB curve by default.
+
+    Raises:
+        ValueError: a value is not finite.
+    """
     image = np.asarray(image)
     if image.dtype == np.uint8:
         return image
@@ -32,17 +39,23 @@ def codes(
 
 
 def write_image(path: Path | str, image: np.ndarray | Array, *, depth: str = "half") -> None:
-    """A picture [h, w, 3] or [h, w] of linear light (any channel count in EXR), or of uint8 codes.
+    """Write a picture atomically.
 
-    `.png` is 8-bit sRGB (see `codes`), `.exr` linear light of `depth` half or float. The file
-    appears whole or not at all.
+    Args:
+        path: `.png` for 8-bit sRGB (`codes`), `.exr` for linear light.
+        image: linear light [h, w, 3] or [h, w] (in EXR any number of channels), or uint8 levels.
+        depth: of an EXR, half or float.
+
+    Raises:
+        ValueError: the picture does not suit the format.
+        OSError: the file cannot be written.
     """
     path, image = Path(path), np.asarray(image)
     if path.suffix == ".png":
         _write(path, codes(image), "uint8")
     elif path.suffix == ".exr":
         if image.dtype == np.uint8:
-            raise ValueError(f"{path}: an EXR picture must be linear light, got uint8 codes.")
+            raise ValueError(f"{path}: an EXR picture must be linear light, got 8-bit levels.")
         if depth not in ("half", "float"):
             raise ValueError(f"depth must be one of half, float, got {depth!r}.")
         finite = image[np.isfinite(image)]
@@ -63,7 +76,13 @@ _IEND = b"\0\0\0\0IEND\xaeB`\x82"
 def side_by_side(
     truth: np.ndarray | Array, ours: np.ndarray | Array, *, gain: float | int = 4
 ) -> UInt8[np.ndarray, "h w3 3"]:
-    """Codes of truth | ours | their absolute difference times `gain`, taken between sRGB values."""
+    """8-bit levels of two pictures and of their difference in sRGB values, side by side.
+
+    Args:
+        truth: the left picture, linear light or 8-bit levels.
+        ours: the middle picture, of the same size.
+        gain: factor of the absolute difference, which is the right picture.
+    """
     truth, ours = codes(truth), codes(ours)
     if truth.shape != ours.shape:
         raise ValueError(f"the pictures must have one size, got {truth.shape} and {ours.shape}.")
@@ -72,7 +91,8 @@ def side_by_side(
 
 
 def enlarge(image: np.ndarray, least: int) -> np.ndarray:
-    """Every pixel repeated by the smallest whole factor that makes both sides at least `least`."""
+    """The picture enlarged by the smallest integer factor that makes both sides at least `least`
+    pixels; pixels are repeated."""
     factor = max(1, math.ceil(least / min(image.shape[:2])))
     if factor == 1:
         return image
@@ -86,10 +106,16 @@ def contact_sheet(
     least: int = 0,
     font: int = 14,
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """Codes of labelled rows of pictures on white, with optional titles above the columns.
+    """8-bit levels of a table of pictures on white.
 
-    Pictures (linear light or codes) are first enlarged to sides of at least `least`; smaller ones
-    stand at the top left of their cell.
+    Args:
+        rows: label and pictures (linear light or 8-bit levels) of each row.
+        titles: titles of the columns.
+        least: pictures are enlarged to sides of at least so many pixels.
+        font: height of the text in pixels.
+
+    Raises:
+        ValueError: there are no rows.
     """
     if not rows:
         raise ValueError("a contact sheet must have at least one row, got none.")
@@ -122,7 +148,7 @@ def _extent(text, font):
 
 
 def _with_texts(sheet, texts, font):
-    """The sheet with black texts at (left, top), in the font that OpenImageIO brings along."""
+    """The sheet with black texts at (left, top), in OpenImageIO's font."""
     buffer = oiio.ImageBuf(np.ascontiguousarray(sheet))
     for left, top, text in texts:
         if text and not oiio.ImageBufAlgo.render_text(
@@ -135,19 +161,22 @@ def _with_texts(sheet, texts, font):
 def _write(path, image, kind):
     image = image if image.ndim == 3 else image[..., None]
     spec = oiio.ImageSpec(image.shape[1], image.shape[0], image.shape[2], kind)
-    # Half the time of the usual 6, and within 2 % of its size.
+    # Half the time of the default 6, and within 2 % of its file size.
     spec["png:compressionLevel"] = 4
     spec["oiio:ColorSpace"] = "srgb_rec709_scene" if kind == "uint8" else "lin_rec709_scene"
     write_pixels(path, image, spec)
 
 
 def write_pixels(path: Path, image: np.ndarray, spec: "oiio.ImageSpec") -> None:
-    """A file of these pixels [h, w, channels], whole or not at all; OSError if it cannot be.
+    """Write pixels [h, w, channels] atomically.
 
-    The same pixels are the same bytes: an EXR bears no date.
+    Equal pixels give equal files: the date of an EXR is empty.
+
+    Raises:
+        OSError: the file cannot be written.
     """
     if path.suffix == ".exr":
-        # Without one, OpenImageIO writes when the file was made.
+        # Otherwise OpenImageIO writes the current date.
         spec["DateTime"] = ""
     with whole(path) as partial:
         file = oiio.ImageOutput.create(str(partial))
@@ -156,14 +185,14 @@ def write_pixels(path: Path, image: np.ndarray, spec: "oiio.ImageSpec") -> None:
         good = file.open(str(partial), spec) and file.write_image(np.ascontiguousarray(image))
         good = file.close() and good
         if not good or not _ends(partial):
-            told = file.geterror() or "the file is cut short"
+            reason = file.geterror() or "the file is truncated"
             full = shutil.disk_usage(path.parent).free < image.nbytes
             cause = OSError(errno.ENOSPC, "No space left on device") if full else None
-            raise OSError(f"{path}: the picture cannot be written: {told}") from cause
+            raise OSError(f"{path}: the picture cannot be written: {reason}") from cause
 
 
 def _ends(path: Path) -> bool:
-    """Whether a PNG has its end: on a full disk OpenImageIO loses it, and says nothing."""
+    """Whether a PNG is complete: on a full disk OpenImageIO truncates it without an error."""
     if path.suffix != ".png":
         return True
     with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""Numbers of every pixel to disk: named channels in one EXR, whole numbers as a gray PNG."""
+"""Writes label layers: named channels of an EXR, or integers as a gray PNG."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,7 +15,7 @@ _AXES = ("x", "y", "z", "w")
 
 
 def channel_names(layers: Mapping[str, np.ndarray]) -> list[str]:
-    """The channels of layers in their order: `depth`, or `normal.x`, `normal.y`, `normal.z`."""
+    """Channel names of layers, in order: `depth`, or `normal.x`, `normal.y`, `normal.z`."""
     return [
         name if image.ndim == 2 else f"{name}.{_AXES[i]}"
         for name, image in layers.items()
@@ -24,10 +24,15 @@ def channel_names(layers: Mapping[str, np.ndarray]) -> list[str]:
 
 
 def write_layers(path: Path | str, layers: Mapping[str, np.ndarray]) -> None:
-    """Layers [h, w] or [h, w, up to 4] of one size as the channels of an EXR of 32-bit floats.
+    """Write layers as the channels of an EXR of 32-bit floats, atomically.
 
-    Whole numbers must be below 2^24, which floats hold exactly. NaN and infinity are written as
-    they are. The file appears whole or not at all.
+    Args:
+        path: an `.exr` file.
+        layers: arrays [h, w] or [h, w, up to 4] of one size, by name. Integers must be below 2^24,
+            which floats represent exactly. NaN and infinity are written as they are.
+
+    Raises:
+        ValueError: the suffix is not .exr, or an integer is too large.
     """
     path, names = Path(path), channel_names(layers)
     if path.suffix != ".exr":
@@ -40,7 +45,11 @@ def write_layers(path: Path | str, layers: Mapping[str, np.ndarray]) -> None:
 
 
 def read_layers(path: Path | str) -> dict[str, np.ndarray]:
-    """The channels of an EXR by name, [h, w] each, as 32-bit floats."""
+    """The channels of an EXR by name, each [h, w] of 32-bit floats.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
     try:
         image = open_picture(path)
     except OSError as error:
@@ -55,7 +64,11 @@ def read_layers(path: Path | str) -> dict[str, np.ndarray]:
 
 
 def write_codes(path: Path | str, codes: np.ndarray) -> None:
-    """Whole numbers [h, w] from 0 on as a gray PNG: of 8 bits, or of 16 where one is above 255."""
+    """Write integers [h, w] in 0..65535 as a gray PNG, of 16 bits if one is above 255.
+
+    Raises:
+        ValueError: the suffix is not .png, or an integer is out of range.
+    """
     path, largest = Path(path), int(codes.max(initial=0))
     if path.suffix != ".png" or codes.min(initial=0) < 0 or largest >= 1 << 16:
         raise ValueError(

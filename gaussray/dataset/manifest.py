@@ -1,4 +1,4 @@
-"""A paired capture's JSON: every picture with its exact camera."""
+"""Writes manifests: JSON files that list every picture with its exact camera."""
 
 import dataclasses
 import json
@@ -26,10 +26,18 @@ _OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split"
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class FrameRecord:
-    """One written picture, `file_path` from the manifest's folder, and the camera that took it.
+    """A written picture and its camera.
 
-    `samples` is per pixel. The time written is the camera's. `labels` are the files of what else is
-    known of the picture's pixels.
+    Args:
+        file_path: the picture, relative to the manifest's folder.
+        camera: the camera; its time is written.
+        camera_name: name of the camera.
+        split: train or test.
+        effect: effect that the picture shows.
+        samples: rays per pixel.
+        mask_path: file of the mask.
+        depth_file_path: file of the depth.
+        labels: files of the labels, by kind.
     """
 
     file_path: str
@@ -46,12 +54,19 @@ class FrameRecord:
 def write_manifest(
     path: Path | str, views: Sequence[FrameRecord], *, extra: Mapping[str, Any] | None = None
 ) -> None:
-    """The JSON from which `capture.read_views` reads the same cameras back.
+    """Write a manifest, from which the capture readers read the same cameras, bit for bit.
 
-    What all frames share stands at the top level, each frame on one line. Numbers are the shortest
-    that give back the same bits. `extra` adds top-level keys (`ply_file_path`, `time_unit`, or
-    `info`, in which readers accept anything). The file appears whole or not at all; tables of rays
-    are written beside it.
+    Keys that all frames share are at the top level; each frame is one line. Tables of rays are
+    written beside the manifest. All files are written atomically.
+
+    Args:
+        path: the JSON file.
+        views: the pictures.
+        extra: further top-level keys, such as `ply_file_path`, `time_unit`, or `info`, in which
+            readers accept anything.
+
+    Raises:
+        ValueError: there are no frames, a number is not finite, or `extra` has a key of frames.
     """
     path = Path(path)
     if not views:
@@ -83,7 +98,7 @@ def write_manifest(
 
 
 def _write_tables(folder: Path, lenses: Sequence[AbstractLens]) -> None:
-    """The arrays that the records of these lenses name, into the manifest's folder."""
+    """Write the arrays that the records of these lenses name."""
     tables = {name: rays for lens in lenses for name, rays in lens.record().tables.items()}
     for name, rays in tables.items():
         with whole(folder / name) as partial:
@@ -179,7 +194,7 @@ def _trajectory(trajectory):
     return block
 
 
-# Compiled: step by step these few numbers would take a GPU milliseconds for each frame.
+# Compiled, because single operations on these few numbers take a GPU milliseconds per frame.
 _rotations = jax.jit(rotation_matrix)
 
 

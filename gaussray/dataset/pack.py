@@ -1,4 +1,4 @@
-"""A produced data set as tar files that stream: WebDataset's layout."""
+"""Packs a generated dataset into tar files in the layout of WebDataset."""
 
 import io
 import json
@@ -14,11 +14,24 @@ from gaussray.io.safe.files import inside, opened
 
 
 def pack(data: Path | str, out: Path | str, *, frames_per_tar: int = 1000) -> list[Path]:
-    """Write `out`/000000.tar and so on, each of at most so many frames, in their order.
+    """Write a dataset as `out`/000000.tar and so on, in the order of its frames.
 
-    A frame is the files of one key, TAKE_FRAME: its picture (`png` or `exr`), its labels by their
-    names (`layers.exr`, `moving.png`, ...), and `json`: the frame's entry of the manifest with its
-    take's under `take`. The same data set is the same bytes: owners and dates are left out.
+    The files of a frame share a key, made of the numbers of sample and frame: the picture (`png` or
+    `exr`), the labels by name (`layers.exr`, `moving.png`, ...), and `json` with the frame's entry
+    of the manifest and, under `take`, its sample's. Equal datasets give equal files: owners and
+    dates are left out.
+
+    Args:
+        data: folder of the dataset.
+        out: folder of the tar files.
+        frames_per_tar: largest number of frames in a file.
+
+    Returns:
+        The paths of the tar files.
+
+    Raises:
+        ValueError: a label has no valid name, or a file lies outside the dataset.
+        OSError: a file cannot be read or written.
     """
     if frames_per_tar < 1:
         raise ValueError(f"frames_per_tar must be at least 1, got {frames_per_tar}.")
@@ -37,7 +50,7 @@ def pack(data: Path | str, out: Path | str, *, frames_per_tar: int = 1000) -> li
 
 
 def _keyed(frames: Iterator[dict[str, Any]]) -> Iterator[tuple[str, dict[str, Any]]]:
-    """Frames with their key: index of the take, and number in it."""
+    """Frames with their keys: index of the sample, and number of the frame in it."""
     take, number = None, 0
     for frame in frames:
         number = number + 1 if frame["take"]["index"] == take else 0

@@ -1,4 +1,4 @@
-"""Frames to an MP4 video."""
+"""Writes MP4 videos."""
 
 from collections.abc import Iterable
 from fractions import Fraction
@@ -14,19 +14,28 @@ from gaussray.dataset.images import codes, enlarge
 from gaussray.io.atomic import whole
 
 
-# Without these one file in 800 differs from the others of the same pictures, where sides are no
-# multiples of 16.
+# Without these options one file in 800 differs from the others of the same pictures, if sides are
+# not multiples of 16.
 _SAME = "cpu-independent=1:mbtree=0"
 
 
 def write_video(
     path: Path | str, frames: Iterable[np.ndarray | Array], fps: float | int, *, least: int = 256
 ) -> None:
-    """An MP4 of pictures [h, w, 3], linear light or uint8 sRGB codes, `fps` a second.
+    """Write an MP4 video atomically: H.264, or MPEG-4 without libx264, yuv420p.
 
-    H.264, or MPEG-4 where libx264 is absent, yuv420p. Pictures are enlarged by a whole factor until
-    both sides have `least` pixels (0 leaves them), and odd sides repeat their last row or column.
-    The file appears whole or not at all, and the same pictures are the same bytes.
+    Equal pictures give equal files. Odd sides repeat their last row or column.
+
+    Args:
+        path: an `.mp4` file.
+        frames: pictures [h, w, 3] of one size, linear light or uint8 sRGB levels.
+        fps: frames per second.
+        least: pictures are enlarged by an integer factor until both sides have this many pixels;
+            0 for no enlargement.
+
+    Raises:
+        ValueError: there are no frames, sizes differ, or `fps` or the suffix is wrong.
+        OSError: the file cannot be written.
     """
     path = Path(path)
     if not 0 < fps < float("inf"):

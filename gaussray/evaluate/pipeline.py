@@ -6,21 +6,24 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Array, Bool
+from jaxtyping import Bool, UInt8
 
-from gaussray.camera.camera import Camera
-from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
-from gaussray.capture.capture import Capture, View, viewpoints
-from gaussray.capture.frames import read_encoded
-from gaussray.capture.temporal_median import moving_mask
+from gaussray.capture.capture import Capture, View
 from gaussray.dataset.images import codes, contact_sheet, side_by_side, write_image
 from gaussray.dataset.video import write_video
 from gaussray.evaluate.flicker import Flicker
-from gaussray.evaluate.metrics import psnr, ssim, unit_values
+from gaussray.evaluate.masks import (
+    circle_mask,
+    moving_masks,
+    static_masks,
+    view_levels,
+    visible_mask,
+)
+from gaussray.evaluate.metrics import psnr, ssim
+from gaussray.evaluate.options import EvaluateOptions as EvaluateOptions
 from gaussray.evaluate.perceptual import perceptual_metrics
 from gaussray.evaluate.scores import summary
 from gaussray.io.atomic import demand, sweep, whole, write_json
@@ -34,51 +37,8 @@ from gaussray.scene.segmented import Clip, segments_of
 from gaussray.tracer.trace import TraceOptions
 
 
-# A line per scored picture.
+# The scores of every picture, one line each.
 SCORES = "scores.jsonl"
-
-
-class EvaluateOptions(eqx.Module):
-    """Which pictures are scored, and with how many rays per pixel.
-
-    Args:
-        split: `train`, `test` or `all`.
-        effects: Names of the effects to score. Empty: all.
-        frames: The largest number of pictures per effect, evenly spread. 0: all.
-        pinhole: Rays per pixel of the effect `pinhole`.
-        rolling_shutter: Rays per pixel of the effect `rolling_shutter`.
-        fisheye: Rays per pixel of the effect `fisheye`.
-        depth_of_field: Rays per pixel of the effect `depth_of_field`.
-        other: Rays per pixel of any other effect.
-        images: Whether to write truth, rendering and difference side by side, and videos.
-
-    Raises:
-        ValueError: If an option is out of range. The message names its key.
-    """
-
-    split: str = eqx.field(static=True, default="test")
-    effects: tuple[str, ...] = eqx.field(static=True, default=())
-    frames: int = eqx.field(static=True, default=0)
-    pinhole: int = eqx.field(static=True, default=1)
-    rolling_shutter: int = eqx.field(static=True, default=1)
-    fisheye: int = eqx.field(static=True, default=4)
-    depth_of_field: int = eqx.field(static=True, default=16)
-    other: int = eqx.field(static=True, default=16)
-    images: bool = eqx.field(static=True, default=True)
-
-    def __check_init__(self):
-        if self.split not in ("train", "test", "all"):
-            raise ValueError(f"evaluate.split must be train, test or all, got {self.split!r}.")
-        for name in ("pinhole", "rolling_shutter", "fisheye", "depth_of_field", "other"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"evaluate.{name} must be at least 1, got {getattr(self, name)}.")
-        if self.frames < 0:
-            raise ValueError(f"evaluate.frames must be at least 0, got {self.frames}.")
-
-    def samples(self, effect: str) -> int:
-        """Rays per pixel of an effect."""
-        known = ("pinhole", "rolling_shutter", "fisheye", "depth_of_field")
-        return getattr(self, effect if effect in known else "other")
 
 
 @locks_output
@@ -123,67 +83,115 @@ def evaluate(
         return _shared_report(None)
     out = Path(out)
     groups = {"pinhole": truth.views, **truth.effects}
+    chosen = _chosen_views(truth.folder, groups, options)
+    sweep(out, deep=True)
+    evaluation = _Evaluation(out, truth, chosen, options, quiet)
+    for effect, views in chosen.items():
+        sampling = dataclasses.replace(render, samples=options.samples(effect))
+        renderer = Renderer(scene, options=sampling, trace=trace, devices=devices)
+        evaluation.add_effect(effect, views, groups[effect], renderer)
+    return _shared_report(evaluation.write(scene))
+
+
+def _chosen_views(
+    folder: Path, groups: dict[str, list[View]], options: EvaluateOptions
+) -> dict[str, list[View]]:
+    """The views to score, by effect.
+
+    Raises:
+        ValueError: an effect is unknown, or no frame is chosen.
+    """
     unknown = [name for name in options.effects if name not in groups]
     if unknown:
         raise ValueError(
-            f"evaluate.effects must be among {', '.join(groups)} of {truth.folder}, "
-            f"got {unknown[0]!r}."
+            f"evaluate.effects must be among {', '.join(groups)} of {folder}, got {unknown[0]!r}."
         )
-    groups = {name: views for name, views in groups.items() if name in (options.effects or groups)}
-    chosen = {name: _split_views(views, options) for name, views in groups.items()}
+    names = options.effects or groups
+    chosen = {n: _split_views(views, options) for n, views in groups.items() if n in names}
     chosen = {name: views for name, views in chosen.items() if views}
     if not chosen:
         raise ValueError(
-            f"truth={truth.folder} lists no frame of split {options.split!r}. "
+            f"truth={folder} lists no frame of split {options.split!r}. "
             "Choose evaluate.split=all or another folder."
         )
-    sweep(out, deep=True)
-    parts = [(len(views), _cost(views[0], options.samples(e))) for e, views in chosen.items()]
-    progress = Progress("evaluate", sum(map(len, chosen.values())), quiet=quiet, parts=parts)
-    report: dict[str, Any] = {"frames": 0, "effects": {}}
-    trained = {view.camera_name for view in truth.views if view.split == "train"}
-    perceptual = perceptual_metrics()
-    sheet, done, lines, written = [], 0, [], list[str]()
-    for effect, views in chosen.items():
-        samples = options.samples(effect)
-        sampling = dataclasses.replace(render, samples=samples)
-        renderer = Renderer(scene, options=sampling, trace=trace, devices=devices)
-        moving = _moving(groups[effect])
-        static, flicker = _static(groups[effect], moving), Flicker()
-        rows, films = [], {}
+    return chosen
+
+
+class _Evaluation:
+    """Scores pictures one after another, and collects what the report shows."""
+
+    def __init__(
+        self,
+        out: Path,
+        truth: Capture,
+        chosen: dict[str, list[View]],
+        options: EvaluateOptions,
+        quiet: bool,
+    ):
+        self.out, self.options = out, options
+        self.trained = {view.camera_name for view in truth.views if view.split == "train"}
+        self.perceptual = perceptual_metrics()
+        parts = [(len(v), _cost(v[0], options.samples(e))) for e, v in chosen.items()]
+        total = sum(map(len, chosen.values()))
+        self.progress = Progress("evaluate", total, quiet=quiet, parts=parts)
+        self.report: dict[str, Any] = {"frames": 0, "effects": {}}
+        # Lines of scores.jsonl, rows of the contact sheet, names of the files written.
+        self.lines: list[dict[str, Any]] = []
+        self.sheet: list[tuple[str, list[np.ndarray]]] = []
+        self.written: list[str] = []
+
+    def add_effect(
+        self, effect: str, views: list[View], every_view: Sequence[View], renderer: Renderer
+    ) -> None:
+        """Score the views of an effect; `every_view` of it tells what moves."""
+        moving = moving_masks(every_view)
+        static, flicker = static_masks(every_view, moving), Flicker()
+        rows: list[dict[str, Any]] = []
+        videos: dict[str, list[np.ndarray]] = {}
         for view in views:
             frame = renderer(view.camera)
-            ours, real = codes(frame.color), _levels(view)
-            visible = _visible(view.camera)
-            rows.append(_score(real, ours, visible, moving.get(view.image)))
-            rows[-1] |= {name: measure(real, ours) for name, measure in perceptual.items()}
-            rows[-1]["seconds"] = None if frame.compiled else frame.seconds
-            rows[-1]["part"] = _part(view, trained)
-            lines.append(_line(effect, view, rows[-1]))
+            ours, real, visible = (
+                codes(frame.color),
+                view_levels(view),
+                visible_mask(view.camera),
+            )
+            row = _score(real, ours, visible, moving.get(view.image))
+            row |= {name: measure(real, ours) for name, measure in self.perceptual.items()}
+            row["seconds"] = None if frame.compiled else frame.seconds
+            row["part"] = _part(view, self.trained)
+            rows.append(row)
+            self.lines.append(_line(effect, view, row))
             if view.camera_name in static:
                 mask = static[view.camera_name] & (True if visible is None else visible)
-                flicker.add(rows[-1]["part"], view.camera_name, mask, real, ours)
-            if options.images:
-                written.append(f"{effect}/{_file(view)}")
-                write_image(out / written[-1], side_by_side(real, ours))
-                films.setdefault(view.camera_name, []).append(np.hstack([real, ours]))
+                flicker.add(row["part"], view.camera_name, mask, real, ours)
+            if self.options.images:
+                self._write_image(f"{effect}/{_file(view)}", real, ours)
+                videos.setdefault(view.camera_name, []).append(np.hstack([real, ours]))
             if len(rows) == (len(views) + 1) // 2:
-                sheet.append((effect, [real, ours, side_by_side(real, ours)[:, -real.shape[1] :]]))
-            done += 1
-            progress.report(done, f"{effect} {np.mean([r['psnr'] for r in rows]):.2f} dB")
-        for camera, film in films.items():
-            written.append(f"{effect}/{camera}.mp4")
-            write_video(out / written[-1], film, fps=8)
-        report["effects"][effect] = summary(rows, samples, flicker)
-        report["frames"] += len(views)
-    demand(out, written)
-    report["scene"] = scene_size(scene)
-    report["versions"] = versions()
-    write_image(out / "contact_sheet.png", contact_sheet(sheet, least=256))
-    with whole(out / SCORES) as partial:
-        partial.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    write_json(out / "report.json", report)
-    return _shared_report(report)
+                difference = side_by_side(real, ours)[:, -real.shape[1] :]
+                self.sheet.append((effect, [real, ours, difference]))
+            mean = np.mean([row["psnr"] for row in rows])
+            self.progress.report(len(self.lines), f"{effect} {mean:.2f} dB")
+        for camera, frames in videos.items():
+            self.written.append(f"{effect}/{camera}.mp4")
+            write_video(self.out / self.written[-1], frames, fps=8)
+        self.report["effects"][effect] = summary(rows, self.options.samples(effect), flicker)
+        self.report["frames"] += len(views)
+
+    def write(self, scene: Scene | Clip) -> dict[str, Any]:
+        """Write contact sheet, scores and report, and return the report."""
+        demand(self.out, self.written)
+        self.report["scene"] = scene_size(scene)
+        self.report["versions"] = versions()
+        write_image(self.out / "contact_sheet.png", contact_sheet(self.sheet, least=256))
+        with whole(self.out / SCORES) as partial:
+            partial.write_text("".join(json.dumps(line) + "\n" for line in self.lines))
+        write_json(self.out / "report.json", self.report)
+        return self.report
+
+    def _write_image(self, name: str, real: np.ndarray, ours: np.ndarray) -> None:
+        self.written.append(name)
+        write_image(self.out / name, side_by_side(real, ours))
 
 
 def _cost(view: View, samples: int) -> float:
@@ -225,75 +233,16 @@ def _split_views(views: Sequence[View], options: EvaluateOptions) -> list[View]:
     return picked
 
 
-def _levels(view: View) -> np.ndarray:
-    picture = read_encoded(view)
-    if picture.dtype == np.uint8:
-        return picture
-    return np.clip(np.round(picture * 255), 0, 255).astype(np.uint8)
-
-
-def _visible(camera: Camera) -> Bool[np.ndarray, "h w"] | None:
-    """Pixels inside the lens's field of view, less one at the rim; None if that is all."""
-    grid = pixel_grid(camera.film)
-    flat = grid.reshape(-1, 2).astype(camera.time.dtype) + 0.5
-    seen = np.asarray(_sees(camera, flat)).reshape(grid.shape[:2])
-    if seen.all():
-        return None
-    padded = np.pad(seen, 1, constant_values=True)
-    inner = seen.copy()
-    for dy in range(3):
-        for dx in range(3):
-            inner &= padded[dy : dy + seen.shape[0], dx : dx + seen.shape[1]]
-    return inner
-
-
-@eqx.filter_jit
-def _sees(camera: Camera, pixel: Array) -> Array:
-    return jax.vmap(camera.lens.sees)(pixel)
-
-
-def _circle(shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
-    """The centred disc in which the fisheye benchmark scores: 409.6 of 512 pixels across."""
-    y, x = (np.arange(n) + 0.5 - n / 2 for n in shape)
-    return np.hypot(x, y[:, None]) < 0.4 * min(shape)
-
-
-def _moving(views: Sequence[View]) -> dict[Path, Bool[np.ndarray, "h w"]]:
-    """Mask of what moves in each picture, from all pictures of the same viewpoint.
-
-    The pictures of a camera that moves have no common viewpoint, and no mask.
-    """
-    groups: dict[int, list[View]] = {}
-    for number, view in zip(viewpoints(views), views, strict=True):
-        groups.setdefault(number, []).append(view)
-    masks = {}
-    for group in groups.values():
-        if len(group) > 1:
-            frames = unit_values(np.stack([_levels(view) for view in group]), np.float32)
-            masks |= dict(zip([v.image for v in group], moving_mask(frames), strict=True))
-    return masks
-
-
-def _static(
-    views: Sequence[View], moving: dict[Path, Bool[np.ndarray, "h w"]]
-) -> dict[str, Bool[np.ndarray, "h w"]]:
-    """Pixels in which nothing ever moves, for each camera that stands still and has several
-    pictures."""
-    static: dict[str, Bool[np.ndarray, "h w"]] = {}
-    places: dict[str, set[int]] = {}
-    for number, view in zip(viewpoints(views), views, strict=True):
-        places.setdefault(view.camera_name, set()).add(number)
-    for view in views:
-        if view.image in moving and len(places[view.camera_name]) == 1:
-            mask = ~moving[view.image]
-            static[view.camera_name] = static.get(view.camera_name, mask) & mask
-    return static
-
-
-def _score(real: np.ndarray, ours: np.ndarray, visible, moving) -> dict[str, Any]:
+def _score(
+    real: UInt8[np.ndarray, "h w 3"],
+    ours: UInt8[np.ndarray, "h w 3"],
+    visible: Bool[np.ndarray, "h w"] | None,
+    moving: Bool[np.ndarray, "h w"] | None,
+) -> dict[str, Any]:
+    """The scores of a picture; `moving` is the summed squared error and its number of values."""
     score: dict[str, Any] = {"psnr": psnr(real, ours), "ssim": ssim(real, ours)}
     if visible is not None:
-        for name, mask in (("masked", visible), ("circle", _circle(visible.shape))):
+        for name, mask in (("masked", visible), ("circle", circle_mask(visible.shape))):
             score[f"psnr_{name}"] = psnr(real, ours, mask)
             score[f"ssim_{name}"] = ssim(real, ours, mask)
     if moving is not None and moving.any():

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all."""
+"""Atomic file writes: a file is complete or absent, also after a crash."""
 
 import contextlib
 import json
@@ -8,16 +8,19 @@ from pathlib import Path
 from typing import Any
 
 
-# In the name of what is not whole yet.
+# Part of the name of an unfinished file.
 PART = ".part"
 
 
 @contextlib.contextmanager
 def whole(path: Path | str) -> Iterator[Path]:
-    """A temporary name beside `path`, same suffix, moved onto it when the block ends well.
+    """A temporary path beside `path`, which replaces `path` at the end of the block.
 
-    Missing folders are made. If the block raises, the temporary file is removed and `path` is left
-    as it was; an OSError of the writing becomes one that names `path`.
+    The temporary file has the same suffix. Missing folders are created. If the block raises, the
+    temporary file is removed and `path` stays as it was.
+
+    Raises:
+        OSError: the file or its folder cannot be written; the message names `path`.
     """
     path = Path(path)
     try:
@@ -29,7 +32,7 @@ def whole(path: Path | str) -> Iterator[Path]:
         yield partial
         os.replace(partial, path)
     except OSError as error:
-        # Others' errors name their own file.
+        # An error about another file keeps its own message.
         others = error.filename not in (None, str(partial), partial)
         if others or str(error).startswith(f"{path}:"):
             raise
@@ -40,31 +43,34 @@ def whole(path: Path | str) -> Iterator[Path]:
 
 
 def write_json(path: Path | str, value: dict[str, Any]) -> None:
-    """Write a JSON file, whole or not at all."""
+    """Write a JSON file atomically."""
     with whole(path) as partial:
         partial.write_text(json.dumps(value, indent=2) + "\n")
 
 
 def settle(path: Path) -> None:
-    """Wait until what was written of a file is on the disk: what a power cut leaves is then the
-    file before it or all of this one."""
+    """Wait until a file is on the disk, so that a power cut leaves the old file or the new one."""
     with open(path, "rb") as file:
         os.fsync(file.fileno())
 
 
 def sweep(folder: Path, *, deep: bool = False) -> None:
-    """Remove what killed processes have left of files that were not whole, in `folder` or, `deep`,
-    also below it. Nothing else may be writing there."""
+    """Remove the unfinished files of killed processes in `folder`, and if `deep` also below it. No
+    other process may be writing there."""
     for partial in (folder.rglob if deep else folder.glob)(f".*.[0-9]*{PART}*"):
         with contextlib.suppress(OSError):
             partial.unlink()
 
 
 def demand(out: Path, files: Sequence[str]) -> None:
-    """Refuse to call a work done of which files have gone from `out` since they were written."""
-    gone = [file for file in files if not (out / file).exists()]
-    if gone:
+    """Check at the end of a command that the files it wrote to `out` still exist.
+
+    Raises:
+        OSError: files are missing.
+    """
+    missing = [file for file in files if not (out / file).exists()]
+    if missing:
         raise OSError(
-            f"out={out}: {len(gone)} of {len(files)} files have gone since they were written, such "
-            f"as {gone[0]}. The same command makes them again."
+            f"out={out}: {len(missing)} of {len(files)} files have gone since they were written, "
+            f"such as {missing[0]}. The same command makes them again."
         )

@@ -1,4 +1,4 @@
-"""PLY files (Turk 1994): the table of their vertices."""
+"""Reads the vertices of untrusted PLY files (Turk 1994)."""
 
 from itertools import islice
 from pathlib import Path
@@ -15,12 +15,12 @@ _KINDS = {
     **{"int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4"},
     **{"float": "f4", "double": "f8", "float32": "f4", "float64": "f8"},
 }
-# Byte order; none for text.
+# Byte order of each format; empty for text.
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 class _Property(NamedTuple):
-    """A column of an element; a list has another kind for its length."""
+    """A column of an element; `length` is the type of a list's length."""
 
     name: str
     kind: str
@@ -34,11 +34,17 @@ class _Element(NamedTuple):
 
 
 def read_vertices(path: Path | str) -> np.ndarray:
-    """The element `vertex` of a PLY file, ASCII or binary, as records with the file's own types.
+    """The element `vertex` of an ASCII or binary PLY file.
 
-    Elements that stand before it are passed over. ValueError names the file and what is wrong:
-    a malformed header, data that end too early, text that is no number or does not fit its type.
-    Memory is taken only for what the file really holds.
+    Elements before it are skipped. Memory is allocated only for data that the file holds.
+
+    Returns:
+        A record array with the names and types of the file's properties.
+
+    Raises:
+        ValueError: the header is malformed, data are truncated, text is not a number of its type,
+            or there are more points than limits.points.
+        OSError: the file is missing or cannot be read.
     """
     path = Path(path)
     with opened(path) as file:
@@ -112,7 +118,7 @@ def _skip(path: Path, file: BinaryIO, order: str, element: _Element) -> None:
                 if len(raw) < size.itemsize:
                     raise _truncated(path, row, element.count)
                 times = int(np.frombuffer(raw, size)[0])
-            # A negative length would lead back, and around for ever.
+            # A negative length would seek backwards, in an endless loop.
             room = times * np.dtype(p.kind).itemsize
             if not 0 <= room <= _left(file):
                 raise _truncated(path, row, element.count)
@@ -155,7 +161,7 @@ def _text(path: Path, file: BinaryIO, kind: np.dtype, count: int) -> np.ndarray:
 
 
 def _left(file: BinaryIO) -> int:
-    """Bytes after the place that is read next."""
+    """Bytes from the current position to the end."""
     here = file.tell()
     left = max(file.seek(0, 2) - here, 0)
     file.seek(here)

@@ -1,4 +1,4 @@
-"""Reads tables of viewing directions from .npz and .exr files, which are not trusted."""
+"""Reads tables of viewing directions from untrusted .npz and .exr files."""
 
 from pathlib import Path
 
@@ -9,8 +9,8 @@ from gaussray.io.safe.arrays import read_npz
 from gaussray.io.safe.pictures import complaint, open_picture
 
 
-# Unit vectors of single precision are nearer to 1 than this and stay as they are; those of half
-# precision are within the second and are made unit.
+# Lengths of unit vectors differ from 1 by less than the first in single precision, and stay as they
+# are; by less than the second in half precision, and are normalised.
 EXACT, NEAR = 1e-6, 2e-3
 
 

@@ -1,30 +1,30 @@
-"""Candidates to pixels on a CUDA device: what grid, traverse and march do, in three kernels.
+"""The tracer on a CUDA device: grid, lists and march in three kernels of CUDA C++.
 
-`gather` gives every 16 x 16 pixels one list of what they may meet, in the order of the least
-distance, and `sift` marks which of their warps may meet it: those where a column and a row of
-pixels cross that both do. In `forward` a warp takes eight neighbouring rays through the list, four
-lanes to a ray: the lanes share the entries among them and each keeps its nearest pending hits in
-registers. Hits are blended once nothing further down the list can be nearer, so the order is exact,
-and the walk ends where the rays are spent. Hits without room wait for another pass: k is a matter
-of speed alone. Hits at equal distance are taken in the order of the list. `backward` walks
-again and adds up the gradients as it goes, in no fixed order: they differ by rounding from run to
-run.
+- `gather` gives every 16 x 16 pixels one list of the Gaussians they may meet, nearest first. `sift`
+  marks which warps of these pixels may meet each entry: those where a column and a row of pixels
+  that may meet it cross.
+- `forward` marches a warp of eight neighbouring rays through the list, with four lanes per ray. The
+  lanes share the entries among them, and each keeps its nearest pending hits in registers. A hit is
+  blended once no later entry can be nearer, so the order is exact, and a ray stops when its
+  transmittance is spent. Hits that do not fit wait for another pass, so k affects only speed. Hits
+  at equal distance are blended in the order of the list.
+- `backward` marches again and adds up the gradients in no fixed order: they differ by rounding from
+  run to run.
 
-What was measured on the way (H200, 512 x 512, room of 200,000, the march alone): a ray to a lane
-2.2 ms, bound by the longest walk; entries met first, hits sorted in afterwards 1.1; four lanes to a
-ray 0.64; lists for 16 x 16 pixels instead of 32 x 32, with a bit for every warp 0.45. With 16
-samples of a lens: the lanes of a ray blending what they hold together, colours read 16 bytes at a
-time and words of bits instead of a mask for each entry, 9.2 to 6.7 ms; columns and rows tested
-instead of warps, 1.2 to 0.37 ms for `sift`. What is wanted by one warp alone decides: 2,000 small
-discs before 32 pixels, where the mean is a hundred.
+Measurements behind this design (H200, 512 x 512, room of 200,000, the march alone): one lane per
+ray 2.2 ms, limited by the longest ray; entries tested first, hits sorted afterwards 1.1 ms; four
+lanes per ray 0.64 ms; lists for 16 x 16 pixels instead of 32 x 32, with a bit per warp, 0.45 ms.
+With 16 samples of a lens: lanes of a ray that blend together, colours read 16 bytes at a time, and
+words of bits instead of a mask per entry, 9.2 to 6.7 ms; columns and rows tested instead of warps,
+1.2 to 0.37 ms for `sift`. Single warps with long lists decide: 2,000 small discs before 32 pixels,
+where the mean is a hundred.
 
-Why CUDA C++ through NVRTC and XLA's PTX call. Pallas' Triton lowering says itself that it will be
-removed; its tensor programs cannot end one ray's work while others go on, and a prototype of this
-march in it took 1.5 ms. Pallas' Mosaic lowering wants a Hopper GPU or newer. A compiled extension
-needs a wheel for every platform and CUDA version. CUDA C++ is what will still be there in two
-years: the source is compiled when the program is traced, by the compiler that JAX's CUDA wheels
-bring along, for whatever NVIDIA GPU is there; XLA then launches it like its own kernels, in CUDA
-graphs too. The one thing that is XLA's own affair is the name of that call, in cuda.py alone.
+Why CUDA C++ through NVRTC and XLA's PTX call: Pallas' Triton lowering announces its own removal,
+and its tensor programs cannot end one ray while others continue; a prototype of this march in it
+took 1.5 ms. Pallas' Mosaic lowering needs a Hopper GPU or newer. A compiled extension needs a wheel
+for every platform and CUDA version. Here the source is compiled when a program is traced, by the
+compiler of JAX's CUDA wheels, for the GPU that is present; XLA launches it like its own kernels, in
+CUDA graphs too. Only the name of that call is internal to XLA; it is in cuda.py alone.
 """
 
 from pathlib import Path
@@ -41,20 +41,26 @@ from gaussray.tracer.motion import Motion, arc_weights, clipped_time, with_rest
 
 
 _SOURCE = Path(__file__).with_suffix(".cu")
-# Warps in a block of the march, and lanes of a warp that share a ray. Hits do not fall evenly to
-# the lanes, so together they keep twice k.
+# Warps in a block of the march, and lanes of a warp that share a ray. Hits are not distributed
+# evenly over the lanes, so together they keep 2 k.
 _WARPS = 4
 _LANES = 4
 # Bundles that share a list: with 8 x 8 pixels in each, a bit of a mask stands for one warp.
 _BUNDLES = 4
-# Bytes of lists at once; larger pictures are traced in strips.
+# Largest size of the lists in bytes; larger pictures are traced in strips.
 _MEMORY = 2 * 1024**3
 
 
 class Lists(NamedTuple):
-    """What every group of rays may meet, `slots` places each: Gaussians in the order of the least
-    distance, that distance, for every warp of rays which of them it may meet (a bit each), how many
-    there are (more than `slots`: some are missing), and the groups in turn, longest lists first."""
+    """The Gaussians that each group of rays may meet, in `slots` places.
+
+    Args:
+        index: the Gaussians, in order of their smallest distance.
+        bound: that distance.
+        met: a bit for each entry and warp of rays: whether the warp may meet the entry.
+        count: number of entries; above `slots` some are missing.
+        turn: the groups in the order in which they are marched, longest lists first.
+    """
 
     index: Int[Array, "groups slots"]
     bound: Float[Array, "groups slots"]
@@ -95,35 +101,39 @@ class Program(NamedTuple):
 
     @property
     def parts(self) -> int:
-        """Parts of a group that have a bit, at most 32: a warp each, or several."""
+        """Parts of a group that have a bit of their own, at most 32: one warp each, or several."""
         return -(-self.warps // -(-self.warps // 32))
 
     @property
     def across(self) -> int:
-        """Bundles of a group side by side."""
+        """Number of bundles of a group that lie side by side."""
         return 2 if self.group == _BUNDLES * self.side**2 else 1
 
     @property
     def broad(self) -> int:
-        """Pixels in a row of a warp: of 8 x 8 pixels it takes 4 x 2, which are met by less than
-        8 x 1; with key states those, which a rolling shutter reads at once. 0 where bundles are of
-        another size."""
+        """Pixels of a warp in a row; 0 if bundles are not 8 x 8 pixels.
+
+        A warp takes 4 x 2 pixels, which meet fewer Gaussians than 8 x 1. With key states it takes
+        8 x 1, which a rolling shutter exposes at the same time.
+        """
         if self.side != 8 or _LANES != 4:
             return 0
         return 4 if self.keys == 1 else 8
 
     @property
     def bands(self) -> int:
-        """Columns and rows of parts."""
+        """Number of columns and rows of parts."""
         if not self.broad:
             return self.parts
         return self.across * (8 // self.broad + self.broad)
 
 
 class Strip(NamedTuple):
-    """Rays whose lists fit into memory together: origin, direction, where on the arcs of the motion
-    they are (the shares of three control points, and the first of them), and the time, which only
-    transient Gaussians ask for."""
+    """Rays whose lists fit into memory together.
+
+    `weight` holds the weights of three control points of the motion and the index of the first of
+    them; `time` is used by transient Gaussians alone.
+    """
 
     origin: Float[Array, "samples rays 3"]
     direction: Float[Array, "samples rays 3"]

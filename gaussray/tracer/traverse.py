@@ -1,4 +1,4 @@
-"""Which Gaussians a bundle of rays can meet.
+"""Lists of the Gaussians that each bundle of rays may meet.
 
 Integers only: nothing here is differentiated.
 """
@@ -17,11 +17,13 @@ from gaussray.tracer.window import Sweep
 
 
 class Capacity(eqx.Module):
-    """Static sizes of the lists of one trace, from the coarsest level to the finest.
+    """Static sizes of the lists of one trace, which `trace.measure` finds.
 
-    `cells[i]` bounds the (bundle, cell) pairs of level i, `pairs` the (bundle, Gaussian) pairs,
-    `slots` the longest list of one bundle, and `transient` the transient Gaussians that are alive
-    while the rays look. Measured with head-room by `trace.measure`.
+    Args:
+        cells: largest number of (bundle, cell) pairs of each level, coarsest first.
+        pairs: largest number of (bundle, Gaussian) pairs.
+        slots: longest list of one bundle.
+        transient: largest number of transient Gaussians that are alive during the rays' times.
     """
 
     cells: tuple[int, ...] = eqx.field(static=True)
@@ -31,11 +33,15 @@ class Capacity(eqx.Module):
 
 
 class Candidates(eqx.Module):
-    """For every bundle the Gaussians it may meet: `index[start : start + count]`.
+    """The list of every bundle: `index[start : start + count]`.
 
-    `needed` holds the sizes that this scene wants, in the order of `Capacity` (cells of each level,
-    pairs, slots); a size below another that overflowed is a lower bound. `dropped` counts the
-    entries that did not fit.
+    Args:
+        index: the Gaussians of all lists.
+        start: start of each bundle's list.
+        count: length of each bundle's list.
+        needed: sizes that this scene needs, in the order of `Capacity` (cells of each level, pairs,
+            slots). Behind a size that overflowed they are lower bounds.
+        dropped: number of entries that did not fit.
     """
 
     index: Int[Array, " pairs"]
@@ -46,11 +52,16 @@ class Candidates(eqx.Module):
 
 
 def candidates(grid: Grid, levels: list[Bundles], *, capacity: Capacity) -> Candidates:
-    """Bundles against grid, coarse to fine: every level tests only what its parent kept.
+    """The lists of all bundles, from coarse to fine: each level tests the pairs that its parent
+    kept.
 
-    `levels` runs from the coarsest bundles to the finest, FAN children to each parent. Pairs are
-    tested block by block, as many blocks as there are pairs: room in the lists costs no time, and
-    what a block is made of stays small.
+    Pairs are tested in blocks, as many as there are pairs, so that unused capacity costs no time
+    and a block's intermediate arrays stay small.
+
+    Args:
+        grid: the grid of Gaussians.
+        levels: bundles from the coarsest level to the finest, FAN children per parent.
+        capacity: sizes of the lists.
     """
     pairs, wanted = _meetings(grid, levels[0], capacity.cells[0])
     needed = [wanted]
@@ -61,14 +72,14 @@ def candidates(grid: Grid, levels: list[Bundles], *, capacity: Capacity) -> Cand
 
 
 class _Pairs(NamedTuple):
-    """(bundle, cell) pairs in the order of the bundles: the first `count` of the places."""
+    """(bundle, cell) pairs in the order of the bundles; the first `count` places are filled."""
 
     bundle: Int[Array, " places"]
     cell: Int[Array, " places"]
     count: Int[Array, ""]
 
     def block(self, first: Int[Array, ""], size: int) -> tuple[Array, Array, Array]:
-        """Bundles and cells of so many places from `first` on, and which of them are filled."""
+        """Bundles and cells of `size` places from `first` on, and which of them are filled."""
         one, other = (
             jax.lax.dynamic_slice_in_dim(x, first, size) for x in (self.bundle, self.cell)
         )
@@ -76,15 +87,18 @@ class _Pairs(NamedTuple):
 
 
 def _meetings(grid: Grid, bounds: Bundles, size: int) -> tuple[_Pairs, Int[Array, ""]]:
-    """All bundles of a level against all cells, a few bundles at a time; and how many pairs there
-    would be."""
+    """Test all bundles of a level against all cells, a few bundles at a time.
+
+    Returns:
+        The pairs that fit, and the number of all pairs.
+    """
     bundles, cells = bounds.offset.shape[0], grid.lower.shape[0]
     rows = min(max(_at_once() // cells, 1), bundles)
     filled = grid.lower[:, 0] <= grid.upper[:, 0]
     cell = jnp.broadcast_to(jnp.arange(cells, dtype=jnp.int32), (rows, cells))
 
     def step(first: Array, state: tuple[_Pairs, Array]) -> tuple[_Pairs, Array]:
-        # The last rows may be some of those before them, which are not asked twice.
+        # The last block may overlap the one before it; overlapping rows do not count again.
         begin = jnp.minimum(first, bundles - rows)
         bundle = begin + jnp.arange(rows, dtype=jnp.int32)
         some = jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, begin, rows), bounds)
@@ -101,8 +115,8 @@ def _refined(
 ) -> tuple[_Pairs, Int[Array, ""]]:
     """(parent, cell) pairs -> (child, cell) pairs, ordered by child without sorting.
 
-    Twice over the pairs: which children a pair has, as bits, and how many pairs each child gets;
-    then every pair to its place, the next one of its child's run.
+    The first pass finds the children of each pair, as bits, and the number of pairs of each child.
+    The second pass writes every pair to the next place of its child.
     """
     block, bundles = min(_at_once(), pairs.cell.shape[0]), bounds.offset.shape[0]
     fan = jnp.arange(FAN, dtype=jnp.int32)
@@ -128,7 +142,7 @@ def _refined(
         parent, cell, _ = pairs.block(first, block)
         bits_of_pairs = jax.lax.dynamic_slice_in_dim(bits, first, block)
         touched = (bits_of_pairs[:, None] >> fan[None]) & 1
-        # Before it in this block, less those of other parents.
+        # Number of pairs before it in this block, without those of other parents.
         before = jnp.cumsum(touched, axis=0, dtype=jnp.int32) - touched
         opens = jnp.concatenate([jnp.ones(1, bool), parent[1:] != parent[:-1]])
         opening = jax.lax.cummax(jnp.where(opens, jnp.arange(block), 0))
@@ -150,7 +164,7 @@ def _gathered(
 ) -> Candidates:
     """(bundle, cell) pairs -> the list of Gaussians of every bundle."""
     block, bundles = min(_at_once(), pairs.cell.shape[0]), bounds.offset.shape[0]
-    # Components first, neighbours last: what a cell holds is tested side by side.
+    # Components first, Gaussians last, so that the Gaussians of a cell are contiguous.
     center = jnp.moveaxis(grid.center, (1, 3, 0), (0, 1, 2))
     axes = jnp.moveaxis(grid.axes, (1, 3, 4, 0), (0, 1, 2, 3))
     fading = grid.fading
@@ -183,18 +197,18 @@ def _gathered(
 
 
 def _at_once() -> int:
-    """Pairs of a block: on a CPU as many as its caches hold."""
+    """Number of pairs in a block: on a CPU as many as its caches hold."""
     return 1 << (11 if jax.default_backend() == "cpu" else 18)
 
 
 def _blocks(count: int | Int[Array, ""], size: int, step: Callable, state):
-    """`state` after a step for every block of so many places, up to `count`."""
+    """Run `step` on every block of `size` places, up to `count`, and return the last state."""
     blocks = -(-count // size)
     return jax.lax.fori_loop(0, blocks, lambda i, state: step(i * size, state), state)
 
 
 def _no_pairs(size: int) -> _Pairs:
-    """Room for as many, in whole blocks."""
+    """Empty pairs with room for `size`, in whole blocks."""
     block = min(_at_once(), size)
     nothing = jnp.zeros(-(-size // block) * block, jnp.int32)
     return _Pairs(nothing, nothing, jnp.zeros((), jnp.int32))
@@ -203,7 +217,7 @@ def _no_pairs(size: int) -> _Pairs:
 def _appended(
     state: tuple[_Pairs, Array], mask: Array, bundle: Array, cell: Array, size: int
 ) -> tuple[_Pairs, Array]:
-    """With the pairs under the mask, in order, as many as fit; and how many there are by now."""
+    """Append the pairs under the mask, in order, as far as they fit; also the number of all."""
     kept, total = state
     rank = total + jnp.cumsum(mask.reshape(-1), dtype=jnp.int32)
     place = jnp.where(mask.reshape(-1) & (rank <= size), rank - 1, kept.cell.shape[0])
@@ -212,7 +226,7 @@ def _appended(
 
 
 def _put(pairs: _Pairs, place: Array, bundle: Array, cell: Array) -> _Pairs:
-    """Pairs at their places; those beyond all are dropped."""
+    """Write pairs to their places; places beyond the last are dropped."""
     return pairs._replace(
         bundle=pairs.bundle.at[place].set(bundle, mode="drop"),
         cell=pairs.cell.at[place].set(cell, mode="drop"),
@@ -235,7 +249,7 @@ def _touches_box(
 
 
 def _swept(fading: Fading, cell: Int[Array, " pairs"], bundle: Bundles) -> Sweep:
-    """What the Gaussians of a cell do in the time of its bundle."""
+    """Motion and fading of the Gaussians of a cell during the time of its bundle."""
     of_cell = Fading(
         jax.tree.map(lambda x: x[cell], fading.window), fading.radius[cell], fading.time_range
     )

@@ -111,7 +111,7 @@ def test_what_a_format_cannot_hold_is_refused(tmp_path):
     linear = np.ones((4, 4, 3))
     with pytest.raises(ValueError, match="suffix must be .png or .exr, got '.gif'"):
         write_image(tmp_path / "a.gif", linear)
-    with pytest.raises(ValueError, match="must be linear light, got uint8 codes"):
+    with pytest.raises(ValueError, match="must be linear light, got 8-bit levels"):
         write_image(tmp_path / "a.exr", ALL_CODES)
     with pytest.raises(ValueError, match="must stay within 65504, got 70000.0. Use depth='float'"):
         write_image(tmp_path / "a.exr", 7e4 * linear)

@@ -18,7 +18,6 @@ from gaussray.camera.lens.model import (
 from gaussray.camera.lens.radial import RadialLens, root
 from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
-from gaussray.io.json_numbers import json_numbers
 
 
 class Division(RadialLens):
@@ -87,9 +86,8 @@ class Division(RadialLens):
             )
 
     def record(self) -> LensRecord:
-        k, limit = json_numbers(self.coefficients), json_numbers(self.limit)
-        block = {"model": "division", "k": k, "limit": limit}
-        return LensRecord({**self.intrinsics(), "lens": block})
+        values = {"k": self.coefficients, "limit": self.limit}
+        return self.block_record("division", values)
 
 
 def fold_radius(k: Float[np.ndarray, " coefficients"]) -> float:

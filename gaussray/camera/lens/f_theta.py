@@ -21,7 +21,6 @@ from gaussray.camera.lens.model import (
 from gaussray.camera.lens.radial import RadialLens
 from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
-from gaussray.io.json_numbers import json_numbers
 
 
 # Which of NVIDIA's two polynomials the coefficients are: PIXELDIST_TO_ANGLE, ANGLE_TO_PIXELDIST.
@@ -58,9 +57,8 @@ class FTheta(RadialLens):
         return unit / self.limit ** jnp.arange(k.shape[0])
 
     def record(self) -> LensRecord:
-        k, limit = json_numbers(self.coefficients), json_numbers(self.limit)
-        block = {"model": "f_theta", "polynomial": self.polynomial, "k": k, "limit": limit}
-        return LensRecord({**self.intrinsics(), "lens": block})
+        values = {"polynomial": self.polynomial, "k": self.coefficients, "limit": self.limit}
+        return self.block_record("f_theta", values)
 
     @property
     def max_angle(self) -> Float[Array, ""]:

@@ -1,5 +1,7 @@
 """Fisheye lenses of the four classical projections."""
 
+import functools
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -7,15 +9,8 @@ from jaxtyping import Array, DTypeLike, Float
 
 from gaussray.camera.film import Film
 from gaussray.camera.lens.abstract import LensRecord
-from gaussray.camera.lens.model import (
-    LensKeys,
-    LensModel,
-    LensOptions,
-    coefficients_of,
-    focal_and_center,
-    half_angle,
-)
-from gaussray.camera.lens.radial import RadialLens, root, spanning
+from gaussray.camera.lens.model import LensKeys, LensModel, LensOptions, coefficients_of
+from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_spanning, root
 
 
 # Name -> largest half angle of view. Stereographic, what lies straight behind is infinitely far.
@@ -85,21 +80,18 @@ class Fisheye(RadialLens):
         self.check_radial(PROJECTIONS[self.projection], "lens.max_angle")
 
     def record(self) -> LensRecord:
-        return LensRecord({**self.intrinsics(), "lens": self.fov_block(self.projection)})
+        return self.block_record(self.projection, {"fov": 2 * self.max_angle})
 
 
 def _from_options(film: Film, options: LensOptions) -> Fisheye:
     coefficients_of(options, 0)
-    return spanning(
-        film,
-        half_angle(options, np.rad2deg(PROJECTIONS[options.model])),
-        lambda focal, center, half: Fisheye(focal, center, half, options.model),
-    )
+    lens = functools.partial(Fisheye, projection=options.model)
+    return lens_spanning(film, options, lens, widest=np.rad2deg(PROJECTIONS[options.model]))
 
 
 def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> Fisheye:
-    half = jnp.array(block.number("fov") / 2, dtype)
-    return Fisheye(*focal_and_center(keys, dtype), half, block.text("model"))
+    lens = functools.partial(Fisheye, projection=block.text("model"))
+    return lens_of_keys(lens, keys, dtype, block.number("fov") / 2)
 
 
 # The viewer stops short of the largest stereographic field, whose rim is nearly at infinity.

@@ -8,15 +8,8 @@ from jaxtyping import Array, DTypeLike, Float
 
 from gaussray.camera.film import Film
 from gaussray.camera.lens.abstract import LensRecord
-from gaussray.camera.lens.model import (
-    LensKeys,
-    LensModel,
-    LensOptions,
-    coefficients_of,
-    focal_and_center,
-    half_angle,
-)
-from gaussray.camera.lens.radial import RadialLens, spanning
+from gaussray.camera.lens.model import LensKeys, LensModel, LensOptions, coefficients_of
+from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_spanning
 from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
 from gaussray.io.json_numbers import json_numbers
@@ -57,8 +50,9 @@ class KannalaBrandt(RadialLens):
 
     def record(self) -> LensRecord:
         k = dict(zip(_FRAME_KEYS, json_numbers(self.coefficients), strict=True))
+        block = {"model": "kannala_brandt", "fov": json_numbers(2 * self.max_angle)}
         keys = {"camera_model": "OPENCV_FISHEYE", **self.intrinsics(), **k}
-        return LensRecord({**keys, "lens": self.fov_block("kannala_brandt")})
+        return LensRecord({**keys, "lens": block})
 
 
 def monotone_angle(k: Sequence[float]) -> float:
@@ -76,19 +70,13 @@ def _radius(theta: Float[Array, ""], k: Float[Array, "4"]) -> Float[Array, ""]:
 
 
 def _from_options(film: Film, options: LensOptions) -> KannalaBrandt:
-    k = jnp.asarray(coefficients_of(options, 4))
-    return spanning(
-        film,
-        half_angle(options),
-        lambda focal, center, half: KannalaBrandt(focal, center, k, half),
-    )
+    return lens_spanning(film, options, KannalaBrandt, coefficients_of(options, 4))
 
 
 def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> KannalaBrandt:
     k = [keys.number(key, 0.0) for key in _FRAME_KEYS]
     half = block.number("fov") / 2 if block.has("fov") else monotone_angle(k)
-    arrays = jnp.array(k, dtype), jnp.array(half, dtype)
-    return KannalaBrandt(*focal_and_center(keys, dtype), *arrays)
+    return lens_of_keys(KannalaBrandt, keys, dtype, k, half)
 
 
 _FRAME_KEYS = ("k1", "k2", "k3", "k4")

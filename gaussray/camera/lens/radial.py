@@ -1,18 +1,25 @@
 """Lenses that bend rays by their angle from the optical axis alone."""
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, DTypeLike, Float
 
 from gaussray.camera.film import Film
+from gaussray.camera.lens.abstract import LensRecord
 from gaussray.camera.lens.correctable import ParametricLens
-from gaussray.camera.lens.model import film_size
+from gaussray.camera.lens.model import (
+    LensKeys,
+    LensOptions,
+    film_size,
+    focal_and_center,
+    half_angle,
+)
 from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
@@ -50,9 +57,10 @@ class RadialLens(ParametricLens):
     def axis_slope(self) -> Float[Array, ""] | float:
         return self.slope()
 
-    def fov_block(self, model: str) -> dict[str, Any]:
-        """The `lens` block of this model's field of view, in radians from rim to rim."""
-        return {"model": model, "fov": json_numbers(2 * self.max_angle)}
+    def block_record(self, model: str, values: Mapping[str, Any]) -> LensRecord:
+        """The record of a lens whose `lens` block holds these values, in this order."""
+        numbers = {key: x if isinstance(x, str) else json_numbers(x) for key, x in values.items()}
+        return LensRecord({**self.intrinsics(), "lens": {"model": model, **numbers}})
 
     def ray(self, xy: Float[Array, "2"]) -> Float[Array, "3"]:
         r = safe_norm(xy)
@@ -113,12 +121,39 @@ def root(square: Float[Array, ""]) -> Float[Array, ""]:
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)
 
 
-def spanning(film: Film, half: float, build: Callable[[Array, Array, Array], _Radial]) -> _Radial:
-    """The radial lens whose picture, `half` radians wide from axis to rim, touches the longer sides
-    of the film; `build` makes it from focal length, principal point and half angle."""
-    center, angle = jnp.asarray(film_size(film) / 2), jnp.asarray(half, jnp.float32)
+def lens_spanning(
+    film: Film,
+    options: LensOptions,
+    lens: Callable[..., _Radial],
+    *parameters: Float[np.ndarray, " coefficients"],
+    widest: float = 180.0,
+) -> _Radial:
+    """The radial lens whose picture touches the longer sides of the film at `lens.fov`.
+
+    Args:
+        film: Size of the picture.
+        options: The user's options, of which `fov` is read.
+        lens: Builds the lens from focal lengths, principal point, `parameters` and half angle.
+        parameters: Further arrays of the lens.
+        widest: Largest half angle of view, in degrees.
+    """
+    center = jnp.asarray(film_size(film) / 2)
+    angle = jnp.asarray(half_angle(options, widest), jnp.float32)
+    arrays = [jnp.asarray(values, jnp.float32) for values in parameters]
 
     def scaled(focal: float) -> _Radial:
-        return build(jnp.full(2, focal, jnp.float32), center, angle)
+        return lens(jnp.full(2, focal, jnp.float32), center, *arrays, angle)
 
     return scaled(float(film_size(film).min() / 2 / scaled(1.0).radius(angle)))
+
+
+def lens_of_keys(
+    lens: Callable[..., _Radial],
+    keys: LensKeys,
+    dtype: DTypeLike,
+    *parameters: float | Sequence[float],
+) -> _Radial:
+    """A lens from the focal lengths and principal point of a frame's keys and `parameters`, of
+    which the last is the half angle of view in radians."""
+    arrays = (jnp.array(values, dtype) for values in parameters)
+    return lens(*focal_and_center(keys, dtype), *arrays)

@@ -1,24 +1,14 @@
 """Lenses that project through the surface of one or two unit spheres, in closed form both ways."""
 
-from typing import Any
-
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, DTypeLike, Float
 
 from gaussray.camera.film import Film
 from gaussray.camera.lens.abstract import LensRecord
-from gaussray.camera.lens.model import (
-    LensKeys,
-    LensModel,
-    LensOptions,
-    coefficients_of,
-    focal_and_center,
-    half_angle,
-)
-from gaussray.camera.lens.radial import RadialLens, root, spanning
+from gaussray.camera.lens.model import LensKeys, LensModel, LensOptions, coefficients_of
+from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_spanning, root
 from gaussray.camera.validate import require
-from gaussray.io.json_numbers import json_numbers
 
 
 class UnifiedSphere(RadialLens):
@@ -62,8 +52,8 @@ class UnifiedSphere(RadialLens):
         return ("alpha", "beta")
 
     def record(self) -> LensRecord:
-        block = _sphere_block("enhanced_unified_sphere", self)
-        return LensRecord({**self.intrinsics(), "lens": block})
+        values = {"k": self.coefficients, "fov": 2 * self.max_angle}
+        return self.block_record("enhanced_unified_sphere", values)
 
 
 class DoubleSphere(RadialLens):
@@ -109,12 +99,8 @@ class DoubleSphere(RadialLens):
         return ("xi", "alpha")
 
     def record(self) -> LensRecord:
-        return LensRecord({**self.intrinsics(), "lens": _sphere_block("double_sphere", self)})
-
-
-def _sphere_block(model: str, lens: UnifiedSphere | DoubleSphere) -> dict[str, Any]:
-    block = lens.fov_block(model)
-    return {"model": model, "k": json_numbers(lens.coefficients), "fov": block["fov"]}
+        values = {"k": self.coefficients, "fov": 2 * self.max_angle}
+        return self.block_record("double_sphere", values)
 
 
 def _unified_from_options(film: Film, options: LensOptions) -> UnifiedSphere:
@@ -122,34 +108,22 @@ def _unified_from_options(film: Film, options: LensOptions) -> UnifiedSphere:
         k = np.append(coefficients_of(options, 1), 1)
     else:
         k = coefficients_of(options, 2)
-    k = jnp.asarray(k, jnp.float32)
-    return spanning(
-        film,
-        half_angle(options),
-        lambda focal, center, half: UnifiedSphere(focal, center, k, half),
-    )
+    return lens_spanning(film, options, UnifiedSphere, k)
 
 
 def _unified_from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> UnifiedSphere:
     enhanced = block.text("model") == "enhanced_unified_sphere"
     k = block.vector("k", 2) if enhanced else [*block.vector("k", 1), 1.0]
-    arrays = jnp.array(k, dtype), jnp.array(block.number("fov") / 2, dtype)
-    return UnifiedSphere(*focal_and_center(keys, dtype), *arrays)
+    return lens_of_keys(UnifiedSphere, keys, dtype, k, block.number("fov") / 2)
 
 
 def _double_from_options(film: Film, options: LensOptions) -> DoubleSphere:
-    k = jnp.asarray(coefficients_of(options, 2))
-    return spanning(
-        film,
-        half_angle(options),
-        lambda focal, center, half: DoubleSphere(focal, center, k, half),
-    )
+    return lens_spanning(film, options, DoubleSphere, coefficients_of(options, 2))
 
 
 def _double_from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> DoubleSphere:
     half, k = block.number("fov") / 2, block.vector("k", 2)
-    arrays = jnp.array(k, dtype), jnp.array(half, dtype)
-    return DoubleSphere(*focal_and_center(keys, dtype), *arrays)
+    return lens_of_keys(DoubleSphere, keys, dtype, k, half)
 
 
 MODELS = (

@@ -1,4 +1,4 @@
-"""Captures that COLMAP has calibrated, standing still or with a folder or video per camera."""
+"""Reads captures calibrated by COLMAP: static ones, and one folder or video per camera."""
 
 import dataclasses
 import os
@@ -28,14 +28,14 @@ from gaussray.geometry import BLENDER_AXES
 
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
-# Registered pictures of a camera that stands still may differ by this angle (in radians, about a
-# pixel) and by this share of the cameras' extent.
+# Registered pictures of a camera that stands still may differ by this angle in radians (about a
+# pixel) and by this share of the extent of all cameras.
 TURN, SHIFT = 1e-3, 1e-3
-# A shorter quaternion has, squared, no length.
+# The square of a shorter quaternion underflows.
 _LEAST = 1e-30
 
 
-# Focal lengths in widths of a picture beyond which hardly a lens is: 136 degrees wide, or 3.
+# Range of plausible focal lengths in widths of the picture: fields of view of 136 to 3 degrees.
 _NEAR, _FAR = 0.2, 20.0
 
 
@@ -47,23 +47,30 @@ class CameraImages(NamedTuple):
 
 
 def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
-    """The pictures that a COLMAP model has registered, or all frames of the cameras they stand for.
+    """Read a capture calibrated by COLMAP.
 
-    The model (binary or text) lies in sparse/0, sparse, colmap/sparse/0 or the folder itself;
-    pictures in images/, or else by the same names in the folder. World, poses and pixel centres are
-    COLMAP's own; its points are the starting points.
+    The model (binary or text) is in sparse/0, sparse, colmap/sparse/0 or the folder itself; the
+    pictures are in images/ or, by the same names, in the folder. World, poses and pixel centres are
+    COLMAP's; its points are the initial points.
 
-    A registered picture in a folder of its own camera (`cam00/0000.png`, of several such folders)
-    stands for all pictures of that folder, in the order of their names with numbers counted; any
-    other (`cam00.jpg`) for those of the folder `cam00`. Where that holds no second picture, the
-    video `cam00.mp4` (or .mov .mkv .avi .webm) counts, in the capture's folder, in videos/ or in
-    images/. All cameras must then have as many frames; frame i of n is at time i / n. If several
-    pictures of a folder are registered at one place, that place is the camera's; if at several, the
-    camera moves: only registered pictures are used, each as a camera of its own, and each at its
-    place in the folder. Without any second frame the capture is static, at time 0, with a warning.
+    A registered picture stands for all frames of its camera:
+    - If pictures are in several folders (`cam00/0000.png`), for all pictures of its folder, in
+      natural order of their names.
+    - Otherwise (`cam00.jpg`) for the pictures in the folder `cam00`.
+    - If that folder has no second picture, for the frames of the video `cam00.mp4` (or .mov .mkv
+      .avi .webm) in the capture's folder, in videos/ or in images/.
 
-    No camera is held out. Raises CaptureError, FileNotFoundError or OSError, naming file
-    and remedy.
+    All cameras must have the same number of frames; frame i of n is at time i / n. If the pictures
+    of a folder are registered at one place, the camera is fixed there. If at several, the camera
+    moves: only registered pictures are used, each as a camera of its own, at its time in the
+    folder. If no camera has a second frame, the capture is static, at time 0, with a warning. No
+    camera is held out.
+
+    Raises:
+        CaptureError: files are malformed or contradict each other; the message names file and
+            remedy.
+        FileNotFoundError: the folder holds no model.
+        OSError: a file cannot be read.
     """
     folder = project_folder(Path(folder))
     place = model_folder(folder)
@@ -94,7 +101,7 @@ def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
 
 
 def _check_lenses(model: Model) -> None:
-    """Warn of lenses that COLMAP has hardly found: with few pictures it bends them at will."""
+    """Warn of implausible focal lengths, which COLMAP finds if there are few pictures."""
     for number, lens in model.cameras.items():
         share = lens["fl_x"] / lens["w"]
         if not _NEAR <= share <= _FAR:
@@ -143,16 +150,16 @@ def _cameras(folder: Path, model: Model) -> dict[str, CameraImages]:
 
 
 def _held(folder: Path, path: Path) -> Path:
-    """A file of the capture's folder, which no link leads out of."""
+    """Check that a path stays inside the capture's folder, also through links."""
     name = path.relative_to(folder).as_posix()
     return Keys(folder / "capture", {"picture": name}).inside("picture")
 
 
 def _inside(file: Path, name: str) -> PurePosixPath:
-    """A picture's name as a path; it must stay inside its folder."""
+    """Check that a picture's name is a path inside its folder."""
     path = PurePosixPath(name)
     outside = path.is_absolute() or PureWindowsPath(name).anchor or ".." in path.parts
-    # No file system has longer ones, and each says so in its own way.
+    # File systems have no longer names, and each reports that differently.
     if outside or not path.parts or max(len(part.encode()) for part in path.parts) > 255:
         raise CaptureError(
             f"{file}: the name of a picture must be a path inside the folder of pictures, got "
@@ -162,7 +169,7 @@ def _inside(file: Path, name: str) -> PurePosixPath:
 
 
 def _frames(folder: Path, name: str, camera: CameraImages) -> list[Path]:
-    """All frames of a camera: its folder's pictures, a video's, or what is registered."""
+    """All frames of a camera: the pictures of its folder, of its video, or the registered ones."""
     if camera.folder.is_dir():
         pictures = [p for p in camera.folder.iterdir() if p.suffix.lower() in PICTURES]
         if len(pictures) > 1:
@@ -193,13 +200,13 @@ def _pose(file: Path, image: Registered) -> np.ndarray:
 
 
 def _keys(model: Model, poses: dict[Registered, np.ndarray]) -> list[Keys]:
-    """What frames of JSON would say of the registered pictures."""
-    told = {"time": 0.0, "camera": "camera", "split": "train"}
+    """The registered pictures as the keys of JSON frames."""
+    shared = {"time": 0.0, "camera": "camera", "split": "train"}
     return [
         Keys(
             model.file,
             {
-                **{**told, **model.cameras[image.camera]},
+                **{**shared, **model.cameras[image.camera]},
                 **{"file_path": image.name, "transform_matrix": pose},
             },
             k,
@@ -219,10 +226,10 @@ def _is_fixed(images: list[Registered], poses: dict[Registered, np.ndarray], ext
 
 
 def _moving(name: str, placed: dict[Path, View], frames: list[Path]) -> list[View]:
-    """The registered pictures of a camera that moves, at their places among all.
+    """The registered pictures of a moving camera, at their times among all its frames.
 
-    A registered picture that does not exist has no place: its view keeps time 0, and is left out
-    or refused with all other missing pictures (`open_capture`).
+    The view of a registered picture that does not exist keeps time 0; `open_capture` handles
+    missing pictures.
     """
     times = dict(zip(frames, views_in_time(next(iter(placed.values())), frames), strict=True))
     views = []

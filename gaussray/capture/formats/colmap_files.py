@@ -1,4 +1,4 @@
-"""COLMAP's files: cameras, images and points, binary or text."""
+"""Reads COLMAP's model files, binary or text: cameras, images and points."""
 
 import os
 import struct
@@ -17,9 +17,9 @@ from gaussray.io.safe.limits import within
 
 _T = TypeVar("_T")
 
-# Where the files of a model lie in a capture's folder.
+# Folders of a model's files, in a capture's folder.
 PLACES = ("sparse/0", "sparse", "colmap/sparse/0", ".")
-# Number and name of each model, and its parameters in their order.
+# Number and name of each camera model, and its parameters in order.
 COLMAP_MODELS: dict[int, tuple[str, tuple[str, ...]]] = {
     0: ("SIMPLE_PINHOLE", ("f", "cx", "cy")),
     1: ("PINHOLE", ("fl_x", "fl_y", "cx", "cy")),
@@ -42,8 +42,8 @@ _NUMBERS = {name: number for number, (name, _) in COLMAP_MODELS.items()}
 
 
 class Registered(NamedTuple):
-    """A picture that COLMAP has placed: camera_from_world rotation (wxyz) and translation, OpenCV
-    axes, and the number of its camera."""
+    """A registered picture: camera_from_world rotation (wxyz) and translation in OpenCV axes, and
+    the number of its camera."""
 
     name: str
     quat: tuple[float, ...]
@@ -52,8 +52,14 @@ class Registered(NamedTuple):
 
 
 class Model(NamedTuple):
-    """What a folder of COLMAP's files says; `file` is the one with the images. Each camera has the
-    keys of a capture's JSON (`camera_model w h fl_x ...`)."""
+    """A COLMAP model.
+
+    Args:
+        file: the file with the images, for messages.
+        cameras: by number, the keys of a capture's JSON (`camera_model w h fl_x ...`).
+        images: the registered pictures.
+        points: the points; None if there are none.
+    """
 
     file: Path
     cameras: dict[int, dict[str, Any]]
@@ -66,7 +72,7 @@ DENSE_FOLDERS = ("dense/0", "dense")
 
 
 def project_folder(folder: Path) -> Path:
-    """The folder of a project that holds a model and its pictures: itself, or its dense/0."""
+    """The folder of a project with a model and its pictures: itself or one of `DENSE_FOLDERS`."""
     places = [folder, *(folder / name for name in DENSE_FOLDERS)]
     return next((place for place in places if model_folder(place) is not None), folder)
 
@@ -82,11 +88,13 @@ def model_folder(folder: Path) -> Path | None:
 
 
 def read_colmap_model(folder: Path) -> Model:
-    """The model in a folder: `cameras`, `images` and, if there are any, `points3D`, all `.bin` or
-    else all `.txt`.
+    """Read a model: `cameras`, `images` and, if it exists, `points3D`, all `.bin` or all `.txt`.
 
-    CaptureError for a file that is malformed or truncated, or a kind of camera that no lens of ours
-    is; no count in a file takes more memory than the file has bytes.
+    Memory is allocated only for data that the files hold.
+
+    Raises:
+        CaptureError: a file is malformed or truncated, or a camera model is not supported.
+        OSError: a file cannot be read.
     """
     suffix = ".bin" if (folder / "cameras.bin").is_file() else ".txt"
     cameras, images, points = (folder / f"{n}{suffix}" for n in ("cameras", "images", "points3D"))
@@ -108,7 +116,7 @@ def read_colmap_model(folder: Path) -> Model:
 
 
 def _camera(path, number, model, size, read) -> tuple[int, dict[str, Any]]:
-    """A camera's number and keys; `read(count)` gives the parameters that follow in the file."""
+    """A camera's number and keys; `read(count)` reads its parameters."""
     if model not in COLMAP_MODELS:
         raise CaptureError(
             f"{path}: the model of camera {number} must be one of {', '.join(_NUMBERS)}, "
@@ -140,12 +148,12 @@ def _bytes(path: Path) -> bytes:
 
 
 class _Bytes:
-    """A binary file, little endian, read from its start; never beyond its end."""
+    """Reads a little-endian binary file from its start, never beyond its end."""
 
     def __init__(self, path: Path):
         self.path, self.data, self.at = path, _bytes(path), 0
 
-    def take(self, layout: str) -> tuple:
+    def unpack(self, layout: str) -> tuple:
         size = struct.calcsize("<" + layout)
         self.skip(size)
         return struct.unpack_from("<" + layout, self.data, self.at - size)
@@ -159,10 +167,9 @@ class _Bytes:
         self.at += size
 
     def rows(self) -> range:
-        count = self.take("Q")[0]
-        # Of no more rows than bytes: else the file ends before them, which is said there.
-        held = min(count, len(self.data))
-        within(self.path, "the millions of rows", held, "points", 1e6)
+        count = self.unpack("Q")[0]
+        # A count above the number of bytes fails later, at the end of the file.
+        within(self.path, "the millions of rows", min(count, len(self.data)), "points", 1e6)
         return range(count)
 
     def text(self) -> str:
@@ -175,22 +182,22 @@ class _Bytes:
 def _binary_cameras(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
     file = _Bytes(path)
     for _ in file.rows():
-        number, model, *size = file.take("IiQQ")
-        yield _camera(path, number, model, size, lambda count: file.take(f"{count}d"))
+        number, model, *size = file.unpack("IiQQ")
+        yield _camera(path, number, model, size, lambda count: file.unpack(f"{count}d"))
 
 
 def _binary_images(path: Path) -> Iterator[Registered]:
     file = _Bytes(path)
     for _ in file.rows():
-        _, *pose, camera = file.take("I7dI")
+        _, *pose, camera = file.unpack("I7dI")
         yield Registered(file.text(), tuple(pose[:4]), tuple(pose[4:]), camera)
-        file.skip(24 * file.take("Q")[0])
+        file.skip(24 * file.unpack("Q")[0])
 
 
 def _binary_points(path: Path) -> Iterator[tuple[float, ...]]:
     file = _Bytes(path)
     for _ in file.rows():
-        _, *point, _, track = file.take("Q3d3BdQ")
+        _, *point, _, track = file.unpack("Q3d3BdQ")
         file.skip(8 * track)
         yield tuple(point)
 
@@ -233,7 +240,7 @@ def _text_points(path: Path) -> Iterator[tuple[float, ...]]:
 
 
 def _parsed(path: Path, parse: Callable[[str], _T], lines: int = 1) -> Iterator[_T]:
-    """What `parse` makes of every first of so many lines, comments left out."""
+    """Parse the first line of every `lines` lines, without comments."""
     listed = enumerate(read_text(path).decode("utf-8", "replace").splitlines(), 1)
     for number, line in listed:
         if not line.strip() or line.lstrip().startswith("#"):

@@ -1,28 +1,34 @@
-"""YAML of strangers: what an alias names stands again wherever it does, so that a few lines of
-aliases of aliases are more than any memory holds."""
+"""Refuses YAML whose aliases expand to more values than memory holds ("billion laughs")."""
 
 import math
 
 import yaml
 
 
-# Values of a file with all that is repeated; no configuration has a hundredth.
+# Largest number of values of a file with all aliases expanded; configurations have a hundredth.
 MOST = 100_000
 
 
 def check_aliases(where: object, text: str) -> None:
-    """ValueError if a YAML text, its aliases written out, has more than `MOST` values.
+    """Check the size of a YAML text with its aliases expanded.
 
-    YAMLError for what is none.
+    Args:
+        where: what the error message names, such as a file.
+        text: the YAML text.
+
+    Raises:
+        ValueError: the text has more than `MOST` values, or an alias contains itself.
+        yaml.YAMLError: the text is not YAML.
     """
     if "*" not in text:
         return
     count, sizes = 0, dict[str, float]()
+    # Anchor and number of values before it, of each collection that is open.
     begun: list[tuple[str | None, float]] = []
     for event in yaml.parse(text, Loader=yaml.SafeLoader):
         match event:
             case yaml.AliasEvent():
-                # One of what has not ended yet goes round in a circle.
+                # An alias of an open collection contains itself.
                 inside = any(name == event.anchor for name, _ in begun)
                 count += math.inf if inside else sizes.get(event.anchor, 1)
             case yaml.ScalarEvent():
@@ -36,6 +42,6 @@ def check_aliases(where: object, text: str) -> None:
                 sizes[name or ""] = count - before
         if count > MOST:
             raise ValueError(
-                f"{where}: must hold at most {MOST} values, what its aliases (*name) repeat among "
-                "them. Write out what is meant."
+                f"{where}: must hold at most {MOST} values, those that aliases (*name) repeat "
+                "included. Write the values without aliases."
             )

@@ -1,4 +1,4 @@
-"""NumPy's files of arrays, read without trust: no pickle, no promise that the file breaks."""
+"""Reads untrusted .npy and .npz files: no pickles, no memory beyond what the file holds."""
 
 import functools
 import io
@@ -16,24 +16,29 @@ from gaussray.io.safe.files import opened
 from gaussray.io.safe.limits import within
 
 
-# Bytes of a header, of which NumPy's own take a few hundred.
+# Largest header in bytes; NumPy writes a few hundred.
 _HEADER = 10_000
 # Bytes read at a time.
 _BLOCK = 1 << 24
-# What zipfile says of one that is none, of a kind it does not know, of names that are no text.
+# Errors of zipfile for files that are no archive, unknown methods, names that are not text.
 _BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, UnicodeDecodeError)
 _METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 
 
 class Damaged(ValueError):
-    """A file that is no file of arrays, or not a whole one."""
+    """The file is truncated, or is no .npy or .npz file of plain arrays."""
 
 
 def read_npz(path: Path | str) -> dict[str, np.ndarray]:
     """The arrays of an .npz file by name.
 
-    Sizes in headers are held against those of the entries, and these against limits.arrays, before
-    memory is taken. Damaged if it is none, or is cut off, or holds objects.
+    Before memory is allocated, sizes in headers are compared with those of the entries, and these
+    with limits.arrays.
+
+    Raises:
+        Damaged: the file is truncated, no .npz file, or holds Python objects.
+        ValueError: the arrays exceed limits.arrays.
+        OSError: the file is missing or no regular file.
     """
     try:
         with opened(path) as file, zipfile.ZipFile(file) as archive:
@@ -50,13 +55,13 @@ def read_npz(path: Path | str) -> dict[str, np.ndarray]:
         raise Damaged(f"{path}: {str(error)[:200]}") from error
     except FileNotFoundError:
         raise
-    # What zipfile says of entries that are encrypted, or that lie nowhere.
+    # Errors of zipfile for entries that are encrypted or outside the file.
     except (RuntimeError, OverflowError, OSError) as error:
         raise Damaged(f"{path}: {str(error)[:200]}") from error
 
 
 def read_npy(path: Path | str) -> np.ndarray:
-    """The array of an .npy file; Damaged if it is none."""
+    """The array of an .npy file, with the errors of `read_npz`."""
     with opened(path) as file:
         size = os.fstat(file.fileno()).st_size
         within(path, "the array in GB", size, "arrays", 1e9)
@@ -71,26 +76,26 @@ def _entry(path: Path | str, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -
 
 
 def _array(where: object, file: io.BufferedIOBase, size: int) -> np.ndarray:
-    """The array in a file of so many bytes."""
+    """The array of an .npy file of `size` bytes."""
     try:
         version = npy.read_magic(file)
         if version not in ((1, 0), (2, 0)):
             raise ValueError(f"version {version}")
-        digits = file.read(2 if version == (1, 0) else 4)
-        # Whatever it says, no more is read than a header may have.
-        told = digits + file.read(min(int.from_bytes(digits, "little"), _HEADER + 1))
-        shape, fortran, kind = _header(version, told)
+        length = file.read(2 if version == (1, 0) else 4)
+        # Whatever length the file claims, no more is read than a header may have.
+        header = length + file.read(min(int.from_bytes(length, "little"), _HEADER + 1))
+        shape, fortran, kind = _header(version, header)
         if kind.hasobject or kind.subdtype is not None or kind.names or not kind.itemsize:
             raise ValueError(f"numbers of the kind {kind}")
         if kind.kind in "fiu" and kind.itemsize > 8:
             raise ValueError(f"numbers of {kind.itemsize} bytes")
-        wanted, held = math.prod(shape) * kind.itemsize, size - file.tell()
-        if min(shape, default=0) < 0 or len(shape) > 32 or wanted != held:
-            raise ValueError(f"{held} bytes for the shape {shape}")
-        flat = _filled(np.empty(wanted, np.uint8), file).view(kind)
-        # Of the machine's own byte order, as JAX demands.
+        needed, present = math.prod(shape) * kind.itemsize, size - file.tell()
+        if min(shape, default=0) < 0 or len(shape) > 32 or needed != present:
+            raise ValueError(f"{present} bytes for the shape {shape}")
+        flat = _read_into(np.empty(needed, np.uint8), file).view(kind)
+        # JAX requires the byte order of the machine.
         flat = flat.astype(kind.newbyteorder("="), copy=False)
-        # NumPy would make texts of them that Python itself takes for its own error.
+        # Python fails with an internal error on texts with such code points.
         if kind.kind == "U" and flat.view(np.uint32).max(initial=0) > sys.maxunicode:
             raise ValueError("a text with numbers that are no characters")
         return flat.reshape(shape[::-1]).T if fortran else flat.reshape(shape)
@@ -102,14 +107,14 @@ def _array(where: object, file: io.BufferedIOBase, size: int) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=256)
-def _header(version: tuple[int, int], told: bytes) -> tuple[tuple[int, ...], bool, np.dtype]:
-    """Shape, order and kind in a header, kept, for a file has many that are alike."""
+def _header(version: tuple[int, int], header: bytes) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Shape, order and dtype of a header; cached, because a file has many equal headers."""
     read = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
-    return read(io.BytesIO(told), max_header_size=_HEADER)
+    return read(io.BytesIO(header), max_header_size=_HEADER)
 
 
-def _filled(room: np.ndarray, file: io.BufferedIOBase) -> np.ndarray:
-    """All of the bytes of an array from a file."""
+def _read_into(room: np.ndarray, file: io.BufferedIOBase) -> np.ndarray:
+    """Fill an array of bytes from a file."""
     at = 0
     while at < len(room):
         block = file.read(min(len(room) - at, _BLOCK))

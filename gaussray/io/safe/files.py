@@ -1,4 +1,4 @@
-"""Files of strangers: where they may lie, and what opening one may do."""
+"""Opens untrusted files: regular files only, inside allowed folders, JSON of limited size."""
 
 import io
 import json
@@ -12,19 +12,21 @@ from typing import Any
 from gaussray.io.safe.limits import limits, within
 
 
-# Longest name of a file in a list, and deepest nesting of a JSON text: no format needs a tenth.
+# Longest file name in a manifest, and deepest nesting of JSON; no format needs a tenth of these.
 LONGEST, DEEPEST = 4096, 100
-# Digits of a whole number that certainly fits into 64 bits.
+# Digits of an integer that fits into 64 bits.
 _DIGITS = 18
 
 
 def opened(path: Path | str) -> io.BufferedReader:
-    """A regular file, to be read as bytes.
+    """Open a regular file for reading bytes.
 
-    A pipe, device or folder is refused, and never waited for. FileNotFoundError or another OSError,
-    naming the file.
+    Raises:
+        FileNotFoundError: there is no such file.
+        OSError: the file cannot be opened, or is a folder, a pipe or a device.
     """
-    # O_NONBLOCK: opening a pipe does not wait for a writer. O_BINARY: Windows keeps line ends.
+    # O_NONBLOCK: opening a pipe does not wait for a writer. O_BINARY: Windows keeps line ends as
+    # they are.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
     try:
         number = os.open(path, flags)
@@ -39,26 +41,29 @@ def opened(path: Path | str) -> io.BufferedReader:
 
 
 def read_text(path: Path | str) -> bytes:
-    """The bytes of a text, of at most limits.text megabytes."""
+    """The bytes of a text file of at most limits.text megabytes."""
     with opened(path) as file:
         within(path, "the text in MB", os.fstat(file.fileno()).st_size, "text", 1e6)
-        # It may grow while it is read.
+        # The file may grow while it is read.
         return file.read(int(limits().text * 1e6) + 1)
 
 
 def read_json(path: Path | str) -> Any:
-    """What a JSON file holds; whole numbers beyond 64 bits as fractions.
+    """The content of a JSON file. Integers beyond 64 bits become floats.
 
-    ValueError for what is no JSON, no UTF-8 or nested too deeply, naming file and place.
+    Raises:
+        ValueError: the file is larger than limits.text, not UTF-8, not JSON, or nested too deeply;
+            the message names the file and the place.
+        OSError: the file is missing or cannot be read.
     """
     return parse_json(path, read_text(path))
 
 
 def parse_json(where: object, text: bytes | str) -> Any:
-    """The same of a text; `where` it stands is named."""
+    """The content of a JSON text, as `read_json`; `where` is what error messages name."""
     try:
-        told = text.decode("utf-8") if isinstance(text, bytes) else text
-        content = json.loads(told, parse_int=_whole)
+        decoded = text.decode("utf-8") if isinstance(text, bytes) else text
+        content = json.loads(decoded, parse_int=_whole)
     except json.JSONDecodeError as error:
         raise ValueError(
             f"{where}: malformed JSON at line {error.lineno}, column {error.colno}: {error.msg}."
@@ -70,7 +75,7 @@ def parse_json(where: object, text: bytes | str) -> Any:
     level, depth = [content], 0
     while level and depth <= DEEPEST:
         level, depth = [child for node in level for child in _containers(node)], depth + 1
-    if level or content is None and told.strip() != "null":
+    if level or content is None and decoded.strip() != "null":
         raise ValueError(f"{where}: the JSON must be nested at most {DEEPEST} deep.")
     return content
 
@@ -85,10 +90,16 @@ def _containers(node: Any) -> Iterator[Any]:
 
 
 def inside(folder: Path, name: str, where: object) -> Path:
-    """The path of a file that a list names, in the folder of that list.
+    """The path of a file that a manifest names, relative to the manifest's folder.
 
-    ValueError, beginning with `where` the name stands, if it leaves the folder, by .. or links or
-    because it begins at the root, unless to a folder of limits.folders.
+    Args:
+        folder: folder of the manifest.
+        name: the file name in the manifest.
+        where: what the error message names, such as manifest and key.
+
+    Raises:
+        ValueError: the file is outside the folder and all of limits.folders (by .., a link or an
+            absolute path), or the name is not a file name.
     """
     if len(name) > LONGEST or re.search(r"[\x00-\x1f\x7f]", name):
         shown = name if len(name) <= 80 else name[:80] + "..."
@@ -102,6 +113,6 @@ def inside(folder: Path, name: str, where: object) -> Path:
     if not any(real.is_relative_to(other) for other in known):
         raise ValueError(
             f"{where} must name a file in {home}, got {name!r}, which is {real}. Copy it there, "
-            f"or, if you trust the list, allow its folder: limits.folders=['{real.parent}']."
+            f"or, if you trust the manifest, allow its folder: limits.folders=['{real.parent}']."
         )
     return path

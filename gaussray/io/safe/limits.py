@@ -1,15 +1,22 @@
-"""How much a file may ask for: held against its header before memory is taken."""
+"""Limits on the size of untrusted files, checked against their headers before memory is used."""
 
 import equinox as eqx
 
 
 class Limits(eqx.Module):
-    """The most that is read of one file.
+    """The largest files that are read.
 
-    `text` megabytes of JSON or other text; `arrays` gigabytes of all arrays in a file, unpacked;
-    `picture` megapixels of a picture or video, in `channels`; `points` millions of points or
-    Gaussians; `frames` of a list or video. What a capture names lies in its folder or in one of the
-    `folders`.
+    Args:
+        text: megabytes of JSON or other text.
+        arrays: gigabytes of all arrays of a file, uncompressed.
+        picture: megapixels of a picture or video.
+        channels: channels of a picture.
+        points: millions of points or Gaussians.
+        frames: frames of a manifest or video.
+        folders: folders in which files named by a capture may lie, besides the capture's own.
+
+    Raises:
+        ValueError: a limit is not above 0, or a folder is empty.
     """
 
     text: float = eqx.field(static=True, default=512.0)
@@ -32,18 +39,28 @@ _in_force = [Limits()]
 
 
 def limits() -> Limits:
-    """Those in force."""
+    """The limits in force."""
     return _in_force[0]
 
 
 def limit(chosen: Limits) -> None:
-    """Put limits in force: of the whole process, as the system's own are, for files are opened deep
-    below the stages and in threads."""
+    """Put limits in force for the whole process, including all threads."""
     _in_force[0] = chosen
 
 
 def within(path: object, what: str, amount: float | int, key: str, unit: float | int = 1) -> None:
-    """A ValueError if a file asks for more than the limit `key` of so many `unit`s."""
+    """Check a size against a limit.
+
+    Args:
+        path: the file, for the error message.
+        what: what is measured, for the error message.
+        amount: the size.
+        key: name of the limit in `Limits`.
+        unit: size of the limit's unit, such as 1e6 for megabytes.
+
+    Raises:
+        ValueError: the size exceeds the limit.
+    """
     most = getattr(limits(), key)
     if amount > most * unit:
         raise ValueError(

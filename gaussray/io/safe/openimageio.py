@@ -1,4 +1,4 @@
-"""OpenImageIO, for every module that reads or writes pictures."""
+"""Imports OpenImageIO for all modules that read or write pictures."""
 
 import atexit
 import sys
@@ -7,10 +7,11 @@ import OpenImageIO as oiio  # noqa: F401  (for others)
 
 
 def _forget() -> None:
-    """Let the library's types go before the interpreter does.
+    """Drop references to OpenImageIO before the interpreter ends.
 
-    JAX knows the classes that are pytrees for ever, they their modules' names, and so OpenImageIO's
-    types outlive the interpreter, which its binding reports in thirty lines after every command.
+    JAX keeps pytree classes forever, these keep the names in their modules, and so OpenImageIO's
+    types outlive the interpreter; nanobind would then print thirty lines of warnings after every
+    command.
     """
     for name, module in list(sys.modules.items()):
         if name.startswith("gaussray."):

@@ -1,4 +1,4 @@
-"""Pictures opened without trust: which library reads them is decided here, not by the file."""
+"""Opens untrusted pictures: known formats only, with size limits checked before decoding."""
 
 from pathlib import Path
 from typing import Any
@@ -8,8 +8,8 @@ from gaussray.io.safe.limits import limits, within
 from gaussray.io.safe.openimageio import oiio
 
 
-# First bytes of each format that is read, and how its files are called. OpenImageIO knows twenty
-# more, some of which take any bytes for a picture.
+# First bytes of each format that is read, its name and its file extensions. OpenImageIO supports
+# twenty more, some of which accept any bytes.
 SIGNATURES = {
     b"\x89PNG\r\n\x1a\n": ("PNG", (".png",)),
     b"\xff\xd8\xff": ("JPEG", (".jpg", ".jpeg")),
@@ -24,14 +24,18 @@ SIGNATURES = {
 
 
 def open_picture(path: Path | str, config: "oiio.ImageSpec | None" = None) -> "oiio.ImageInput":
-    """A picture whose header keeps to the limits, none of its pixels read yet.
+    """Open a picture and check its header; no pixels are read yet.
 
-    The format is that of the first bytes, and the name must say the same. OSError for what is no
-    picture, ValueError for one beyond limits.picture or limits.channels.
+    The first bytes define the format, and the file extension must match it.
+
+    Raises:
+        OSError: the file is missing, or no flat picture of a known format.
+        ValueError: the picture exceeds limits.picture or limits.channels.
     """
     _check_format(Path(path))
     most = limits()
-    # Of the process: no other library tries its luck, and none allocates what is refused below.
+    # Settings of the process: only the reader of the format is tried, and it does not allocate a
+    # picture that is refused below.
     oiio.attribute("try_all_readers", 0)
     oiio.attribute("limits:channels", most.channels)
     pixels = 4 * most.picture * most.channels
@@ -66,9 +70,9 @@ def _check_format(path: Path) -> None:
         )
 
 
-def complaint(told: Any) -> str:
-    """What OpenImageIO says is wrong with a file, in which it may quote the file's own bytes."""
+def complaint(source: Any) -> str:
+    """The error message of OpenImageIO or of one of its files. It may quote bytes of the file."""
     try:
-        return told.geterror().strip().split("\n")[0][:300]
+        return source.geterror().strip().split("\n")[0][:300]
     except UnicodeDecodeError:
         return "it is damaged"

@@ -1,4 +1,4 @@
-"""Models of others in, ours out: Gaussians as other programs keep them."""
+"""Imports models of other programs as scenes, and exports scenes as 3D Gaussian Splatting PLY."""
 
 import math
 from dataclasses import replace
@@ -21,9 +21,9 @@ from gaussray.scene.srgb_harmonics import directions, projection
 from gaussray.scene.store import save_scene
 
 
-# What a light can be kept as: codes of sRGB, which fits to 8-bit pictures hold, or linear.
+# Colours of a model: sRGB values, as in models fitted to 8-bit pictures, or linear light.
 COLORS = ("srgb", "linear")
-# Opacity below which a transient Gaussian is left out of a file: that which rasterisers leave out.
+# Transient Gaussians of smaller opacity are not exported: rasterisers do not show them.
 LEAST_OPACITY = 1 / 255
 # Gaussians whose colours are converted at a time: bounds the memory.
 CONVERSION_BLOCK = 1 << 16
@@ -32,14 +32,23 @@ CONVERSION_BLOCK = 1 << 16
 def import_model(
     source: Path | str, out: Path | str, *, color: str = "srgb", iteration: int | None = None
 ) -> tuple[Scene, str]:
-    """A trained model of others as a scene, left in `out`/scene.npz.
+    """Import a trained model of another program, and save it as `out`/scene.npz.
 
-    `source` is a PLY file of 3D Gaussian Splatting, which stands still, or the folder of a model of
-    4DGaussians or of one of its iterations (`read_model`; `iteration` chooses one, None the
-    newest). `color` says what the model's colours are: srgb, the codes of the 8-bit pictures that
-    it was fitted to, which are converted to linear light (`converted`; at every time anew if they
-    change), or linear, taken as they are. The time range is 0 to 1. Returns the scene and what had
-    to be assumed. ValueError if `out` holds a scene already, or the source no model.
+    Args:
+        source: a PLY file of 3D Gaussian Splatting (a static scene), or the folder of a model of
+            4DGaussians or of one of its iterations (`read_model`).
+        out: folder of the scene.
+        color: colours of the model: `srgb`, the values of the 8-bit pictures that it was fitted to,
+            which are converted to linear light (`converted`; at every time if they change), or
+            `linear`, taken as they are.
+        iteration: iteration of a model's folder; None for the latest.
+
+    Returns:
+        The scene, whose time range is 0 to 1, and a text on what was assumed.
+
+    Raises:
+        ValueError: `out` already holds a scene, or the source is not a model.
+        FileNotFoundError: the source does not exist.
     """
     _check_color(color)
     out = Path(out)
@@ -52,7 +61,7 @@ def import_model(
     none = jax.tree.map(lambda x: x[:0], gaussians)
     static, moving = (gaussians, none) if field is None else (none, gaussians)
     scene = Scene(static, moving, field, jnp.asarray([0, 1], jnp.float32))
-    # No process shall find what another has just written.
+    # All processes check for an existing scene before one of them writes it.
     wait("import")
     if leads():
         info = {"source": file.name, "color": color}
@@ -63,8 +72,8 @@ def import_model(
 def _decoded(
     gaussians: Gaussians, field: ResidualField | None
 ) -> tuple[Gaussians, ResidualField | None, float]:
-    """The same in linear light, and the error of the harmonics (`converted`), at first if they
-    change."""
+    """The Gaussians in linear light, and the error of their harmonics (`converted`), at time 0 if
+    they change."""
     if field is None or field.harmonics is None:
         harmonics, error = converted(gaussians.harmonics, encode=False)
         return _with_harmonics(gaussians, harmonics), field, error
@@ -82,18 +91,18 @@ def export_model(
     color: str = "srgb",
     degree: int = 3,
 ) -> tuple[Gaussians, str]:
-    """A scene's Gaussians at one `time` as a 3D Gaussian Splatting model, the PLY file `out`.
+    """Export a scene's Gaussians at one time as a PLY file of 3D Gaussian Splatting.
 
-    Tints, which the layout has no place for, are folded into the harmonics (`folded`, exact), and
-    the windows of transient Gaussians into their opacity; those that are not alive at the time are
-    left out.
+    Tints, which the format does not have, are folded into the harmonics (`folded`, exact), and the
+    windows of transient Gaussians into their opacity. Transient Gaussians that are not alive at
+    that time are left out.
 
     Args:
         scene: the scene.
         out: the file.
-        time: in the unit of the scene's time range; None will do where nothing moves.
-        color: `srgb`, the codes that viewers show as they are (`converted`), or `linear`, ours.
-        degree: of the file's harmonics, at least the scene's; some viewers demand 3.
+        time: in the unit of the scene's time range; may be None for a static scene.
+        color: `srgb`, which other viewers expect (`converted`), or `linear`, as in the scene.
+        degree: degree of the file's harmonics, at least the scene's; some viewers require 3.
 
     Returns:
         The Gaussians that were written, and a line about them.
@@ -118,19 +127,26 @@ def export_model(
     gaussians = _with_harmonics(gaussians, harmonics)
     if leads():
         write_gaussians(out, gaussians)
-    kept = f"sRGB codes, {_off(error)}" if color == "srgb" else "linear light"
+    kept = f"sRGB values, {_off(error)}" if color == "srgb" else "linear light"
     return gaussians, f"{gaussians.count} Gaussians, colours as {kept}."
 
 
 def converted(
     harmonics: Float[Array, "gaussians coefficients 3"], *, encode: bool
 ) -> tuple[Float[Array, "gaussians coefficients 3"], float]:
-    """Harmonics of the colours' sRGB codes (`encode`) or of the codes' linear light, and the error.
+    """Convert the harmonics of colours between linear light and sRGB values.
 
-    The colour max(0, 1/2 + sum c_i Y_i) is taken through the sRGB curve in directions all around
-    and projected on the same harmonics: c'_i is the mean over the sphere of 4 pi Y_i (f - 1/2).
-    Exact for a colour that is the same from everywhere; the error is the root mean square of what
-    the harmonics cannot follow, over directions, channels and Gaussians, in sRGB codes 0 to 1.
+    The colour f = max(0, 1/2 + sum c_i Y_i) is passed through the sRGB curve in directions all
+    around, and projected onto the same harmonics: c'_i is the mean over the sphere of
+    4 pi Y_i (f - 1/2). This is exact for a colour that does not depend on the direction.
+
+    Args:
+        harmonics: coefficients of the colours.
+        encode: True: linear light to sRGB values; False: sRGB values to linear light.
+
+    Returns:
+        The new coefficients, and the error of the projection: root mean square over directions,
+        channels and Gaussians, in sRGB values 0 to 1.
     """
     count, coefficients, _ = harmonics.shape
     _, weight = directions()
@@ -152,7 +168,7 @@ def _seen(
     values: Float[np.ndarray, "directions coefficients"],
     harmonics: Float[np.ndarray, "gaussians coefficients 3"],
 ) -> Float[np.ndarray, "directions gaussians 3"]:
-    """The colours from all directions."""
+    """The colours in all directions."""
     return np.maximum(np.einsum("dc,nck->dnk", values, harmonics, optimize=True) + 0.5, 0)
 
 
@@ -161,7 +177,8 @@ def _with_harmonics(gaussians: Gaussians, harmonics: Array) -> Gaussians:
 
 
 def _without_dead(gaussians: Gaussians, persistent: int) -> Gaussians:
-    """Without the transient Gaussians, those behind the persistent ones, that no renderer shows."""
+    """The Gaussians without the transient ones (all behind the first `persistent`) that are too
+    faint to be shown."""
     opacity = np.asarray(gaussians.opacity)
     alive = (np.arange(len(opacity)) < persistent) | (opacity > LEAST_OPACITY)
     return jax.tree.map(lambda x: x[np.flatnonzero(alive)], gaussians)
@@ -175,7 +192,7 @@ def _instant(scene: Scene | Clip, time: float | None) -> float:
                 f"time must be given for a scene that moves, in its range {begin:g} ... {end:g}."
             )
         return begin
-    # The range is kept in single precision: 0.1 shall not be outside of 0 ... 0.1.
+    # The range is in single precision: 0.1 must not be outside of 0 ... 0.1.
     if not begin <= np.float32(time) <= end:
         raise ValueError(f"time must be in the scene's range {begin:g} ... {end:g}, got {time:g}.")
     return time
@@ -191,7 +208,7 @@ def _off(error: float) -> str:
 
 
 def _assumed(file: Path, field: ResidualField | None, color: str, error: float) -> str:
-    light = f"sRGB codes, now linear light, {_off(error)}" if color == "srgb" else "linear light"
+    light = f"sRGB values, now linear light, {_off(error)}" if color == "srgb" else "linear light"
     return (
         f"{file}: {_moves(field)}\n"
         f"assumed, as the file does not say: colours are {light}; light is blended linearly; "

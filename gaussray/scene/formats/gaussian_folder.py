@@ -1,9 +1,9 @@
-"""Trained models of 4DGaussians (Wu et al. 2024): a folder of Gaussians and of how they move.
+"""Reads the folders of trained models of 4DGaussians (Wu et al. 2024) and 3D Gaussian Splatting.
 
-`<model>/cfg_args` is the text of the arguments it was trained with; each `iteration_<n>` in
-`<model>/point_cloud` holds `point_cloud.ply`, the Gaussians at rest, and `deformation.pth`, the
-network (`gaussian_network`). A `coarse_iteration_<n>`, and a model of 3D Gaussian Splatting, which
-has the same folders, stands still.
+`<model>/cfg_args` holds the training arguments as text. Each `iteration_<n>` in
+`<model>/point_cloud` holds `point_cloud.ply`, the undeformed Gaussians, and `deformation.pth`, the
+network (`gaussian_network`). A `coarse_iteration_<n>` and a model of 3D Gaussian Splatting, which
+has the same folders, are static.
 """
 
 import ast
@@ -18,7 +18,7 @@ from gaussray.scene.gaussians import Gaussians, constrain
 from gaussray.scene.residual_field import ResidualField
 
 
-# The argument that leaves a head out. All five are in the file, trained or not.
+# The argument that disables each head. The file holds all five heads, trained or not.
 FLAGS = {
     "mean": "no_dx",
     "rotation": "no_dr",
@@ -26,24 +26,32 @@ FLAGS = {
     "opacity": "no_do",
     "harmonics": "no_dshs",
 }
-# Layouts without a reader that is both kept and safe: one hangs on a header that is cut off.
+# Formats without a safe and maintained reader: one of them hangs on a truncated header.
 COMPRESSED = (".spz", ".splat", ".ksplat", ".sog")
-# Arguments that would make another network of it.
+# Arguments of networks that are not supported.
 UNKNOWN = ("no_grid", "grid_pe", "static_mlp", "empty_voxel", "apply_rotation")
 
-# Characters of the arguments; a model has some two thousand.
+# Largest number of characters of the arguments; models have some two thousand.
 _LONGEST = 100_000
 
 
 def read_model(
     source: Path | str, iteration: int | None = None
 ) -> tuple[Gaussians, ResidualField | None, Path]:
-    """The Gaussians at rest, how they move (None: not at all), and the PLY file they are from.
+    """Read a trained model.
 
-    `source` is a PLY file, the folder of an iteration, or that of a model, of which the newest
-    iteration is taken or the one that is named. The colours are the model's own. ValueError or
-    FileNotFoundError names the file and what is wrong: nothing there, arguments without which the
-    network cannot be understood or that ask for another one, tensors that do not fit.
+    Args:
+        source: a PLY file, the folder of an iteration, or the folder of a model.
+        iteration: iteration of a model's folder; None for the latest.
+
+    Returns:
+        The undeformed Gaussians, in the model's own colours; their deformation, None for a static
+        model; and the PLY file.
+
+    Raises:
+        ValueError: the folder is not a model, its network is not supported, or tensors have wrong
+            shapes; the message names the file.
+        FileNotFoundError: a file is missing.
     """
     if Path(source).suffix in COMPRESSED:
         raise ValueError(
@@ -76,20 +84,20 @@ def _iteration_folder(source: Path, iteration: int | None) -> Path | None:
     """The folder with the Gaussians; None for a file."""
     clouds = source / "point_cloud"
     if clouds.is_dir():
-        held = {
+        iterations = {
             int(m[1]): path
             for path in clouds.iterdir()
             if path.is_dir() and (m := re.fullmatch(r"iteration_(\d+)", path.name))
         }
-        if iteration is None and held:
-            return held[max(held)]
-        if iteration not in held:
-            listed = ", ".join(str(n) for n in sorted(held)) or "none"
+        if iteration is None and iterations:
+            return iterations[max(iterations)]
+        if iteration not in iterations:
+            listed = ", ".join(str(n) for n in sorted(iterations)) or "none"
             raise ValueError(
                 f"{source}: iteration must be one of those in {clouds.name}, got "
                 f"{iteration} of {listed}. To import a coarse stage name its folder as the source."
             )
-        return held[iteration]
+        return iterations[iteration]
     if iteration is not None:
         raise ValueError(f"iteration must be null unless source is a model's folder, got {source}.")
     if source.is_dir():
@@ -103,8 +111,8 @@ def _iteration_folder(source: Path, iteration: int | None) -> Path | None:
 
 
 def _arguments(path: Path) -> dict[str, Any]:
-    """The arguments of a text Namespace(name=value, ...) whose values are literals; it is parsed,
-    never run."""
+    """The arguments of a text Namespace(name=value, ...) of literals. The text is parsed, not
+    executed."""
     if not path.is_file():
         raise FileNotFoundError(
             f"{path}: no such file. It says which parts of the network are in use: copy it from "

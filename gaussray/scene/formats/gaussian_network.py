@@ -1,10 +1,11 @@
-"""The network of a model of 4DGaussians (Wu et al. 2024), from `deformation.pth`.
+"""Reads the deformation network of a model of 4DGaussians (Wu et al. 2024), `deformation.pth`.
 
-All names begin with deformation_net. The planes grid.grids.<scale>.<0..5> (xy xz xt yz yt zt) are
-[1, channels, second axis, first axis] and sampled, corners aligned and borders repeated, at
-(p - max) 2 / (min - max) - 1 with max and min the rows of grid.aabb, so that every axis of space is
-flipped, and at the time itself: times 0 to 1 meet the upper half of the rows alone. feature_out.0,
-.2, ... are the layers of the trunk, <head>.1 and <head>.3 those of a head, all with a ReLU between.
+All names begin with deformation_net. The planes grid.grids.<scale>.<0..5> (xy xz xt yz yt zt) have
+the shape [1, channels, second axis, first axis]. They are sampled with aligned corners and repeated
+borders at (p - max) 2 / (min - max) - 1, where max and min are the rows of grid.aabb; hence every
+spatial axis is flipped. The time axis is sampled at the time itself, so that times 0 to 1 use only
+the upper half of the rows. feature_out.0, .2, ... are the layers of the trunk, <head>.1 and
+<head>.3 those of a head, with a ReLU between layers.
 """
 
 from pathlib import Path
@@ -19,7 +20,7 @@ from gaussray.scene.planes import Planes
 from gaussray.scene.residual_field import Head, ResidualField
 
 
-# Name and outputs of each head.
+# Name and number of outputs of each head.
 NETWORK_HEADS = {
     "mean": ("pos_deform", 3),
     "rotation": ("rotations_deform", 4),
@@ -32,16 +33,22 @@ NETWORK_HEADS = {
 def read_field(
     path: Path, heads: list[str], logit_opacity: Float[Array, " gaussians"] | None
 ) -> ResidualField:
-    """The field of a file, with those of its heads that are in use.
+    """Read a deformation network.
 
-    `logit_opacity` is that of the Gaussians at rest, None without the head opacity. ValueError
-    names the file and a tensor that is missing, has another shape or is not finite.
+    Args:
+        path: the file.
+        heads: names of the heads that are in use, of `NETWORK_HEADS`.
+        logit_opacity: of the undeformed Gaussians; None without the head opacity.
+
+    Raises:
+        ValueError: a tensor is missing, has a wrong shape or is not finite; the message names file
+            and tensor.
     """
     return _Network(path).field(heads, logit_opacity)
 
 
 class _Network:
-    """The tensors of a deformation, each checked as it is taken."""
+    """The tensors of the file, each checked when it is used."""
 
     def __init__(self, path: Path):
         self.path = path
@@ -66,7 +73,7 @@ class _Network:
         )
 
     def _planes(self) -> Planes:
-        upper, lower = self._take("grid.aabb", 2, 3)
+        upper, lower = self._tensor("grid.aabb", 2, 3)
         if not (lower < upper).all():
             raise ValueError(
                 f"{self.path}: 'deformation_net.grid.aabb' must hold the largest corner first, got "
@@ -84,7 +91,7 @@ class _Network:
                 f"{self.path}: the time planes must have as many rows at every scale, got "
                 f"{sorted(rows)}. Such a network is not understood."
             )
-        # Rows lie at times -1 ... 1, those of the lower half are never met.
+        # Rows are at times -1 ... 1; the lower half is never sampled.
         last = rows.pop() - 1
         first = last // 2
         return Planes(
@@ -98,7 +105,7 @@ class _Network:
 
     def _grid(self, scale: int, pair: int) -> np.ndarray:
         """A plane, indexed [second axis, first axis, channel]."""
-        grid = self._take(f"grid.grids.{scale}.{pair}", 1, None, None, None)[0]
+        grid = self._tensor(f"grid.grids.{scale}.{pair}", 1, None, None, None)[0]
         if min(grid.shape[1:]) < 2:
             raise self._misfit(f"grid.grids.{scale}.{pair}", "at least 2 x 2", (1, *grid.shape))
         return np.moveaxis(grid, 0, -1)
@@ -113,11 +120,11 @@ class _Network:
         return np.stack(grids)
 
     def _layer(self, name: str, inputs: int, outputs: int | None) -> Layer:
-        weight = self._take(f"{name}.weight", outputs, inputs)
-        bias = self._take(f"{name}.bias", weight.shape[0])
+        weight = self._tensor(f"{name}.weight", outputs, inputs)
+        bias = self._tensor(f"{name}.bias", weight.shape[0])
         return Layer(jnp.asarray(weight.T), jnp.asarray(bias))
 
-    def _take(self, name: str, *shape: int | None) -> np.ndarray:
+    def _tensor(self, name: str, *shape: int | None) -> np.ndarray:
         """A tensor of this shape (None: any length) in single precision."""
         full = f"deformation_net.{name}"
         if full not in self.tensors:

@@ -1,9 +1,9 @@
-"""Gaussians in the PLY layout of 3D Gaussian Splatting (Kerbl et al. 2023), read and written.
+"""Reads and writes Gaussians in the PLY format of 3D Gaussian Splatting (Kerbl et al. 2023).
 
 Element `vertex`, binary little-endian, all float32, in the order x y z nx ny nz f_dc_0..2
 f_rest_0..(3 C - 1) opacity scale_0..2 rot_0..3. With L the degree of the harmonics, C = (L+1)^2 - 1
-and f_rest is channel-major: C coefficients of red, then of green, then of blue. The file holds what
-an optimiser moves: opacity = sigmoid(stored), scale = exp(stored), and rot is a quaternion
+and f_rest is channel-major: C coefficients of red, then of green, then of blue. The file holds
+unconstrained values: opacity = sigmoid(stored), scale = exp(stored), and rot is a quaternion
 (w, x, y, z) of any length. The colour is max(0, 1/2 + sum c_i Y_i), with the harmonics of
 `scene.harmonics` in their order and sign; the file does not say whether that is linear light.
 Normals are dummies.
@@ -34,13 +34,17 @@ _ABOVE_ZERO, _BELOW_ONE = 2 * _FLOAT.tiny, 1 - _FLOAT.epsneg
 
 
 def read_gaussians(path: Path | str) -> Gaussians:
-    """Gaussians of a PLY file, in physical values and single precision.
+    """Read the Gaussians of a PLY file, in physical values and single precision.
 
-    ASCII or binary, properties in any order; normals and properties unknown here are passed over.
-    Quaternions become unit ones, a zero one the identity. Gaussians with a value that is not
-    finite, or a scale that single precision cannot hold, are dropped with a warning that counts
-    them. ValueError names file, property and remedy if a property is missing, if f_rest is not that
-    of degree 0 to 3, if data are missing, or if no Gaussian is left.
+    The file may be ASCII or binary, with properties in any order; normals and unknown properties
+    are ignored. Quaternions are normalised; a zero one becomes the identity. Gaussians with a value
+    that is not finite, or with a scale out of the range of single precision, are dropped with a
+    warning.
+
+    Raises:
+        ValueError: a property is missing, f_rest is not of degree 0 to 3, the file is truncated, or
+            no Gaussian is left; the message names file and property.
+        FileNotFoundError: the file does not exist.
     """
     mean, quat, scale, logit, harmonics = _columns_of(path)
     with np.errstate(over="ignore"):
@@ -50,14 +54,13 @@ def read_gaussians(path: Path | str) -> Gaussians:
 
 
 def read_unconstrained(path: Path | str) -> Unconstrained:
-    """The same Gaussians as the file holds them: log scale, logit of opacity, quaternions of any
-    length, also of none."""
+    """Read the Gaussians of a PLY file in unconstrained values: log scale, logit of opacity,
+    quaternions of any length, also zero."""
     return Unconstrained(*(jnp.asarray(part, jnp.float32) for part in _columns_of(path)))
 
 
 def _columns_of(path: Path | str) -> tuple[np.ndarray, ...]:
-    """What the file holds of the Gaussians that can be used: mean, quaternion, log scale, logit of
-    opacity, harmonics."""
+    """Columns of the valid Gaussians: mean, quaternion, log scale, logit of opacity, harmonics."""
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file. Name the PLY file of a model.")
@@ -73,7 +76,7 @@ def _columns_of(path: Path | str) -> tuple[np.ndarray, ...]:
         _columns(table, ("opacity",))[:, 0],
         np.concatenate([first, others], axis=1),
     )
-    # Beyond the range of single precision scales become infinite, and are counted.
+    # Scales beyond the range of single precision become infinite, and are counted as invalid.
     with np.errstate(over="ignore", under="ignore"):
         size = np.exp(scale).astype(np.float32)
     good = (size.min(axis=1) >= _FLOAT.tiny) & np.isfinite(size).all(axis=1)
@@ -84,12 +87,17 @@ def _columns_of(path: Path | str) -> tuple[np.ndarray, ...]:
 
 
 def write_gaussians(path: Path | str, gaussians: Gaussians) -> None:
-    """Write Gaussians in the standard layout, with as many f_rest as they have harmonics.
+    """Write Gaussians as a PLY file, atomically.
 
-    The file appears whole or not at all. Opacity is kept a step of single precision above 0 and
-    below 1, and scale above 0, so that logit and log are finite. What is read back differs by
-    rounding: relatively by about |log scale| and |logit opacity| units in the last place.
-    The layout has no place for a tint or for key states: ValueError, as for what is not finite.
+    The number of f_rest properties follows from the harmonics. Opacity is kept one step of single
+    precision above 0 and below 1, and scale above 0, so that logit and log are finite. Values read
+    back differ by rounding: relatively by about |log scale| and |logit opacity| units in the last
+    place.
+
+    Raises:
+        ValueError: the Gaussians have a tint or several key states, for which the format has no
+            place, or a value is not finite.
+        OSError: the file cannot be written.
     """
     if gaussians.tint is not None or gaussians.mean.ndim != 2:
         raise ValueError(
@@ -117,7 +125,7 @@ def write_gaussians(path: Path | str, gaussians: Gaussians) -> None:
 
 
 def _stored(gaussians: Gaussians) -> dict[str, Float[np.ndarray, "gaussians _"]]:
-    """The columns of the file in their order, by the name of what they mean."""
+    """The columns of the file in their order, by quantity."""
     mean, quat, scale, opacity, harmonics = (
         np.asarray(x, np.float64)
         for x in (
@@ -143,7 +151,7 @@ def _stored(gaussians: Gaussians) -> dict[str, Float[np.ndarray, "gaussians _"]]
 
 def _unit(quat: Float[np.ndarray, "gaussians 4"]) -> Float[np.ndarray, "gaussians 4"]:
     largest = np.max(np.abs(quat), axis=1, keepdims=True)
-    # A quaternion that is not finite is found later: here it shall only not warn.
+    # Quaternions that are not finite are counted later; no warning here.
     with np.errstate(invalid="ignore"):
         scaled = quat / np.where(largest > 0, largest, 1)
         unit = scaled / np.linalg.norm(scaled, axis=1, keepdims=True).clip(min=1)
@@ -176,7 +184,7 @@ def _demand_some(path: Path, good: np.ndarray) -> None:
 
 
 def _rest_names(path: Path, names: tuple[str, ...]) -> tuple[str, ...]:
-    """The properties f_rest in the order of their numbers; all others must be there."""
+    """The properties f_rest in order; checks that all other properties exist."""
     missing = [x for x in (*MEAN, *CONSTANT, "opacity", *SCALE, *QUAT) if x not in names]
     if missing:
         raise ValueError(

@@ -1,10 +1,9 @@
-"""Tensors of a .pth file of PyTorch, read without PyTorch and without running what it holds.
+"""Reads the tensors of an untrusted .pth file without PyTorch and without executing its pickle.
 
-Layout (torch.save since 1.6): an uncompressed zip archive with `<name>/data.pkl`, the numbers of
-storage i as `<name>/data/i`, and `<name>/byteorder` (little if there is none). The pickle describes
-a dictionary of tensors: each names its storage, the place of its first number there, its shape and
-its strides. Any pickle could also call any function, which is why nothing is unpickled here but
-those descriptions.
+Format (torch.save since 1.6): an uncompressed zip archive with `<name>/data.pkl`, the numbers of
+storage i as `<name>/data/i`, and `<name>/byteorder` (little-endian if missing). The pickle
+describes a dictionary of tensors: each has a storage, the offset of its first number, a shape and
+strides. A pickle can call any function, so only these descriptions are read from it.
 """
 
 import math
@@ -20,14 +19,14 @@ from gaussray.io.safe.files import opened
 from gaussray.io.safe.limits import within
 
 
-# Kinds of numbers by the name of torch's storage.
+# Data type of each storage class of PyTorch.
 _KINDS = {
     **{"DoubleStorage": "f8", "FloatStorage": "f4", "HalfStorage": "f2"},
     **{"LongStorage": "i8", "IntStorage": "i4", "ShortStorage": "i2", "CharStorage": "i1"},
     **{"ByteStorage": "u1", "BoolStorage": "?"},
 }
-# What zipfile says of an archive that is none, or whose entries would lie before the file, or have
-# names that are no text.
+# Errors of zipfile for files that are no archive, entries outside the file, and names that are not
+# text.
 _BROKEN = (
     *(zipfile.BadZipFile, EOFError, NotImplementedError, RuntimeError, OSError),
     UnicodeDecodeError,
@@ -35,7 +34,7 @@ _BROKEN = (
 
 
 class _Storage(NamedTuple):
-    """Where numbers lie in the archive."""
+    """The numbers of a storage: entry of the archive, data type and count."""
 
     key: str
     kind: str
@@ -43,7 +42,7 @@ class _Storage(NamedTuple):
 
 
 class _Tensor(NamedTuple):
-    """Which numbers of a storage a tensor shows, in whose order."""
+    """A view of a storage: offset, shape and strides, in numbers."""
 
     storage: _Storage
     first: int
@@ -52,12 +51,14 @@ class _Tensor(NamedTuple):
 
 
 def read_tensors(path: Path | str) -> dict[str, np.ndarray]:
-    """The tensors of a state dictionary by name, with the file's own kinds of numbers.
+    """The tensors of a state dictionary by name, in the data types of the file.
 
-    Only dictionaries of tensors are understood: every other name in the pickle is refused before
-    anything is done with it. ValueError names the file and what is wrong: another format, a name
-    that is refused, tensors beyond their storage, data that are missing or damaged. Memory is taken
-    only for what the file really holds.
+    Memory is allocated only for data that the file holds.
+
+    Raises:
+        ValueError: the file has another format, holds anything but a dictionary of tensors, or is
+            damaged; the message names the file.
+        FileNotFoundError: the file does not exist.
     """
     path = Path(path)
     if not path.is_file():
@@ -81,13 +82,13 @@ def _tensors(path: Path, archive: zipfile.ZipFile) -> dict[str, np.ndarray]:
     pickles = [e.filename for e in entries if e.filename.split("/")[1:] == ["data.pkl"]]
     if len(pickles) != 1:
         raise zipfile.BadZipFile(f"{len(pickles)} pickles")
-    folder, held = pickles[0].split("/")[0], set(archive.namelist())
-    order = ">" if _text(archive, f"{folder}/byteorder", held) == "big" else "<"
+    folder, names = pickles[0].split("/")[0], set(archive.namelist())
+    order = ">" if _text(archive, f"{folder}/byteorder", names) == "big" else "<"
     tensors = {}
     described = _Reader(path).read(archive.read(pickles[0]))
     for name, tensor in described.items():
         entry = f"{folder}/data/{tensor.storage.key}"
-        if entry not in held:
+        if entry not in names:
             raise ValueError(
                 f"{path}: the numbers of '{name:.200}' are missing; the file is not whole."
             )
@@ -95,8 +96,8 @@ def _tensors(path: Path, archive: zipfile.ZipFile) -> dict[str, np.ndarray]:
     return tensors
 
 
-def _text(archive: zipfile.ZipFile, entry: str, held: set[str]) -> str:
-    return archive.read(entry).decode("ascii", "replace").strip() if entry in held else ""
+def _text(archive: zipfile.ZipFile, entry: str, names: set[str]) -> str:
+    return archive.read(entry).decode("ascii", "replace").strip() if entry in names else ""
 
 
 def _numbers(path: Path, name: str, tensor: _Tensor, order: str, data: bytes) -> np.ndarray:
@@ -120,8 +121,10 @@ def _numbers(path: Path, name: str, tensor: _Tensor, order: str, data: bytes) ->
 
 
 class _Reader:
-    """The tensors of a pickle as descriptions. Of a pickle's machine it has what a dictionary of
-    tensors needs, and neither calls nor makes anything but the descriptions; the rest is refused.
+    """An interpreter for the subset of pickle that dictionaries of tensors need.
+
+    It calls no function and creates no object but descriptions of tensors; everything else is
+    refused.
     """
 
     def __init__(self, path: Path):
@@ -137,24 +140,24 @@ class _Reader:
                 if code.name not in _STEPS:
                     raise self._refused(f"the step {code.name}")
                 _STEPS[code.name](self, argument)
-            found = self.stack.pop()
+            result = self.stack.pop()
         except _Refused:
             raise
-        # Whatever a malformed pickle makes of the machine that reads it.
+        # A malformed pickle can cause any error in the interpreter.
         except Exception as error:
             raise ValueError(f"{self.path}: the pickle is damaged ({str(error)[:200]}).") from error
-        if not isinstance(found, dict):
-            raise self._refused(f"a {_kind(found)}")
-        for name, value in found.items():
+        if not isinstance(result, dict):
+            raise self._refused(f"a {_kind(result)}")
+        for name, value in result.items():
             if not isinstance(value, _Tensor):
                 raise self._refused(f"{name!r}, a {_kind(value)}")
-        return found
+        return result
 
     def push(self, value: Any) -> None:
         self.stack.append(value)
 
     def marked(self) -> tuple[Any, ...]:
-        """What was put on the stack since the last mark."""
+        """Take the values on the stack above the last mark."""
         begin = self.marks.pop()
         values = tuple(self.stack[begin:])
         del self.stack[begin:]
@@ -166,7 +169,7 @@ class _Reader:
         self.push(values)
 
     def name(self, module: Any, name: Any) -> None:
-        """A name stands for itself; one that a dictionary of tensors does not hold is refused."""
+        """Push a global name; names that dictionaries of tensors do not use are refused."""
         if (module, name) not in _NAMES and not (module == "torch" and name in _KINDS):
             raise self._refused(f"{module}.{name}")
         self.push(_Name(name))
@@ -178,7 +181,7 @@ class _Reader:
         self.name(module, name)
 
     def call(self) -> None:
-        """The three calls that there are, each described rather than made."""
+        """Describe the result of one of three known functions, without calling it."""
         arguments, name = self.stack.pop(), self.stack.pop()
         if not isinstance(name, _Name) or not isinstance(arguments, tuple):
             raise TypeError("a call of something else")
@@ -193,10 +196,10 @@ class _Reader:
                 raise TypeError(f"a call of {name.word}")
 
     def storage(self) -> None:
-        told = self.stack.pop()
-        if not (isinstance(told, tuple) and len(told) == 5 and told[0] == "storage"):
+        reference = self.stack.pop()
+        if not (isinstance(reference, tuple) and len(reference) == 5 and reference[0] == "storage"):
             raise self._refused("another reference than to a storage")
-        _, kind, key, _, count = told
+        _, kind, key, _, count = reference
         known = isinstance(kind, _Name) and kind.word in _KINDS and isinstance(key, str)
         if not (known and type(count) is int):
             raise self._refused("a reference to an unknown storage")
@@ -207,13 +210,13 @@ class _Reader:
         if not isinstance(table, dict) or len(pairs) % 2:
             raise TypeError("values for what is no dictionary")
         for name, value in zip(pairs[::2], pairs[1::2], strict=True):
-            # Before it is looked up: a name of tuples within tuples takes for ever to be hashed.
+            # Checked before it is hashed: hashing nested tuples can take forever.
             if not isinstance(name, str):
                 raise self._refused(f"a {_kind(name)} as a name")
             table[name] = value
 
     def annotate(self) -> None:
-        """A dictionary's own note (of versions), which is left out."""
+        """Discard the attributes of a dictionary (its version numbers)."""
         note = self.stack.pop()
         if not isinstance(self.stack[-1], dict) or not isinstance(note, dict):
             raise TypeError("a note for what is no dictionary")
@@ -226,7 +229,7 @@ class _Reader:
 
 
 class _Name(NamedTuple):
-    """A name of a program in a pickle."""
+    """A global name in a pickle."""
 
     word: str
 
@@ -236,7 +239,7 @@ _NAMES = (
     ("torch._utils", "_rebuild_tensor_v2"),
     ("torch._utils", "_rebuild_parameter"),
 )
-# What each step of a pickle does (`pickletools` says what they are).
+# The action of each pickle opcode (see `pickletools`).
 _STEPS: dict[str, Callable[[_Reader, Any], object]] = {
     **dict.fromkeys(("PROTO", "FRAME", "STOP"), lambda r, x: None),
     **dict.fromkeys(("BININT", "BININT1", "BININT2", "LONG1", "LONG4"), _Reader.push),
@@ -269,7 +272,7 @@ def _kind(value: Any) -> str:
 
 
 class _Refused(ValueError):
-    """Something that a dictionary of tensors does not hold."""
+    """The pickle holds something else than a dictionary of tensors."""
 
 
 def _described(storage: Any, first: Any, shape: Any, strides: Any, *_: Any) -> _Tensor:

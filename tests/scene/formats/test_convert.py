@@ -166,7 +166,7 @@ def test_codes_become_light(tmp_path):
     write_gaussians(tmp_path / "model.ply", random_gaussians(4, tint=False, spread=0.0))
     scene, said = import_model(tmp_path / "model.ply", tmp_path / "run")
     np.testing.assert_allclose(colors(scene.static), srgb_decode(np.array(0.5)), atol=CURVE)
-    assert "sRGB codes, now linear light, off by" in said
+    assert "sRGB values, now linear light, off by" in said
 
 
 @pytest.mark.slow
@@ -251,7 +251,7 @@ def test_an_export_shows_the_codes_of_the_light(tmp_path):
     written, said = export_model(scene, tmp_path / "a.ply", degree=0)
     expected = srgb_encode(colors(at(scene, toy.single(0))))
     np.testing.assert_allclose(colors(read_gaussians(tmp_path / "a.ply")), expected, atol=CURVE)
-    assert written.harmonics.shape[1] == 1 and "sRGB codes" in said
+    assert written.harmonics.shape[1] == 1 and "sRGB values" in said
 
 
 @pytest.mark.parametrize("color", ["srgb", "linear"])

@@ -1,0 +1,128 @@
+"""The sorted hits of a group of bundles: distance and alpha of every list entry on every ray."""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array
+
+from gaussray.tracer.k_nearest import nearest_hits, sort_key
+from gaussray.tracer.response import opacity_on_ray, reach
+from gaussray.tracer.table import Lanes, meet
+
+
+# The sort key behind all hits.
+LAST_KEY = {jnp.dtype("int32"): 2**31 - 1, jnp.dtype("int64"): 2**63 - 1}
+
+
+def hit_geometry(table, columns, options):
+    """The columns of the table that hits depend on: frame and mean at each key state, opacity; and
+    the squared reach."""
+    state = table[:, : columns.opacity + 1]
+    squared = reach(state[:, -1:], options.alpha_min) ** 2
+    return jax.lax.stop_gradient(jnp.concatenate([state, squared], axis=1))
+
+
+class HitList(NamedTuple):
+    """The hits of all list entries of a group with all rays, (chunks, entries of a chunk, bundles,
+    rays).
+
+    They are evaluated once and kept for all rounds: evaluating the response of a hit again costs a
+    CPU three times as much as reading two numbers.
+
+    Args:
+        key: sort key, by distance and then by list entry; `LAST_KEY` where there is no hit.
+        t: distance of the hit.
+        alpha: alpha of the hit.
+        chunks: number of chunks that are filled, after the longest list of the group.
+    """
+
+    key: Array
+    t: Array
+    alpha: Array
+    chunks: Array
+
+    @property
+    def space(self):
+        """The arrays, which the next group overwrites."""
+        return self.key, self.t, self.alpha
+
+
+def hit_list_room(groups, options, room):
+    """Arrays for the hits of one group.
+
+    They are allocated once, because clearing them takes as long as filling them where lists are
+    short.
+    """
+    origin = groups["lanes"].origin
+    rays, dtype = origin.shape[2:], origin.dtype
+    kind = jnp.int64 if dtype == jnp.float64 else jnp.int32
+    shape = (-(-room // options.chunk), options.chunk, *rays)
+    return tuple(jnp.zeros(shape, x) for x in (kind, dtype, dtype))
+
+
+def hit_list(space, geometry, one, index, options, columns) -> HitList:
+    """The hits of a group, written into the arrays `space`.
+
+    `index` holds the Gaussian of every list entry.
+    """
+    lanes = jnp.arange(options.chunk, dtype=jnp.int32)
+    rays = with_entries(one["lanes"])
+    kind, shape = space[0].dtype, space[0].shape
+
+    def fill(i, kept):
+        slot = i * options.chunk + lanes
+        place = one["start"][None, :] + slot[:, None]
+        rows = geometry[jnp.maximum(index.at[place].get(mode="clip"), 0)]
+        row = [rows[..., i, None] for i in range(rows.shape[-1])]
+        listed = slot[:, None] < one["count"][None, :]
+        t, q = meet(row, rays, columns)
+        met = listed[..., None] & (q < row[-1]) & (t > 0)
+        alpha = opacity_on_ray(row[columns.opacity], q, alpha_max=options.alpha_max)
+        order = jnp.where(met, jax.lax.bitcast_convert_type(t, kind), end)
+        return jax.tree.map(lambda x, new: x.at[i].set(new), kept, (order, t, alpha))
+
+    def widen(i, ends):
+        low, high = ends
+        order = orders[i]
+        return jnp.minimum(low, order), jnp.maximum(high, jnp.where(order == end, 0, order))
+
+    def finish(i, kept):
+        slot = (i * options.chunk + lanes)[:, None, None]
+        order = kept[i]
+        key = sort_key(order, slot, low[None], high[None], one["mask"][None])
+        return kept.at[i].set(jnp.where(order == end, end, key))
+
+    chunks = -(-jnp.max(one["count"]) // options.chunk)
+    end = LAST_KEY[jnp.dtype(kind)]
+    orders, t, alpha = jax.lax.fori_loop(0, chunks, fill, space)
+    none = (jnp.full(shape[1:], end, kind), jnp.zeros(shape[1:], kind))
+    low, high = jax.lax.fori_loop(0, chunks, widen, none)
+    low, high = jnp.min(low, axis=0), jnp.max(high, axis=0)
+    return HitList(jax.lax.fori_loop(0, chunks, finish, orders), t, alpha, chunks)
+
+
+def next_hits(listed, one, index, after, options):
+    """The k nearest hits of every ray behind the key `after`.
+
+    Returns:
+        ((Gaussian indices, -1 where there is no hit; the last key), slots of the hits in the list).
+    """
+    kept = nearest_hits(listed.key, listed.chunks, after, k=options.k)
+    there = kept != LAST_KEY[kept.dtype]
+    slot = jnp.where(there, kept & one["mask"].astype(kept.dtype)[None], 0).astype(jnp.int32)
+    place = one["start"][None, :, None] + slot
+    # Index -1 reads the last row of the table, which is empty, so that nothing overflows.
+    return (jnp.where(there, index.at[place].get(mode="clip"), -1), kept[-1]), slot
+
+
+def hits_at(listed, slot, there):
+    """Distance and alpha of hits; 0 where there is none."""
+    rays = jnp.arange(slot[0].size, dtype=jnp.int32).reshape(slot.shape[1:])
+    place = slot * slot[0].size + rays[None]
+    return (jnp.where(there, x.reshape(-1)[place], 0) for x in (listed.t, listed.alpha))
+
+
+def with_entries(lanes: Lanes) -> Lanes:
+    """Rays with an axis for the entries that they meet."""
+    return jax.tree.map(lambda x: x[:, None], lanes)
