@@ -19,9 +19,10 @@ from gaussray.capture.capture import View
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
 from gaussray.capture.selection import Selection
+from gaussray.capture.temporal_median import moving_mask
 from gaussray.color import psnr_from_mse
 from gaussray.dataset.images import codes, side_by_side, write_image
-from gaussray.evaluate.metrics import moving_mask, psnr, ssim
+from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.evaluate.pipeline import scene_size
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.render.renderer import Renderer, RenderOptions
@@ -57,7 +58,8 @@ def masks_of(views: list[View]) -> dict[Path, np.ndarray]:
         groups.setdefault(view.camera_name, []).append(view)
     masks = {}
     for group in groups.values():
-        moving = moving_mask(np.stack([read_encoded(view) for view in group]))
+        frames = np.stack([read_encoded(view) for view in group]).astype(np.float32) / 255
+        moving = moving_mask(frames)
         masks |= {view.image: mask for view, mask in zip(group, moving, strict=True)}
     return masks
 
