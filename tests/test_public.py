@@ -1,13 +1,19 @@
 """What `import gaussray` gives, and what it does not load."""
 
+import ast
+import importlib.metadata
+import inspect
+import pathlib
 import subprocess
 import sys
+
+import pytest
 
 import gaussray
 
 
 HEAVY = ("hydra", "omegaconf", "OpenImageIO", "skimage", "av", "jaxopt")
-MOST_NAMES = 25
+SOURCE = pathlib.Path(gaussray.__file__).read_text()
 
 
 def test_import_is_light():
@@ -16,7 +22,32 @@ def test_import_is_light():
     assert done.stdout.strip() == "[]"
 
 
-def test_public_names_are_few():
-    public = [name for name in vars(gaussray) if not name.startswith("_")]
-    modules = [name for name in public if f"gaussray.{name}" in sys.modules]
-    assert len(public) - len(modules) <= MOST_NAMES
+def test_an_import_of_the_package_alone_loads_nothing():
+    code = "import gaussray, sys; print('jax' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_every_public_name_is_there_and_is_listed_for_the_type_checker():
+    names = set(dir(gaussray))
+    assert {name for name in names if not hasattr(gaussray, name)} == set()
+    (block,) = (x for x in ast.parse(SOURCE).body if isinstance(x, ast.If))
+    typed = {alias.name for line in block.body for alias in line.names}
+    assert typed == names - {"__version__"}
+
+
+def test_a_name_that_is_not_there_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="gaussray.*'nothing'"):
+        gaussray.nothing  # noqa: B018
+
+
+def test_stages_are_packages_that_can_be_called():
+    assert callable(gaussray.render) and callable(gaussray.reconstruct)
+    assert gaussray.render.Renderer is gaussray.Renderer
+    assert list(inspect.signature(gaussray.render).parameters)[:2] == ["scene", "camera"]
+    with pytest.raises(TypeError, match="scene"):
+        gaussray.render()
+
+
+def test_the_version_is_that_of_the_installed_package():
+    assert gaussray.__version__ == importlib.metadata.version("gaussray")

@@ -1,6 +1,7 @@
 """Depth of field of a thin lens: aperture shape, focus and optical vignetting."""
 
 import dataclasses
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,6 +10,7 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.validate import known, require
 from gaussray.geometry import normalize
+from gaussray.io.plain_values import number, readable, vector
 
 
 FOCUS = ("plane", "sphere")
@@ -31,8 +33,10 @@ class FocusPull(eqx.Module):
         ValueError: If a value breaks its rule.
     """
 
-    time: Float[Array, " knots"]
-    distance: Float[Array, " distances"]
+    time: Float[Array, " knots"] = eqx.field(converter=vector("aperture.focus_distance.time"))
+    distance: Float[Array, " distances"] = eqx.field(
+        converter=vector("aperture.focus_distance.distance")
+    )
     ease: str = eqx.field(static=True, default="linear")
 
     def __check_init__(self):
@@ -54,6 +58,9 @@ class FocusPull(eqx.Module):
                 f"aperture.focus_distance.ease must be one of {EASES}, got {self.ease!r}."
             )
 
+    def __repr__(self) -> str:
+        return readable(self)
+
 
 class Rim(eqx.Module):
     """The edge of the front element, which clips oblique rays (optical vignetting).
@@ -65,13 +72,23 @@ class Rim(eqx.Module):
         distance: Distance in front of the aperture in scene units, above 0.
     """
 
-    radius: Float[Array, ""]
-    distance: Float[Array, ""]
+    radius: Float[Array, ""] = eqx.field(converter=number("aperture.rim.radius"))
+    distance: Float[Array, ""] = eqx.field(converter=number("aperture.rim.distance"))
 
     def __check_init__(self):
         for key in ("radius", "distance"):
             value = getattr(self, key)
             require(f"aperture.rim.{key}", value, lambda x: np.isfinite(x) & (x > 0), "above 0")
+
+    def __repr__(self) -> str:
+        return readable(self)
+
+
+def _focus_distance(value: Any) -> Any:
+    """A focus distance as an array; a `FocusPull` stays what it is."""
+    if isinstance(value, FocusPull):
+        return value
+    return number("aperture.focus_distance")(value)
 
 
 class Aperture(eqx.Module):
@@ -93,10 +110,10 @@ class Aperture(eqx.Module):
         ValueError: If a value breaks its rule; the message names the key.
     """
 
-    radius: Float[Array, ""]
-    focus_distance: Float[Array, ""] | FocusPull
-    rotation: Float[Array, ""]
-    ratio: Float[Array, ""]
+    radius: Float[Array, ""] = eqx.field(default=0.0, converter=number("aperture.radius"))
+    focus_distance: Float[Array, ""] | FocusPull = eqx.field(default=1.0, converter=_focus_distance)
+    rotation: Float[Array, ""] = eqx.field(default=0.0, converter=number("aperture.rotation"))
+    ratio: Float[Array, ""] = eqx.field(default=1.0, converter=number("aperture.ratio"))
     blades: int = eqx.field(static=True, default=0)
     focus: str = eqx.field(static=True, default="plane")
     rim: Rim | None = None
@@ -121,6 +138,9 @@ class Aperture(eqx.Module):
                 lambda x: x < nearest,
                 f"below aperture.focus_distance ({nearest})",
             )
+
+    def __repr__(self) -> str:
+        return readable(self)
 
 
 def no_aperture() -> Aperture:

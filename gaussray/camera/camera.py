@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -17,16 +18,25 @@ from gaussray.camera.rays import Rays
 from gaussray.camera.shutter import Shutter, sample_time
 from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.camera.validate import require
+from gaussray.io.plain_values import number, optional, readable, vector
+
+
+def _film(size: Any) -> Film:
+    """A film; (width, height) stands for one with the default filter."""
+    return Film(*size) if isinstance(size, tuple | list) else size
 
 
 class Camera(eqx.Module):
     """The camera of one picture.
 
+    Film and lens are required; by default a camera is a pinhole with an instantaneous exposure at
+    time 0, in the origin of the world and looking along +z.
+
     All geometry (projection, labels, focus) is that of `lens`; `chromatic` concerns only the rays
     of a single colour channel.
 
     Args:
-        film: Size of the picture in pixels, and the pixel filter.
+        film: Size of the picture in pixels, and the pixel filter; (width, height) will do.
         lens: The map between pixels and viewing directions.
         aperture: Aperture and focus in scene units; radius 0 is a pinhole.
         shutter: Exposure and readout in the capture's unit of time.
@@ -39,18 +49,27 @@ class Camera(eqx.Module):
         ValueError: If a magnification is not above 0.
     """
 
-    film: Film
+    film: Film = eqx.field(converter=_film)
     lens: AbstractLens
-    aperture: Aperture
-    shutter: Shutter
-    trajectory: Trajectory
-    time: Float[Array, ""]
-    chromatic: Float[Array, "3"] | None = None
+    aperture: Aperture = eqx.field(default_factory=Aperture)
+    shutter: Shutter = eqx.field(default_factory=Shutter)
+    trajectory: Trajectory = eqx.field(default_factory=Trajectory)
+    time: Float[Array, ""] = eqx.field(default=0.0, converter=number("camera.time"))
+    chromatic: Float[Array, "3"] | None = eqx.field(
+        default=None, converter=optional(vector("camera.chromatic", 3))
+    )
 
     def __check_init__(self):
+        if not isinstance(self.lens, AbstractLens):
+            raise ValueError(
+                f"camera.lens must be a lens, such as gaussray.Pinhole, got {self.lens!r}."
+            )
         if self.chromatic is not None:
             rule = "above 0"
             require("chromatic", self.chromatic, lambda m: np.isfinite(m) & (m > 0), rule)
+
+    def __repr__(self) -> str:
+        return readable(self)
 
 
 def with_chromatic(camera: Camera, magnification: Sequence[float]) -> Camera:

@@ -7,6 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from gaussray.io.plain_values import readable
+
 
 FILTERS = ("box", "gaussian", "blackman_harris", "center")
 # Cells of the tabulated inverse distribution; even, so that u = 1/2 falls on a knot (offset 0).
@@ -36,8 +38,9 @@ class Film(eqx.Module):
 
     def __check_init__(self):
         for key in ("width", "height"):
-            if getattr(self, key) < 1:
-                raise ValueError(f"film.{key} must be at least 1, got {getattr(self, key)}.")
+            value = getattr(self, key)
+            if not isinstance(value, int) or value < 1:
+                raise ValueError(f"film.{key} must be a whole number from 1, got {value!r}.")
         if self.filter not in FILTERS:
             raise ValueError(f"film.filter must be one of {FILTERS}, got {self.filter!r}.")
         if not 0 < self.filter_width < np.inf:
@@ -45,6 +48,9 @@ class Film(eqx.Module):
                 f"film.filter_width must be above 0, got {self.filter_width}. "
                 "Use film.filter=center for one ray through the pixel's centre."
             )
+
+    def __repr__(self) -> str:
+        return readable(self)
 
 
 def sample_offset(film: Film, u: Float[Array, "2"]) -> Float[Array, "2"]:

@@ -4,6 +4,7 @@ Every sample of a pixel is a point of the unit cube with the coordinates film x,
 lens y and shutter. The points are well spread and repeatable: nothing here has a state.
 """
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, UInt32
@@ -55,6 +56,12 @@ def shifted_samples(count: int, batch: Int[Array, ""]) -> Float[Array, "samples 
     seed = pcg_hash(batch.astype(jnp.uint32))
     shift = pcg_hash(jnp.arange(DIMENSIONS, dtype=jnp.uint32) + seed)
     return _shifted(sobol_samples(count), shift)
+
+
+def random_samples(count: int, key: Array) -> Float[Array, "samples 5"]:
+    """`sobol_samples` shifted by a random vector of a `jax.random` key, modulo 1: the mean over
+    each key's samples is unbiased (Cranley and Patterson 1976)."""
+    return _shifted(sobol_samples(count), jax.random.bits(key, (DIMENSIONS,), jnp.uint32))
 
 
 def step_samples(count: int, step: Int[Array, ""]) -> Float[Array, "samples 5"]:

@@ -9,6 +9,7 @@ from jaxtyping import Array, Float
 from gaussray.camera.sampling import pcg_hash
 from gaussray.camera.validate import require
 from gaussray.geometry import RigidTransform, multiply, turning
+from gaussray.io.plain_values import number, readable
 
 
 # Waves of the process, and the largest seed, which single precision holds exactly.
@@ -25,10 +26,12 @@ class Shake(eqx.Module):
     motion with a power spectrum exp(-(2 pi f T)^2 / 2), 90 % of it below f = 1.64 / (2 pi T).
     """
 
-    turn: Float[Array, ""]
-    move: Float[Array, ""]
-    correlation_time: Float[Array, ""]
-    seed: Float[Array, ""]
+    turn: Float[Array, ""] = eqx.field(converter=number("trajectory.shake.turn"))
+    move: Float[Array, ""] = eqx.field(converter=number("trajectory.shake.move"))
+    correlation_time: Float[Array, ""] = eqx.field(
+        converter=number("trajectory.shake.correlation_time")
+    )
+    seed: Float[Array, ""] = eqx.field(default=0.0, converter=number("trajectory.shake.seed"))
 
     def __check_init__(self):
         for key in ("turn", "move"):
@@ -46,6 +49,9 @@ class Shake(eqx.Module):
             lambda s: (s >= 0) & (s < SHAKE_SEEDS) & (s == np.floor(s)),
             f"a whole number in 0 ... {SHAKE_SEEDS - 1}",
         )
+
+    def __repr__(self) -> str:
+        return readable(self)
 
 
 def wander(shake: Shake, time: Float[Array, ""]) -> Float[Array, "6"]:

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float, Num
 
 from gaussray.camera.validate import require
+from gaussray.io.plain_values import number, optional, readable, vector
 
 
 DIRECTIONS = ("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left")
@@ -32,12 +33,16 @@ class Shutter(eqx.Module):
         ValueError: If a value breaks its rule; the message names the key.
     """
 
-    row_offset: Float[Array, ""]
-    row_step: Float[Array, ""]
-    exposure: Float[Array, ""]
+    row_offset: Float[Array, ""] = eqx.field(default=0.0, converter=number("shutter.row_offset"))
+    row_step: Float[Array, ""] = eqx.field(default=0.0, converter=number("shutter.row_step"))
+    exposure: Float[Array, ""] = eqx.field(default=0.0, converter=number("shutter.exposure"))
     direction: str = eqx.field(static=True, default="top_to_bottom")
-    row_times: Float[Array, " rows"] | None = None
-    trigger: Float[Array, ""] | None = None
+    row_times: Float[Array, " rows"] | None = eqx.field(
+        default=None, converter=optional(vector("shutter.row_times"))
+    )
+    trigger: Float[Array, ""] | None = eqx.field(
+        default=None, converter=optional(number("shutter.trigger"))
+    )
 
     def __check_init__(self):
         require("shutter.row_offset", self.row_offset, np.isfinite, "finite")
@@ -52,11 +57,32 @@ class Shutter(eqx.Module):
                 f"shutter.direction must be one of {DIRECTIONS}, got {self.direction!r}."
             )
 
+    def __repr__(self) -> str:
+        return readable(self)
+
 
 def global_shutter(exposure: Float[Array, ""] | None = None) -> Shutter:
     """A shutter that exposes all rows at once, centred on the frame's time; None is no exposure."""
     zero = jnp.zeros(()) if exposure is None else jnp.zeros_like(exposure)
     return Shutter(zero, zero, zero if exposure is None else exposure)
+
+
+def rolling_shutter(
+    readout: float | int | Float[Array, ""],
+    rows: int,
+    exposure: float | int | Float[Array, ""] = 0.0,
+    direction: str = "top_to_bottom",
+) -> Shutter:
+    """A shutter that reads row after row, the frame's time in the middle of the readout.
+
+    Args:
+        readout: Time from the first to the last row, in the capture's unit.
+        rows: Number of rows (of columns, for a direction that reads columns).
+        exposure: Exposure time of every row.
+        direction: Order of readout, one of `DIRECTIONS`.
+    """
+    readout = number("shutter.readout")(readout)
+    return Shutter(-readout / 2, readout / max(rows - 1, 1), exposure, direction=direction)
 
 
 def interlaced(rows: int, field_time: float, first: str = "even") -> Float[np.ndarray, " rows"]:

@@ -17,6 +17,7 @@ from gaussray.geometry import (
     slerp,
     turning,
 )
+from gaussray.io.plain_values import readable, rows, vector
 
 
 INTERPOLATIONS = ("linear", "spline")
@@ -36,9 +37,15 @@ class Trajectory(eqx.Module):
         ValueError: If a value breaks its rule.
     """
 
-    time: Float[Array, " poses"]
-    quat: Float[Array, "poses 4"]
-    translation: Float[Array, "poses 3"]
+    time: Float[Array, " poses"] = eqx.field(
+        default=(0.0,), converter=vector("trajectory.time", spread=True)
+    )
+    quat: Float[Array, "poses 4"] = eqx.field(
+        default=(1.0, 0.0, 0.0, 0.0), converter=rows("trajectory.quat", 4)
+    )
+    translation: Float[Array, "poses 3"] = eqx.field(
+        default=(0.0, 0.0, 0.0), converter=rows("trajectory.translation", 3)
+    )
     interpolation: str = eqx.field(static=True, default="linear")
     shake: Shake | None = None
 
@@ -69,6 +76,9 @@ class Trajectory(eqx.Module):
                 f"trajectory.interpolation must be one of {INTERPOLATIONS}, got "
                 f"{self.interpolation!r}."
             )
+
+    def __repr__(self) -> str:
+        return readable(self)
 
 
 def fixed(pose: RigidTransform) -> Trajectory:

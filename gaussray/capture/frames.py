@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from gaussray.capture.capture import View
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.picture_file import (
-    Picture,
+    PictureFile,
     StoredPicture,
     alpha_mask,
     check_size,
@@ -57,7 +57,7 @@ def read_image(
     return _light(read_stored(path, width, height), color_space)
 
 
-def read_encoded(view: Picture) -> np.ndarray:
+def read_encoded(view: PictureFile) -> np.ndarray:
     """sRGB values [h, w, 3] of a view: uint8 if its file is 8-bit sRGB, else float32 in 0..1.
 
     Where a view is smaller than the part of the file that it shows, each of its pixels is the mean
@@ -73,7 +73,7 @@ def read_encoded(view: Picture) -> np.ndarray:
 
 
 def stream_encoded(
-    views: Sequence[Picture],
+    views: Sequence[PictureFile],
 ) -> tuple[np.dtype, Iterator[tuple[int, np.ndarray]]]:
     """Pictures of many views of one size, decoded one after another.
 
@@ -140,7 +140,7 @@ def visible_pixels(view: View) -> Bool[np.ndarray, "h w"]:
     return visible
 
 
-def _encoded(view: Picture, stored: np.ndarray) -> np.ndarray:
+def _encoded(view: PictureFile, stored: np.ndarray) -> np.ndarray:
     part = view.window.cut(stored) if view.window else stored
     integers = np.issubdtype(part.dtype, np.integer)
     srgb = integers and _checked(view.color_space) == "srgb"
@@ -175,12 +175,12 @@ def _checked(color_space: str) -> str:
     return color_space
 
 
-def _is_bytes(view: Picture) -> bool:
+def _is_bytes(view: PictureFile) -> bool:
     """Whether `read_encoded` returns uint8, from the file's header."""
     return view.color_space == "srgb" and holds_bytes(view.image)
 
 
-def _streamed(views: Sequence[Picture], dtype: np.dtype) -> Iterator[tuple[int, np.ndarray]]:
+def _streamed(views: Sequence[PictureFile], dtype: np.dtype) -> Iterator[tuple[int, np.ndarray]]:
     transparent = 0
     with ThreadPoolExecutor(_THREADS) as pool:
         try:
@@ -200,7 +200,7 @@ def _streamed(views: Sequence[Picture], dtype: np.dtype) -> Iterator[tuple[int, 
         )
 
 
-def _jobs(views: Sequence[Picture], pool: ThreadPoolExecutor) -> Iterator[tuple[int, Future]]:
+def _jobs(views: Sequence[PictureFile], pool: ThreadPoolExecutor) -> Iterator[tuple[int, Future]]:
     """Index and future picture of every view, the frames of each video together and in order."""
     videos: dict[Path, list[tuple[int, int]]] = {}
     for place, view in enumerate(views):
@@ -218,11 +218,11 @@ def _jobs(views: Sequence[Picture], pool: ThreadPoolExecutor) -> Iterator[tuple[
             yield place, pool.submit(_shown, view, StoredPicture(stored, None))
 
 
-def _read(view: Picture) -> StoredPicture:
+def _read(view: PictureFile) -> StoredPicture:
     return _shown(view, read_with_alpha(view.image, *stored_size(view), view.background))
 
 
-def _shown(view: Picture, stored: StoredPicture) -> StoredPicture:
+def _shown(view: PictureFile, stored: StoredPicture) -> StoredPicture:
     return StoredPicture(_encoded(view, stored.values), stored.alpha)
 
 

@@ -28,7 +28,7 @@ _PNG_END = b"IEND\xaeB`\x82"
 
 
 @runtime_checkable
-class Picture(Protocol):
+class PictureFile(Protocol):
     """The fields of a view that are needed to read its picture.
 
     `image` is a file or a frame of a video (`frame_path`), `width` and `height` the size that the
@@ -125,12 +125,12 @@ def holds_bytes(path: Path) -> bool:
     return bool(frame_of(path)) or open_image(path).spec().format.basetype == oiio.UINT8
 
 
-def stored_size(view: Picture) -> tuple[int, int]:
+def stored_size(view: PictureFile) -> tuple[int, int]:
     """Width and height of the file of a view's picture."""
     return view.window.size if view.window else (view.width, view.height)
 
 
-def check_images(views: Sequence[Picture]) -> None:
+def check_images(views: Sequence[PictureFile]) -> None:
     """Check that the pictures of all views exist and have the sizes that their cameras say.
 
     Raises:

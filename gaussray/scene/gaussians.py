@@ -1,12 +1,16 @@
 """The matter of a scene: anisotropic Gaussians with view-dependent colour."""
 
+import math
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from gaussray.geometry import rotation_matrix
-from gaussray.scene.harmonics import C0
+from gaussray.io.plain_values import rows, vector
+from gaussray.scene.harmonics import C0, constant
 
 
 class Gaussians(eqx.Module):
@@ -19,10 +23,10 @@ class Gaussians(eqx.Module):
     None (1 everywhere) costs nothing.
     """
 
-    mean: Float[Array, "*keys gaussians 3"]
-    quat: Float[Array, "*keys gaussians 4"]
-    scale: Float[Array, "*keys gaussians 3"]
-    opacity: Float[Array, " gaussians"]
+    mean: Float[Array, "*keys gaussians 3"] = eqx.field(converter=rows("gaussians.mean", 3))
+    quat: Float[Array, "*keys gaussians 4"] = eqx.field(converter=rows("gaussians.quat", 4))
+    scale: Float[Array, "*keys gaussians 3"] = eqx.field(converter=rows("gaussians.scale", 3))
+    opacity: Float[Array, " gaussians"] = eqx.field(converter=vector("gaussians.opacity"))
     harmonics: Float[Array, "gaussians coefficients 3"]
     tint: Float[Array, "*keys gaussians 3"] | None = None
 
@@ -30,6 +34,46 @@ class Gaussians(eqx.Module):
     def count(self) -> int:
         """How many Gaussians the arrays hold."""
         return self.opacity.shape[0]
+
+    @classmethod
+    def colored(
+        cls, mean: Any, color: Any, *, scale: Any = 0.01, opacity: Any = 0.9, quat: Any = None
+    ) -> "Gaussians":
+        """Gaussians whose colours are the same from everywhere.
+
+        Args:
+            mean: Centres in scene units, n x 3.
+            color: Red, green and blue in linear light (1 is white), n x 3, or one for all.
+            scale: Standard deviations in scene units: one number, one for each axis, or n x 3.
+            opacity: Peak alpha in [0, 1], one or n of them.
+            quat: Rotations (w, x, y, z), one or n x 4; None is none.
+
+        Raises:
+            ValueError: The numbers are not as many as there are centres.
+        """
+        mean = rows("gaussians.mean", 3)(mean)
+        count = mean.shape[0]
+
+        def each(name: str, value: Any, *shape: int) -> Array:
+            array = jnp.asarray(value, mean.dtype)
+            if array.ndim == 1 and shape:
+                array = array[None]
+            try:
+                return jnp.broadcast_to(array, (count, *shape))
+            except ValueError:
+                raise ValueError(
+                    f"gaussians.{name} must be one for all or one for each of the {count} "
+                    f"Gaussians, got the shape {array.shape}."
+                ) from None
+
+        turn = each("quat", (1, 0, 0, 0) if quat is None else quat, 4)
+        harmonics = constant(each("color", color, 3), 0)
+        return cls(mean, turn, each("scale", scale, 3), each("opacity", opacity), harmonics)
+
+    def __repr__(self) -> str:
+        keys = "" if self.mean.ndim == 2 else f" at {self.mean.shape[0]} times"
+        degree = math.isqrt(self.harmonics.shape[-2]) - 1
+        return f"Gaussians({self.count:,}{keys}, degree {degree}, {self.mean.dtype})"
 
 
 class Unconstrained(eqx.Module):

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from gaussray.io.plain_values import value_text, vector
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.residual_field import ResidualField
@@ -25,10 +26,26 @@ class Scene(eqx.Module):
     """
 
     static: Gaussians
-    moving: Gaussians
-    deformation: Deformation | ResidualField | None
-    time_range: Float[Array, "2"]
+    moving: Gaussians = None  # type: ignore[assignment]  # without any if none are given
+    deformation: Deformation | ResidualField | None = None
+    time_range: Float[Array, "2"] = eqx.field(
+        default=(0.0, 1.0), converter=vector("scene.time_range", 2)
+    )
     transient: Transients | None = None
+
+    def __post_init__(self):
+        if self.moving is None:
+            self.moving = jax.tree.map(lambda x: x[:0], self.static)
+
+    def __repr__(self) -> str:
+        kinds = (
+            f"{self.static.count:,} static",
+            f"{self.moving.count:,} moving" if self.moving.count else "",
+            f"{transient_count(self):,} transient" if transient_count(self) else "",
+        )
+        by = "" if self.deformation is None else f", {type(self.deformation).__name__}"
+        times = value_text(self.time_range)
+        return f"Scene({', '.join(filter(None, kinds))} Gaussians{by}, times {times})"
 
     @property
     def count(self) -> int:

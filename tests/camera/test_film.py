@@ -104,8 +104,8 @@ def test_a_film_has_no_leaves_and_compares_by_value():
 @pytest.mark.parametrize(
     "build, message",
     [
-        (lambda: Film(0, 3), "film.width must be at least 1, got 0"),
-        (lambda: Film(3, -1), "film.height must be at least 1, got -1"),
+        (lambda: Film(0, 3), "film.width must be a whole number from 1, got 0"),
+        (lambda: Film(3, -1), "film.height must be a whole number from 1, got -1"),
         (lambda: Film(3, 3, "tent"), "film.filter must be one of"),
         (lambda: Film(3, 3, "box", 0.0), "film.filter_width must be above 0, got 0.0"),
     ],

@@ -5,6 +5,7 @@ Camera axes are +x right, +y down, +z forward. Pixels are (column, row), pixel c
 
 import abc
 import dataclasses
+from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple
 
 import equinox as eqx
@@ -15,6 +16,7 @@ from jaxtyping import Array, Bool, Float
 
 from gaussray.camera.validate import known, require
 from gaussray.io.json_numbers import json_numbers
+from gaussray.io.plain_values import readable
 
 
 class LensRecord(NamedTuple):
@@ -57,13 +59,14 @@ class AbstractLens(eqx.Module):
 
     @abc.abstractmethod
     def resized(
-        self, whole: tuple[int, int], box: tuple[int, int, int, int], size: tuple[int, int]
+        self, whole: tuple[int, int], box: Sequence[float], size: tuple[int, int]
     ) -> "AbstractLens":
         """The lens of a part of the picture at another resolution.
 
         Args:
             whole: Width and height of the picture of this lens.
-            box: The part that is kept: left, top, width and height in pixels of that picture.
+            box: The part that is shown: left, top, width and height in pixels of that picture; it
+                may go beyond the edges.
             size: Width and height of the new picture, onto which the part is scaled.
         """
 
@@ -87,6 +90,9 @@ class AbstractLens(eqx.Module):
             # Also where a lens of known numbers is built inside `jit`.
             with jax.ensure_compile_time_eval():
                 self.check()
+
+    def __repr__(self) -> str:
+        return readable(self)
 
     def sees(self, pixel: Float[Array, "2"]) -> Bool[Array, ""]:
         """Whether the lens forms a ray for this pixel."""
@@ -132,7 +138,7 @@ class FocalLens(AbstractLens):
         self.check_image()
 
     def resized(
-        self, whole: tuple[int, int], box: tuple[int, int, int, int], size: tuple[int, int]
+        self, whole: tuple[int, int], box: Sequence[float], size: tuple[int, int]
     ) -> "AbstractLens":
         scale = np.array(size) / np.array(box[2:])
         return self._replaced(

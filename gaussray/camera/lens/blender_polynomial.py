@@ -1,7 +1,9 @@
 """Blender's fisheye, as a polynomial of the distance on the sensor."""
 
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, DTypeLike, Float
@@ -16,12 +18,14 @@ from gaussray.camera.lens.model import (
     coefficients_of,
     film_size,
     half_angle,
+    half_crop,
 )
 from gaussray.camera.lens.radial import polar
 from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
+from gaussray.io.plain_values import number, vector
 
 
 class FisheyePolynomial(CorrectableLens):
@@ -34,11 +38,11 @@ class FisheyePolynomial(CorrectableLens):
     black.
     """
 
-    coefficients: Float[Array, "5"]
-    sensor: Float[Array, "2"]
-    resolution: Float[Array, "2"]
-    shift: Float[Array, "2"]
-    fov: Float[Array, ""]
+    coefficients: Float[Array, "5"] = eqx.field(converter=vector("lens.k", 5))
+    sensor: Float[Array, "2"] = eqx.field(converter=vector("lens.sensor", 2))
+    resolution: Float[Array, "2"] = eqx.field(converter=vector("lens.resolution", 2))
+    shift: Float[Array, "2"] = eqx.field(converter=vector("lens.shift", 2))
+    fov: Float[Array, ""] = eqx.field(converter=number("lens.fov"))
 
     focal_unit: ClassVar[str] = "mm"
     center_unit: ClassVar[str] = "sensor"
@@ -85,7 +89,7 @@ class FisheyePolynomial(CorrectableLens):
         )
 
     def resized(
-        self, whole: tuple[int, int], box: tuple[int, int, int, int], size: tuple[int, int]
+        self, whole: tuple[int, int], box: Sequence[float], size: tuple[int, int]
     ) -> AbstractLens:
         corner, part = np.array(box[:2]), np.array(box[2:])
         sides = np.array([-1, 1])
@@ -174,13 +178,31 @@ class FisheyePolynomial(CorrectableLens):
 
 
 def _from_options(film: Film, options: LensOptions) -> FisheyePolynomial:
+    k, size = coefficients_of(options, 5), film_size(film)
+    side = min(options.sensor) if options.sensor else 2 * _sensor_radius(k, half_angle(options))
     return FisheyePolynomial(
-        jnp.asarray(coefficients_of(options, 5)),
-        jnp.asarray(options.sensor, jnp.float32),
-        jnp.asarray(film_size(film)),
+        jnp.asarray(k),
+        jnp.asarray(side * size / size.min(), jnp.float32),
+        jnp.asarray(size),
         jnp.zeros(2, jnp.float32),
-        jnp.asarray(2 * half_angle(options), jnp.float32),
+        jnp.asarray(2 * half_crop(options), jnp.float32),
     )
+
+
+def _sensor_radius(k: Float[np.ndarray, "5"], half: float) -> float:
+    """The smallest distance on the sensor, in mm, at which |theta| reaches an angle in radians."""
+    found = [
+        root.real
+        for side in (-1, 1)
+        for root in np.polynomial.polynomial.polyroots([k[0] + side * half, *k[1:].astype(float)])
+        if abs(root.imag) < 1e-9 * abs(root) and root.real > 0
+    ]
+    if not found:
+        raise ValueError(
+            f"lens.k must reach half of lens.fov ({half:.6g} radians), got {k.tolist()}, whose "
+            "theta(r) turns back before. Lower lens.fov, or give lens.sensor."
+        )
+    return min(found)
 
 
 def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> FisheyePolynomial:
@@ -208,5 +230,6 @@ MODELS = (
         block="blender_fisheye_polynomial",
         from_keys=_from_keys,
         block_keys=("k", "fov", "sensor_width_mm", "sensor_height_mm", "shift"),
+        option_keys=("fov", "k", "crop", "sensor"),
     ),
 )

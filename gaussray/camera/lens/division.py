@@ -1,5 +1,6 @@
 """The radial division model: distortion of a perspective lens as a closed form of the ray."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, DTypeLike, Float
@@ -18,6 +19,7 @@ from gaussray.camera.lens.model import (
 from gaussray.camera.lens.radial import RadialLens, root
 from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
+from gaussray.io.plain_values import number, vector
 
 
 class Division(RadialLens):
@@ -43,10 +45,10 @@ class Division(RadialLens):
         ValueError: If a number is invalid or theta(r_d) turns back below `limit`.
     """
 
-    focal: Float[Array, "2"]
-    center: Float[Array, "2"]
-    coefficients: Float[Array, " coefficients"]
-    limit: Float[Array, ""]
+    focal: Float[Array, "2"] = eqx.field(converter=vector("lens.focal", 2, spread=True))
+    center: Float[Array, "2"] = eqx.field(converter=vector("lens.center", 2))
+    coefficients: Float[Array, " coefficients"] = eqx.field(converter=vector("lens.k"))
+    limit: Float[Array, ""] = eqx.field(converter=number("lens.limit"))
 
     @property
     def coefficient_names(self) -> tuple[str, ...]:
@@ -163,6 +165,7 @@ MODELS = (
         from_keys=_from_keys,
         block_keys=("k", "fov", "limit"),
         perspective=True,
+        option_keys=("fov", "k"),
         widest=120.0,
     ),
 )

@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, DTypeLike, Float
@@ -15,8 +16,10 @@ from gaussray.camera.lens.model import (
     coefficients_of,
     film_size,
     focal_and_center,
+    half_angle,
 )
 from gaussray.geometry import safe_norm
+from gaussray.io.plain_values import vector
 
 
 class Equirectangular(FocalLens):
@@ -28,8 +31,8 @@ class Equirectangular(FocalLens):
     around the sphere.
     """
 
-    focal: Float[Array, "2"]
-    center: Float[Array, "2"]
+    focal: Float[Array, "2"] = eqx.field(converter=vector("lens.focal", 2, spread=True))
+    center: Float[Array, "2"] = eqx.field(converter=vector("lens.center", 2))
 
     fold_message: ClassVar[tuple[str, str]] = (
         "lens.focal",
@@ -66,8 +69,8 @@ def _from_options(film: Film, options: LensOptions) -> Equirectangular:
     coefficients_of(options, 0)
     if not 0 < options.fov_y <= 180:
         raise ValueError(f"lens.fov_y must be in (0, 180] degrees, got {options.fov_y}.")
-    size = film_size(film)
-    focal = size * 180 / np.array([options.fov, options.fov_y], np.float32)
+    size, half = film_size(film), np.rad2deg(half_angle(options))
+    focal = size * 180 / np.array([2 * half, options.fov_y], np.float32)
     return Equirectangular(jnp.asarray(focal, jnp.float32), jnp.asarray(size / 2))
 
 
@@ -83,5 +86,6 @@ MODELS = (
         block="equirectangular",
         camera_models=("EQUIRECTANGULAR",),
         from_keys=_from_keys,
+        option_keys=("fov", "fov_y"),
     ),
 )

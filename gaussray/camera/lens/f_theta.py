@@ -17,10 +17,12 @@ from gaussray.camera.lens.model import (
     film_size,
     focal_and_center,
     half_angle,
+    half_crop,
 )
 from gaussray.camera.lens.radial import RadialLens
 from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
+from gaussray.io.plain_values import number, vector
 
 
 # Which of NVIDIA's two polynomials the coefficients are: PIXELDIST_TO_ANGLE, ANGLE_TO_PIXELDIST.
@@ -38,10 +40,10 @@ class FTheta(RadialLens):
     Their linear_cde = (c, 0, 0) is focal = (c, 1); a shear (d, e) is left out.
     """
 
-    focal: Float[Array, "2"]
-    center: Float[Array, "2"]
-    coefficients: Float[Array, " coefficients"]
-    limit: Float[Array, ""]
+    focal: Float[Array, "2"] = eqx.field(converter=vector("lens.focal", 2, spread=True))
+    center: Float[Array, "2"] = eqx.field(converter=vector("lens.center", 2))
+    coefficients: Float[Array, " coefficients"] = eqx.field(converter=vector("lens.k"))
+    limit: Float[Array, ""] = eqx.field(converter=number("lens.limit"))
     polynomial: str = eqx.field(static=True, default="angle_of_radius")
 
     linear_coefficient: ClassVar[int | None] = 1
@@ -129,9 +131,16 @@ def _from_options(film: Film, options: LensOptions) -> FTheta:
     if kind not in POLYNOMIALS:
         raise ValueError(f"lens.polynomial must be one of {', '.join(POLYNOMIALS)}, got {kind!r}.")
     k = coefficients_of(options, *range(2, 8))
-    limit = jnp.asarray(limit_of(k.tolist(), half_angle(options), kind), jnp.float32)
+    limit = jnp.asarray(limit_of(k.tolist(), half_crop(options), kind), jnp.float32)
+    focal = 1.0
+    if options.fov is not None:
+        half = half_angle(options)
+        rim = limit_of(k.tolist(), half, kind)
+        if kind == "radius_of_angle":
+            rim = float(np.polynomial.polynomial.polyval(half, k))
+        focal = float(film_size(film).min()) / 2 / rim
     return FTheta(
-        focal=jnp.ones(2, jnp.float32),
+        focal=jnp.full(2, focal, jnp.float32),
         center=jnp.asarray(film_size(film) / 2),
         coefficients=jnp.asarray(k),
         limit=limit,
@@ -160,5 +169,6 @@ MODELS = (
         from_keys=_from_keys,
         block_keys=("k", "fov", "polynomial", "limit"),
         any_size=False,
+        option_keys=("fov", "k", "crop", "polynomial"),
     ),
 )

@@ -11,6 +11,7 @@ from gaussray.camera.film import Film
 from gaussray.camera.lens.abstract import LensRecord
 from gaussray.camera.lens.model import LensKeys, LensModel, LensOptions, coefficients_of
 from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_spanning, root
+from gaussray.io.plain_values import number, vector
 
 
 # Name -> largest half angle of view. Stereographic, what lies straight behind is infinitely far.
@@ -40,9 +41,9 @@ class Fisheye(RadialLens):
         ValueError: If a parameter is invalid; the message names the key.
     """
 
-    focal: Float[Array, "2"]
-    center: Float[Array, "2"]
-    max_angle: Float[Array, ""]
+    focal: Float[Array, "2"] = eqx.field(converter=vector("lens.focal", 2, spread=True))
+    center: Float[Array, "2"] = eqx.field(converter=vector("lens.center", 2))
+    max_angle: Float[Array, ""] = eqx.field(converter=number("lens.max_angle"))
     projection: str = eqx.field(static=True, default="equidistant")
 
     def radius(self, theta: Float[Array, ""]) -> Float[Array, ""]:
@@ -103,6 +104,7 @@ MODELS = tuple(
         block=name,
         from_keys=_from_keys,
         block_keys=("fov",),
+        option_keys=("fov", "crop"),
         widest=_WIDEST.get(name, 360.0),
     )
     for name in PROJECTIONS

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, DTypeLike, Float
@@ -13,6 +14,7 @@ from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_spanning
 from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
 from gaussray.io.json_numbers import json_numbers
+from gaussray.io.plain_values import number, vector
 
 
 class KannalaBrandt(RadialLens):
@@ -30,10 +32,10 @@ class KannalaBrandt(RadialLens):
         ValueError: If a parameter is invalid; the message names the key.
     """
 
-    focal: Float[Array, "2"]
-    center: Float[Array, "2"]
-    coefficients: Float[Array, "4"]
-    max_angle: Float[Array, ""]
+    focal: Float[Array, "2"] = eqx.field(converter=vector("lens.focal", 2, spread=True))
+    center: Float[Array, "2"] = eqx.field(converter=vector("lens.center", 2))
+    coefficients: Float[Array, "4"] = eqx.field(converter=vector("lens.k", 4))
+    max_angle: Float[Array, ""] = eqx.field(converter=number("lens.max_angle"))
 
     def radius(self, theta: Float[Array, ""]) -> Float[Array, ""]:
         return _radius(theta, self.coefficients)

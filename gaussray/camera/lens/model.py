@@ -19,22 +19,27 @@ class LensOptions(eqx.Module):
 
     Args:
         model: `keep` (the capture's lens) or the name of a `LensModel`.
-        fov: Field of view in degrees. Perspective models and equirectangular: across the width of
-            the picture. Others: from rim to rim, across the smaller side.
+        fov: Field of view in degrees, which sets the focal length. Perspective models and
+            equirectangular: across the width of the picture. Others: across its smaller side.
+        crop: Field of view in degrees beyond which a fisheye's picture is black, as if a rim cut
+            it; None is `fov`. It leaves the focal length as it is.
         k: Coefficients of the model.
-        sensor: Width and height of the sensor in mm (fisheye_polynomial).
+        sensor: Width and height of the sensor in mm, on which a fisheye_polynomial has its focal
+            length (its smaller side is the picture's, its shape follows the picture's); empty is
+            the focal length that `fov` says.
         fov_y: Angle from top to bottom in degrees (equirectangular).
         polynomial: Direction of the polynomial, angle_of_radius or radius_of_angle (f_theta).
         file: Table of directions, .npz or .exr (table).
     """
 
     model: str = eqx.field(static=True, default="keep")
-    fov: float = eqx.field(static=True, default=65.0)
+    fov: float | None = eqx.field(static=True, default=None)
     k: tuple[float, ...] = eqx.field(static=True, default=())
-    sensor: tuple[float, float] = eqx.field(static=True, default=(36.0, 36.0))
+    sensor: tuple[float, ...] = eqx.field(static=True, default=())
     fov_y: float = eqx.field(static=True, default=180.0)
     polynomial: str = eqx.field(static=True, default="angle_of_radius")
     file: str = eqx.field(static=True, default="")
+    crop: float | None = eqx.field(static=True, default=None)
 
 
 @runtime_checkable
@@ -78,6 +83,7 @@ class LensModel:
             focus is on a plane, and without coefficients it shows no effect.
         widest: Largest `fov`, in degrees, with the coefficients of its config file.
         any_size: A config file of the model suits pictures of any size and names no file.
+        option_keys: Keys of `LensOptions` that `from_options` reads; all others are refused.
     """
 
     name: str = ""
@@ -91,6 +97,7 @@ class LensModel:
     perspective: bool = False
     widest: float = 360.0
     any_size: bool = True
+    option_keys: tuple[str, ...] = ("fov", "k", "crop")
 
     def effect(self, options: LensOptions) -> str:
         """Effect that frames through the lens of these options show; empty if there is none."""
@@ -116,11 +123,19 @@ def film_size(film: Film) -> Float[np.ndarray, "2"]:
 
 def half_angle(options: LensOptions, widest: float = 180.0) -> float:
     """Half of `lens.fov` in radians, which may be at most `widest` degrees."""
-    if options.fov > 2 * widest:
-        raise ValueError(
-            f"lens.fov must be in (0, {2 * widest:g}] for {options.model}, got {options.fov}."
-        )
-    return np.deg2rad(options.fov) / 2
+    return _half_of("fov", options.fov, options.model, widest)
+
+
+def half_crop(options: LensOptions, widest: float = 180.0) -> float:
+    """Half of `lens.crop` in radians: the angle from the axis beyond which a picture is black."""
+    crop = options.fov if options.crop is None else options.crop
+    return _half_of("crop", crop, options.model, widest)
+
+
+def _half_of(key: str, degrees: float | None, model: str, widest: float) -> float:
+    if degrees is None or not 0 < degrees <= 2 * widest:
+        raise ValueError(f"lens.{key} must be in (0, {2 * widest:g}] for {model}, got {degrees}.")
+    return np.deg2rad(degrees) / 2
 
 
 def coefficients_of(options: LensOptions, *counts: int) -> Float[np.ndarray, " coefficients"]:

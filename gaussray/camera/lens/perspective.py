@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -25,35 +25,49 @@ from gaussray.camera.lens.model import (
 from gaussray.camera.validate import known, require
 from gaussray.geometry import normalize
 from gaussray.io.json_numbers import json_numbers
+from gaussray.io.plain_values import vector
+
+
+def _distortion(values: Any) -> Array:
+    """Coefficients of the distortion; plain numbers may be the first 4 or 5 of them, or none."""
+    if isinstance(values, list | tuple):
+        values = [*values, *[0.0] * (opencv.COUNTS[0] - len(values))]
+    return vector("lens.distortion")(values)
 
 
 class Pinhole(ParametricLens):
     """Perspective projection with OpenCV's distortion: pixel = center + focal distort(x/z, y/z).
 
-    Build it with `pinhole`, which decides `distorted`. The formula of the distortion is in
-    `camera/distortion.py`; its inverse is found by Newton's method.
+    The formula of the distortion is in `camera/distortion.py`; its inverse is found by Newton's
+    method.
 
     Args:
-        focal: Focal lengths in pixels, above 0.
+        focal: Focal lengths in pixels, above 0; one number is both.
         center: Principal point in pixels.
         distortion: 8, 12 or 14 coefficients in OpenCV's order, without unit (the last two in
-            radians).
-        distorted: Whether the coefficients may differ from zero; False computes no distortion.
+            radians); as plain numbers also fewer than 8, the others being 0.
+        distorted: Whether the coefficients may differ from zero; False computes no distortion. By
+            default an array of coefficients may, and plain numbers do if one is not 0.
 
     Raises:
         ValueError: If a parameter is invalid; the message names the key.
     """
 
-    focal: Float[Array, "2"]
-    center: Float[Array, "2"]
-    distortion: Float[Array, " coefficients"]
-    distorted: bool = eqx.field(static=True, default=True)
+    focal: Float[Array, "2"] = eqx.field(converter=vector("lens.focal", 2, spread=True))
+    center: Float[Array, "2"] = eqx.field(converter=vector("lens.center", 2))
+    distortion: Float[Array, " coefficients"] = eqx.field(default=(0.0,) * 8, converter=_distortion)
+    distorted: bool | None = eqx.field(static=True, default=None)
 
     fold_message: ClassVar[tuple[str, str]] = (
         "lens.distortion",
         "Use weaker coefficients or a smaller picture.",
     )
     fills_picture: ClassVar[bool] = True
+
+    def __post_init__(self):
+        if self.distorted is None:
+            plain = isinstance(self.distortion, list | tuple)
+            self.distorted = not plain or any(isinstance(k, Array) or k for k in self.distortion)
 
     @property
     def check_is_complete(self) -> bool:
@@ -135,7 +149,7 @@ def pinhole(
 
 
 def _from_options(film: Film, options: LensOptions) -> Pinhole:
-    if not options.fov < 180:
+    if options.fov is None or not options.fov < 180:
         raise ValueError(f"lens.fov must be in (0, 180) for a pinhole, got {options.fov}.")
     k = coefficients_of(options, 0, 4, 5, 8, 12, 14)
     k = np.pad(k, (0, max(8 - len(k), 0)))
@@ -163,6 +177,7 @@ MODELS = (
         from_keys=_from_keys,
         frame_keys=opencv.COEFFICIENTS,
         perspective=True,
+        option_keys=("fov", "k"),
         widest=150.0,
     ),
 )

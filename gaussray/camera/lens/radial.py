@@ -19,6 +19,7 @@ from gaussray.camera.lens.model import (
     film_size,
     focal_and_center,
     half_angle,
+    half_crop,
 )
 from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
@@ -128,23 +129,24 @@ def lens_spanning(
     *parameters: Float[np.ndarray, " coefficients"],
     widest: float = 180.0,
 ) -> _Radial:
-    """The radial lens whose picture touches the longer sides of the film at `lens.fov`.
+    """The radial lens whose `lens.fov` spans the smaller side of the film and which is black beyond
+    `lens.crop`.
 
     Args:
         film: Size of the picture.
-        options: The user's options, of which `fov` is read.
+        options: The user's options, of which `fov` and `crop` are read.
         lens: Builds the lens from focal lengths, principal point, `parameters` and half angle.
         parameters: Further arrays of the lens.
         widest: Largest half angle of view, in degrees.
     """
     center = jnp.asarray(film_size(film) / 2)
-    angle = jnp.asarray(half_angle(options, widest), jnp.float32)
+    angle, crop = (jnp.asarray(f(options, widest), jnp.float32) for f in (half_angle, half_crop))
     arrays = [jnp.asarray(values, jnp.float32) for values in parameters]
 
-    def scaled(focal: float) -> _Radial:
-        return lens(jnp.full(2, focal, jnp.float32), center, *arrays, angle)
+    def scaled(focal: float, half: Array) -> _Radial:
+        return lens(jnp.full(2, focal, jnp.float32), center, *arrays, half)
 
-    return scaled(float(film_size(film).min() / 2 / scaled(1.0).radius(angle)))
+    return scaled(float(film_size(film).min() / 2 / scaled(1.0, angle).radius(angle)), crop)
 
 
 def lens_of_keys(

@@ -3,6 +3,7 @@
 import hashlib
 from typing import ClassVar
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +16,7 @@ from gaussray.camera.roots import plane_root
 from gaussray.camera.validate import require
 from gaussray.geometry import normalize, product
 from gaussray.io.json_numbers import json_numbers
+from gaussray.io.plain_values import vector
 from gaussray.io.ray_map import read_ray_map
 
 
@@ -36,8 +38,8 @@ class RayTable(FocalLens):
     The inverse begins at the nearest sample and is found by Newton's steps.
     """
 
-    focal: Float[Array, "2"]
-    center: Float[Array, "2"]
+    focal: Float[Array, "2"] = eqx.field(converter=vector("lens.focal", 2, spread=True))
+    center: Float[Array, "2"] = eqx.field(converter=vector("lens.center", 2))
     rays: Float[Array, "rows columns 3"]
 
     fold_message: ClassVar[tuple[str, str]] = (
@@ -207,5 +209,6 @@ MODELS = (
         from_keys=_from_keys,
         block_keys=("file", "first", "every"),
         any_size=False,
+        option_keys=("file",),
     ),
 )

@@ -1,5 +1,6 @@
 """Lenses that project through the surface of one or two unit spheres, in closed form both ways."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, DTypeLike, Float
@@ -9,6 +10,7 @@ from gaussray.camera.lens.abstract import LensRecord
 from gaussray.camera.lens.model import LensKeys, LensModel, LensOptions, coefficients_of
 from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_spanning, root
 from gaussray.camera.validate import require
+from gaussray.io.plain_values import number, vector
 
 
 class UnifiedSphere(RadialLens):
@@ -19,10 +21,10 @@ class UnifiedSphere(RadialLens):
     smaller), alpha = 0 a pinhole. `focal` is that on the axis.
     """
 
-    focal: Float[Array, "2"]
-    center: Float[Array, "2"]
-    coefficients: Float[Array, "2"]
-    max_angle: Float[Array, ""]
+    focal: Float[Array, "2"] = eqx.field(converter=vector("lens.focal", 2, spread=True))
+    center: Float[Array, "2"] = eqx.field(converter=vector("lens.center", 2))
+    coefficients: Float[Array, "2"] = eqx.field(converter=vector("lens.k", 2))
+    max_angle: Float[Array, ""] = eqx.field(converter=number("lens.max_angle"))
 
     def radius(self, theta: Float[Array, ""]) -> Float[Array, ""]:
         alpha, beta = self.coefficients
@@ -64,10 +66,10 @@ class DoubleSphere(RadialLens):
     alpha > 1/2, cos(theta) = -w2 of the paper; such lenses see more than 180 degrees.
     """
 
-    focal: Float[Array, "2"]
-    center: Float[Array, "2"]
-    coefficients: Float[Array, "2"]
-    max_angle: Float[Array, ""]
+    focal: Float[Array, "2"] = eqx.field(converter=vector("lens.focal", 2, spread=True))
+    center: Float[Array, "2"] = eqx.field(converter=vector("lens.center", 2))
+    coefficients: Float[Array, "2"] = eqx.field(converter=vector("lens.k", 2))
+    max_angle: Float[Array, ""] = eqx.field(converter=number("lens.max_angle"))
 
     def radius(self, theta: Float[Array, ""]) -> Float[Array, ""]:
         xi, alpha = self.coefficients

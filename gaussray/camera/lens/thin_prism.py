@@ -1,5 +1,6 @@
 """COLMAP's fisheye with tangential and thin prism distortion."""
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -14,6 +15,7 @@ from gaussray.camera.roots import keeps_orientation, plane_root
 from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
+from gaussray.io.plain_values import number, vector
 
 
 # The coefficients in COLMAP's order.
@@ -30,10 +32,10 @@ class ThinPrismFisheye(ParametricLens):
     theta^2, and likewise to y with p1 and p2 exchanged, and s2. Black beyond `max_angle`.
     """
 
-    focal: Float[Array, "2"]
-    center: Float[Array, "2"]
-    coefficients: Float[Array, "8"]
-    max_angle: Float[Array, ""]
+    focal: Float[Array, "2"] = eqx.field(converter=vector("lens.focal", 2, spread=True))
+    center: Float[Array, "2"] = eqx.field(converter=vector("lens.center", 2))
+    coefficients: Float[Array, "8"] = eqx.field(converter=vector("lens.k", 8))
+    max_angle: Float[Array, ""] = eqx.field(converter=number("lens.max_angle"))
 
     @property
     def sees_sideways(self) -> bool:

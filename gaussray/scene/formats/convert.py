@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.runtime.devices import leads, wait
+from gaussray.scene.deformation import Deformation
 from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.formats.gaussian_ply import write_gaussians
 from gaussray.scene.gaussians import Gaussians, folded
@@ -50,23 +51,31 @@ def import_model(
         ValueError: `out` already holds a scene, or the source is not a model.
         FileNotFoundError: the source does not exist.
     """
-    _check_color(color)
     out = Path(out)
     if (out / "scene.npz").exists():
         raise ValueError(f"out={out} holds a scene already. Choose another folder.")
+    scene, file, error = model_scene(source, color=color, iteration=iteration)
+    # No process shall find what another has just written.
+    wait("import")
+    if leads():
+        info = {"source": file.name, "color": color}
+        save_scene(out / "scene.npz", scene, info=info)
+    return scene, _assumed(file, scene.deformation, color, error)
+
+
+def model_scene(
+    source: Path | str, *, color: str = "srgb", iteration: int | None = None
+) -> tuple[Scene, Path, float]:
+    """A trained model of others as a scene (`import_model`), the file that it was read from, and
+    the error of its colours (`converted`)."""
+    _check_color(color)
     gaussians, field, file = read_model(source, iteration)
     error = 0.0
     if color == "srgb":
         gaussians, field, error = _decoded(gaussians, field)
     none = jax.tree.map(lambda x: x[:0], gaussians)
     static, moving = (gaussians, none) if field is None else (none, gaussians)
-    scene = Scene(static, moving, field, jnp.asarray([0, 1], jnp.float32))
-    # All processes check for an existing scene before one of them writes it.
-    wait("import")
-    if leads():
-        info = {"source": file.name, "color": color}
-        save_scene(out / "scene.npz", scene, info=info)
-    return scene, _assumed(file, field, color, error)
+    return Scene(static, moving, field, jnp.asarray([0, 1], jnp.float32)), file, error
 
 
 def _decoded(
@@ -207,7 +216,9 @@ def _off(error: float) -> str:
     return f"off by {255 * error:.2g} of 255 (root mean square) for the degree of the harmonics"
 
 
-def _assumed(file: Path, field: ResidualField | None, color: str, error: float) -> str:
+def _assumed(
+    file: Path, field: Deformation | ResidualField | None, color: str, error: float
+) -> str:
     light = f"sRGB values, now linear light, {_off(error)}" if color == "srgb" else "linear light"
     return (
         f"{file}: {_moves(field)}\n"
@@ -219,8 +230,8 @@ def _assumed(file: Path, field: ResidualField | None, color: str, error: float) 
     )
 
 
-def _moves(field: ResidualField | None) -> str:
-    if field is None:
+def _moves(field: Deformation | ResidualField | None) -> str:
+    if not isinstance(field, ResidualField):
         return "stands still."
     heads = {
         "place": field.mean,

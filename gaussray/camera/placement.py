@@ -1,0 +1,107 @@
+"""Places a camera by what it looks at: a fixed pose, or an orbit around a point."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from gaussray.camera.trajectory import Trajectory
+from gaussray.camera.validate import known, require
+from gaussray.geometry import multiply, normalize, product, quaternion, rotation_matrix, turning
+from gaussray.io.plain_values import vector
+
+
+# What the functions of this module accept as a point or a direction.
+Point = Sequence[Any] | Array | np.ndarray
+# Poses of an orbit for each full turn: the spline through them deviates from the circle by less
+# than 1e-5 of its radius.
+POSES_PER_TURN = 48
+_Z_UP = (0.0, 0.0, 1.0)
+
+
+def look_at(eye: Point, target: Point = (0.0, 0.0, 0.0), up: Point = _Z_UP) -> Trajectory:
+    """The trajectory of a camera that stays at `eye` and looks at `target`.
+
+    Args:
+        eye: Position of the camera in scene units.
+        target: The point in the middle of the picture, elsewhere than `eye`.
+        up: Direction in the world that points up in the picture, not along the view. The default is
+            +z, as in Blender; scenes from COLMAP often have (0, -1, 0) up.
+
+    Returns:
+        A trajectory of one pose. It is differentiable in all three.
+
+    Raises:
+        ValueError: The direction of view is zero or along `up`.
+    """
+    eye, turn = _pose(*_points(eye, target, up))
+    time = jnp.zeros(1, eye.dtype)
+    return Trajectory(time, turn[None], eye[None])
+
+
+def orbit(
+    eye: Point,
+    target: Point = (0.0, 0.0, 0.0),
+    up: Point = _Z_UP,
+    *,
+    turns: float | int = 1.0,
+    times: Sequence[float | int] = (0.0, 1.0),
+) -> Trajectory:
+    """The trajectory of a camera that starts at `eye` and circles around an axis through `target`.
+
+    The camera looks at `target` all the time and turns at constant speed, counter-clockwise as seen
+    from where `up` points to.
+
+    Args:
+        eye: First position of the camera in scene units.
+        target: The point in the middle of the picture, on the axis.
+        up: Direction of the axis, up in the picture; see `look_at`.
+        turns: Number of full turns; negative is clockwise.
+        times: Times of the first and the last pose, in the scene's unit.
+
+    Returns:
+        A trajectory of `POSES_PER_TURN` poses a turn with a spline between them.
+
+    Raises:
+        ValueError: The direction of view is zero or along `up`, or the times do not increase.
+    """
+    if not times[0] < times[1]:
+        raise ValueError(f"orbit: times must increase, got {tuple(times)}.")
+    first, middle, axis = _points(eye, target, up)
+    axis = normalize(axis)
+    place, turn = _pose(first, middle, axis)
+    count = max(round(abs(turns) * POSES_PER_TURN), 1) + 1
+    angle = jnp.linspace(0, 2 * jnp.pi * turns, count, dtype=place.dtype)
+    turned = jax.vmap(lambda a: turning(a * axis))(angle)
+    away = product("nij,j->ni", rotation_matrix(turned), place - middle)
+    quat = multiply(turned, jnp.broadcast_to(turn, turned.shape))
+    time = jnp.linspace(times[0], times[1], count, dtype=place.dtype)
+    return Trajectory(time, quat, middle[None] + away, "spline")
+
+
+def _points(eye: Point, target: Point, up: Point) -> tuple[Array, Array, Array]:
+    names = ("eye", "target", "up")
+    points = (vector(f"camera.{k}", 3)(x) for k, x in zip(names, (eye, target, up), strict=True))
+    eye, target, up = points
+    for name, x in zip(names, (eye, target, up), strict=True):
+        require(f"camera.{name}", x, np.isfinite, "finite")
+    if known(eye, target, up):
+        view, vertical = np.asarray(target, float) - np.asarray(eye, float), np.asarray(up, float)
+        beside = np.linalg.norm(np.cross(view, vertical))
+        if not beside > 1e-6 * np.linalg.norm(view) * np.linalg.norm(vertical):
+            raise ValueError(
+                f"camera.up must not be zero or along the view from camera.eye to camera.target, "
+                f"got eye {eye.tolist()}, target {target.tolist()}, up {up.tolist()}."
+            )
+    return eye, target, up
+
+
+def _pose(eye: Array, target: Array, up: Array) -> tuple[Float[Array, "3"], Float[Array, "4"]]:
+    """Position and rotation of a camera, whose axes are +x right, +y down and +z forward."""
+    forward = normalize(target - eye)
+    right = normalize(jnp.cross(forward, up))
+    down = jnp.cross(forward, right)
+    return eye, quaternion(jnp.stack([right, down, forward], axis=1))

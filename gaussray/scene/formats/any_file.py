@@ -1,0 +1,56 @@
+"""Scenes from and to files of any known format, chosen by the name."""
+
+from pathlib import Path
+
+from gaussray.io.sample_data import WORD, sample
+from gaussray.scene.formats.convert import export_model, model_scene
+from gaussray.scene.scene import Scene
+from gaussray.scene.segmented import Clip
+from gaussray.scene.store import load_scene, save_scene
+
+
+# Endings of the files of other programs, which `read_model` reads or refuses with a remedy.
+FOREIGN = (".ply", ".spz", ".splat", ".ksplat", ".sog")
+
+
+def load(path: Path | str) -> Scene | Clip:
+    """Read a scene from a file or folder.
+
+    Args:
+        path: A scene file (.npz), the folder of a reconstruction, a trained model of 3D Gaussian
+            Splatting (.ply, whose colours are read as sRGB codes), or "sample", the scene that
+            comes with the package.
+
+    Returns:
+        The scene; a clip if the file holds several segments of time.
+
+    Raises:
+        FileNotFoundError: There is no such file.
+        ValueError: The file is damaged, or its format is not supported.
+    """
+    if str(path) == WORD and not Path(path).exists():
+        path = sample("scene")
+    if Path(path).suffix.lower() in FOREIGN:
+        return model_scene(path)[0]
+    return load_scene(path)
+
+
+def save(path: Path | str, scene: Scene | Clip) -> None:
+    """Write a scene to a file.
+
+    Args:
+        path: A scene file (.npz), which keeps every bit, or a model of 3D Gaussian Splatting (.ply)
+            of a scene that stands still.
+        scene: The scene.
+
+    Raises:
+        ValueError: The ending is neither, or the format cannot hold the scene.
+        OSError: The file cannot be written.
+    """
+    ending = Path(path).suffix.lower()
+    if ending == ".ply":
+        export_model(scene, path)
+    elif ending == ".npz":
+        save_scene(path, scene)
+    else:
+        raise ValueError(f"save: the file must end in .npz or .ply, got {str(path)!r}.")
