@@ -1,3 +1,13 @@
-"""Stage 2: a scene and a camera become pictures, labels and datasets."""
+"""Stage 2: a scene and a camera become pictures, labels and datasets.
 
+The package can be called: `gaussray.render(scene, camera)` is `render.picture.render`.
+"""
+
+import sys
+
+from gaussray.render.picture import Picture as Picture, render as _render
 from gaussray.render.renderer import Renderer as Renderer, RenderOptions as RenderOptions
+from gaussray.runtime.callable_package import callable_package
+
+
+sys.modules[__name__].__class__ = callable_package(_render)

@@ -1,0 +1,226 @@
+"""What a differentiable picture needs to know before it is traced: list sizes and key states."""
+
+import dataclasses
+import functools
+from collections import OrderedDict
+from collections.abc import Hashable, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Float
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.rays import Rays
+from gaussray.camera.shutter import time_window
+from gaussray.render.compiled import ProgramSettings, prepare_trace
+from gaussray.render.options import RenderOptions
+from gaussray.render.parts import Part, strip, strips, whole_picture
+from gaussray.scene.scene import Scene, key_count
+from gaussray.scene.segmented import Clip
+from gaussray.tracer.motion import Motion, scene_motion
+from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.trace import enlarged_capacity, measure, span_of
+from gaussray.tracer.traverse import Capacity
+
+
+# How much longer lists are made than the first picture needs: the next ones differ.
+HEADROOM = 1.5
+# Key states of a frame without duration span this share of the scene's times, so that derivatives
+# by a time exist.
+LEAST_SPAN = 1e-2
+# Plans that are kept for pictures that are traced without one.
+_MOST_PLANS = 64
+
+
+class Plan(eqx.Module):
+    """Static sizes of a picture's program: it holds no arrays, and changing it recompiles.
+
+    Args:
+        capacity: Sizes of the tracer's lists.
+        keys: Number of states of the scene across the times of the picture.
+        rows: Rows of the picture that are traced at once; 0 for rays.
+        options: How the picture is sampled.
+        trace: How rays are traced.
+    """
+
+    capacity: Capacity
+    keys: int = eqx.field(static=True)
+    rows: int = eqx.field(static=True)
+    options: RenderOptions
+    trace: TraceOptions
+
+    def enlarged(self, needed: Array) -> "Plan":
+        """The plan with lists for what a picture needed (`Picture.needed`)."""
+        wanted = [int(n) for n in np.asarray(needed)]
+        capacity = enlarged_capacity(self.capacity, wanted, headroom=HEADROOM)
+        return dataclasses.replace(self, capacity=capacity)
+
+    def part(self, camera: Camera) -> Part:
+        """The first rows of a picture, as many as are traced at once, in the precision of the
+        camera."""
+        film = camera.film
+        if self.rows == film.height:
+            part, _ = whole_picture(film, self.trace)
+        else:
+            part, _ = strip(film, self.rows, self.trace, 0)
+        dtype = jnp.result_type(*jax.tree.leaves(camera))
+        return dataclasses.replace(part, pixel=part.pixel.astype(dtype))
+
+
+def plan(
+    scene: Scene,
+    camera: Camera | Rays,
+    *,
+    options: RenderOptions | None = None,
+    trace: TraceOptions | None = None,
+) -> Plan:
+    """Measure what `render` (for a camera) or `render_rays` (for rays) needs.
+
+    The sizes have room for scenes, cameras and rays that need up to 1.5 times as much; a picture
+    that needs more says so (`Picture.dropped`).
+
+    Args:
+        scene: The scene; a clip's segments are scenes.
+        camera: A camera or rays like those to come. Of numbers, outside of `jit` and `vmap`.
+        options: How a picture is sampled: `samples`, `keys`, `memory`, `dilation`, `harmonics`.
+        trace: How rays are traced.
+
+    Raises:
+        ValueError: The scene is a clip, the arguments are traced, or the options ask for what only
+            `Renderer` does: `chunk_rows` or `error`.
+    """
+    options, trace = options or RenderOptions(), trace or TraceOptions()
+    check_single(scene, options)
+    scene, camera = jax.tree.map(jax.lax.stop_gradient, (scene, camera))
+    if any(isinstance(x, Tracer) for x in jax.tree.leaves((scene, camera))):
+        raise ValueError(
+            "gaussray.plan needs the numbers of a scene and a camera: call it outside of jit and "
+            "vmap."
+        )
+    if isinstance(camera, Rays):
+        return _plan_of_rays(scene, camera, options, trace)
+    return _plan_of_camera(scene, camera, options, trace)
+
+
+def check_single(scene: Scene, options: RenderOptions) -> None:
+    """Raise a ValueError for a clip, and for options that ask for several pictures."""
+    if isinstance(scene, Clip):
+        raise ValueError(
+            f"scene must be one Scene, got a Clip of {len(scene.segments)} segments: use one of "
+            "its `segments`, or gaussray.Renderer, which joins them."
+        )
+    for key in ("chunk_rows", "error"):
+        if getattr(options, key):
+            raise ValueError(
+                f"options.{key} must be 0 here, got {getattr(options, key)}: gaussray.Renderer "
+                "takes several programs to one picture."
+            )
+
+
+def _plan_of_camera(
+    scene: Scene, camera: Camera, options: RenderOptions, trace: TraceOptions
+) -> Plan:
+    film = camera.film
+    first, last = time_window(camera.shutter, (film.width, film.height))
+    keys = _keys(scene, last - first, options)
+    rows, trace = strips(film, options, trace, scene.count)
+    make = functools.partial(strip, rows=rows, top=0) if rows < film.height else whole_picture
+    _, trace = make(film, trace=trace)
+    unknown = Plan(Capacity((), 0, 0), keys, rows, options, trace)
+    settings = ProgramSettings(unknown.capacity, keys if last > first else 1, options, trace, None)
+    sizes = [
+        measure(
+            *prepare_trace(scene, camera, moved_part(unknown.part(camera), top), settings=settings),
+            options=trace,
+            headroom=HEADROOM,
+        )
+        for top in strip_tops(film.height, rows)
+    ]
+    return dataclasses.replace(unknown, capacity=_largest(sizes))
+
+
+def _plan_of_rays(scene: Scene, rays: Rays, options: RenderOptions, trace: TraceOptions) -> Plan:
+    rays = flat_rays(rays)
+    span = span_of(rays)
+    keys = _keys(scene, float(span[1] - span[0]), options)
+    trace = dataclasses.replace(trace, levels=0)
+    capacity = measure(motion_between(scene, span, keys), rays, options=trace, headroom=HEADROOM)
+    return Plan(capacity, keys, 0, options, trace)
+
+
+def motion_between(scene: Scene, span: Float[Array, "2"], keys: int) -> Motion:
+    """A scene across the times of a picture, between `keys` states."""
+    return scene_motion(scene, spread_keys(scene, span, keys), scene.time_range)
+
+
+def spread_keys(scene: Scene, span: Float[Array, "2"], keys: int) -> Float[Array, " keys"]:
+    """Times of the key states of a picture between its first and its last time, at least
+    `LEAST_SPAN` of the scene's times apart."""
+    if keys == 1:
+        return span[:1]
+    least = LEAST_SPAN * (scene.time_range[1] - scene.time_range[0])
+    room = jnp.maximum(least - (span[1] - span[0]), 0) / 2
+    room = jax.lax.stop_gradient(room).astype(span.dtype)
+    return jnp.linspace(span[0] - room, span[1] + room, keys, dtype=span.dtype)
+
+
+def flat_rays(rays: Rays) -> Rays:
+    """Rays of any shape as a list."""
+
+    def flat(x: Array, *trailing: int) -> Array:
+        return x.reshape(-1, *trailing)
+
+    weight = None if rays.weight is None else flat(rays.weight)
+    return Rays(flat(rays.origin, 3), flat(rays.direction, 3), flat(rays.time), weight)
+
+
+def strip_tops(height: int, rows: int) -> list[int]:
+    """First rows of the strips of a picture; the last one may overlap the one before."""
+    return [min(y, height - rows) for y in range(0, height, rows)]
+
+
+def moved_part(part: Part, top: Array | int) -> Part:
+    """The pixels of a part, so many rows further down."""
+    below = jnp.stack([jnp.zeros((), part.pixel.dtype), jnp.asarray(top, part.pixel.dtype)])
+    return dataclasses.replace(part, pixel=part.pixel + below[None], row=part.row + top)
+
+
+def _keys(scene: Scene, span: float, options: RenderOptions) -> int:
+    if scene.deformation is None:
+        return 1
+    return options.keys or (key_count(scene, span) if span > 0 else 1)
+
+
+def _largest(sizes: Sequence[Capacity]) -> Capacity:
+    return Capacity(
+        tuple(max(cells) for cells in zip(*(s.cells for s in sizes), strict=True)),
+        *(max(getattr(s, k) for s in sizes) for k in ("pairs", "slots", "transient")),
+    )
+
+
+class PlanCache:
+    """Plans by the structure of what they were measured for, the latest ones."""
+
+    def __init__(self):
+        self._plans: OrderedDict[Hashable, Plan] = OrderedDict()
+
+    def get(self, key: Hashable) -> Plan | None:
+        """The plan of a key; None if there is none."""
+        return self._plans.get(key)
+
+    def put(self, key: Hashable, known: Plan) -> None:
+        """Keep a plan and forget the oldest beyond `_MOST_PLANS`."""
+        self._plans[key] = known
+        self._plans.move_to_end(key)
+        if len(self._plans) > _MOST_PLANS:
+            self._plans.popitem(last=False)
+
+
+def plan_key(*arguments: Any) -> Hashable:
+    """What two calls share that can use one plan: structure, shapes and options."""
+    leaves, structure = jax.tree.flatten(arguments)
+    return structure, tuple((x.shape, jnp.result_type(x)) for x in leaves)
