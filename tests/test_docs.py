@@ -105,7 +105,7 @@ def checked_verb(words):
     if verb == "render":
         build_options(SensorOptions, cfg.sensor)
         if not cfg.factory.count:
-            render_job(cfg, lambda _: None, lambda *_: views())
+            render_job(cfg, lambda _: toy.scene(), lambda *_: views())
 
 
 @functools.cache

@@ -215,15 +215,17 @@ def _windowed(
     if key not in made:
         lens, shutter = camera.lens, camera.shutter
         resized = lens.resized(*seen, (size[0], size[1]))
-        made[key] = resized, _shutter_through(shutter, seen, size)
+        made[key] = resized, shutter_of_part(shutter, seen, size)
     lens, shutter = made[key]
     film = dataclasses.replace(camera.film, width=size[0], height=size[1])
     camera = dataclasses.replace(camera, film=film, lens=lens, shutter=shutter)
     return dataclasses.replace(view, camera=camera, window=stored)
 
 
-def _shutter_through(shutter: Shutter, window: Window, size: tuple[int, ...]) -> Shutter:
-    """Row i' of the smaller picture lies around row lead + (i' + 1/2) / scale - 1/2."""
+def shutter_of_part(shutter: Shutter, window: Window, size: tuple[int, ...]) -> Shutter:
+    """The shutter of a part of the picture at another size.
+
+    Row i' of the smaller picture lies around row lead + (i' + 1/2) / scale - 1/2."""
     left, top, width, height = window.box
     lead, rows, new = {
         "top_to_bottom": (top, height, size[1]),

@@ -13,11 +13,11 @@ class Window(NamedTuple):
     height)."""
 
     size: tuple[int, int]
-    box: tuple[int, int, int, int]
+    box: tuple[float, float, float, float]
 
     def cut(self, picture: np.ndarray) -> np.ndarray:
         """What of a stored picture [h, w, ...] is in the box."""
-        left, top, width, height = self.box
+        left, top, width, height = (int(x) for x in self.box)
         return picture[top : top + height, left : left + width]
 
 

@@ -102,7 +102,7 @@ def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.config.jobs import render_job
     from gaussray.render.dataset import render_dataset
 
-    job = render_job(cfg)
+    job = render_job(cfg, note=say)
     out, quiet = begin_run_folder(cfg), cfg.quiet
     render_dataset(job.renderer(devices), job.records, out, options=job.dataset, quiet=quiet)
     effect, count = job.records[0].effect, len(job.records)

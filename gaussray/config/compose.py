@@ -139,10 +139,11 @@ def one_message(command: str, words: Sequence[str]) -> Iterator[None]:
 
 
 def hydra_words(overrides: Sequence[str]) -> list[str]:
-    """The words in Hydra's grammar: keys of `sample` are new to the configuration, and a preset
-    stands for the keys in its file."""
+    """The words in Hydra's grammar: keys of `sample` are new to the configuration, a preset stands
+    for the keys in its file, and render.size is another name of film.size."""
     words: list[str] = []
     for word in overrides:
+        word = re.sub(r"^render\.size=", "film.size=", word)
         words.append(f"++{word}" if word.startswith("sample.") else word)
         if word.startswith("preset=") and word not in ("preset=", "preset=null"):
             words += preset_words(word.removeprefix("preset="))

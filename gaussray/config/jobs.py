@@ -6,14 +6,17 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from omegaconf import OmegaConf
 
 from gaussray.camera.sensor.sensor import SensorOptions
+from gaussray.capture.capture import View
 from gaussray.config.compose import Configuration, Variations
 from gaussray.config.launch import launch_jobs
 from gaussray.config.options import as_type, build_options
 from gaussray.config.run_folder import begin_run_folder
 from gaussray.config.yaml_files import to_plain
+from gaussray.dataset.manifest import FrameRecord
 from gaussray.dataset.takes import MANIFEST, write_takes
 from gaussray.io.safe.limits import Limits, limit
 from gaussray.render.aov.labeller import check_labels
@@ -23,9 +26,13 @@ from gaussray.render.randomize.distributions import read_distributions
 from gaussray.render.randomize.generate import generate_samples
 from gaussray.render.randomize.options import FactoryOptions
 from gaussray.render.rig import physical_units as physical, rig as rigs
+from gaussray.render.rig.placed import placed_views
+from gaussray.render.rig.used_keys import check_used, switched_on
 from gaussray.render.rig.validate import check_possible
 from gaussray.runtime.devices import DevicesOptions, begin, together
-from gaussray.scene.store import load_scene
+from gaussray.scene.formats.any_file import FOREIGN, load
+from gaussray.scene.scene import Scene
+from gaussray.scene.segmented import Clip
 from gaussray.tracer.trace import TraceOptions
 
 
@@ -59,7 +66,10 @@ def rig_options(cfg: Configuration) -> rigs.RigOptions:
 
 
 def render_job(
-    cfg: Configuration, load: Callable = load_scene, cameras: Callable = rigs.cameras_of
+    cfg: Configuration,
+    load: Callable = load,
+    cameras: Callable = rigs.cameras_of,
+    note: Callable[[str], Any] = lambda line: None,
 ) -> RenderJob:
     """The render job of a configuration.
 
@@ -67,11 +77,14 @@ def render_job(
         cfg: A configuration of `gaussray render` or `gaussray view`.
         load: Reads the scene from its path; a cached function where many jobs share the scene.
         cameras: Reads the views from the paths of scene and capture, likewise.
+        note: Gets a line about each choice that a key has switched on.
 
     Raises:
         ValueError: A value is impossible; the message names its key and its rule.
     """
-    rig = rig_options(cfg)
+    rig, notes = switched_on(rig_options(cfg))
+    for line in notes:
+        note(line)
     units = build_options(physical.PhysicalOptions, cfg.physical)
     sensor = build_options(SensorOptions, cfg.sensor)
     options, trace = (
@@ -84,8 +97,9 @@ def render_job(
     labels = as_type(tuple, to_plain(cfg.labels), "labels")
     check_labels(labels)
     scene = load(cfg.scene)
-    views = cameras(cfg.scene, cfg.cameras)
+    views = chosen_views(cfg, scene, rig.camera, cameras)
     in_scene_units = physical.apply_units(rig, units)
+    check_used(in_scene_units)
     records = rigs.frame_records(
         views,
         options=in_scene_units,
@@ -94,8 +108,57 @@ def render_job(
     )
     physical.check_shape(units, (record.camera.film for record in records))
     check_possible(in_scene_units, records)
-    dataset = DatasetOptions(sensor, labels, fps, physical.units_record(rig, units))
+    interval = frame_interval(views)
+    labels = _possible_labels(labels, records, interval, note)
+    info = physical.units_record(rig, units)
+    dataset = DatasetOptions(sensor, labels, fps, info, interval)
     return RenderJob(scene, records, options, trace, dataset)
+
+
+def _possible_labels(
+    labels: Sequence[str],
+    records: Sequence[FrameRecord],
+    interval: float,
+    note: Callable[[str], Any],
+) -> Sequence[str]:
+    """The labels without flow, if no frame has a neighbour in time."""
+    flow = [name for name in labels if name.startswith("flow_")]
+    times = {(record.camera_name, float(record.camera.time)) for record in records}
+    lone = len(times) == len({name for name, _ in times})
+    if not (flow and lone):
+        return labels
+    if interval > 0:
+        note(
+            f"labels: every camera has one frame; {', '.join(flow)} point to the time {interval:g} "
+            "away, the capture's next frame."
+        )
+        return labels
+    note(f"labels: {', '.join(flow)} are left out: there is one time, and so no other frame.")
+    return [name for name in labels if name not in flow]
+
+
+def frame_interval(views: Sequence[View]) -> float:
+    """The least time between two frames of a capture; 0 if all have one time."""
+    times = np.unique([view.time for view in views])
+    return float(np.min(np.diff(times))) if len(times) > 1 else 0.0
+
+
+def chosen_views(
+    cfg: Configuration, scene: Scene | Clip, camera: rigs.CameraOptions, cameras: Callable
+) -> list[View]:
+    """The frames of the capture's cameras, or of a camera that is placed in the scene."""
+    if camera.kind == "capture":
+        return cameras(cfg.scene, cfg.cameras)
+    views = cameras(cfg.scene, cfg.cameras) if has_cameras(cfg) else ()
+    return placed_views(scene, camera, views)
+
+
+def has_cameras(cfg: Configuration) -> bool:
+    """Whether there is a capture: one that is named, or that of the reconstructed scene."""
+    path = Path(cfg.scene)
+    folder = path if path.is_dir() else path.parent
+    own = path.suffix.lower() not in FOREIGN and (folder / "cameras.json").is_file()
+    return cfg.cameras is not None or own
 
 
 def generate_dataset(cfg: Configuration, overrides: Sequence[str]) -> str:
@@ -130,14 +193,14 @@ def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
             "factory.shard."
         )
     variations = Variations("render", overrides)
-    load, cameras = functools.lru_cache(2)(load_scene), functools.lru_cache(2)(rigs.cameras_of)
+    read, cameras = functools.lru_cache(2)(load), functools.lru_cache(2)(rigs.cameras_of)
 
     def make_job(values: Mapping[str, Any]) -> tuple[dict[str, Any], RenderJob]:
         varied = variations.with_values(values)
         parameters = {k: v for k, v in to_plain(varied).items() if k not in _NO_PARAMETERS}
         # Pictures do not depend on it: a dataset that ran out of memory continues with less.
         del parameters["render"]["memory"]
-        return parameters, render_job(varied, load, cameras)
+        return parameters, render_job(varied, read, cameras)
 
     factory = build_options(FactoryOptions, cfg.factory)
     out = begin_run_folder(cfg, without=_PER_PROCESS, part=factory.shard)

@@ -5,12 +5,14 @@ from collections.abc import Sequence
 from hydra.errors import HydraException
 from omegaconf.errors import OmegaConfBaseException
 
-from gaussray.config.schema import choices, groups, keys
+from gaussray.config.schema import RENAMED, choices, groups, keys
 from gaussray.config.suggest import did_you_mean
 
 
 # What Hydra and OmegaConf raise for wrong words.
 CONFIGURATION_ERRORS = (HydraException, OmegaConfBaseException)
+# Another key that a user may have meant by an old one.
+_SIZE_HINT = {"film.width": "; the size of the pictures is film.size=[width,height]."}
 # Letters of a wrong word that a message shows.
 _SHOWN = 200
 # Letters of another library's message that are shown.
@@ -48,6 +50,8 @@ def _problem_of(command: str, word: str) -> str:
             f"{name} must be one of {', '.join(known)}, got {shown!r}.{did_you_mean(shown, known)}"
         )
     known = [*keys(command), *groups(command)]
+    if name in RENAMED and RENAMED[name] in known:
+        return f"{name} is now called {RENAMED[name]}{_SIZE_HINT.get(name, '.')}"
     if name in known or any(key.startswith(f"{name}.") for key in known):
         return ""
     name = name[:_SHOWN]

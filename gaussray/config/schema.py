@@ -8,6 +8,8 @@ from typing import NamedTuple
 from omegaconf import OmegaConf
 
 
+# Keys of earlier versions and what they are called now.
+RENAMED = {"film.width": "film.filter_width"}
 _KEY_LINE = re.compile(r"^( *)([\w]+):(?: +(.*?))?(?: +# (.*))?$")
 _COMMENT_LINE = re.compile(r"^ +# (.*)$")
 

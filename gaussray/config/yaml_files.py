@@ -63,7 +63,25 @@ def preset_words(path: Path | str) -> list[str]:
         raise ValueError(f"preset={path}: is no YAML file of keys: {error}") from error
     if not isinstance(values, dict):
         raise ValueError(f"preset={path}: must hold keys and values, got a list.")
-    return [f"{key}={_word(value)}" for key, value in _flat(values)]
+    return [f"{key}={_word(value)}" for key, value in _flat(_of_today(values))]
+
+
+def _of_today(values: Mapping[Any, Any]) -> dict[Any, Any]:
+    """A preset of an earlier version in today's keys: those that did nothing are left out."""
+    groups = {
+        key: dict(value) if isinstance(value, dict) else value for key, value in values.items()
+    }
+    lens, film, aperture = (groups.get(key) or {} for key in ("lens", "film", "aperture"))
+    if not all(isinstance(group, dict) for group in (lens, film, aperture)):
+        return groups
+    if "width" in film:
+        width = film.pop("width")
+        film["filter_width"] = None if film.get("filter") == "keep" else width
+    if aperture.get("radius") == -1:
+        aperture["radius"] = None
+    if "crop" not in lens and lens.get("model") != "fisheye_polynomial":
+        lens.pop("sensor", None)
+    return groups
 
 
 def _flat(values: Mapping[Any, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -10,14 +10,14 @@ import numpy as np
 
 from gaussray.capture.capture import View
 from gaussray.config.compose import Configuration, Variations
-from gaussray.config.jobs import render_job, rig_options
+from gaussray.config.jobs import chosen_views, has_cameras, render_job, rig_options
 from gaussray.config.options import build_options
 from gaussray.config.yaml_files import to_plain
 from gaussray.render.job import RenderJob
 from gaussray.render.rig import physical_units as physical, rig as rigs
+from gaussray.scene.formats.any_file import load
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
-from gaussray.scene.store import load_scene
 from gaussray.viewer.controls import (
     GROUPS,
     ControlValues,
@@ -37,10 +37,19 @@ from gaussray.viewer.viewpoint import (
 
 # Configuration of the viewer's single camera, which the mouse moves.
 FREE_CAMERA = {
+    "camera.kind": "capture",
     "camera.split": "test",
     "camera.names": [],
     "camera.times": [],
+    "camera.eye": [],
+    "camera.target": [],
+    "camera.up": [0.0, 0.0, 1.0],
+    "camera.frames": 1,
+    "camera.turns": 1.0,
+    "camera.file": "",
     "trajectory.kind": "keep",
+    "trajectory.file": "",
+    "film.size": [],
 }
 # Pictures of smaller captures are enlarged to this width, in pixels.
 MIN_WIDTH = 512
@@ -64,8 +73,11 @@ class ViewerModel:
         self.source, self.cameras, self.fps = cfg.scene, cfg.cameras, float(cfg.fps)
         self.physical = build_options(physical.PhysicalOptions, cfg.physical)
         wanted = physical.apply_units(rig_options(cfg), self.physical)
-        self.scene: Scene | Clip = load_scene(cfg.scene)
-        self.views: list[View] = rigs.cameras_of(cfg.scene, cfg.cameras)
+        self.scene: Scene | Clip = load(cfg.scene)
+        camera = wanted.camera
+        if camera.kind == "capture" and not has_cameras(cfg):
+            camera = rigs.CameraOptions("look_at")
+        self.views: list[View] = chosen_views(cfg, self.scene, camera, rigs.cameras_of)
         self.first_view = self._first_view(wanted.camera)
         self.fov = horizontal_fov(self.first_view.camera)
         self.initial_values = self._initial_values(cfg, wanted)
@@ -153,7 +165,7 @@ class ViewerModel:
                 values |= choice_values(group, choice) | trigger
                 if group == "lens":
                     values["lens.fov"] = self.fov
-        if values["aperture.radius"] == -1:
+        if values["aperture.radius"] is None:
             values["aperture.radius"] = 0.0
         return values
 

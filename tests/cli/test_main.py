@@ -261,7 +261,17 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ("camera.split=validation", "camera.split"),
         ("render.samples=0", "render.samples must be at least 1"),
         ("shutter=rolling shutter.readout=-1", "shutter.readout must be at least 0, got -1"),
-        ("aperture.focus_distance=0", "aperture.focus_distance must be above 0, got 0"),
+        (
+            "aperture=wide aperture.focus_distance=0",
+            "aperture.focus_distance must be above 0, got 0",
+        ),
+        ("aperture.radius=-1", "aperture.radius must be at least 0, got -1"),
+        ("lens.fov=120", "lens.fov has no effect with lens=keep. Choose a lens"),
+        (
+            "film.width=256",
+            "film.width is now called film.filter_width; the size of the pictures is",
+        ),
+        ("film.size=[64]", "film.size must be [width, height] in pixels, got [64]"),
         (
             "factory.count=3 aperture.radius=0.1 sample.aperture.focus_distance.choice=[0,-1]",
             "sample 0 is impossible: aperture.focus_distance must be above 0, got",

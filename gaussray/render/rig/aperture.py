@@ -11,15 +11,15 @@ from gaussray.camera.camera import Camera
 
 
 class ApertureOptions(eqx.Module):
-    """`radius` in scene units (0: pinhole, -1: the capture's own aperture) and `focus_distance` in
-    scene units; `camera.aperture.Aperture` explains the others.
+    """`radius` (0: a pinhole, None: the capture's own aperture) and `focus_distance` in scene
+    units; `camera.aperture.Aperture` explains the others.
 
     `focus_times` and `focus_distances` pull the focus over time instead, as `focus_ease` says
     (`FocusPull`). `rim_radius` and `rim_distance` are a second rim that clips oblique rays:
     optical vignetting (`Rim`); both 0 is no rim.
     """
 
-    radius: float = eqx.field(static=True, default=-1.0)
+    radius: float | None = eqx.field(static=True, default=None)
     focus_distance: float = eqx.field(static=True, default=2.5)
     focus: str = eqx.field(static=True, default="plane")
     blades: int = eqx.field(static=True, default=0)
@@ -34,7 +34,7 @@ class ApertureOptions(eqx.Module):
 
 def build_aperture(camera: Camera, options: ApertureOptions) -> Aperture:
     """The aperture of the options, or the camera's own one where they keep it."""
-    if options.radius == -1:
+    if options.radius is None:
         return camera.aperture
     if options.radius == 0:
         return jax.tree.map(_float32, no_aperture())

@@ -29,7 +29,7 @@ def mounted(film: Film, options: LensOptions) -> AbstractLens:
     build = _model(options).from_options
     if build is None:
         raise ValueError(f"lens.model {options.model} can be read from captures alone.")
-    if not 0 < options.fov <= 360:
+    if options.fov is not None and not 0 < options.fov <= 360:
         raise ValueError(f"lens.fov must be in (0, 360] degrees, got {options.fov}.")
     lens = build(film, options)
     check_lens(lens, film.width, film.height)

@@ -11,6 +11,7 @@ from gaussray.camera.film import Film
 from gaussray.render.rig.rig import RigOptions
 
 
+_PINHOLE_FOV = 65.0
 # The keys that a key needs beside it.
 _REQUIRED_KEYS = {
     "f_number": ("focal_length", "focus_distance", "units_per_metre"),
@@ -134,7 +135,10 @@ def apply_units(options: RigOptions, units: PhysicalOptions) -> RigOptions:
         group, name = key.split(".")
         group_options = getattr(options, group)
         default = type(group_options).__dataclass_fields__[name].default
-        if key not in ("lens.model", "shutter.kind") and getattr(group_options, name) != default:
+        # The field of view of conf/lens/pinhole.yaml is no choice of the user's either.
+        defaults = (default, _PINHOLE_FOV) if key == "lens.fov" else (default,)
+        chosen = getattr(group_options, name) not in defaults
+        if key not in ("lens.model", "shutter.kind") and chosen:
             source, value = _source(key, units), getattr(group_options, name)
             raise ValueError(
                 f"{key} = {value} and physical.{source} = {getattr(units, source)} "

@@ -9,7 +9,6 @@ import numpy as np
 
 from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
-from gaussray.camera.film import Film
 from gaussray.camera.lens import AbstractLens
 from gaussray.capture.capture import View
 from gaussray.capture.formats.paired import read_cameras
@@ -17,7 +16,9 @@ from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.open import FORMATS, format_of
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.rig.aperture import ApertureOptions as ApertureOptions, build_aperture
+from gaussray.render.rig.film import FilmOptions as FilmOptions, on_film
 from gaussray.render.rig.lens import LensOptions as LensOptions, lens_label, mounted
+from gaussray.render.rig.placed import CameraOptions as CameraOptions
 from gaussray.render.rig.shutter import (
     ShutterOptions as ShutterOptions,
     build_shutter,
@@ -29,23 +30,6 @@ from gaussray.render.rig.trajectory import TrajectoryOptions as TrajectoryOption
 
 # Times (the capture's unit) that differ by less are equal.
 _SAME_TIME = 1e-6
-
-
-class CameraOptions(eqx.Module):
-    """Which frames of the capture to render: those of the cameras in `names` (empty: all cameras of
-    `split`) at the `times` (empty: all)."""
-
-    split: str = eqx.field(static=True, default="test")
-    names: tuple[str, ...] = eqx.field(static=True, default=())
-    times: tuple[float, ...] = eqx.field(static=True, default=())
-
-
-class FilmOptions(eqx.Module):
-    """The pixel filter: keep (the capture's), center, box, gaussian or blackman_harris, `width`
-    pixels wide in total."""
-
-    filter: str = eqx.field(static=True, default="keep")
-    width: float = eqx.field(static=True, default=3.0)
 
 
 class RigOptions(eqx.Module):
@@ -80,7 +64,8 @@ def frame_records(
     records, lenses = [], {}
     delays = trigger_delays(options.shutter, list(dict.fromkeys(name for name, _, _ in frames)))
     for i, (name, split, camera) in enumerate(frames):
-        film = _film(camera.film, options.film)
+        camera = on_film(camera, options.film)
+        film = camera.film
         size = film.width, film.height
         if options.lens.model == "keep":
             lens = camera.lens
@@ -104,7 +89,7 @@ def _effect_name(options: RigOptions) -> str:
     """The names of all effects that the options add, joined; pinhole without any."""
     changes = {
         lens_label(options.lens): bool(lens_label(options.lens)),
-        "depth_of_field": options.aperture.radius > 0,
+        "depth_of_field": bool(options.aperture.radius),
         "rolling_shutter": reads_rows_in_turn(options.shutter),
         "interlaced": options.shutter.kind == "interlaced",
         "motion_blur": options.shutter.kind != "keep" and options.shutter.exposure > 0,
@@ -127,21 +112,17 @@ def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, st
         and (not options.times or np.min(np.abs(np.array(options.times) - view.time)) < _SAME_TIME)
     ]
     if not chosen:
+        splits = list(dict.fromkeys(view.split for view in views)) or ["train"]
         raise ValueError(
-            "camera.split, camera.names and camera.times choose no frame of the capture; "
-            f"its cameras are {', '.join(known)}."
+            "camera.split, camera.names and camera.times choose no frame of the capture; its "
+            f"cameras are {', '.join(known)}, its splits {', '.join(splits)}. Choose e.g. "
+            f"camera.split={splits[0]}."
         )
     return [(view.camera_name, view.split, view.camera) for view in chosen]
 
 
-def _film(film: Film, options: FilmOptions) -> Film:
-    if options.filter == "keep":
-        return film
-    return Film(film.width, film.height, options.filter, options.width)
-
-
 def _aperture(camera: Camera, lens: AbstractLens, options: ApertureOptions) -> Aperture:
-    if options.radius > 0 and options.focus == "plane" and lens.sees_sideways:
+    if options.radius and options.focus == "plane" and lens.sees_sideways:
         raise ValueError(
             "aperture.focus must be sphere for a lens with a field of view of 180 degrees or more, "
             "whose rays do not all meet a plane in front of it, got plane."
@@ -174,5 +155,8 @@ def cameras_of(scene: Path | str, cameras: Path | str | None) -> list[View]:
     path = Path(scene)
     path = (path if path.is_dir() else path.parent) / "cameras.json"
     if not path.is_file():
-        raise FileNotFoundError(f"{path}: no such file. Name a capture's folder: cameras=DIR.")
+        raise FileNotFoundError(
+            f"{path}: no such file. Name a capture's folder, cameras=DIR, or place a camera: "
+            "camera=orbit or camera=look_at."
+        )
     return read_cameras(path)

@@ -1,5 +1,6 @@
 """Every option of the rig exchanges what it names and nothing else."""
 
+import dataclasses
 import json
 
 import jax
@@ -10,13 +11,19 @@ import toy
 
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole
 from gaussray.camera.lens.registry import models_by_name
+from gaussray.camera.shutter import row_moments
+from gaussray.camera.trajectory import pose_at
 from gaussray.capture.formats.paired import read_views
 from gaussray.config.compose import compose_config
+from gaussray.config.jobs import rig_options
 from gaussray.config.options import build_options
 from gaussray.config.schema import conf_folder
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.render.rig import rig
+from gaussray.render.rig.film import on_film
+from gaussray.render.rig.placed import placed_views
+from gaussray.render.rig.used_keys import check_used, switched_on
 
 
 look = jax.jit(jax.vmap(lambda lens, pixel: lens.direction(pixel), in_axes=(None, 0)))
@@ -280,3 +287,126 @@ def test_cameras_of_a_capture_in_splits(tmp_path):
     views = rig.cameras_of(tmp_path / "none", tmp_path)
     assert [view.split for view in views] == ["train", "test"]
     assert (views[0].width, views[0].height, views[0].time) == (16, 12, 0.5)
+
+
+def test_a_picture_of_another_size_shows_the_same_view(views):
+    """A point's pixel moves with the size: the field of view across stays, or is cut, or widens."""
+    camera = views[-1].camera
+    point = jnp.asarray([0.3, -0.2, 3.0], jnp.float32)
+    at = camera.lens.project(point) - toy.SIZE / 2
+    scales = {"width": 48 / toy.SIZE, "crop": 48 / toy.SIZE, "letterbox": 24 / toy.SIZE}
+    for fit, scale in scales.items():
+        film = rig.FilmOptions(size=(48, 24), fit=fit)
+        made = built(views, film=film)[-1].camera
+        assert (made.film.width, made.film.height) == (48, 24)
+        seen = made.lens.project(point) - np.array([24.0, 12.0])
+        np.testing.assert_allclose(seen, scale * at, rtol=1e-4)
+    tall = built(views, film=rig.FilmOptions(size=(16, 32), fit="crop"))[-1].camera
+    np.testing.assert_allclose(tall.lens.focal, 2 * np.asarray(camera.lens.focal), rtol=1e-6)
+
+
+def test_the_readout_of_a_resized_picture_lasts_as_long():
+    camera = toy.rolling(toy.camera())
+    made = on_film(camera, rig.FilmOptions(size=(32, 32)))
+    times = [np.asarray(row_moments(c.shutter, (n, n))) for c, n in ((camera, 16), (made, 32))]
+    # Row 2 i + 1/2 of the new picture is row i of the old one.
+    np.testing.assert_allclose((times[1][::2] + times[1][1::2]) / 2, times[0], atol=1e-6)
+
+
+def test_the_filter_keeps_its_kind_where_its_width_alone_is_given(views):
+    kept = built(views, film=rig.FilmOptions(filter_width=2.0))[-1].camera.film
+    assert (kept.filter, kept.filter_width) == (toy.camera().film.filter, 2.0)
+
+
+@pytest.mark.parametrize("name", ["fisheye", "equisolid", "kannala_brandt", "double_sphere"])
+def test_a_fisheye_is_a_circle_and_its_field_of_view_spans_the_smaller_side(views, name):
+    wide = rig.FilmOptions(size=(48, 24))
+    chosen = ["scene=x", "out=x", f"lens={name}", "lens.fov=150"]
+    options = build_options(rig.LensOptions, compose_config("render", chosen).lens)
+    lens = built(views, film=wide, lens=options)[-1].camera.lens
+    middle, half = np.array([24.0, 12.0]), np.deg2rad(75)
+    directions = [[np.sin(half), 0, np.cos(half)], [0, np.sin(half), np.cos(half)]]
+    away = [lens.project(jnp.asarray(d, jnp.float32) * 0.9999) - middle for d in directions]
+    np.testing.assert_allclose(np.linalg.norm(away, axis=-1), 12, rtol=2e-3)
+    cut = dataclasses.replace(options, crop=100.0)
+    cropped = built(views, film=wide, lens=cut)[-1].camera.lens
+    inside, outside = (jnp.asarray([24 + 12 * r, 12.0], jnp.float32) for r in (0.5, 0.8))
+    np.testing.assert_allclose(cropped.direction(inside), lens.direction(inside), atol=1e-5)
+    assert not np.any(cropped.direction(outside)) and np.any(lens.direction(outside))
+
+
+def test_a_camera_is_placed_without_a_capture():
+    scene = toy.scene()
+    (view,) = placed_views(
+        scene, rig.CameraOptions("look_at", eye=(0.0, -4.0, 0.0), target=(0.0, 0.0, 0.0))
+    )
+    np.testing.assert_allclose(view.camera.lens.project(jnp.array([0.0, 0, 4])), [480, 320])
+    np.testing.assert_allclose(view.camera.trajectory.translation[0], [0, -4, 0])
+    circle = placed_views(scene, rig.CameraOptions("orbit", frames=4, eye=(0.0, -4.0, 1.0)))
+    assert [view.time for view in circle] == pytest.approx([0, 1 / 3, 2 / 3, 1])
+    places = [pose_at(v.camera.trajectory, v.camera.time).translation[:2] for v in circle]
+    middle = np.mean(places, axis=0)
+    angles = np.unwrap([np.arctan2(*(p - middle)[::-1]) for p in places])
+    np.testing.assert_allclose(np.diff(angles), np.pi / 2, atol=1e-3)
+
+
+def test_a_placed_camera_sees_the_scene_where_nothing_is_said():
+    scene = toy.scene(speed=0)
+    up = rig.CameraOptions("look_at", up=(0.0, -1.0, 0.0))
+    (view,) = placed_views(scene, up)
+    local = pose_at(view.camera.trajectory, view.camera.time)
+    seen = jax.vmap(lambda p: view.camera.lens.project(local.inverse_apply(p)))(scene.static.mean)
+    inside = np.all((np.asarray(seen) > 0) & (np.asarray(seen) < [960, 640]), axis=-1)
+    assert np.mean(inside) > 0.8
+
+
+@pytest.mark.parametrize(
+    ("groups", "message"),
+    [
+        ({"lens": rig.LensOptions(fov=120.0)}, "lens.fov has no effect with lens=keep. Choose a l"),
+        (
+            {"lens": rig.LensOptions("pinhole", 60.0, fov_y=90.0)},
+            "lens.fov_y has no effect with le",
+        ),
+        (
+            {"aperture": rig.ApertureOptions(focus_distance=3.0)},
+            "aperture.focus_distance has no ef",
+        ),
+        (
+            {"shutter": rig.ShutterOptions(direction="bottom_to_top")},
+            "shutter.direction has no eff",
+        ),
+        (
+            {"trajectory": rig.TrajectoryOptions(shake_seed=3)},
+            "trajectory.shake_seed has no effect",
+        ),
+        (
+            {"camera": rig.CameraOptions(eye=(0.0, 0.0, 1.0))},
+            "camera.eye has no effect with camera=ca",
+        ),
+        (
+            {"camera": rig.CameraOptions("orbit", names=("a",))},
+            "camera.names has no effect with ca",
+        ),
+    ],
+)
+def test_a_key_that_its_choice_ignores_is_refused(groups, message):
+    with pytest.raises(ValueError, match=message):
+        check_used(rig.RigOptions(**groups))
+
+
+@pytest.mark.parametrize(
+    ("key", "kind"), [("readout", "rolling"), ("field_time", "interlaced"), ("exposure", "global")]
+)
+def test_a_key_of_a_shutter_switches_it_on(key, kind):
+    options, notes = switched_on(rig.RigOptions(shutter=rig.ShutterOptions(**{key: 0.2})))
+    assert options.shutter.kind == kind
+    assert notes == [f"shutter.{key}=0.2 chooses shutter={kind}."]
+    check_used(options)
+
+
+def test_every_choice_of_a_file_uses_its_own_keys():
+    for group in ("lens", "aperture", "shutter", "trajectory", "film", "camera"):
+        for path in (conf_folder() / group).glob("*.yaml"):
+            cfg = compose_config("render", ["scene=x", "out=x", f"{group}={path.stem}"])
+            check_used(rig_options(cfg))

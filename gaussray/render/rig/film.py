@@ -1,0 +1,80 @@
+"""The film of a rig's cameras, from options: pixel filter, and size with what the lens shows."""
+
+import dataclasses
+
+import equinox as eqx
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.film import Film
+from gaussray.capture.selection import shutter_of_part
+from gaussray.capture.window import Window
+
+
+FITS = ("width", "crop", "letterbox")
+
+
+class FilmOptions(eqx.Module):
+    """Size and pixel filter of the pictures.
+
+    Args:
+        filter: keep (the capture's), center, box, gaussian or blackman_harris.
+        filter_width: Width of the filter in pixels, in total; None is the capture's.
+        size: Width and height in pixels; empty is the capture's.
+        fit: What pictures of another shape show of the capture's view: "width" keeps its horizontal
+            field of view, "crop" cuts it, "letterbox" shows all of it and more beside it.
+    """
+
+    filter: str = eqx.field(static=True, default="keep")
+    filter_width: float | None = eqx.field(static=True, default=None)
+    size: tuple[int, ...] = eqx.field(static=True, default=())
+    fit: str = eqx.field(static=True, default="width")
+
+    def __check_init__(self):
+        whole = all(type(n) is int and n > 0 for n in self.size)
+        if self.size and not (whole and len(self.size) == 2):
+            raise ValueError(f"film.size must be [width, height] in pixels, got {list(self.size)}.")
+        if self.fit not in FITS:
+            raise ValueError(f"film.fit must be one of {', '.join(FITS)}, got {self.fit!r}.")
+
+
+def on_film(camera: Camera, options: FilmOptions) -> Camera:
+    """A camera whose pictures have the size and the filter of the options.
+
+    The lens shows the same view on the new pixels, and the readout lasts as long over it.
+
+    Raises:
+        ValueError: A value breaks its rule.
+    """
+    camera = _resized(camera, options)
+    film = camera.film
+    if options.filter == "keep" and options.filter_width is None:
+        return camera
+    name = film.filter if options.filter == "keep" else options.filter
+    width = film.filter_width if options.filter_width is None else options.filter_width
+    return dataclasses.replace(camera, film=Film(film.width, film.height, name, width))
+
+
+def _resized(camera: Camera, options: FilmOptions) -> Camera:
+    film = camera.film
+    size = film.width, film.height
+    if not options.size or options.size == size:
+        return camera
+    width, height = options.size
+    window = Window(size, shown_part(size, (width, height), options.fit))
+    return dataclasses.replace(
+        camera,
+        film=Film(width, height, film.filter, film.filter_width),
+        lens=camera.lens.resized(*window, (width, height)),
+        shutter=shutter_of_part(camera.shutter, window, (width, height)),
+    )
+
+
+def shown_part(
+    picture: tuple[int, int], size: tuple[int, int], fit: str
+) -> tuple[float, float, float, float]:
+    """The part (left, top, width, height) of a picture that one of another size shows, in the
+    pixels of the first; beyond its edges where there is more to show. Both have one middle."""
+    across, down = picture[0] / size[0], picture[1] / size[1]
+    scale = {"width": across, "crop": min(across, down), "letterbox": max(across, down)}[fit]
+    width, height = scale * size[0], scale * size[1]
+    return (picture[0] - width) / 2, (picture[1] - height) / 2, width, height

@@ -1,0 +1,160 @@
+"""Cameras without a capture: placed by a point to look at, on an orbit, or along a path."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.film import Film
+from gaussray.camera.lens import pinhole
+from gaussray.camera.placement import look_at, orbit
+from gaussray.camera.trajectory import Trajectory
+from gaussray.capture.capture import View
+from gaussray.capture.paths import read_path
+from gaussray.scene.scene import Scene, at
+from gaussray.scene.segmented import Clip, segment_at
+
+
+KINDS = ("capture", "look_at", "orbit", "path")
+# A camera without a capture: size of the picture in pixels, and degrees from left to right.
+_SIZE, _FOV = (960, 640), 50.0
+# Share of the Gaussians that shall be in view, and the room around them.
+_IN_VIEW, _ROOM = 0.8, 1.15
+
+
+class CameraOptions(eqx.Module):
+    """Which cameras render the scene.
+
+    Args:
+        kind: "capture" renders frames of a capture: those of the cameras in `names` (empty: all
+            cameras of `split`) at the `times` (empty: all). The others need no capture: "look_at"
+            stands still, "orbit" circles around `target`, "path" follows the poses of `file`.
+        split: train or test.
+        names: Names of cameras, instead of a split.
+        times: Times of frames in the scene's unit.
+        eye: Position of the camera, of an orbit its first one; empty is one that sees the scene.
+        target: The point in the middle of the picture; empty is the middle of the scene.
+        up: Direction that points up in the picture, the axis of an orbit.
+        frames: Number of frames, evenly over the scene's times.
+        turns: Full turns of an orbit; negative is clockwise as seen from above.
+        file: Camera path (`capture.paths`).
+    """
+
+    kind: str = eqx.field(static=True, default="capture")
+    split: str = eqx.field(static=True, default="test")
+    names: tuple[str, ...] = eqx.field(static=True, default=())
+    times: tuple[float, ...] = eqx.field(static=True, default=())
+    eye: tuple[float, ...] = eqx.field(static=True, default=())
+    target: tuple[float, ...] = eqx.field(static=True, default=())
+    up: tuple[float, ...] = eqx.field(static=True, default=(0.0, 0.0, 1.0))
+    frames: int = eqx.field(static=True, default=1)
+    turns: float = eqx.field(static=True, default=1.0)
+    file: str = eqx.field(static=True, default="")
+
+    def __check_init__(self):
+        if self.kind not in KINDS:
+            raise ValueError(f"camera.kind must be one of {', '.join(KINDS)}, got {self.kind!r}.")
+        if self.frames < 1:
+            raise ValueError(f"camera.frames must be at least 1, got {self.frames}.")
+        for key in ("eye", "target", "up"):
+            value = getattr(self, key)
+            if len(value) != 3 and (value or key == "up"):
+                raise ValueError(f"camera.{key} must be three numbers, got {list(value)}.")
+
+
+def placed_views(
+    scene: Scene | Clip, options: CameraOptions, views: Sequence[View] = ()
+) -> list[View]:
+    """The frames of a camera that the options place in a scene.
+
+    Film, lens, aperture and shutter are those of the first of a capture's `views`; without any, the
+    camera is a pinhole of 50 degrees with pictures of 960 x 640.
+
+    Raises:
+        ValueError: A value breaks its rule.
+        OSError: `camera.file` cannot be read.
+    """
+    first, last = (float(t) for t in np.asarray(scene.time_range))
+    times = np.array(options.times) if options.times else np.linspace(first, last, options.frames)
+    base = _base_camera(views)
+    path = _trajectory(scene, options, base, (first, last))
+    cameras = (
+        dataclasses.replace(base, trajectory=path, time=jnp.asarray(time, jnp.float32))
+        for time in times
+    )
+    return [
+        View(
+            camera, Path(), None, None, options.kind, "test", float(camera.time), "pinhole", None,
+            "srgb",
+        )
+        for camera in cameras
+    ]  # fmt: skip
+
+
+def _base_camera(views: Sequence[View]) -> Camera:
+    if views:
+        return jax.tree.map(jnp.asarray, views[0].camera)
+    width, height = _SIZE
+    focal = jnp.full(2, width / 2 / np.tan(np.deg2rad(_FOV) / 2), jnp.float32)
+    lens = pinhole(focal, jnp.asarray([width / 2, height / 2], jnp.float32))
+    return jax.tree.map(lambda x: x.astype(jnp.float32), Camera(Film(width, height), lens))
+
+
+def _trajectory(
+    scene: Scene | Clip, options: CameraOptions, base: Camera, times: tuple[float, float]
+) -> Trajectory:
+    first, last = times if times[0] < times[1] else (times[0], times[0] + 1)
+    if options.kind == "path":
+        if not options.file:
+            raise ValueError("camera=path needs camera.file, a file of camera poses.")
+        knots, quat, place = read_path(options.file)
+        if len(knots) > 1:
+            knots = first + (knots - knots[0]) / (knots[-1] - knots[0]) * (last - first)
+        knots, quat, place = (jnp.asarray(x, jnp.float32) for x in (knots, quat, place))
+        return Trajectory(knots, quat, place)
+    eye, target = np.array(options.eye), np.array(options.target)
+    if not (len(eye) and len(target)):
+        middle, radius = _extent(scene)
+        target = target if len(target) else middle
+        eye = eye if len(eye) else _viewpoint(target, radius, options.up, base)
+    if options.kind == "look_at":
+        path = look_at(eye, target, options.up)
+    else:
+        # A last frame at the place of the first would be seen twice in a loop.
+        end = first + (last - first) * options.frames / max(options.frames - 1, 1)
+        path = orbit(eye, target, options.up, turns=options.turns, times=(first, end))
+    return jax.tree.map(lambda x: x.astype(jnp.float32), path)
+
+
+def _extent(scene: Scene | Clip) -> tuple[Float[np.ndarray, "3"], float]:
+    """Middle of a scene, and the radius around it that holds most of its Gaussians."""
+    time = float(scene.time_range[0])
+    part = segment_at(scene, time)
+    mean = np.asarray(at(part, jnp.asarray(time, part.time_range.dtype)).mean, np.float64)
+    mean = mean[np.all(np.isfinite(mean), axis=-1)]
+    if not len(mean):
+        raise ValueError("camera.eye must be given for a scene without Gaussians.")
+    middle = np.median(mean, axis=0)
+    return middle, float(np.quantile(np.linalg.norm(mean - middle, axis=-1), _IN_VIEW))
+
+
+def _viewpoint(
+    target: Float[np.ndarray, "3"], radius: float, up: Sequence[float], base: Camera
+) -> Float[np.ndarray, "3"]:
+    """A position from which a ball around the target is in view, a little above it."""
+    vertical = np.array(up) / max(np.linalg.norm(up), 1e-12)
+    # The horizontal direction nearest to -y, or to -z where up is along y.
+    side = np.array([0.0, -1, 0]) if abs(vertical[1]) < 0.9 else np.array([0.0, 0, -1])
+    side = side - np.dot(side, vertical) * vertical
+    direction = side / np.linalg.norm(side) + 0.35 * vertical
+    film, lens = base.film, jax.tree.map(jnp.asarray, base.lens)
+    edge = lens.direction(jnp.asarray([film.width / 2, 1.0], jnp.float32))
+    half = float(np.clip(np.arctan2(np.hypot(edge[0], edge[1]), edge[2]), 0.1, 1.2))
+    distance = _ROOM * max(radius, 1e-6) / np.sin(half)
+    return target + distance * direction / np.linalg.norm(direction)

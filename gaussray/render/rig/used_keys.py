@@ -1,0 +1,109 @@
+"""No key does nothing: a key switches its group on, or is refused where the choice ignores it."""
+
+import dataclasses
+from typing import Any
+
+from gaussray.camera.lens.registry import models_by_name
+from gaussray.render.rig.rig import RigOptions
+
+
+# Keys of a shutter that apply also where it is kept from the capture.
+_KEPT_SHUTTER = ("trigger",)
+# shutter.kind that a key asks for where the capture's shutter would be kept, first match first.
+_KIND_OF_SHUTTER = {
+    "row_times": "table",
+    "field_time": "interlaced",
+    "readout": "rolling",
+    "row_step": "rolling",
+    "exposure": "global",
+}
+_TRAJECTORY_KEYS = {
+    "keep": ("interpolation",),
+    "between": ("interpolation", "steps"),
+    "path": ("interpolation", "steps", "file", "clock"),
+}
+_CAMERA_KEYS = {
+    "capture": ("split", "names", "times"),
+    "look_at": ("eye", "target", "up", "frames", "times"),
+    "orbit": ("eye", "target", "up", "frames", "turns"),
+    "path": ("file", "frames"),
+}
+
+
+def switched_on(options: RigOptions) -> tuple[RigOptions, list[str]]:
+    """The options with the choices that their keys ask for, and a line about each.
+
+    `shutter.readout=0.2` means a rolling shutter, `trajectory.file` a path.
+    """
+    notes = []
+    shutter, trajectory = options.shutter, options.trajectory
+    changed = _changed(shutter)
+    if shutter.kind == "keep":
+        key = next((k for k in _KIND_OF_SHUTTER if k in changed), None)
+        if key is not None:
+            kind = _KIND_OF_SHUTTER[key]
+            notes.append(_note("shutter", key, getattr(shutter, key), kind))
+            shutter = dataclasses.replace(shutter, kind=kind)
+    if trajectory.kind == "keep" and trajectory.file and options.camera.kind == "capture":
+        notes.append(_note("trajectory", "file", trajectory.file, "path"))
+        trajectory = dataclasses.replace(trajectory, kind="path")
+    return dataclasses.replace(options, shutter=shutter, trajectory=trajectory), notes
+
+
+def _note(group: str, key: str, value: Any, choice: str) -> str:
+    return f"{group}.{key}={value} chooses {group}={choice}."
+
+
+def check_used(options: RigOptions) -> None:
+    """Raise a ValueError for a key that is set but that the chosen model or kind ignores."""
+    _check_lens(options)
+    aperture, shutter, trajectory = options.aperture, options.shutter, options.trajectory
+    if aperture.radius is None:
+        remedy = "Set aperture.radius, or choose aperture=wide."
+        _refuse("aperture", _changed(aperture), (), "aperture=keep", remedy)
+    if shutter.kind == "keep":
+        remedy = "Choose shutter=rolling, global or interlaced."
+        _refuse("shutter", _changed(shutter), _KEPT_SHUTTER, "shutter=keep", remedy)
+    if shutter.kind != "interlaced":
+        used = set(_changed(shutter)) - {"first_field"}
+        remedy = "Choose shutter=interlaced."
+        _refuse("shutter", _changed(shutter), tuple(used), f"shutter={shutter.kind}", remedy)
+    if trajectory.kind in _TRAJECTORY_KEYS:
+        used = (*_TRAJECTORY_KEYS[trajectory.kind], "shake_degrees", "shake_distance")
+        if trajectory.shake_degrees or trajectory.shake_distance:
+            used = (*used, "shake_time", "shake_seed")
+        remedy = "Choose trajectory=path or between, or set trajectory.shake_degrees."
+        _refuse("trajectory", _changed(trajectory), used, f"trajectory={trajectory.kind}", remedy)
+    camera = options.camera
+    if camera.kind in _CAMERA_KEYS:
+        remedy = "Choose camera=look_at, orbit, path or capture."
+        used = _CAMERA_KEYS[camera.kind]
+        _refuse("camera", _changed(camera), used, f"camera={camera.kind}", remedy)
+
+
+def _check_lens(options: RigOptions) -> None:
+    lens = options.lens
+    models = models_by_name()
+    if lens.model == "keep":
+        _refuse("lens", _changed(lens), (), "lens=keep", "Choose a lens, such as lens=pinhole.")
+    elif lens.model in models:
+        used = models[lens.model].option_keys
+        listed = ", ".join(f"lens.{key}" for key in used)
+        _refuse("lens", _changed(lens), used, f"lens.model={lens.model}", f"It has {listed}.")
+
+
+def _changed(options: Any) -> list[str]:
+    """The keys, without model and kind, that differ from their defaults."""
+    return [
+        field.name
+        for field in dataclasses.fields(options)
+        if field.name not in ("model", "kind") and getattr(options, field.name) != field.default
+    ]
+
+
+def _refuse(
+    group: str, changed: list[str], used: tuple[str, ...], choice: str, remedy: str
+) -> None:
+    for key in changed:
+        if key not in used:
+            raise ValueError(f"{group}.{key} has no effect with {choice}. {remedy}")
