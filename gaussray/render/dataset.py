@@ -96,7 +96,7 @@ def render_dataset(
             if leads() and not remaining[video_name(record)]:
                 videos.begin(video_name(record))
         if options.labels:
-            _write_labels(out, renderer, records, options.labels, quiet=quiet)
+            _write_labels(out, renderer, records, options, quiet=quiet)
         wait("pictures")
         if leads():
             demand_files(out, records)
@@ -163,7 +163,7 @@ def _write_labels(
     out: Path,
     renderer: Renderer,
     records: Sequence[FrameRecord],
-    labels: Sequence[str],
+    options: DatasetOptions,
     *,
     quiet: bool,
 ) -> None:
@@ -173,5 +173,6 @@ def _write_labels(
     assigned = {record.file_path for record in share(missing)}
     progress = Progress("labels", len(assigned), quiet=quiet or not leads())
     labeller = Labeller(renderer.scenes[0], options=renderer.options, trace=renderer.trace)
-    for done, record in enumerate(write_labels(out, records, assigned, labels, labeller), 1):
+    written = write_labels(out, records, assigned, options.labels, labeller, options.interval)
+    for done, record in enumerate(written, 1):
         progress.report(done, record.effect)

@@ -78,10 +78,12 @@ class DatasetOptions:
 
     `sensor` develops the light before it is written. `labels` are names of `aov.labeller.LABELS`,
     which are written beside the pictures. Videos have `fps` frames per second. `info` is copied
-    into the manifests.
+    into the manifests. `interval` is the time to the next frame that flow labels of a lone frame
+    point to; 0 if there is none.
     """
 
     sensor: SensorOptions = NO_SENSOR
     labels: Sequence[str] = ()
     fps: float = 8.0
     info: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    interval: float = 0.0

@@ -4,6 +4,7 @@ import bisect
 import contextlib
 import itertools
 import json
+import re
 import shutil
 import sys
 import time
@@ -20,6 +21,8 @@ STYLES = ("auto", "bar", "lines", "json", "quiet")
 # Seconds between two reports.
 _PACE = {"bar": 0.2, "lines": 5.0, "json": 1.0}
 _BAR = 24
+# What differs between warnings of one kind: names in quotes, paths and numbers.
+_VARIABLE = re.compile(r"'[^']*'|\S*/\S*|[-+]?\d[\d.,e]*")
 
 _style: ContextVar[str] = ContextVar("style", default="auto")
 # Whether the terminal's last line is an unfinished progress bar.
@@ -69,17 +72,36 @@ def say(text: str, event: str = "message", **facts: Any) -> None:
 
 @contextlib.contextmanager
 def plain_warnings() -> Iterator[None]:
-    """Within the block, a warning is one line on stderr without file name and source line."""
+    """Within the block, a warning is one line on stderr: its text, without file and source line.
 
-    def text(message: Warning | str, *_: Any, **__: Any) -> str:
-        end_line()
-        return f"gaussray: warning: {message}\n"
+    Of warnings that differ in numbers, names in quotes and paths alone, the first one is shown at
+    once, and how many there were when the block ends.
+    """
+    counts: dict[str, int] = {}
+    first: dict[str, str] = {}
 
-    before, warnings.formatwarning = warnings.formatwarning, text
+    def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
+        text = " ".join(str(message).split())
+        kind = f"{category.__name__} {_VARIABLE.sub('*', text)}"
+        counts[kind] = counts.get(kind, 0) + 1
+        if counts[kind] == 1:
+            first[kind] = text
+            _warn(text)
+
+    before, warnings.showwarning = warnings.showwarning, show
     try:
         yield
     finally:
-        warnings.formatwarning = before
+        warnings.showwarning = before
+        for kind, count in counts.items():
+            if count > 1:
+                _warn(f"{count - 1} more like this: {first[kind]}")
+
+
+def _warn(text: str) -> None:
+    """A warning on stderr, as one line."""
+    end_line()
+    print(f"gaussray: warning: {text}", file=sys.stderr, flush=True)
 
 
 def end_line() -> None:

@@ -136,9 +136,16 @@ def test_an_unknown_style_is_refused():
             pass
 
 
-def test_a_warning_is_one_line_without_its_source():
-    before = warnings.formatwarning
-    with plain_warnings():
-        shown = warnings.formatwarning("a text", UserWarning, "file.py", 3)
-    assert shown == "gaussray: warning: a text\n"
-    assert warnings.formatwarning is before
+def test_warnings_of_one_kind_are_a_line_and_a_count_without_their_source(capsys):
+    before = warnings.showwarning
+    with plain_warnings(), warnings.catch_warnings():
+        warnings.simplefilter("always")
+        for i in range(3):
+            warnings.warn(f"images/{i}.png: {i + 1} pixels\nare black", UserWarning, stacklevel=1)
+        warnings.warn("another text", UserWarning, stacklevel=1)
+    assert capsys.readouterr().err.splitlines() == [
+        "gaussray: warning: images/0.png: 1 pixels are black",
+        "gaussray: warning: another text",
+        "gaussray: warning: 2 more like this: images/0.png: 1 pixels are black",
+    ]
+    assert warnings.showwarning is before

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 
+import jax.numpy as jnp
 import numpy as np
 
 from gaussray.camera.camera import Camera
@@ -38,10 +39,11 @@ def with_label_files(records: Sequence[FrameRecord], labels: Sequence[str]) -> l
 
 
 def neighbour_cameras(
-    records: Sequence[FrameRecord],
+    records: Sequence[FrameRecord], interval: float = 0.0
 ) -> dict[str, tuple[Camera | None, Camera | None]]:
     """The cameras of the previous and the next frame for each file, of the same camera name and
-    effect, in order of time."""
+    effect, in order of time. A lone frame has neighbours an `interval` before and after, if that is
+    above 0."""
     sequences: dict[tuple[str, str], list[FrameRecord]] = {}
     for record in records:
         sequences.setdefault((record.effect, record.camera_name), []).append(record)
@@ -49,9 +51,16 @@ def neighbour_cameras(
     for frames in sequences.values():
         frames = sorted(frames, key=lambda record: float(record.camera.time))
         cameras = [None, *(record.camera for record in frames), None]
+        if len(frames) == 1 and interval > 0:
+            cameras = [_delayed(frames[0].camera, i * interval) for i in (-1, 0, 1)]
         for i, record in enumerate(frames):
             found[record.file_path] = cameras[i], cameras[i + 2]
     return found
+
+
+def _delayed(camera: Camera, delay: float) -> Camera:
+    """The camera of another frame, so much later."""
+    return dataclasses.replace(camera, time=camera.time + jnp.asarray(delay, camera.time.dtype))
 
 
 def labels_exist(out: Path, record: FrameRecord) -> bool:
@@ -65,11 +74,12 @@ def write_labels(
     assigned: Collection[str],
     labels: Sequence[str],
     labeller: Labeller,
+    interval: float = 0.0,
 ) -> Iterator[FrameRecord]:
     """Write the labels of the records whose pictures are `assigned`, and yield each when its files
     are written. The cores compress files while the device computes the next labels. The other
-    records are neighbours, which flow needs."""
-    near = neighbour_cameras([record for record in records if record.effect != SHARP])
+    records are neighbours, which flow needs; a lone frame's are an `interval` away."""
+    near = neighbour_cameras([r for r in records if r.effect != SHARP], interval)
     waiting: deque[tuple[FrameRecord, Future[None]]] = deque()
     cores = os.cpu_count() or 1
     with ThreadPoolExecutor(cores) as pool:
