@@ -13,7 +13,7 @@ LEVELS = [
     {"runtime"},
     {"scene", "camera"},
     {"tracer", "capture", "dataset"},
-    {"reconstruct", "render"},
+    {"reconstruct", "render", "prepare"},
     {"evaluate", "calibrate"},
     {"config", "report"},
     {"viewer"},

@@ -27,12 +27,16 @@ CODECS = (
     *("mpeg2video", "mjpeg", "png", "ffv1", "prores", "dnxhd", "huffyuv", "ffvhuff", "utvideo"),
     *("qtrle", "rawvideo"),
 )
+# Decoders of sound tracks.
+SOUND_CODECS = (
+    *("aac", "mp3", "mp3float", "opus", "libopus", "vorbis", "flac", "alac", "ac3", "amrnb"),
+    *("pcm_s16le", "pcm_s16be", "pcm_s24le", "pcm_f32le"),
+)
 # Without these a file called .mp4 may be a list of others, which FFmpeg then opens.
 _OPENING: dict[str, Any] = {
     "options": {
         "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi",
         "protocol_whitelist": "file",
-        "codec_whitelist": ",".join(CODECS),
     },
     "metadata_errors": "replace",
 }
@@ -105,8 +109,8 @@ def _identity(path):
 
 @functools.lru_cache(maxsize=256)
 def _facts(path: Path, changed: int, size: int) -> Video:
-    with _opened(path) as container:
-        stream = _stream(path, container)
+    with open_video(path) as container:
+        stream = video_stream(path, container)
         times, listed, first = [], 0, None
         for packet in container.demux(stream):
             if packet.is_corrupt:
@@ -130,7 +134,7 @@ def _facts(path: Path, changed: int, size: int) -> Video:
             last, step = max(times), (max(times) - min(times)) / max(len(times) - 1, 1)
             if float((last + 3 * step) * stream.time_base) < container.duration / av.time_base:
                 raise _broken(path, "it ends before its header says")
-        height, width = _upright(path, first).shape[:2]
+        height, width = upright(path, first).shape[:2]
         return Video(width, height, len(times))
 
 
@@ -164,13 +168,13 @@ class _Player:
             )
         with self._lock:
             if self._last is None or index < self._place:
-                self._frames, self._place = _decoded(self._path), -1
+                self._frames, self._place = decoded_frames(self._path), -1
             while self._place < index:
                 self._last = next(self._frames, None)
                 if self._last is None:
                     raise _broken(self._path, f"frame {self._place + 1} cannot be decoded")
                 self._place += 1
-            return _upright(self._path, self._last)
+            return upright(self._path, self._last)
 
 
 @functools.lru_cache(maxsize=4)
@@ -178,9 +182,10 @@ def _player(path: Path, changed: int, size: int) -> _Player:
     return _Player(path)
 
 
-def _decoded(path):
-    with _opened(path) as container:
-        stream = _stream(path, container)
+def decoded_frames(path: Path) -> Iterator[Any]:
+    """All frames of a video, as PyAV gives them, in the order in which they are shown."""
+    with open_video(path) as container:
+        stream = video_stream(path, container)
         stream.thread_type = "AUTO"
         for place, frame in enumerate(container.decode(stream)):
             if frame.is_corrupt:
@@ -189,15 +194,20 @@ def _decoded(path):
 
 
 @contextlib.contextmanager
-def _opened(path):
+def open_video(path: Path, *, sound: bool = False) -> Iterator[Any]:
+    """A video container whose codecs are `CODECS`, with `sound` also `SOUND_CODECS`; a damaged one
+    is an OSError that names the file."""
+    codecs = (*CODECS, *SOUND_CODECS) if sound else CODECS
+    options = {**_OPENING["options"], "codec_whitelist": ",".join(codecs)}
     try:
-        with av.open(str(path.absolute()), **_OPENING) as container:
+        with av.open(str(path.absolute()), **{**_OPENING, "options": options}) as container:
             yield container
     except av.error.FFmpegError as error:
         raise _broken(path, error.strerror or type(error).__name__) from error
 
 
-def _stream(path, container):
+def video_stream(path: Path, container: Any) -> Any:
+    """The first stream of pictures of a container, checked before anything is decoded."""
     if not container.streams.video:
         raise CaptureError(
             f"{path}: a video must hold a stream of pictures, got none: it is truncated, or no "
@@ -231,7 +241,8 @@ def _check_pixels(path, count):
         raise CaptureError(str(error)) from None
 
 
-def _upright(path, frame):
+def upright(path: Path, frame: Any) -> UInt8[np.ndarray, "h w 3"]:
+    """The sRGB levels of a decoded frame, turned as its metadata say."""
     _check_pixels(path, frame.width * frame.height)
     pixels = frame.to_ndarray(format="rgb24")
     if frame.rotation % 90:

@@ -171,6 +171,35 @@ def _calibrate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     return {"scene": scene, "capture": capture}
 
 
+def _prepare(cfg: Configuration, devices: int | None) -> None:
+    from gaussray.prepare import options, prepare_capture
+    from gaussray.prepare.errors import PrepareError
+    from gaussray.prepare.pipeline import FACTS_FILE
+    from gaussray.report import write_page
+
+    chosen = options.PrepareOptions(
+        build_options(options.SyncOptions, cfg.sync),
+        build_options(options.FramesOptions, cfg.frames),
+        build_options(options.PosesOptions, cfg.poses),
+    )
+    out = begin_run_folder(cfg)
+    (out / FACTS_FILE).unlink(missing_ok=True)
+    try:
+        facts = prepare_capture(cfg.videos, out, options=chosen)
+    except PrepareError as error:
+        # The pictures show why; without facts the input was refused before any were looked at.
+        if cfg.report and (out / FACTS_FILE).is_file():
+            raise PrepareError(f"{error} See {write_page('prepare', out)}.") from None
+        raise
+    doubtful = [one["text"] for one in facts["findings"] if one["level"] == "warn"]
+    more = f" {len(doubtful)} doubtful: {'; '.join(doubtful)}. See report.html." if doubtful else ""
+    text = (
+        f"{out}: {len(facts['cameras'])} cameras, {facts['timestamps']} timestamps, "
+        f"{facts['points']} points.{more}"
+    )
+    _say(text, out=str(out), findings=facts["findings"])
+
+
 def _import(cfg: Configuration, devices: int | None) -> None:
     from gaussray.scene.formats.convert import import_model
 
@@ -240,6 +269,7 @@ RUN: dict[str, Callable[[Configuration, int | None], dict[str, Any] | None]] = {
     "render": _render,
     "evaluate": _evaluate,
     "calibrate": _calibrate,
+    "prepare": _prepare,
     "import": _import,
     "export": _export,
     "pack": _pack,

@@ -8,6 +8,7 @@ from gaussray.config.schema import Key, choices, conf_folder, groups, keys
 
 COMMANDS = {
     "demo": "run everything on the sample capture: reconstruct, render effects, evaluate",
+    "prepare": "make a capture of videos: frames, synchronisation, poses, checks",
     "reconstruct": "reconstruct a dynamic scene from multi-view video",
     "render": "render a scene through cameras, to pictures, labels and videos",
     "view": "explore a scene in the web browser, with every camera setting as a control",
@@ -27,6 +28,10 @@ EXITS = {
 # The keys of each command that short help shows, in this order, after the mandatory ones.
 MOST_USED = {
     "demo": "out capture.path fit.fine render.samples",
+    "prepare": (
+        "sync.method sync.offsets frames.rate frames.span frames.readout frames.instants "
+        "poses.calibration poses.model poses.intrinsics poses.fov poses.rig"
+    ),
     "reconstruct": (
         "out resume capture.frames capture.scale capture.test fit.coarse fit.fine fit.tiles "
         "fit.refine fit.segment fit.memory fit.seed density.interval need.loss tensorboard"

@@ -3,12 +3,14 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.formats.paired import read_cameras, read_capture
 from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.dataset.takes import read_takes
 from gaussray.io.atomic import whole
-from gaussray.report import calibration, cameras, dataset, evaluation, reconstruction
+from gaussray.report import calibration, cameras, dataset, evaluation, prepare, reconstruction
 from gaussray.report.markup import Markup
 from gaussray.report.page import Section, html_page, summary_tiles
 from gaussray.report.run import duration, file_size, json_document, reproduction, subtitle
@@ -26,6 +28,7 @@ TITLES = {
     "render": "Pictures",
     "takes": "Dataset",
     "calibrate": "Calibration",
+    "prepare": "Prepared capture",
 }
 
 
@@ -128,6 +131,20 @@ def _calibrate_sections(
     ]
 
 
+def _prepare_sections(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _Sections:
+    facts = json_document(out / "prepare.json")
+    views = read_cameras(out / PINHOLE_FILE) if (out / PINHOLE_FILE).is_file() else []
+    return [
+        prepare.prepared_summary(facts),
+        prepare.finding_list(facts),
+        prepare.camera_pictures(out, facts),
+        prepare.epipolar_pictures(out, facts),
+        prepare.camera_measurements(facts),
+        cameras.camera_plan(_first_of_each(views), None, {"train": "cameras"}) if views else None,
+        reproduction(out, []),
+    ]
+
+
 _SECTIONS = {
     "demo": _demo_sections,
     "reconstruct": _reconstruct_sections,
@@ -135,6 +152,7 @@ _SECTIONS = {
     "render": _render_sections,
     "takes": _dataset_sections,
     "calibrate": _calibrate_sections,
+    "prepare": _prepare_sections,
 }
 
 
@@ -183,6 +201,14 @@ def _groups(capture: Capture | None, names: list[str] | None) -> dict[str, list[
         return {}
     groups = {"pinhole": capture.views, **capture.effects}
     return {n: views for n, views in groups.items() if views and (names is None or n in names)}
+
+
+def _first_of_each(views: list[View]) -> list[View]:
+    """One view for each pose of each camera."""
+    poses = {
+        (v.camera_name, np.asarray(v.camera.trajectory.translation).tobytes()): v for v in views
+    }
+    return list(poses.values())
 
 
 def _splits(views: list[View]) -> list[str]:

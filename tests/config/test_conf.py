@@ -20,6 +20,7 @@ from gaussray.config.options import build_options
 from gaussray.config.schema import conf_folder
 from gaussray.evaluate.pipeline import EvaluateOptions
 from gaussray.io.safe.limits import Limits
+from gaussray.prepare.options import FramesOptions, PosesOptions, SyncOptions
 from gaussray.reconstruct import options as stage
 from gaussray.render.randomize.distributions import draw_values, read_distributions
 from gaussray.render.randomize.options import FactoryOptions
@@ -56,6 +57,9 @@ GROUPS = {
     "factory": (FactoryOptions, "default"),
     "view": (ViewOptions, "default"),
     "limits": (Limits, "default"),
+    "sync": (SyncOptions, "default"),
+    "frames": (FramesOptions, "default"),
+    "poses": (PosesOptions, "default"),
 }
 CHOICES = [
     (group, path.stem)

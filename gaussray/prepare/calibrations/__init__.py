@@ -1,0 +1,1 @@
+"""Readers of camera calibrations that other programs write."""

@@ -1,0 +1,71 @@
+"""Camera chains of Kalibr (camchain.yaml)."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from gaussray.io.safe.aliases import check_aliases
+from gaussray.io.safe.files import read_text
+from gaussray.prepare.calibrations.known_camera import KnownCamera, check_name, opencv_camera
+from gaussray.prepare.errors import PrepareError
+
+
+_DISTORTIONS = {"radtan": False, "none": False, "equidistant": True, "equi": True}
+
+
+def read_kalibr(path: Path) -> list[KnownCamera]:
+    """The cameras of a chain cam0, cam1, ...; the first camera's axes are the world's.
+
+    `T_cn_cnm1` takes the camera before to this one; without it only the first camera has a pose.
+
+    Raises:
+        PrepareError: The file is no chain of Kalibr, or a camera's model is not supported.
+    """
+    text = read_text(path).decode("utf-8", "replace")
+    try:
+        check_aliases(path, text)
+        content = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError) as error:
+        raise PrepareError(f"{path}: must be YAML, got {str(error)[:200]}.") from None
+    names = [k for k in content if str(k).startswith("cam")] if isinstance(content, dict) else []
+    if not names:
+        raise PrepareError(f"{path}: must list cameras cam0, cam1, ... as Kalibr does, got none.")
+    cameras, pose = [], np.eye(4)
+    for k, name in enumerate(sorted(names, key=lambda n: (len(str(n)), str(n)))):
+        block = content[name]
+        if not isinstance(block, dict):
+            raise PrepareError(f"{path}: {name} must be a block of keys, got {str(block)[:80]}.")
+        if k:
+            pose = _numbers(path, name, block, "T_cn_cnm1", 16).reshape(4, 4) @ pose
+        cameras.append(_camera(path, check_name(path, name), block, pose[:3]))
+    return cameras
+
+
+def _numbers(path: Path, name: str, block: dict[str, Any], key: str, count: int) -> np.ndarray:
+    try:
+        return np.array(block[key], np.float64).reshape(count)
+    except (KeyError, ValueError, TypeError):
+        raise PrepareError(
+            f"{path}: {name}.{key} must be {count} numbers, got {str(block.get(key))[:80]}."
+        ) from None
+
+
+def _camera(path: Path, name: str, block: dict[str, Any], pose: np.ndarray) -> KnownCamera:
+    model, distortion = block.get("camera_model"), block.get("distortion_model", "none")
+    if model != "pinhole" or distortion not in _DISTORTIONS:
+        raise PrepareError(
+            f"{path}: {name} must be a pinhole with radtan or equidistant distortion, got {model} "
+            f"with {distortion}. Calibrate with --models pinhole-radtan or pinhole-equi."
+        )
+    focal = _numbers(path, name, block, "intrinsics", 4)
+    matrix = np.array([[focal[0], 0, focal[2]], [0, focal[1], focal[3]], [0, 0, 1]])
+    coefficients = np.zeros(4)
+    if distortion != "none":
+        coefficients = _numbers(path, name, block, "distortion_coeffs", 4)
+    size = _numbers(path, name, block, "resolution", 2)
+    fisheye = _DISTORTIONS[distortion]
+    return opencv_camera(
+        path, name, matrix, coefficients, pose, (int(size[0]), int(size[1])), fisheye=fisheye
+    )

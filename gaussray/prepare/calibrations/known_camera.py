@@ -1,0 +1,85 @@
+"""What every reader of calibrations returns: cameras with their lens and pose."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.lens_models import LensKeyValues
+
+
+# OpenCV's distortion coefficients in their order.
+OPENCV_ORDER = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+_ORTHONORMAL = 1e-3
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class KnownCamera:
+    """A calibrated camera.
+
+    Args:
+        name: Its name in the file.
+        lens: Keys of a capture's JSON; pixel centres at 0.5. `w` and `h` are 0 where the file does
+            not say them.
+        pose: World to camera [3, 4], OpenCV axes.
+    """
+
+    name: str
+    lens: LensKeyValues
+    pose: Float[np.ndarray, "3 4"]
+
+
+def opencv_camera(
+    where: object,
+    name: str,
+    matrix: Float[np.ndarray, "3 3"],
+    distortion: Float[np.ndarray, " n"],
+    pose: Float[np.ndarray, "3 4"],
+    size: tuple[int, int] = (0, 0),
+    *,
+    fisheye: bool = False,
+) -> KnownCamera:
+    """A camera by OpenCV's numbers, whose pixel centres are at whole numbers.
+
+    Raises:
+        PrepareError: A number is not finite, a focal length not positive, or the rotation none.
+    """
+    values = np.concatenate([matrix.ravel(), distortion.ravel(), pose.ravel()])
+    turn = pose[:, :3]
+    wrong = not np.isfinite(values).all() or min(matrix[0, 0], matrix[1, 1]) <= 0
+    if wrong or np.abs(turn @ turn.T - np.eye(3)).max() > _ORTHONORMAL or np.linalg.det(turn) < 0:
+        raise PrepareError(
+            f"{where}: camera {name} must have positive focal lengths and a rotation, got matrix "
+            f"{matrix.tolist()} and rotation {turn.tolist()}. Calibrate it again."
+        )
+    order = ("k1", "k2", "k3", "k4") if fisheye else OPENCV_ORDER
+    if len(distortion) > len(order):
+        if np.any(distortion[len(order) :]):
+            raise PrepareError(
+                f"{where}: camera {name} must have at most {len(order)} distortion coefficients, "
+                f"got {len(distortion)}. Calibrate without thin prism and tilt."
+            )
+        distortion = distortion[: len(order)]
+    coefficients = dict(zip(order, map(float, distortion), strict=False))
+    lens = {
+        "camera_model": "OPENCV_FISHEYE" if fisheye else "FULL_OPENCV",
+        **{"w": int(size[0]), "h": int(size[1])},
+        **{"fl_x": float(matrix[0, 0]), "fl_y": float(matrix[1, 1])},
+        **{"cx": float(matrix[0, 2]) + 0.5, "cy": float(matrix[1, 2]) + 0.5},
+        **coefficients,
+    }
+    # The simplest model that has all coefficients.
+    if not fisheye and not any(coefficients.get(key, 0.0) for key in OPENCV_ORDER[4:]):
+        lens = {key: value for key, value in lens.items() if key not in OPENCV_ORDER[4:]}
+        lens["camera_model"] = "OPENCV"
+    return KnownCamera(name, lens, pose)
+
+
+def check_name(where: Path, name: object) -> str:
+    """A camera's name, which must be a short text."""
+    text = str(name)
+    if not 0 < len(text) <= 200:
+        raise PrepareError(f"{where}: a camera must have a name, got {text[:80]!r}.")
+    return text

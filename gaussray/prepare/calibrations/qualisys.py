@@ -1,0 +1,67 @@
+"""Qualisys calibrations: .qca.txt and .xml files, as Qualisys Track Manager and Pose2Sim write."""
+
+import xml.etree.ElementTree as ElementTree
+from pathlib import Path
+
+import numpy as np
+
+from gaussray.io.safe.files import read_text
+from gaussray.prepare.calibrations.known_camera import KnownCamera, check_name, opencv_camera
+from gaussray.prepare.errors import PrepareError
+
+
+# Intrinsics are in 64ths of a pixel, translations in millimetres.
+_SUBPIXELS, _MILLIMETRES = 64.0, 1000.0
+
+
+def read_qualisys(path: Path) -> list[KnownCamera]:
+    """The cameras of a Qualisys file.
+
+    The nine numbers of the rotation, row by row, take world to camera axes, which a half turn about
+    x takes to OpenCV's; the translation is the camera's place in the world.
+
+    Raises:
+        PrepareError: The file is no XML of cameras, or a camera lacks a number.
+    """
+    text = read_text(path)
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
+        raise PrepareError(f"{path}: must not declare entities. Remove the DOCTYPE.")
+    try:
+        root = ElementTree.fromstring(text)
+    except ElementTree.ParseError as error:
+        raise PrepareError(f"{path}: must be XML of Qualisys, got {error}.") from None
+    nodes = root.findall("cameras/camera")
+    if not nodes:
+        raise PrepareError(f"{path}: must list cameras, got none.")
+    return [_camera(path, node) for node in nodes if node.find("intrinsic") is not None]
+
+
+def _camera(path: Path, node: ElementTree.Element) -> KnownCamera:
+    name = check_name(path, node.get("serial"))
+
+    def numbers(child: str, keys: str) -> np.ndarray:
+        element = node.find(child)
+        try:
+            if element is None:
+                raise KeyError(child)
+            return np.array([float(element.attrib[key]) for key in keys.split()])
+        except (KeyError, ValueError) as error:
+            raise PrepareError(
+                f"{path}: camera {name} must have {child} with {keys}, got {error}. Export the "
+                "calibration again."
+            ) from None
+
+    left, top, right, bottom = numbers("fov_video", "left top right bottom")
+    inner = numbers("intrinsic", "focalLengthU focalLengthV centerPointU centerPointV") / _SUBPIXELS
+    distortion = numbers(
+        "intrinsic",
+        "radialDistortion1 radialDistortion2 tangentalDistortion1 tangentalDistortion2",
+    )
+    matrix = np.array([[inner[0], 0, inner[2] - left], [0, inner[1], inner[3] - top], [0, 0, 1]])
+    turn = numbers("transform", "r11 r12 r13 r21 r22 r23 r31 r32 r33").reshape(3, 3)
+    place = numbers("transform", "x y z") / _MILLIMETRES
+    flip = np.diag([1.0, -1.0, -1.0])
+    rotation = flip @ turn
+    pose = np.column_stack([rotation, -rotation @ place])
+    size = int(right - left) + 1, int(bottom - top) + 1
+    return opencv_camera(path, name, matrix, distortion, pose, size)

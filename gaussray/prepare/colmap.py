@@ -1,0 +1,35 @@
+"""Access to pycolmap, an optional dependency."""
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any
+
+from gaussray.prepare.errors import PrepareError
+
+
+def pycolmap() -> Any:
+    """The module pycolmap.
+
+    Raises:
+        PrepareError: It is not installed.
+    """
+    try:
+        import pycolmap as module
+    except ImportError:
+        raise PrepareError(
+            "gaussray prepare must have pycolmap, got none. Install it: pip install "
+            "'gaussray[prepare]'."
+        ) from None
+    return module
+
+
+@contextlib.contextmanager
+def quiet_colmap() -> Iterator[None]:
+    """Within the block COLMAP logs errors alone."""
+    logging = pycolmap().logging
+    level = logging.minloglevel
+    logging.minloglevel = 2
+    try:
+        yield
+    finally:
+        logging.minloglevel = level

@@ -1,0 +1,90 @@
+"""Files of the capture: transforms.json, points3d.ply, and the facts that the report shows."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, UInt8
+
+from gaussray.geometry import BLENDER_AXES
+from gaussray.io.atomic import whole
+from gaussray.prepare.poses import Placement
+from gaussray.prepare.timeline import Timeline
+
+
+# Shifts of a frame against its timestamp below this many seconds are none.
+_NO_SHIFT = 1e-5
+
+
+def capture_document(
+    placement: Placement,
+    timeline: Timeline,
+    files: dict[str, list[Path]],
+    out: Path,
+    readout: float,
+) -> dict[str, Any]:
+    """The content of transforms.json.
+
+    Photographs have neither time nor camera name: each is a camera of its own. A frame that was
+    exposed before or after its timestamp, or row by row, has a `shutter` block; the middle row is
+    then exposed at the frame's own time.
+    """
+    frames: list[dict[str, Any]] = []
+    model = placement.model
+    for k, name in enumerate(model.pictures):
+        picture = placement.pictures[name]
+        instants: Sequence[int] = (
+            range(len(timeline.times)) if placement.still else [picture.instant]
+        )
+        matrix = transform_matrix(model.poses[k])
+        for i in instants:
+            frame: dict[str, Any] = {
+                "file_path": files[picture.camera][i].relative_to(out).as_posix(),
+                "split": "train",
+                "transform_matrix": matrix,
+                **model.lenses[k],
+            }
+            if not timeline.is_static:
+                frame |= {"camera": picture.camera, "time": round(float(timeline.times[i]), 6)}
+                frame |= _shutter(float(timeline.shifts[picture.camera][i]), readout)
+            elif readout:
+                frame |= _shutter(0.0, readout)
+            frames.append(frame)
+    top = {} if timeline.is_static else {"time_unit": "seconds", "fps": timeline.rate}
+    return {**top, "ply_file_path": "points3d.ply", "frames": frames}
+
+
+def transform_matrix(pose: Float[np.ndarray, "3 4"]) -> list[list[float]]:
+    """Camera to world [4, 4] in OpenGL axes, as nerfstudio has it, of a world to camera matrix."""
+    turn = pose[:, :3].T
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * np.array(BLENDER_AXES)
+    matrix[:3, 3] = -turn @ pose[:, 3]
+    return matrix.tolist()
+
+
+def write_points(
+    path: Path, points: Float[np.ndarray, "n 3"], levels: UInt8[np.ndarray, "n 3"]
+) -> None:
+    """A PLY file of coloured points."""
+    columns = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+    columns += [(name, "u1") for name in ("red", "green", "blue")]
+    table = np.zeros(len(points), columns)
+    for i, axis in enumerate("xyz"):
+        table[axis] = points[:, i]
+    for i, name in enumerate(("red", "green", "blue")):
+        table[name] = levels[:, i]
+    kinds = {"<f4": "float", "u1": "uchar"}
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points)}"]
+    header += [f"property {kinds[kind]} {name}" for name, kind in columns] + ["end_header", ""]
+    with whole(path) as partial:
+        partial.write_bytes("\n".join(header).encode() + table.tobytes())
+
+
+def _shutter(shift: float, readout: float) -> dict[str, Any]:
+    if readout:
+        return {"shutter": {"readout": readout, "row_offset": round(shift - readout / 2, 6)}}
+    if abs(shift) > _NO_SHIFT:
+        return {"shutter": {"row_offset": round(shift, 5)}}
+    return {}

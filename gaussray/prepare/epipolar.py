@@ -1,0 +1,112 @@
+"""Epipolar lines: where the poses say that a point of one picture lies in another."""
+
+import dataclasses
+
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.prepare.poses import Placement
+from gaussray.prepare.sparse_model import pixel_rays, project_points
+
+
+# Lines drawn for each pair of pictures, and points of each line.
+LINES, _SAMPLES = 8, 400
+# Depths of a line's points, in distances between the two cameras.
+_NEAREST, _FARTHEST = 0.02, 200.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class EpipolarPair:
+    """Two pictures and how far their matches are from the epipolar lines.
+
+    Args:
+        first: File of the first picture.
+        second: File of the second one.
+        count: Number of matches.
+        median: Median distance of the second picture's matches from the lines, in pixels.
+        points: Pixels of `LINES` matches in both pictures, and the timestamp of each.
+        lines: The line of each in the second picture; NaN separates its parts.
+    """
+
+    first: str
+    second: str
+    count: int
+    median: float
+    points: list[tuple[np.ndarray, np.ndarray, int]]
+    lines: list[Float[np.ndarray, "n 2"]]
+
+
+def epipolar_pairs(placement: Placement, most: int) -> list[EpipolarPair]:
+    """For each registered picture the partner with most matches, at most `most` pairs."""
+    model = placement.model
+    index = {name: k for k, name in enumerate(model.pictures)}
+    partners: dict[str, tuple[int, tuple[str, str]]] = {}
+    for pair, rows in placement.matches.items():
+        if not all(name in index for name in pair):
+            continue
+        for name in pair:
+            partners[name] = max(partners.get(name, (0, pair)), (len(rows), pair))
+    chosen = list(dict.fromkeys(pair for _, pair in partners.values()))
+    if len(chosen) > most:
+        chosen = [chosen[i] for i in np.linspace(0, len(chosen) - 1, most).round().astype(int)]
+    return [_pair(placement, *pair, index) for pair in chosen]
+
+
+def epipolar_distance(
+    placement: Placement, first: str, second: str, index: dict[str, int]
+) -> Float[np.ndarray, " matches"]:
+    """Distance in pixels of each match of the second picture from its epipolar line.
+
+    The angle between the second ray and the plane of the first ray and both cameras, times the
+    focal length: at the picture's centre these are pixels, through any lens.
+    """
+    a, b = index[first], index[second]
+    model, rows = placement.model, placement.matches[first, second]
+    turn_a, turn_b = model.poses[a, :, :3], model.poses[b, :, :3]
+    ray_a = pixel_rays(model.lenses[a], placement.keypoints[first].xy[rows[:, 0]]) @ turn_a
+    ray_b = pixel_rays(model.lenses[b], placement.keypoints[second].xy[rows[:, 1]]) @ turn_b
+    centre_a, centre_b = -turn_a.T @ model.poses[a, :, 3], -turn_b.T @ model.poses[b, :, 3]
+    normal = np.cross(ray_a, centre_b - centre_a)
+    length = np.linalg.norm(normal, axis=1)
+    sine = np.abs(np.einsum("ij,ij->i", normal, ray_b)) / np.where(length > 0, length, np.inf)
+    return np.arcsin(np.clip(sine, 0, 1)) * model.lenses[b]["fl_x"]
+
+
+def _pair(placement: Placement, first: str, second: str, index: dict[str, int]) -> EpipolarPair:
+    distance = epipolar_distance(placement, first, second, index)
+    rows = placement.matches[first, second]
+    one, two = placement.keypoints[first], placement.keypoints[second]
+    chosen = _spread(one.xy[rows[:, 0]], LINES)
+    points, lines = [], []
+    for k in chosen:
+        i, j = rows[k]
+        points.append((one.xy[i], two.xy[j], int(one.instant[i])))
+        lines.append(_line(placement, index[first], index[second], one.xy[i]))
+    finite = distance[np.isfinite(distance)]
+    median = float(np.median(finite)) if len(finite) else float("nan")
+    return EpipolarPair(first, second, len(rows), median, points, lines)
+
+
+def _line(placement: Placement, a: int, b: int, pixel: np.ndarray) -> Float[np.ndarray, "n 2"]:
+    """The ray of a pixel as the second camera sees it, NaN outside of its picture."""
+    model = placement.model
+    turn, shift = model.poses[a, :, :3], model.poses[a, :, 3]
+    direction = pixel_rays(model.lenses[a], pixel[None])[0] @ turn
+    centre = -turn.T @ shift
+    other = -model.poses[b, :, :3].T @ model.poses[b, :, 3]
+    depth = np.geomspace(_NEAREST, _FARTHEST, _SAMPLES) * np.linalg.norm(other - centre)
+    lens = model.lenses[b]
+    pixels, _ = project_points(lens, model.poses[b], centre + depth[:, None] * direction)
+    with np.errstate(invalid="ignore"):
+        inside = ((pixels >= 0) & (pixels <= [lens["w"], lens["h"]])).all(axis=1)
+    return np.where(inside[:, None], pixels, np.nan)
+
+
+def _spread(xy: Float[np.ndarray, "n 2"], count: int) -> list[int]:
+    """Indices of points that are far from each other, the one next to the middle first."""
+    chosen = [int(np.linalg.norm(xy - np.median(xy, axis=0), axis=1).argmin())]
+    far = np.linalg.norm(xy - xy[chosen[0]], axis=1)
+    while len(chosen) < min(count, len(xy)):
+        chosen.append(int(far.argmax()))
+        far = np.minimum(far, np.linalg.norm(xy - xy[chosen[-1]], axis=1))
+    return chosen

@@ -1,0 +1,89 @@
+"""Brightness of the same points in different cameras."""
+
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.color import srgb_decode, srgb_encode
+from gaussray.prepare.media import read_levels
+from gaussray.prepare.poses import Placement
+
+
+# Levels of 255 between which a channel tells its light: neither noise nor clipped.
+_DARK, _BRIGHT = 12, 243
+# Fewest shared points that say anything of a camera's exposure.
+LEAST_SHARED = 20
+_ROUNDS = 20
+_TABLE = srgb_decode(np.arange(256) / 255.0)
+
+
+def observed_levels(placement: Placement, files: dict[str, list]) -> Float[np.ndarray, "n 3"]:
+    """The 8-bit levels of each observation, means over 3 x 3 pixels.
+
+    Args:
+        placement: Observations, and keypoints with the timestamp of each.
+        files: For each camera the file of each timestamp.
+    """
+    seen, model = placement.model.observations, placement.model
+    levels = np.zeros((len(seen.point), 3))
+    for k, name in enumerate(model.pictures):
+        lens, camera = model.lenses[k], placement.pictures[name].camera
+        mine = np.flatnonzero(seen.picture == k)
+        instants = placement.keypoints[name].instant[seen.keypoint[mine]]
+        for instant in np.unique(instants):
+            here = mine[instants == instant]
+            picture = read_levels(files[camera][instant], lens["w"], lens["h"])
+            x, y = (np.clip(seen.xy[here, i].astype(int), 1, s - 2)
+                    for i, s in ((0, lens["w"]), (1, lens["h"])))  # fmt: skip
+            around = [picture[y + j, x + i] for i in (-1, 0, 1) for j in (-1, 0, 1)]
+            levels[here] = np.mean(around, axis=0)
+    return levels
+
+
+def exposure_gains(
+    placement: Placement, levels: Float[np.ndarray, "n 3"]
+) -> dict[str, tuple[Float[np.ndarray, "3"], int]]:
+    """Light of each camera against the mean of all, in stops for each channel, and the number of
+    observations that say so.
+
+    A point's light is the mean over its cameras; a camera's gain is the median over its points;
+    both are found in turns.
+    """
+    seen = placement.model.observations
+    names = [placement.pictures[name].camera for name in placement.model.pictures]
+    cameras = {name: k for k, name in enumerate(dict.fromkeys(names))}
+    camera = np.array([cameras[name] for name in names], int)[seen.picture]
+    good = ((levels > _DARK) & (levels < _BRIGHT)).all(axis=1)
+    rows = np.flatnonzero(good)
+    light = np.log2(_TABLE[np.clip(levels[rows].round().astype(int), 0, 255)])
+    point, camera = seen.point[rows], camera[rows]
+    shared = _shared(point, camera, len(placement.model.points))
+    light, point, camera = light[shared], point[shared], camera[shared]
+    gains = np.zeros((len(cameras), 3))
+    count = np.bincount(camera, minlength=len(cameras))
+    number = np.maximum(np.bincount(point, minlength=len(placement.model.points)), 1)
+    for _ in range(_ROUNDS):
+        free = light - gains[camera]
+        sums = [np.bincount(point, free[:, i], minlength=len(number)) for i in range(3)]
+        mean = np.stack(sums, axis=1) / number[:, None]
+        for k in range(len(cameras)):
+            if count[k] >= LEAST_SHARED:
+                gains[k] = np.median((light - mean[point])[camera == k], axis=0)
+        if (known := count >= LEAST_SHARED).any():
+            gains[known] -= gains[known].mean(axis=0)
+    return {name: (gains[k], int(count[k])) for name, k in cameras.items()}
+
+
+def point_levels(placement: Placement, levels: Float[np.ndarray, "n 3"]) -> np.ndarray:
+    """8-bit colours [points, 3]: means over the observations in linear light."""
+    seen = placement.model.observations
+    count = len(placement.model.points)
+    light = srgb_decode(levels / 255.0)
+    number = np.maximum(np.bincount(seen.point, minlength=count), 1)
+    mean = [np.bincount(seen.point, light[:, i], minlength=count) / number for i in range(3)]
+    return np.floor(255 * srgb_encode(np.stack(mean, axis=1)) + 0.5).astype(np.uint8)
+
+
+def _shared(point: np.ndarray, camera: np.ndarray, count: int) -> np.ndarray:
+    """Observations of points that at least two cameras see."""
+    pairs = np.unique(np.stack([point, camera]), axis=1)
+    return np.bincount(pairs[0], minlength=count)[point] >= 2

@@ -1,0 +1,111 @@
+"""What the report of a prepared capture shows, as plain values."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaussray.prepare.epipolar import EpipolarPair
+from gaussray.prepare.findings import camera_lenses, picture_errors
+from gaussray.prepare.lens_check import corner_distortion
+from gaussray.prepare.lens_models import lens_fov
+from gaussray.prepare.poses import Placement
+from gaussray.prepare.sources import Source
+from gaussray.prepare.sync import Sync
+from gaussray.prepare.timeline import Timeline
+
+
+def facts_of(
+    sources: Sequence[Source],
+    sync: Sync,
+    timeline: Timeline,
+    files: dict[str, list[Path]],
+    placement: Placement,
+    pairs: Sequence[EpipolarPair],
+    gains: dict[str, tuple[np.ndarray, int]],
+    out: Path,
+) -> dict[str, Any]:
+    """The content of prepare.json but for the findings; paths are relative to `out`."""
+    lenses, errors = camera_lenses(placement), picture_errors(placement)
+    cameras = {}
+    for source in sources:
+        name = source.name
+        pictures = [p for p in placement.pictures.values() if p.camera == name]
+        registered = [placement.pictures[f] for f in placement.model.pictures]
+        fact: dict[str, Any] = {
+            "size": [source.width, source.height],
+            "frames": source.count,
+            "rate": round(source.rate, 4),
+            "offset": _rounded(sync.offsets[name], 5),
+            "confidence": _rounded(sync.confidence[name], 3),
+            "disagreement": _rounded(sync.disagreement[name], 5),
+            "picture": files[name][len(files[name]) // 2].relative_to(out).as_posix(),
+            "pictures": len(pictures),
+            "registered": sum(p.camera == name for p in registered),
+        }
+        if name in lenses:
+            count, median, high = errors[name]
+            gain, shared = gains[name]
+            fact |= {
+                "lens": lenses[name],
+                "fov": _rounded(lens_fov(lenses[name]), 2),
+                "corner_distortion": _rounded(corner_distortion(lenses[name]), 4),
+                "observations": count,
+                "error": [_rounded(median, 3), _rounded(high, 3)],
+                "exposure": [_rounded(x, 3) for x in gain],
+                "exposure_observations": shared,
+            }
+        cameras[name] = fact
+    return {
+        "cameras": cameras,
+        "sync": sync.method,
+        "rate": timeline.rate,
+        "timestamps": len(timeline.times),
+        "still": placement.still,
+        "calibrated": placement.known,
+        "points": len(placement.model.points),
+        "epipolar": [_pair(placement, pair, files, out) for pair in pairs],
+    }
+
+
+def _pair(
+    placement: Placement, pair: EpipolarPair, files: dict[str, list[Path]], out: Path
+) -> dict[str, Any]:
+    """A pair with the pictures of one timestamp: that of most of its drawn matches."""
+    instants = [instant for _, _, instant in pair.points]
+    common = max(set(instants), key=instants.count)
+
+    def picture(name: str) -> dict[str, Any]:
+        shot = placement.pictures[name]
+        instant = common if placement.still else shot.instant
+        path = files[shot.camera][instant].relative_to(out).as_posix()
+        label = shot.camera if len(placement.pictures) == len(files) else f"{shot.camera} {instant}"
+        return {"label": label, "file": path}
+
+    size = placement.model.lenses[placement.model.pictures.index(pair.second)]
+    first = placement.model.lenses[placement.model.pictures.index(pair.first)]
+    return {
+        "first": picture(pair.first) | {"size": [first["w"], first["h"]]},
+        "second": picture(pair.second) | {"size": [size["w"], size["h"]]},
+        "matches": pair.count,
+        "distance": _rounded(pair.median, 3),
+        "points": [[_pixel(a), _pixel(b)] for a, b, _ in pair.points],
+        "lines": [_parts(line) for line in pair.lines],
+    }
+
+
+def _parts(line: np.ndarray) -> list[list[list[float]]]:
+    """The finite runs of a line with few points each."""
+    finite = np.isfinite(line).all(axis=1)
+    edges = np.flatnonzero(np.diff(np.r_[0, finite.astype(int), 0]))
+    runs = [line[a:b] for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    return [[_pixel(p) for p in run[:: max(len(run) // 40, 1)]] for run in runs if len(run) > 1]
+
+
+def _pixel(xy: np.ndarray) -> list[float]:
+    return [round(float(xy[0]), 1), round(float(xy[1]), 1)]
+
+
+def _rounded(value: float, digits: int) -> float | None:
+    return round(float(value), digits) if np.isfinite(value) else None

@@ -1,0 +1,173 @@
+"""SIFT features of the pictures and their matches, in a database of COLMAP."""
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from gaussray.prepare.colmap import pycolmap
+from gaussray.prepare.lens_models import MODEL_OF_CHOICE, LensKeyValues, start_focal, to_colmap
+from gaussray.prepare.options import PosesOptions
+from gaussray.runtime.progress import Progress
+
+
+# Up to so many pictures all pairs are matched; of more, neighbours in time and far ones in steps.
+EXHAUSTIVE = 100
+_NEAR, _STRIDE = 12, 10
+# Pairs that are matched between two reports of progress.
+_BLOCK = 200
+
+
+@dataclasses.dataclass(frozen=True)
+class MatchingPicture:
+    """A picture whose features are matched: its file below the folder, camera and timestamp."""
+
+    file: str
+    camera: str
+    instant: int
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Keypoints:
+    """Feature positions in pixels (centres at 0.5) and the timestamp at which each was seen."""
+
+    xy: Float[np.ndarray, "n 2"]
+    instant: Int[np.ndarray, " n"]
+
+
+def extract_features(
+    database: Path,
+    folder: Path,
+    groups: Sequence[Sequence[MatchingPicture]],
+    sizes: dict[str, tuple[int, int]],
+    options: PosesOptions,
+) -> None:
+    """Features of all pictures; the pictures of a group share their intrinsics."""
+    colmap = pycolmap()
+    extraction = colmap.FeatureExtractionOptions()
+    extraction.sift.max_num_features = options.features
+    done, progress = 0, Progress("features", sum(map(len, groups)), patience=2.0)
+    for group in groups:
+        width, height = sizes[group[0].camera]
+        reader = colmap.ImageReaderOptions()
+        reader.camera_model = MODEL_OF_CHOICE[options.model]
+        factor = start_focal(options.model, options.fov, width, height)
+        reader.default_focal_length_factor = factor
+        colmap.extract_features(
+            database,
+            folder,
+            [picture.file for picture in group],
+            camera_mode=colmap.CameraMode.SINGLE,
+            reader_options=reader,
+            extraction_options=extraction,
+        )
+        done += len(group)
+        progress.report(done)
+
+
+def set_lenses(
+    database: Path, lenses: dict[str, LensKeyValues], camera_of_file: dict[str, str]
+) -> None:
+    """Replace the intrinsics of a database by known ones, which then are not estimated."""
+    colmap = pycolmap()
+    with colmap.Database.open(database) as db:
+        seen = set()
+        for image in db.read_all_images():
+            if image.camera_id in seen:
+                continue
+            seen.add(image.camera_id)
+            lens = lenses[camera_of_file[image.name]]
+            db.update_camera(known_camera(lens, image.camera_id))
+
+
+def known_camera(lens: LensKeyValues, number: int) -> Any:
+    """A COLMAP camera with known parameters."""
+    model, parameters = to_colmap(lens)
+    camera = pycolmap().Camera(
+        model=model, width=lens["w"], height=lens["h"], params=parameters, camera_id=number
+    )
+    camera.has_prior_focal_length = True
+    return camera
+
+
+def match_features(database: Path, pairs: Sequence[tuple[str, str]], seed: int) -> None:
+    """Match the features of these pairs of files, and keep what one geometry explains."""
+    colmap = pycolmap()
+    listed, options = database.with_suffix(".pairs.txt"), colmap.ImportedPairingOptions()
+    options.match_list_path = listed
+    verification = colmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed = seed
+    progress = Progress("matching", len(pairs), patience=2.0)
+    for first in range(0, len(pairs), _BLOCK):
+        block = pairs[first : first + _BLOCK]
+        listed.write_text("".join(f"{a} {b}\n" for a, b in block), encoding="utf-8")
+        colmap.match_image_pairs(
+            database, pairing_options=options, verification_options=verification
+        )
+        progress.report(first + len(block))
+
+
+def all_pairs(pictures: Sequence[MatchingPicture]) -> list[tuple[str, str]]:
+    """The pairs of pictures of moving cameras or of photographs that are matched."""
+    if len(pictures) <= EXHAUSTIVE:
+        return [(a.file, b.file) for a, b in combinations(pictures, 2)]
+    cameras = {name: k for k, name in enumerate(dict.fromkeys(p.camera for p in pictures))}
+
+    def matched(a: MatchingPicture, b: MatchingPicture) -> bool:
+        gap = abs(a.instant - b.instant)
+        far = a.instant % _STRIDE == 0 and b.instant % _STRIDE == 0
+        near = _NEAR if a.camera == b.camera else 1
+        return gap <= near or far and abs(cameras[a.camera] - cameras[b.camera]) <= _NEAR
+
+    return [(a.file, b.file) for a, b in combinations(pictures, 2) if matched(a, b)]
+
+
+def same_instant_pairs(pictures: Sequence[MatchingPicture]) -> list[tuple[str, str]]:
+    """Pairs of pictures of two cameras at one timestamp."""
+    return [
+        (a.file, b.file)
+        for a, b in combinations(pictures, 2)
+        if a.camera != b.camera and a.instant == b.instant
+    ]
+
+
+def read_keypoints(database: Path, pictures: Iterable[MatchingPicture]) -> dict[str, Keypoints]:
+    """The keypoints of each file of a database."""
+    with pycolmap().Database.open(database) as db:
+        result = {}
+        for picture in pictures:
+            image = db.read_image_with_name(picture.file)
+            xy = db.read_keypoints(image.image_id)[:, :2].astype(np.float64)
+            result[picture.file] = Keypoints(xy, np.full(len(xy), picture.instant))
+    return result
+
+
+def verified_matches(database: Path) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]:
+    """Indices of the keypoints that match, by pairs of files; one geometry explains each pair."""
+    colmap = pycolmap()
+    with colmap.Database.open(database) as db:
+        names = {image.image_id: image.name for image in db.read_all_images()}
+        result = {}
+        for number, geometry in zip(*db.read_two_view_geometries(), strict=True):
+            matches = np.array(geometry.inlier_matches, int).reshape(-1, 2)
+            if len(matches):
+                a, b = colmap.pair_id_to_image_pair(number)
+                result[names[a], names[b]] = matches
+    return result
+
+
+def raw_matches(database: Path) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]:
+    """The same before verification."""
+    colmap = pycolmap()
+    with colmap.Database.open(database) as db:
+        names = {image.image_id: image.name for image in db.read_all_images()}
+        result = {}
+        for number, matches in zip(*db.read_all_matches(), strict=True):
+            if len(matches):
+                a, b = colmap.pair_id_to_image_pair(number)
+                result[names[a], names[b]] = np.array(matches, int).reshape(-1, 2)
+    return result

@@ -1,0 +1,275 @@
+"""What the checks say about an input: good, doubtful or unusable, with what to do about it."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from gaussray.prepare.epipolar import EpipolarPair
+from gaussray.prepare.exposure import LEAST_SHARED
+from gaussray.prepare.lens_check import lens_complaint
+from gaussray.prepare.lens_models import lens_fov
+from gaussray.prepare.options import SyncOptions
+from gaussray.prepare.poses import Placement
+from gaussray.prepare.sources import Source
+from gaussray.prepare.sparse_model import camera_centres
+from gaussray.prepare.sync import Sync
+from gaussray.prepare.timeline import Timeline, resampled
+
+
+# Pixels, for each 1000 pixels of width, above which reprojection and epipolar errors are doubtful
+# or, with known cameras, show another calibration.
+DOUBTFUL_ERROR, DOUBTFUL_LINES, WRONG_LINES = 1.5, 3.0, 25.0
+# Matches of a pair that prove something: wide baselines give some twenty that are all wrong.
+EVIDENCE = 40
+# Fewest observations of a picture, share of pictures that must be registered, stops of exposure.
+OBSERVATIONS, REGISTERED, STOPS = 100, 0.5, 0.15
+# Angle in degrees between a camera and its next neighbour, seen from the middle of the points.
+APART = 45.0
+# Focal lengths of cameras whose pictures have one size may differ by this share.
+_FOCALS = 0.15
+
+
+class Finding(NamedTuple):
+    """One result of a check.
+
+    Args:
+        level: `good`, `warn` or `refuse`.
+        subject: What it is about: sync, cameras, lens, points, epipolar lines, exposure.
+        text: What was found.
+        remedy: What to do about it; empty if nothing.
+    """
+
+    level: str
+    subject: str
+    text: str
+    remedy: str = ""
+
+
+def sync_findings(
+    sources: Sequence[Source], sync: Sync, timeline: Timeline, options: SyncOptions
+) -> list[Finding]:
+    """Confidence of the offsets, and rates that differ."""
+    findings = []
+    videos = [source.name for source in sources if source.is_video]
+    weak = [name for name in videos if sync.confidence[name] < options.trust]
+    if sync.method in ("sound", "motion") and len(videos) > 1:
+        by = f"by {sync.method}, confidence {min(sync.confidence[n] for n in videos):.2f} or more"
+        if not weak:
+            findings.append(Finding("good", "sync", f"all videos are synchronised {by}"))
+        else:
+            findings.append(
+                Finding(
+                    "warn",
+                    "sync",
+                    f"{', '.join(weak)}: no trusted synchronisation by {sync.method}; taken to "
+                    "start with the first camera",
+                    "If they do not, give sync.offsets=[...]; fit.refine=[offset] refines what is "
+                    "off by less than a few frames.",
+                )
+            )
+    elif len(videos) > 1:
+        text = "the videos start together" if sync.method == "none" else "the offsets are given"
+        findings.append(Finding("good", "sync", text))
+    off = {n: d for n, d in sync.disagreement.items() if d > 0.5 / max(timeline.rate, 1)}
+    if off:
+        findings.append(
+            Finding(
+                "warn",
+                "sync",
+                f"pairs of cameras disagree by {1000 * max(off.values()):.0f} ms about "
+                f"{', '.join(off)}",
+                "Look at a fast event in each video; give sync.offsets=[...] if they are off.",
+            )
+        )
+    if names := resampled(sources, timeline):
+        findings.append(
+            Finding(
+                "warn",
+                "sync",
+                f"{', '.join(names)} show their nearest frames at {timeline.rate:.4g} per second; "
+                "the remaining shift of each frame is recorded as the delay of its shutter",
+            )
+        )
+    return findings
+
+
+def camera_findings(sources: Sequence[Source], placement: Placement) -> list[Finding]:
+    """Registered pictures, and the angles between neighbours."""
+    model = placement.model
+    total, found = len(placement.pictures), len(model.pictures)
+    missing = [p for f, p in placement.pictures.items() if f not in model.pictures]
+    remedy = (
+        "Add cameras between their neighbours, or pictures with more texture; poses.features=16384 "
+        "and frames.instants=10 find more matches; or give a calibration."
+    )
+    if found < max(2, REGISTERED * total):
+        text = f"only {found} of {total} pictures have a pose"
+        return [Finding("refuse", "cameras", text, remedy)]
+    if missing:
+        names = ", ".join(p.camera if placement.still else f"{p.camera} {p.instant}"
+                          for p in missing[:8])  # fmt: skip
+        text = f"{found} of {total} pictures have a pose; left out: {names}"
+        findings = [Finding("warn", "cameras", text, remedy)]
+    else:
+        kind = "a calibrated" if placement.known else "a"
+        findings = [Finding("good", "cameras", f"all {total} pictures have {kind} pose")]
+    if len(model.points) and found > 1:
+        apart = neighbour_angles(placement)
+        far = [model.pictures[k] for k in np.flatnonzero(apart > APART)]
+        if far and placement.still:
+            names = ", ".join(placement.pictures[file].camera for file in far)
+            findings.append(
+                Finding(
+                    "warn",
+                    "cameras",
+                    f"{names}: the next camera is {np.max(apart):.0f} degrees away, seen from the "
+                    "middle of the points; surfaces between them are guessed",
+                    "Place cameras 15 to 30 degrees from each other.",
+                )
+            )
+    return findings
+
+
+def lens_findings(placement: Placement) -> list[Finding]:
+    """Lenses that no camera has; focal lengths that differ between like cameras."""
+    findings, focals = [], {}
+    for name, lens in camera_lenses(placement).items():
+        level, reason = lens_complaint(lens)
+        focals.setdefault((lens["w"], lens["h"]), {})[name] = lens["fl_x"]
+        if level and placement.known:
+            text = f"{name}: the calibration has {reason}"
+            remedy = "Check that the file is of this camera, zoom and picture size."
+            findings.append(Finding("warn", "lens", text, remedy))
+        elif level:
+            findings.append(
+                Finding(
+                    level,
+                    "lens",
+                    f"{name}: estimated {reason}",
+                    "Estimate less: poses.intrinsics=shared poses.model=pinhole; give the rough "
+                    "field of view in degrees, poses.fov=70; or give a calibration.",
+                )
+            )
+    for same in focals.values():
+        spread = max(same.values()) / min(same.values()) - 1
+        if spread > _FOCALS and not placement.known:
+            low, high = min(same, key=same.get), max(same, key=same.get)
+            text = (
+                f"the focal lengths of {low} ({same[low]:.4g} pixels) and {high} "
+                f"({same[high]:.4g}) differ although their pictures have one size"
+            )
+            remedy = "If the cameras are alike, poses.intrinsics=shared."
+            findings.append(Finding("warn", "lens", text, remedy))
+    if not findings:
+        fovs = [lens_fov(lens) for lens in camera_lenses(placement).values()]
+        text = f"horizontal fields of view of {min(fovs):.0f} to {max(fovs):.0f} degrees"
+        findings.append(Finding("good", "lens", text))
+    return findings
+
+
+def point_findings(placement: Placement) -> list[Finding]:
+    """Reprojection errors and numbers of observations."""
+    model = placement.model
+    if not len(model.points):
+        text = "no point is seen by two cameras"
+        remedy = (
+            "The capture then starts from points on pictures alone (docs/reconstruction.md); check "
+            "by the epipolar lines that calibration and videos belong together."
+        )
+        return [Finding("warn", "points", text, remedy)]
+    errors = picture_errors(placement)
+    few = [name for name, (count, _, _) in errors.items() if count < OBSERVATIONS]
+    scale = max(lens["w"] for lens in model.lenses) / 1000
+    median = float(np.median(model.observations.error))
+    findings = []
+    if median > DOUBTFUL_ERROR * scale:
+        text = f"the median reprojection error is {median:.2f} pixels"
+        remedy = "fit.refine=[pose,lens] may repair it; look at the epipolar lines first."
+        findings.append(Finding("warn", "points", text, remedy))
+    if few:
+        names = ", ".join(few[:8]) + ("..." if len(few) > 8 else "")
+        findings.append(
+            Finding(
+                "warn",
+                "points",
+                f"{names}: fewer than {OBSERVATIONS} observations; the pose is weak",
+                "Cameras closer to each other, larger pictures, more texture; frames.instants=10.",
+            )
+        )
+    if not findings:
+        text = f"{len(model.points)} points, median reprojection error {median:.2f} pixels"
+        findings.append(Finding("good", "points", text))
+    return findings
+
+
+def epipolar_findings(placement: Placement, pairs: Sequence[EpipolarPair]) -> list[Finding]:
+    """Distances of matches from the epipolar lines; the test of a known calibration."""
+    scale = max((lens["w"] for lens in placement.model.lenses), default=1000) / 1000
+    known = [pair for pair in pairs if np.isfinite(pair.median) and pair.count >= EVIDENCE]
+    if not known:
+        text = "no two pictures share enough matches to test the poses"
+        remedy = "Check by eye that the drawn lines pass through the same things, if there are any."
+        return [Finding("warn", "epipolar lines", text, remedy)]
+    typical = float(np.median([pair.median for pair in known]))
+    text = f"matches are {typical:.2f} pixels from their epipolar lines (median of the pairs)"
+    if typical > WRONG_LINES * scale and placement.known:
+        remedy = (
+            "The calibration is not of these pictures: check the order of the cameras, their "
+            "names, zoom, and that no camera was moved since."
+        )
+        return [Finding("refuse", "epipolar lines", text, remedy)]
+    if typical > DOUBTFUL_LINES * scale:
+        remedy = "fit.refine=[pose,lens] may repair it; a new calibration is better."
+        return [Finding("warn", "epipolar lines", text, remedy)]
+    return [Finding("good", "epipolar lines", text)]
+
+
+def exposure_findings(gains: dict[str, tuple[np.ndarray, int]]) -> list[Finding]:
+    """Differences of brightness between cameras."""
+    known = {name: gain for name, (gain, count) in gains.items() if count >= LEAST_SHARED}
+    if len(known) < 2:
+        text = "too few shared points to compare the cameras' exposures"
+        remedy = "fit.refine=[exposure] if pictures of one thing differ in brightness."
+        return [Finding("warn", "exposure", text, remedy)] if len(gains) > 1 else []
+    worst = max(known, key=lambda name: np.abs(known[name]).max())
+    size = float(np.abs(known[worst]).max())
+    if size > STOPS:
+        text = f"{worst} differs from the mean of all cameras by up to {size:.2f} stops"
+        remedy = "fit.refine=[exposure]; better: lock exposure and white balance when recording."
+        return [Finding("warn", "exposure", text, remedy)]
+    return [Finding("good", "exposure", f"cameras agree to {size:.2f} stops")]
+
+
+def camera_lenses(placement: Placement) -> dict[str, dict]:
+    """The lens of each registered camera by name."""
+    model = placement.model
+    return {
+        placement.pictures[file].camera: lens
+        for file, lens in zip(model.pictures, model.lenses, strict=True)
+    }
+
+
+def picture_errors(placement: Placement) -> dict[str, tuple[int, float, float]]:
+    """Observations, median and 90th percentile of the errors in pixels, by camera."""
+    seen, model = placement.model.observations, placement.model
+    names = [placement.pictures[file].camera for file in model.pictures]
+    result = {}
+    for name in dict.fromkeys(names):
+        mine = np.isin(seen.picture, [k for k, other in enumerate(names) if other == name])
+        error = seen.error[mine]
+        middle, high = np.percentile(error, [50, 90]) if len(error) else (np.nan, np.nan)
+        pictures = names.count(name)
+        result[name] = len(error) // pictures, float(middle), float(high)
+    return result
+
+
+def neighbour_angles(placement: Placement) -> np.ndarray:
+    """For each picture the angle in degrees to the next one, seen from the middle of the points."""
+    centres = camera_centres(placement.model)
+    middle = np.median(placement.model.points, axis=0)
+    direction = centres - middle
+    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    cosine = np.clip(direction @ direction.T, -1, 1)
+    np.fill_diagonal(cosine, -1)
+    return np.degrees(np.arccos(cosine.max(axis=1)))

@@ -1,0 +1,54 @@
+"""Whether a lens is one that exists: field of view, principal point, distortion."""
+
+import numpy as np
+
+from gaussray.prepare.lens_models import LensKeyValues, lens_fov
+from gaussray.prepare.sparse_model import camera_of
+
+
+# Focal lengths in widths of the picture outside of which no lens is believed: 136 degrees, and 7.
+FOCAL = (0.2, 8.0)
+# Shift of the corner by distortion, as a share of its distance from the centre: of phones and
+# cameras it is a few hundredths; wide action cameras reach a third.
+UNUSUAL, IMPOSSIBLE = 0.35, 0.7
+# Shift of the principal point from the middle, as a share of the width.
+CENTRE = 0.1
+
+
+def corner_distortion(lens: LensKeyValues) -> float:
+    """Shift of the picture's corner by distortion, as a share of its undistorted distance from the
+    centre; NaN if the lens has no ray there. Fisheye lenses count against r = f theta."""
+    corner = np.array([[0.5, 0.5]])
+    ray = np.array(camera_of(lens).cam_ray_from_img(corner), np.float64).reshape(3)
+    fisheye = "FISHEYE" in lens["camera_model"]
+    angle = float(np.arctan2(np.linalg.norm(ray[:2]), ray[2]))
+    if not np.isfinite(angle) or not fisheye and angle >= np.pi / 2:
+        return float("nan")
+    focal, centre = np.array([lens["fl_x"], lens["fl_y"]]), np.array([lens["cx"], lens["cy"]])
+    stored = float(np.linalg.norm((corner[0] - centre) / focal))
+    ideal = angle if fisheye else float(np.tan(angle))
+    return stored / ideal - 1 if ideal > 0 else float("nan")
+
+
+def lens_complaint(lens: LensKeyValues) -> tuple[str, str]:
+    """What is wrong with a lens: a level (`refuse`, `warn` or empty) and the reason."""
+    fisheye = "FISHEYE" in lens["camera_model"]
+    share = lens["fl_x"] / lens["w"]
+    least = FOCAL[0] / 2 if fisheye else FOCAL[0]
+    if not least <= share <= FOCAL[1]:
+        return "refuse", (
+            f"a focal length of {lens['fl_x']:.4g} pixels for a picture {lens['w']} wide "
+            f"({lens_fov(lens):.3g} degrees), which hardly any lens has"
+        )
+    aspect = lens["fl_y"] / lens["fl_x"]
+    if not 0.9 <= aspect <= 1.1:
+        return "refuse", f"pixels that are {aspect:.3g} times as high as wide"
+    bend = corner_distortion(lens)
+    if not abs(bend) <= IMPOSSIBLE:
+        return "refuse", f"distortion that shifts the corner by {100 * bend:.0f} %"
+    shift = max(abs(lens["cx"] / lens["w"] - 0.5), abs(lens["cy"] / lens["h"] - 0.5))
+    if shift > CENTRE:
+        return "warn", f"a principal point {100 * shift:.0f} % of the picture off the middle"
+    if abs(bend) > UNUSUAL:
+        return "warn", f"distortion that shifts the corner by {100 * bend:.0f} %"
+    return "", ""

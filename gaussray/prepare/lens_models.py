@@ -1,0 +1,57 @@
+"""Lenses as keys of a capture's JSON, and as COLMAP's cameras."""
+
+from typing import Any
+
+import numpy as np
+
+from gaussray.capture.formats.colmap_files import COLMAP_MODELS
+
+
+# COLMAP's model for each choice of poses.model.
+MODEL_OF_CHOICE = {
+    "pinhole": "SIMPLE_PINHOLE",
+    "radial": "SIMPLE_RADIAL",
+    "opencv": "OPENCV",
+    "opencv_fisheye": "OPENCV_FISHEYE",
+}
+_PARAMETERS = dict(COLMAP_MODELS.values())
+
+# A lens is the keys of a capture's JSON: camera_model, w, h, fl_x, fl_y, cx, cy and coefficients.
+LensKeyValues = dict[str, Any]
+
+
+def from_colmap(model: str, width: int, height: int, parameters: Any) -> LensKeyValues:
+    """The keys of a COLMAP camera."""
+    names = _PARAMETERS[model]
+    values: LensKeyValues = dict(zip(names, map(float, parameters), strict=True))
+    if "f" in values:
+        focal = values.pop("f")
+        values = {"fl_x": focal, "fl_y": focal, **values}
+    return {"camera_model": model, "w": int(width), "h": int(height), **values}
+
+
+def to_colmap(lens: LensKeyValues) -> tuple[str, list[float]]:
+    """COLMAP's model that holds all coefficients of a lens, and its parameters."""
+    model = lens["camera_model"]
+    if model in ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "FULL_OPENCV"):
+        last = [key for key in _PARAMETERS["FULL_OPENCV"][4:] if lens.get(key, 0.0)]
+        small = set(last) <= set(_PARAMETERS["OPENCV"][4:])
+        model = "PINHOLE" if not last else "OPENCV" if small else "FULL_OPENCV"
+    return model, [float(lens.get(key, 0.0)) for key in _PARAMETERS[model]]
+
+
+def start_focal(model: str, fov: float, width: int, height: int) -> float:
+    """Focal length to start from, as a share of the longer side: from a rough horizontal field of
+    view in degrees, or what is usual of such lenses (fisheye 150 degrees, others 1.2)."""
+    longer = max(width, height)
+    if model == "opencv_fisheye":
+        return width / np.radians(fov or 150.0) / longer
+    return width / 2 / np.tan(np.radians(fov) / 2) / longer if fov else 1.2
+
+
+def lens_fov(lens: LensKeyValues) -> float:
+    """Angle in degrees across the width of the picture, without distortion."""
+    half = lens["w"] / 2 / lens["fl_x"]
+    if "FISHEYE" in lens["camera_model"]:
+        return float(np.degrees(2 * half))
+    return float(np.degrees(2 * np.arctan(half)))

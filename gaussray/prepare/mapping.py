@@ -1,0 +1,95 @@
+"""Poses from matches: estimated together with lenses, or known and triangulated only."""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.prepare.colmap import pycolmap
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.features import known_camera
+from gaussray.prepare.lens_models import LensKeyValues
+from gaussray.prepare.options import PosesOptions
+from gaussray.prepare.sparse_model import SparseModel, sparse_model_of
+
+
+# Fewest pictures of a reconstruction, and fewest matches of its first pair.
+_LEAST, _FIRST_PAIR = 2, 50
+
+
+def verify(database: Path, seed: int) -> None:
+    """Find which matches of each pair one geometry explains."""
+    colmap = pycolmap()
+    options = colmap.TwoViewGeometryOptions()
+    options.ransac.random_seed = seed
+    colmap.geometric_verification(database, two_view_geometry_options=options)
+
+
+def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> SparseModel:
+    """Poses, lenses and points by incremental structure from motion.
+
+    Raises:
+        PrepareError: No two pictures share enough matches to begin with.
+    """
+    colmap = pycolmap()
+    mapping = colmap.IncrementalPipelineOptions()
+    mapping.min_model_size = _LEAST
+    mapping.extract_colors = False
+    mapping.random_seed = options.seed
+    mapping.mapper.init_min_num_inliers = _FIRST_PAIR
+    if options.model == "pinhole":
+        mapping.ba_refine_extra_params = False
+    with tempfile.TemporaryDirectory() as out:
+        models = colmap.incremental_mapping(database, pictures, out, mapping)
+    if not models:
+        raise PrepareError(
+            "the pictures must share enough matches to find poses, got no pair that does. Cameras "
+            "must see the same textured things from less than about 30 degrees apart: add cameras "
+            "between, or give a calibration as poses.calibration=FILE."
+        )
+    best = max(models.values(), key=lambda m: (m.num_reg_images(), m.num_points3D()))
+    return sparse_model_of(best)
+
+
+def triangulate(
+    database: Path,
+    pictures: Path,
+    poses: dict[str, Float[np.ndarray, "3 4"]],
+    lenses: dict[str, LensKeyValues],
+    most_error: float,
+) -> SparseModel:
+    """Points from matches and known cameras, which stay as they are.
+
+    Args:
+        database: Keypoints and verified matches.
+        pictures: Folder of the pictures.
+        poses: World to camera [3, 4] by file.
+        lenses: Lens by file.
+        most_error: Observations farther than this many pixels from their point are dropped.
+    """
+    colmap = pycolmap()
+    reconstruction = colmap.Reconstruction()
+    with colmap.Database.open(database) as db:
+        for name, pose in poses.items():
+            image = db.read_image_with_name(name)
+            if image.camera_id not in reconstruction.cameras:
+                camera = known_camera(lenses[name], image.camera_id)
+                reconstruction.add_camera_with_trivial_rig(camera)
+            placed = colmap.Image(name=name, camera_id=image.camera_id, image_id=image.image_id)
+            rotation = colmap.Rotation3d(np.ascontiguousarray(pose[:, :3]))
+            reconstruction.add_image_with_trivial_frame(
+                placed, colmap.Rigid3d(rotation, pose[:, 3])
+            )
+    options = colmap.IncrementalPipelineOptions()
+    options.extract_colors = False
+    # Points of two views are kept: few cameras see a point three times.
+    options.triangulation.ignore_two_view_tracks = False
+    options.mapper.filter_max_reproj_error = most_error
+    options.triangulation.complete_max_reproj_error = most_error
+    options.triangulation.merge_max_reproj_error = most_error
+    with tempfile.TemporaryDirectory() as out:
+        result = colmap.triangulate_points(
+            reconstruction, database, pictures, out, options=options, refine_intrinsics=False
+        )
+    return sparse_model_of(result)

@@ -1,0 +1,98 @@
+"""Pictures and videos of a capture: copied, or decoded to pictures where a reader could not."""
+
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from gaussray.capture.picture_file import read_stored
+from gaussray.capture.videos import decoded_frames, frame_of, frame_path, read_frame, upright
+from gaussray.dataset.images import write_image
+from gaussray.io.atomic import whole
+from gaussray.prepare.sources import Source
+from gaussray.prepare.timeline import Timeline
+from gaussray.runtime.progress import Progress
+
+
+def copy_media(sources: Sequence[Source], timeline: Timeline, out: Path) -> dict[str, list[Path]]:
+    """Put the cameras' frames into a capture; videos are copied as they are.
+
+    A video whose frames are not evenly spaced becomes PNG pictures, because readers of captures
+    index frames by their number.
+
+    Args:
+        sources: The cameras.
+        timeline: The frames that are used.
+        out: The capture's folder.
+
+    Returns:
+        For each camera the file of each timestamp, which may be a frame of a video (`frame_path`).
+    """
+    progress = Progress("copying", len(sources), patience=2.0)
+    files = {}
+    for done, source in enumerate(sources, 1):
+        index = timeline.frames[source.name]
+        if not source.is_video:
+            files[source.name] = _copy_pictures(source, index, out / "images" / source.name)
+        elif source.is_even:
+            copy = out / "videos" / f"{source.name}{source.path.suffix.lower()}"
+            _copy(source.path, copy)
+            files[source.name] = [frame_path(copy, int(i)) for i in index]
+        else:
+            files[source.name] = _decode(source, index, out / "images" / source.name)
+        progress.report(done)
+    return files
+
+
+def read_levels(path: Path, width: int, height: int) -> np.ndarray:
+    """The 8-bit sRGB levels [h, w, 3] of a picture or of a frame of a video."""
+    video = frame_of(path)
+    stored = read_frame(*video) if video else read_stored(path, width, height)
+    if stored.dtype == np.uint8:
+        return stored
+    return (stored / np.iinfo(stored.dtype).max * 255 + 0.5).astype(np.uint8)
+
+
+def write_matching_pictures(
+    files: Sequence[Path], index: Sequence[int], folder: Path, size: tuple[int, int]
+) -> list[str]:
+    """Pictures for the features of one camera, as `0003.png` for timestamp 3; their names.
+
+    COLMAP reads files alone, so frames of videos are written out; pictures are linked or copied.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    names = []
+    for i in index:
+        suffix = ".png" if frame_of(files[i]) else files[i].suffix.lower()
+        name = f"{i:04d}{suffix}"
+        if frame_of(files[i]):
+            write_image(folder / name, read_levels(files[i], *size))
+        else:
+            shutil.copyfile(files[i], folder / name)
+        names.append(name)
+    return names
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Copy a file unless the target is the same already."""
+    if target.is_file() and target.stat().st_size == source.stat().st_size:
+        if target.stat().st_mtime_ns == source.stat().st_mtime_ns:
+            return
+    with whole(target) as partial:
+        shutil.copy2(source, partial)
+
+
+def _copy_pictures(source: Source, index: np.ndarray, folder: Path) -> list[Path]:
+    targets = [folder / source.pictures[i].name for i in index]
+    for i, target in zip(index, targets, strict=True):
+        _copy(source.pictures[i], target)
+    return targets
+
+
+def _decode(source: Source, index: np.ndarray, folder: Path) -> list[Path]:
+    needed = set(index.tolist())
+    for place, frame in enumerate(decoded_frames(source.path)):
+        if place in needed:
+            write_image(folder / f"{place:05d}.png", upright(source.path, frame))
+    return [folder / f"{i:05d}.png" for i in index]

@@ -1,0 +1,105 @@
+"""Options of `gaussray prepare`: synchronisation, frames, poses."""
+
+import equinox as eqx
+
+
+METHODS = ("auto", "sound", "motion", "none")
+LENS_MODELS = ("pinhole", "radial", "opencv", "opencv_fisheye")
+INTRINSICS_CHOICES = ("auto", "shared", "own")
+RIGS = ("auto", "still", "moving")
+
+
+def _one_of(key: str, value: str, choices: tuple[str, ...]) -> None:
+    if value not in choices:
+        raise ValueError(f"{key} must be one of {', '.join(choices)}, got {value!r}.")
+
+
+class SyncOptions(eqx.Module):
+    """How the clocks of the cameras are compared.
+
+    Args:
+        method: `sound` compares sound tracks, `motion` the changes between frames; `auto` is sound
+            where two cameras have it, else motion; `none` takes all videos to start together.
+        offsets: Known seconds by which each video starts after the first camera's clock, in the
+            order of the names; empty to estimate them.
+        longest: Largest offset that is searched, in seconds.
+        trust: Least confidence, in 0..1, of an estimate that is used.
+    """
+
+    method: str = eqx.field(static=True, default="auto")
+    offsets: tuple[float, ...] = eqx.field(static=True, default=())
+    longest: float = eqx.field(static=True, default=30.0)
+    trust: float = eqx.field(static=True, default=0.3)
+
+    def __check_init__(self):
+        _one_of("sync.method", self.method, METHODS)
+        if not self.longest > 0:
+            raise ValueError(f"sync.longest must be above 0, got {self.longest}.")
+        if not 0 <= self.trust <= 1:
+            raise ValueError(f"sync.trust must be in [0, 1], got {self.trust}.")
+
+
+class FramesOptions(eqx.Module):
+    """Which frames make the capture.
+
+    Args:
+        rate: Timestamps per second; 0 is the lowest rate of the videos, or 30 for folders.
+        span: First and last second of the common time; empty is all that the cameras share.
+        readout: Seconds from the first to the last row of a rolling shutter; 0 is a global shutter.
+        instants: Timestamps whose pictures are matched to find poses of cameras that stand still.
+    """
+
+    rate: float = eqx.field(static=True, default=0.0)
+    span: tuple[float, ...] = eqx.field(static=True, default=())
+    readout: float = eqx.field(static=True, default=0.0)
+    instants: int = eqx.field(static=True, default=5)
+
+    def __check_init__(self):
+        if self.rate < 0:
+            raise ValueError(f"frames.rate must be at least 0, got {self.rate}.")
+        if len(self.span) not in (0, 2) or (self.span and not self.span[0] <= self.span[1]):
+            raise ValueError(
+                f"frames.span must be empty or [first, last] in seconds, got {list(self.span)}."
+            )
+        if self.instants < 1:
+            raise ValueError(f"frames.instants must be at least 1, got {self.instants}.")
+
+
+class PosesOptions(eqx.Module):
+    """How poses, lenses and points are found.
+
+    Args:
+        calibration: File or folder of a known calibration; empty to estimate poses and lenses.
+        model: Lens model that is estimated: `pinhole` (one focal length), `radial` (and one
+            coefficient), `opencv` (two focal lengths, four coefficients) or `opencv_fisheye`.
+        intrinsics: Whether the cameras have `shared` or `own` intrinsics; `auto` shares them
+            between cameras whose pictures have one size.
+        fov: Rough horizontal field of view in degrees to start from; 0 is unknown.
+        rig: Whether the cameras stand `still` or are `moving`; `auto` looks at the pictures.
+        features: Most SIFT features of a picture.
+        seed: Seed of the random samples.
+    """
+
+    calibration: str = eqx.field(static=True, default="")
+    model: str = eqx.field(static=True, default="radial")
+    intrinsics: str = eqx.field(static=True, default="auto")
+    fov: float = eqx.field(static=True, default=0.0)
+    rig: str = eqx.field(static=True, default="auto")
+    features: int = eqx.field(static=True, default=8192)
+    seed: int = eqx.field(static=True, default=0)
+
+    def __check_init__(self):
+        _one_of("poses.model", self.model, LENS_MODELS)
+        _one_of("poses.intrinsics", self.intrinsics, INTRINSICS_CHOICES)
+        _one_of("poses.rig", self.rig, RIGS)
+        limit = 360 if self.model == "opencv_fisheye" else 180
+        if not 0 <= self.fov < limit:
+            raise ValueError(f"poses.fov must be in [0, {limit}) degrees, got {self.fov}.")
+
+
+class PrepareOptions(eqx.Module):
+    """All options of `gaussray prepare`."""
+
+    sync: SyncOptions = SyncOptions()
+    frames: FramesOptions = FramesOptions()
+    poses: PosesOptions = PosesOptions()

@@ -1,0 +1,114 @@
+"""From videos to a capture: frames, one clock, poses, checks."""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from gaussray.capture.formats.transforms import PINHOLE_FILE, POINT_FILES
+from gaussray.io.atomic import write_json
+from gaussray.prepare import document, findings
+from gaussray.prepare.calibrations.known_camera import KnownCamera
+from gaussray.prepare.calibrations.read import assign_cameras, read_calibration
+from gaussray.prepare.colmap import pycolmap, quiet_colmap
+from gaussray.prepare.epipolar import epipolar_pairs
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.exposure import exposure_gains, observed_levels, point_levels
+from gaussray.prepare.facts import facts_of
+from gaussray.prepare.findings import Finding
+from gaussray.prepare.media import copy_media
+from gaussray.prepare.options import PrepareOptions
+from gaussray.prepare.poses import Placement, find_poses
+from gaussray.prepare.sources import Source, find_sources
+from gaussray.prepare.sync import Sync, synchronise
+from gaussray.prepare.timeline import Timeline, common_timeline
+
+
+# Facts of a prepared capture, for its report.
+FACTS_FILE = "prepare.json"
+
+# Pairs of pictures whose epipolar lines are drawn.
+_PAIRS = 6
+
+
+def prepare_capture(
+    videos: Path | str, out: Path | str, *, options: PrepareOptions | None = None
+) -> dict[str, Any]:
+    """Make a capture of videos, or of folders of pictures.
+
+    Args:
+        videos: Folder with a video, or a folder of pictures, for each camera.
+        out: Folder of the capture: transforms.json, points3d.ply, the frames, and prepare.json
+            with what the checks found.
+        options: How clocks, frames and poses are found.
+
+    Returns:
+        The content of prepare.json.
+
+    Raises:
+        FileNotFoundError: The folder or the calibration does not exist.
+        PrepareError: No capture can be made; the message says why and what to do. If the checks
+            say so, prepare.json is written and transforms.json is not.
+    """
+    options, out = options or PrepareOptions(), Path(out)
+    pycolmap()
+    sources = find_sources(videos)
+    known, remarks = _known(sources, options)
+    sync = synchronise(sources, options.sync)
+    timeline = common_timeline(sources, sync, options.frames)
+    files = copy_media(sources, timeline, out)
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=out, prefix=".prepare") as work, quiet_colmap():
+        placement = find_poses(sources, timeline, files, known, Path(work), options)
+        return _checked(sources, sync, timeline, files, placement, remarks, out, options)
+
+
+def refusal(facts: dict[str, Any]) -> str:
+    """The message about the findings that rule a capture out; empty if none does."""
+    bad = [one for one in facts["findings"] if one["level"] == "refuse"]
+    return " ".join(f"{one['subject']}: {one['text']}. {one['remedy']}" for one in bad)
+
+
+def _known(
+    sources: Sequence[Source], options: PrepareOptions
+) -> tuple[dict[str, KnownCamera] | None, list[str]]:
+    if not options.poses.calibration:
+        return None, []
+    return assign_cameras(read_calibration(options.poses.calibration), sources)
+
+
+def _checked(
+    sources: Sequence[Source],
+    sync: Sync,
+    timeline: Timeline,
+    files: dict[str, list[Path]],
+    placement: Placement,
+    remarks: Sequence[str],
+    out: Path,
+    options: PrepareOptions,
+) -> dict[str, Any]:
+    """Run the checks and write the capture, unless one of them rules it out."""
+    levels = observed_levels(placement, files)
+    pairs = epipolar_pairs(placement, _PAIRS)
+    gains = exposure_gains(placement, levels)
+    found = [Finding("warn", "lens", remark) for remark in remarks]
+    found += findings.sync_findings(sources, sync, timeline, options.sync)
+    found += findings.camera_findings(sources, placement)
+    found += findings.lens_findings(placement) if placement.model.pictures else []
+    found += findings.point_findings(placement)
+    found += findings.epipolar_findings(placement, pairs)
+    found += findings.exposure_findings(gains)
+    facts = facts_of(sources, sync, timeline, files, placement, pairs, gains, out)
+    facts["findings"] = [one._asdict() for one in found]
+    write_json(out / FACTS_FILE, facts)
+    if message := refusal(facts):
+        (out / PINHOLE_FILE).unlink(missing_ok=True)
+        raise PrepareError(f"{out}: no capture was written. {message}")
+    points = placement.model.points
+    if len(points):
+        document.write_points(out / POINT_FILES[0], points, point_levels(placement, levels))
+    content = document.capture_document(placement, timeline, files, out, options.frames.readout)
+    if not len(points):
+        del content["ply_file_path"]
+    write_json(out / PINHOLE_FILE, content)
+    return facts

@@ -1,0 +1,140 @@
+"""The cameras of an input folder: a video or a folder of pictures each."""
+
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.capture.picture_file import picture_size
+from gaussray.capture.videos import VIDEO_SUFFIXES, open_video, upright, video_stream
+from gaussray.prepare.errors import PrepareError
+
+
+SOURCE_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
+# Intervals of a video may differ from their median by this share of it.
+_EVEN = 0.25
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Source:
+    """One camera of the input.
+
+    Args:
+        name: Name of the camera: that of its video or folder.
+        path: The video or the folder.
+        pictures: The files of a folder in natural order; empty for a video.
+        times: Seconds of each frame on the camera's own clock; empty for pictures, which have none.
+        width: Columns of upright pictures.
+        height: Rows of upright pictures.
+        has_sound: The video has a sound track.
+    """
+
+    name: str
+    path: Path
+    pictures: tuple[Path, ...]
+    times: Float[np.ndarray, " frames"]
+    width: int
+    height: int
+    has_sound: bool = False
+
+    @property
+    def is_video(self) -> bool:
+        """Whether the camera is a video."""
+        return not self.pictures
+
+    @property
+    def count(self) -> int:
+        """Number of frames."""
+        return len(self.pictures) or len(self.times)
+
+    @property
+    def rate(self) -> float:
+        """Frames per second; 0 for pictures."""
+        return float(1 / np.median(np.diff(self.times))) if len(self.times) > 1 else 0.0
+
+    @property
+    def is_even(self) -> bool:
+        """Whether the frames are evenly spaced in time, as readers of captures demand."""
+        steps = np.diff(self.times)
+        return len(steps) < 1 or bool(np.ptp(steps) <= 2 * _EVEN * np.median(steps))
+
+
+def find_sources(folder: Path | str) -> list[Source]:
+    """The cameras of an input folder, in the natural order of their names.
+
+    A camera is a video in the folder, a subfolder of pictures, or a subfolder with one video. A
+    folder that holds nothing but pictures is one camera.
+
+    Raises:
+        FileNotFoundError: The folder does not exist.
+        PrepareError: The folder holds neither videos nor pictures, or two cameras of one name.
+    """
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise FileNotFoundError(f"videos={folder}: the folder does not exist.")
+    sources = [_video(path.stem, path) for path in _files(folder, VIDEO_SUFFIXES)]
+    for inner in sorted((p for p in folder.iterdir() if p.is_dir()), key=_natural):
+        videos, pictures = _files(inner, VIDEO_SUFFIXES), _files(inner, SOURCE_PICTURES)
+        if len(videos) > 1:
+            raise PrepareError(
+                f"{inner}: the folder of a camera must hold one video, got {len(videos)}. Give "
+                "each camera a folder of its own, or name the folder of the videos."
+            )
+        sources += [_video(inner.name, videos[0])] if videos else _folder(inner, pictures)
+    sources = sources or _folder(folder, _files(folder, SOURCE_PICTURES))
+    if not sources:
+        raise PrepareError(
+            f"videos={folder}: must hold a video ({' '.join(VIDEO_SUFFIXES)}) or a folder of "
+            f"pictures ({' '.join(SOURCE_PICTURES)}) for each camera, got none."
+        )
+    names = [source.name for source in sources]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise PrepareError(
+            f"videos={folder}: each camera must have a name of its own, got {twice} twice. Rename "
+            "one of the files."
+        )
+    return sorted(sources, key=lambda source: _natural(Path(source.name)))
+
+
+def _files(folder: Path, suffixes: tuple[str, ...]) -> list[Path]:
+    hidden = (path for path in folder.iterdir() if not path.name.startswith("."))
+    return sorted((p for p in hidden if p.suffix.lower() in suffixes and p.is_file()), key=_natural)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sorts cam2 before cam10."""
+    parts = re.split(r"(\d+)", path.name.lower())
+    return [(int(part), "") if k % 2 else (-1, part) for k, part in enumerate(parts)]
+
+
+def _video(name: str, path: Path) -> Source:
+    with open_video(path) as container:
+        stream = video_stream(path, container)
+        ticks, size = [], None
+        for packet in container.demux(stream):
+            if packet.size and not packet.is_discard and packet.pts is not None:
+                ticks.append(packet.pts)
+            if size is None and (frame := next(iter(packet.decode()), None)) is not None:
+                size = upright(path, frame).shape[1::-1]
+        times = np.sort(np.array(ticks, np.float64)) * float(stream.time_base)
+        sound = bool(container.streams.audio)
+    if size is None or not len(times):
+        raise PrepareError(f"{path}: the video must hold frames with times, got none.")
+    return Source(name, path, (), times, size[0], size[1], sound)
+
+
+def _folder(folder: Path, pictures: list[Path]) -> list[Source]:
+    if not pictures:
+        return []
+    sizes = {path: picture_size(path) for path in pictures}
+    first = next(iter(sizes.values()))
+    other = next((path for path, size in sizes.items() if size != first), None)
+    if other is not None:
+        raise PrepareError(
+            f"{other}: the pictures of a camera must have one size, got {sizes[other]} after "
+            f"{first}. Move pictures of other sizes to folders of their own."
+        )
+    return [Source(folder.name, folder, tuple(pictures), np.zeros(0), *first)]

@@ -1,0 +1,110 @@
+"""Poses, lenses and points of a reconstruction, as arrays."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from gaussray.prepare.colmap import pycolmap
+from gaussray.prepare.lens_models import LensKeyValues, from_colmap, to_colmap
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Observations:
+    """Where points are seen: for each observation its point, picture, keypoint, pixel and error.
+
+    Args:
+        point: Index of the point.
+        picture: Index into `SparseModel.pictures`.
+        keypoint: Index of the picture's keypoint.
+        xy: Pixel of the keypoint (centres at 0.5).
+        error: Distance in pixels from the projection of the point.
+    """
+
+    point: Int[np.ndarray, " n"]
+    picture: Int[np.ndarray, " n"]
+    keypoint: Int[np.ndarray, " n"]
+    xy: Float[np.ndarray, "n 2"]
+    error: Float[np.ndarray, " n"]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class SparseModel:
+    """Poses, lenses and points.
+
+    Args:
+        pictures: Files of the registered pictures.
+        poses: World to camera [3, 4] of each, OpenCV axes.
+        lenses: Lens of each, keys of a capture's JSON.
+        points: Points in world space.
+        observations: Where they are seen.
+    """
+
+    pictures: list[str]
+    poses: Float[np.ndarray, "pictures 3 4"]
+    lenses: list[LensKeyValues]
+    points: Float[np.ndarray, "points 3"]
+    observations: Observations
+
+
+def sparse_model_of(reconstruction: Any) -> SparseModel:
+    """The arrays of a COLMAP reconstruction."""
+    images = [reconstruction.image(i) for i in sorted(reconstruction.reg_image_ids())]
+    index = {image.image_id: k for k, image in enumerate(images)}
+    poses = [image.cam_from_world().matrix() for image in images]
+    lenses = [
+        from_colmap(c.model.name, c.width, c.height, c.params)
+        for c in (image.camera for image in images)
+    ]
+    numbers = sorted(reconstruction.point3D_ids())
+    points = np.array([reconstruction.point3D(i).xyz for i in numbers]).reshape(-1, 3)
+    rows = []
+    for k, number in enumerate(numbers):
+        for element in reconstruction.point3D(number).track.elements:
+            rows.append((k, index[element.image_id], element.point2D_idx))
+    table = np.array(rows, int).reshape(-1, 3)
+    xy = np.array([images[p].points2D[q].xy for _, p, q in table.tolist()], np.float64).reshape(
+        -1, 2
+    )
+    order = np.lexsort((table[:, 2], table[:, 1], table[:, 0]))
+    table, xy = table[order], xy[order]
+    poses = np.array(poses).reshape(-1, 3, 4)
+    error = np.zeros(len(table))
+    for k in range(len(images)):
+        seen = table[:, 1] == k
+        pixels, _ = project_points(lenses[k], poses[k], points[table[seen, 0]])
+        error[seen] = np.linalg.norm(pixels - xy[seen], axis=1)
+    columns = table[:, 0], table[:, 1], table[:, 2]
+    names = [image.name for image in images]
+    return SparseModel(names, poses, lenses, points, Observations(*columns, xy, error))
+
+
+def project_points(
+    lens: LensKeyValues, pose: Float[np.ndarray, "3 4"], points: Float[np.ndarray, "n 3"]
+) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
+    """Pixels of world points, NaN where a lens cannot image them, and their depths."""
+    inside = points @ pose[:, :3].T + pose[:, 3]
+    pixels = np.full((len(points), 2), np.nan)
+    ahead = inside[:, 2] > 1e-9
+    if ahead.any():
+        pixels[ahead] = camera_of(lens).img_from_cam(inside[ahead])
+    return pixels, inside[:, 2]
+
+
+def pixel_rays(lens: LensKeyValues, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+    """Unit viewing directions of pixels in camera axes, NaN where the lens has none."""
+    directions = np.array(camera_of(lens).cam_ray_from_img(pixels), np.float64).reshape(-1, 3)
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def camera_of(lens: LensKeyValues) -> Any:
+    """The COLMAP camera of a lens."""
+    model, parameters = to_colmap(lens)
+    return pycolmap().Camera(model=model, width=lens["w"], height=lens["h"], params=parameters)
+
+
+def camera_centres(model: SparseModel) -> Float[np.ndarray, "pictures 3"]:
+    """Positions of the cameras in world space."""
+    turns, shifts = model.poses[:, :, :3], model.poses[:, :, 3]
+    return -np.einsum("nji,nj->ni", turns, shifts)

@@ -1,0 +1,187 @@
+"""One clock for all cameras: the offset of each, with its confidence."""
+
+import dataclasses
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+
+from gaussray.prepare.consensus import consensus
+from gaussray.prepare.correlation import Delay
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.motion import MOTION_RATE, motion_energy, motion_scores, motion_signal
+from gaussray.prepare.options import SyncOptions
+from gaussray.prepare.sound import read_sound, sound_delay
+from gaussray.prepare.sources import Source
+
+
+# Cameras are compared with so many of their neighbours in the list, not with all.
+_NEIGHBOURS = 12
+# Steps of the robust fit, and the residual in seconds that counts half.
+_STEPS, _CAUCHY = 20, 0.02
+# Motion that peaks within so many seconds of another peak is the same event.
+_PEAK = 0.25
+# A walk repeats itself each second: fewer seconds than this in common are trusted in proportion.
+_LONG = 6.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Sync:
+    """Seconds to be added to each camera's clock to get the common time.
+
+    Args:
+        method: How the offsets were found: sound, motion, known or none.
+        offsets: Seconds by camera; 0 for the first one.
+        confidence: In 0..1 by camera, of the best comparison with another one.
+        disagreement: Largest difference in seconds between a pair's delay and the offsets, by
+            camera, over the comparisons that were used.
+    """
+
+    method: str
+    offsets: dict[str, float]
+    confidence: dict[str, float]
+    disagreement: dict[str, float]
+
+
+def synchronise(sources: Sequence[Source], options: SyncOptions) -> Sync:
+    """The offsets of the cameras' clocks.
+
+    An offset whose confidence is below `sync.trust` is not used: the video is then taken to start
+    together with the first one.
+
+    Raises:
+        PrepareError: `sync.offsets` does not name a number for each camera, or sound is demanded
+            of videos that have none.
+    """
+    names = [source.name for source in sources]
+    if options.offsets:
+        if len(options.offsets) != len(sources):
+            raise PrepareError(
+                f"sync.offsets must have a number for each of the {len(sources)} cameras "
+                f"({', '.join(names)}), got {len(options.offsets)}."
+            )
+        offsets = dict(zip(names, map(float, options.offsets), strict=True))
+        return Sync("known", offsets, dict.fromkeys(names, 1.0), dict.fromkeys(names, 0.0))
+    videos = [source for source in sources if source.is_video]
+    method = _method(videos, options)
+    if method == "none" or len(videos) < 2:
+        return _together(sources, "none")
+    found = _by_sound(videos, options) if method == "sound" else _by_motion(videos, options)
+    offsets, confidence = starts_together(sources), dict.fromkeys(names, 0.0)
+    disagreement = dict.fromkeys(names, 0.0)
+    for k, source in enumerate(videos):
+        confidence[source.name] = float(found.confidence[k])
+        if np.isfinite(found.offsets[k]):
+            offsets[source.name] = float(found.offsets[k])
+            disagreement[source.name] = float(found.disagreement[k])
+    return Sync(method, offsets, confidence, disagreement)
+
+
+def starts_together(sources: Sequence[Source]) -> dict[str, float]:
+    """Offsets for which the first frames of all cameras have one time."""
+    begin = {s.name: float(s.times[0]) if len(s.times) else 0.0 for s in sources}
+    first = begin[sources[0].name]
+    return {name: first - time for name, time in begin.items()}
+
+
+class Estimate(NamedTuple):
+    """Offsets of videos in seconds (NaN where they are not trusted), their confidence, and the
+    disagreement of pairs with them."""
+
+    offsets: np.ndarray
+    confidence: np.ndarray
+    disagreement: np.ndarray
+
+
+def solve_offsets(count: int, pairs: Sequence[tuple[int, int, Delay]], trust: float) -> Estimate:
+    """Offsets that fit the delays of pairs (i, j), clock j plus delay is clock i, robustly.
+
+    Least squares weighted by confidence, reweighted by the residuals (Cauchy, 20 ms). Camera 0 has
+    offset 0; cameras that no trusted pair links with it have NaN.
+    """
+    used = [pair for pair in pairs if pair[2].confidence >= trust]
+    linked = {0}
+    for _ in range(count):
+        linked |= {b for i, j, _ in used for a, b in ((i, j), (j, i)) if a in linked}
+    offsets, best, worst = np.full(count, np.nan), np.zeros(count), np.zeros(count)
+    for i, j, delay in pairs:
+        best[[i, j]] = np.maximum(best[[i, j]], delay.confidence)
+    used = [pair for pair in used if pair[0] in linked]
+    rows, target = np.zeros((len(used) + 1, count)), np.zeros(len(used) + 1)
+    base = np.ones(len(used) + 1)
+    for k, (i, j, delay) in enumerate(used):
+        rows[k, j], rows[k, i], target[k], base[k] = 1.0, -1.0, delay.seconds, delay.confidence
+    rows[-1, 0], weight, found, residual = 1.0, base.copy(), np.zeros(count), np.zeros(0)
+    for _ in range(_STEPS):
+        found = np.linalg.lstsq(rows * weight[:, None], target * weight, rcond=None)[0]
+        residual = rows @ found - target
+        weight = base / np.sqrt(1 + (residual / _CAUCHY) ** 2)
+    for k, (i, j, _) in enumerate(used):
+        worst[[i, j]] = np.maximum(worst[[i, j]], abs(residual[k]))
+    inside = sorted(linked)
+    offsets[inside] = found[inside]
+    return Estimate(offsets, best, worst)
+
+
+def _method(videos: Sequence[Source], options: SyncOptions) -> str:
+    heard = [source for source in videos if source.has_sound]
+    if options.method == "sound" and len(heard) < len(videos):
+        silent = ", ".join(source.name for source in videos if not source.has_sound)
+        raise PrepareError(
+            f"sync.method must be motion, none or auto for videos without sound, got sound and "
+            f"{silent}."
+        )
+    if options.method != "auto":
+        return options.method
+    return "sound" if len(heard) == len(videos) else "motion"
+
+
+def _together(sources: Sequence[Source], method: str) -> Sync:
+    zeros = dict.fromkeys((source.name for source in sources), 0.0)
+    return Sync(method, starts_together(sources), zeros, zeros)
+
+
+def _by_sound(videos: Sequence[Source], options: SyncOptions) -> Estimate:
+    tracks = [read_sound(source.path) for source in videos]
+    pairs = []
+    for i, j in combinations(range(len(videos)), 2):
+        if j - i > _NEIGHBOURS and i > 0:
+            continue
+        (first, begin), (second, other) = tracks[i], tracks[j]
+        delay = sound_delay(first, second, options.longest)
+        pairs.append((i, j, Delay(delay.seconds + begin - other, delay.confidence)))
+    return solve_offsets(len(videos), pairs, options.trust)
+
+
+def _by_motion(videos: Sequence[Source], options: SyncOptions) -> Estimate:
+    """Signals begin at each video's first frame; the offsets of the clocks are counted from it."""
+    signals = [motion_signal(source.times, motion_energy(source)) for source in videos]
+    most, count = round(options.longest * MOTION_RATE), len(videos)
+    curves = {
+        (i, j): motion_scores(signals[i], signals[j], most)
+        for i, j in combinations(range(count), 2)
+    }
+    scores = {pair: score for pair, (_, score) in curves.items()}
+    found = consensus(scores, count, [0.0] * count, round(_PEAK * MOTION_RATE))
+    likeness = np.zeros(count)
+    for (i, j), (coefficients, _) in curves.items():
+        lag = round(found.offsets[j] - found.offsets[i]) + most
+        value = float(coefficients[lag]) if 0 <= lag < len(coefficients) else 0.0
+        likeness[[i, j]] = np.maximum(likeness[[i, j]], value)
+    shared = _shared_seconds(signals, found.offsets)
+    confidence = found.contrast * np.clip(likeness, 0, 1) * np.clip(shared / _LONG, 0, 1)
+    begin = np.array([source.times[0] for source in videos])
+    offsets = found.offsets / MOTION_RATE + begin[0] - begin
+    trusted = (confidence >= options.trust).copy()
+    # The first camera's own offset is 0: what it cannot be compared with is not known either.
+    trusted &= trusted[0]
+    return Estimate(np.where(trusted, offsets, np.nan), confidence, np.zeros(count))
+
+
+def _shared_seconds(signals: Sequence[np.ndarray], offsets: np.ndarray) -> np.ndarray:
+    """Seconds that each signal shares with the others together."""
+    begin, end = offsets, offsets + np.array([len(signal) for signal in signals])
+    shared = np.minimum(end[:, None], end) - np.maximum(begin[:, None], begin)
+    np.fill_diagonal(shared, 0)
+    return np.maximum(shared, 0).max(axis=1) / MOTION_RATE

@@ -1,0 +1,112 @@
+"""The common timestamps of all cameras, and the frame that each camera shows at each of them."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.options import FramesOptions
+from gaussray.prepare.sources import Source
+from gaussray.prepare.sync import Sync
+
+
+# Timestamps per second of folders of pictures, which have no clock.
+PICTURE_RATE = 30.0
+# Rates that differ by less than this share are equal.
+_SAME = 2e-3
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Timeline:
+    """Timestamps and frames of a capture.
+
+    Args:
+        rate: Timestamps per second; 0 for photographs, which have no time.
+        times: Seconds from the first timestamp on.
+        frames: Index of the frame of each camera at each timestamp.
+        shifts: Seconds by which that frame was exposed after its timestamp.
+    """
+
+    rate: float
+    times: Float[np.ndarray, " times"]
+    frames: dict[str, Int[np.ndarray, " times"]]
+    shifts: dict[str, Float[np.ndarray, " times"]]
+
+    @property
+    def is_static(self) -> bool:
+        """Whether the pictures are photographs without a time."""
+        return self.rate == 0
+
+
+def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOptions) -> Timeline:
+    """The timestamps that all cameras share, at the lowest of their rates.
+
+    Each camera shows its nearest frame; the difference in time, at most half a frame, is kept.
+
+    Raises:
+        PrepareError: The cameras share no time, or mix videos and folders without a rate.
+    """
+    if len(sources) == 1 and not sources[0].is_video:
+        count = sources[0].count
+        zeros = np.zeros(count)
+        name = sources[0].name
+        return Timeline(0.0, zeros, {name: np.arange(count)}, {name: zeros})
+    clocks = {source.name: _clock(source, sync, options) for source in sources}
+    rates = [source.rate or options.rate or PICTURE_RATE for source in sources]
+    rate = options.rate or min(rates)
+    begin = max(float(clock[0]) for clock in clocks.values())
+    end = min(float(clock[-1]) for clock in clocks.values())
+    # The grid goes through the frames of the slowest camera, which then shows each frame once.
+    slowest = clocks[sources[int(np.argmin(rates))].name]
+    slack = 0.5 / rate
+    start = (
+        float(slowest[np.searchsorted(slowest, begin - slack * 0.99)])
+        if _shared(slowest, begin - slack)
+        else begin
+    )
+    count = int(np.floor((end + slack - start) * rate)) + 1 if end + slack > start else 0
+    if count < 1:
+        spans = ", ".join(f"{n} {c[0]:.2f} to {c[-1]:.2f} s" for n, c in clocks.items())
+        raise PrepareError(
+            f"the videos must overlap in time, got {spans} after synchronisation. Give the right "
+            "offsets as sync.offsets=[...], or sync.method=none if they start together."
+        )
+    grid = start + np.arange(count) / rate
+    if options.span:
+        first, last = options.span
+        grid = grid[(grid - start >= first - 1e-9) & (grid - start <= last + 1e-9)]
+    if not len(grid):
+        raise PrepareError(
+            f"frames.span must lie in the common time of 0 to {(count - 1) / rate:.2f} s, got "
+            f"{list(options.span)}."
+        )
+    frames = {name: _nearest(clock, grid) for name, clock in clocks.items()}
+    shifts = {name: clocks[name][index] - grid for name, index in frames.items()}
+    return Timeline(rate, grid - grid[0], frames, shifts)
+
+
+def resampled(sources: Sequence[Source], timeline: Timeline) -> list[str]:
+    """Names of the videos whose rate is not that of the timestamps."""
+    return [s.name for s in sources if s.rate and abs(s.rate / timeline.rate - 1) > _SAME]
+
+
+def _clock(source: Source, sync: Sync, options: FramesOptions) -> Float[np.ndarray, " frames"]:
+    """Common time of each frame of a camera."""
+    if source.is_video:
+        return source.times + sync.offsets[source.name]
+    return np.arange(source.count) / (options.rate or PICTURE_RATE) + sync.offsets[source.name]
+
+
+def _shared(clock: np.ndarray, time: float) -> bool:
+    return bool(clock[-1] >= time)
+
+
+def _nearest(
+    clock: Float[np.ndarray, " frames"], grid: Float[np.ndarray, " times"]
+) -> Int[np.ndarray, " times"]:
+    after = np.clip(np.searchsorted(clock, grid), 1, max(len(clock) - 1, 1))
+    if len(clock) == 1:
+        return np.zeros(len(grid), int)
+    return np.where(grid - clock[after - 1] <= clock[after] - grid, after - 1, after)

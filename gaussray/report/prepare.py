@@ -1,0 +1,162 @@
+"""Sections of the report of a prepared capture: what was found, and what to do about it."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaussray.capture.picture_file import read_stored
+from gaussray.capture.videos import frame_of, read_frame
+from gaussray.report.chart import PALETTE
+from gaussray.report.markup import Markup, tag
+from gaussray.report.page import Section, html_table, note, summary_tiles
+from gaussray.report.picture import BYTES, captioned_image, inline
+
+
+_MARKS = {"good": "good", "warn": "doubtful", "refuse": "unusable"}
+_COLORS = {"good": "var(--c2)", "warn": "var(--c1)", "refuse": "var(--c4)"}
+# Cameras whose picture is shown, at most.
+_SHOWN = 30
+
+
+def prepared_summary(facts: dict[str, Any]) -> Section:
+    """Registered pictures, points, timestamps, and how many findings are doubtful."""
+    cameras = facts["cameras"].values()
+    registered = sum(one["registered"] for one in cameras)
+    levels = [one["level"] for one in facts["findings"]]
+    rate = f"at {facts['rate']:.4g} per second" if facts["rate"] else "photographs"
+    rows = [
+        ("cameras", str(len(cameras)), "still" if facts["still"] else "moving"),
+        ("poses", f"{registered}", f"of {sum(one['pictures'] for one in cameras)} pictures"),
+        ("points", f"{facts['points']:,}", ""),
+        ("timestamps", str(facts["timestamps"]), rate),
+        ("doubtful", str(levels.count("warn")), "findings"),
+    ]
+    rows += [("unusable", str(levels.count("refuse")), "findings")] * ("refuse" in levels)
+    return Section("Summary", [summary_tiles(rows)])
+
+
+def finding_list(facts: dict[str, Any]) -> Section:
+    """Every finding with its remedy, the worst first."""
+    order = list(_MARKS)[::-1]
+    rows = sorted(facts["findings"], key=lambda one: order.index(one["level"]))
+    parts = []
+    for one in rows:
+        mark = tag("b", _MARKS[one["level"]], style=f"color:{_COLORS[one['level']]}")
+        text = one["text"][:1].upper() + one["text"][1:]
+        dot = "" if text.endswith(".") else "."
+        remedy = tag("div", one["remedy"], class_="note") if one["remedy"] else None
+        parts += [tag("dt", mark, f" · {one['subject']}"), tag("dd", text, dot, remedy)]
+    return Section("Findings", [tag("dl", parts, class_="facts")])
+
+
+def camera_pictures(out: Path, facts: dict[str, Any]) -> Section:
+    """A picture of each camera, with its name and whether it has a pose."""
+    names = list(facts["cameras"])
+    picked = sorted({round(x) for x in np.linspace(0, len(names) - 1, min(len(names), _SHOWN))})
+    shown = []
+    for i in picked:
+        one = facts["cameras"][names[i]]
+        if one["pictures"] > 1:
+            label = f"{names[i]} · {one['registered']} of {one['pictures']} have a pose"
+        else:
+            label = names[i] if one["registered"] else f"{names[i]} · no pose"
+        levels = _levels(out / one["picture"], *one["size"])
+        shown.append(captioned_image(levels, label, most=BYTES // (3 * len(picked))))
+    return Section("Pictures", [tag("div", shown, class_="grid few")])
+
+
+def epipolar_pictures(out: Path, facts: dict[str, Any]) -> Section | None:
+    """Pairs of pictures: points of the left one, and their epipolar lines in the right one."""
+    pairs = facts["epipolar"]
+    if not pairs:
+        return None
+    most = BYTES // (3 * len(pairs))
+    figures = []
+    for pair in pairs:
+        first, second = pair["first"], pair["second"]
+        left = _drawn(out, first, [a for a, _ in pair["points"]], [], most)
+        right = _drawn(out, second, [b for _, b in pair["points"]], pair["lines"], most)
+        distance = "unknown" if pair["distance"] is None else f"{pair['distance']:.2f} pixels"
+        caption = tag(
+            "figcaption",
+            tag("b", f"{first['label']} and {second['label']}"),
+            f" · {pair['matches']} matches, median distance from the lines {distance}",
+        )
+        figures.append(tag("figure", tag("div", left, right, class_="pair"), caption))
+    words = (
+        "Each circle on the left has a line of its colour on the right, on which the poses and "
+        "lenses put the same thing; the circle there is where it was found. Circles off their "
+        "lines by more than a few pixels show wrong poses or lenses; a single one, a wrong match."
+    )
+    return Section("Epipolar lines", [tag("div", figures, class_="grid pairs"), note(words)])
+
+
+def camera_measurements(facts: dict[str, Any]) -> Section:
+    """A row for each camera: clock, lens, errors, exposure."""
+    rows = []
+    for name, one in facts["cameras"].items():
+        lens = one.get("lens")
+        row = [name, f"{one['size'][0]} x {one['size'][1]}", str(one["frames"])]
+        row += [f"{one['rate']:.4g}" if one["rate"] else "-", f"{one['offset']:+.4f}"]
+        row += [f"{one['confidence']:.2f}" if facts["sync"] in ("sound", "motion") else "-"]
+        if lens is None:
+            rows.append([*row, "no pose", *["-"] * 6])
+            continue
+        row += [lens["camera_model"], f"{one['fov']:.1f}", _number(one["corner_distortion"], 100.0)]
+        row += [str(one["observations"]), _number(one["error"][0]), _number(one["error"][1])]
+        gains = one["exposure"] if one["exposure_observations"] else []
+        rows.append([*row, " ".join(f"{x:+.2f}" for x in gains) or "-"])
+    heads = (
+        *("camera", "size", "frames", "rate", "offset s", "confidence", "lens", "fov"),
+        *("corner %", "observations", "median px", "90 % px", "stops r g b"),
+    )
+    words = (
+        f"Offset: seconds added to the camera's clock (by {facts['sync']}). Fov: horizontal, in "
+        "degrees. Corner: how far distortion shifts the picture's corner. Errors: distance of "
+        "features from their projected points. Stops: light of a camera against the mean of "
+        "all, in powers of two."
+    )
+    return Section("Cameras in numbers", [html_table(heads, rows), note(words)])
+
+
+def _number(value: float | None, factor: float = 1.0) -> str:
+    return "-" if value is None else f"{factor * value:.2f}"
+
+
+def _drawn(
+    out: Path,
+    picture: dict[str, Any],
+    points: list[list[float]],
+    lines: list[list[list[list[float]]]],
+    most: int,
+) -> Markup:
+    """A picture with circles and lines on it; number k has colour k."""
+    width, height = picture["size"]
+    unit = max(width, height) / 400
+    parts = [tag("image", href=inline(_levels(out / picture["file"], width, height), most),
+                 width=width, height=height)]  # fmt: skip
+    for k, line in enumerate(lines):
+        for part in line:
+            path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in part)
+            parts.append(tag("path", d=path, fill="none", stroke=_ink(k), stroke_width=unit))
+    for k, (x, y) in enumerate(points):
+        ring = {"cx": x, "cy": y, "r": 5 * unit, "fill": "none", "stroke_width": 1.6 * unit}
+        parts.append(tag("circle", **{**ring, "stroke_width": 3 * unit}, stroke="#000"))
+        parts.append(tag("circle", **ring, stroke=_ink(k)))
+    view = f"0 0 {width} {height}"
+    return tag("svg", parts, viewBox=view, role="img", aria_label=picture["label"])
+
+
+def _ink(k: int) -> str:
+    """Colour k, as bright on light pages as on dark ones: it lies on a picture."""
+    return f"hsl({360 * k / PALETTE:.0f} 95% 60%)"
+
+
+def _levels(path: Path, width: int, height: int) -> np.ndarray:
+    """The 8-bit levels of a picture or of a frame of a video."""
+    video = frame_of(path)
+    stored = read_frame(*video) if video else read_stored(path, width, height)
+    if stored.dtype == np.uint8:
+        return stored
+    return (stored / np.iinfo(stored.dtype).max * 255 + 0.5).astype(np.uint8)

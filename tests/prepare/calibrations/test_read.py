@@ -1,0 +1,180 @@
+"""Calibrations of other programs: one rig in every format is one rig."""
+
+import json
+import pathlib
+
+import numpy as np
+import pytest
+from quads import arc
+from scipy.spatial.transform import Rotation
+
+from gaussray.prepare.calibrations.read import assign_cameras, read_calibration
+from gaussray.prepare.document import transform_matrix
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.sources import Source
+
+
+WIDTH, HEIGHT = 640, 480
+MATRIX = np.array([[500.0, 0, 310.25], [0, 505.0, 242.5], [0, 0, 1]])
+DISTORTION = np.array([-0.05, 0.02, 0.001, -0.002])
+POSES = arc(3)
+NAMES = ("cam01", "cam02", "cam03")
+# Numbers in files have this many digits at least.
+CLOSE = 1e-6
+
+
+def write_qualisys(folder):
+    cameras = ""
+    for name, pose in zip(NAMES, POSES, strict=True):
+        # The file's axes are OpenCV's after half a turn about x.
+        turn = np.diag([1, -1, -1]) @ pose[:, :3]
+        place = -pose[:, :3].T @ pose[:, 3] * 1000
+        numbers = [f'r{i + 1}{j + 1}="{turn[i, j]:.12f}"' for i in range(3) for j in range(3)]
+        numbers += [f'{axis}="{x:.9f}"' for axis, x in zip("xyz", place, strict=True)]
+        k = DISTORTION
+        cameras += f"""<camera serial="{name}"><fov_video left="0" top="0" right="{WIDTH - 1}"
+            bottom="{HEIGHT - 1}"/><transform {" ".join(numbers)}/>
+            <intrinsic focalLengthU="{64 * MATRIX[0, 0]}" focalLengthV="{64 * MATRIX[1, 1]}"
+            centerPointU="{64 * MATRIX[0, 2]}" centerPointV="{64 * MATRIX[1, 2]}"
+            radialDistortion1="{k[0]}" radialDistortion2="{k[1]}"
+            tangentalDistortion1="{k[2]}" tangentalDistortion2="{k[3]}"/></camera>"""
+    path = folder / "rig.qca.txt"
+    path.write_text(f"<calibration><cameras>{cameras}</cameras></calibration>")
+    return path
+
+
+def write_toml(folder):
+    text = ""
+    for name, pose in zip(NAMES, POSES, strict=True):
+        vector = Rotation.from_matrix(pose[:, :3]).as_rotvec().tolist()
+        text += f"""[{name}]\nname = "{name}"\nsize = [{WIDTH}.0, {HEIGHT}.0]
+matrix = {MATRIX.tolist()}\ndistortions = {DISTORTION.tolist()}
+rotation = {vector}\ntranslation = {pose[:, 3].tolist()}\nfisheye = false\n\n"""
+    path = folder / "rig.toml"
+    path.write_text(text + "[metadata]\nadjusted = false\nerror = 0.0\n")
+    return path
+
+
+def opencv_matrix(key, values):
+    values = np.atleast_2d(values)
+    data = ", ".join(repr(float(x)) for x in values.ravel())
+    return (
+        f"{key}: !!opencv-matrix\n  rows: {values.shape[0]}\n  cols: {values.shape[1]}\n"
+        f"  dt: d\n  data: [ {data} ]\n"
+    )
+
+
+def write_easymocap(folder):
+    names = "names:\n" + "".join(f'  - "{name}"\n' for name in NAMES)
+    inner = outer = "%YAML:1.0\n---\n" + names
+    for name, pose in zip(NAMES, POSES, strict=True):
+        inner += opencv_matrix(f"K_{name}", MATRIX)
+        inner += opencv_matrix(f"dist_{name}", np.append(DISTORTION, 0.0))
+        vector = Rotation.from_matrix(pose[:, :3]).as_rotvec()
+        outer += opencv_matrix(f"R_{name}", vector[:, None])
+        outer += opencv_matrix(f"Rot_{name}", pose[:, :3])
+        outer += opencv_matrix(f"T_{name}", pose[:, 3:])
+    (folder / "intri.yml").write_text(inner)
+    (folder / "extri.yml").write_text(outer)
+    return folder
+
+
+def write_kalibr(folder):
+    text, before = "", np.eye(4)
+    for k, pose in enumerate(POSES):
+        matrix = np.vstack([pose, [0, 0, 0, 1]])
+        text += f"cam{k}:\n  camera_model: pinhole\n  distortion_model: radtan\n"
+        text += f"  distortion_coeffs: {DISTORTION.tolist()}\n"
+        text += f"  intrinsics: {MATRIX[[0, 1, 0, 1], [0, 1, 2, 2]].tolist()}\n"
+        text += f"  resolution: [{WIDTH}, {HEIGHT}]\n  rostopic: /cam{k}/image\n"
+        if k:
+            text += f"  T_cn_cnm1: {(matrix @ np.linalg.inv(before)).tolist()}\n"
+        before = matrix
+    path = folder / "camchain.yaml"
+    path.write_text(text)
+    return path
+
+
+def write_nerfstudio(folder):
+    lens = {"camera_model": "OPENCV", "w": WIDTH, "h": HEIGHT}
+    lens |= {"fl_x": MATRIX[0, 0], "fl_y": MATRIX[1, 1]}
+    # Pixel centres at halves, as COLMAP has them.
+    lens |= {"cx": MATRIX[0, 2] + 0.5, "cy": MATRIX[1, 2] + 0.5}
+    lens |= dict(zip(("k1", "k2", "p1", "p2"), DISTORTION.tolist(), strict=True))
+    frames = [
+        {"file_path": f"images/{name}.png", "transform_matrix": transform_matrix(pose)}
+        for name, pose in zip(NAMES, POSES, strict=True)
+    ]
+    path = folder / "transforms.json"
+    path.write_text(json.dumps({**lens, "frames": frames}))
+    return path
+
+
+WRITERS = (write_qualisys, write_toml, write_easymocap, write_kalibr, write_nerfstudio)
+
+
+@pytest.mark.parametrize("write", WRITERS)
+def test_every_format_gives_the_same_cameras(tmp_path, write):
+    cameras = read_calibration(write(tmp_path))
+    world = np.vstack([POSES[0], [0, 0, 0, 1]]) if write is write_kalibr else np.eye(4)
+    assert len(cameras) == len(POSES)
+    for camera, pose in zip(cameras, POSES, strict=True):
+        # Kalibr's world is the first camera.
+        assert camera.pose == pytest.approx((pose @ np.linalg.inv(world)), abs=CLOSE)
+        lens = camera.lens
+        assert (lens["fl_x"], lens["fl_y"]) == pytest.approx((500, 505), abs=CLOSE)
+        assert (lens["cx"], lens["cy"]) == pytest.approx((310.75, 243.0), abs=CLOSE)
+        found = [lens[key] for key in ("k1", "k2", "p1", "p2")]
+        assert found == pytest.approx(DISTORTION, abs=CLOSE)
+        size = (0, 0) if write is write_easymocap else (WIDTH, HEIGHT)
+        assert (lens["w"], lens["h"]) == size
+
+
+def source(name, width=WIDTH, height=HEIGHT):
+    return Source(name, pathlib.Path(f"{name}.mp4"), (), np.zeros(3), width, height)
+
+
+def test_cameras_are_given_by_name_or_by_number(tmp_path):
+    known = read_calibration(write_toml(tmp_path))
+    given, remarks = assign_cameras(known, [source("Cam02"), source("view_1")])
+    assert given["Cam02"].pose == pytest.approx(POSES[1], abs=CLOSE)
+    assert given["view_1"].pose == pytest.approx(POSES[0], abs=CLOSE) and not remarks
+    with pytest.raises(PrepareError, match="got no left among cam01, cam02, cam03"):
+        assign_cameras(known, [source("left")])
+
+
+def test_another_size_is_scaled_and_another_shape_refused(tmp_path):
+    known = read_calibration(write_toml(tmp_path))
+    given, remarks = assign_cameras(known, [source("cam01", 320, 240)])
+    assert given["cam01"].lens["fl_x"] == pytest.approx(250) and "it is scaled" in remarks[0]
+    given, remarks = assign_cameras(known, [source("cam01", 640, 488)])
+    assert given["cam01"].lens["fl_y"] == pytest.approx(505) and "as it is" in remarks[0]
+    with pytest.raises(PrepareError, match="of the same shape"):
+        assign_cameras(known, [source("cam01", 480, 640)])
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("a.toml", "[x", "must be TOML"),
+        ("a.toml", "[x]\ny = 1\n", "a table with a matrix"),
+        ("a.qca.txt", "<calibration/>", "must list cameras"),
+        ("a.xml", "<!DOCTYPE x><x/>", "must not declare entities"),
+        ("a.yaml", "[]", "as Kalibr does"),
+        ("a.yaml", "cam0: {camera_model: omni}", "must be a pinhole"),
+        ("a.txt", "", "Qualisys .qca.txt"),
+        ("extri.yml", "a: 1", "no such file"),
+    ],
+)
+def test_what_is_no_calibration_is_named(tmp_path, name, text, message):
+    (tmp_path / name).write_text(text)
+    with pytest.raises((PrepareError, OSError), match=message):
+        read_calibration(tmp_path / name)
+
+
+def test_a_mirrored_rotation_is_refused(tmp_path):
+    text = write_toml(tmp_path).read_text()
+    path = tmp_path / "bad.toml"
+    path.write_text(text.replace("500.0, 0", "-500.0, 0"))
+    with pytest.raises(PrepareError, match="must have positive focal lengths"):
+        read_calibration(path)

@@ -1,0 +1,202 @@
+"""Whole captures from videos and pictures of a room whose cameras are known."""
+
+import json
+
+import numpy as np
+import pytest
+from quads import FOCAL, RATE, SIZE, arc, looking, mover_at, picture, write_pictures, write_video
+from scipy.spatial.transform import Rotation
+
+from gaussray.capture.open import open_capture
+from gaussray.geometry import BLENDER_AXES
+from gaussray.prepare import prepare_capture
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.options import FramesOptions, PosesOptions, PrepareOptions, SyncOptions
+from gaussray.report import write_page
+
+
+pytest.importorskip("pycolmap")
+
+CAMERAS, COUNT = 5, 12
+# Errors of poses from pictures of 320 x 240, as a share of the distance and in degrees.
+PLACE, TURN = 0.02, 0.7
+TOGETHER = SyncOptions(method="none")
+
+
+@pytest.fixture(scope="module")
+def videos(tmp_path_factory, painted):
+    """Videos of five cameras that stand still; the second one is brighter by half a stop."""
+    folder = tmp_path_factory.mktemp("videos")
+    for k, pose in enumerate(arc(CAMERAS)):
+        gain = 2**0.5 if k == 1 else 1.0
+        frames = [picture(pose, painted, mover_at(i / RATE), gain) for i in range(COUNT)]
+        write_video(folder / f"cam{k}.mp4", frames)
+    return folder
+
+
+def world_from_camera(capture, name):
+    """Camera to world [3, 4] in OpenCV axes, as transforms.json says."""
+    document = json.loads((capture / "transforms.json").read_text())
+    frame = next(f for f in document["frames"] if f.get("camera", f["file_path"]) == name)
+    matrix = np.array(frame["transform_matrix"])[:3]
+    matrix[:, :3] *= BLENDER_AXES
+    return matrix
+
+
+def compared(found, true):
+    """Largest errors of place and turn after the similarity that fits the places best."""
+    here = found[:, :, 3] - found[:, :, 3].mean(0)
+    there = true[:, :, 3] - true[:, :, 3].mean(0)
+    turn, _ = Rotation.align_vectors(there, here)
+    scale = np.sqrt((there**2).sum() / (here**2).sum())
+    places = np.linalg.norm(scale * turn.apply(here) - there, axis=1)
+    turns = [
+        np.degrees((Rotation.from_matrix(t) * (turn * Rotation.from_matrix(f)).inv()).magnitude())
+        for f, t in zip(found[:, :, :3], true[:, :, :3], strict=True)
+    ]
+    return places.max(), max(turns)
+
+
+def inverted(poses):
+    return np.array([np.column_stack([p[:, :3].T, -p[:, :3].T @ p[:, 3]]) for p in poses])
+
+
+@pytest.fixture(scope="module")
+def prepared(videos, tmp_path_factory):
+    out = tmp_path_factory.mktemp("capture")
+    options = PrepareOptions(
+        sync=TOGETHER,
+        frames=FramesOptions(instants=2, readout=0.01),
+        poses=PosesOptions(model="pinhole"),
+    )
+    return out, prepare_capture(videos, out, options=options)
+
+
+def test_poses_and_focal_length_are_those_of_the_cameras(prepared):
+    out, facts = prepared
+    names = [f"cam{k}" for k in range(CAMERAS)]
+    found = np.array([world_from_camera(out, name) for name in names])
+    place, turn = compared(found, inverted(arc(CAMERAS)))
+    assert place < PLACE * 5 and turn < TURN
+    assert facts["still"] and facts["points"] > 100
+    assert facts["cameras"]["cam0"]["lens"]["fl_x"] == pytest.approx(FOCAL, rel=0.03)
+
+
+def test_the_capture_opens_with_times_shutters_and_points(prepared):
+    out, _ = prepared
+    capture = open_capture(out)
+    assert len(capture.views) == CAMERAS * COUNT and capture.time_unit == "seconds"
+    assert {view.camera_name for view in capture.views} == {f"cam{k}" for k in range(CAMERAS)}
+    times = sorted({view.time for view in capture.views})
+    assert times == pytest.approx(np.arange(COUNT) / RATE, abs=1e-5)
+    shutter = capture.views[0].camera.shutter
+    # The middle row is exposed at the frame's time.
+    assert float(shutter.row_offset) == pytest.approx(-0.005)
+    assert float(shutter.row_step) * (SIZE[1] - 1) == pytest.approx(0.01)
+    assert capture.points is not None and len(capture.points.position) > 100
+
+
+def test_points_lie_on_the_quads_and_have_their_colours(prepared):
+    _, facts = prepared
+    assert facts["cameras"]["cam0"]["error"][0] < 1
+    levels = {one["subject"]: one["level"] for one in facts["findings"]}
+    assert levels["cameras"] == levels["lens"] == levels["epipolar lines"] == "good"
+
+
+def test_a_brighter_camera_is_measured(prepared):
+    _, facts = prepared
+    gains = np.array([one["exposure"] for one in facts["cameras"].values()])
+    others = np.delete(gains, 1, axis=0)
+    assert gains[1] - others.mean(0) == pytest.approx(0.5, abs=0.1)
+    assert np.abs(others - others.mean(0)).max() < 0.1
+    worst = [one for one in facts["findings"] if one["subject"] == "exposure"]
+    assert worst[0]["level"] == "warn" and "cam1" in worst[0]["text"]
+
+
+def test_the_report_shows_pictures_and_lines(prepared):
+    out, facts = prepared
+    text = write_page("prepare", out).read_text()
+    assert text.count("<image ") == 2 * len(facts["epipolar"]) > 0
+    assert "fit.refine=[exposure]" in text and text.count("<path d=") > 10
+
+
+@pytest.fixture
+def toml(tmp_path):
+    """Writes the true cameras, or others in their place, as Pose2Sim does."""
+
+    def write(poses):
+        text = ""
+        for k, pose in enumerate(poses):
+            vector = Rotation.from_matrix(pose[:, :3]).as_rotvec().tolist()
+            centre = [SIZE[0] / 2 - 0.5, SIZE[1] / 2 - 0.5]
+            matrix = [[FOCAL, 0.0, centre[0]], [0.0, FOCAL, centre[1]], [0.0, 0.0, 1.0]]
+            text += f"[cam{k}]\nsize = {list(SIZE)}\nmatrix = {matrix}\nrotation = {vector}\n"
+            text += f"translation = {pose[:, 3].tolist()}\n"
+        path = tmp_path / "rig.toml"
+        path.write_text(text)
+        return str(path)
+
+    return write
+
+
+def known(path):
+    return PrepareOptions(
+        sync=TOGETHER, frames=FramesOptions(instants=1), poses=PosesOptions(calibration=path)
+    )
+
+
+def test_known_cameras_stay_and_points_are_where_surfaces_are(videos, tmp_path, toml):
+    out = tmp_path / "capture"
+    facts = prepare_capture(videos, out, options=known(toml(arc(CAMERAS))))
+    assert facts["calibrated"] and facts["cameras"]["cam0"]["error"][0] < 0.7
+    for k, pose in enumerate(inverted(arc(CAMERAS))):
+        assert world_from_camera(out, f"cam{k}") == pytest.approx(pose, abs=1e-6)
+    points = np.asarray(open_capture(out).points.position)
+    # The floor and the back wall hold most of what all cameras see.
+    on = (np.abs(points[:, 2]) < 0.05) | (np.abs(points[:, 1] - 4) < 0.05)
+    assert on.mean() > 0.3
+
+
+def test_the_calibration_of_other_cameras_is_refused_with_a_remedy(videos, tmp_path, toml):
+    out = tmp_path / "capture"
+    path = toml(arc(CAMERAS)[::-1])
+    with pytest.raises(PrepareError, match="check the order of the cameras"):
+        prepare_capture(videos, out, options=known(path))
+    assert not (out / "transforms.json").exists() and (out / "prepare.json").exists()
+
+
+def test_photographs_of_one_camera_make_a_static_capture(tmp_path, painted):
+    folder, poses = tmp_path / "photos", arc(7, -30, 30)
+    write_pictures(folder, poses, painted)
+    out = tmp_path / "capture"
+    options = PrepareOptions(poses=PosesOptions(model="pinhole"))
+    facts = prepare_capture(folder, out, options=options)
+    assert not facts["still"] and facts["cameras"]["photos"]["registered"] == 7
+    with pytest.warns(UserWarning, match="static"):
+        capture = open_capture(out)
+    assert len({view.camera_name for view in capture.views}) == 7
+
+
+def test_a_camera_that_moves_has_a_pose_for_each_timestamp(tmp_path, painted):
+    angles = np.radians(np.linspace(-20, 20, 10))
+    path = [looking((5 * np.sin(a), 1.5 - 5 * np.cos(a), 1.8)) for a in angles]
+    (tmp_path / "in").mkdir()
+    write_video(tmp_path / "in" / "walk.mp4", [picture(pose, painted) for pose in path])
+    options = PrepareOptions(frames=FramesOptions(instants=3), poses=PosesOptions(model="pinhole"))
+    facts = prepare_capture(tmp_path / "in", tmp_path / "capture", options=options)
+    assert not facts["still"] and facts["cameras"]["walk"]["registered"] == 10
+    views = open_capture(tmp_path / "capture").views
+    places = np.array([np.asarray(view.camera.trajectory.translation[0]) for view in views])
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    assert steps.max() < 1.3 * steps.min()
+
+
+def test_pictures_that_share_nothing_are_refused_with_a_remedy(tmp_path):
+    rng = np.random.default_rng(0)
+    (tmp_path / "in").mkdir()
+    for name in "ab":
+        frame = np.full((120, 160, 3), rng.integers(80, 160), np.uint8)
+        write_video(tmp_path / "in" / f"{name}.mp4", [frame] * 4)
+    options = PrepareOptions(sync=TOGETHER, poses=PosesOptions(rig="still"))
+    with pytest.raises(PrepareError, match="add cameras between, or give a calibration"):
+        prepare_capture(tmp_path / "in", tmp_path / "capture", options=options)

@@ -1,0 +1,53 @@
+"""The cameras of an input folder."""
+
+import numpy as np
+import pytest
+from quads import write_video
+
+from gaussray.dataset.images import write_image
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.sources import find_sources
+
+
+BLACK = np.zeros((32, 48, 3), np.uint8)
+
+
+def test_videos_and_folders_are_cameras_in_natural_order(tmp_path):
+    for name in ("cam10", "cam2"):
+        write_video(tmp_path / f"{name}.mp4", [BLACK] * 4, rate=25)
+    for i in (10, 9):
+        write_image(tmp_path / "cam3" / f"{i}.png", BLACK)
+    write_video(tmp_path / "inner.mp4", [BLACK] * 4)
+    (tmp_path / "cam4").mkdir()
+    (tmp_path / "inner.mp4").rename(tmp_path / "cam4" / "clip.mp4")
+    sources = find_sources(tmp_path)
+    assert [source.name for source in sources] == ["cam2", "cam3", "cam4", "cam10"]
+    assert [path.stem for path in sources[1].pictures] == ["9", "10"]
+    assert sources[0].rate == pytest.approx(25) and sources[0].is_even
+    assert (sources[0].width, sources[0].height, sources[0].count) == (48, 32, 4)
+    assert not sources[0].has_sound and sources[2].is_video
+
+
+def test_a_folder_of_pictures_is_one_camera(tmp_path):
+    for i in range(3):
+        write_image(tmp_path / f"{i}.png", BLACK)
+    (source,) = find_sources(tmp_path)
+    assert source.name == tmp_path.name and source.count == 3 and source.rate == 0
+
+
+def test_what_is_no_input_is_refused_with_a_remedy(tmp_path):
+    with pytest.raises(FileNotFoundError, match="does not exist"):
+        find_sources(tmp_path / "nowhere")
+    with pytest.raises(PrepareError, match="must hold a video"):
+        find_sources(tmp_path)
+    write_image(tmp_path / "a" / "0.png", BLACK)
+    write_image(tmp_path / "a" / "1.png", BLACK[:16])
+    with pytest.raises(PrepareError, match="must have one size"):
+        find_sources(tmp_path)
+
+
+def test_two_cameras_of_one_name_are_refused(tmp_path):
+    write_video(tmp_path / "a.mp4", [BLACK] * 3)
+    write_video(tmp_path / "a.mkv", [BLACK] * 3)
+    with pytest.raises(PrepareError, match="got a twice"):
+        find_sources(tmp_path)

@@ -1,0 +1,111 @@
+"""One clock for all cameras."""
+
+import numpy as np
+import pytest
+from quads import RATE, arc, mover_at, picture, write_video
+
+from gaussray.prepare.consensus import consensus
+from gaussray.prepare.correlation import Delay, confidence, parabola_peak
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.motion import MOTION_RATE, motion_scores, motion_signal
+from gaussray.prepare.options import SyncOptions
+from gaussray.prepare.sources import find_sources
+from gaussray.prepare.sync import solve_offsets, synchronise
+
+
+SMALL = (80, 60)
+
+
+def test_a_peak_that_is_twice_the_next_one_is_certain_and_an_equal_one_is_nothing():
+    lags = np.arange(5.0)
+    assert confidence(np.array([0, 1, 0, 0, 2.0]), lags, 1) == 1
+    assert confidence(np.array([0, 2, 0, 0, 2.0]), lags, 1) == 0
+    assert confidence(np.array([0, 2, 0, 0, 3.0]), lags, 1) == pytest.approx(0.5)
+
+
+def test_the_maximum_of_a_parabola_is_found_between_samples():
+    x = np.arange(7.0)
+    assert parabola_peak(5 - (x - 3.3) ** 2, 3) == pytest.approx(3.3)
+
+
+def test_offsets_are_exact_if_pairs_agree_and_one_lies():
+    true = np.array([0, 0.5, -1.25, 2.0])
+    pairs = [(i, j, Delay(true[j] - true[i], 1.0)) for i in range(4) for j in range(i + 1, 4)]
+    pairs[2] = (0, 3, Delay(7.0, 0.5))
+    found = solve_offsets(4, pairs, 0.3)
+    # The lie still weighs a little: its residual of 5 s against 20 ms.
+    assert found.offsets == pytest.approx(true, abs=2e-3)
+
+
+def test_a_camera_that_no_trusted_pair_links_is_unknown():
+    found = solve_offsets(3, [(0, 1, Delay(1.0, 0.9)), (1, 2, Delay(3.0, 0.1))], 0.3)
+    assert found.offsets[1] == pytest.approx(1.0) and np.isnan(found.offsets[2])
+
+
+def test_all_pairs_together_overrule_a_wrong_pair():
+    rng, most, true = np.random.default_rng(0), 60, np.array([0, 20, -15])
+    scores = {}
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        scores[i, j] = rng.uniform(0, 0.5, 2 * most + 1)
+        scores[i, j][true[j] - true[i] + most] = 3.0
+    scores[0, 2][most + 40] = 4.0
+    found = consensus(scores, 3, [0.0] * 3, 3)
+    assert np.round(found.offsets) == pytest.approx(true)
+
+
+def test_scores_are_of_the_lag_that_was_put_in():
+    rng = np.random.default_rng(1)
+    signal = rng.normal(size=900)
+    coefficients, scores = motion_scores(signal[:600], signal[100:700], 200)
+    assert scores.argmax() - 200 == 100 and coefficients.max() == pytest.approx(1)
+
+
+def test_a_signal_has_unit_variance_and_no_slow_change():
+    times = np.arange(0, 12, 1 / 30)
+    energy = np.exp(0.3 * times + np.sin(9 * times))
+    signal = motion_signal(times, energy)
+    assert signal.std() == pytest.approx(1) and abs(signal.mean()) < 1e-9
+    middle = signal[int(3 * MOTION_RATE) : -int(3 * MOTION_RATE)]
+    half = len(middle) // 2
+    assert abs(middle[:half].mean() - middle[half:].mean()) < 0.2
+
+
+@pytest.fixture(scope="module")
+def late(tmp_path_factory, painted):
+    """Three silent videos of one motion; the second and third start later."""
+    folder, starts = tmp_path_factory.mktemp("late"), {"a": 0.0, "b": 1.0, "c": 2.2}
+    for (name, start), pose in zip(starts.items(), arc(3), strict=True):
+        times = start + np.arange(int(9 * RATE)) / RATE
+        frames = [picture(pose, painted, mover_at(t), focal=75.0, size=SMALL) for t in times]
+        write_video(folder / f"{name}.mp4", frames)
+    return folder, starts
+
+
+def test_silent_videos_are_synchronised_by_what_moves(late):
+    folder, starts = late
+    found = synchronise(find_sources(folder), SyncOptions())
+    assert found.method == "motion" and min(found.confidence.values()) > 0.3
+    assert found.offsets == pytest.approx(starts, abs=0.5 / RATE)
+
+
+def test_videos_with_sound_are_synchronised_by_it(tmp_path):
+    rate, noise = 16000, np.random.default_rng(2).normal(size=16000 * 6) * 0.2
+    blank = [np.zeros((32, 48, 3), np.uint8)] * 45
+    for name, start in (("a", 0.0), ("b", 0.75)):
+        sound = noise[round(start * rate) :][: 3 * rate]
+        write_video(tmp_path / f"{name}.mp4", blank, sound=sound, sound_rate=rate)
+    found = synchronise(find_sources(tmp_path), SyncOptions())
+    assert found.method == "sound"
+    assert found.offsets["b"] == pytest.approx(0.75, abs=0.002)
+
+
+def test_offsets_that_are_known_are_used(late):
+    options = SyncOptions(offsets=(0.0, 1.5, 2.0))
+    assert synchronise(find_sources(late[0]), options).offsets == {"a": 0, "b": 1.5, "c": 2}
+    with pytest.raises(PrepareError, match="a number for each of the 3 cameras"):
+        synchronise(find_sources(late[0]), SyncOptions(offsets=(1.0,)))
+
+
+def test_sound_is_not_demanded_of_silent_videos(late):
+    with pytest.raises(PrepareError, match="got sound and a, b, c"):
+        synchronise(find_sources(late[0]), SyncOptions(method="sound"))

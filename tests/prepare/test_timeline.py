@@ -1,0 +1,72 @@
+"""Common timestamps, and the frame of each camera."""
+
+import pathlib
+
+import numpy as np
+import pytest
+
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.options import FramesOptions
+from gaussray.prepare.sources import Source
+from gaussray.prepare.sync import Sync
+from gaussray.prepare.timeline import common_timeline, resampled
+
+
+def video(name, rate, count):
+    path = pathlib.Path(f"{name}.mp4")
+    return Source(name, path, (), np.arange(count) / rate, 64, 48)
+
+
+def sync(**offsets):
+    zeros = dict.fromkeys(offsets, 0.0)
+    return Sync("known", offsets, zeros, zeros)
+
+
+def test_cameras_show_what_they_share():
+    sources = [video("a", 10, 40), video("b", 10, 40)]
+    line = common_timeline(sources, sync(a=0.0, b=1.0), FramesOptions())
+    assert line.rate == pytest.approx(10) and len(line.times) == 30
+    assert line.frames["a"][0] == 10 and line.frames["b"][0] == 0
+    assert line.times == pytest.approx(np.arange(30) / 10)
+    assert line.shifts["b"] == pytest.approx(0, abs=1e-9)
+
+
+def test_a_part_of_a_frame_remains_as_a_shift():
+    sources = [video("a", 10, 40), video("b", 10, 40)]
+    line = common_timeline(sources, sync(a=0.0, b=0.93), FramesOptions())
+    assert line.shifts["a"] == pytest.approx(0, abs=1e-9)
+    assert line.shifts["b"] == pytest.approx(0.03, abs=1e-9) or line.shifts["b"] == pytest.approx(
+        -0.07 + 0.1, abs=1e-9
+    )
+
+
+def test_the_lowest_rate_counts_and_shifts_stay_below_half_a_frame():
+    sources = [video("a", 30, 90), video("b", 25, 75)]
+    line = common_timeline(sources, sync(a=0.0, b=0.0), FramesOptions())
+    assert line.rate == pytest.approx(25) and resampled(sources, line) == ["a"]
+    assert np.all(np.diff(line.frames["b"]) == 1)
+    assert np.abs(line.shifts["a"]).max() <= 0.5 / 30 + 1e-9
+    frames = line.frames["a"] / 30
+    assert frames == pytest.approx(line.times + line.shifts["a"])
+
+
+def test_a_rate_and_a_span_are_kept_to():
+    sources = [video("a", 30, 90)]
+    options = FramesOptions(rate=10.0, span=(0.5, 1.5))
+    line = common_timeline(sources, sync(a=0.0), options)
+    assert line.frames["a"].tolist() == list(range(15, 46, 3)) and line.times[0] == 0
+
+
+def test_videos_that_share_no_time_are_refused():
+    sources = [video("a", 10, 20), video("b", 10, 20)]
+    with pytest.raises(PrepareError, match="must overlap in time"):
+        common_timeline(sources, sync(a=0.0, b=5.0), FramesOptions())
+    with pytest.raises(PrepareError, match="frames.span"):
+        common_timeline(sources, sync(a=0.0, b=0.0), FramesOptions(span=(7.0, 8.0)))
+
+
+def test_one_folder_of_pictures_has_no_time():
+    pictures = tuple(pathlib.Path(f"{i}.png") for i in range(5))
+    source = Source("photos", pathlib.Path("photos"), pictures, np.zeros(0), 64, 48)
+    line = common_timeline([source], sync(photos=0.0), FramesOptions())
+    assert line.is_static and line.frames["photos"].tolist() == [0, 1, 2, 3, 4]
