@@ -50,7 +50,9 @@ class SparseModel:
 
 def sparse_model_of(reconstruction: Any) -> SparseModel:
     """The arrays of a COLMAP reconstruction."""
-    images = [reconstruction.image(i) for i in sorted(reconstruction.reg_image_ids())]
+    registered = (reconstruction.image(i) for i in reconstruction.reg_image_ids())
+    # Numbers are in the order in which threads ended; names are in the order of time.
+    images = sorted(registered, key=lambda image: image.name)
     index = {image.image_id: k for k, image in enumerate(images)}
     poses = [image.cam_from_world().matrix() for image in images]
     lenses = [

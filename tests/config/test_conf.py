@@ -69,6 +69,7 @@ CHOICES = [
 # What each command demands before it says anything else.
 GIVEN = {
     "demo": [],
+    "prepare": ["videos=x", "out=x"],
     "reconstruct": ["capture.path=x", "out=x"],
     "render": ["scene=x", "out=x"],
     "view": ["scene=x"],
@@ -85,6 +86,7 @@ def group_of(group, choice):
     """What one YAML file says, in the words of a command."""
     fitted = "fit", "track", "field", "loss", "optimizer", "density", "need"
     command = "reconstruct" if group in fitted else "render"
+    command = "prepare" if group in ("sync", "frames", "poses") else command
     command = group if group in ("evaluate", "calibrate", "view") else command
     return compose_config(command, [*GIVEN[command], f"{group}={choice}"])[group]
 

@@ -77,7 +77,8 @@ def test_poses_and_focal_length_are_those_of_the_cameras(prepared):
     names = [f"cam{k}" for k in range(CAMERAS)]
     found = np.array([world_from_camera(out, name) for name in names])
     place, turn = compared(found, inverted(arc(CAMERAS)))
-    assert place < PLACE * 5 and turn < TURN
+    assert place < PLACE * 5
+    assert turn < TURN
     assert facts["still"] and facts["points"] > 100
     assert facts["cameras"]["cam0"]["lens"]["fl_x"] == pytest.approx(FOCAL, rel=0.03)
 
