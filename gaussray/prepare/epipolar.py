@@ -49,7 +49,7 @@ def epipolar_pairs(placement: Placement, most: int) -> list[EpipolarPair]:
     chosen = list(dict.fromkeys(pair for _, pair in partners.values()))
     if len(chosen) > most:
         chosen = [chosen[i] for i in np.linspace(0, len(chosen) - 1, most).round().astype(int)]
-    return [_pair(placement, *pair, index) for pair in chosen]
+    return [_pair(placement, first, second, index) for first, second in chosen]
 
 
 def epipolar_distance(
@@ -98,7 +98,8 @@ def _line(placement: Placement, a: int, b: int, pixel: np.ndarray) -> Float[np.n
     lens = model.lenses[b]
     pixels, _ = project_points(lens, model.poses[b], centre + depth[:, None] * direction)
     with np.errstate(invalid="ignore"):
-        inside = ((pixels >= 0) & (pixels <= [lens["w"], lens["h"]])).all(axis=1)
+        size = np.array([lens["w"], lens["h"]])
+        inside = np.all((pixels >= 0) & (pixels <= size), axis=1)
     return np.where(inside[:, None], pixels, np.nan)
 
 

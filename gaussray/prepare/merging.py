@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from gaussray.prepare.colmap import pycolmap
 from gaussray.prepare.features import Keypoints, MatchingPicture
@@ -38,7 +38,7 @@ def merge_keypoints(parts: Sequence[Keypoints]) -> tuple[Keypoints, list[Int[np.
         index = np.zeros(len(part.xy), int)
         if len(part.xy):
             far, near = (
-                cKDTree(xy).query(part.xy)
+                KDTree(xy).query(part.xy)
                 if len(xy)
                 else (np.full(len(part.xy), np.inf), np.zeros(len(part.xy), int))
             )

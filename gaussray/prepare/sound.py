@@ -5,7 +5,7 @@ from pathlib import Path
 import av
 import numpy as np
 from jaxtyping import Float
-from scipy import fft
+from scipy.fft import next_fast_len
 
 from gaussray.capture.videos import open_video
 from gaussray.prepare.correlation import Delay, confidence
@@ -42,13 +42,13 @@ def sound_delay(
     The cross-power spectrum is whitened within the band of speech (phase transform), so that the
     peak is sharp however each microphone colours the sound.
     """
-    size = fft.next_fast_len(len(first) + len(second))
-    spectrum = fft.rfft(first, size) * np.conj(fft.rfft(second, size))
-    frequency = fft.rfftfreq(size, 1 / SOUND_RATE)
+    size = next_fast_len(len(first) + len(second))
+    spectrum = np.fft.rfft(first, size) * np.conj(np.fft.rfft(second, size))
+    frequency = np.fft.rfftfreq(size, 1 / SOUND_RATE)
     magnitude = np.abs(spectrum)
     inside = (frequency > _BAND[0]) & (frequency < _BAND[1]) & (magnitude > 0)
     whitened = np.where(inside, spectrum / np.where(magnitude > 0, magnitude, 1), 0)
-    peaks = fft.irfft(whitened, size) * size / max(2 * int(inside.sum()), 1)
+    peaks = np.fft.irfft(whitened, size) * size / max(2 * int(inside.sum()), 1)
     most = min(round(longest * SOUND_RATE), len(first) - 1, len(second) - 1)
     if most < 1:
         return Delay(0.0, 0.0)
