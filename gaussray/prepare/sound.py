@@ -5,7 +5,6 @@ from pathlib import Path
 import av
 import numpy as np
 from jaxtyping import Float
-from scipy.fft import next_fast_len
 
 from gaussray.capture.videos import open_video
 from gaussray.prepare.correlation import Delay, confidence
@@ -42,7 +41,7 @@ def sound_delay(
     The cross-power spectrum is whitened within the band of speech (phase transform), so that the
     peak is sharp however each microphone colours the sound.
     """
-    size = next_fast_len(len(first) + len(second))
+    size = 1 << (len(first) + len(second)).bit_length()
     spectrum = np.fft.rfft(first, size) * np.conj(np.fft.rfft(second, size))
     frequency = np.fft.rfftfreq(size, 1 / SOUND_RATE)
     magnitude = np.abs(spectrum)
