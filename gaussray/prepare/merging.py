@@ -37,11 +37,9 @@ def merge_keypoints(parts: Sequence[Keypoints]) -> tuple[Keypoints, list[Int[np.
     for part in parts[1:]:
         index = np.zeros(len(part.xy), int)
         if len(part.xy):
-            far, near = (
-                KDTree(xy).query(part.xy)
-                if len(xy)
-                else (np.full(len(part.xy), np.inf), np.zeros(len(part.xy), int))
-            )
+            far, near = np.full(len(part.xy), np.inf), np.zeros(len(part.xy), int)
+            if len(xy):
+                far, near = map(np.asarray, KDTree(xy).query(part.xy))
             new = far > _SAME
             index[~new] = near[~new]
             index[new] = len(xy) + np.arange(new.sum())
