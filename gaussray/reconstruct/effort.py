@@ -13,19 +13,30 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from gaussray.capture.formats.paired import Capture
+from gaussray.capture.capture import Capture, viewpoints
 from gaussray.capture.selection import Selection, selected
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
+from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.tracer.trace import TraceOptions
 
 
 T = TypeVar("T", bound=eqx.Module)
 
-# Steps of each stage of a scene that moves on a GPU (fit=full); on a CPU those of fit=default.
-_MOVING_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6)
+# Steps of each stage of rigid bodies on a GPU (fit=full); on a CPU those of fit=default.
+_BODIES_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6)
+# Learning rates for the tens of thousands of steps that a GPU takes in minutes.
+_SLOW = OptimizerOptions(
+    mean=5e-4,
+    quat=3e-3,
+    scale=1e-2,
+    color=7e-3,
+    velocity=2.5e-4,
+    instant=5e-3,
+    lifetime=1e-2,
+)
 
 
 class Machine(NamedTuple):
@@ -72,10 +83,15 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     scale = min(1.0, math.sqrt(machine.most_pixels / max(pixels, 1.0))) if still else 1.0
     if scale < 1:
         capture, pixels = selected(capture, Selection(scale=scale)), pixels * scale**2
-    chosen = _still(pixels, machine) if still else _moving(machine)
+    if still:
+        chosen = _still(pixels, machine)
+    elif machine.gpu and _transient(capture, options):
+        chosen = _brief(pixels, machine)
+    else:
+        chosen = _bodies(machine)
     steps = options.fit.coarse, options.fit.fine
     options = with_defaults(options, chosen)
-    if steps != (FitOptions().coarse, FitOptions().fine) or not still:
+    if steps != (FitOptions().coarse, FitOptions().fine) or not chosen.fit.minutes:
         options = replace(options, fit=replace(options.fit, minutes=0.0))
     return Effort(capture, options, _sentence(options, len(views), scale, still))
 
@@ -93,7 +109,19 @@ def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> Re
     return replace(options, **parts)
 
 
-_CHOSEN = ("fit", "loss", "density", "trace")
+_CHOSEN = ("fit", "loss", "optimizer", "density", "trace")
+
+
+def _transient(capture: Capture, options: ReconstructOptions) -> bool:
+    """Whether transient Gaussians show what moves: if the user says so, or where the capture has
+    too few points for rigid bodies to be found, and at least two cameras that stand still."""
+    fit, points = options.fit, capture.points
+    if fit.motion != FitOptions().motion:
+        return fit.transient
+    if points is not None and len(points.position) >= fit.points and fit.start != "stereo":
+        return False
+    _, pictures = np.unique(viewpoints(training_views(capture)), return_counts=True)
+    return int(np.sum(pictures >= 3)) >= 2
 
 
 def _still(pixels: float, machine: Machine) -> ReconstructOptions:
@@ -105,7 +133,7 @@ def _still(pixels: float, machine: Machine) -> ReconstructOptions:
     return ReconstructOptions(
         fit=FitOptions(
             minutes=machine.minutes * larger,
-            tiles=32 if machine.gpu else 4,
+            tiles=64 if machine.gpu else 4,
             tile_side=32,
             validate=0.015,
             degree=3 if machine.gpu else 1,
@@ -115,6 +143,7 @@ def _still(pixels: float, machine: Machine) -> ReconstructOptions:
             points=gaussians // 4,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
+        optimizer=_SLOW if machine.gpu else OptimizerOptions(),
         density=DensityOptions(
             kind="relocate",
             interval=100 if machine.gpu else 25,
@@ -122,17 +151,49 @@ def _still(pixels: float, machine: Machine) -> ReconstructOptions:
             stop=0.85,
             opacity=0.005,
             gaussians=gaussians,
+            opacity_cost=0.03 if machine.gpu else 0.01,
+            scale_cost=0.03 if machine.gpu else 0.01,
         ),
         trace=TraceOptions(levels=0, transmittance_min=1e-3 if machine.gpu else 1e-2),
     )
 
 
-def _moving(machine: Machine) -> ReconstructOptions:
-    """For several times: the defaults on a CPU; on a GPU more steps and Gaussians."""
+def _brief(pixels: float, machine: Machine) -> ReconstructOptions:
+    """For motion of any kind, on a GPU: transient Gaussians, with relocation and SSIM."""
+    gaussians = int(np.clip(pixels / 85, 100_000, 1_000_000))
+    larger = float(np.clip(math.sqrt(pixels / machine.pixels), 1.0, 4.0))
+    return ReconstructOptions(
+        fit=FitOptions(
+            minutes=machine.minutes * larger,
+            tiles=32,
+            tile_side=32,
+            validate=0.015,
+            degree=2,
+            rise=1000,
+            opacity=0.5,
+            motion="transient",
+            points=gaussians // 4,
+        ),
+        loss=LossOptions(l1=0.8, dssim=0.2),
+        optimizer=_SLOW,
+        density=DensityOptions(
+            kind="relocate",
+            interval=100,
+            start=0.04,
+            stop=0.85,
+            opacity=0.005,
+            gaussians=gaussians,
+        ),
+        trace=TraceOptions(levels=0, transmittance_min=1e-3),
+    )
+
+
+def _bodies(machine: Machine) -> ReconstructOptions:
+    """For rigid bodies and a field: the defaults on a CPU; on a GPU more steps and Gaussians."""
     if not machine.gpu:
         return ReconstructOptions()
     return ReconstructOptions(
-        fit=_MOVING_GPU,
+        fit=_BODIES_GPU,
         density=DensityOptions(interval=100, growth=8.0),
         trace=TraceOptions(levels=0, transmittance_min=1e-3),
     )
@@ -142,9 +203,16 @@ def _sentence(options: ReconstructOptions, pictures: int, scale: float, still: b
     fit, parts = options.fit, [f"fit=auto: {pictures} pictures"]
     if scale < 1:
         parts.append(f"scaled by {scale:.2f}")
-    if still:
+    if still or fit.transient:
         parts.append(f"up to {max(options.density.gaussians, fit.points):,} Gaussians")
         parts.append(f"harmonics up to degree {fit.degree}")
+    if not still:
+        shown = {
+            "deformation": "rigid bodies and a deformation field",
+            "transient": "transient Gaussians",
+            "both": "rigid bodies, a deformation field and transient Gaussians",
+        }
+        parts.append(f"motion by {shown[fit.motion]} (fit.motion)")
     if fit.minutes:
         parts.append(f"about {fit.minutes:.0f} minutes (fit.minutes)")
     else:

@@ -161,8 +161,9 @@ def _rate_of(name: str) -> str:
     """The key of the learning rate of a parameter."""
     kind, _, rest = name.partition(".")
     part = name.rpartition(".")[2]
-    if kind in ("static", "moving"):
+    if kind in ("static", "moving", "transient"):
         rates = {"log_scale": "scale", "logit_opacity": "opacity", "harmonics": "color"}
+        rates["log_lifetime"] = "lifetime"
         return f"optimizer.{rates.get(part, part)}"
     if kind == "corrections" or part in ("path", "turn", "light"):
         return f"optimizer.{part}"

@@ -96,13 +96,14 @@ def step_plan(session: Session, progress: RunProgress) -> StepPlan:
     """The number of steps of the current stage. Where all pictures share one time there is one
     stage, which takes the steps of both, or as many as fit into fit.minutes."""
     fit = session.options.fit
-    if len(session.times) > 1:
-        return StepPlan(fit.coarse if progress.stage == "coarse" else fit.fine)
+    several = len(session.times) > 1
+    if several and progress.stage == "coarse":
+        return StepPlan(fit.coarse)
     if progress.planned:
         return StepPlan(progress.planned)
     if fit.minutes:
         return TimedPlan(60 * fit.minutes, fit.block)
-    return StepPlan(fit.coarse + fit.fine)
+    return StepPlan(fit.fine if several else fit.coarse + fit.fine)
 
 
 def step_options(session: Session, stage: str) -> StepOptions:
@@ -147,8 +148,8 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
         keys=keys,
         growth=(density.room(count) / max(count, 1)) ** 0.5 if density.interval else 1.0,
     ).capacity
-    *cells, pairs, slots = agreed(np.array([*capacity.cells, capacity.pairs, capacity.slots]))
-    return BlockSizes(Capacity(tuple(map(int, cells)), int(pairs), int(slots)), mesh, keys)
+    numbers = [int(n) for n in agreed(np.array(_numbers(capacity)))]
+    return BlockSizes(_capacity(numbers, session), mesh, keys)
 
 
 def _saved_sizes(session: Session, state: State, progress: RunProgress) -> BlockSizes | None:
@@ -159,16 +160,28 @@ def _saved_sizes(session: Session, state: State, progress: RunProgress) -> Block
         return None
     if (saved.stage, saved.devices) != (progress.stage, session.mesh.size):
         return None
-    if len(saved.sizes) != session.options.trace.levels + 3:
+    levels = session.options.trace.levels + 1
+    transient = state.parameters.transient is not None
+    if len(saved.sizes) != levels + 2 + transient:
         return None
-    *cells, pairs, slots = saved.sizes
-    capacity = Capacity(tuple(cells), pairs, slots)
+    capacity = _capacity(list(saved.sizes), session)
     return BlockSizes(capacity, session.mesh, session.key_states(state))
 
 
 def _to_save(stage: str, sizes: BlockSizes) -> SavedSizes:
-    capacity = sizes.capacity
-    return SavedSizes(stage, sizes.mesh.size, (*capacity.cells, capacity.pairs, capacity.slots))
+    return SavedSizes(stage, sizes.mesh.size, tuple(_numbers(sizes.capacity)))
+
+
+def _numbers(capacity: Capacity) -> list[int]:
+    """The sizes of a capacity in a row; that of transient Gaussians last, if there are any."""
+    transient = [capacity.transient] if capacity.transient else []
+    return [*capacity.cells, capacity.pairs, capacity.slots, *transient]
+
+
+def _capacity(numbers: list[int], session: Session) -> Capacity:
+    """The capacity of which `_numbers` gives the sizes."""
+    levels = session.options.trace.levels + 1
+    return Capacity(tuple(numbers[:levels]), *numbers[levels:])
 
 
 def _with_density_control(
@@ -189,5 +202,4 @@ def _with_density_control(
 
 def _gaussian_count(state: State) -> int:
     """How many Gaussians a state has."""
-    parts = state.parameters.static, state.parameters.moving
-    return sum(int(occupied(part).sum()) for part in parts)
+    return sum(int(occupied(part).sum()) for part in state.parameters.kinds.values())

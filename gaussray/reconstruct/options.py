@@ -17,6 +17,10 @@ from gaussray.tracer.trace import TraceOptions
 STARTS = ("auto", "given", "stereo", "random")
 
 
+# What shows what moves: rigid bodies and a deformation field; transient Gaussians; all of these.
+MOTIONS = ("deformation", "transient", "both")
+
+
 class FitOptions(eqx.Module):
     """The course of a reconstruction.
 
@@ -43,6 +47,8 @@ class FitOptions(eqx.Module):
         opacity: opacity of the first Gaussians (3DGS: 0.1).
         spread: scale of the first Gaussians, in distances between points (3DGS: 1).
         start: which points the first Gaussians stand on, one of STARTS.
+        motion: what shows what moves, one of MOTIONS.
+        instants: transient Gaussians start at this many times at most, evenly spread.
         points: random points if there are none; if there are fewer, the rest are put between
             them (`from_points.between`).
         surround: random Gaussians around the points, in numbers of points: for what is far away,
@@ -78,6 +84,8 @@ class FitOptions(eqx.Module):
     opacity: float = eqx.field(static=True, default=0.9)
     spread: float = eqx.field(static=True, default=0.6)
     start: str = eqx.field(static=True, default="auto")
+    motion: str = eqx.field(static=True, default="deformation")
+    instants: int = eqx.field(static=True, default=30)
     points: int = eqx.field(static=True, default=10000)
     surround: float = eqx.field(static=True, default=0.15)
     footprint: float = eqx.field(static=True, default=0.35)
@@ -89,7 +97,7 @@ class FitOptions(eqx.Module):
     seed: int = eqx.field(static=True, default=0)
 
     def __check_init__(self):
-        for name in ("coarse", "tiles", "tile_side", "block", "points"):
+        for name in ("coarse", "tiles", "tile_side", "block", "points", "instants"):
             if getattr(self, name) < 1:
                 raise ValueError(f"fit.{name} must be at least 1, got {getattr(self, name)}.")
         for name in (
@@ -110,8 +118,22 @@ class FitOptions(eqx.Module):
             raise ValueError(f"fit.segment must be 0 or at least 2, got {self.segment}.")
         if self.start not in STARTS:
             raise ValueError(f"fit.start must be one of {', '.join(STARTS)}, got {self.start!r}.")
+        if self.motion not in MOTIONS:
+            raise ValueError(
+                f"fit.motion must be one of {', '.join(MOTIONS)}, got {self.motion!r}."
+            )
         if self.degree not in (0, 1, 2, 3):
             raise ValueError(f"fit.degree must be 0, 1, 2 or 3, got {self.degree}.")
+
+    @property
+    def transient(self) -> bool:
+        """Whether transient Gaussians show what moves, alone or besides others."""
+        return self.motion != "deformation"
+
+    @property
+    def deforms(self) -> bool:
+        """Whether rigid bodies and a deformation field show what moves."""
+        return self.motion != "transient"
 
 
 class ReconstructOptions(eqx.Module):

@@ -22,7 +22,7 @@ from gaussray.reconstruct.session import Session, hand_over
 from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
 from gaussray.reconstruct.simplify.prune import pruned_scene
 from gaussray.reconstruct.simplify.summary import clip_report, summary_line
-from gaussray.reconstruct.start import continued_state, initial_state, with_deformation
+from gaussray.reconstruct.start import continued_state, initial_state, with_motion
 from gaussray.runtime.devices import leads, wait
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress, say
@@ -147,11 +147,13 @@ def _fitted(
     else:
         session.resume(state, progress)
     if progress.stage == "coarse":
-        state, progress = run_stage(session, "coarse", state, progress)
-        state = with_deformation(session, state, progress)
+        # Transient Gaussians are there at all times at once.
+        if session.options.fit.deforms or len(session.times) == 1:
+            state, progress = run_stage(session, "coarse", state, progress)
+        state = with_motion(session, state, progress)
     elif progress.stage == "begin":
         state, progress = continued_state(session, state, progress)
-        state = with_deformation(session, state, progress)
+        state = with_motion(session, state, progress)
     return (
         run_stage(session, "fine", state, progress) if len(session.times) > 1 else (state, progress)
     )

@@ -21,7 +21,7 @@ from gaussray.reconstruct.data.pictures import Footage, footage, stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.log import RunLog
-from gaussray.reconstruct.optimize.optimizer import Parameters, scene_of
+from gaussray.reconstruct.optimize.optimizer import Parameters, scene_of, transients_of
 from gaussray.reconstruct.optimize.rows import occupied, take_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
 from gaussray.reconstruct.options import ReconstructOptions
@@ -30,7 +30,7 @@ from gaussray.runtime.progress import Progress
 from gaussray.scene.bodies import body_pose_at
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import constrain, folded, unconstrain
-from gaussray.scene.scene import Scene, at, key_count
+from gaussray.scene.scene import Scene, key_count, persistent_at
 from gaussray.tracer.bundle import FAN
 from gaussray.tracer.shard import mesh_of_hosts
 
@@ -86,7 +86,7 @@ class Session:
         self.activity = activity(self.footage)
         held_out = held_out_tiles(self.footage, options.fit.validate, options.fit.seed)
         single = len(np.unique(self.footage.times)) == 1
-        self.held_out = held_out if single and held_out.any() else None
+        self.held_out = held_out if held_out.any() else None
         self.loader = Loader(
             self.footage,
             self.activity,
@@ -133,7 +133,8 @@ class Session:
         """The number of states of the scene that a step interpolates between: 1 where all rays of a
         step share one time."""
         span = self.cameras.earlier + self.cameras.later
-        return key_count(scene_of(state.parameters, jnp.zeros(2)), span) if span > 0 else 1
+        scene = scene_of(state.parameters, jnp.zeros(2), self.cameras.interval)
+        return key_count(scene, span) if span > 0 else 1
 
     def training_cameras(self, state: State) -> tuple[Camera, Float[Array, "frames 3"] | None]:
         """The cameras and exposures of the training pictures as refined so far."""
@@ -157,14 +158,19 @@ class Session:
             parts.append(constrain(take_rows(gaussians, np.flatnonzero(kept))))
             unmet.append(blind[kept])
         time_range = jnp.asarray(self.time_range, parts[0].mean.dtype)
-        return Scene(parts[0], parts[1], p.deformation, time_range), np.concatenate(unmet)
+        transient = None
+        if p.transient is not None:
+            kept = take_rows(p.transient, np.flatnonzero(occupied(p.transient)))
+            transient = transients_of(kept, self.cameras.interval)
+        scene = Scene(parts[0], parts[1], p.deformation, time_range, transient)
+        return scene, np.concatenate(unmet)
 
 
 def hand_over(session: Session, state: State, progress: RunProgress) -> tuple[State, RunProgress]:
     """State and progress with which the next segment begins.
 
     The state holds all Gaussians as static ones, where they are at the time that both segments
-    share, and the refined cameras.
+    share, and the refined cameras. Transient Gaussians stay behind: each segment finds its own.
     """
     scene, _ = session.scene(state, progress)
     last = jnp.asarray(session.times[-1], scene.time_range.dtype)
@@ -173,7 +179,7 @@ def hand_over(session: Session, state: State, progress: RunProgress) -> tuple[St
         bodies = scene.deformation.bodies
         pivot = np.asarray(bodies.pivot + body_pose_at(bodies, last)[0])
         known = KnownBodies(pivot, np.asarray(bodies.radius))
-    static = unconstrain(folded(eqx.filter_jit(at)(scene, last)))
+    static = unconstrain(folded(eqx.filter_jit(persistent_at)(scene, last)))
     moving = jax.tree.map(lambda x: x[:0], static)
     progress = replace(
         progress, stage="begin", segment=progress.segment + 1, bodies=known, tile_errors=None

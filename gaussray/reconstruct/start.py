@@ -3,6 +3,7 @@
 A new kind of initialiser is added in `initialize.initializer.initial_points`.
 """
 
+import warnings
 from dataclasses import replace
 
 import equinox as eqx
@@ -12,22 +13,26 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from gaussray.camera.corrections import Corrections, no_corrections
+from gaussray.capture.errors import CaptureWarning
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.motion_mask import point_activity
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
 from gaussray.reconstruct.initialize.from_points import bodies, on_points, surrounding, thinned
 from gaussray.reconstruct.initialize.initializer import initial_points
-from gaussray.reconstruct.optimize.optimizer import Parameters
+from gaussray.reconstruct.initialize.transients import initial_transients, starting_times
+from gaussray.reconstruct.optimize.optimizer import Parameters, shortest_lifetime
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.runtime.devices import agreed
+from gaussray.runtime.progress import Progress
 from gaussray.scene.bodies import Bodies, body_of, reaching
-from gaussray.scene.deformation import initial_deformation
+from gaussray.scene.deformation import Deformation, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 from gaussray.scene.harmonics import C0
 from gaussray.scene.planes import initial_planes
+from gaussray.scene.transient import UnconstrainedTransients, unconstrain_transients
 
 
 def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunProgress]:
@@ -40,13 +45,18 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
     position, color, on_surfaces = initial_points(
         session.capture, session.footage, fit, session.progress_bar
     )
+    moves = _moves(session, position, on_surfaces=on_surfaces)
+    if not fit.deforms:
+        # What moves gets transient Gaussians (`with_motion`).
+        position, color, moves = position[~moves], color[~moves], moves[~moves]
     if session.options.density.relocates:
-        room = int(session.options.density.gaussians / (1 + on_surfaces * fit.surround))
-        position, color = thinned(position, color, count=max(room, 1), seed=fit.seed)
+        share = 0.5 if fit.transient else 1.0
+        room = int(share * session.options.density.gaussians / (1 + on_surfaces * fit.surround))
+        chosen = thinned(len(position), count=max(room, 1), seed=fit.seed)
+        position, color, moves = position[chosen], color[chosen], moves[chosen]
     gaussians = on_points(
         position, color, degree=fit.degree, opacity=fit.opacity, spread=fit.spread
     )
-    moves = _moves(session, position, on_surfaces=on_surfaces)
     initial = _counts(moves) if on_surfaces else (0, 0)
     count = round(fit.surround * len(position)) if on_surfaces else 0
     if count:
@@ -83,7 +93,7 @@ def _moves(
     session: Session, position: Float[np.ndarray, "points 3"], *, on_surfaces: bool
 ) -> Bool[np.ndarray, " points"]:
     """Which Gaussians may move. Random points say nothing of what moves: then all may."""
-    if len(session.times) == 1:
+    if len(session.times) == 1 or (session.later and not session.options.fit.deforms):
         return np.zeros(len(position), bool)
     changing = point_activity(session.footage, position) > session.options.fit.moving
     moves = np.array(agreed(changing))
@@ -115,13 +125,62 @@ def _with_room(
     return begin_state(parameters), replace(progress, limit=limit)
 
 
-def with_deformation(session: Session, state: State, progress: RunProgress) -> State:
-    """The state before the fine stage: tracked rigid bodies, and a deformation field that does
-    nothing yet. Without moving Gaussians there is no deformation."""
-    parameters, field = state.parameters, session.options.field
+def with_motion(session: Session, state: State, progress: RunProgress) -> State:
+    """The state before the fine stage, with all that shows what moves (fit.motion): tracked rigid
+    bodies, a deformation field that does nothing yet, and transient Gaussians."""
+    parameters = state.parameters
+    deformation, transient = parameters.deformation, parameters.transient
+    if session.options.fit.deforms:
+        deformation = _deformation(session, parameters, progress)
+    if session.options.fit.transient:
+        transient = _transients(session, parameters)
+    static, moving, corrections = parameters.static, parameters.moving, parameters.corrections
+    return begin_state(Parameters(static, moving, deformation, corrections, transient))
+
+
+def _transients(session: Session, parameters: Parameters) -> UnconstrainedTransients | None:
+    """Transient Gaussians on the points that stereo finds in what moves, with rows for those that
+    density control may add; None where it finds nothing."""
+    fit, density = session.options.fit, session.options.density
+    bar: list[Progress] = []
+
+    def report(done: int, total: int) -> None:
+        if not bar:
+            bar.append(session.progress_bar("stereo of what moves", total))
+        bar[0].report(done)
+
+    held = occupied(parameters.static)
+    first = initial_transients(
+        session.footage,
+        starting_times(session.times, fit.instants),
+        count=density.gaussians // 2,
+        degree=fit.degree,
+        seed=fit.seed,
+        known=np.asarray(parameters.static.mean)[held],
+        report=report,
+    )
+    if not first.count:
+        warnings.warn(
+            "stereo finds no points in what moves, so there are no transient Gaussians. They need "
+            "at least two cameras that stand still; fit.motion=deformation does not.",
+            CaptureWarning,
+            stacklevel=2,
+        )
+        return None
+    rows = density.gaussians if density.relocates else first.count
+    step = 8 * session.mesh.size
+    shortest = float(shortest_lifetime(session.cameras.interval))
+    return with_rows(unconstrain_transients(first, shortest), -(-rows // step) * step)
+
+
+def _deformation(
+    session: Session, parameters: Parameters, progress: RunProgress
+) -> Deformation | None:
+    """Tracked rigid bodies, and a field that does nothing yet; None without moving Gaussians."""
+    field = session.options.field
     moving = take_rows(parameters.moving, np.flatnonzero(occupied(parameters.moving)))
     if not len(moving.mean):
-        return begin_state(parameters)
+        return None
     begin, end = session.time_range
     # Stray points must not stretch the box: beyond it the field continues its border.
     lower, upper = np.quantile(moving.mean, (0.02, 0.98), axis=0).astype(np.float32)
@@ -137,10 +196,7 @@ def with_deformation(session: Session, state: State, progress: RunProgress) -> S
         channels=field.channels,
     )
     tracked = _tracked(session, constrain(moving), progress)
-    deformation = initial_deformation(network_key, planes, tracked, width=field.width)
-    return begin_state(
-        Parameters(parameters.static, parameters.moving, deformation, parameters.corrections)
-    )
+    return initial_deformation(network_key, planes, tracked, width=field.width)
 
 
 def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodies:

@@ -55,7 +55,7 @@ def measure_sizes(
     @eqx.filter_jit
     def first_step(state, views, batch, cameras):
         rays, _ = step_rays(state.parameters, views, batch, cameras, state.step, options)
-        scene = scene_of(state.parameters, jnp.zeros(2))
+        scene = scene_of(state.parameters, jnp.zeros(2), cameras.interval)
         part = jax.tree.map(lambda x: x[:, : -(-x.shape[1] // mesh.size)], rays)
         return step_motion(scene, rays, batch.time, cameras, keys), part
 
@@ -100,12 +100,13 @@ def train_block(
             refine=options.refine,
             formed=options.formed,
             rise=options.rise,
+            interval=cameras.interval,
         )
-        static, moving = accumulated_statistics(state, gradient, details.origin)
+        static, moving, transient = accumulated_statistics(state, gradient, details.origin)
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)
         parameters = _explored(parameters, cameras, schedule, state.step, options)
         parameters = with_smallest_scales(parameters, bounds)
-        state = State(parameters, adam, static, moving, state.step + 1)
+        state = State(parameters, adam, static, moving, state.step + 1, transient)
         report = details.report
         return state, (details.terms, details.error, report.needed, report.dropped)
 
@@ -124,13 +125,14 @@ def _explored(
     options: StepOptions,
 ) -> Parameters:
     """Noise on the positions of faint Gaussians, if they are relocated."""
-    density, parts = options.density, (parameters.static, parameters.moving)
+    density = options.density
     if not density.relocates or not density.noise:
         return parameters
     fall = options.optimizer.decay ** (step / jnp.maximum(schedule.steps, 1))
     key = jax.random.fold_in(jax.random.key(schedule.seed), step)
+    kinds = parameters.kinds
     moved = [
-        relocation.explore(free, part_key, size=density.noise * fall, extent=cameras.extent)
-        for part_key, free in zip(jax.random.split(key), parts, strict=True)
+        relocation.explore(free, own_key, size=density.noise * fall, extent=cameras.extent)
+        for free, own_key in zip(kinds.values(), jax.random.split(key, len(kinds)), strict=True)
     ]
-    return eqx.tree_at(lambda p: (p.static, p.moving), parameters, tuple(moved))
+    return eqx.tree_at(lambda p: [*p.kinds.values()], parameters, moved)

@@ -18,8 +18,14 @@ from gaussray.reconstruct.data.batches import Batch, tile_colors, tile_rays
 from gaussray.reconstruct.optimize import loss as losses, regularizer, relocation
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
-from gaussray.reconstruct.optimize.optimizer import OptimizerOptions, Parameters, scene_of
+from gaussray.reconstruct.optimize.optimizer import (
+    OptimizerOptions,
+    Parameters,
+    scene_of,
+    transients_of,
+)
 from gaussray.scene.scene import Scene
+from gaussray.scene.transient import squared_age
 from gaussray.tracer.motion import Motion, scene_motion
 from gaussray.tracer.shard import trace_sharded
 from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity
@@ -96,7 +102,7 @@ def loss_of(
     """The loss of one step: the sum of its terms, each times its weight."""
     rays, gain = step_rays(parameters, views, batch, cameras, step, options)
     truth, weight = tile_colors(batch)
-    scene = _dealt_out(scene_of(parameters, jnp.zeros(2)), sizes.mesh)
+    scene = _dealt_out(scene_of(parameters, jnp.zeros(2), cameras.interval), sizes.mesh)
     pixels, report = trace_sharded(
         step_motion(scene, rays, batch.time, cameras, sizes.keys),
         rays,
@@ -115,7 +121,7 @@ def loss_of(
     )
     if parameters.deformation is not None:
         terms |= regularizer.plane_terms(parameters.deformation.planes)
-    terms |= density_terms(parameters, cameras, options.density)
+    terms |= density_terms(parameters, batch.time, cameras, options.density)
     weights = options.weights()
     total = jnp.asarray(sum(weights[name] * term for name, term in terms.items()))
     terms["mse"] = jnp.sum((image - truth) ** 2) / (3 * jnp.maximum(jnp.sum(weight), 1))
@@ -124,17 +130,23 @@ def loss_of(
 
 
 def density_terms(
-    parameters: Parameters, cameras: CameraSet, density: DensityOptions
+    parameters: Parameters, time: Array, cameras: CameraSet, density: DensityOptions
 ) -> dict[str, Float[Array, ""]]:
     """The terms for opacity and scale where Gaussians are relocated, so that unused ones fade: the
-    mean over static Gaussians plus the mean over moving ones."""
+    mean over static Gaussians, plus that over moving ones, plus that over transient ones, which
+    count as far as they are there at the step's time."""
     if not density.relocates:
         return {}
-    static, moving = (
+    parts = [
         relocation.costs(free, cameras.extent) for free in (parameters.static, parameters.moving)
-    )
+    ]
+    if parameters.transient is not None:
+        there = transients_of(parameters.transient, cameras.interval)
+        faded = squared_age(time - there.instant, 1 / there.lifetime, there.plateau)
+        window = jax.lax.stop_gradient(jnp.exp(-0.5 * faded))
+        parts.append(relocation.costs(parameters.transient, cameras.extent, window))
     weights = {"opacity": density.opacity_cost, "scale": density.scale_cost}
-    return {f"{name}_cost": static[name] + moving[name] for name, w in weights.items() if w}
+    return {f"{n}_cost": sum((p[n] for p in parts), jnp.zeros(())) for n, w in weights.items() if w}
 
 
 def step_rays(

@@ -1,6 +1,7 @@
 """fit=auto: what is chosen follows device and capture, and what is set stays."""
 
 import math
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,6 +13,7 @@ import pytest
 import toy
 
 from gaussray.capture.formats.paired import Capture, View
+from gaussray.capture.points import Points
 from gaussray.reconstruct import step_plan
 from gaussray.reconstruct.data.held_out_tiles import held_out_batches, held_out_tiles
 from gaussray.reconstruct.data.pictures import Footage
@@ -93,6 +95,34 @@ def test_what_moves_keeps_the_defaults_on_a_cpu_and_grows_on_a_gpu():
     assert not on_gpu.fit.minutes and not on_gpu.density.relocates
 
 
+def from_two_places(points=None):
+    """Four times from two cameras that stand still."""
+    times = (0.0, 0.25, 0.5, 0.75)
+    base = capture(count=2, times=times)
+    views = [replace(v, camera_name="ab"[i % 2]) for i, v in enumerate(base.views)]
+    return replace(base, views=views, points=points)
+
+
+def test_without_points_transient_gaussians_show_what_moves_on_a_gpu():
+    chosen = effort(from_two_places(), AUTO, GPU)
+    fit = chosen.options.fit
+    assert fit.motion == "transient" and fit.minutes >= GPU.minutes and fit.tile_side == 32
+    assert chosen.options.density.relocates
+    assert "transient Gaussians (fit.motion)" in chosen.sentence
+    assert effort(from_two_places(), AUTO, CPU).options == AUTO
+    # A camera that looks from everywhere once does not tell what moves.
+    assert effort(capture(times=(0.0, 1.0)), AUTO, GPU).options.fit.motion == "deformation"
+
+
+def test_points_on_surfaces_let_rigid_bodies_be_found():
+    many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
+    few = Points(many.position[:500], many.color[:500])
+    assert effort(from_two_places(many), AUTO, GPU).options.fit.motion == "deformation"
+    assert effort(from_two_places(few), AUTO, GPU).options.fit.motion == "transient"
+    wanted = ReconstructOptions(fit=FitOptions(auto=True, motion="both"))
+    assert effort(from_two_places(many), wanted, GPU).options.fit.motion == "both"
+
+
 def test_a_fixed_plan_never_changes():
     plan = StepPlan(40)
     assert not any(plan.after_block(done) for done in range(10, 50, 10))
@@ -159,7 +189,8 @@ def test_held_out_tiles_come_in_whole_batches_and_only_of_what_is_visible():
         assert held[np.asarray(batch.frame), np.asarray(batch.tile)].all()
         np.testing.assert_array_equal(batch.pixel, pixel[batch.frame, batch.tile])
     assert len(held_out_batches(footage, held, tiles=100)) == 1
-    small = Footage(pixel[:2], mask[:2], camera, np.array(["a"] * 2), 8)
+    pair = jax.tree.map(lambda x: x[:2], camera)
+    small = Footage(pixel[:2], mask[:2], pair, np.array(["a"] * 2), 8)
     assert not held_out_tiles(small, 0.1, seed=3).any()
     assert held_out_batches(small, np.zeros((2, 150), bool), tiles=4) == []
 

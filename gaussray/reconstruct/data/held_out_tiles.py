@@ -10,6 +10,8 @@ from gaussray.reconstruct.data.pictures import Footage
 
 # Captures of fewer tiles have none to spare.
 _LEAST = 500
+# Times whose held-out tiles are looked at, at most.
+_MOST = 32
 
 
 def held_out_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray, "frames tiles"]:
@@ -26,20 +28,33 @@ def held_out_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray
 def held_out_batches(
     footage: Footage, held: Bool[np.ndarray, "frames tiles"], tiles: int
 ) -> list[Batch]:
-    """The held-out tiles in batches of `tiles`, as many as a training step draws. Of pictures of
-    one time. The last tiles that fill no batch are left out, but there is at least one batch."""
-    frame, tile = (x.astype(np.int32) for x in np.nonzero(held))
-    if not len(frame):
-        return []
+    """The held-out tiles in batches of `tiles` of one time, as many as a training step draws.
+
+    The last tiles of a time that fill no batch are left out, but each time has at least one batch
+    (which may hold a tile twice); of many times, an even share of _MOST is taken.
+    """
+    times = np.unique(footage.times[held.any(axis=1)])
+    if len(times) > _MOST:
+        times = times[np.linspace(0, len(times) - 1, _MOST).round().astype(int)]
+    return [
+        batch for time in times for batch in _batches_of_time(footage, held, tiles, float(time))
+    ]
+
+
+def _batches_of_time(
+    footage: Footage, held: Bool[np.ndarray, "frames tiles"], tiles: int, time: float
+) -> list[Batch]:
+    now = footage.times == footage.times.dtype.type(time)
+    frame, tile = (x.astype(np.int32) for x in np.nonzero(held & now[:, None]))
     # Neighbours together would need longer lists than the tiles of a step.
     order = np.random.default_rng(0).permutation(len(frame))
     frame, tile = frame[order], tile[order]
     count = max(len(frame) // tiles, 1) * tiles
     frame, tile = np.resize(frame, count), np.resize(tile, count)
-    time = footage.times[:1]
 
     def batch(rows: Int[np.ndarray, " tiles"]) -> Batch:
-        several = gather(footage, frame[rows][None], tile[rows][None], time)
+        when = np.array([time], footage.times.dtype)
+        several = gather(footage, frame[rows][None], tile[rows][None], when)
         return jax.tree.map(lambda x: x[0], several)
 
     return [batch(rows) for rows in np.arange(count).reshape(-1, tiles)]

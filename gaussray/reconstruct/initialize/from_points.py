@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -72,6 +72,20 @@ def on_points(
     Opaque discs from the start: a ray ends at the first surface instead of passing through dozens
     of balls.
     """
+    shape, axes = discs(position, spread=spread, flat=flat)
+    return Gaussians(
+        mean=jnp.asarray(position, jnp.float32),
+        quat=jax.vmap(quaternion)(jnp.asarray(axes, jnp.float32)),
+        scale=jnp.asarray(shape, jnp.float32),
+        opacity=jnp.full(len(position), opacity, jnp.float32),
+        harmonics=constant(jnp.asarray(color, jnp.float32), degree),
+    )
+
+
+def discs(
+    position: Float[np.ndarray, "points 3"], *, spread: float, flat: float
+) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3 3"]]:
+    """Scales and axes (as columns) of the discs of `on_points`."""
     count = len(position)
     near = min(8, count - 1)
     if near < 3:
@@ -88,14 +102,7 @@ def on_points(
     # Points at one place have no gap; the floor is of the cloud's own size, whatever its unit.
     size = float(np.ptp(position, axis=0).max()) if count else 0.0
     gap = spread * np.maximum(gap, 1e-7 * (size or 1.0))
-    shape = np.stack([gap, gap, gap * thin], axis=1)
-    return Gaussians(
-        mean=jnp.asarray(position, jnp.float32),
-        quat=jax.vmap(quaternion)(jnp.asarray(axes, jnp.float32)),
-        scale=jnp.asarray(shape, jnp.float32),
-        opacity=jnp.full(count, opacity, jnp.float32),
-        harmonics=constant(jnp.asarray(color, jnp.float32), degree),
-    )
+    return np.stack([gap, gap, gap * thin], axis=1), axes
 
 
 def between(
@@ -120,18 +127,11 @@ def between(
     return place.astype(np.float32), tone.astype(np.float32)
 
 
-def thinned(
-    position: Float[np.ndarray, "points 3"],
-    color: Float[np.ndarray, "points 3"],
-    *,
-    count: int,
-    seed: int,
-) -> tuple[Float[np.ndarray, "rest 3"], Float[np.ndarray, "rest 3"]]:
-    """At most `count` of the points, drawn at random, in their order."""
-    if len(position) <= count:
-        return position, color
-    chosen = np.sort(np.random.default_rng(seed).permutation(len(position))[:count])
-    return position[chosen], color[chosen]
+def thinned(total: int, *, count: int, seed: int) -> Int[np.ndarray, " chosen"]:
+    """Rows of at most `count` of `total` points, drawn at random, in their order."""
+    if total <= count:
+        return np.arange(total)
+    return np.sort(np.random.default_rng(seed).permutation(total)[:count])
 
 
 def surrounding(

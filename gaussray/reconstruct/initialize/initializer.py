@@ -45,7 +45,8 @@ def initial_points(
     capture: Capture, footage: Footage, options: FitOptions, bar: Bar
 ) -> InitialPoints:
     """The points that the first Gaussians stand on, by fit.start: those of the capture, those that
-    stereo finds in the pictures, or random ones. Where stereo finds too few, random ones."""
+    stereo finds in the pictures, or random ones. Where stereo finds too few, random ones. Stereo
+    leaves out what moves if transient Gaussians show it (fit.motion)."""
     given, start = capture.points, options.start
     if start == "random" or (start == "given" and given is None):
         return points_in_view(footage, options)
@@ -96,7 +97,9 @@ def points_of_stereo(
             progress.append(bar("stereo", total))
         progress[0].report(done)
 
-    return points_from_pictures(footage, known=known, report=report)
+    return points_from_pictures(
+        footage, known=known, moving=options.motion != "transient", report=report
+    )
 
 
 def filled_up(known: Points, matched: Points) -> Points:

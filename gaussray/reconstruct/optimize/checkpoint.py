@@ -16,6 +16,7 @@ from gaussray.reconstruct.run_progress import RunProgress, progress_from_json, p
 from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.named_arrays import deformation_from, named_arrays
+from gaussray.scene.transient import UnconstrainedTransients
 
 
 _FORMAT, _VERSION = "gaussray-checkpoint", 2
@@ -49,6 +50,7 @@ def load_checkpoint(path: Path) -> tuple[State, RunProgress]:
             _unconstrained(array, f"{prefix}.moving"),
             deformation_from(array, f"{prefix}.deformation", path),
             _corrections(array, f"{prefix}.corrections"),
+            _transients(array, f"{prefix}.transient"),
         )
 
     def statistic(name: str) -> GradientStatistic:
@@ -74,6 +76,7 @@ def load_checkpoint(path: Path) -> tuple[State, RunProgress]:
         statistic("static_statistic"),
         statistic("moving_statistic"),
         jnp.asarray(array["step"]),
+        None if known.transient is None else statistic("transient_statistic"),
     )
     errors = None
     if TILE_ERRORS["mean"] in array:
@@ -109,6 +112,14 @@ class _Whole(dict):
 def _unconstrained(array: dict[str, np.ndarray], prefix: str) -> Unconstrained:
     names = ("mean", "quat", "log_scale", "logit_opacity", "harmonics")
     return Unconstrained(*(jnp.asarray(array[f"{prefix}.{name}"]) for name in names))
+
+
+def _transients(array: dict[str, np.ndarray], prefix: str) -> UnconstrainedTransients | None:
+    """The transient Gaussians among named arrays, None if there are none."""
+    names = UnconstrainedTransients.__dataclass_fields__
+    if not any(f"{prefix}.{name}" in array for name in names):
+        return None
+    return UnconstrainedTransients(*(jnp.asarray(array[f"{prefix}.{name}"]) for name in names))
 
 
 def _corrections(array: dict[str, np.ndarray], prefix: str) -> Corrections | None:

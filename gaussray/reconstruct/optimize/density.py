@@ -13,7 +13,7 @@ import numpy as np
 
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic
-from gaussray.reconstruct.optimize.relocation import relocate
+from gaussray.reconstruct.optimize.relocation import Population, relocate
 from gaussray.reconstruct.optimize.rows import EMPTY, occupied, with_rows
 from gaussray.reconstruct.optimize.state import ChangedRows, State, with_gaussians
 from gaussray.scene.gaussians import Unconstrained
@@ -133,18 +133,22 @@ def density_due(options: DensityOptions, before: int, done: int, steps: int) -> 
 def relocate_dead(
     state: State, *, options: DensityOptions, extent: float, limit: tuple[int, int], seed: int
 ) -> State:
-    """Relocation of dead Gaussians, on static and on moving Gaussians (`relocation.relocate`)."""
-
-    def part(gaussians: Unconstrained, statistic: GradientStatistic, i: int) -> ChangedRows:
-        if not len(gaussians.mean):
-            return ChangedRows(gaussians, np.zeros(0, bool))
-        key, most = jax.random.key(2 * seed + i), jnp.asarray(limit[i], jnp.int32)
-        moved, fresh = relocate(gaussians, statistic, key, opacity=options.opacity, limit=most)
-        return ChangedRows(moved, np.asarray(fresh))
-
-    static = part(state.parameters.static, state.static_statistic, 0)
-    moving = part(state.parameters.moving, state.moving_statistic, 1)
-    return with_gaussians(state, static, moving)
+    """Relocation of dead Gaussians, with one budget for all kinds (`relocation.relocate`)."""
+    parts = {kind: free for kind, free in state.parameters.kinds.items() if len(free.mean)}
+    populations = tuple(
+        Population(free, getattr(state, f"{kind}_statistic")) for kind, free in parts.items()
+    )
+    moved = relocate(
+        populations,
+        jax.random.key(seed),
+        opacity=options.opacity,
+        limit=jnp.asarray(sum(limit), jnp.int32),
+    )
+    changed = {
+        kind: ChangedRows(gaussians, np.asarray(fresh))
+        for kind, (gaussians, fresh) in zip(parts, moved, strict=True)
+    }
+    return with_gaussians(state, changed)
 
 
 def clone_split_prune(
@@ -168,7 +172,7 @@ def clone_split_prune(
         limit=limit[1],
         seed=2 * seed + 1,
     )
-    return with_gaussians(state, static, moving)
+    return with_gaussians(state, {"static": static, "moving": moving})
 
 
 def clone_split_prune_rows(

@@ -8,9 +8,11 @@ import optax
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.corrections import REFINABLE, Corrections, refined_kinds
+from gaussray.reconstruct.optimize.rows import Kind
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Unconstrained, constrain
 from gaussray.scene.scene import Scene
+from gaussray.scene.transient import Transients, UnconstrainedTransients, constrain_transients
 
 
 # 3DGS's epsilon: gradients of single Gaussians are tiny and must not be damped.
@@ -27,16 +29,45 @@ class Parameters(eqx.Module):
     moving: Unconstrained
     deformation: Deformation | None
     corrections: Corrections | None = None
+    transient: UnconstrainedTransients | None = None
+
+    @property
+    def kinds(self) -> dict[str, Unconstrained | UnconstrainedTransients]:
+        """The Gaussians by their kind: static, moving, and transient where there are any."""
+        parts: dict[str, Unconstrained | UnconstrainedTransients] = {}
+        parts |= {"static": self.static, "moving": self.moving}
+        return parts if self.transient is None else parts | {"transient": self.transient}
 
 
-def scene_of(parameters: Parameters, time_range: Float[Array, "2"]) -> Scene:
-    """The scene with these parameters."""
+def shortest_lifetime(interval: float | Float[Array, ""]) -> float | Float[Array, ""]:
+    """Floor of the lifetime of transient Gaussians for an `interval` between two pictures: half of
+    it, so that the scene stays opaque between them."""
+    return interval / 2
+
+
+def scene_of(
+    parameters: Parameters, time_range: Float[Array, "2"], interval: float | Float[Array, ""] = 0.0
+) -> Scene:
+    """The scene with these parameters.
+
+    Args:
+        parameters: unconstrained values.
+        time_range: the interval of the capture.
+        interval: time between two pictures, on which the lifetime of transient Gaussians depends.
+    """
+    transient = parameters.transient
     return Scene(
         static=constrain(parameters.static),
         moving=constrain(parameters.moving),
         deformation=parameters.deformation,
         time_range=time_range,
+        transient=None if transient is None else transients_of(transient, interval),
     )
+
+
+def transients_of(free: UnconstrainedTransients, interval: float | Float[Array, ""]) -> Transients:
+    """The transient Gaussians of unconstrained values, for an `interval` between two pictures."""
+    return constrain_transients(free, shortest_lifetime(interval))
 
 
 class OptimizerOptions(eqx.Module):
@@ -53,6 +84,10 @@ class OptimizerOptions(eqx.Module):
         opacity: logits of opacities (3DGS: 0.05).
         color: the constant harmonic (3DGS: 2.5e-3).
         harmonics: all other harmonics (3DGS: 1.25e-4).
+        velocity: velocities of transient Gaussians, in extents per interval between two pictures
+            (FreeTimeGS: 1.6e-3 per clip).
+        instant: instants of transient Gaussians, in intervals.
+        lifetime: logarithms of lifetimes of transient Gaussians.
         path: paths of rigid bodies, in extents.
         turn: rotations of rigid bodies, as quaternions.
         light: light on surfaces by the direction of their normals.
@@ -76,6 +111,9 @@ class OptimizerOptions(eqx.Module):
     opacity: float = eqx.field(static=True, default=0.05)
     color: float = eqx.field(static=True, default=2e-2)
     harmonics: float = eqx.field(static=True, default=5e-4)
+    velocity: float = eqx.field(static=True, default=5e-4)
+    instant: float = eqx.field(static=True, default=1e-2)
+    lifetime: float = eqx.field(static=True, default=2e-2)
     path: float = eqx.field(static=True, default=6e-3)
     turn: float = eqx.field(static=True, default=3e-2)
     light: float = eqx.field(static=True, default=2e-2)
@@ -97,6 +135,9 @@ class OptimizerOptions(eqx.Module):
             "opacity",
             "color",
             "harmonics",
+            "velocity",
+            "instant",
+            "lifetime",
             "path",
             "turn",
             "light",
@@ -118,6 +159,7 @@ def rates(
     options: OptimizerOptions,
     extent: float | Float[Array, ""],
     steps: int | Int[Array, ""],
+    interval: float | Float[Array, ""] = 1.0,
     refine: tuple[str, ...] = (),
     formed: bool = False,
     rise: int = 0,
@@ -130,7 +172,7 @@ def rates(
     steps = jnp.maximum(steps, 1)
     fall = options.decay ** (step / steps)
 
-    def gaussians(free: Unconstrained, fall: Array) -> Unconstrained:
+    def gaussians(free: Kind, fall: Array) -> Kind:
         # The constant harmonic is the colour; the others learn more slowly.
         degree = np.floor(np.sqrt(np.arange(free.harmonics.shape[1])))[None, :, None]
         color = jnp.where(degree == 0, options.color, options.harmonics) * fall
@@ -142,6 +184,13 @@ def rates(
             "logit_opacity": options.opacity * fall,
             "harmonics": color,
         }
+        if isinstance(free, UnconstrainedTransients):
+            rate |= {
+                "velocity": options.velocity * extent / interval * fall,
+                "instant": options.instant * interval * fall,
+                "log_lifetime": options.lifetime * fall,
+                "plateau": jnp.zeros_like(fall),
+            }
         # Not the constructor: one number stands for a whole array.
         return eqx.tree_at(lambda f: tuple(getattr(f, n) for n in rate), free, tuple(rate.values()))
 
@@ -165,6 +214,9 @@ def rates(
             )
     static = gaussians(parameters.static, jnp.full_like(fall, options.decay) if formed else fall)
     moving = gaussians(parameters.moving, fall)
+    transient = None
+    if parameters.transient is not None:
+        transient = gaussians(parameters.transient, fall)
     corrections, refined = parameters.corrections, refined_kinds(parameters.corrections)
     if refined:
         # A scene that is not formed yet gives wrong gradients of cameras.
@@ -174,7 +226,7 @@ def rates(
         corrections = eqx.tree_at(
             lambda c: tuple(getattr(c, kind) for kind in kinds), corrections, tuple(kinds.values())
         )
-    return Parameters(static, moving, deformation, corrections)
+    return Parameters(static, moving, deformation, corrections, transient)
 
 
 def descend(

@@ -7,14 +7,17 @@ copies together look like the original. Noise on the positions of faint Gaussian
 All functions are pure, compiled, and deterministic for a key.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Key
 
 from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic
-from gaussray.reconstruct.optimize.rows import EMPTY
+from gaussray.reconstruct.optimize.rows import EMPTY, Kind
 from gaussray.scene.gaussians import Unconstrained, axes
+from gaussray.scene.transient import UnconstrainedTransients
 
 
 # Copies of one Gaussian in one relocation at most (gsplat: 51).
@@ -25,7 +28,7 @@ _NOISY, _SHARP = 0.005, 100.0
 _FAINT = 1e-3
 
 
-def _held(free: Unconstrained) -> Bool[Array, " rows"]:
+def _held(free: Unconstrained | UnconstrainedTransients) -> Bool[Array, " rows"]:
     """Which rows hold a Gaussian: `rows.occupied`, compiled."""
     return free.logit_opacity > EMPTY / 2
 
@@ -56,69 +59,115 @@ def shared_by_copies(
     return 1 - rest, jnp.sqrt(opacity / total)
 
 
-def weights(
-    free: Unconstrained, statistic: GradientStatistic, live: Bool[Array, " rows"]
-) -> Float[Array, " rows"]:
-    """In proportion to what live Gaussians are drawn: share of the opacity plus share of the error
-    (the mean gradient of the position in the picture, over the steps that met the Gaussian)."""
+class Population(NamedTuple):
+    """The Gaussians of one kind, and the gradient statistic since the last relocation."""
 
-    def share(value: Array) -> Array:
-        value = jnp.where(live, value, 0)
-        return value / jnp.maximum(jnp.sum(value), 1e-30)
-
-    return share(jax.nn.sigmoid(free.logit_opacity)) + share(
-        statistic.total / jnp.maximum(statistic.seen, 1)
-    )
+    free: Unconstrained | UnconstrainedTransients
+    statistic: GradientStatistic
 
 
 @eqx.filter_jit
 def relocate(
-    free: Unconstrained,
-    statistic: GradientStatistic,
+    populations: tuple[Population, ...],
     key: Key[Array, ""],
     *,
     opacity: float,
     limit: Int[Array, ""],
     growth: float = 1.05,
-) -> tuple[Unconstrained, Bool[Array, " rows"]]:
+) -> list[tuple[Unconstrained | UnconstrainedTransients, Bool[Array, " rows"]]]:
     """Move dead Gaussians to live ones, and add Gaussians to at most `growth` x their number.
 
+    All kinds of Gaussians share one budget: a dead Gaussian becomes a copy of a live one of any
+    kind, so that a scene gets as many of each kind as it needs.
+
     Args:
-        free: The Gaussians; the number of rows stays.
-        statistic: The error since the last relocation.
+        populations: The Gaussians of every kind; the numbers of rows stay.
         key: Random key of the draws.
         opacity: At most this opacity is dead.
         limit: The budget: no Gaussians are added beyond it.
         growth: Factor by which the number grows.
 
     Returns:
-        The Gaussians, and which rows have changed: their moments must start again from zero.
+        The Gaussians of every kind, and which rows have changed: their moments must start again
+        from zero.
     """
-    held = _held(free)
-    live = held & (jax.nn.sigmoid(free.logit_opacity) > opacity)
-    count = jnp.sum(held)
-    added = jnp.clip(jnp.minimum(jnp.floor(growth * count), limit) - count, 0).astype(jnp.int32)
-    empty = ~held
-    target = (held & ~live) | (empty & (jnp.cumsum(empty) <= added))
-    target = target & jnp.any(live)
-    level = jnp.cumsum(weights(free, statistic, live))
+    frees = [population.free for population in populations]
+    held = [_held(free) for free in frees]
+    live = [
+        here & (jax.nn.sigmoid(free.logit_opacity) > opacity)
+        for free, here in zip(frees, held, strict=True)
+    ]
+    dead = [here & ~alive for here, alive in zip(held, live, strict=True)]
+    count = sum(jnp.sum(here) for here in held)
+    added = jnp.minimum(jnp.floor(growth * count), limit).astype(jnp.int32) - count
+    births = jnp.maximum(added, 0) + sum(jnp.sum(gone) for gone in dead)
+    weight = relocation_weights(populations, live)
+    total = [jnp.sum(of_kind) for of_kind in weight]
+    everything = jnp.maximum(sum(total), 1e-30)
+    keys = jax.random.split(key, len(frees))
+    return [
+        _reborn(
+            frees[k],
+            _Rows(held[k], live[k], weight[k]),
+            keys[k],
+            births=jnp.round(births * (total[k] / everything)).astype(jnp.int32),
+            opacity=opacity,
+        )
+        for k in range(len(frees))
+    ]
+
+
+def relocation_weights(populations: tuple[Population, ...], live: list[Array]) -> list[Array]:
+    """In proportion to what live Gaussians are drawn: share of the opacity of all kinds plus share
+    of the error (the mean gradient of the position in the picture, over the steps that met the
+    Gaussian). One array of rows for every population, as `live`."""
+
+    def shares(values: list[Array]) -> list[Array]:
+        values = [jnp.where(alive, x, 0) for alive, x in zip(live, values, strict=True)]
+        total = jnp.maximum(sum(jnp.sum(x) for x in values), 1e-30)
+        return [x / total for x in values]
+
+    opacity = shares([jax.nn.sigmoid(p.free.logit_opacity) for p in populations])
+    error = shares([p.statistic.total / jnp.maximum(p.statistic.seen, 1) for p in populations])
+    return [a + b for a, b in zip(opacity, error, strict=True)]
+
+
+class _Rows(NamedTuple):
+    """Which rows of a kind hold a Gaussian, which of these are live, and in proportion to what live
+    ones are drawn."""
+
+    held: Bool[Array, " rows"]
+    live: Bool[Array, " rows"]
+    weight: Float[Array, " rows"]
+
+
+def _reborn(free, rows: _Rows, key: Key[Array, ""], *, births: Int[Array, ""], opacity: float):
+    """One kind of Gaussians with so many copies in the rows of dead ones, then in empty rows. Dead
+    Gaussians that no copy replaces are removed."""
+    held, live, weight = rows
+    dead = held & ~live
+    place = jnp.where(dead, jnp.cumsum(dead), jnp.sum(dead) + jnp.cumsum(~held))
+    target = ~live & (place <= births) & jnp.any(live)
+    removed = dead & ~target & jnp.any(live)
+    level = jnp.cumsum(weight)
     drawn = jax.random.uniform(key, live.shape, level.dtype) * level[-1]
     # Rounding must not lead to a row behind the last live one.
     last = jnp.max(jnp.where(live, jnp.arange(len(live)), 0))
     source = jnp.minimum(jnp.searchsorted(level, drawn, side="right"), last)
     source = jnp.where(target, source, jnp.arange(len(live)))
     copies = jnp.zeros(live.shape, jnp.int32).at[source].add(target.astype(jnp.int32)) + 1
-    fresh = target | (copies > 1)
+    fresh = target | removed | (copies > 1)
     split, factor = shared_by_copies(
         jax.nn.sigmoid(free.logit_opacity), jnp.minimum(copies, _COPIES)
     )
     # Whoever drops below the threshold by being shared would be dead at once.
     split = jnp.clip(split, opacity, 1 - 1e-6)
+    logit = jnp.where(copies > 1, jnp.log(split) - jnp.log1p(-split), free.logit_opacity)
     shrunk = eqx.tree_at(
         lambda f: (f.logit_opacity, f.log_scale),
         free,
         (
-            jnp.where(copies > 1, jnp.log(split) - jnp.log1p(-split), free.logit_opacity),
+            jnp.where(removed, EMPTY, logit),
             free.log_scale + jnp.where(copies > 1, jnp.log(factor), 0)[:, None],
         ),
     )
@@ -126,12 +175,12 @@ def relocate(
 
 
 def explore(
-    free: Unconstrained,
+    free: Kind,
     key: Key[Array, ""],
     *,
     size: float | Float[Array, ""],
     extent: float | Float[Array, ""],
-) -> Unconstrained:
+) -> Kind:
     """Positions with the noise of one step of Langevin dynamics.
 
     Normal, stretched by the Gaussian's covariance in units of `extent`, `size` long, and only for
@@ -146,13 +195,23 @@ def explore(
     return eqx.tree_at(lambda f: f.mean, free, free.mean + size * faint[:, None] * step)
 
 
-def costs(free: Unconstrained, extent: float | Float[Array, ""]) -> dict[str, Float[Array, ""]]:
-    """Mean opacity, and mean scale in units of `extent`: what is of no use shall fade."""
+def costs(
+    free: Unconstrained | UnconstrainedTransients,
+    extent: float | Float[Array, ""],
+    window: Float[Array, " rows"] | None = None,
+) -> dict[str, Float[Array, ""]]:
+    """Mean opacity, and mean scale in units of `extent`: what is of no use shall fade.
+
+    A transient Gaussian costs what its `window` leaves of it at the time of the step (None: 1
+    everywhere), of the Gaussians of all times.
+    """
     opacity = jax.nn.sigmoid(free.logit_opacity)
     counts = _held(free) & (opacity > _FAINT)
-    count = jnp.maximum(jnp.sum(counts), 1)
-    scale = jnp.where(counts[:, None], jnp.exp(free.log_scale), 0)
+    count, share = jnp.maximum(jnp.sum(counts), 1), counts.astype(opacity.dtype)
+    if window is not None:
+        share = jnp.where(counts & (opacity * window > _FAINT), window, 0)
+    scale = jnp.where(share[:, None] > 0, jnp.exp(free.log_scale), 0)
     return {
-        "opacity": jnp.sum(jnp.where(counts, opacity, 0)) / count,
+        "opacity": jnp.sum(share * opacity) / count,
         "scale": jnp.sum(scale) / (3 * count * extent),
     }

@@ -4,34 +4,41 @@ Density control changes the number of Gaussians, but arrays keep their shapes so
 recompiles.
 """
 
+from typing import TypeVar
+
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
 
 from gaussray.scene.gaussians import Unconstrained
+from gaussray.scene.transient import UnconstrainedTransients
+
+
+# A kind of Gaussians in unconstrained values.
+Kind = TypeVar("Kind", bound=Unconstrained | UnconstrainedTransients)
 
 
 # Logit opacity of an empty row: far below any cut-off, so no ray meets it.
 EMPTY = -30.0
 
 
-def occupied(gaussians: Unconstrained) -> Bool[np.ndarray, " rows"]:
+def occupied(gaussians: Unconstrained | UnconstrainedTransients) -> Bool[np.ndarray, " rows"]:
     """Which rows hold a Gaussian."""
     return np.asarray(gaussians.logit_opacity) > EMPTY / 2
 
 
-def with_rows(gaussians: Unconstrained, rows: int) -> Unconstrained:
+def with_rows(gaussians: Kind, rows: int) -> Kind:
     """The same Gaussians in arrays of `rows` rows; the added rows are empty."""
     missing = rows - gaussians.logit_opacity.shape[0]
-    empty = Unconstrained(
-        mean=jnp.zeros((missing, 3)),
-        quat=jnp.zeros((missing, 4)).at[:, 0].set(1),
-        log_scale=jnp.zeros((missing, 3)),
-        logit_opacity=jnp.full(missing, EMPTY),
-        harmonics=jnp.zeros((missing, *gaussians.harmonics.shape[1:])),
+    empty = jax.tree.map(lambda x: jnp.zeros((missing, *x.shape[1:]), x.dtype), gaussians)
+    empty = eqx.tree_at(
+        lambda g: (g.quat, g.logit_opacity),
+        empty,
+        (empty.quat.at[:, 0].set(1), jnp.full_like(empty.logit_opacity, EMPTY)),
     )
-    return jax.tree.map(lambda a, b: jnp.concatenate([a, b.astype(a.dtype)]), gaussians, empty)
+    return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), gaussians, empty)
 
 
 def take_rows(tree, rows: np.ndarray):

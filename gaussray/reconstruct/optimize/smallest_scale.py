@@ -15,9 +15,9 @@ FLAT = 1.1
 
 def smallest_scales(
     parameters: Parameters, cameras: CameraSet, footprint: float
-) -> tuple[Float[Array, " static"], Float[Array, " moving"]] | None:
-    """Logarithm of the smallest scale of each static and each moving Gaussian; None if `footprint`
-    (the bound in pixels, as a standard deviation) is 0.
+) -> dict[str, Float[Array, " gaussians"]]:
+    """Logarithm of the smallest scale of each Gaussian, by kind; nothing if `footprint` (the bound
+    in pixels, as a standard deviation) is 0.
 
     A Gaussian smaller than the pixels is met by some of the rays that should see it and missed by
     others: it fits single training pixels and aliases in all other pictures. This is the 3D
@@ -25,26 +25,21 @@ def smallest_scales(
     distances to the cameras hardly change within one.
     """
     if not footprint:
-        return None
-    static, moving = (
-        jnp.log(footprint * resolved(cameras, free.mean) + 1e-30)
-        for free in (parameters.static, parameters.moving)
-    )
-    return static, moving
+        return {}
+    return {
+        kind: jnp.log(footprint * resolved(cameras, free.mean) + 1e-30)
+        for kind, free in parameters.kinds.items()
+    }
 
 
 def with_smallest_scales(
-    parameters: Parameters,
-    bounds: tuple[Float[Array, " static"], Float[Array, " moving"]] | None,
+    parameters: Parameters, bounds: dict[str, Float[Array, " gaussians"]]
 ) -> Parameters:
     """The parameters with no scale below its bound; the shortest axis may be `FLAT` below it."""
-    if bounds is None:
-        return parameters
 
     def bounded(scale: Float[Array, "gaussians 3"], bound: Array) -> Float[Array, "gaussians 3"]:
         shortest = scale <= jnp.min(scale, axis=1, keepdims=True)
         return jnp.maximum(scale, jnp.where(shortest, bound[:, None] - FLAT, bound[:, None]))
 
-    parts = parameters.static, parameters.moving
-    scales = [bounded(free.log_scale, bound) for free, bound in zip(parts, bounds, strict=True)]
-    return eqx.tree_at(lambda p: [p.static.log_scale, p.moving.log_scale], parameters, scales)
+    scales = [bounded(parameters.kinds[kind].log_scale, bound) for kind, bound in bounds.items()]
+    return eqx.tree_at(lambda p: [p.kinds[kind].log_scale for kind in bounds], parameters, scales)

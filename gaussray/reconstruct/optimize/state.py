@@ -1,6 +1,7 @@
 """The state of the optimiser: what a training step reads and returns."""
 
-from typing import NamedTuple
+from functools import partial
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
@@ -16,6 +17,7 @@ from gaussray.reconstruct.optimize.gradient_statistic import (
 )
 from gaussray.reconstruct.optimize.optimizer import ADAM, Parameters
 from gaussray.scene.gaussians import Unconstrained
+from gaussray.scene.transient import UnconstrainedTransients
 
 
 class State(eqx.Module):
@@ -27,24 +29,27 @@ class State(eqx.Module):
     static_statistic: GradientStatistic
     moving_statistic: GradientStatistic
     step: Int[Array, ""]
+    transient_statistic: GradientStatistic | None = None
 
 
 def begin_state(parameters: Parameters) -> State:
     """The state before the first step of a stage: moments and statistics are zero."""
+    transient = parameters.transient
     return State(
         parameters,
         ADAM.init(parameters),  # type: ignore[arg-type]
         no_gradient(parameters.static.logit_opacity.shape[0]),
         no_gradient(parameters.moving.logit_opacity.shape[0]),
         jnp.zeros((), jnp.int32),
+        None if transient is None else no_gradient(transient.logit_opacity.shape[0]),
     )
 
 
 def accumulated_statistics(
     state: State, gradient: Parameters, eye: Float[Array, "rays 3"]
-) -> tuple[GradientStatistic, GradientStatistic]:
-    """The gradient statistics of static and moving Gaussians after one more step, whose rays
-    start at `eye`."""
+) -> tuple[GradientStatistic, GradientStatistic, GradientStatistic | None]:
+    """The gradient statistics of static, moving and transient Gaussians after one more step, whose
+    rays start at `eye`."""
     center = jnp.mean(eye, axis=0)
     spread = jnp.mean(jnp.sum((eye - center[None]) ** 2, axis=-1))
 
@@ -53,10 +58,13 @@ def accumulated_statistics(
         distance = jnp.sqrt(jnp.sum((mean - center[None]) ** 2, axis=-1) + spread)
         return accumulate(statistic, gradient, distance)
 
-    parameters = state.parameters
+    p, transient = state.parameters, None
+    if state.transient_statistic is not None and p.transient is not None:
+        transient = one(state.transient_statistic, p.transient.mean, gradient.transient.mean)  # type: ignore[union-attr]
     return (
-        one(state.static_statistic, parameters.static.mean, gradient.static.mean),
-        one(state.moving_statistic, parameters.moving.mean, gradient.moving.mean),
+        one(state.static_statistic, p.static.mean, gradient.static.mean),
+        one(state.moving_statistic, p.moving.mean, gradient.moving.mean),
+        transient,
     )
 
 
@@ -64,23 +72,27 @@ class ChangedRows(NamedTuple):
     """Gaussians after density control, and which rows are new: Adam's moments of these start at
     zero."""
 
-    gaussians: Unconstrained
+    gaussians: Unconstrained | UnconstrainedTransients
     fresh: Bool[np.ndarray, " rows"]
 
 
-def with_gaussians(state: State, static: ChangedRows, moving: ChangedRows) -> State:
-    """The state with changed Gaussians. Adam's moments follow their rows; the gradient statistics
-    start again."""
-    old = state.parameters
-    parameters = Parameters(static.gaussians, moving.gaussians, old.deformation, old.corrections)
+def with_gaussians(state: State, changed: dict[str, ChangedRows]) -> State:
+    """The state with changed Gaussians, by their kind. Adam's moments follow their rows; the
+    gradient statistics start again."""
+
+    def replaced(parameters: Parameters, values: dict[str, Any]) -> Parameters:
+        return eqx.tree_at(
+            lambda p: [getattr(p, n) for n in values], parameters, [*values.values()]
+        )
 
     def renewed(moment: Parameters) -> Parameters:
-        rows = [
-            jax.tree.map(lambda x, fresh=changed.fresh: renewed_moment(x, fresh), part)
-            for part, changed in ((moment.static, static), (moment.moving, moving))
-        ]
-        return Parameters(rows[0], rows[1], moment.deformation, moment.corrections)
+        rows = {
+            kind: jax.tree.map(partial(renewed_moment, fresh=part.fresh), getattr(moment, kind))
+            for kind, part in changed.items()
+        }
+        return replaced(moment, rows)
 
+    parameters = replaced(state.parameters, {n: part.gaussians for n, part in changed.items()})
     mu, nu = (renewed(x) for x in (state.adam.mu, state.adam.nu))  # type: ignore[arg-type]
     adam = state.adam._replace(mu=mu, nu=nu)
     return eqx.tree_at(lambda s: (s.adam, s.step), begin_state(parameters), (adam, state.step))

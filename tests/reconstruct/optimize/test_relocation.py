@@ -12,14 +12,16 @@ import toy
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic, no_gradient
 from gaussray.reconstruct.optimize.relocation import (
+    Population,
     costs,
     explore,
     relocate,
+    relocation_weights,
     shared_by_copies,
-    weights,
 )
 from gaussray.reconstruct.optimize.rows import occupied, with_rows
 from gaussray.scene.gaussians import unconstrain
+from gaussray.scene.transient import UnconstrainedTransients
 
 
 pytestmark = pytest.mark.usefixtures("quick_compilation")
@@ -37,10 +39,18 @@ def crowd(opacity, scale=0.1):
 
 
 def relocated(free, pull=None, seed=0, limit=10**6, growth=1.05):
-    pull = pull or no_gradient(free.logit_opacity.shape[0])
+    (after,) = relocated_together([free], [pull], seed=seed, limit=limit, growth=growth)
+    return after
+
+
+def relocated_together(frees, pulls=None, seed=0, limit=10**6, growth=1.05):
+    pulls = pulls or [None] * len(frees)
+    populations = tuple(
+        Population(free, pull or no_gradient(free.logit_opacity.shape[0]))
+        for free, pull in zip(frees, pulls, strict=True)
+    )
     return relocate(
-        free,
-        pull,
+        populations,
         jax.random.key(seed),
         opacity=DEAD_BELOW,
         limit=jnp.asarray(limit, jnp.int32),
@@ -119,8 +129,53 @@ def test_opacity_and_error_decide_in_equal_parts():
     free = crowd([0.2, 0.6, 0.2, 0.001])
     pull = GradientStatistic(toy.single([8, 0, 2, 99]), toy.single([2, 0, 2, 1]))
     live = jnp.array([True, True, True, False])
-    found = weights(free, pull, live)
+    (found,) = relocation_weights((Population(free, pull),), [live])
     np.testing.assert_allclose(found, [0.2 + 0.8, 0.6, 0.2 + 0.2, 0], atol=1e-6)
+
+
+def fleeting(free):
+    """The same Gaussians as transient ones."""
+    count = len(free.mean)
+    zero = jnp.zeros(count)
+    return UnconstrainedTransients(
+        mean=free.mean,
+        velocity=jnp.ones((count, 3)),
+        quat=free.quat,
+        log_scale=free.log_scale,
+        logit_opacity=free.logit_opacity,
+        harmonics=free.harmonics,
+        instant=jnp.arange(float(count)),
+        log_lifetime=zero,
+        plateau=zero,
+    )
+
+
+def test_the_budget_flows_to_the_kind_that_is_wanted():
+    # Half of each kind is dead; the error is all with the transient ones.
+    still = crowd(np.where(np.arange(400) % 2, 0.5, 0.001))
+    brief = with_rows(fleeting(still), 800)
+    pull = GradientStatistic(jnp.ones(800), jnp.ones(800))
+    parts = relocated_together([still, brief], [no_gradient(400), pull], growth=1.0)
+    (static, changed), (transient, fresh) = parts
+    held = occupied(static).sum(), occupied(transient).sum()
+    # Of 400 dead ones a quarter (half of the opacity, none of the error) stays static.
+    assert held == (300, 500)
+    assert changed[occupied(still) & ~occupied(static)].all()
+    # Copies have the time and the velocity of their originals.
+    copies = np.flatnonzero(np.asarray(fresh) & occupied(transient))
+    assert np.isin(np.asarray(transient.instant)[copies], np.arange(1, 400, 2)).all()
+    assert (np.asarray(transient.velocity)[copies] == 1).all()
+
+
+def test_what_is_not_there_at_a_time_costs_nothing():
+    free = fleeting(crowd([0.2, 0.6]))
+    window = jnp.array([0.5, 0.0])
+    found = costs(free, 2.0, window)
+    np.testing.assert_allclose(found["opacity"], 0.1 / 2, rtol=1e-6)
+    np.testing.assert_allclose(found["scale"], 0.1 / 2 / 2, rtol=1e-6)
+    slope = jax.grad(lambda f: sum(costs(f, 2.0, window).values()))(free)
+    assert slope.logit_opacity[0] > 0 and slope.logit_opacity[1] == 0
+    assert not np.asarray(slope.log_scale[1]).any()
 
 
 def test_draws_follow_the_weights():

@@ -59,6 +59,7 @@ def points_from_pictures(
     *,
     options: StereoOptions | None = None,
     known: Points | None = None,
+    moving: bool = True,
     report: StereoReport = lambda done, total: None,
 ) -> Points:
     """Points of the surfaces that training pictures show: of all that stands still, and of what
@@ -69,6 +70,7 @@ def points_from_pictures(
         options: None chooses by device and number of views.
         known: points that are there already (of a structure from motion, say): they narrow the
             distances down.
+        moving: whether what moves gets points, too.
         report: called with the number of steps done and their total.
 
     Returns:
@@ -78,7 +80,7 @@ def points_from_pictures(
     options = options or options_for(jax.default_backend(), len(still.frames))
     still = _some(still, options.views)
     position = None if known is None else known.position
-    first = moving_views(footage, float(footage.times.min()))
+    first = moving_views(footage, float(footage.times.min())) if moving else None
     steps = 2 * len(still.frames), 2 * (0 if first is None else len(first[0].frames))
     parts = []
     if len(still.frames) > 1:
@@ -93,7 +95,9 @@ def points_from_pictures(
             )
         )
     if first is not None:
-        parts.append(_moving(*first, options, lambda done: report(steps[0] + done, sum(steps))))
+        parts.append(
+            _moving(*first, options, report=lambda done: report(steps[0] + done, sum(steps)))
+        )
     found = StereoPoints(*(np.concatenate(x) for x in zip(no_points(), *parts, strict=True)))
     color = srgb_decode(np.clip(found.color, 0, 1).astype(np.float64))
     return Points(found.position.astype(np.float32), color.astype(np.float32))
@@ -105,19 +109,20 @@ def moving_points(
     *,
     options: StereoOptions | None = None,
     registration: RegistrationOptions | None = None,
+    known: Float[np.ndarray, "known 3"] | None = None,
     report: StereoReport = lambda done, total: None,
 ) -> list[MovingPoints]:
     """Points of what moves at each of these timestamps, with velocities towards the next one (for
     the last, from the one before).
 
     Only cameras that stand still tell what moves. Without at least two of them, a timestamp has no
-    points.
+    points. `known` are points of what stands still: they narrow the distances down.
     """
     options = options or options_for(jax.default_backend(), len(np.unique(footage.name)))
     clouds = []
     for time in times:
         views = moving_views(footage, float(time))
-        clouds.append(no_points() if views is None else _moving(*views, options, lambda done: None))
+        clouds.append(no_points() if views is None else _moving(*views, options, known=known))
         report(len(clouds), 2 * len(times))
     result = []
     for k, cloud in enumerate(clouds):
@@ -188,7 +193,7 @@ def moving_views(
     return StereoViewSet(_stack(pictures, footage.scale), wide, cameras, chosen), moved
 
 
-def _moving(views, moved, options, report) -> StereoPoints:
+def _moving(views, moved, options, known=None, report=lambda done: None) -> StereoPoints:
     """Points of the pixels that move; a silhouette that misses a point counts against it."""
     factor = reduction(moved.shape[1:], options.pixels)
     h, w = (n // factor * factor for n in moved.shape[1:])
@@ -198,6 +203,7 @@ def _moving(views, moved, options, report) -> StereoPoints:
         views.cameras,
         views.masks,
         options=with_silhouette(options),
+        known=known,
         wanted=moved[:, :h, :w][:, middle, middle],
         report=report,
     )

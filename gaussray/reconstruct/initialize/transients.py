@@ -1,0 +1,96 @@
+"""The first transient Gaussians: on points that stereo finds in what moves, at many times."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.color import srgb_decode
+from gaussray.geometry import quaternion
+from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.initialize.from_points import discs
+from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints, moving_points
+from gaussray.scene.harmonics import constant
+from gaussray.scene.transient import Transients
+
+
+# Opacity of the first transient Gaussians, and their least thickness relative to their width.
+OPACITY, FLAT = 0.5, 0.3
+# Residual of a registration above which a velocity is not believed, in gaps between points.
+_LOST = 2.0
+# Points of one time below which they are strays.
+_FEWEST = 8
+
+
+def starting_times(times: Float[np.ndarray, " times"], most: int) -> Float[np.ndarray, " starts"]:
+    """At most so many of the times, evenly spread, with the first and the last."""
+    if len(times) <= most:
+        return times
+    return times[np.linspace(0, len(times) - 1, most).round().astype(int)]
+
+
+def initial_transients(
+    footage: Footage,
+    times: Float[np.ndarray, " starts"],
+    *,
+    count: int,
+    degree: int,
+    seed: int,
+    known: Float[np.ndarray, "known 3"] | None = None,
+    report: Callable[[int, int], object] = lambda done, total: None,
+) -> Transients:
+    """Transient Gaussians on the moving points of several times, moving as stereo says.
+
+    Each lives about as long as it takes to the next of the times, so that together they show what
+    moves at every time.
+
+    Args:
+        footage: the training pictures and their cameras.
+        times: the times at which stereo looks for moving points.
+        count: the largest number of Gaussians; each time gets its share of the points.
+        degree: of the spherical harmonics.
+        seed: of the choice of points.
+        known: points of what stands still; they narrow the distances down.
+        report: called with the work done and its total.
+
+    Returns:
+        The Gaussians; none if no two cameras that stand still show that anything moves.
+    """
+    clouds = moving_points(footage, times.tolist(), known=known, report=report)
+    total = sum(len(cloud.points.position) for cloud in clouds)
+    dice = np.random.default_rng([seed, 2])
+    share = min(1.0, count / max(total, 1))
+    parts = [_on_cloud(cloud, share, dice) for cloud in clouds]
+    position, color, velocity, instant, shape, axes = (
+        np.concatenate(x).astype(np.float32) for x in zip(*parts, strict=True)
+    )
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    number = len(position)
+    return Transients(
+        mean=jnp.asarray(position),
+        velocity=jnp.asarray(velocity),
+        quat=jax.vmap(quaternion)(jnp.asarray(axes)),
+        scale=jnp.asarray(shape),
+        opacity=jnp.full(number, OPACITY, jnp.float32),
+        harmonics=constant(jnp.asarray(color), degree),
+        instant=jnp.asarray(instant),
+        lifetime=jnp.full(number, step, jnp.float32),
+        plateau=jnp.zeros(number, jnp.float32),
+    )
+
+
+def _on_cloud(cloud: MovingPoints, share: float, dice: np.random.Generator) -> tuple:
+    """Places, linear colours, velocities, instants, scales and axes on a share of the points of one
+    time."""
+    found = cloud.points
+    count = round(share * len(found.position))
+    # A few points have no neighbours that would tell their size.
+    rows = np.sort(dice.permutation(len(found.position))[: count if count > _FEWEST else 0])
+    position = found.position[rows]
+    believed = (cloud.residual[rows] < _LOST)[:, None]
+    velocity = np.where(believed, cloud.velocity[rows], 0)
+    shape, axes = discs(position, spread=1.0, flat=FLAT)
+    color = srgb_decode(np.clip(found.color[rows], 0, 1).astype(np.float64))
+    return position, color, velocity, np.full(len(rows), cloud.time), shape, axes

@@ -1,0 +1,119 @@
+"""fit.motion=transient: what moves is learnt as transient Gaussians; a run can be interrupted."""
+
+import json
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import toy
+from numpy.testing import assert_allclose, assert_array_equal
+
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.formats.paired import read_capture
+from gaussray.reconstruct import start
+from gaussray.reconstruct.log import RunLog
+from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.options import FitOptions
+from gaussray.reconstruct.pipeline import reconstruct
+from gaussray.scene.scene import at
+from gaussray.scene.store import load_scene
+from gaussray.scene.transient import Transients
+
+
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+
+FIT = FitOptions(
+    coarse=1, fine=120, tiles=4, block=20, checkpoint=0.0, points=27, surround=0.0,
+    start="given", motion="transient",
+)  # fmt: skip
+OPTIONS = replace(
+    toy.SHORT,
+    fit=FIT,
+    density=DensityOptions(kind="relocate", interval=40, opacity=0.005, gaussians=48),
+)
+# The loss of the toy falls at least by this factor: what moves is learnt.
+FALL = 1.5
+
+
+def on_bodies(footage, times, *, count, degree, **_):
+    """Grey transient Gaussians where the two bodies of the toy are at every time."""
+    scene, first = toy.scene(), 25
+    mean = np.concatenate([np.asarray(at(scene, toy.single(t)).mean)[first:] for t in times])
+    number = len(mean)
+    still = toy.gaussians(mean, 0.2, [0.5, 0.5, 0.5], 0.5)
+    return Transients(
+        mean=still.mean,
+        velocity=jnp.zeros((number, 3), jnp.float32),
+        quat=still.quat,
+        scale=still.scale,
+        opacity=still.opacity,
+        harmonics=still.harmonics,
+        instant=toy.single(np.repeat(times, 2)),
+        lifetime=jnp.full(number, 0.5, jnp.float32),
+        plateau=jnp.zeros(number, jnp.float32),
+    )
+
+
+@pytest.fixture(autouse=True)
+def stereo(monkeypatch):
+    """Stereo that finds the bodies, which pictures of 16 x 16 pixels do not show."""
+    monkeypatch.setattr(start, "initial_transients", on_bodies)
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory, quick_compilation, known_sizes):
+    return read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
+
+
+def arrays(out):
+    with open(out / "scene.npz", "rb") as raw, np.load(raw) as file:
+        return {name: file[name] for name in file.files}
+
+
+def test_what_moves_is_learnt_and_an_interrupted_run_goes_on_to_the_same_bytes(
+    capture, tmp_path, monkeypatch
+):
+    one, two = tmp_path / "one", tmp_path / "two"
+    reconstruct(capture, one, options=OPTIONS, quiet=True)
+    lines = [json.loads(line) for line in (one / "metrics.jsonl").read_text().splitlines()]
+    assert {line["stage"] for line in lines} == {"fine"}
+    assert lines[-1]["l1"] < lines[0]["l1"] / FALL
+    scene = load_scene(one)
+    assert scene.deformation is None and scene.moving.count == 0
+    transient = scene.transient
+    assert transient is not None and transient.count >= 6
+    # No lifetime is below half of the interval, and colours have left grey.
+    assert float(jnp.min(transient.lifetime)) >= 0.25 - 1e-3
+    assert float(jnp.std(transient.harmonics)) > 0.1
+
+    record, count = RunLog.record, []
+
+    def stop(self, *arguments):
+        record(self, *arguments)
+        count.append(1)
+        if len(count) == 4:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(RunLog, "record", stop)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(capture, two, options=OPTIONS, quiet=True)
+    monkeypatch.setattr(RunLog, "record", record)
+    reconstruct(capture, two, options=OPTIONS, resume=True, quiet=True)
+    first, second = arrays(one), arrays(two)
+    assert first.keys() == second.keys()
+    for name, array in first.items():
+        assert_array_equal(array, second[name], err_msg=name)
+
+
+def test_where_stereo_finds_nothing_a_warning_says_what_to_do(capture, tmp_path, monkeypatch):
+    def nothing(*arguments, **options):
+        return jax.tree.map(lambda x: x[:0], on_bodies(*arguments, **options))
+
+    monkeypatch.setattr(start, "initial_transients", nothing)
+    few = replace(OPTIONS, fit=replace(FIT, fine=20))
+    with pytest.warns(CaptureWarning, match="fit.motion=deformation"):
+        scene = reconstruct(capture, tmp_path, options=few, quiet=True)
+    assert scene.transient is None and scene.deformation is None
+    assert_allclose(scene.time_range, capture.time_range)
