@@ -22,8 +22,8 @@ from gaussray.camera.film import Film
 from gaussray.camera.lens import pinhole
 from gaussray.render import Renderer, RenderOptions
 from gaussray.render.compiled import ProgramSettings, render_part
+from gaussray.render.frame_batch import FrameBatch
 from gaussray.render.parts import strips
-from gaussray.render.renderer import _Batch
 from gaussray.runtime.jit_cache import compiled
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
@@ -52,11 +52,11 @@ def camera_of(side: int, rows: int) -> Camera:
 
 def count(renderer: Renderer, camera: Camera) -> float:
     """Gigabytes that XLA asks for to render a part, beside what it is given."""
-    (view,) = renderer._views([camera])
+    (view,) = renderer._views.views([camera])
     film = camera.film
     count = sum(scene.count for scene in renderer.scenes)
     rows, trace = strips(film, renderer.options, renderer.trace, count)
-    batch = _Batch([view], True, rows, trace)
+    batch = FrameBatch([view], True, rows, trace)
     part, trace = renderer._part(0, batch)
     capacity = renderer._measure(batch, part, trace)
     settings = ProgramSettings(capacity, view.keys, renderer.options, trace, renderer.mesh)

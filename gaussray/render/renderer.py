@@ -8,22 +8,24 @@ from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import NamedSharding, PartitionSpec
-from jaxtyping import Array, Float
+from jaxtyping import Array
 
 from gaussray.camera.camera import Camera
-from gaussray.camera.shutter import SIDEWAYS, time_window
-from gaussray.render.camera_layout import CameraLayout, pack_camera
 from gaussray.render.compiled import ProgramSettings, prepare_trace, render_frames, render_part
 from gaussray.render.frame import Frame as Frame, channels, joined, settled, united
+from gaussray.render.frame_batch import (
+    MOST_IN_FLIGHT,
+    FrameBatch,
+    PlacedPart,
+    fetched_pictures,
+)
 from gaussray.render.options import RenderOptions as RenderOptions
 from gaussray.render.parts import Part, interleaved, part_of, strip, strips, whole_picture
-from gaussray.render.segments import Share, shares
 from gaussray.render.stages import (
     in_stages,
     rounded_capacity,
@@ -31,15 +33,12 @@ from gaussray.render.stages import (
     staged_values,
     usual_capacity,
 )
-from gaussray.scene.scene import Scene, key_count
+from gaussray.render.views import FrameView, FrameViews, with_lone
+from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, edges_of, segments_of
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
-
-
-# Batches of frames that are begun before the first of them has been fetched, and their bytes.
-_IN_FLIGHT, _BYTES = 8, 2 * 1024**3
 
 
 class Renderer:
@@ -59,7 +58,7 @@ class Renderer:
         devices: int | None = None,
     ):
         self.scene = scene
-        self.scenes, self._edges = segments_of(scene), edges_of(scene)
+        self.scenes = segments_of(scene)
         self.options = options or RenderOptions()
         self.trace = trace or TraceOptions()
         self.mesh = device_mesh(devices)
@@ -67,11 +66,10 @@ class Renderer:
         self._flat = [(self._everywhere(leaves), structure) for leaves, structure in flat]
         self._capacity: dict[tuple, Capacity] = {}
         self._staged = in_stages(self.options, self.trace)
-        self._parts: dict[tuple, _PlacedPart] = {}
+        self._parts: dict[tuple, PlacedPart] = {}
         self._ready: set = set()
         self._repairing = threading.Lock()
-        # Key states by segment and span: a frame shall not ask the device for the instants.
-        self._counts: dict[tuple[int, float], int] = {}
+        self._views = FrameViews(self.scenes, edges_of(scene), self.options)
 
     def __call__(self, camera: Camera) -> Frame:
         """One frame, its rays spread over the devices."""
@@ -81,7 +79,7 @@ class Renderer:
 
     def _alone(self, camera: Camera, batch: int | None = None) -> Frame:
         """One frame, of the plain samples or of a batch of them."""
-        views = self._views([camera], batch)
+        views = self._views.views([camera], batch)
         return united([self._finish(self._begin([view], alone=True))[0] for view in views])
 
     def film(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
@@ -101,11 +99,13 @@ class Renderer:
                 yield united(parts)
                 parts = []
 
-    def _filmed(self, cameras: Iterable[Camera]) -> Iterator[tuple["_View", Frame]]:
+    def _filmed(self, cameras: Iterable[Camera]) -> Iterator[tuple[FrameView, Frame]]:
         """What every segment shows of every frame."""
-        waiting: deque[tuple[list[_View], Future[list[Frame]]]] = deque()
-        with ThreadPoolExecutor(_IN_FLIGHT) as pool:
-            for views, lone in _with_lone(self._batches(self._views(cameras))):
+        waiting: deque[tuple[list[FrameView], Future[list[Frame]]]] = deque()
+        with ThreadPoolExecutor(MOST_IN_FLIGHT) as pool:
+            for views, lone in with_lone(
+                self._views.batches(self._views.views(cameras), self.mesh.size)
+            ):
                 batch = self._begin(views, alone=self.mesh.size == 1 or lone)
                 waiting.append((views, pool.submit(self._finish, batch)))
                 # After a compilation lists may turn out too short: better for one frame than eight.
@@ -115,53 +115,7 @@ class Renderer:
             for begun, frames in waiting:
                 yield from zip(begun, frames.result(), strict=True)
 
-    def _views(self, cameras: Iterable[Camera], number: int | None = None) -> Iterator["_View"]:
-        """Cameras on the host, whose business small numbers are: a device is asked for many of them
-        at once. One for every segment that a frame looks into, of this batch of samples."""
-        cameras = iter(cameras)
-        while some := list(itertools.islice(cameras, 64)):
-            for camera in jax.device_get(some):
-                row, layout = pack_camera(camera)
-                divided = shares(camera, self._edges, self.options.samples, number)
-                for segment, share in divided:
-                    keys, last = self._keys(camera, segment, share), segment == divided[-1][0]
-                    yield _View(camera, row, layout, keys, segment, share, last, number)
-
-    def _batches(self, views: Iterable["_View"]) -> Iterator[list["_View"]]:
-        """Neighbours that can be compiled as one, as many as there are devices."""
-        batch: list[_View] = []
-        for view in views:
-            if batch and (len(batch) == self.mesh.size or not batch[0].is_like(view)):
-                yield batch
-                batch = []
-            batch.append(view)
-        if batch:
-            yield batch
-
-    def _keys(self, camera: Camera, segment: int, share: Share | None) -> int:
-        """Key states for what a segment shows of a frame; 0 where chunks of rows are called for."""
-        span = _time_span(camera) if share is None else float(share.span[1] - share.span[0])
-        if span == 0:
-            return 1
-        if not self.options.chunk_rows:
-            known = segment, span
-            if known not in self._counts:
-                counted = self.options.keys or key_count(self.scenes[segment], span)
-                self._counts[known] = counted
-            return self._counts[known]
-        if camera.shutter.direction in SIDEWAYS:
-            raise ValueError(
-                "render.chunk_rows must be 0 for a shutter that reads columns, as "
-                f"{camera.shutter.direction} does: key states suit any direction."
-            )
-        if self.options.chunk_rows > 1 and camera.shutter.row_times is not None:
-            raise ValueError(
-                "render.chunk_rows must be 0 or 1 for a shutter with row_times, got "
-                f"{self.options.chunk_rows}: neighbouring rows may be read at distant times."
-            )
-        return 0
-
-    def _begin(self, views: list["_View"], *, alone: bool) -> "_Batch":
+    def _begin(self, views: list[FrameView], *, alone: bool) -> FrameBatch:
         """Frames that are being rendered, in one part, in strips or in chunks of rows."""
         film = views[0].camera.film
         if views[0].keys:
@@ -170,7 +124,7 @@ class Renderer:
         else:
             rows, trace = min(self.options.chunk_rows, film.height), self.trace
         layout = None if self._staged else views[0].layout
-        batch = _Batch(views, alone, rows, trace, layout)
+        batch = FrameBatch(views, alone, rows, trace, layout)
         for top in (min(y, film.height - rows) for y in range(0, film.height, rows)):
             if batch.parts and jax.default_backend() == "cpu":
                 # Parts under way together share the cores' threads, where the sums over devices of
@@ -179,7 +133,7 @@ class Renderer:
             batch.parts.append((top, *self._launch(batch, top)))
         return batch
 
-    def _launch(self, batch: "_Batch", top: int) -> tuple["_PlacedPart", Array, Report]:
+    def _launch(self, batch: FrameBatch, top: int) -> tuple[PlacedPart, Array, Report]:
         """A part with its values and report, under way."""
         size = batch.size
         place = self._part(top, batch)
@@ -197,11 +151,11 @@ class Renderer:
         return place, *program(structure, layout, settings)(leaves, rows, place.part)
 
     def _settings(
-        self, batch: "_Batch", place: "_PlacedPart", capacity: Capacity
+        self, batch: FrameBatch, place: PlacedPart, capacity: Capacity
     ) -> ProgramSettings:
         return ProgramSettings(capacity, batch.keys, self.options, place.trace, self.mesh)
 
-    def _rows(self, batch: "_Batch") -> np.ndarray:
+    def _rows(self, batch: FrameBatch) -> np.ndarray:
         """The numbers of the camera of every device. A device without a frame of its own repeats
         the last."""
         rows = [view.row for view in batch.views]
@@ -209,7 +163,7 @@ class Renderer:
             return rows[0]
         return np.stack(rows + rows[-1:] * (self.mesh.size - len(rows)))
 
-    def _finish(self, batch: "_Batch") -> list[Frame]:
+    def _finish(self, batch: FrameBatch) -> list[Frame]:
         """The frames of a batch; parts whose lists were too short are rendered again."""
         film, hits, count = batch.film, 0, len(batch.views)
         pieces = []
@@ -221,7 +175,9 @@ class Renderer:
                     known = self._capacity[batch.size]
                     self._capacity[batch.size] = self._enlarged(known, wanted)
                     _, values, report = self._launch(batch, top)
-            seen = [x.reshape(batch.rows, film.width, 5) for x in _pictures(values, place, count)]
+            seen = [
+                x.reshape(batch.rows, film.width, 5) for x in fetched_pictures(values, place, count)
+            ]
             pieces.append((top, seen))
             hits += int(np.sum(report.hits))
         seconds = (clock.monotonic() - batch.began) / count
@@ -230,7 +186,7 @@ class Renderer:
             for x in (joined(film, [(top, seen[i]) for top, seen in pieces]) for i in range(count))
         ]
 
-    def _part(self, top: int, batch: "_Batch") -> "_PlacedPart":
+    def _part(self, top: int, batch: FrameBatch) -> PlacedPart:
         """The part of a batch whose first row is `top`, on the devices."""
         film, trace = batch.film, batch.trace
         key = film.width, film.height, top, batch.rows, batch.keys == 0, trace.levels, batch.alone
@@ -241,7 +197,7 @@ class Renderer:
         share, number = self._by_device((view.share, number))
         return place._replace(part=replace(place.part, share=share, batch=number))
 
-    def _placed(self, top: int, batch: "_Batch") -> "_PlacedPart":
+    def _placed(self, top: int, batch: FrameBatch) -> PlacedPart:
         film, trace, slots = batch.film, batch.trace, None
         if not batch.keys:
             y, x = np.mgrid[top : top + batch.rows, : film.width]
@@ -249,12 +205,12 @@ class Renderer:
         elif self._staged and batch.alone and self.mesh.size > 1:
             part, trace, slots = interleaved(film, trace, self.mesh.size, batch.rows, top)
             part, slots = jax.device_put(part, self._split()), np.asarray(slots)
-            return _PlacedPart(part, trace, slots)
+            return PlacedPart(part, trace, slots)
         elif batch.rows == film.height:
             part, trace = whole_picture(film, trace)
         else:
             part, trace = strip(film, batch.rows, trace, top)
-        return _PlacedPart(self._by_device(part), trace)
+        return PlacedPart(self._by_device(part), trace)
 
     def _by_device(self, tree):
         """Arrays that are the same for every device, as the programs take them."""
@@ -273,10 +229,10 @@ class Renderer:
             return tree
         return jax.device_put(tree, NamedSharding(self.mesh, PartitionSpec()))
 
-    def _measure(self, batch: "_Batch", part: Part, trace: TraceOptions) -> Capacity:
+    def _measure(self, batch: FrameBatch, part: Part, trace: TraceOptions) -> Capacity:
         scene = self.scenes[batch.views[0].segment]
         if self._staged:
-            return self._first_sizes(batch, _PlacedPart(part, trace), scene)
+            return self._first_sizes(batch, PlacedPart(part, trace), scene)
         unknown = ProgramSettings(Capacity((), 0, 0), batch.keys, self.options, trace, None)
         part = jax.device_get(part)
         camera = batch.views[0].camera
@@ -291,7 +247,7 @@ class Renderer:
             found.transient,
         )
 
-    def _first_sizes(self, batch: "_Batch", place: "_PlacedPart", scene: Scene) -> Capacity:
+    def _first_sizes(self, batch: FrameBatch, place: PlacedPart, scene: Scene) -> Capacity:
         """Sizes that the first sample of a batch fits into, at least those of an ordinary scene."""
         capacity = usual_capacity(place.part, place.trace, scene)
         leaves, structure = self._flat[batch.views[0].segment]
@@ -308,89 +264,3 @@ class Renderer:
         serve all cameras."""
         capacity = enlarged_capacity(capacity, needed, headroom=1.5)
         return rounded_capacity(capacity) if self._staged else capacity
-
-
-class _PlacedPart(NamedTuple):
-    """A part of a picture on the devices, how it is traced, and the place of each pixel among the
-    slots of all devices (None: every device has whole pictures)."""
-
-    part: Part
-    trace: TraceOptions
-    slots: np.ndarray | None = None
-
-
-def _with_lone(batches: Iterable[list["_View"]]) -> Iterator[tuple[list["_View"], bool]]:
-    """Batches, each with whether it is a single frame and there is no other batch."""
-    batches = iter(batches)
-    first, second = next(batches, None), next(batches, None)
-    if first is not None:
-        yield first, second is None and len(first) == 1
-    if second is not None:
-        yield second, False
-    yield from ((batch, False) for batch in batches)
-
-
-class _View(NamedTuple):
-    """A camera, its numbers in a row, and of its frame the key states, a segment, that one's share
-    (None is all of it), whether it is the `last` to show any, and the `number` of a batch of
-    samples (None is the plain ones)."""
-
-    camera: Camera
-    row: Float[np.ndarray, " numbers"]
-    layout: CameraLayout
-    keys: int
-    segment: int = 0
-    share: Share | None = None
-    last: bool = True
-    number: int | None = None
-
-    def is_like(self, other: "_View") -> bool:
-        """Whether one call of one program serves both."""
-        whole = self.share is None and other.share is None
-        alike = self.layout == other.layout and self.keys == other.keys
-        return whole and alike and self.segment == other.segment
-
-
-class _Batch:
-    """Frames under way: one whose rays are spread over the devices (`alone`), or one on each."""
-
-    def __init__(
-        self,
-        views: list[_View],
-        alone: bool,
-        rows: int,
-        trace: TraceOptions,
-        layout: CameraLayout | None,
-    ):
-        self.views, self.alone, self.rows, self.trace = views, alone, rows, trace
-        self.film, self.keys = views[0].camera.film, views[0].keys
-        self.began, self.compiled = clock.monotonic(), False
-        self.parts: list[tuple] = []
-        of = views[0].segment, views[0].share is None
-        # None where cameras of any layout share list sizes.
-        self.size = (self.film.width, rows, self.keys, layout, alone, *of)
-
-    @property
-    def in_flight(self) -> int:
-        """Batches like this that may be under way before one is fetched; a CPU fetches nothing."""
-        if jax.default_backend() == "cpu":
-            return 1
-        size = len(self.views) * self.film.width * self.film.height * 5 * 4
-        return min(max(_BYTES // size, 1), _IN_FLIGHT)
-
-
-def _pictures(values: Array, place: _PlacedPart, count: int) -> list[np.ndarray]:
-    """The frames of a batch, one from each device, as they came: nothing is copied once more."""
-    if values.ndim == 2:
-        return [np.asarray(values)]
-    if place.slots is not None:
-        return [np.asarray(values).reshape(-1, values.shape[-1])[place.slots]]
-    shards = sorted(values.addressable_shards, key=lambda shard: shard.index[0].start)
-    return [np.asarray(shard.data) for shard in shards[:count]]
-
-
-def _time_span(camera: Camera) -> float:
-    """How long the camera looks, from the first ray's time to the last one's."""
-    film = camera.film
-    earliest, latest = time_window(jax.device_get(camera.shutter), (film.width, film.height))
-    return latest - earliest

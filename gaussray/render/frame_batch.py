@@ -1,0 +1,64 @@
+"""Frames that are rendered together, and their pictures as they come from the devices."""
+
+import time as clock
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array
+
+from gaussray.render.camera_layout import CameraLayout
+from gaussray.render.parts import Part
+from gaussray.render.views import FrameView
+from gaussray.tracer.options import TraceOptions
+
+
+# Batches of frames that are begun before the first of them has been fetched, and their bytes.
+MOST_IN_FLIGHT, _BYTES = 8, 2 * 1024**3
+
+
+class PlacedPart(NamedTuple):
+    """A part of a picture on the devices, how it is traced, and the place of each pixel among the
+    slots of all devices (None: every device has whole pictures)."""
+
+    part: Part
+    trace: TraceOptions
+    slots: np.ndarray | None = None
+
+
+class FrameBatch:
+    """Frames under way: one whose rays are spread over the devices (`alone`), or one on each."""
+
+    def __init__(
+        self,
+        views: list[FrameView],
+        alone: bool,
+        rows: int,
+        trace: TraceOptions,
+        layout: CameraLayout | None,
+    ):
+        self.views, self.alone, self.rows, self.trace = views, alone, rows, trace
+        self.film, self.keys = views[0].camera.film, views[0].keys
+        self.began, self.compiled = clock.monotonic(), False
+        self.parts: list[tuple] = []
+        of = views[0].segment, views[0].share is None
+        # None where cameras of any layout share list sizes.
+        self.size = (self.film.width, rows, self.keys, layout, alone, *of)
+
+    @property
+    def in_flight(self) -> int:
+        """Batches like this that may be under way before one is fetched; a CPU fetches nothing."""
+        if jax.default_backend() == "cpu":
+            return 1
+        size = len(self.views) * self.film.width * self.film.height * 5 * 4
+        return min(max(_BYTES // size, 1), MOST_IN_FLIGHT)
+
+
+def fetched_pictures(values: Array, place: PlacedPart, count: int) -> list[np.ndarray]:
+    """The frames of a batch, one from each device, as they came: nothing is copied once more."""
+    if values.ndim == 2:
+        return [np.asarray(values)]
+    if place.slots is not None:
+        return [np.asarray(values).reshape(-1, values.shape[-1])[place.slots]]
+    shards = sorted(values.addressable_shards, key=lambda shard: shard.index[0].start)
+    return [np.asarray(shard.data) for shard in shards[:count]]
