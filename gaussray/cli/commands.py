@@ -214,11 +214,10 @@ def _export(cfg: Configuration, devices: int | None) -> None:
     from gaussray.scene.formats.convert import export_model
     from gaussray.scene.store import load_scene
 
-    if cfg.format != "ply":
-        raise ValueError(f"format must be ply, got {cfg.format!r}.")
     time = None if cfg.time is None else as_type(float, cfg.time, "time")
     color, degree = as_type(str, cfg.color, "color"), as_type(int, cfg.degree, "degree")
-    _, message = export_model(load_scene(cfg.scene), cfg.out, time, color=color, degree=degree)
+    kind, scene = as_type(str, cfg.format, "format"), load_scene(cfg.scene)
+    _, message = export_model(scene, cfg.out, time, color=color, degree=degree, file_format=kind)
     _say(f"{cfg.out}: {message}")
 
 

@@ -14,6 +14,7 @@ from gaussray.runtime.devices import leads, wait
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.formats.gaussian_ply import write_gaussians
+from gaussray.scene.formats.spz import write_spz
 from gaussray.scene.gaussians import Gaussians, folded
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene, at, transient_count
@@ -24,6 +25,8 @@ from gaussray.scene.store import save_scene
 
 # Colours of a model: sRGB values, as in models fitted to 8-bit pictures, or linear light.
 COLORS = ("srgb", "linear")
+# Writers of Gaussians at one time.
+WRITERS = {"ply": write_gaussians, "spz": write_spz}
 # Transient Gaussians of smaller opacity are not exported: rasterisers do not show them.
 LEAST_OPACITY = 1 / 255
 # Gaussians whose colours are converted at a time: bounds the memory.
@@ -36,8 +39,8 @@ def import_model(
     """Import a trained model of another program, and save it as `out`/scene.npz.
 
     Args:
-        source: a PLY file of 3D Gaussian Splatting (a static scene), or the folder of a model of
-            4DGaussians or of one of its iterations (`read_model`).
+        source: a PLY, SPZ or .splat file (a static scene), or the folder of a model of 4DGaussians
+            or of one of its iterations (`read_model`).
         out: folder of the scene.
         color: colours of the model: `srgb`, the values of the 8-bit pictures that it was fitted to,
             which are converted to linear light (`converted`; at every time if they change), or
@@ -99,8 +102,9 @@ def export_model(
     *,
     color: str = "srgb",
     degree: int = 3,
+    file_format: str = "ply",
 ) -> tuple[Gaussians, str]:
-    """Export a scene's Gaussians at one time as a PLY file of 3D Gaussian Splatting.
+    """Export a scene's Gaussians at one time as a PLY file of 3D Gaussian Splatting, or as SPZ.
 
     Tints, which the format does not have, are folded into the harmonics (`folded`, exact), and the
     windows of transient Gaussians into their opacity. Transient Gaussians that are not alive at
@@ -112,6 +116,7 @@ def export_model(
         time: in the unit of the scene's time range; may be None for a static scene.
         color: `srgb`, which other viewers expect (`converted`), or `linear`, as in the scene.
         degree: degree of the file's harmonics, at least the scene's; some viewers require 3.
+        file_format: `ply` or `spz` (a tenth of the size, quantised).
 
     Returns:
         The Gaussians that were written, and a line about them.
@@ -120,6 +125,8 @@ def export_model(
         ValueError: the time is outside of the range, or the degree is too low.
     """
     _check_color(color)
+    if file_format not in WRITERS:
+        raise ValueError(f"format must be one of {', '.join(WRITERS)}, got {file_format!r}.")
     instant = _instant(scene, time)
     scene = segment_at(scene, instant)
     gaussians = folded(at(scene, jnp.asarray(instant, scene.time_range.dtype)))
@@ -135,7 +142,7 @@ def export_model(
         harmonics, error = converted(harmonics, encode=True)
     gaussians = _with_harmonics(gaussians, harmonics)
     if leads():
-        write_gaussians(out, gaussians)
+        WRITERS[file_format](out, gaussians)
     kept = f"sRGB values, {_off(error)}" if color == "srgb" else "linear light"
     return gaussians, f"{gaussians.count} Gaussians, colours as {kept}."
 

@@ -14,6 +14,8 @@ from typing import Any
 from gaussray.io.safe.files import read_text
 from gaussray.scene.formats.gaussian_network import read_field
 from gaussray.scene.formats.gaussian_ply import read_gaussians, read_unconstrained
+from gaussray.scene.formats.splat_file import read_splat
+from gaussray.scene.formats.spz import read_spz
 from gaussray.scene.gaussians import Gaussians, constrain
 from gaussray.scene.residual_field import ResidualField
 
@@ -27,7 +29,9 @@ FLAGS = {
     "harmonics": "no_dshs",
 }
 # Formats without a safe and maintained reader: one of them hangs on a truncated header.
-COMPRESSED = (".spz", ".splat", ".ksplat", ".sog")
+COMPRESSED = (".ksplat", ".sog")
+# Readers of other files that hold the Gaussians of a static model.
+READERS = {".spz": read_spz, ".splat": read_splat}
 # Arguments of networks that are not supported.
 UNKNOWN = ("no_grid", "grid_pe", "static_mlp", "empty_voxel", "apply_rotation")
 
@@ -41,7 +45,7 @@ def read_model(
     """Read a trained model.
 
     Args:
-        source: a PLY file, the folder of an iteration, or the folder of a model.
+        source: a PLY, SPZ or .splat file, the folder of an iteration, or the folder of a model.
         iteration: iteration of a model's folder; None for the latest.
 
     Returns:
@@ -58,6 +62,9 @@ def read_model(
             f"{source}: must be a PLY file or a folder; compressed models "
             f"({', '.join(COMPRESSED)}) must be exported as uncompressed PLY first."
         )
+    reader = READERS.get(Path(source).suffix.lower())
+    if reader is not None and not Path(source).is_dir():
+        return reader(source), None, Path(source)
     folder = _iteration_folder(Path(source), iteration)
     if folder is None:
         return read_gaussians(source), None, Path(source)

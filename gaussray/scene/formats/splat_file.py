@@ -1,0 +1,54 @@
+"""Reads `.splat` files (antimatter15): 32 bytes for each Gaussian, without view dependence.
+
+Each record is x y z and three scales as float32, then red green blue alpha, then the quaternion
+w x y z, as bytes: a colour channel or alpha is its byte / 255, a quaternion component
+(byte - 128) / 128.
+"""
+
+import os
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from gaussray.io.safe.files import opened
+from gaussray.io.safe.limits import within
+from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.harmonics import C0
+
+
+_RECORD = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("quat", "u1", 4)])
+# Scales of 0 would be infinitely thin.
+_THINNEST = 1e-9
+
+
+def read_splat(path: Path | str) -> Gaussians:
+    """The Gaussians of a `.splat` file; records that are not finite are dropped.
+
+    Raises:
+        ValueError: The size is no multiple of 32 bytes, or no record is finite.
+        FileNotFoundError: The file does not exist.
+    """
+    with opened(path) as file:
+        size = os.fstat(file.fileno()).st_size
+        within(path, "the millions of Gaussians", size // _RECORD.itemsize, "points", 1e6)
+        data = file.read()
+    if not data or len(data) % _RECORD.itemsize:
+        raise ValueError(
+            f"{path}: a .splat file must have 32 bytes for each Gaussian, got {len(data)} bytes. "
+            "Copy it again."
+        )
+    table = np.frombuffer(data, _RECORD)
+    good = np.isfinite(table["mean"]).all(axis=1) & np.isfinite(table["scale"]).all(axis=1)
+    table = table[good]
+    if not len(table):
+        raise ValueError(f"{path}: at least one Gaussian must be finite, got none.")
+    quat = (table["quat"].astype(np.float32) - 128) / 128
+    quat[(quat == 0).all(axis=1), 0] = 1
+    quat /= np.linalg.norm(quat, axis=1, keepdims=True)
+    color = table["rgba"].astype(np.float32) / 255
+    harmonics = ((color[:, :3] - 0.5) / C0)[:, None, :]
+    # A byte of 0 or 255 stands for half a step inside: opacities are neither 0 nor 1.
+    opacity = np.clip(color[:, 3], 0.5 / 255, 1 - 0.5 / 255)
+    parts = table["mean"], quat, np.maximum(table["scale"], _THINNEST), opacity, harmonics
+    return Gaussians(*(jnp.asarray(part, jnp.float32) for part in parts))

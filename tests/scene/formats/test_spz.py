@@ -1,0 +1,132 @@
+"""SPZ and .splat files; other programs' readers agree where they are installed."""
+
+import gzip
+import shutil
+import subprocess
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from gaussray.scene.formats.gaussian_folder import read_model
+from gaussray.scene.formats.gaussian_ply import read_gaussians
+from gaussray.scene.formats.splat_file import read_splat
+from gaussray.scene.formats.spz import MAGIC, read_spz, write_spz
+from gaussray.scene.gaussians import Gaussians
+
+
+# Half a step of each column: positions, opacities, log scales, colours, harmonics.
+PLACE, LEVEL, THICKNESS, COLOR, REST = 2**-13, 0.5 / 255, 1 / 32, 0.5 / 255 / 0.15, 0.5 / 128
+# Rounding of single precision, relative.
+ROUNDING = 1e-6
+# One minus the product of two quaternions of nine bits a component.
+TURN = 1e-5
+
+
+def gaussians(count=60, coefficients=16, seed=0):
+    rng = np.random.default_rng(seed)
+    quat = rng.normal(size=(count, 4))
+    parts = (
+        *(rng.normal(size=(count, 3)), quat / np.linalg.norm(quat, axis=1, keepdims=True)),
+        *(np.exp(rng.normal(size=(count, 3)) - 3), rng.uniform(0.05, 0.95, count)),
+        rng.normal(size=(count, coefficients, 3)) * 0.2,
+    )
+    return Gaussians(*(jnp.asarray(part, jnp.float32) for part in parts))
+
+
+def turned(a, b):
+    return float(np.max(1 - np.abs(np.sum(np.asarray(a.quat) * np.asarray(b.quat), axis=1))))
+
+
+@pytest.mark.parametrize("coefficients", [1, 4, 9, 16])
+def test_what_is_read_is_what_was_written_to_half_a_step(tmp_path, coefficients):
+    true = gaussians(coefficients=coefficients)
+    write_spz(tmp_path / "a.spz", true)
+    found = read_spz(tmp_path / "a.spz")
+    assert np.abs(found.mean - true.mean).max() <= PLACE * (1 + ROUNDING) + ROUNDING
+    assert np.abs(found.opacity - true.opacity).max() <= LEVEL + ROUNDING
+    assert np.abs(np.log(found.scale / true.scale)).max() <= THICKNESS + 1e-5
+    off = np.abs(found.harmonics - true.harmonics)
+    assert off[:, 0].max() <= COLOR + ROUNDING and off[:, 1:].max(initial=0) <= REST + ROUNDING
+    assert turned(found, true) < TURN
+
+
+def test_version_2_has_three_bytes_of_rotation(tmp_path):
+    head = MAGIC + np.array([2, 1], "<u4").tobytes() + bytes([0, 12, 0, 0])
+    place = np.array([4096, 2 * 4096, -4096], "<i4").view(np.uint8).reshape(3, 4)[:, :3].tobytes()
+    columns = place + bytes([128, 0, 128, 255, 160, 160, 160, 255, 128, 128])
+    (tmp_path / "a.spz").write_bytes(gzip.compress(head + columns))
+    found = read_spz(tmp_path / "a.spz")
+    # Right, up, back becomes right, down, forward.
+    assert found.mean[0] == pytest.approx([1, -2, 1])
+    assert found.scale[0] == pytest.approx([1, 1, 1])
+    assert found.quat[0] == pytest.approx([0, 1, 0, 0], abs=0.01)
+    assert found.opacity[0] == pytest.approx(128 / 255)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"ply", "packed by gzip"),
+        (gzip.compress(b"what is this, a file?"), "magic NGSP"),
+        (gzip.compress(MAGIC + np.array([4, 1], "<u4").tobytes() + bytes(4)), "got version 4"),
+        (gzip.compress(MAGIC + np.array([3, 9], "<u4").tobytes() + bytes(4)), "cut off"),
+        (gzip.compress(b"x" * 1000)[:-12], "cut off"),
+    ],
+)
+def test_what_is_no_spz_is_refused(tmp_path, content, message):
+    (tmp_path / "a.spz").write_bytes(content)
+    with pytest.raises(ValueError, match=message):
+        read_spz(tmp_path / "a.spz")
+
+
+def test_positions_that_have_no_room_are_refused(tmp_path):
+    far = gaussians(count=1)
+    far = Gaussians(far.mean + 3000, far.quat, far.scale, far.opacity, far.harmonics)
+    with pytest.raises(ValueError, match="within 2048 units"):
+        write_spz(tmp_path / "a.spz", far)
+
+
+def splat_bytes(count=50):
+    rng = np.random.default_rng(1)
+    table = np.zeros(count, [("x", "<f4", 6), ("rgba", "u1", 4), ("quat", "u1", 4)])
+    table["x"] = np.exp(rng.normal(size=(count, 6)))
+    table["rgba"], table["quat"] = rng.integers(1, 255, (2, count, 4))
+    return table
+
+
+def test_a_splat_file_is_32_bytes_for_each_gaussian(tmp_path):
+    table = splat_bytes()
+    (tmp_path / "a.splat").write_bytes(table.tobytes())
+    found, field, _ = read_model(tmp_path / "a.splat")
+    assert field is None and found.mean == pytest.approx(table["x"][:, :3])
+    assert found.scale == pytest.approx(table["x"][:, 3:])
+    assert found.opacity == pytest.approx(table["rgba"][:, 3] / 255)
+    shown = 0.5 + 0.28209479177387814 * np.asarray(found.harmonics[:, 0])
+    assert shown == pytest.approx(table["rgba"][:, :3] / 255, abs=ROUNDING)
+    (tmp_path / "a.splat").write_bytes(table.tobytes()[:-1])
+    with pytest.raises(ValueError, match="32 bytes for each Gaussian"):
+        read_splat(tmp_path / "a.splat")
+
+
+INSTALL = "npm install -g @playcanvas/splat-transform"
+
+
+@pytest.mark.skipif(not shutil.which("splat-transform"), reason=INSTALL)
+@pytest.mark.parametrize("kind", ["spz", "splat"])
+def test_another_reader_reads_the_same(tmp_path, kind):
+    path = tmp_path / f"a.{kind}"
+    if kind == "spz":
+        write_spz(path, gaussians())
+        found = read_spz(path)
+    else:
+        path.write_bytes(splat_bytes().tobytes())
+        found = read_splat(path)
+    command = ["splat-transform", "-w", str(path), str(tmp_path / "a.ply")]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    other = read_gaussians(tmp_path / "a.ply")
+    for name in ("mean", "scale", "opacity", "harmonics"):
+        expected = pytest.approx(np.asarray(getattr(other, name)), rel=1e-4, abs=1e-5)
+        assert getattr(found, name) == expected
+    # Readers differ by half a step in what a byte of a .splat's rotation means.
+    assert turned(found, other) < (TURN if kind == "spz" else 1e-3)
