@@ -133,7 +133,7 @@ def _possible_labels(
             "away, the capture's next frame."
         )
         return labels
-    note(f"labels: {', '.join(flow)} are left out: there is one time, and so no other frame.")
+    note(f"labels: without {', '.join(flow)}, because there is one time and no other frame.")
     return [name for name in labels if name not in flow]
 
 

@@ -69,9 +69,10 @@ def check_used(options: RigOptions) -> None:
         remedy = "Choose shutter=interlaced."
         _refuse("shutter", _changed(shutter), tuple(used), f"shutter={shutter.kind}", remedy)
     if trajectory.kind in _TRAJECTORY_KEYS:
-        used = (*_TRAJECTORY_KEYS[trajectory.kind], "shake_degrees", "shake_distance")
+        # Generated datasets draw every seed, whether or not there is a shake.
+        used = (*_TRAJECTORY_KEYS[trajectory.kind], "shake_degrees", "shake_distance", "shake_seed")
         if trajectory.shake_degrees or trajectory.shake_distance:
-            used = (*used, "shake_time", "shake_seed")
+            used = (*used, "shake_time")
         remedy = "Choose trajectory=path or between, or set trajectory.shake_degrees."
         _refuse("trajectory", _changed(trajectory), used, f"trajectory={trajectory.kind}", remedy)
     camera = options.camera

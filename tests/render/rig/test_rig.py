@@ -377,8 +377,8 @@ def test_a_placed_camera_sees_the_scene_where_nothing_is_said():
             "shutter.direction has no eff",
         ),
         (
-            {"trajectory": rig.TrajectoryOptions(shake_seed=3)},
-            "trajectory.shake_seed has no effect",
+            {"trajectory": rig.TrajectoryOptions(shake_time=3.0)},
+            "trajectory.shake_time has no effect",
         ),
         (
             {"camera": rig.CameraOptions(eye=(0.0, 0.0, 1.0))},
