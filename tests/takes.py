@@ -50,6 +50,6 @@ if __name__ == "__main__":
             *("format=exr", "camera.times=[0.0,0.5]", "render.samples=1", "devices.count=1"),
             *("trace.levels=0", "trace.group=2", "trace.chunk=8"),
             *("trace.k=4", "lens=pinhole", "sample.lens.fov.uniform=[60,120]"),
-            "sample.camera.names.choice=[[cam_0],[cam_1]]",
+            *("sample.camera.names.choice=[[cam_0],[cam_1]]", "factory.frames=0"),
         ]
     )

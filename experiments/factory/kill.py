@@ -30,6 +30,7 @@ from gaussray.scene.store import save_scene
 
 SIDE, GAUSSIANS, TIMES = 24, 60, (0.0, 0.5)
 WORDS = [
+    "factory.frames=0",
     "format=exr",
     "lens.fov=90",
     "sample.camera.names.choice=[[left],[middle],[right]]",

@@ -105,6 +105,7 @@ class Aperture(eqx.Module):
         focus: "plane": in focus is the plane at depth `focus_distance`. "sphere": in focus is what
             lies at that distance along the ray, for lenses that see to 90 degrees and beyond.
         rim: A second disc that clips oblique rays; it lies nearer than what is in focus.
+        edges: `blades` as a number that a compiled program does not hold (`with_edges`).
 
     Raises:
         ValueError: If a value breaks its rule; the message names the key.
@@ -117,6 +118,7 @@ class Aperture(eqx.Module):
     blades: int = eqx.field(static=True, default=0)
     focus: str = eqx.field(static=True, default="plane")
     rim: Rim | None = None
+    edges: Float[Array, ""] | None = None
 
     def __check_init__(self):
         radius, distance = self.radius, _distances(self)
@@ -141,6 +143,13 @@ class Aperture(eqx.Module):
 
     def __repr__(self) -> str:
         return readable(self)
+
+
+def with_edges(aperture: Aperture) -> Aperture:
+    """The aperture with its number of blades as data, so that apertures of any number of them share
+    a compiled program."""
+    edges = jnp.asarray(aperture.blades, aperture.radius.dtype)
+    return dataclasses.replace(aperture, blades=0, edges=edges)
 
 
 def no_aperture() -> Aperture:
@@ -270,19 +279,35 @@ def _kept(
 
 def _outline(aperture: Aperture, angle: Float[Array, ""]) -> Float[Array, "2"]:
     """Point of the outline of the opening of radius 1, in camera axes (+y down)."""
-    if aperture.blades < 3:
-        xy = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+    if aperture.edges is not None:
+        edges = aperture.edges
+        polygon = _polygon(jnp.maximum(edges, 3), aperture.rotation, angle)
+        xy = jnp.where(edges < 3, _circle(angle), polygon)
+    elif aperture.blades < 3:
+        xy = _circle(angle)
     else:
-        # The disc's angle becomes the way along the polygon's outline. Every edge spans the same
-        # triangle with the centre, so that equal areas stay equal.
-        sector = 2 * jnp.pi / aperture.blades
-        edge = jnp.floor(angle / sector)
-        way = angle / sector - edge
-        start = aperture.rotation + (edge - 0.5) * sector
-        end = start + sector
-        xy = (1 - way) * jnp.stack([jnp.cos(start), jnp.sin(start)])
-        xy = xy + way * jnp.stack([jnp.cos(end), jnp.sin(end)])
+        xy = _polygon(aperture.blades, aperture.rotation, angle)
     return jnp.stack([xy[0] / aperture.ratio, -xy[1]])
+
+
+def _circle(angle: Float[Array, ""]) -> Float[Array, "2"]:
+    return jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+
+
+def _polygon(
+    edges: int | Float[Array, ""], rotation: Float[Array, ""], angle: Float[Array, ""]
+) -> Float[Array, "2"]:
+    """Point of a regular polygon in the unit circle, y up.
+
+    The disc's angle becomes the way along the polygon's outline. Every edge spans the same triangle
+    with the centre, so that equal areas stay equal.
+    """
+    sector = 2 * jnp.pi / edges
+    edge = jnp.floor(angle / sector)
+    way = angle / sector - edge
+    start = rotation + (edge - 0.5) * sector
+    end = start + sector
+    return (1 - way) * _circle(start) + way * _circle(end)
 
 
 def _concentric(u: Float[Array, "2"]) -> tuple[Float[Array, ""], Float[Array, ""]]:

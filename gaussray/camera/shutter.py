@@ -1,5 +1,7 @@
 """Rolling and global shutter: the time at which each row is exposed."""
 
+import dataclasses
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -28,6 +30,7 @@ class Shutter(eqx.Module):
         direction: Order of readout; left_to_right and right_to_left read columns.
         row_times: Extra time of each row, for sensors that do not read in order; None is 0.
         trigger: Delay of this camera relative to the frame's time; None is 0.
+        reading: `direction` as numbers that a compiled program does not hold (`with_reading`).
 
     Raises:
         ValueError: If a value breaks its rule; the message names the key.
@@ -43,6 +46,7 @@ class Shutter(eqx.Module):
     trigger: Float[Array, ""] | None = eqx.field(
         default=None, converter=optional(number("shutter.trigger"))
     )
+    reading: Float[Array, "3"] | None = None
 
     def __check_init__(self):
         require("shutter.row_offset", self.row_offset, np.isfinite, "finite")
@@ -119,11 +123,29 @@ def row_number(
 ) -> Num[Array, ""]:
     """How many rows (columns, if it reads sideways) the shutter has read before this pixel's."""
     (column, row), (width, height) = pixel, resolution
+    if shutter.reading is not None:
+        return shutter.reading[0] + shutter.reading[1] * column + shutter.reading[2] * row
     if shutter.direction == "top_to_bottom":
         return row
     if shutter.direction == "bottom_to_top":
         return height - 1 - row
     return column if shutter.direction == "left_to_right" else width - 1 - column
+
+
+def with_reading(shutter: Shutter, resolution: tuple[int, int]) -> Shutter:
+    """The shutter with its direction as data, the factors of 1, column and row in `row_number`, so
+    that shutters of any direction share a compiled program. Times of single rows need it fixed."""
+    if shutter.row_times is not None:
+        return shutter
+    width, height = resolution
+    factors = {
+        "top_to_bottom": (0, 0, 1),
+        "bottom_to_top": (height - 1, 0, -1),
+        "left_to_right": (0, 1, 0),
+        "right_to_left": (width - 1, -1, 0),
+    }[shutter.direction]
+    reading = jnp.asarray(factors, shutter.row_step.dtype)
+    return dataclasses.replace(shutter, direction="top_to_bottom", reading=reading)
 
 
 def decisive_pixels(shutter: Shutter, resolution: tuple[int, int]) -> np.ndarray:

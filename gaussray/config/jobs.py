@@ -49,8 +49,10 @@ _PER_PROCESS = (
     "render.memory",
     *_REPORTING,
 )
-# The distribution of every seed of a randomised dataset.
+# The distribution of every seed of a randomised dataset. The seed of shake has single precision, to
+# which the number of the camera is added.
 _SEEDS = {"integer": [0, 2**31 - 1]}
+_SHAKE_SEEDS = {"integer": [0, 2**23]}
 
 
 def rig_options(cfg: Configuration) -> rigs.RigOptions:
@@ -206,7 +208,7 @@ def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
     out = begin_run_folder(cfg, without=_PER_PROCESS, part=factory.shard)
     return generate_samples(
         out,
-        all_distributions(cfg),
+        all_distributions(cfg, functools.partial(cameras, cfg.scene, cfg.cameras)),
         make_job,
         options=factory,
         devices=devices,
@@ -214,14 +216,46 @@ def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
     )
 
 
-def all_distributions(cfg: Configuration) -> dict[str, dict[str, Any]]:
-    """The distributions of the configuration, and one for every seed in it: two samples must not
-    have the same noise."""
+def all_distributions(
+    cfg: Configuration, views: Callable[[], Sequence[View]] = tuple
+) -> dict[str, dict[str, Any]]:
+    """The distributions of the configuration, one for every seed in it (two samples must not have
+    the same noise), and those of cameras and times from which `factory.frames` are taken of the
+    views of a capture."""
     seeds = {
-        f"{group}.{key}": _SEEDS
+        f"{group}.{key}": _SHAKE_SEEDS if key == "shake_seed" else _SEEDS
         for group, node in cfg.items()
         if OmegaConf.is_dict(node) and group not in _NO_PARAMETERS
         for key in node
         if str(key).endswith("seed")
     }
-    return seeds | read_distributions(to_plain(cfg.get("sample") or {}))
+    drawn = read_distributions(to_plain(cfg.get("sample") or {}))
+    return seeds | _frame_distributions(cfg, drawn, views) | drawn
+
+
+def _frame_distributions(
+    cfg: Configuration, drawn: Mapping[str, Any], views: Callable[[], Sequence[View]]
+) -> dict[str, dict[str, Any]]:
+    """Distributions of the camera and of the times of a sample's frames, unless these are chosen
+    otherwise."""
+    count, camera = cfg.factory.frames, to_plain(cfg.camera)
+    keys = ("trajectory", "trajectory.kind", "camera", "camera.kind")
+    moved = cfg.trajectory.kind != "keep" or camera.get("kind", "capture") != "capture"
+    if not count or moved or any(key in drawn for key in keys):
+        return {}
+    splits = drawn.get("camera.split", {}).get("choice", [camera["split"]])
+    times: dict[str, set[float]] = {}
+    for view in views():
+        name = view.camera_name
+        if name in camera["names"] if camera["names"] else view.split in splits:
+            times.setdefault(name, set()).add(float(view.time))
+    if not times:
+        return {}
+    common = sorted(camera["times"] or set.intersection(*times.values()))
+    if not common:
+        return {}
+    rows = [common[i : i + count] for i in range(max(len(common) - count, 0) + 1)]
+    return {
+        "camera.names": {"choice": [[name] for name in times]},
+        "camera.times": {"choice": rows},
+    }

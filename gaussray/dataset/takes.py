@@ -1,20 +1,17 @@
 """A produced data set: takes in folders, and a manifest with a JSON line for each (takes.md)."""
 
-import functools
 import json
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
-from gaussray.camera.shutter import Shutter, sample_time
+from gaussray.camera.shutter import row_moments
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.io.atomic import sweep, whole
 from gaussray.io.json_numbers import json_numbers
@@ -59,18 +56,32 @@ def write_take(folder: Path, told: Mapping[str, Any], records: Sequence[FrameRec
         partial.write_text(line + "\n", encoding="utf-8")
 
 
+def append_take(data: Path, index: int) -> None:
+    """Add the line of a finished take to the end of the manifest, in a single write, so that the
+    processes of several shards can add to it."""
+    line = (data / folder_of(index) / LINE).read_bytes()
+    manifest = os.open(data / MANIFEST, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
+    try:
+        os.write(manifest, line)
+    finally:
+        os.close(manifest)
+
+
 def write_takes(data: Path, count: int) -> int:
-    """Write the manifest of the first `count` takes, by their index, if all are there; the number
-    of those that are not."""
+    """Write the manifest of those of the first `count` takes that are there, by their index.
+
+    Returns:
+        The number of takes that are missing.
+    """
     lines = [data / folder_of(index) / LINE for index in range(count)]
-    missing = sum(not line.exists() for line in lines)
-    if missing:
-        return missing
-    sweep(data)
-    with whole(data / MANIFEST) as partial, partial.open("w", encoding="utf-8") as file:
-        for line in lines:
-            file.write(line.read_text(encoding="utf-8"))
-    return 0
+    there = [line for line in lines if line.exists()]
+    if len(there) == count:
+        sweep(data)
+    if there:
+        with whole(data / MANIFEST) as partial, partial.open("w", encoding="utf-8") as file:
+            for line in there:
+                file.write(line.read_text(encoding="utf-8"))
+    return count - len(there)
 
 
 def read_takes(data: Path | str) -> Iterator[dict[str, Any]]:
@@ -80,7 +91,7 @@ def read_takes(data: Path | str) -> Iterator[dict[str, Any]]:
         file = opened(path)
     except OSError as error:
         raise OSError(
-            f"{path}: cannot be read: {error} It is there when all takes are: go on with "
+            f"{path}: cannot be read: {error} It is there as soon as a take is: go on with "
             "`gaussray render`."
         ) from error
     most, number = int(limits().text * 1e6), 0
@@ -145,18 +156,12 @@ def _seen(folder: Path, records: Sequence[FrameRecord]) -> dict[str, Any]:
 def _row_times(camera: Camera) -> list[float]:
     """When each row (column, where the shutter reads sideways) is in the middle of its exposure;
     one number alone if all are at once."""
-    size = camera.film.width, camera.film.height
-    times = np.asarray(_middles(camera.shutter, camera.time, size))
+    shutter, size = camera.shutter, (camera.film.width, camera.film.height)
+    times = float(camera.time) + row_moments(shutter, size)
+    if shutter.direction in ("bottom_to_top", "right_to_left"):
+        times = times[::-1]
+    times = np.asarray(times, np.asarray(camera.time).dtype)
     return json_numbers(times[:1] if np.ptp(times) == 0 else times)
-
-
-@functools.partial(jax.jit, static_argnames="size")
-def _middles(shutter: Shutter, time: Float[Array, ""], size: tuple[int, int]) -> Array:
-    sideways = shutter.direction in ("left_to_right", "right_to_left")
-    along = jnp.arange(size[0] if sideways else size[1], dtype=time.dtype)
-    pixel = jnp.zeros((len(along), 2), time.dtype).at[:, 0 if sideways else 1].set(along)
-    middle = jnp.asarray(0.5, time.dtype)
-    return jax.vmap(lambda p: sample_time(shutter, p, size, time, middle))(pixel)
 
 
 def _json(value: Any) -> Any:

@@ -1,5 +1,6 @@
 """Packs a camera into one row of numbers for the transfer to a device."""
 
+import dataclasses
 import math
 from typing import NamedTuple
 
@@ -9,7 +10,9 @@ import numpy as np
 from jax.tree_util import PyTreeDef
 from jaxtyping import Array, Float
 
+from gaussray.camera.aperture import with_edges
 from gaussray.camera.camera import Camera
+from gaussray.camera.shutter import with_reading
 
 
 class CameraLayout(NamedTuple):
@@ -29,7 +32,14 @@ class CameraLayout(NamedTuple):
 
 
 def pack_camera(camera: Camera) -> tuple[Float[np.ndarray, " numbers"], CameraLayout]:
-    """A camera on the host as one row of numbers, with their layout."""
+    """A camera on the host as one row of numbers, with their layout.
+
+    The number of aperture blades and the direction of the shutter become numbers: cameras that
+    differ in them share their programs.
+    """
+    size = camera.film.width, camera.film.height
+    aperture, shutter = with_edges(camera.aperture), with_reading(camera.shutter, size)
+    camera = jax.device_get(dataclasses.replace(camera, aperture=aperture, shutter=shutter))
     leaves, structure = jax.tree.flatten(camera)
     layout = CameraLayout(structure, tuple(x.shape for x in leaves), tuple(x.dtype for x in leaves))
     return np.concatenate([x.ravel() for x in leaves]), layout

@@ -301,13 +301,17 @@ def frame_span(camera: Camera, part: Part) -> Float[Array, "2"]:
 
 
 def key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
+    """Times of the key states of a frame; with 0 the time of the row of the part."""
     if not keys:
         place = jnp.stack([jnp.zeros_like(part.row), part.row])
         u = jnp.full((1, 5), 0.5, camera.time.dtype)
         return jnp.clip(camera_rays(camera, place[None], u).time, *_bounds(part))
-    time = _decisive_times(camera, part)
-    first, last = jnp.min(time), jnp.max(time)
-    return jnp.linspace(first, last, keys, dtype=time.dtype) if keys > 1 else first[None]
+    return spread_times(frame_span(camera, part), keys)
+
+
+def spread_times(span: Float[Array, "2"], keys: int) -> Float[Array, " keys"]:
+    """Key times, evenly from the first to the last time of a frame."""
+    return jnp.linspace(span[0], span[1], keys, dtype=span.dtype) if keys > 1 else span[:1]
 
 
 def _decisive_times(camera: Camera, part: Part) -> Float[Array, " rays"]:

@@ -3,7 +3,7 @@
 import dataclasses
 import os
 from collections import Counter, deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -47,6 +47,7 @@ def render_dataset(
     *,
     options: DatasetOptions | None = None,
     quiet: bool = False,
+    finished: Callable[[FrameRecord], object] = lambda record: None,
 ) -> Path:
     """Render a dataset into a folder: a picture per record, a manifest per effect, videos, labels.
 
@@ -61,6 +62,7 @@ def render_dataset(
         out: Folder for everything that is written.
         options: Sensor, labels, frame rate of the videos, and facts for the manifests.
         quiet: Whether to report no progress.
+        finished: Called with the record of every picture that this call has written.
 
     Returns:
         The folder.
@@ -91,6 +93,7 @@ def render_dataset(
         videos = Videos(out, records, options.fps, pool)
         for done, record in enumerate(_written(out, assigned, frames, options.sensor, pool), 1):
             progress.report(done, record.effect)
+            finished(record)
             remaining[video_name(record)] -= 1
             # A video that other hosts render a part of waits for them.
             if leads() and not remaining[video_name(record)]:

@@ -65,7 +65,9 @@ def _sensor_values(
     """The sensor's linear values of a frame. The noise follows from the seed and the file's name
     without its suffix, so that it does not depend on the other frames or on the format."""
     key = picture_key(sensor.seed, str(Path(record.file_path).with_suffix("")))
-    inputs = amounts(sensor), jnp.asarray(light), record.camera, key
+    # Cameras of every kind share the program of a sensor that does not ask for them.
+    camera = record.camera if sensor.falloff or any(sensor.vignetting) else None
+    inputs = amounts(sensor), jnp.asarray(light), camera, key
     return np.asarray(_develop(*inputs, steps=steps_of(sensor)))
 
 

@@ -26,11 +26,12 @@ from gaussray.render.compiled import (
     picture_values,
     sample_points,
     sample_rays,
+    spread_times,
     weighted,
 )
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part
-from gaussray.runtime.programs import ProgramCache
+from gaussray.runtime.programs import ProgramCache, quick_compilation
 from gaussray.scene.scene import Scene
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import scene_motion
@@ -132,8 +133,8 @@ class _Stages:
     def __init__(self, structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings):
         mesh, trace, capacity = settings.mesh, settings.trace, settings.capacity
         samples = settings.options.samples
-        self.camera = _camera_program(layout, settings.keys, samples, mesh)
-        self.motion = _motion_program(structure, trace, capacity.transient, mesh)
+        self.camera = _camera_program(layout, samples, mesh)
+        self.motion = _motion_program(structure, trace, settings.keys, capacity.transient, mesh)
         self.lists = _lists_program(trace, capacity, mesh)
         self.march = _march_program(trace, capacity.slots, mesh)
         self.add, self.mean = _add_program(mesh), _mean_program(mesh)
@@ -141,10 +142,10 @@ class _Stages:
 
 @ProgramCache(48)
 def _camera_program(
-    layout: CameraLayout, keys: int, samples: int, mesh: Mesh | None
+    layout: CameraLayout, samples: int, mesh: Mesh | None
 ) -> Callable[..., tuple[Rays, tuple[Array, Array]]]:
-    """(numbers of a camera, part, index of a sample) -> rays, by lens and slot; key times and the
-    first and last time of the frame."""
+    """(numbers of a camera, part, index of a sample) -> rays, by lens and slot; the time of the
+    part's row, and the first and last time of the frame."""
 
     def run(row: Array, part: Part, sample: Int[Array, ""]):
         camera = layout.camera(row)
@@ -156,24 +157,26 @@ def _camera_program(
         lenses = [None] if colors is None else [colors[0], colors[1], colors[2]]
         rays = [sample_rays(camera, part.pixel, u, seen, lens) for lens in lenses]
         rays = jax.tree.map(lambda *x: jnp.concatenate(x), *rays)
-        return rays, (key_times(camera, part, keys), frame_span(camera, part))
+        return rays, (key_times(camera, part, 0), frame_span(camera, part))
 
     return _on_devices(run, mesh, common=(2,))
 
 
 @ProgramCache(12)
 def _motion_program(
-    structure: PyTreeDef, trace: TraceOptions, transient: int, mesh: Mesh | None
+    structure: PyTreeDef, trace: TraceOptions, keys: int, transient: int, mesh: Mesh | None
 ) -> Callable[..., Prepared]:
     """(leaves of a scene, times) -> the scene across these times, sorted into a grid."""
     capacity = Capacity((), 0, 0, transient)
 
     def run(leaves: list[Array], times: tuple[Array, Array]) -> Prepared:
         scene, (key_time, span) = jax.tree.unflatten(structure, leaves), times
+        if keys:
+            key_time = spread_times(span, keys)
         motion = scene_motion(scene, key_time, scene.time_range)
         return prepare(motion, span, options=trace, capacity=capacity)
 
-    return _on_devices(run, mesh, common=(0,))
+    return _on_devices(run, mesh, common=(0,), quick=True)
 
 
 @ProgramCache(12)
@@ -185,7 +188,7 @@ def _lists_program(
     def run(scene: Prepared, rays: Rays) -> tuple[Candidates, Array]:
         return find(scene, rays, options=trace, capacity=capacity)
 
-    return _on_devices(run, mesh)
+    return _on_devices(run, mesh, quick=True)
 
 
 @ProgramCache(12)
@@ -224,9 +227,13 @@ def _mean_program(mesh: Mesh | None) -> Callable[..., tuple[Array, Report]]:
     return _on_devices(run, mesh, common=(2,))
 
 
-def _on_devices(function: Callable, mesh: Mesh | None, common: tuple[int, ...] = ()) -> Callable:
+def _on_devices(
+    function: Callable, mesh: Mesh | None, common: tuple[int, ...] = (), quick: bool = False
+) -> Callable:
     """A compiled function that every device of a mesh runs on its own arguments, which have a
-    leading axis of devices; those at the places `common` are the same for all."""
+    leading axis of devices; those at the places `common` are the same for all. `quick` is for one
+    that takes long to compile and a small part of the time of a picture."""
+    compiler = quick_compilation() if quick else None
 
     def one_device(*arguments):
         own = (
@@ -236,7 +243,7 @@ def _on_devices(function: Callable, mesh: Mesh | None, common: tuple[int, ...] =
         return jax.tree.map(lambda x: x[None], function(*own))
 
     if mesh is None or mesh.size == 1:
-        return jax.jit(one_device)
+        return jax.jit(one_device, compiler_options=compiler)
 
     split = PartitionSpec(mesh.axis_names[0])
 
@@ -247,4 +254,4 @@ def _on_devices(function: Callable, mesh: Mesh | None, common: tuple[int, ...] =
         )
         return spread(*arguments)
 
-    return jax.jit(everywhere)
+    return jax.jit(everywhere, compiler_options=compiler)

@@ -16,6 +16,7 @@ from gaussray.camera.aperture import (
     no_aperture,
     thin_lens,
     transmitted,
+    with_edges,
 )
 from gaussray.geometry import normalize
 
@@ -55,6 +56,17 @@ def through(aperture, direction, u):
 
 SIDEWAYS = normalize(jnp.array([0.5, -0.3, 1.0]))
 BACKWARDS = normalize(jnp.array([0.5, -0.3, -0.4]))
+
+
+@pytest.mark.parametrize("blades", [0, 2, 3, 7])
+def test_a_number_of_blades_as_data_gives_the_same_rays(blades):
+    fixed = aperture(blades=blades, rotation=0.4, ratio=1.3)
+    for a, b in zip(
+        through(fixed, SIDEWAYS, grid(9)),
+        through(with_edges(fixed), SIDEWAYS, grid(9)),
+        strict=True,
+    ):
+        np.testing.assert_allclose(a, b, atol=EXACT)
 
 
 @pytest.mark.parametrize("blades", [0, 5])

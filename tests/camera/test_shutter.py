@@ -16,6 +16,7 @@ from gaussray.camera.shutter import (
     row_number,
     sample_time,
     time_window,
+    with_reading,
 )
 
 
@@ -31,6 +32,17 @@ def shutter(row_offset=0.0, row_step=0.0, exposure=0.0, **choice):
 def time_of(shutter, column, row, u=0.5, time=3.0):
     pixel = jnp.array([column, row])
     return sample_time(shutter, pixel, RESOLUTION, jnp.array(time), jnp.array(u))
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_a_direction_as_data_reads_the_same_rows(direction):
+    fixed = shutter(0.3, 0.1, direction=direction)
+    free = with_reading(fixed, RESOLUTION)
+    for place in ((0, 0), (7, 0), (0, 5), (3, 2)):
+        assert row_number(free, jnp.array(place), RESOLUTION) == row_number(
+            fixed, jnp.array(place), RESOLUTION
+        )
+        assert time_of(free, *place) == time_of(fixed, *place)
 
 
 @pytest.mark.parametrize("duration", [0.0, 0.1, 1.0])

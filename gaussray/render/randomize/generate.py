@@ -1,17 +1,27 @@
 """Generates a randomised dataset: samples of camera parameters, drawn, checked and rendered."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gaussray.dataset.takes import VERSION, folder_of, is_there, write_take, write_takes
+from gaussray.dataset.manifest import FrameRecord
+from gaussray.dataset.takes import (
+    VERSION,
+    append_take,
+    folder_of,
+    is_there,
+    write_take,
+    write_takes,
+)
 from gaussray.io.atomic import sweep
 from gaussray.render.dataset import render_dataset
 from gaussray.render.develop import without_unused_seed
 from gaussray.render.job import RenderJob
 from gaussray.render.randomize.distributions import draw_values
 from gaussray.render.randomize.options import FactoryOptions
+from gaussray.render.randomize.preview import PREVIEWED, write_preview
 from gaussray.render.renderer import Renderer
 from gaussray.runtime.lock import output_lock
 from gaussray.runtime.progress import Progress
@@ -77,7 +87,8 @@ def generate_samples(
 
     Nothing is rendered before every sample of the shard is known to be possible. Finished samples
     are kept and interrupted ones continued; one that would now have other values is refused. The
-    manifest of the dataset is written when the samples of all shards are there.
+    manifest of the dataset grows by a line with every sample, and is sorted by index at the end.
+    `preview.png` shows the first ten samples as soon as they are there.
 
     Returns:
         The number of samples, of all shards, that are still missing.
@@ -85,18 +96,40 @@ def generate_samples(
     Raises:
         ValueError: A sample is impossible, or the folder holds a sample with other values.
     """
-    indices = options.indices
-    for index in indices:
-        draw_sample(index, distributions, make_job, options=options)
-    progress = Progress("samples", len(indices), quiet=quiet, anew=True)
-    shared = _Shared(devices)
-    for done, index in enumerate(indices, 1):
+    frames = _frame_counts(distributions, make_job, options, quiet)
+    progress = Progress("render", sum(frames.values()), quiet=quiet, anew=True)
+    progress.report(0, "compiling")
+    shared, done = _Shared(devices), itertools.count(1)
+    # Samples of an interrupted run, whose lines may not be in the manifest.
+    write_takes(out, options.count)
+    for number, index in enumerate(frames, 1):
         sample = draw_sample(index, distributions, make_job, options=options)
-        records = sample.job.records
+        note = f"sample {number}/{len(frames)}  {sample.job.records[0].effect}"
+        left = itertools.islice(done, len(sample.job.records))
+
+        def finished(_: FrameRecord, note: str = note, left: Iterator[int] = left) -> None:
+            progress.report(next(left), note)
+
         with output_lock(out / folder_of(index)):
-            _render(out, sample, options.seed, shared)
-        progress.report(done, f"{len(records)} frames of {records[0].effect}")
+            if _render(out, sample, options.seed, shared, finished):
+                append_take(out, index)
+        for kept in left:
+            progress.report(kept, note)
+        if index < PREVIEWED:
+            write_preview(out, options.count)
     return write_takes(out, options.count)
+
+
+def _frame_counts(
+    distributions: Distributions, make_job: MakeJob, options: FactoryOptions, quiet: bool
+) -> dict[int, int]:
+    """The number of frames of every sample of this shard; a ValueError if one is impossible."""
+    counts, progress = {}, Progress("check", len(options.indices), quiet=quiet, patience=1.0)
+    for index in options.indices:
+        sample = draw_sample(index, distributions, make_job, options=options)
+        counts[index] = len(sample.job.records) if sample.job else 0
+        progress.report(len(counts), "cameras")
+    return counts
 
 
 class _Shared:
@@ -125,8 +158,18 @@ class _Shared:
         return self._renderers[key][1]
 
 
-def _render(out: Path, sample: Sample, seed: int, shared: _Shared) -> None:
-    """Render a sample, and write its line of the manifest last: the line marks it as finished."""
+def _render(
+    out: Path,
+    sample: Sample,
+    seed: int,
+    shared: _Shared,
+    finished: Callable[[FrameRecord], object],
+) -> bool:
+    """Render a sample, and write its line last: the line marks it as finished.
+
+    Returns:
+        Whether it was rendered; it may have been there already.
+    """
     folder, job = out / folder_of(sample.index), sample.job
     facts = {
         "version": VERSION,
@@ -138,9 +181,12 @@ def _render(out: Path, sample: Sample, seed: int, shared: _Shared) -> None:
         "parameters": sample.parameters,
         "scene_sha256": shared.scene_hash(job.scene),
     }
-    if not is_there(folder, facts):
-        sweep(folder, deep=True)
-        sensor = without_unused_seed(job.dataset.sensor)
-        options = dataclasses.replace(job.dataset, sensor=sensor)
-        render_dataset(shared.renderer(job), job.records, folder, options=options, quiet=True)
-        write_take(folder, facts, job.records)
+    if is_there(folder, facts):
+        return False
+    sweep(folder, deep=True)
+    sensor = without_unused_seed(job.dataset.sensor)
+    options = dataclasses.replace(job.dataset, sensor=sensor)
+    renderer = shared.renderer(job)
+    render_dataset(renderer, job.records, folder, options=options, quiet=True, finished=finished)
+    write_take(folder, facts, job.records)
+    return True

@@ -9,17 +9,20 @@ class FactoryOptions(eqx.Module):
 
     An impossible one is refused, or drawn anew up to `redraws` times: what is filmed then follows
     the distribution within what is possible. This process films the indices i, i + n, i + 2n, ...
-    of `shard` = i/n. `shards` > 1 has Hydra's launcher start as many processes.
+    of `shard` = i/n. `shards` > 1 has Hydra's launcher start as many processes. A sample has so
+    many `frames` of a camera, one after another, from a random one of the chosen cameras and times;
+    0 is all of them.
     """
 
     count: int = eqx.field(static=True, default=0)
+    frames: int = eqx.field(static=True, default=1)
     seed: int = eqx.field(static=True, default=0)
     redraws: int = eqx.field(static=True, default=0)
     shard: str = eqx.field(static=True, default="0/1")
     shards: int = eqx.field(static=True, default=1)
 
     def __check_init__(self):
-        for key, least in {"count": 0, "redraws": 0, "shards": 1}.items():
+        for key, least in {"count": 0, "frames": 0, "redraws": 0, "shards": 1}.items():
             if getattr(self, key) < least:
                 raise ValueError(
                     f"factory.{key} must be at least {least}, got {getattr(self, key)}."

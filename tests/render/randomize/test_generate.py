@@ -15,6 +15,8 @@ import toy
 
 from gaussray.camera.film import Film
 from gaussray.camera.shutter import Shutter
+from gaussray.capture.picture_file import read_stored
+from gaussray.color import srgb_encode
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.dataset.takes import read_frames, read_takes
@@ -32,6 +34,8 @@ from gaussray.scene.store import save_scene
 RADIUS = read_distributions({"aperture": {"radius": {"uniform": [0.0, 1.0]}}})
 SCENE = toy.scene(speed=0)
 RUN = pathlib.Path(__file__).parents[2] / "takes.py"
+# Half a level of an 8-bit picture, and rounding.
+LEVEL = 0.6 / 255
 # Single precision of times of about 1.
 ROUNDING = 1e-6
 
@@ -110,6 +114,37 @@ def test_a_manifest_lists_takes_by_their_index_with_what_was_drawn(tmp_path, fil
     assert [frame["take"]["index"] for frame in frames] == list(range(12))
 
 
+def test_the_manifest_grows_with_every_take(tmp_path, filmed, monkeypatch):
+    lengths, write_take = [], generate.write_take
+
+    def counted(folder, *parts):
+        manifest = tmp_path / "manifest.jsonl"
+        lengths.append(len(manifest.read_text().splitlines()) if manifest.exists() else 0)
+        write_take(folder, *parts)
+
+    monkeypatch.setattr(generate, "write_take", counted)
+    made(tmp_path, count=4)
+    assert lengths == [0, 1, 2, 3]
+
+
+def test_a_contact_sheet_shows_the_first_ten_takes_before_the_others(tmp_path, filmed):
+    assert made(tmp_path, count=25, shard="0/2") == 12
+    assert not (tmp_path / "preview.png").exists()
+    made(tmp_path, count=25, shard="1/2")
+    sheet = read_stored(tmp_path / "preview.png", 5 * 260, 2 * 260)
+    for i, one in enumerate(list(read_takes(tmp_path))[:10]):
+        row, column = divmod(i, 5)
+        middle = sheet[260 * row + 130, 260 * column + 130] / 255
+        expected = srgb_encode(np.float32(one["drawn"]["aperture.radius"]))
+        np.testing.assert_allclose(middle, expected, atol=LEVEL)
+
+
+def test_progress_counts_frames_from_the_beginning(tmp_path, filmed, capsys):
+    generate_samples(tmp_path, RADIUS, make_job, options=FactoryOptions(count=3, redraws=50))
+    lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("render")]
+    assert lines[0].startswith("render 0/3") and lines[-1].startswith("render 3/3")
+
+
 def test_a_page_shows_takes_and_how_they_are_distributed(tmp_path, filmed):
     made(tmp_path, count=30, seed=3)
     text = write_page("takes", tmp_path).read_text()
@@ -136,7 +171,7 @@ def test_shards_in_any_order_leave_what_one_process_leaves(tmp_path, filmed):
     made(tmp_path / "whole", count=7)
     assert made(tmp_path / "parts", count=7, shard="2/3") == 5
     assert made(tmp_path / "parts", count=7, shard="0/3") == 2
-    assert not (tmp_path / "parts" / "manifest.jsonl").exists()
+    assert [one["index"] for one in read_takes(tmp_path / "parts")] == [0, 2, 3, 5, 6]
     assert made(tmp_path / "parts", count=7, shard="1/3") == 0
     assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
     assert len(filmed) == 14
@@ -153,6 +188,7 @@ def test_what_is_there_is_kept_and_more_takes_leave_the_first_as_they_are(tmp_pa
     assert len(filmed) == 5
     after = contents(tmp_path)
     assert after["manifest.jsonl"].startswith(before.pop("manifest.jsonl"))
+    assert after["preview.png"] != before.pop("preview.png")
     assert before.items() <= after.items()
 
 
