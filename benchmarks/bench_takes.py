@@ -9,6 +9,7 @@ and of the part of it that is not spent in the renderer.
 """
 
 import argparse
+import json
 import statistics
 import threading
 import time
@@ -16,8 +17,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from benchmarks.record import record, show
-from gaussray.cli import main as gaussray
+from benchmarks.record import record
+from gaussray.cli.main import main as gaussray
 from gaussray.config.schema import conf_folder
 from gaussray.render.randomize import generate
 from gaussray.render.renderer import Renderer
@@ -50,7 +51,7 @@ def main() -> None:
     values = {"takes": len(watch.takes), "lenses": len(lenses), "seconds": round(seconds, 3)}
     mean = sum(take for take, _ in later) / len(later)
     values |= {"overhead": round(overhead, 3), "takes_per_hour": round(3600 / mean)}
-    show(record("takes", values | watch.memory()))
+    print(json.dumps(record("takes", **values, **watch.memory())))
 
 
 class Watch(threading.Thread):

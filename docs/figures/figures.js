@@ -163,5 +163,8 @@
   }
 
   const kinds = { lens, aperture, shutter };
-  document.querySelectorAll("[data-figure]").forEach((place) => kinds[place.dataset.figure](place));
+  document.querySelectorAll("[data-figure]").forEach((place) => {
+    place.replaceChildren();  // the text for where this does not run
+    kinds[place.dataset.figure](place);
+  });
 })();
