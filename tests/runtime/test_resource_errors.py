@@ -3,12 +3,12 @@
 import errno
 import os
 import resource
-import sys
 
 import jax
 import numpy as np
 import pytest
 
+from gaussray.cli import run
 from gaussray.cli.main import main
 from gaussray.runtime.resource_errors import is_full, is_memory, memory_message
 
@@ -74,7 +74,7 @@ def test_the_command_ends_in_one_line(error, told, monkeypatch, capsys):
     def fail(words):
         raise error
 
-    monkeypatch.setattr(sys.modules["gaussray.cli.main"], "_dispatch", fail)
+    monkeypatch.setattr(run, "_dispatch", fail)
     with pytest.raises(SystemExit) as stop:
         main(["render", "out=x"])
     (line,) = capsys.readouterr().err.splitlines()

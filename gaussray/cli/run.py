@@ -1,0 +1,165 @@
+"""Runs a command: parses its words, runs it, reports its errors."""
+
+import os
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from gaussray.cli.commands import RUN, view
+from gaussray.cli.completion import script
+from gaussray.cli.help import COMMANDS
+from gaussray.config.compose import compose_config
+from gaussray.config.options import build_options
+from gaussray.config.suggest import did_you_mean
+from gaussray.io.safe.limits import Limits, limit
+from gaussray.runtime.devices import DevicesOptions, begin, leads, leave, together
+from gaussray.runtime.lock import release_locks
+from gaussray.runtime.progress import (
+    STYLES,
+    check_style,
+    end_line,
+    plain_warnings,
+    progress_style,
+    say,
+    style,
+)
+from gaussray.runtime.provenance import RUN_RECORD, command_arguments, record_duration
+from gaussray.runtime.resource_errors import is_full, is_memory, memory_message
+
+
+# How to resume each command after an interruption.
+RESUME = {
+    "reconstruct": "The same command with resume=auto",
+    "render": "The same command",
+    "demo": "The same command",
+}
+
+
+def run_and_report(words: list[str]) -> None:
+    """Run the command of a command line; errors become messages and exit codes (`cli.help.EXITS`).
+
+    Raises:
+        SystemExit: The command failed.
+    """
+    with progress_style(_style(words)), command_arguments(words), plain_warnings():
+        _run_and_report(words)
+
+
+def _run_and_report(words: list[str]) -> None:
+    """Run the command; turn errors into messages and exit codes."""
+    try:
+        _dispatch(words)
+    except KeyboardInterrupt:
+        if words[0] == "view":
+            return
+        _fail(f"interrupted. {_resume_hint(words[0])}", 130)
+    except (ValueError, OSError, RuntimeError, MemoryError) as error:
+        if is_memory(error) and not os.environ.get("GAUSSRAY_TRACEBACK"):
+            _fail(memory_message(words[0], error, _resume_hint(words[0])))
+        failed_fit = type(error).__name__ in ("NonFiniteLoss", "FailedFit")
+        unknown = isinstance(error, RuntimeError) and not failed_fit
+        if unknown or os.environ.get("GAUSSRAY_TRACEBACK"):
+            _raise_bug(error)
+        message = str(error)
+        if is_full(error):
+            message = (
+                f"{message.rstrip('. ')}. The disk is full: make room. {_resume_hint(words[0])}"
+            )
+        _fail(message)
+    except Exception as error:
+        _raise_bug(error)
+    finally:
+        release_locks()
+
+
+def _resume_hint(command: str) -> str:
+    """The sentence after an interruption that says how to resume the command; empty if it cannot be
+    resumed."""
+    return f"{RESUME[command]} continues where it stopped." if command in RESUME else ""
+
+
+def _dispatch(words: list[str]) -> None:
+    """Print the script for completion, or run the command."""
+    if words[0] in ("--completion", "-sc"):
+        # Hydra's spelling is -sc install=bash.
+        print(script(words[1].removeprefix("install=") if len(words) > 1 else "bash"), end="")
+    elif words[0] not in COMMANDS:
+        known, hint = ", ".join(COMMANDS), did_you_mean(words[0], COMMANDS)
+        raise ValueError(
+            f"the command must be one of {known}, got {words[0]!r}.{hint} See `gaussray --help`."
+        )
+    else:
+        _run(words[0], words[1:])
+
+
+def _run(command: str, overrides: Sequence[str]) -> None:
+    """Run a command with these words, and write its report."""
+    began = time.monotonic()
+    cfg = compose_config(command, overrides)
+    check_style(str(cfg.get("progress", "auto")))
+    limit(build_options(Limits, cfg.limits))
+    if command == "render" and cfg.factory.count:
+        from gaussray.config.jobs import generate_dataset
+        from gaussray.dataset.takes import MANIFEST
+
+        result = generate_dataset(cfg, overrides)
+        if cfg.report and (Path(str(cfg.out)) / MANIFEST).is_file():
+            _write_report("takes", Path(str(cfg.out)), {})
+        say(result, "result", verb=command, out=cfg.out)
+        return
+    if command == "view":
+        view(cfg, overrides)
+        return
+    shown = RUN[command](cfg, begin(build_options(DevicesOptions, cfg.devices))) or {}
+    out = Path(str(cfg.out))
+    if leads() and (out / RUN_RECORD).is_file():
+        record_duration(out, time.monotonic() - began)
+        if cfg.get("report"):
+            _write_report(command, out, shown)
+
+
+def _style(words: Sequence[str]) -> str:
+    """The style of progress in the words; the default if its value is wrong, which is reported
+    later."""
+    styles = [word.split("=", 1)[1] for word in words if word.startswith("progress=")]
+    styles = [name for name in styles if name in STYLES]
+    return (styles or ["quiet" if "quiet=true" in words else "auto"])[-1]
+
+
+def _write_report(command: str, out: Path, shown: dict[str, Any]) -> None:
+    """Write report.html into the output folder. A failure is a warning, because the results are
+    complete without it."""
+    from gaussray.report import write_page
+
+    try:
+        write_page(command, out, scene=shown.get("scene"), capture=shown.get("capture"))
+    except Exception as error:
+        warnings.warn(
+            f"{out / 'report.html'}: the report could not be written ({type(error).__name__}: "
+            f"{error}). All results are there.",
+            stacklevel=2,
+        )
+
+
+def _fail(message: str, code: int = 2) -> None:
+    """Print an error as one line and exit."""
+    message = " ".join(message.split())
+    end_line()
+    print(f"gaussray: {message}", file=sys.stderr)
+    if style() == "json":
+        say(message, "error", code=code)
+    leave(code)
+
+
+def _raise_bug(error: Exception) -> None:
+    """Raise an unexpected error with its traceback. With several processes, this one exits at once,
+    so that the others do not wait for it."""
+    end_line()
+    if not together():
+        raise error
+    traceback.print_exception(error)
+    leave(1)
