@@ -38,6 +38,7 @@ def pack_camera(camera: Camera) -> tuple[Float[np.ndarray, " numbers"], CameraLa
     differ in them share their programs.
     """
     size = camera.film.width, camera.film.height
+    camera = jax.tree.map(jnp.asarray, camera)
     aperture, shutter = with_edges(camera.aperture), with_reading(camera.shutter, size)
     camera = jax.device_get(dataclasses.replace(camera, aperture=aperture, shutter=shutter))
     leaves, structure = jax.tree.flatten(camera)

@@ -74,7 +74,8 @@ def filmed(monkeypatch):
 
     def render(renderer, records, out, **_):
         folders.append(out)
-        light = np.full((toy.SIZE, toy.SIZE, 3), float(records[0].camera.time))
+        film = records[0].camera.film
+        light = np.full((film.height, film.width, 3), float(records[0].camera.time))
         write_image(out / records[0].file_path, light)
         write_manifest(out / "transforms.json", records)
         return out
@@ -135,7 +136,7 @@ def test_a_contact_sheet_shows_the_first_ten_takes_before_the_others(tmp_path, f
     for i, one in enumerate(list(read_takes(tmp_path))[:10]):
         row, column = divmod(i, 5)
         middle = sheet[260 * row + 130, 260 * column + 130] / 255
-        expected = srgb_encode(np.float32(one["drawn"]["aperture.radius"]))
+        expected = srgb_encode(np.full(3, one["drawn"]["aperture.radius"], np.float32))
         np.testing.assert_allclose(middle, expected, atol=LEVEL)
 
 
