@@ -21,7 +21,7 @@ from gaussray.scene.scene import Scene, at
 from gaussray.scene.segmented import Clip, segment_at
 
 
-KINDS = ("capture", "look_at", "orbit", "path")
+CAMERA_KINDS = ("capture", "look_at", "orbit", "path")
 # A camera without a capture: size of the picture in pixels, and degrees from left to right.
 _SIZE, _FOV = (960, 640), 50.0
 # Share of the Gaussians that shall be in view, and the room around them.
@@ -58,8 +58,10 @@ class CameraOptions(eqx.Module):
     file: str = eqx.field(static=True, default="")
 
     def __check_init__(self):
-        if self.kind not in KINDS:
-            raise ValueError(f"camera.kind must be one of {', '.join(KINDS)}, got {self.kind!r}.")
+        if self.kind not in CAMERA_KINDS:
+            raise ValueError(
+                f"camera.kind must be one of {', '.join(CAMERA_KINDS)}, got {self.kind!r}."
+            )
         if self.frames < 1:
             raise ValueError(f"camera.frames must be at least 1, got {self.frames}.")
         for key in ("eye", "target", "up"):
