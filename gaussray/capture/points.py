@@ -23,10 +23,10 @@ class Points(eqx.Module):
 
 
 def read_points(path: Path | str) -> Points:
-    """Points of a PLY file, ASCII or binary: x y z, and red green blue if it has them.
+    """Read the points of an ASCII or binary PLY file: x y z and, if present, red green blue.
 
-    Integer colours are sRGB codes, float colours linear light (as in pictures). Without colours all
-    are 0.5. Points that are not finite are dropped; both are warned of, with the count.
+    Integer colours are sRGB values, float colours linear light (as in pictures). Without colours,
+    all are 0.5, with a warning. Points that are not finite are dropped, with a warning.
     """
     path = Path(path)
     try:

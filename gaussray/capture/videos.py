@@ -1,4 +1,4 @@
-"""Frames of video files: decoded once, in order, one at a time."""
+"""Reads frames of untrusted video files, in order, one at a time."""
 
 import contextlib
 import functools
@@ -18,10 +18,10 @@ from gaussray.io.safe.limits import limits, within
 
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".mkv", ".avi", ".webm")
-# Transfer characteristics of ITU-T H.273 whose codes are no sRGB codes: PQ and HLG.
+# Transfer characteristics of ITU-T H.273 that are not the sRGB curve: PQ and HLG.
 _HIGH_DYNAMIC_RANGE = {16: "PQ", 18: "HLG"}
 
-# Decoders of what cameras and encoders write. FFmpeg has three hundred more.
+# Decoders of common codecs; FFmpeg has three hundred more.
 CODECS = (
     *("h264", "hevc", "av1", "libdav1d", "vp8", "vp9", "libvpx", "libvpx-vp9", "mpeg4"),
     *("mpeg2video", "mjpeg", "png", "ffv1", "prores", "dnxhd", "huffyuv", "ffvhuff", "utvideo"),
@@ -32,7 +32,7 @@ SOUND_CODECS = (
     *("aac", "mp3", "mp3float", "opus", "libopus", "vorbis", "flac", "alac", "ac3", "amrnb"),
     *("pcm_s16le", "pcm_s16be", "pcm_s24le", "pcm_f32le"),
 )
-# Without these a file called .mp4 may be a list of others, which FFmpeg then opens.
+# Without these FFmpeg also opens playlists, which name other files, under the suffix .mp4.
 _OPENING: dict[str, Any] = {
     "options": {
         "format_whitelist": "mov,mp4,m4a,3gp,3g2,mj2,matroska,webm,avi",
@@ -78,7 +78,7 @@ def read_video(path: Path | str) -> Video:
 
 
 def decode_frames(path: Path | str, indices: Sequence[int]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-    """The frames of these `indices` (from 0, ascending), upright sRGB codes, one at a time.
+    """The frames of these `indices` (from 0, ascending), upright 8-bit sRGB levels, one at a time.
 
     The file's own matrix and range of colours count; BT.601 and limited range where it names none,
     as in ffmpeg. Errors are those of `read_video`, and CaptureError for an index beyond the end.
@@ -228,7 +228,7 @@ def video_stream(path: Path, container: Any) -> Any:
     curve = _HIGH_DYNAMIC_RANGE.get(stream.codec_context.color_trc)
     if curve:
         raise CaptureError(
-            f"{path}: a video must hold sRGB codes, got high dynamic range ({curve}). "
+            f"{path}: a video must hold sRGB values, got high dynamic range ({curve}). "
             "Map it to BT.709 first, e.g. with ffmpeg's tonemap filter."
         )
     return stream

@@ -20,7 +20,7 @@ class ResidualField(eqx.Module):
 
     Times run from 0 to 1; beyond them everything rests. `logit_opacity` is that at rest, which the
     opacity of a Gaussian near 1 no longer tells; None without a head. If the field is `encoded`,
-    the harmonics at rest and their residuals are those of sRGB codes, and their sum is decoded to
+    the harmonics at rest and their residuals are those of sRGB values, and their sum is decoded to
     linear light at every time (`codes.decoded`).
     """
 

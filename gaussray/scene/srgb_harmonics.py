@@ -1,4 +1,4 @@
-"""Colours that were fitted as sRGB codes become linear light, still as harmonics."""
+"""Converts harmonics of colours from sRGB values to linear light."""
 
 import jax
 import jax.numpy as jnp
@@ -39,15 +39,15 @@ def projection(
 def decoded(
     harmonics: Float[Array, "gaussians coefficients 3"],
 ) -> Float[Array, "gaussians coefficients 3"]:
-    """Harmonics of the light whose sRGB codes the given harmonics are.
+    """Harmonics of the linear light of colours given as harmonics of sRGB values.
 
-    The codes max(0, 1/2 + sum c_i Y_i) are decoded in directions all around and projected on the
-    same harmonics: exact for a colour that is the same from everywhere.
+    The values max(0, 1/2 + sum c_i Y_i) are decoded in directions all around and projected onto the
+    same harmonics, which is exact for a colour that does not depend on the direction.
     """
     values, weights = (x.astype(harmonics.dtype) for x in projection(harmonics.shape[1]))
 
-    def one(own: Float[Array, "coefficients 3"]) -> Float[Array, "coefficients 3"]:
-        codes = jnp.maximum(product("dc,ck->dk", values, own) + 0.5, 0)
+    def one(row: Float[Array, "coefficients 3"]) -> Float[Array, "coefficients 3"]:
+        codes = jnp.maximum(product("dc,ck->dk", values, row) + 0.5, 0)
         return product("dc,dk->ck", weights, srgb_decode(codes) - 0.5)
 
     return jax.lax.map(one, harmonics, batch_size=BLOCK)

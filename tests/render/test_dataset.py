@@ -31,7 +31,7 @@ from gaussray.render.renderer import Renderer
 pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 ONE = RenderOptions(samples=1)
-# Half a code of each picture; sRGB codes are up to 2.3 times as far apart in light.
+# Half a code of each picture; sRGB values are up to 2.3 times as far apart in light.
 CODES = (0.5 + 0.5 * 2.3) / 255
 # Room for one picture that waits to be written.
 SCARCE = toy.SIZE**2 * 3 * 4
