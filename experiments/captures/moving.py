@@ -24,6 +24,7 @@ from gaussray.color import psnr_from_mse
 from gaussray.dataset.images import codes, side_by_side, write_image
 from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.evaluate.pipeline import scene_size
+from gaussray.reconstruct.failed_fit import FailedFit
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.runtime.devices import DevicesOptions, begin as start_devices
@@ -155,7 +156,11 @@ def main() -> None:
             stem = "".join(c if c.isalnum() else "-" for c in f"{folder.name}_{name}")
             picture = chosen.out / f"{stem}.png"
         options = varied(BASE, name, VARIANTS, chosen.set)
-        row = fit(folder, options, chosen, devices, picture)
+        try:
+            row = fit(folder, options, chosen, devices, picture)
+        except FailedFit as error:
+            print(f"| {folder.name} | {name} | {error} |", flush=True)
+            continue
         print(line(folder, name, row), flush=True)
         if chosen.out is not None:
             record = {"capture": folder.name, "variant": name, "set": chosen.set, **row}

@@ -22,6 +22,7 @@ from gaussray.capture.selection import Selection
 from gaussray.dataset.images import codes, write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.evaluate.metrics import psnr, ssim
+from gaussray.reconstruct.failed_fit import FailedFit
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
@@ -165,7 +166,11 @@ def main() -> None:
     for folder, name in pairs(chosen):
         options = base(chosen.steps, chosen.tiles, chosen.gaussians, chosen.degree)
         options = varied(options, name, VARIANTS, chosen.set)
-        row = fit(folder, options, chosen.scale, devices, chosen.quiet)
+        try:
+            row = fit(folder, options, chosen.scale, devices, chosen.quiet)
+        except FailedFit as error:
+            print(f"| {folder.name} | {name} | {error} |", flush=True)
+            continue
         print(
             f"| {folder.name} | {name} | {row['psnr']:.2f} | {row['ssim']:.3f} | "
             f"{row['seconds']:.0f} | {row['step']:.0f} | {row['gaussians']:.0f} |",
