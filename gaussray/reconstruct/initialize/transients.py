@@ -17,7 +17,7 @@ from gaussray.scene.transient import Transients
 
 
 # Opacity of the first transient Gaussians, and their least thickness relative to their width.
-OPACITY, FLAT = 0.5, 0.3
+_OPACITY, _FLAT = 0.5, 0.3
 # Residual of a registration above which a velocity is not believed, in gaps between points.
 _LOST = 2.0
 # Points of one time below which they are strays.
@@ -73,7 +73,7 @@ def initial_transients(
         velocity=jnp.asarray(velocity),
         quat=jax.vmap(quaternion)(jnp.asarray(axes)),
         scale=jnp.asarray(shape),
-        opacity=jnp.full(number, OPACITY, jnp.float32),
+        opacity=jnp.full(number, _OPACITY, jnp.float32),
         harmonics=constant(jnp.asarray(color), degree),
         instant=jnp.asarray(instant),
         lifetime=jnp.full(number, step, jnp.float32),
@@ -91,6 +91,6 @@ def _on_cloud(cloud: MovingPoints, share: float, dice: np.random.Generator) -> t
     position = found.position[rows]
     believed = (cloud.residual[rows] < _LOST)[:, None]
     velocity = np.where(believed, cloud.velocity[rows], 0)
-    shape, axes = discs(position, spread=1.0, flat=FLAT)
+    shape, axes = discs(position, spread=1.0, flat=_FLAT)
     color = srgb_decode(np.clip(found.color[rows], 0, 1).astype(np.float64))
     return position, color, velocity, np.full(len(rows), cloud.time), shape, axes

@@ -21,10 +21,10 @@ def write_preview(out: Path, count: int) -> None:
     """Write the contact sheet of a dataset of `count` samples, if the first ones are there."""
     lines = [out / folder_of(index) / LINE for index in range(min(count, PREVIEWED))]
     if all(line.exists() for line in lines):
-        write_image(out / PREVIEW, contact_sheet([_first_picture(line) for line in lines]))
+        write_image(out / PREVIEW, preview_sheet([_first_picture(line) for line in lines]))
 
 
-def contact_sheet(pictures: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> UInt8[np.ndarray, "h w 3"]:
+def preview_sheet(pictures: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> UInt8[np.ndarray, "h w 3"]:
     """Pictures side by side in rows of five, each scaled to 256 pixels or a little less, on dark
     grey."""
     small = [_scaled(picture) for picture in pictures]
