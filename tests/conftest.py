@@ -26,7 +26,7 @@ import pytest  # noqa: E402
 if importlib.util.find_spec("beartype"):
     from jaxtyping import install_import_hook
 
-    install_import_hook("gaussray", "beartype.beartype")
+    install_import_hook("gaussray", "type_checker.checked")
 
 # The files that take longest, longest first.
 LONG = (
