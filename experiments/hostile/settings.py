@@ -15,7 +15,18 @@ from experiments.hostile.reader import Reader
 
 PLAIN = ["scene=x", "out=x"]
 # What the sample speaks of, and what is looked at to know whose folder the output is.
-GROUPS = ["lens", "aperture", "sample", "devices", "factory", "scene", "out", "fps"]
+GROUPS = [
+    "lens",
+    "aperture",
+    "sample",
+    "devices",
+    "factory",
+    "scene",
+    "camera",
+    "trajectory",
+    "out",
+    "fps",
+]
 NAME = "sample/mine"
 
 

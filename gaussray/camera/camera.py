@@ -92,7 +92,7 @@ def camera_ray(
         pixel: Index of the pixel (column, row).
         u: Film x, film y, lens x, lens y and shutter, in [0, 1). 1/2 everywhere is the chief ray of
             the pixel's centre in the middle of its exposure.
-        magnification: Of one colour channel, an element of `camera.chromatic`; None is the lens
+        magnification: Of one colour channel, an element of `Camera.chromatic`; None is the lens
             itself (magnification 1).
 
     Returns:

@@ -11,7 +11,7 @@ class Rays(eqx.Module):
 
     A ray of unit `direction` and any `origin`; `time` is in the capture's unit. A ray that a lens
     cannot form (outside its field of view) has direction zero and meets nothing. `weight` is what
-    its light counts for (`aperture.transmitted`); None is 1.
+    its light counts for (gaussray.camera.aperture.transmitted); None is 1.
     """
 
     origin: Float[Array, "*rays 3"] = eqx.field(converter=rows("rays.origin", 3))

@@ -281,7 +281,8 @@ def test_a_scene_without_cameras(fails, tmp_path):
             "sample 0 is impossible: lens.",
         ),
         (
-            "factory.count=2 shutter.kind=global sample.shutter.exposure.uniform=[0.6,0.7]",
+            "factory.count=2 factory.frames=0 shutter.kind=global "
+            "sample.shutter.exposure.uniform=[0.6,0.7]",
             "sample 0 is impossible: shutter.exposure must be at most the 0.5 from one frame",
         ),
         ("factory.count=2 sample.fps=3", "sample.fps must be a distribution"),

@@ -18,6 +18,7 @@ from gaussray.tracer.trace import TraceOptions
 # Sigmoid and exponential of their inverses in single precision.
 CLOSE = 1e-6
 EXTENT = 2.0
+TIMES = toy.single([0.0])
 RELOCATE = DensityOptions(kind="relocate", interval=10, opacity_cost=0.01, scale_cost=0.02)
 
 
@@ -35,15 +36,15 @@ def cameras():
 
 
 def test_relocation_adds_mean_opacity_and_mean_scale_of_both_parts():
-    terms = density_terms(parameters(), cameras(), RELOCATE)
+    terms = density_terms(parameters(), TIMES, cameras(), RELOCATE)
     np.testing.assert_allclose(terms["opacity_cost"], 0.3 + 0.5, rtol=CLOSE)
     np.testing.assert_allclose(terms["scale_cost"], (0.1 + 0.4) / EXTENT, rtol=CLOSE)
 
 
 def test_a_weight_of_zero_switches_a_cost_off_and_splitting_has_none():
     free = dataclasses.replace(RELOCATE, opacity_cost=0.0)
-    assert list(density_terms(parameters(), cameras(), free)) == ["scale_cost"]
-    assert density_terms(parameters(), cameras(), DensityOptions(interval=10)) == {}
+    assert list(density_terms(parameters(), TIMES, cameras(), free)) == ["scale_cost"]
+    assert density_terms(parameters(), TIMES, cameras(), DensityOptions(interval=10)) == {}
 
 
 def test_every_term_has_the_weight_of_its_key():
@@ -53,6 +54,6 @@ def test_every_term_has_the_weight_of_its_key():
     weights = options.weights()
     assert weights["l1"] == 0.8 and weights["dssim"] == 0.2
     assert weights["opacity_cost"] == 0.01 and weights["scale_cost"] == 0.02
-    terms = density_terms(parameters(), cameras(), RELOCATE)
+    terms = density_terms(parameters(), TIMES, cameras(), RELOCATE)
     total = sum(weights[name] * float(term) for name, term in terms.items())
     np.testing.assert_allclose(total, 0.01 * 0.8 + 0.02 * 0.25, rtol=CLOSE)

@@ -25,16 +25,17 @@ class SensorOptions(eqx.Module):
     """The config group `sensor`. Every key is off by default and then costs nothing.
 
     Args:
-        chromatic: Magnifications of red, green and blue (`camera.chromatic`).
+        chromatic: Magnifications of red, green and blue (`Camera.chromatic`).
         falloff: Exponent of natural vignetting, cos(theta)^falloff (`sensor.vignetting`).
         vignetting: a1, a2, a3 of the vignetting polynomial (`sensor.vignetting`).
         exposure: Exposure in stops: light times 2^exposure.
         full_well: Electrons that stand for the light `white` (or 1); 0 is no noise.
-        read_noise: Standard deviation of the read noise in electrons (`sensor.noise`).
+        read_noise: Standard deviation of the read noise in electrons
+            (gaussray.camera.sensor.noise).
         gain: ISO over the sensor's base ISO, at least 1; multiplies signal and noise.
         white: Level at which values are clipped after the gain; 0 is no clipping.
         bits: Bits of the quantisation from 0 to `white`; 0 is none.
-        bayer: Pattern of the Bayer colour filter array, or "none" (`sensor.mosaic`).
+        bayer: Pattern of the Bayer colour filter array, or "none" (gaussray.camera.sensor.mosaic).
         demosaic: "bilinear" or "none".
         tone: Tone curve of PNG files (`sensor.tone`).
         table: Stored values of the curve `tone="table"`.
