@@ -62,6 +62,11 @@ CHAPTERS: dict[str, dict[str, tuple[str, ...]]] = {
         "evaluate.pipeline": ("EvaluateOptions", "evaluate"),
         "evaluate.metrics": (),
     },
+    "PyTorch": {
+        "torch.saved": ("SavedFrames",),
+        "torch.rendered": ("RenderedFrames",),
+        "torch.tensors": ("picture_tensors",),
+    },
 }
 
 

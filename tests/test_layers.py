@@ -16,7 +16,7 @@ LEVELS = [
     {"reconstruct", "render", "prepare"},
     {"evaluate", "calibrate"},
     {"config", "report"},
-    {"viewer"},
+    {"viewer", "torch"},
     {"cli"},
 ]
 

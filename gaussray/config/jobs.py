@@ -4,7 +4,7 @@ import contextlib
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from omegaconf import OmegaConf
@@ -23,7 +23,7 @@ from gaussray.render.aov.labeller import check_labels
 from gaussray.render.job import RenderJob
 from gaussray.render.options import DatasetOptions, RenderOptions
 from gaussray.render.randomize.distributions import read_distributions
-from gaussray.render.randomize.generate import generate_samples
+from gaussray.render.randomize.generate import Distributions, MakeJob, generate_samples
 from gaussray.render.randomize.options import FactoryOptions
 from gaussray.render.rig import physical_units as physical, rig as rigs
 from gaussray.render.rig.placed import placed_views
@@ -194,6 +194,30 @@ def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
             "devices.hosts must be 1 with factory.count: processes share the samples by "
             "factory.shard."
         )
+    source = sample_source(cfg, overrides)
+    out = begin_run_folder(cfg, without=_PER_PROCESS, part=source.options.shard)
+    return generate_samples(
+        out,
+        source.distributions,
+        source.make_job,
+        options=source.options,
+        devices=devices,
+        quiet=cfg.quiet,
+    )
+
+
+class SampleSource(NamedTuple):
+    """What the samples of a configuration are drawn from: distributions by their keys, the function
+    from drawn values to a job, and the options of the draw."""
+
+    distributions: Distributions
+    make_job: MakeJob
+    options: FactoryOptions
+
+
+def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
+    """The distributions and jobs of a configuration of `gaussray render`, composed from
+    `overrides`. The scene and the cameras are read once for all samples."""
     variations = Variations("render", overrides)
     read, cameras = functools.lru_cache(2)(load), functools.lru_cache(2)(rigs.cameras_of)
 
@@ -204,15 +228,10 @@ def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
         del parameters["render"]["memory"]
         return parameters, render_job(varied, read, cameras)
 
-    factory = build_options(FactoryOptions, cfg.factory)
-    out = begin_run_folder(cfg, without=_PER_PROCESS, part=factory.shard)
-    return generate_samples(
-        out,
+    return SampleSource(
         all_distributions(cfg, functools.partial(cameras, cfg.scene, cfg.cameras)),
         make_job,
-        options=factory,
-        devices=devices,
-        quiet=cfg.quiet,
+        build_options(FactoryOptions, cfg.factory),
     )
 
 

@@ -50,17 +50,33 @@ def read_layers(path: Path | str) -> dict[str, np.ndarray]:
     Raises:
         OSError: the file cannot be read.
     """
+    names, pixels = _read(path, oiio.FLOAT)
+    return {name: pixels[..., i] for i, name in enumerate(names)}
+
+
+def read_codes(path: Path | str) -> np.ndarray:
+    """The whole numbers [h, w] of a gray PNG, as int32.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    _, pixels = _read(path, oiio.UNKNOWN)
+    return pixels[..., 0].astype(np.int32)
+
+
+def _read(path: Path | str, kind: "oiio.BASETYPE") -> tuple[list[str], np.ndarray]:
+    """Names and values [h, w, channels] of a picture's channels; UNKNOWN is the type stored."""
     try:
         image = open_picture(path)
     except OSError as error:
         reason = str(error).removeprefix(f"{path}: ")
         raise OSError(f"{path}: the layers cannot be read: {reason}") from None
-    names = image.spec().channelnames
-    pixels = image.read_image(oiio.FLOAT)
+    names = list(image.spec().channelnames)
+    pixels = image.read_image(image.spec().format.basetype if kind == oiio.UNKNOWN else kind)
     image.close()
     if pixels is None:
         raise OSError(f"{path}: the layers cannot be read: {complaint(image)}")
-    return {name: pixels[..., i] for i, name in enumerate(names)}
+    return names, pixels
 
 
 def write_codes(path: Path | str, codes: np.ndarray) -> None:

@@ -108,10 +108,10 @@ def _write_tables(folder: Path, lenses: Sequence[AbstractLens]) -> None:
 def _frame(view, camera):
     if view.split not in ("train", "test"):
         raise ValueError(f"split must be one of train, test, got {view.split!r}.")
-    film, pose = camera.film, _pose(camera.trajectory, camera.time)
+    film = camera.film
     frame = {
         **{"file_path": view.file_path, "camera": view.camera_name, "split": view.split},
-        **{"time": json_numbers(camera.time), "transform_matrix": _matrix(*pose)},
+        **{"time": json_numbers(camera.time), "transform_matrix": camera_to_world(camera)},
         **{"w": film.width, "h": film.height},
         **camera.lens.record().keys,
     }
@@ -202,6 +202,12 @@ _rotations = jax.jit(rotation_matrix)
 def _pose(trajectory, time):
     pose = pose_at(trajectory, time)
     return rotation_matrix(pose.quat), pose.translation
+
+
+def camera_to_world(camera: Camera) -> list[list[float]]:
+    """The 4x4 matrix from camera to world at the camera's time, in OpenGL axes, as manifests have
+    it."""
+    return _matrix(*_pose(camera.trajectory, camera.time))
 
 
 def _matrix(rotation, translation):

@@ -148,12 +148,13 @@ def _seen(folder: Path, records: Sequence[FrameRecord]) -> dict[str, Any]:
             listed[frame["file_path"]] = {**shared, **frame}
             info[frame["file_path"]] = document.get("info", {})
     frames = [
-        {**listed[record.file_path], "row_times": _row_times(record.camera)} for record in records
+        {**listed[record.file_path], "row_times": row_exposure_times(record.camera)}
+        for record in records
     ]
     return {"info": info[records[0].file_path], "frames": frames}
 
 
-def _row_times(camera: Camera) -> list[float]:
+def row_exposure_times(camera: Camera) -> list[float]:
     """When each row (column, where the shutter reads sideways) is in the middle of its exposure;
     one number alone if all are at once."""
     shutter, size = camera.shutter, (camera.film.width, camera.film.height)

@@ -74,7 +74,7 @@ def render_dataset(
     """
     options = options or DatasetOptions()
     out, scene, records = Path(out), renderer.scene, with_label_files(records, options.labels)
-    _check(scene, records, options)
+    check_frames(scene, records, options)
     claim_folder(out, scene, records, _settings(renderer, options))
     if leads():
         sweep(out, deep=True)
@@ -109,7 +109,9 @@ def render_dataset(
     return out
 
 
-def _check(scene: Scene | Clip, records: Sequence[FrameRecord], options: DatasetOptions) -> None:
+def check_frames(
+    scene: Scene | Clip, records: Sequence[FrameRecord], options: DatasetOptions
+) -> None:
     """Raise a ValueError unless labels and sensor are possible for these frames."""
     if options.labels and isinstance(scene, Clip):
         raise ValueError(

@@ -6,7 +6,7 @@ from pathlib import Path
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Array, Float, UInt8
 
 from gaussray.camera.sensor.noise import picture_key
 from gaussray.camera.sensor.sensor import SensorOptions, amounts, develop_by, encode, steps_of
@@ -62,13 +62,19 @@ def picture_levels(
 def _sensor_values(
     record: FrameRecord, light: Float[np.ndarray, "h w 3"], sensor: SensorOptions
 ) -> Float[np.ndarray, "h w 3"]:
-    """The sensor's linear values of a frame. The noise follows from the seed and the file's name
-    without its suffix, so that it does not depend on the other frames or on the format."""
+    return np.asarray(sensor_values(record, jnp.asarray(light), sensor))
+
+
+def sensor_values(
+    record: FrameRecord, light: Float[Array, "h w 3"], sensor: SensorOptions
+) -> Float[Array, "h w 3"]:
+    """The sensor's linear values of a frame, on the device of the light. The noise follows from the
+    seed and the file's name without its suffix, so that it does not depend on the other frames or
+    on the format."""
     key = picture_key(sensor.seed, str(Path(record.file_path).with_suffix("")))
     # Cameras of every kind share the program of a sensor that does not ask for them.
     camera = record.camera if sensor.falloff or any(sensor.vignetting) else None
-    inputs = amounts(sensor), jnp.asarray(light), camera, key
-    return np.asarray(_develop(*inputs, steps=steps_of(sensor)))
+    return _develop(amounts(sensor), light, camera, key, steps=steps_of(sensor))
 
 
 _develop = eqx.filter_jit(develop_by)

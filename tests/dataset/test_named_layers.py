@@ -4,7 +4,7 @@ import numpy as np
 import OpenImageIO as oiio
 import pytest
 
-from gaussray.dataset.layers import read_layers, write_codes, write_layers
+from gaussray.dataset.layers import read_codes, read_layers, write_codes, write_layers
 
 
 def test_layers_come_back_by_name_to_the_last_bit(tmp_path):
@@ -31,6 +31,7 @@ def test_codes_take_as_many_bits_as_they_need(tmp_path, largest, kind):
     found = image.read_image("uint16" if kind == "uint16" else "uint8")
     assert str(image.spec().format) == kind
     np.testing.assert_array_equal(found[..., 0], codes)
+    np.testing.assert_array_equal(read_codes(tmp_path / "a.png"), codes)
 
 
 def test_what_does_not_fit_is_refused(tmp_path):

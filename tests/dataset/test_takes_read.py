@@ -27,7 +27,7 @@ def data(tmp_path):
             path = f"images/{i:04d}.exr"
             write_image(tmp_path / folder / path, np.full((4, 6, 3), next(light)))
             times = [0.5] if index else [0.1, 0.2, 0.3, 0.4]
-            frames.append({"file_path": path, "w": 6, "h": 4, "transform_matrix": POSE,
+            frames.append({"file_path": path, "w": 6, "h": 4, "transform_matrix": POSE, "time": 0.5,
                            "row_times": times, "labels": {"moving": path}})  # fmt: skip
         lines.append({"version": 1, "index": index, "folder": folder, "frames": frames})
     text = "".join(json.dumps(line) + "\n" for line in lines)
@@ -76,11 +76,12 @@ def test_jax_reads_every_frame_once_in_an_order_of_the_key(data):
 
 def test_torch_reads_what_the_manifest_lists(data):
     torch = pytest.importorskip("torch")
-    from experiments.reading.torch_reader import Frames
+    from gaussray.torch import SavedFrames
 
-    (batch,) = torch.utils.data.DataLoader(Frames(data), batch_size=5)
-    assert batch["light"].shape == (5, 3, 4, 6) and batch["take"].tolist() == [0, 0, 1, 1, 1]
-    np.testing.assert_allclose(batch["row_times"][2:], 0.5)
+    (batch,) = torch.utils.data.DataLoader(SavedFrames(data), batch_size=5)
+    assert batch["light"].shape == (5, 3, 4, 6) and batch["sample"].tolist() == [0, 0, 1, 1, 1]
+    np.testing.assert_allclose(batch["pixel_times"][2:], 0.5)
+    np.testing.assert_allclose(batch["pixel_times"][0, :, 5], [0.1, 0.2, 0.3, 0.4], rtol=1e-6)
 
 
 def test_tar_files_hold_every_frame_and_are_the_same_bytes(data, tmp_path):

@@ -16,6 +16,7 @@ from gaussray.dataset.takes import (
     write_takes,
 )
 from gaussray.io.atomic import sweep
+from gaussray.render.aov.files import SHARP
 from gaussray.render.dataset import render_dataset
 from gaussray.render.develop import without_unused_seed
 from gaussray.render.job import RenderJob
@@ -99,7 +100,7 @@ def generate_samples(
     frames = _frame_counts(distributions, make_job, options, quiet)
     progress = Progress("render", sum(frames.values()), quiet=quiet, anew=True)
     progress.report(0, "compiling")
-    shared, done = _Shared(devices), itertools.count(1)
+    shared, done = SharedRenderers(devices), itertools.count(1)
     # Samples of an interrupted run, whose lines may not be in the manifest.
     write_takes(out, options.count)
     for number, index in enumerate(frames, 1):
@@ -107,8 +108,10 @@ def generate_samples(
         note = f"sample {number}/{len(frames)}  {sample.job.records[0].effect}"
         left = itertools.islice(done, len(sample.job.records))
 
-        def finished(_: FrameRecord, note: str = note, left: Iterator[int] = left) -> None:
-            progress.report(next(left), note)
+        def finished(record: FrameRecord, note: str = note, left: Iterator[int] = left) -> None:
+            # The pictures of the label `sharp` are no frames of the sample.
+            if record.effect != SHARP:
+                progress.report(next(left), note)
 
         with output_lock(out / folder_of(index)):
             if _render(out, sample, options.seed, shared, finished):
@@ -132,7 +135,7 @@ def _frame_counts(
     return counts
 
 
-class _Shared:
+class SharedRenderers:
     """What samples share: hashes of their scenes, and renderers, whose lists are measured and whose
     programs are compiled."""
 
@@ -162,7 +165,7 @@ def _render(
     out: Path,
     sample: Sample,
     seed: int,
-    shared: _Shared,
+    shared: SharedRenderers,
     finished: Callable[[FrameRecord], object],
 ) -> bool:
     """Render a sample, and write its line last: the line marks it as finished.
