@@ -55,7 +55,8 @@ class FocusPull(eqx.Module):
         require("aperture.focus_distance.distance", self.distance, lambda f: f > 0, "above 0")
         if self.ease not in EASES:
             raise ValueError(
-                f"aperture.focus_distance.ease must be one of {EASES}, got {self.ease!r}."
+                f"aperture.focus_distance.ease must be one of {', '.join(EASES)}, "
+                f"got {self.ease!r}."
             )
 
     def __repr__(self) -> str:
@@ -131,7 +132,9 @@ class Aperture(eqx.Module):
                 f"aperture.blades must be at least 0, got {self.blades}. 0 is a round aperture."
             )
         if self.focus not in FOCUS:
-            raise ValueError(f"aperture.focus must be one of {FOCUS}, got {self.focus!r}.")
+            raise ValueError(
+                f"aperture.focus must be one of {', '.join(FOCUS)}, got {self.focus!r}."
+            )
         if self.rim is not None and known(self.rim.distance, distance):
             nearest = np.min(distance)
             require(

@@ -97,6 +97,8 @@ def format_of(folder: Path | str) -> str:
         FileNotFoundError: the folder does not exist.
     """
     folder = Path(folder)
+    if folder.is_file():
+        raise NotADirectoryError(f"{folder}: a capture must be a folder, got a file.")
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: the capture folder does not exist.")
     paired = (folder / PINHOLE_FILE).is_file()

@@ -106,7 +106,9 @@ def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     out, quiet = begin_run_folder(cfg), cfg.quiet
     render_dataset(job.renderer(devices), job.records, out, options=job.dataset, quiet=quiet)
     effect, count = job.records[0].effect, len(job.records)
-    _say(f"{out}: {count} frames of {effect}.", out=str(out), frames=count, effect=effect)
+    text = f"{out}: {count} {'picture' if count == 1 else 'pictures'} ({effect.replace('_', ' ')})."
+    text += f" Open {out / 'report.html'} in a browser." if cfg.report else ""
+    _say(text, out=str(out), frames=count, effect=effect)
     return {"scene": job.scene}
 
 

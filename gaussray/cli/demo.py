@@ -104,7 +104,7 @@ def demo(
     facts = report["scene"]
     say(
         f"{facts['gaussians']} Gaussians, of which {facts['moving']} move, "
-        f"{facts['bytes'] / 1e6:.1f} MB; {report['seconds']['total']:.0f} s in total. "
-        f"See {out / 'contact_sheet.png'} and the videos in {out}."
+        f"{facts['bytes'] / 1e6:.1f} MB in memory; {report['seconds']['total']:.0f} s in total. "
+        f"See {out / 'report.html'}, {out / 'contact_sheet.png'} and the videos in {out}."
     )
     return report

@@ -31,9 +31,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 def _help(words: Sequence[str]) -> str | None:
     """The text that is asked for; None if a command is to be run."""
-    if not words or words[0] in ("-h", "--help"):
+    if len(words) > 1 and words[0] == "help":
+        words = [words[1], "--help"]
+    if not words or words[0] in ("-h", "--help", "help"):
         return usage()
-    if words[0] == "--version":
+    if words[0] in ("--version", "version"):
         return f"gaussray {version('gaussray')}"
     if words[0] in COMMANDS and "--help=all" in words:
         return full_help(words[0])

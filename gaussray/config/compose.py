@@ -17,7 +17,7 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from gaussray.config.messages import CONFIGURATION_ERRORS, configuration_error
+from gaussray.config.messages import ALIASES, CONFIGURATION_ERRORS, configuration_error
 from gaussray.config.schema import conf_folder, keys
 from gaussray.config.suggest import did_you_mean
 from gaussray.config.yaml_files import preset_words
@@ -143,7 +143,8 @@ def hydra_words(overrides: Sequence[str]) -> list[str]:
     for the keys in its file, and render.size is another name of film.size."""
     words: list[str] = []
     for word in overrides:
-        word = re.sub(r"^render\.size=", "film.size=", word)
+        name, equals, value = word.partition("=")
+        word = f"{ALIASES.get(name, name)}{equals}{value}"
         words.append(f"++{word}" if word.startswith("sample.") else word)
         if word.startswith("preset=") and word not in ("preset=", "preset=null"):
             words += preset_words(word.removeprefix("preset="))

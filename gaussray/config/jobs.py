@@ -131,8 +131,8 @@ def _possible_labels(
         return labels
     if interval > 0:
         note(
-            f"labels: every camera has one frame; {', '.join(flow)} point to the time {interval:g} "
-            "away, the capture's next frame."
+            f"{', '.join(flow)}: every camera has one frame, so flow leads to the capture's next "
+            f"frame, {interval:g} in time away."
         )
         return labels
     note(f"labels: without {', '.join(flow)}, because there is one time and no other frame.")

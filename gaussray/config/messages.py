@@ -13,6 +13,10 @@ from gaussray.config.suggest import did_you_mean
 CONFIGURATION_ERRORS = (HydraException, OmegaConfBaseException)
 # Another key that a user may have meant by an old one.
 _SIZE_HINT = {"film.width": "; the size of the pictures is film.size=[width,height]."}
+# Keys of the command line that stand for another one.
+ALIASES = {"render.size": "film.size"}
+# The remedy for a word without "=", by its last letter.
+_WORD_HINTS = {"]": " A list has no spaces, or stands in quotes."}
 # Letters of a wrong word that a message shows.
 _SHOWN = 200
 # Letters of another library's message that are shown.
@@ -35,23 +39,32 @@ def configuration_error(command: str, error: Exception, words: Sequence[str] = (
 def _problem_of(command: str, word: str) -> str:
     """Why a command does not accept a word, with a suggestion; empty if it does."""
     name, equals, value = word.lstrip("+~").partition("=")
+    name = ALIASES.get(name, name)
     if name.startswith(("hydra", "sample.")) or word.startswith("~"):
         return ""
+    known = [*keys(command), *groups(command)]
     if not equals:
         choice = [f"{group}={name}" for group in groups(command) if name in choices(group)]
-        hint = f" Did you mean {choice[0]}?" if choice else ""
+        hint = f" Did you mean {choice[0]}?" if choice else _WORD_HINTS.get(name[-1:], "")
+        if name.startswith("-"):
+            hint = f" Leave out {'--' if name.startswith('--') else '-'}."
+        elif name in known:
+            hint = f" Write {name}=VALUE without spaces."
         return f"the words after `{command}` must be key=value, got {name[:_SHOWN]!r}.{hint}"
     if name in groups(command):
-        if value in choices(name):
+        options = choices(name)
+        if value in options:
             return ""
-        known = choices(name)
         shown = value[:_SHOWN]
         return (
-            f"{name} must be one of {', '.join(known)}, got {shown!r}.{did_you_mean(shown, known)}"
+            f"{name} must be one of {', '.join(options)}, got {shown!r}."
+            f"{did_you_mean(shown, options)}"
         )
-    known = [*keys(command), *groups(command)]
     if name in RENAMED and RENAMED[name] in known:
         return f"{name} is now called {RENAMED[name]}{_SIZE_HINT.get(name, '.')}"
+    if name in known and "," in value and not value.startswith(("[", "{", '"', "'")):
+        shown = value[:_SHOWN]
+        return f"{name} must be one value or a list, got {shown!r}. Write '{name}=[{shown}]'."
     if name in known or any(key.startswith(f"{name}.") for key in known):
         return ""
     name = name[:_SHOWN]

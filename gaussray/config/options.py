@@ -64,4 +64,5 @@ def as_type(kind: type, value: Any, key: str) -> Any:
         return float(value)
     if type(value) is kind:
         return value
-    raise ValueError(f"{key} must be {_TYPE_NAMES.get(kind, 'a text')}, got {value!r}.")
+    remedy = f" Write {key}=[{value}]." if kind is tuple and value is not None else ""
+    raise ValueError(f"{key} must be {_TYPE_NAMES.get(kind, 'a text')}, got {value!r}.{remedy}")

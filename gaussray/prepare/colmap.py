@@ -17,8 +17,8 @@ def pycolmap() -> Any:
         import pycolmap as module
     except ImportError:
         raise PrepareError(
-            "gaussray prepare must have pycolmap, got none. Install it: pip install "
-            "'gaussray[prepare]'."
+            "gaussray prepare needs pycolmap, which is not installed: pip install -e '.[prepare]' "
+            "in the folder of gaussray."
         ) from None
     return module
 

@@ -16,7 +16,7 @@ from gaussray.dataset.images import codes
 from gaussray.evaluate.metrics import psnr
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.report.markup import tag
-from gaussray.report.optics import camera_drawings, field_of_view
+from gaussray.report.optics import camera_drawings, field_of_view, lens_name
 from gaussray.report.page import Section, html_table, note
 from gaussray.report.picture import BYTES, compared, heat_scale, sequence
 from gaussray.report.plan import camera_views
@@ -116,7 +116,7 @@ def _camera_row(view: View) -> tuple[str, ...]:
     radius = float(np.max(camera.aperture.radius))
     figures = [radius, exposure, max(last - first - exposure, 0.0)]
     cells = [f"{x:.4g}" if x else "-" for x in figures]
-    name = type(camera.lens).__name__
+    name = lens_name(camera.lens)
     return name, f"{wide:.4g} x {high:.4g}", *cells, "-" if not view.samples else str(view.samples)
 
 

@@ -9,6 +9,7 @@ from jaxtyping import Float
 
 from gaussray.camera.aperture import focus_distance_at, focused, thin_lens
 from gaussray.camera.camera import Camera
+from gaussray.camera.lens import AbstractLens
 from gaussray.camera.shutter import SIDEWAYS, row_count, row_moments
 from gaussray.report.markup import Markup, tag
 from gaussray.report.plan import edge_directions
@@ -32,6 +33,16 @@ def camera_drawings(name: str, camera: Camera, unit: str) -> list[Markup]:
     if float(camera.shutter.exposure) > 0 or np.ptp(moments) > 0:
         figures.append(shutter_drawing(f"{name}: shutter", camera, unit))
     return figures
+
+
+def lens_name(lens: AbstractLens) -> str:
+    """The name of a lens model as `lens.model` and manifests have it; that of the class for a lens
+    that manifests cannot store."""
+    try:
+        block = lens.record().keys.get("lens", {})
+    except NotImplementedError:
+        block = {}
+    return str(block.get("model", type(lens).__name__)).replace("_", " ")
 
 
 def field_of_view(camera: Camera) -> tuple[float, float]:
@@ -69,7 +80,7 @@ def ray_drawing(title: str, camera: Camera) -> Markup:
         parts.append(tag("path", d=path, class_="border"))
     x, y = place(np.zeros(2))
     parts.append(tag("circle", cx=round(x, 1), cy=round(y, 1), r=3, fill="var(--c1)"))
-    name = type(camera.lens).__name__
+    name = lens_name(camera.lens)
     wide, high = field_of_view(camera)
     caption = f"{name}, {wide:.4g} x {high:.4g} degrees"
     caption += f", focus at {focus:.4g}, radius {radius:.4g} scene units" if blurs else ""

@@ -160,7 +160,10 @@ def _picture_counts(groups: dict[str, list[View]]) -> list[tuple[str, str, str]]
     """Numbers of pictures and cameras, picture sizes, rays per pixel."""
     views = [view for some in groups.values() for view in some]
     sizes = {f"{view.width} x {view.height}" for view in views}
-    tiles = [(name.replace("_", " "), str(len(some)), "pictures") for name, some in groups.items()]
+    tiles = [
+        (name.replace("_", " "), str(len(some)), "picture" if len(some) == 1 else "pictures")
+        for name, some in groups.items()
+    ]
     names = {view.camera_name for view in views}
     tiles += [("cameras", str(len(names)), ""), ("size", ", ".join(sorted(sizes)), "pixels")]
     samples = sorted({view.samples for view in views if view.samples})

@@ -38,7 +38,9 @@ class TraceOptions(eqx.Module):
             if getattr(self, name) < 1:
                 raise ValueError(f"trace.{name} must be at least 1, got {getattr(self, name)}.")
         if self.backend not in BACKENDS:
-            raise ValueError(f"trace.backend must be one of {BACKENDS}, got {self.backend!r}.")
+            raise ValueError(
+                f"trace.backend must be one of {', '.join(BACKENDS)}, got {self.backend!r}."
+            )
         if self.group < 0:
             raise ValueError(f"trace.group must be at least 0, got {self.group}.")
         if not 0 <= self.levels <= 4:

@@ -43,7 +43,7 @@ FREE_CAMERA = {
     "camera.times": [],
     "camera.eye": [],
     "camera.target": [],
-    "camera.up": [0.0, 0.0, 1.0],
+    "camera.up": [],
     "camera.frames": 1,
     "camera.turns": 1.0,
     "camera.file": "",

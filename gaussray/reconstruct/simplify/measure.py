@@ -106,7 +106,8 @@ def _mean_colors(footage: Footage) -> Float[np.ndarray, "frames 3"]:
 def one_color_psnr(views: Sequence[TileView]) -> float:
     """PSNR in dB of pictures that show nothing but the mean colour of their viewpoint, on these
     tiles."""
-    square = [np.sum(v.weight[:, None] * (v.mean - v.truth) ** 2, dtype=np.float64) for v in views]
+    error = [np.asarray(v.weight[:, None] * (v.mean - v.truth) ** 2) for v in views]
+    square = [np.sum(x, dtype=np.float64) for x in error]
     weight = 3 * float(np.sum([np.sum(view.weight) for view in views]))
     return psnr_from_mse(float(np.sum(square)) / max(weight, 1.0), least=LEAST_MSE)
 

@@ -14,9 +14,10 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.lens import pinhole
 from gaussray.camera.placement import look_at, orbit
-from gaussray.camera.trajectory import Trajectory
+from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.capture.capture import View
 from gaussray.capture.paths import read_path
+from gaussray.geometry import rotation_matrix
 from gaussray.scene.scene import Scene, at
 from gaussray.scene.segmented import Clip, segment_at
 
@@ -26,6 +27,8 @@ CAMERA_KINDS = ("capture", "look_at", "orbit", "path")
 _SIZE, _FOV = (960, 640), 50.0
 # Share of the Gaussians that shall be in view, and the room around them.
 _IN_VIEW, _ROOM = 0.8, 1.15
+# Up without a capture; and the weight of the mean upward axis where horizontal axes do not tell.
+_Z_UP, _LEVEL = np.array([0.0, 0.0, 1.0]), 0.03
 
 
 class CameraOptions(eqx.Module):
@@ -38,9 +41,11 @@ class CameraOptions(eqx.Module):
         split: train or test.
         names: Names of cameras, instead of a split.
         times: Times of frames in the scene's unit.
-        eye: Position of the camera, of an orbit its first one; empty is one that sees the scene.
+        eye: Position of the camera, of an orbit its first one. Empty is the position of one of the
+            capture's cameras; without a capture, one outside the scene that sees all of it.
         target: The point in the middle of the picture; empty is the middle of the scene.
-        up: Direction that points up in the picture, the axis of an orbit.
+        up: Direction that points up in the picture, the axis of an orbit. Empty is the direction
+            that is up in the capture's pictures; without a capture, +z.
         frames: Number of frames, evenly over the scene's times.
         turns: Full turns of an orbit; negative is clockwise as seen from above.
         file: Camera path (`capture.paths`).
@@ -52,7 +57,7 @@ class CameraOptions(eqx.Module):
     times: tuple[float, ...] = eqx.field(static=True, default=())
     eye: tuple[float, ...] = eqx.field(static=True, default=())
     target: tuple[float, ...] = eqx.field(static=True, default=())
-    up: tuple[float, ...] = eqx.field(static=True, default=(0.0, 0.0, 1.0))
+    up: tuple[float, ...] = eqx.field(static=True, default=())
     frames: int = eqx.field(static=True, default=1)
     turns: float = eqx.field(static=True, default=1.0)
     file: str = eqx.field(static=True, default="")
@@ -66,7 +71,7 @@ class CameraOptions(eqx.Module):
             raise ValueError(f"camera.frames must be at least 1, got {self.frames}.")
         for key in ("eye", "target", "up"):
             value = getattr(self, key)
-            if len(value) != 3 and (value or key == "up"):
+            if len(value) not in (0, 3):
                 raise ValueError(f"camera.{key} must be three numbers, got {list(value)}.")
 
 
@@ -85,7 +90,7 @@ def placed_views(
     first, last = (float(t) for t in np.asarray(scene.time_range))
     times = np.array(options.times) if options.times else np.linspace(first, last, options.frames)
     base = _base_camera(views)
-    path = _trajectory(scene, options, base, (first, last))
+    path = _trajectory(scene, options, base, [view.camera for view in views], (first, last))
     cameras = (
         dataclasses.replace(base, trajectory=path, time=jnp.asarray(time, jnp.float32))
         for time in times
@@ -109,29 +114,87 @@ def _base_camera(views: Sequence[View]) -> Camera:
 
 
 def _trajectory(
-    scene: Scene | Clip, options: CameraOptions, base: Camera, times: tuple[float, float]
+    scene: Scene | Clip,
+    options: CameraOptions,
+    base: Camera,
+    cameras: Sequence[Camera],
+    times: tuple[float, float],
 ) -> Trajectory:
     first, last = times if times[0] < times[1] else (times[0], times[0] + 1)
     if options.kind == "path":
-        if not options.file:
-            raise ValueError("camera=path needs camera.file, a file of camera poses.")
-        knots, quat, place = read_path(options.file)
-        if len(knots) > 1:
-            knots = first + (knots - knots[0]) / (knots[-1] - knots[0]) * (last - first)
-        knots, quat, place = (jnp.asarray(x, jnp.float32) for x in (knots, quat, place))
-        return Trajectory(knots, quat, place)
-    eye, target = np.array(options.eye), np.array(options.target)
+        path = _path_of_file(options.file, (first, last))
+    else:
+        eye, target, up = _placement(scene, options, base, cameras)
+        if options.kind == "look_at":
+            path = look_at(eye, target, up)
+        else:
+            # A last frame at the place of the first would be seen twice in a loop.
+            end = first + (last - first) * options.frames / max(options.frames - 1, 1)
+            path = orbit(eye, target, up, turns=options.turns, times=(first, end))
+    return jax.tree.map(lambda x: x.astype(jnp.float32), path)
+
+
+def _path_of_file(file: str, times: tuple[float, float]) -> Trajectory:
+    """The poses of a file, stretched over the scene's times."""
+    if not file:
+        raise ValueError("camera=path needs camera.file, a file of camera poses.")
+    first, last = times
+    knots, quat, place = read_path(file)
+    if len(knots) > 1:
+        knots = first + (knots - knots[0]) / (knots[-1] - knots[0]) * (last - first)
+    knots, quat, place = (jnp.asarray(x, jnp.float32) for x in (knots, quat, place))
+    return Trajectory(knots, quat, place)
+
+
+def _placement(
+    scene: Scene | Clip, options: CameraOptions, base: Camera, cameras: Sequence[Camera]
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Eye, target and up: those of the options, otherwise from the capture or the scene."""
+    eye, target, up = (np.array(x, float) for x in (options.eye, options.target, options.up))
+    poses = [pose_at(camera.trajectory, camera.time) for camera in cameras]
+    place = np.array([np.asarray(pose.translation, float) for pose in poses]).reshape(-1, 3)
+    if not len(up):
+        turn = [np.asarray(rotation_matrix(pose.quat), float) for pose in poses]
+        up = _upright(np.array(turn)) if turn else _Z_UP
     if not (len(eye) and len(target)):
         middle, radius = _extent(scene)
         target = target if len(target) else middle
-        eye = eye if len(eye) else _viewpoint(target, radius, options.up, base)
-    if options.kind == "look_at":
-        path = look_at(eye, target, options.up)
-    else:
-        # A last frame at the place of the first would be seen twice in a loop.
-        end = first + (last - first) * options.frames / max(options.frames - 1, 1)
-        path = orbit(eye, target, options.up, turns=options.turns, times=(first, end))
-    return jax.tree.map(lambda x: x.astype(jnp.float32), path)
+        if not len(eye):
+            near = _near_position(place, target, up)
+            eye = _viewpoint(target, radius, up, base) if near is None else near
+    return eye, target, up
+
+
+def _upright(rotation: Float[np.ndarray, "cameras 3 3"]) -> Float[np.ndarray, "3"]:
+    """The direction that is up for people who hold their cameras level.
+
+    It is at right angles to the horizontal axes of all cameras. Where these do not tell (cameras
+    side by side), it is the mean of the cameras' own upward axes.
+    """
+    right, mean = rotation[:, :, 0], -rotation[:, :, 1].mean(axis=0)
+    length = np.linalg.norm(mean)
+    if length < 1e-6:
+        return _Z_UP
+    mean = mean / length
+    spread = right.T @ right / len(right) + _LEVEL * (np.eye(3) - np.outer(mean, mean))
+    up = np.linalg.eigh(spread)[1][:, 0]
+    return up if up @ mean > 0 else -up
+
+
+def _near_position(
+    place: Float[np.ndarray, "cameras 3"],
+    target: Float[np.ndarray, "3"],
+    up: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, "3"] | None:
+    """The position of a camera than which a quarter of all are nearer to the axis of the orbit:
+    inside a room, the orbit then does not leave it. None if all cameras are on the axis."""
+    if not len(place):
+        return None
+    away = place - target
+    level = away - np.outer(away @ up, up) / (up @ up)
+    distance = np.linalg.norm(level, axis=1)
+    chosen = int(np.argsort(distance)[len(distance) // 4])
+    return place[chosen] if distance[chosen] > 1e-3 * np.linalg.norm(away[chosen]) else None
 
 
 def _extent(scene: Scene | Clip) -> tuple[Float[np.ndarray, "3"], float]:
@@ -147,10 +210,10 @@ def _extent(scene: Scene | Clip) -> tuple[Float[np.ndarray, "3"], float]:
 
 
 def _viewpoint(
-    target: Float[np.ndarray, "3"], radius: float, up: Sequence[float], base: Camera
+    target: Float[np.ndarray, "3"], radius: float, up: Float[np.ndarray, "3"], base: Camera
 ) -> Float[np.ndarray, "3"]:
     """A position from which a ball around the target is in view, a little above it."""
-    vertical = np.array(up) / max(np.linalg.norm(up), 1e-12)
+    vertical = up / max(np.linalg.norm(up), 1e-12)
     # The horizontal direction nearest to -y, or to -z where up is along y.
     side = np.array([0.0, -1, 0]) if abs(vertical[1]) < 0.9 else np.array([0.0, 0, -1])
     side = side - np.dot(side, vertical) * vertical

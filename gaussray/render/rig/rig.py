@@ -105,11 +105,17 @@ def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, st
             raise ValueError(
                 f"camera.names must be among the capture's ({', '.join(known)}), got {name}."
             )
-    chosen = [
+    of_cameras = [
         view
         for view in views
         if (view.camera_name in options.names if options.names else view.split == options.split)
-        and (not options.times or np.min(np.abs(np.array(options.times) - view.time)) < _SAME_TIME)
+    ]
+    if of_cameras:
+        _check_times(of_cameras, options)
+    chosen = [
+        view
+        for view in of_cameras
+        if not options.times or np.min(np.abs(np.array(options.times) - view.time)) < _SAME_TIME
     ]
     if not chosen:
         splits = list(dict.fromkeys(view.split for view in views)) or ["train"]
@@ -119,6 +125,18 @@ def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, st
             f"camera.split={splits[0]}."
         )
     return [(view.camera_name, view.split, view.camera) for view in chosen]
+
+
+def _check_times(views: Sequence[View], options: CameraOptions) -> None:
+    times = np.unique([view.time for view in views])
+    for wanted in options.times:
+        away = np.abs(times - wanted)
+        if np.min(away) >= _SAME_TIME:
+            near = ", ".join(f"{t:.8g}" for t in np.sort(times[np.argsort(away)[:2]]))
+            raise ValueError(
+                f"camera.times must be times of frames of the capture, got {wanted:g}; the nearest "
+                f"are {near}."
+            )
 
 
 def _aperture(camera: Camera, lens: AbstractLens, options: ApertureOptions) -> Aperture:

@@ -111,7 +111,9 @@ def _path(
             raise ValueError("trajectory.kind=path needs trajectory.file, a file of camera poses.")
         times, quat, place = read_path(options.file)
         if options.clock not in CLOCKS:
-            raise ValueError(f"trajectory.clock must be one of {CLOCKS}, got {options.clock!r}.")
+            raise ValueError(
+                f"trajectory.clock must be one of {', '.join(CLOCKS)}, got {options.clock!r}."
+            )
         if options.clock == "file":
             first, last = times[0], times[-1]
         elif len(times) > 1:

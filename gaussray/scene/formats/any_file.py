@@ -32,6 +32,11 @@ def load(path: Path | str) -> Scene | Clip:
         path = sample("scene")
     if Path(path).suffix.lower() in FOREIGN:
         return model_scene(path)[0]
+    if not Path(path).exists():
+        raise FileNotFoundError(
+            f"scene={path}: no such file or folder. Give the output folder of `gaussray "
+            "reconstruct`, a .ply file, or scene=sample."
+        )
     return load_scene(path)
 
 

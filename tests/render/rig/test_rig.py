@@ -20,6 +20,7 @@ from gaussray.config.options import build_options
 from gaussray.config.schema import conf_folder
 from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
+from gaussray.geometry import rotation_matrix
 from gaussray.render.rig import rig
 from gaussray.render.rig.film import on_film
 from gaussray.render.rig.placed import placed_views
@@ -53,6 +54,12 @@ def test_keep_keeps_the_held_out_cameras(views):
 def test_names_and_times_choose(views):
     camera = rig.CameraOptions(names=("cam_0", "cam_1"), times=(0.5,))
     assert [r.camera_name for r in built(views, camera=camera)] == ["cam_0", "cam_1"]
+
+
+def test_a_time_without_a_frame_is_refused_with_the_nearest_ones(views):
+    camera = rig.CameraOptions(names=("cam_0",), times=(0.5, 0.4))
+    with pytest.raises(ValueError, match=r"camera.times must be .* got 0.4; the nearest are"):
+        built(views, camera=camera)
 
 
 def test_every_lens_is_what_it_says(views):
@@ -358,6 +365,38 @@ def test_a_placed_camera_sees_the_scene_where_nothing_is_said():
     seen = jax.vmap(lambda p: view.camera.lens.project(local.inverse_apply(p)))(scene.static.mean)
     inside = np.all((np.asarray(seen) > 0) & (np.asarray(seen) < [960, 640]), axis=-1)
     assert np.mean(inside) > 0.8
+
+
+def test_an_orbit_without_an_eye_starts_at_one_of_the_captures_cameras_and_is_level():
+    scene, up = toy.scene(speed=0), np.array([0.0, -0.6, 0.8])
+    places = [np.array(p, float) for p in ((4, 0, 1), (0, 3, 1), (-2, 0, 1), (0, -5, 1))]
+    turned = np.array([[1, 0, 0], [0, 0.8, -0.6], [0, 0.6, 0.8]])  # takes +z to `up`
+    np.testing.assert_allclose(turned @ [0, 0, 1], up, atol=1e-12)
+    eyes = [turned @ p for p in places]
+    views = []
+    for eye in eyes:
+        eye = tuple(eye.tolist())
+        options = rig.CameraOptions("look_at", eye=eye, target=(0.0, 0.0, 0.0), up=(0.0, -0.6, 0.8))
+        views += placed_views(scene, options)
+    options = rig.CameraOptions("orbit", target=(0.0, 0.0, 0.0), frames=4)
+    circle = placed_views(scene, options, views)
+    poses = [pose_at(v.camera.trajectory, v.camera.time) for v in circle]
+    np.testing.assert_allclose(poses[0].translation, eyes[1], atol=1e-4)  # a quarter are nearer
+    for pose in poses:
+        np.testing.assert_allclose(pose.translation @ up, eyes[1] @ up, atol=0.03)
+        right = np.asarray(rotation_matrix(pose.quat))[:, 0]
+        np.testing.assert_allclose(right @ up, 0, atol=5e-3)  # 0.3 degrees
+
+
+def test_cameras_side_by_side_have_the_mean_of_their_upward_axes():
+    scene = toy.scene(speed=0)
+    views = []
+    for x in (-0.5, 0.0, 0.5):
+        options = rig.CameraOptions("look_at", eye=(x, -4.0, 0.0), target=(x, 0.0, 0.0))
+        views += placed_views(scene, options)
+    (view,) = placed_views(scene, rig.CameraOptions("look_at", target=(0.0, 0.0, 0.0)), views)
+    pose = pose_at(view.camera.trajectory, view.camera.time)
+    np.testing.assert_allclose(rotation_matrix(pose.quat)[:, 1], [0, 0, -1], atol=1e-4)
 
 
 @pytest.mark.parametrize(
