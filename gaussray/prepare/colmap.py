@@ -25,10 +25,10 @@ def pycolmap() -> Any:
 
 @contextlib.contextmanager
 def quiet_colmap() -> Iterator[None]:
-    """Within the block COLMAP logs errors alone."""
+    """Within the block COLMAP logs nothing but fatal errors: others become a `PrepareError`."""
     logging = pycolmap().logging
     level = logging.minloglevel
-    logging.minloglevel = 2
+    logging.minloglevel = 3
     try:
         yield
     finally:

@@ -100,7 +100,7 @@ def lock_output(out: Path | str, part: str = "") -> Path | None:
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             lock.release()
-            reason = "it is a file, not a folder" if out.is_file() else error.strerror
+            reason = "it is a file, not a folder" if Path(out).is_file() else error.strerror
             raise OSError(f"out={out}: cannot be written: {reason}") from error
     _held[path] = _Held(lock, made)
     return path
