@@ -3,14 +3,14 @@
 from pathlib import Path
 
 from gaussray.io.sample_data import WORD, sample
-from gaussray.scene.formats.convert import export_model, model_scene
+from gaussray.scene.formats.convert import WRITERS, export_model, model_scene
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene, save_scene
 
 
 # Endings of the files of other programs, which `read_model` reads or refuses with a remedy.
-FOREIGN = (".ply", ".spz", ".splat", ".ksplat", ".sog")
+FOREIGN = (".ply", ".spz", ".splat", ".glb", ".gltf", ".ksplat", ".sog")
 
 
 def load(path: Path | str) -> Scene | Clip:
@@ -18,8 +18,8 @@ def load(path: Path | str) -> Scene | Clip:
 
     Args:
         path: A scene file (.npz), the folder of a reconstruction, a trained model of 3D Gaussian
-            Splatting (.ply, whose colours are read as sRGB codes), or "sample", the scene that
-            comes with the package.
+            Splatting (.ply, .spz, .splat, whose colours are read as sRGB values, or .glb, which
+            says what they are), or "sample", the scene that comes with the package.
 
     Returns:
         The scene; a clip if the file holds several segments of time.
@@ -44,8 +44,8 @@ def save(path: Path | str, scene: Scene | Clip) -> None:
     """Write a scene to a file.
 
     Args:
-        path: A scene file (.npz), which keeps every bit, or a model of 3D Gaussian Splatting (.ply)
-            of a scene that stands still.
+        path: A scene file (.npz), which keeps every bit, or a model of 3D Gaussian Splatting (.ply,
+            .spz, .glb) of a scene that stands still.
         scene: The scene.
 
     Raises:
@@ -53,9 +53,10 @@ def save(path: Path | str, scene: Scene | Clip) -> None:
         OSError: The file cannot be written.
     """
     ending = Path(path).suffix.lower()
-    if ending == ".ply":
-        export_model(scene, path)
+    if ending[1:] in WRITERS:
+        export_model(scene, path, file_format=ending[1:])
     elif ending == ".npz":
         save_scene(path, scene)
     else:
-        raise ValueError(f"save: the file must end in .npz or .ply, got {str(path)!r}.")
+        known = ", ".join([".npz", *(f".{name}" for name in WRITERS)])
+        raise ValueError(f"save: the file must end in one of {known}, got {str(path)!r}.")

@@ -1,6 +1,7 @@
-"""Imports models of other programs as scenes, and exports scenes as 3D Gaussian Splatting PLY."""
+"""Imports models of other programs as scenes, and exports scenes as PLY, SPZ and glTF files."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from gaussray.runtime.devices import leads, wait
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.formats.gaussian_ply import write_gaussians
+from gaussray.scene.formats.gltf import stated_color, write_gltf
 from gaussray.scene.formats.spz import write_spz
 from gaussray.scene.gaussians import Gaussians, folded
 from gaussray.scene.residual_field import ResidualField
@@ -25,8 +27,12 @@ from gaussray.scene.store import save_scene
 
 # Colours of a model: sRGB values, as in models fitted to 8-bit pictures, or linear light.
 COLORS = ("srgb", "linear")
-# Writers of Gaussians at one time.
-WRITERS = {"ply": write_gaussians, "spz": write_spz}
+# Writers of Gaussians at one time, whose colours are in the colour space of the last argument.
+WRITERS: dict[str, Callable[[Path | str, Gaussians, str], None]] = {
+    "ply": lambda path, gaussians, color: write_gaussians(path, gaussians),
+    "spz": lambda path, gaussians, color: write_spz(path, gaussians),
+    "glb": write_gltf,
+}
 # Transient Gaussians of smaller opacity are not exported: rasterisers do not show them.
 LEAST_OPACITY = 1 / 255
 # Gaussians whose colours are converted at a time: bounds the memory.
@@ -39,12 +45,12 @@ def import_model(
     """Import a trained model of another program, and save it as `out`/scene.npz.
 
     Args:
-        source: a PLY, SPZ or .splat file (a static scene), or the folder of a model of 4DGaussians
-            or of one of its iterations (`read_model`).
+        source: a PLY, SPZ, .splat or GLB file (a static scene), or the folder of a model of
+            4DGaussians or of one of its iterations (`read_model`).
         out: folder of the scene.
         color: colours of the model: `srgb`, the values of the 8-bit pictures that it was fitted to,
             which are converted to linear light (`converted`; at every time if they change), or
-            `linear`, taken as they are.
+            `linear`, taken as they are. A GLB file says which, and this is ignored.
         iteration: iteration of a model's folder; None for the latest.
 
     Returns:
@@ -57,13 +63,15 @@ def import_model(
     out = Path(out)
     if (out / "scene.npz").exists():
         raise ValueError(f"out={out} holds a scene already. Choose another folder.")
+    stated = stated_color(source)
+    color = stated or color
     scene, file, error = model_scene(source, color=color, iteration=iteration)
     # No process shall find what another has just written.
     wait("import")
     if leads():
         info = {"source": file.name, "color": color}
         save_scene(out / "scene.npz", scene, info=info)
-    return scene, _assumed(file, scene.deformation, color, error)
+    return scene, _assumed(file, scene.deformation, _colors(color, error, stated is not None))
 
 
 def model_scene(
@@ -72,6 +80,7 @@ def model_scene(
     """A trained model of others as a scene (`import_model`), the file that it was read from, and
     the error of its colours (`converted`)."""
     _check_color(color)
+    color = stated_color(source) or color
     gaussians, field, file = read_model(source, iteration)
     error = 0.0
     if color == "srgb":
@@ -104,7 +113,7 @@ def export_model(
     degree: int = 3,
     file_format: str = "ply",
 ) -> tuple[Gaussians, str]:
-    """Export a scene's Gaussians at one time as a PLY file of 3D Gaussian Splatting, or as SPZ.
+    """Export a scene's Gaussians at one time as a file of 3D Gaussian Splatting.
 
     Tints, which the format does not have, are folded into the harmonics (`folded`, exact), and the
     windows of transient Gaussians into their opacity. Transient Gaussians that are not alive at
@@ -116,7 +125,8 @@ def export_model(
         time: in the unit of the scene's time range; may be None for a static scene.
         color: `srgb`, which other viewers expect (`converted`), or `linear`, as in the scene.
         degree: degree of the file's harmonics, at least the scene's; some viewers require 3.
-        file_format: `ply` or `spz` (a tenth of the size, quantised).
+        file_format: `ply`, `spz` (a tenth of the size, quantised), or `glb` (glTF with
+            KHR_gaussian_splatting, which states the colour space).
 
     Returns:
         The Gaussians that were written, and a line about them.
@@ -142,7 +152,7 @@ def export_model(
         harmonics, error = converted(harmonics, encode=True)
     gaussians = _with_harmonics(gaussians, harmonics)
     if leads():
-        WRITERS[file_format](out, gaussians)
+        WRITERS[file_format](out, gaussians, color)
     kept = f"sRGB values, {_off(error)}" if color == "srgb" else "linear light"
     return gaussians, f"{gaussians.count} Gaussians, colours as {kept}."
 
@@ -223,13 +233,17 @@ def _off(error: float) -> str:
     return f"off by {255 * error:.2g} of 255 (root mean square) for the degree of the harmonics"
 
 
-def _assumed(
-    file: Path, field: Deformation | ResidualField | None, color: str, error: float
-) -> str:
+def _colors(color: str, error: float, stated: bool) -> str:
+    """The words on the colours of a model, which its file states or not."""
     light = f"sRGB values, now linear light, {_off(error)}" if color == "srgb" else "linear light"
+    said = "as the file says" if stated else "assumed, as the file does not say"
+    return f"{said}: colours are {light}"
+
+
+def _assumed(file: Path, field: Deformation | ResidualField | None, colors: str) -> str:
     return (
         f"{file}: {_moves(field)}\n"
-        f"assumed, as the file does not say: colours are {light}; light is blended linearly; "
+        f"{colors}; light is blended linearly; "
         "scene units and world axes are the model's own.\nIts own rasteriser saw harmonics from "
         "the camera's center, added 0.3 square pixels on the screen and left out alpha below "
         "1/255: render.harmonics=center render.dilation=0.3 trace.alpha_min=0.00392 do so too; "

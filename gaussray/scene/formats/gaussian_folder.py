@@ -14,6 +14,7 @@ from typing import Any
 from gaussray.io.safe.files import read_text
 from gaussray.scene.formats.gaussian_network import read_field
 from gaussray.scene.formats.gaussian_ply import read_gaussians, read_unconstrained
+from gaussray.scene.formats.gltf import read_gltf
 from gaussray.scene.formats.splat_file import read_splat
 from gaussray.scene.formats.spz import read_spz
 from gaussray.scene.gaussians import Gaussians, constrain
@@ -31,7 +32,12 @@ FLAGS = {
 # Formats without a safe and maintained reader: one of them hangs on a truncated header.
 COMPRESSED = (".ksplat", ".sog")
 # Readers of other files that hold the Gaussians of a static model.
-READERS = {".spz": read_spz, ".splat": read_splat}
+READERS = {
+    ".spz": read_spz,
+    ".splat": read_splat,
+    ".glb": lambda path: read_gltf(path)[0],
+    ".gltf": lambda path: read_gltf(path)[0],
+}
 # Arguments of networks that are not supported.
 UNKNOWN = ("no_grid", "grid_pe", "static_mlp", "empty_voxel", "apply_rotation")
 
@@ -45,7 +51,7 @@ def read_model(
     """Read a trained model.
 
     Args:
-        source: a PLY, SPZ or .splat file, the folder of an iteration, or the folder of a model.
+        source: a PLY, SPZ, .splat or GLB file, or the folder of an iteration or of a model.
         iteration: iteration of a model's folder; None for the latest.
 
     Returns:
