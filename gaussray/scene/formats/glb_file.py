@@ -16,7 +16,14 @@ from gaussray.io.safe.limits import within
 _MAGIC, _JSON, _BIN = b"glTF", b"JSON", b"BIN\0"
 # Component types of accessors, and numbers of components by their type.
 _FLOAT, _UBYTE = 5126, 5121
-_DTYPES: dict[Any, str] = {5120: "<i1", _UBYTE: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", _FLOAT: "<f4"}
+_DTYPES: dict[Any, str] = {
+    5120: "<i1",
+    _UBYTE: "<u1",
+    5122: "<i2",
+    5123: "<u2",
+    5125: "<u4",
+    _FLOAT: "<f4",
+}
 _WIDTHS: dict[Any, int] = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 # The target of vertex attributes.
 _ARRAY_BUFFER = 34962
