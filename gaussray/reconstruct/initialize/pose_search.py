@@ -63,6 +63,10 @@ MISMATCH = 0.3
 WIDTHS = ((0.35, 0.05), (0.1, 0.02), (0.05, 0.005))
 # Standard deviation, and factor of the number of poses, of the search for a body that was hit.
 LOST, FAR = 0.8, 4
+# A blow may turn a body by any angle: so many turns are tried where it is found in blurred
+# pictures. They are Cauchy distributed with this half width in radians, each with a small step of
+# its place, in body sizes.
+TURNS, SPUN, NUDGED = 512, 0.5, 0.1
 
 
 class Pose(NamedTuple):
@@ -186,10 +190,20 @@ def _search_from(
             spread = jnp.maximum(jnp.std(best, axis=0) / unit, narrow)
             return (_changed(pose, jnp.mean(best, axis=0)), spread, cost[order[0]]), None
 
+        if start.lost and level == min(1, len(layers) - 1):
+            draw = _turns(jax.random.fold_in(key, len(layers)), own.size, dtype)
+            pose = _changed(pose, draw[jnp.argmin(costs(draw, pose, layer))])
         keys = jax.random.split(jax.random.fold_in(key, level), options.rounds)
         state = (pose, jnp.maximum(spread, wide), cost)
         (pose, spread, cost), _ = jax.lax.scan(one_round, state, keys)
     return pose, cost
+
+
+def _turns(key: PRNGKeyArray, size: Array, dtype) -> Float[Array, "turns 6"]:
+    """Changes of a pose: turns of any angle, with small steps; the first changes nothing."""
+    draw = jax.random.normal(key, (TURNS, 7), dtype).at[0, :6].set(0)
+    turn = SPUN * draw[:, :3] / jnp.maximum(jnp.abs(draw[:, 6:]), 1e-6)
+    return jnp.concatenate([turn, NUDGED * size * draw[:, 3:6]], axis=1)
 
 
 def _changed(pose: Pose, change: Float[Array, "6"]) -> Pose:
