@@ -36,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     from gaussray.reconstruct.options import ReconstructOptions
     from gaussray.reconstruct.run_progress import RunProgress
     from gaussray.reconstruct.session import Session
-    from gaussray.reconstruct.start import initial_state, with_deformation
+    from gaussray.reconstruct.start import initial_state, with_motion
 
     capture = read_capture(chosen.capture or SAMPLE)
     trace = replace(ReconstructOptions().trace, backend=backend(chosen.backend))
@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         state, progress = initial_state(session, RunProgress())
         for stage in chosen.stages:
             if stage == "fine":
-                state = with_deformation(session, state, progress)
+                state = with_motion(session, state, progress)
             state, seconds, terms, dropped = _stepped(session, state, stage, chosen.steps)
             parameters = state.parameters
             count = sum(x.logit_opacity.shape[0] for x in (parameters.static, parameters.moving))

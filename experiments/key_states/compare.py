@@ -15,12 +15,12 @@ def main(folder: str) -> None:
     jax.config.update("jax_num_cpu_devices", len(os.sched_getaffinity(0)))
 
     from gaussray.capture.formats.paired import read_capture
-    from gaussray.cli.demo import SAMPLE
+    from gaussray.io.sample_data import sample
     from gaussray.render import Renderer, RenderOptions
     from gaussray.scene.store import load_scene
 
     scene = load_scene(folder)
-    views = read_capture(SAMPLE).effects["rolling_shutter"][1::3]
+    views = read_capture(sample("capture")).effects["rolling_shutter"][1::3]
     exact = Renderer(scene, options=RenderOptions(samples=1, chunk_rows=1))
     truth = [exact(view.camera) for view in views]
     print(f"{'way':<16}{'PSNR mean':>12}{'PSNR worst':>12}{'s a frame':>12}")
