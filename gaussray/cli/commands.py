@@ -214,12 +214,25 @@ def _import(cfg: Configuration, devices: int | None) -> None:
 
 def _export(cfg: Configuration, devices: int | None) -> None:
     from gaussray.scene.formats.convert import export_model
+    from gaussray.scene.formats.sequence import export_sequence
     from gaussray.scene.store import load_scene
 
     time = None if cfg.time is None else as_type(float, cfg.time, "time")
     color, degree = as_type(str, cfg.color, "color"), as_type(int, cfg.degree, "degree")
     kind, scene = as_type(str, cfg.format, "format"), load_scene(cfg.scene)
-    _, message = export_model(scene, cfg.out, time, color=color, degree=degree, file_format=kind)
+    count = as_type(int, cfg.count, "count")
+    if count and time is not None:
+        raise ValueError(
+            f"time must be null with count={count}, got {time:g}. Leave one of them out."
+        )
+    if count:
+        message = export_sequence(
+            scene, cfg.out, count, color=color, degree=degree, file_format=kind
+        )
+    else:
+        _, message = export_model(
+            scene, cfg.out, time, color=color, degree=degree, file_format=kind
+        )
     _say(f"{cfg.out}: {message}")
 
 

@@ -17,6 +17,7 @@ from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.formats.gaussian_ply import write_gaussians
 from gaussray.scene.formats.gltf import stated_color, write_gltf
 from gaussray.scene.formats.spz import write_spz
+from gaussray.scene.formats.usd import write_usd
 from gaussray.scene.gaussians import Gaussians, folded
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene, at, transient_count
@@ -32,6 +33,7 @@ WRITERS: dict[str, Callable[[Path | str, Gaussians, str], None]] = {
     "ply": lambda path, gaussians, color: write_gaussians(path, gaussians),
     "spz": lambda path, gaussians, color: write_spz(path, gaussians),
     "glb": write_gltf,
+    "usd": lambda path, gaussians, color: write_usd(path, [gaussians], color),
 }
 # Transient Gaussians of smaller opacity are not exported: rasterisers do not show them.
 LEAST_OPACITY = 1 / 255
@@ -126,7 +128,7 @@ def export_model(
         color: `srgb`, which other viewers expect (`converted`), or `linear`, as in the scene.
         degree: degree of the file's harmonics, at least the scene's; some viewers require 3.
         file_format: `ply`, `spz` (a tenth of the size, quantised), or `glb` (glTF with
-            KHR_gaussian_splatting, which states the colour space).
+            KHR_gaussian_splatting, which states the colour space) or `usd` (OpenUSD).
 
     Returns:
         The Gaussians that were written, and a line about them.
@@ -134,9 +136,25 @@ def export_model(
     Raises:
         ValueError: the time is outside of the range, or the degree is too low.
     """
-    _check_color(color)
+    check_export(file_format)
+    gaussians, colors = gaussians_at(scene, time, color=color, degree=degree)
+    if leads():
+        WRITERS[file_format](out, gaussians, color)
+    return gaussians, f"{gaussians.count} Gaussians, {colors}."
+
+
+def check_export(file_format: str) -> None:
+    """Raise a ValueError unless there is a writer for the format."""
     if file_format not in WRITERS:
         raise ValueError(f"format must be one of {', '.join(WRITERS)}, got {file_format!r}.")
+
+
+def gaussians_at(
+    scene: Scene | Clip, time: float | None, *, color: str, degree: int
+) -> tuple[Gaussians, str]:
+    """The Gaussians of a scene at one time as files hold them, and words on their colours
+    (`export_model`)."""
+    _check_color(color)
     instant = _instant(scene, time)
     scene = segment_at(scene, instant)
     gaussians = folded(at(scene, jnp.asarray(instant, scene.time_range.dtype)))
@@ -150,11 +168,8 @@ def export_model(
     harmonics, error = jnp.pad(gaussians.harmonics, ((0, 0), (0, missing), (0, 0))), 0.0
     if color == "srgb":
         harmonics, error = converted(harmonics, encode=True)
-    gaussians = _with_harmonics(gaussians, harmonics)
-    if leads():
-        WRITERS[file_format](out, gaussians, color)
     kept = f"sRGB values, {_off(error)}" if color == "srgb" else "linear light"
-    return gaussians, f"{gaussians.count} Gaussians, colours as {kept}."
+    return _with_harmonics(gaussians, harmonics), f"colours as {kept}"
 
 
 def converted(

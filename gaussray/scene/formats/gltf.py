@@ -76,22 +76,31 @@ def write_gltf(path: Path | str, gaussians: Gaussians, color: str) -> None:
 
 def _attributes(gaussians: Gaussians, color: str) -> dict[str, np.ndarray]:
     """The vertex attributes by their semantics."""
-    single = [np.asarray(x, np.float32) for x in (gaussians.mean, gaussians.scale)]
+    mean, turned, scale, opacity, harmonics = upright_columns(gaussians)
+    return {
+        "POSITION": mean,
+        "COLOR_0": _points(harmonics[:, 0], opacity, color),
+        f"{EXTENSION}:ROTATION": turned,
+        f"{EXTENSION}:SCALE": scale,
+        f"{EXTENSION}:OPACITY": opacity,
+        **{name: harmonics[:, i] for i, name in enumerate(_names(harmonics.shape[1]))},
+    }
+
+
+def upright_columns(gaussians: Gaussians) -> tuple[np.ndarray, ...]:
+    """Means, unit quaternions x y z w, scales, opacities [n, 1] and harmonics in single precision,
+    turned by half a circle about z: y is up instead of down."""
     quat = np.asarray(gaussians.quat, np.float64)
     quat /= np.linalg.norm(quat, axis=1, keepdims=True)
-    # The product of the half turn (0, 0, 0, 1) and w x y z, as x y z w.
-    turned = quat[:, [2, 1, 0, 3]] * [-1, 1, 1, -1]
-    opacity = np.clip(np.asarray(gaussians.opacity, np.float32), 0, 1)[:, None]
     harmonics = np.asarray(gaussians.harmonics, np.float32)
-    signed = harmonics * _signs(harmonics.shape[1])
-    return {
-        "POSITION": single[0] * _FLIP,
-        "COLOR_0": _points(harmonics[:, 0], opacity, color),
-        f"{EXTENSION}:ROTATION": turned.astype(np.float32),
-        f"{EXTENSION}:SCALE": single[1],
-        f"{EXTENSION}:OPACITY": opacity,
-        **{name: signed[:, i] for i, name in enumerate(_names(harmonics.shape[1]))},
-    }
+    return (
+        np.asarray(gaussians.mean, np.float32) * _FLIP,
+        # The product of the half turn (0, 0, 0, 1) and w x y z, as x y z w.
+        (quat[:, [2, 1, 0, 3]] * [-1, 1, 1, -1]).astype(np.float32),
+        np.asarray(gaussians.scale, np.float32),
+        np.clip(np.asarray(gaussians.opacity, np.float32), 0, 1)[:, None],
+        harmonics * _signs(harmonics.shape[1]),
+    )
 
 
 def _points(constant: np.ndarray, opacity: np.ndarray, color: str) -> np.ndarray:

@@ -1,0 +1,66 @@
+"""Exports a moving scene as a sequence: a file for each timestamp, as viewers play them."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from gaussray.io.atomic import whole
+from gaussray.runtime.devices import leads
+from gaussray.scene.formats.convert import check_export, export_model, gaussians_at
+from gaussray.scene.formats.usd import write_usd
+from gaussray.scene.scene import Scene
+from gaussray.scene.segmented import Clip
+
+
+# The file beside a sequence that says the time of each.
+TIMES_FILE = "times.json"
+
+
+def export_sequence(
+    scene: Scene | Clip,
+    out: Path | str,
+    count: int,
+    *,
+    color: str = "srgb",
+    degree: int = 3,
+    file_format: str = "ply",
+) -> str:
+    """Export a scene at evenly spaced timestamps, the first and last of its range included.
+
+    Args:
+        scene: The scene.
+        out: Folder of the files `frame_0000.ply` and so on, and of `times.json`; with `usd` the
+            file, which holds all timestamps.
+        count: Number of timestamps.
+        color: As for `export_model`.
+        degree: As for `export_model`.
+        file_format: As for `export_model`.
+
+    Returns:
+        A line about what was written.
+
+    Raises:
+        ValueError: The count is below 1, or a file cannot hold the scene.
+        OSError: A file cannot be written.
+    """
+    check_export(file_format)
+    if count < 1:
+        raise ValueError(f"count must be at least 1, got {count}.")
+    begin, end = (float(x) for x in scene.time_range)
+    times = [float(x) for x in np.linspace(begin, end, count)]
+    if file_format == "usd":
+        states = [gaussians_at(scene, time, color=color, degree=degree)[0] for time in times]
+        if leads():
+            write_usd(out, states, color)
+        return f"{count} timestamps from {begin:g} to {end:g}."
+    files = [f"frame_{i:04d}.{file_format}" for i in range(count)]
+    for file, time in zip(files, times, strict=True):
+        export_model(
+            scene, Path(out) / file, time, color=color, degree=degree, file_format=file_format
+        )
+    if leads():
+        frames = [{"file": file, "time": time} for file, time in zip(files, times, strict=True)]
+        with whole(Path(out) / TIMES_FILE) as partial:
+            partial.write_text(json.dumps({"frames": frames}, indent=1) + "\n")
+    return f"{count} files, at the times {begin:g} to {end:g} ({TIMES_FILE})."
