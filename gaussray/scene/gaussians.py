@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from gaussray.geometry import rotation_matrix
-from gaussray.io.plain_values import rows, vector
+from gaussray.io.plain_values import readable, rows, vector
 from gaussray.scene.harmonics import C0, constant
 
 
@@ -71,6 +71,9 @@ class Gaussians(eqx.Module):
         return cls(mean, turn, each("scale", scale, 3), each("opacity", opacity), harmonics)
 
     def __repr__(self) -> str:
+        # Trees of other things than arrays (shapes, specifications) have this type, too.
+        if not all(map(eqx.is_array, (self.mean, self.opacity, self.harmonics))):
+            return readable(self)
         keys = "" if self.mean.ndim == 2 else f" at {self.mean.shape[0]} times"
         degree = math.isqrt(self.harmonics.shape[-2]) - 1
         return f"Gaussians({self.count:,}{keys}, degree {degree}, {self.mean.dtype})"

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.io.plain_values import value_text, vector
+from gaussray.io.plain_values import readable, value_text, vector
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.residual_field import ResidualField
@@ -38,6 +38,8 @@ class Scene(eqx.Module):
             self.moving = jax.tree.map(lambda x: x[:0], self.static)
 
     def __repr__(self) -> str:
+        if not eqx.is_array(getattr(self.static, "opacity", None)):
+            return readable(self)
         kinds = (
             f"{self.static.count:,} static",
             f"{self.moving.count:,} moving" if self.moving.count else "",

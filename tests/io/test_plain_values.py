@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import gaussray
+from gaussray.capture.formats.paired import read_capture
 from gaussray.io.plain_values import number, rows, to_array, vector
+from gaussray.io.sample_data import sample
 
 
 PINHOLE = gaussray.Pinhole(500, (320, 240))
@@ -65,3 +67,11 @@ def test_gaussians_of_one_colour_are_as_many_as_their_centres():
     assert made.scale.shape == (3, 3) and made.quat.shape == (3, 4)
     with pytest.raises(ValueError, match="gaussians.opacity must be one for all or one for each"):
         gaussray.Gaussians.colored(mean, [1, 0.5, 0], opacity=[0.1, 0.2])
+
+
+def test_a_tree_of_shapes_can_be_printed():
+    """Such trees have the types of what they describe, and debuggers print them."""
+    scene = gaussray.load("sample")
+    for tree in (scene, scene.static, read_capture(sample("capture")).views[0].camera):
+        assert repr(jax.tree.map(jnp.shape, tree)).startswith(f"{type(tree).__name__}(")
+        assert repr(jax.tree.map(lambda x: None, tree)).startswith(f"{type(tree).__name__}(")
