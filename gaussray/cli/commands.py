@@ -74,6 +74,7 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     )
     facts = scene_size(scene)
     text = f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move."
+    text += f" Look at them: gaussray view scene={out}"
     _say(text, out=str(out), scene=facts)
     return {"scene": scene, "capture": capture}
 
@@ -195,9 +196,12 @@ def _prepare(cfg: Configuration, devices: int | None) -> None:
         raise
     doubtful = [one["text"] for one in facts["findings"] if one["level"] == "warn"]
     more = f" {len(doubtful)} doubtful: {'; '.join(doubtful)}. See report.html." if doubtful else ""
+    pictures = f"{len(facts['cameras'])} cameras, {facts['timestamps']} timestamps"
+    if not facts["rate"]:
+        pictures = f"{facts['timestamps']} photographs"
     text = (
-        f"{out}: {len(facts['cameras'])} cameras, {facts['timestamps']} timestamps, "
-        f"{facts['points']} points.{more}"
+        f"{out}: {pictures}, {facts['points']} points.{more} Next: gaussray reconstruct "
+        f"capture.path={out}"
     )
     _say(text, out=str(out), findings=facts["findings"])
 

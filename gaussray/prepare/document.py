@@ -51,7 +51,9 @@ def capture_document(
             elif readout:
                 frame |= _shutter(0.0, readout)
             frames.append(frame)
-    top = {} if timeline.is_static else {"time_unit": "seconds", "fps": timeline.rate}
+    top: dict[str, Any] = {"time_unit": "seconds", "fps": timeline.rate}
+    if timeline.is_static:
+        top = {"static": True}
     return {**top, "ply_file_path": "points3d.ply", "frames": frames}
 
 

@@ -53,6 +53,8 @@ FREE_CAMERA = {
 }
 # Pictures of smaller captures are enlarged to this width, in pixels.
 MIN_WIDTH = 512
+# Widths of the final picture that the viewer offers beside the capture's, in pixels.
+FINAL_WIDTHS = (256, 512, 768, 1024, 1920, 3840)
 # Values that controls cannot keep from the capture, and the choices that replace them.
 KEEP_DEFAULTS = {"lens.model": ("lens", "pinhole"), "shutter.kind": ("shutter", "global")}
 
@@ -100,6 +102,14 @@ class ViewerModel:
         if height and not width:
             width = max(round(height * w / h), 1)
         return width or w, height or h
+
+    @property
+    def sizes(self) -> list[tuple[int, int]]:
+        """Sizes of the final picture that the viewer offers: the first one is `size`, the others
+        have its aspect and usual widths."""
+        width, height = self.size
+        others = [w for w in FINAL_WIDTHS if w != width]
+        return [self.size, *((w, max(round(w * height / width), 1)) for w in others)]
 
     @functools.cached_property
     def initial_viewpoint(self) -> Viewpoint:

@@ -12,6 +12,7 @@ from gaussray.viewer import controls as table
 from gaussray.viewer.model import ViewerModel
 from gaussray.viewer.overlay import CameraMarker, Overlay
 from gaussray.viewer.panel import add_controls, add_overlay
+from gaussray.viewer.path_panel import PathPanel
 from gaussray.viewer.preset import (
     preset_folder,
     preset_names,
@@ -46,9 +47,11 @@ class Page:
         self.client, self.model, self.out = client, model, out
         self.values, self.time = dict(model.initial_values), model.initial_viewpoint.time
         self.layout, self.split, self.dark = "camera", 0.5, model.options.dark
+        self.size = model.size
         self._status_time, self._waiting = 0.0, True
         self._setter: int | None = None
         self.handles: dict[str, Any] = {}
+        self.path: PathPanel
         self.session = ViewerSession(model, previewer, self._show, self._show_status)
         add_controls(self)
         add_overlay(self, overlay)
@@ -79,7 +82,7 @@ class Page:
         self._align(shape)
         values, layout = dict(self.values), self.layout
         self.session.request(
-            RenderRequest(values, self.viewpoint, layout, self.split, shape, self.dark)
+            RenderRequest(values, self.viewpoint, layout, self.split, shape, self.dark, self.size)
         )
 
     def move_to(self, viewpoint: Viewpoint) -> None:
@@ -141,6 +144,7 @@ class Page:
                 self._set("time", self.time)
                 self.refresh()
             before = now
+            self.path.advance()
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
         """Focus on the clicked surface."""
@@ -175,6 +179,8 @@ class Page:
         value = self.handles[name].value
         if name == "samples":
             self.values["render.samples"] = int(value)
+        elif name == "size":
+            self.size = self.model.sizes[list(self.handles["size"].options).index(value)]
         elif name not in ("cameras", "points"):
             setattr(self, name, value)
         if name == "layout":
@@ -227,7 +233,7 @@ class Page:
         try:
             folder = preset_folder(self.out, self.handles["name"].value.strip())
             picture = self.session.pictures.get("camera")
-            save_preset(self.model, self.values, self.viewpoint, folder, picture)
+            save_preset(self.model, self.values, self.viewpoint, folder, picture, self.size)
         except (ValueError, OSError) as error:
             self.handles["command"].content = f"**{error}**"
             return

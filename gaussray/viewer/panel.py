@@ -4,6 +4,7 @@ from typing import Any
 
 from gaussray.viewer import controls as table
 from gaussray.viewer.overlay import Overlay
+from gaussray.viewer.path_panel import PathPanel
 from gaussray.viewer.preset import preset_names
 from gaussray.viewer.viewpoint import subject_distance
 from gaussray.viewer.window import LAYOUTS
@@ -20,6 +21,10 @@ def add_controls(page: Any) -> None:
     for group, title in table.GROUPS.items():
         with gui.add_folder(title.capitalize(), expand_by_default=group != "sensor"):
             _build_group(page, gui, group)
+    with gui.add_folder("Final picture", expand_by_default=False):
+        _build_final(page, gui)
+    with gui.add_folder("Camera path", expand_by_default=False):
+        page.path = PathPanel(page, gui)
     with gui.add_folder("Presets", expand_by_default=False):
         _build_presets(page, gui)
     page.update_visibility()
@@ -54,17 +59,26 @@ def _build_view(page: Any, gui: Any) -> None:
         visible=False,
         hint="Fraction of the width that shows the pinhole, at the left.",
     )
-    samples = str(page.values["render.samples"])
-    counts = sorted({*table.SAMPLES, samples}, key=int)
-    hint = "Rays per pixel of the final picture. More rays: less noise in blur, more time."
-    h["samples"] = gui.add_dropdown("rays per pixel", counts, initial_value=samples, hint=hint)
     for name, hint in (
         ("cameras", "Show the capture's cameras (orange: held out). Click one to go there."),
         ("points", "Show the capture's points, or the centres of the Gaussians."),
         ("dark", "Dark colours."),
     ):
         h[name] = gui.add_checkbox(name, name == "dark" and page.dark, hint=hint)
-    for name in ("time", "layout", "split", "samples", "cameras", "points", "dark"):
+    for name in ("time", "layout", "split", "cameras", "points", "dark"):
+        h[name].on_update(lambda _, name=name: page.changed(name))
+
+
+def _build_final(page: Any, gui: Any) -> None:
+    h = page.handles
+    sizes = [f"{width} x {height}" for width, height in page.model.sizes]
+    hint = "Size of the final picture and of saved presets in pixels. Previews stay as fast."
+    h["size"] = gui.add_dropdown("size (pixels)", sizes, initial_value=sizes[0], hint=hint)
+    samples = str(page.values["render.samples"])
+    counts = sorted({*table.SAMPLES, samples}, key=int)
+    hint = "Rays per pixel of the final picture. More rays: less noise in blur, more time."
+    h["samples"] = gui.add_dropdown("rays per pixel", counts, initial_value=samples, hint=hint)
+    for name in ("size", "samples"):
         h[name].on_update(lambda _, name=name: page.changed(name))
 
 
@@ -72,7 +86,7 @@ def _build_group(page: Any, gui: Any, group: str) -> None:
     names = table.offered_choices(group)
     name = table.nearest_choice(group, page.values)
     h = page.handles[group] = gui.add_dropdown(
-        "kind", names, initial_value=name, hint=f"The configuration group {group}: {group}=..."
+        "kind", names, initial_value=name, hint=f"{table.KIND_HINTS[group]} Key: {group}=..."
     )
     h.on_update(lambda _: page.choose(group))
     first, last, _ = page.model.times
@@ -89,8 +103,11 @@ def _build_group(page: Any, gui: Any, group: str) -> None:
 def _build_presets(page: Any, gui: Any) -> None:
     h = page.handles
     h["name"] = gui.add_text("name", "mine", hint="Name of the preset to save.")
-    h["save"] = gui.add_button("Save this camera")
-    h["preset"] = gui.add_dropdown("open", ["-", *preset_names(page.out)], initial_value="-")
+    hint = "Write the camera as a preset for `gaussray render`."
+    h["save"] = gui.add_button("Save this camera", hint=hint)
+    names = ["-", *preset_names(page.out)]
+    hint = "Set all controls and the viewpoint to those of a preset."
+    h["preset"] = gui.add_dropdown("open", names, initial_value="-", hint=hint)
     h["command"] = gui.add_markdown(f"Presets are saved in `{page.out}`.")
     h["save"].on_click(lambda _: page.save())
     h["preset"].on_update(lambda _: page.open())

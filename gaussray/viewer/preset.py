@@ -48,10 +48,12 @@ def save_preset(
     viewpoint: Viewpoint,
     folder: Path,
     picture: np.ndarray | None = None,
+    size: tuple[int, int] | None = None,
 ) -> Path:
     """Write a preset: `preset.yaml` for `gaussray render`, `camera.json` (a manifest with the exact
-    camera), and the `picture` (8-bit sRGB) if there is one. Returns the path of preset.yaml."""
-    shot: RenderJob = model.shot(values, viewpoint, model.size)
+    camera), and the `picture` (8-bit sRGB) if there is one. `size` is that of the picture, by
+    default the model's. Returns the path of preset.yaml."""
+    shot: RenderJob = model.shot(values, viewpoint, size or model.size)
     record = dataclasses.replace(shot.records[0], file_path=PICTURE)
     write_manifest(folder / CAMERA, [record], extra={"info": {"scene": str(model.source)}})
     config: Any = to_plain(model.configured(values))

@@ -31,7 +31,8 @@ Levels = UInt8[np.ndarray, "h w 3"]
 
 
 class RenderRequest(NamedTuple):
-    """What to render: control values, viewpoint, layout and window aspect (width / height)."""
+    """What to render: control values, viewpoint, layout, window aspect (width / height), and the
+    size of the final picture in pixels (None: the model's)."""
 
     values: Mapping[str, Any]
     viewpoint: Viewpoint
@@ -39,6 +40,7 @@ class RenderRequest(NamedTuple):
     split: float = 0.5
     window: float = 1.5
     dark: bool = True
+    size: tuple[int, int] | None = None
 
 
 class ViewerSession:
@@ -181,7 +183,7 @@ class ViewerSession:
         for pane in self._panes(request):
             if self._request is not request:
                 return False
-            shot = self._shot(request, pane, self.model.size)
+            shot = self._shot(request, pane, request.size or self.model.size)
             begin = clock.monotonic()
             frame = self._renderer(shot)(_camera(shot))
             stage = "compiling and tracing" if frame.compiled else "tracing"
@@ -193,7 +195,7 @@ class ViewerSession:
             hits += frame.hits / (frame.color[..., 0].size * frame.samples)
             rays += frame.samples
         if self._put(request, pictures, timer, True):
-            size, each = self.model.size, hits / len(pictures)
+            size, each = request.size or self.model.size, hits / len(pictures)
             self._set_status(RenderStatus(size, rays, timer.stages, each, 0, True, self._compiling))
             self._anticipate(request)
         return True

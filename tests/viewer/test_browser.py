@@ -114,7 +114,17 @@ def mouse(browser, *places, drag=False):
 
 def test_the_page_loads_with_all_controls(page, browser):
     shown = text(browser)
-    for word in ("Lens", "Aperture", "Shutter", "Sensor", "Presets", "field of view", "radius"):
+    for word in (
+        "Lens",
+        "Aperture",
+        "Shutter",
+        "Sensor",
+        "Presets",
+        "Camera path",
+        "Final picture",
+        "field of view",
+        "radius",
+    ):
         assert word in shown
     assert "Gaussians hit per ray" in shown and "ms" in shown
     screenshot(browser, "dark")
@@ -123,8 +133,8 @@ def test_the_page_loads_with_all_controls(page, browser):
 def test_dragging_orbits(page, browser):
     before = page.viewpoint
     mouse(browser, (0, 0), (60, 10), (120, 20), drag=True)
-    until(lambda: page.viewpoint.position != before.place)
-    way = sum((a - b) ** 2 for a, b in zip(page.viewpoint.position, before.place, strict=True))
+    until(lambda: page.viewpoint.position != before.position)
+    way = sum((a - b) ** 2 for a, b in zip(page.viewpoint.position, before.position, strict=True))
     assert way > 1e-3
     until(lambda: page.session.pictures)
 

@@ -38,7 +38,7 @@ _FRAME = {
     *("file_path", "transform_matrix", "time", "camera", "split"),
     *("mask_path", "depth_file_path", "labels"),
 }
-_TOP = {"frames", "ply_file_path"}
+_TOP = {"frames", "ply_file_path", "static"}
 # Keys that nerfstudio, instant-ngp, D-NeRF, Polycam and Record3D write, and that change no camera;
 # "info" may hold anything.
 _IGNORED = {
@@ -185,7 +185,8 @@ def _split(keys: Keys) -> str:
 
 def _check_times(top: Keys, frames: list[Keys]) -> None:
     if frames and not any(frame.has("time") for frame in frames):
-        top.warn("no frame has a time: the capture is taken as static, at time 0.")
+        if top.values.get("static") is not True:
+            top.warn("no frame has a time: the capture is taken as static, at time 0.")
         return
     for frame in frames:
         frame.number("time", remedy="Give every frame its time, or none (a static capture).")

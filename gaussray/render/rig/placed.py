@@ -88,6 +88,8 @@ def placed_views(
         OSError: `camera.file` cannot be read.
     """
     first, last = (float(t) for t in np.asarray(scene.time_range))
+    if first == last and options.kind != "look_at":
+        last = first + 1  # the scene stands still, and the camera moves
     times = np.array(options.times) if options.times else np.linspace(first, last, options.frames)
     base = _base_camera(views)
     path = _trajectory(scene, options, base, [view.camera for view in views], (first, last))

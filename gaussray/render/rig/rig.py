@@ -105,10 +105,13 @@ def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, st
             raise ValueError(
                 f"camera.names must be among the capture's ({', '.join(known)}), got {name}."
             )
+    split = options.split
+    if split == "test" and not any(view.split == split for view in views):
+        split = "train"  # a capture that holds out no camera
     of_cameras = [
         view
         for view in views
-        if (view.camera_name in options.names if options.names else view.split == options.split)
+        if (view.camera_name in options.names if options.names else view.split == split)
     ]
     if of_cameras:
         _check_times(of_cameras, options)

@@ -209,6 +209,11 @@ def test_a_capture_without_times_is_static_with_a_warning(tmp_path):
     assert view.time == 0
 
 
+def test_a_capture_that_says_it_is_static_is_not_warned_of(tmp_path):
+    (view,) = read(tmp_path, static=True, frame={"time": ...})
+    assert view.time == 0
+
+
 def test_a_missing_split_is_train_with_a_warning_and_the_folder_names_the_camera(tmp_path):
     with pytest.warns(CaptureWarning) as caught:
         (view,) = read(tmp_path, frame={"camera": ..., "split": ...})

@@ -62,6 +62,11 @@ def test_a_time_without_a_frame_is_refused_with_the_nearest_ones(views):
         built(views, camera=camera)
 
 
+def test_a_capture_without_held_out_cameras_is_rendered_from_all(views):
+    trained = [dataclasses.replace(view, split="train") for view in views]
+    assert len(built(trained)) == len(views)
+
+
 def test_every_lens_is_what_it_says(views):
     k = (0.0, -0.0745, -1.5e-4, -2.5e-5, 2e-7)
     flat = built(views, lens=rig.LensOptions("pinhole", 90.0))[0]
@@ -386,6 +391,15 @@ def test_an_orbit_without_an_eye_starts_at_one_of_the_captures_cameras_and_is_le
         np.testing.assert_allclose(pose.translation @ up, eyes[1] @ up, atol=0.03)
         right = np.asarray(rotation_matrix(pose.quat))[:, 0]
         np.testing.assert_allclose(right @ up, 0, atol=5e-3)  # 0.3 degrees
+
+
+def test_an_orbit_turns_around_a_scene_of_one_time():
+    scene = toy.scene(speed=0)
+    still = dataclasses.replace(scene, time_range=jnp.asarray([0.5, 0.5]))
+    options = rig.CameraOptions("orbit", eye=(0.0, -4.0, 1.0), target=(0.0, 0.0, 0.0), frames=4)
+    poses = [pose_at(v.camera.trajectory, v.camera.time) for v in placed_views(still, options)]
+    angles = np.unwrap([np.arctan2(*pose.translation[:2][::-1]) for pose in poses])
+    np.testing.assert_allclose(np.diff(angles), np.pi / 2, atol=1e-3)
 
 
 def test_cameras_side_by_side_have_the_mean_of_their_upward_axes():
