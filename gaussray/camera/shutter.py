@@ -89,6 +89,13 @@ def rolling_shutter(
     return Shutter(-readout / 2, readout / max(rows - 1, 1), exposure, direction=direction)
 
 
+def shutter_of_row(shutter: Shutter, resolution: tuple[int, int], row: int) -> Shutter:
+    """A global shutter of the same exposure, at the moment at which the shutter reads a row: 0 is
+    the row that is read first. On the host."""
+    moment = jnp.asarray(row_moments(shutter, resolution)[row], shutter.row_offset.dtype)
+    return Shutter(moment, jnp.zeros_like(moment), shutter.exposure, direction=shutter.direction)
+
+
 def interlaced(rows: int, field_time: float, first: str = "even") -> Float[np.ndarray, " rows"]:
     """`row_times` of two fields that are read `field_time` one after the other, around the frame's
     time: rows 0, 2, 4, ... first ("even"), or rows 1, 3, 5, ... ("odd")."""

@@ -241,9 +241,15 @@ def _export(cfg: Configuration, devices: int | None) -> None:
 
 
 def _pack(cfg: Configuration, devices: int | None) -> None:
+    from gaussray.dataset.layouts import write_layout
     from gaussray.dataset.pack import pack
 
     count = as_type(int, cfg.frames_per_tar, "frames_per_tar")
+    layout = as_type(str, cfg.layout, "layout")
+    if layout != "webdataset":
+        frames = write_layout(cfg.data, cfg.out, layout)
+        _say(f"{cfg.out}: {frames} frames in the layout {layout}.")
+        return
     written = pack(cfg.data, cfg.out, frames_per_tar=count)
     _say(f"{cfg.out}: {len(written)} tar files.")
 

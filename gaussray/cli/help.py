@@ -16,7 +16,7 @@ COMMANDS = {
     "calibrate": "find the cameras of pictures of a known scene, with standard errors",
     "import": "convert a 3D Gaussian Splatting or 4DGaussians model to a scene",
     "export": "convert a scene at one time to a 3D Gaussian Splatting model",
-    "pack": "pack a rendered dataset into tar files (WebDataset)",
+    "pack": "copy a rendered dataset into tar files (WebDataset) or the layout of other tools",
 }
 # Meaning of the exit codes.
 EXITS = {
@@ -48,8 +48,8 @@ MOST_USED = {
     "evaluate": "out evaluate.split evaluate.effects evaluate.frames evaluate.images",
     "calibrate": "out calibrate.parameters calibrate.effect calibrate.cameras calibrate.frames",
     "import": "iteration color",
-    "export": "time color degree",
-    "pack": "frames_per_tar",
+    "export": "time count format color degree",
+    "pack": "layout frames_per_tar",
 }
 _ALL_COMMANDS = ("devices.count", "progress", "report")
 _WIDTH = 100

@@ -18,7 +18,8 @@ from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.dataset.video import write_video
 from gaussray.io.atomic import demand, whole
 from gaussray.io.safe.files import read_json
-from gaussray.render.aov.files import SHARP, label_units
+from gaussray.render.aov.files import label_units
+from gaussray.render.aov.labeller import PICTURE_LABELS
 from gaussray.render.develop import sensor_of
 from gaussray.render.frame import SHARE
 from gaussray.render.options import NO_SENSOR, DatasetOptions
@@ -87,7 +88,7 @@ def write_manifests(out: Path, records: Sequence[FrameRecord], options: DatasetO
         facts, extra = dict[str, Any](options.info), dict[str, Any]()
         if used != NO_SENSOR:
             facts["sensor"] = sensor_record(used)
-        if options.labels and effect != SHARP:
+        if options.labels and effect not in PICTURE_LABELS:
             facts["labels"] = label_units(options.labels)
         if used.tone == "linear":
             extra["color_space"] = "linear"

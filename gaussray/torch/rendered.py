@@ -17,8 +17,8 @@ from gaussray.config.compose import compose_config
 from gaussray.config.jobs import SampleSource, sample_source
 from gaussray.dataset.manifest import FrameRecord, camera_to_world
 from gaussray.dataset.takes import row_exposure_times
-from gaussray.render.aov.files import SHARP, neighbour_cameras, with_label_files
-from gaussray.render.aov.labeller import INTEGER_LABELS, Labeller
+from gaussray.render.aov.files import neighbour_cameras, with_label_files
+from gaussray.render.aov.labeller import INTEGER_LABELS, PICTURE_LABELS, Labeller
 from gaussray.render.dataset import check_frames
 from gaussray.render.develop import sensor_of, sensor_values
 from gaussray.render.job import RenderJob
@@ -38,8 +38,8 @@ from gaussray.torch.tensors import (
 
 
 class _Shot(NamedTuple):
-    """A frame to render: its sample, the cameras that its pictures need (its own, and the ground
-    truth's if that is a label), and those of the frames before and after."""
+    """A frame to render: its sample, the records of its pictures (its own, and those of the ground
+    truth that is among the labels), and those of the frames before and after."""
 
     sample: Sample
     records: Sequence[FrameRecord]
@@ -144,8 +144,8 @@ class RenderedFrames(IterableDataset[Item]):
         for light in pictures:
             shot = waiting.popleft()
             item = _item(shot, light)
-            if len(shot.records) > 1:
-                item[SHARP] = channels_first(as_tensor(next(pictures)))
+            for record in shot.records[1:]:
+                item[record.effect] = _light(record, next(pictures), job)
             yield item | _labels(labeller, shot)
 
 
@@ -172,24 +172,30 @@ def _renderer_key(job: RenderJob) -> tuple[Any, ...]:
 
 def _item(shot: _Shot, light: Array | np.ndarray) -> Item:
     """The picture of a frame and what is known of its camera."""
-    record, sensor = shot.records[0], shot.sample.job.dataset.sensor
-    if sensor != NO_SENSOR:
-        developed = sensor_values(record, jnp.asarray(light), sensor)
-        light = developed if not isinstance(light, np.ndarray) else np.asarray(developed)
+    record = shot.records[0]
     camera = record.camera
     size = camera.film.width, camera.film.height
     times = pixel_times(row_exposure_times(camera), camera.shutter.direction, size)
     return {
-        "light": channels_first(as_tensor(light)),
+        "light": _light(record, light, shot.sample.job),
         **camera_tensors(camera_to_world(camera), float(camera.time), times),
         "sample": torch.tensor(shot.sample.index),
         "drawn": drawn_tensors(shot.sample.values),
     }
 
 
+def _light(record: FrameRecord, light: Array | np.ndarray, job: RenderJob) -> torch.Tensor:
+    """The linear light [3, h, w] of a picture, developed by its sensor."""
+    sensor = sensor_of(record, job.dataset.sensor)
+    if sensor != NO_SENSOR:
+        developed = sensor_values(record, jnp.asarray(light), sensor)
+        light = developed if not isinstance(light, np.ndarray) else np.asarray(developed)
+    return channels_first(as_tensor(light))
+
+
 def _labels(labeller: Labeller | None, shot: _Shot) -> Item:
-    """The labels of a frame but `sharp`."""
-    names = [name for name in shot.sample.job.dataset.labels if name != SHARP]
+    """The labels of a frame but its ground truth pictures."""
+    names = [name for name in shot.sample.job.dataset.labels if name not in PICTURE_LABELS]
     if not names or labeller is None:
         return {}
     before, after = shot.neighbours

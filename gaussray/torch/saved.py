@@ -13,7 +13,7 @@ from gaussray.dataset.layers import read_codes, read_layers
 from gaussray.dataset.takes import MANIFEST, read_frames
 from gaussray.io.safe.files import inside
 from gaussray.render.aov.files import LAYERS, SHARP
-from gaussray.render.aov.labeller import INTEGER_LABELS, check_labels
+from gaussray.render.aov.labeller import INTEGER_LABELS, PICTURE_LABELS, check_labels
 from gaussray.torch.tensors import (
     Item,
     as_tensor,
@@ -31,8 +31,8 @@ class SavedFrames(Dataset[Item]):
     world, OpenGL axes), `time` [], `pixel_times` [h, w] (the middle of every pixel's exposure),
     `sample` [] (index of the sample), `drawn` (the drawn
     values that are numbers, by key), and every label that is asked for: [h, w], or [c, h, w] of
-    vectors and of the picture `sharp`. Pictures of one size are batched by a `DataLoader`, also
-    with several workers.
+    vectors and of pictures such as `sharp`. A `DataLoader` batches pictures of one size, also with
+    several workers.
 
     Args:
         data: Folder of the dataset.
@@ -84,8 +84,9 @@ class SavedFrames(Dataset[Item]):
         floats = [name for name in self.labels if _file_key(name) == LAYERS]
         layers = read_layers(self._path(files[LAYERS])) if floats else {}
         for name in self.labels:
-            if name == SHARP:
-                item[name] = self._picture(files[SHARP], frame, "srgb")
+            if name in PICTURE_LABELS:
+                space = "srgb" if name == SHARP else frame.get("color_space", "srgb")
+                item[name] = self._picture(files[name], frame, space)
             elif name in INTEGER_LABELS:
                 item[name] = as_tensor(read_codes(self._path(files[name])))
             else:
@@ -108,4 +109,4 @@ def _float_label(layers: dict[str, np.ndarray], name: str, path: Path) -> torch.
 
 def _file_key(label: str) -> str:
     """The key of a label's file in the manifest."""
-    return label if label in (*INTEGER_LABELS, SHARP) else LAYERS
+    return label if label in (*INTEGER_LABELS, *PICTURE_LABELS) else LAYERS

@@ -1,23 +1,32 @@
-"""Label files of a dataset, and the ground truth pictures without effects (label `sharp`)."""
+"""Label files of a dataset, and the ground truth pictures of other cameras (`PICTURE_LABELS`)."""
 
 import dataclasses
 import os
 from collections import deque
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.ideal_pinhole import sharp
+from gaussray.camera.shutter import row_count, shutter_of_row
 from gaussray.dataset.layers import write_codes, write_layers
 from gaussray.dataset.manifest import FrameRecord
-from gaussray.render.aov.labeller import INTEGER_LABELS, LABELS, Labeller, check_labels
+from gaussray.render.aov.labeller import (
+    INTEGER_LABELS,
+    LABELS,
+    PICTURE_LABELS,
+    Labeller,
+    check_labels,
+)
 
 
-# The effect of the pictures of the label `sharp`, which names their manifest.
+# The label of the pictures without effects, of which no sensor changes the light.
 SHARP = "sharp"
 # The key of the EXR file that holds all labels but whole numbers and `sharp`.
 LAYERS = "layers"
@@ -25,7 +34,7 @@ LAYERS = "layers"
 
 def with_label_files(records: Sequence[FrameRecord], labels: Sequence[str]) -> list[FrameRecord]:
     """The records with the paths of their label files, followed by the records of the ground truth
-    pictures if `sharp` is among the labels.
+    pictures of each label of `PICTURE_LABELS`.
 
     A picture `images/fisheye/cam00/0003.png` has float labels in `labels/fisheye/cam00/0003.exr`,
     whole numbers beside them in `0003.moving.png` and the like, and its ground truth in
@@ -35,7 +44,8 @@ def with_label_files(records: Sequence[FrameRecord], labels: Sequence[str]) -> l
     if not labels:
         return list(records)
     with_files = [dataclasses.replace(one, labels=_files(one, labels)) for one in records]
-    return [*with_files, *(_sharp_record(one) for one in with_files if SHARP in labels)]
+    pictures = [label for label in PICTURE_LABELS if label in labels]
+    return [*with_files, *(_truth_record(one, label) for label in pictures for one in with_files)]
 
 
 def neighbour_cameras(
@@ -79,7 +89,7 @@ def write_labels(
     """Write the labels of the records whose pictures are `assigned`, and yield each when its files
     are written. The cores compress files while the device computes the next labels. The other
     records are neighbours, which flow needs; a lone frame's are an `interval` away."""
-    near = neighbour_cameras([r for r in records if r.effect != SHARP], interval)
+    near = neighbour_cameras([r for r in records if r.effect not in PICTURE_LABELS], interval)
     waiting: deque[tuple[FrameRecord, Future[None]]] = deque()
     cores = os.cpu_count() or 1
     with ThreadPoolExecutor(cores) as pool:
@@ -116,27 +126,50 @@ def _write(out: Path, record: FrameRecord, values: dict[str, np.ndarray]) -> Non
 
 
 def _label_files(record: FrameRecord) -> dict[str, str]:
-    """The label files of a record, without the ground truth picture."""
-    return {name: path for name, path in (record.labels or {}).items() if name != SHARP}
+    """The label files of a record, without the ground truth pictures."""
+    return {k: path for k, path in (record.labels or {}).items() if k not in PICTURE_LABELS}
 
 
 def _files(record: FrameRecord, labels: Sequence[str]) -> dict[str, str]:
     path = Path(record.file_path)
     stem = Path("labels", *path.parts[1:]).with_suffix("")
-    files = {LAYERS: f"{stem.as_posix()}.exr"} if set(labels) - {*INTEGER_LABELS, SHARP} else {}
+    files = {LAYERS: f"{stem.as_posix()}.exr"} if _float_labels(labels) else {}
     files |= {name: f"{stem.as_posix()}.{name}.png" for name in INTEGER_LABELS if name in labels}
-    if SHARP in labels:
-        files[SHARP] = Path(path.parts[0], SHARP, *path.parts[1:]).as_posix()
+    for label in PICTURE_LABELS:
+        if label in labels:
+            files[label] = Path(path.parts[0], label, *path.parts[1:]).as_posix()
     return files
 
 
-def _sharp_record(record: FrameRecord) -> FrameRecord:
+def _float_labels(labels: Sequence[str]) -> set[str]:
+    """The labels that are channels of the EXR file."""
+    return set(labels) - {*INTEGER_LABELS, *PICTURE_LABELS}
+
+
+def _global_camera(camera: Camera, share: float) -> Camera:
+    """The camera with a global shutter at the moment of the row at this share of the rows, in the
+    order in which they are read."""
+    camera = jax.device_get(camera)
+    size = camera.film.width, camera.film.height
+    row = int(share * row_count(camera.shutter.direction, size))
+    return dataclasses.replace(camera, shutter=shutter_of_row(camera.shutter, size, row))
+
+
+# The camera of each ground truth picture.
+_TRUTHS: dict[str, Callable[[Camera], Camera]] = {
+    SHARP: sharp,
+    "global_first": partial(_global_camera, share=0.0),
+    "global_middle": partial(_global_camera, share=0.5),
+}
+
+
+def _truth_record(record: FrameRecord, label: str) -> FrameRecord:
     files = record.labels or {}
     return dataclasses.replace(
         record,
-        file_path=files[SHARP],
-        camera=sharp(record.camera),
-        effect=SHARP,
+        file_path=files[label],
+        camera=_TRUTHS[label](record.camera),
+        effect=label,
         mask_path=None,
         depth_file_path=None,
         labels=None,

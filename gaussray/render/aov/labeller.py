@@ -21,7 +21,7 @@ from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
 
 
-# Every label with its meaning and unit, as manifests have it. `sharp` is a picture; the others are
+# Every label with its meaning and unit, as manifests have it: pictures (`PICTURE_LABELS`), and
 # numbers of each pixel's chief ray.
 LABELS = {
     "depth": "distance along the ray, scene units",
@@ -40,7 +40,11 @@ LABELS = {
     "moving": "1 where what is seen belongs to what moves",
     "valid": "1 where a surface is seen: the lens forms a ray and alpha is at least 1/2",
     "sharp": "the picture of an ideal pinhole in an instant",
+    "global_first": "the picture of a global shutter at the moment of the row that is read first",
+    "global_middle": "the picture of a global shutter at the moment of the middle row",
 }
+# Labels that are pictures of another camera, the ground truth of a frame.
+PICTURE_LABELS = ("sharp", "global_first", "global_middle")
 # Labels that are whole numbers.
 INTEGER_LABELS = ("group", "moving", "valid")
 
@@ -84,7 +88,7 @@ class Labeller:
 
         Args:
             camera: The camera of the frame.
-            names: Names of `LABELS`; `sharp` is ignored, because it is a picture.
+            names: Names of `LABELS`; `PICTURE_LABELS` are ignored, because they are pictures.
             before: The camera of the previous frame, for backward flow.
             after: The camera of the next frame, for forward flow.
 
@@ -96,7 +100,7 @@ class Labeller:
             ValueError: A name is no label or is given twice.
         """
         check_labels(names)
-        names = tuple(name for name in LABELS if name in names and name != "sharp")
+        names = tuple(name for name in LABELS if name in names and name not in PICTURE_LABELS)
         if not names:
             return {}
         camera = _geometric(camera)

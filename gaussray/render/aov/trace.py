@@ -32,7 +32,7 @@ from gaussray.tracer.vector_blend import blended, painted
 # largest weight; and labels of the ray itself, for which nothing is traced.
 _SURFACE = ("depth", "z", "normal", "flow_forward", "flow_backward", "confusion", "blur")
 _OF_DOMINANT = ("flow_forward", "flow_backward", "blur", "gaussian", "group", "moving")
-OF_RAYS = ("time", "origin", "direction", "sharp")
+OF_RAYS = ("time", "origin", "direction")
 # Coverage from which a surface counts as visible.
 COVERED = 0.5
 # Pixels whose motion is computed at once.

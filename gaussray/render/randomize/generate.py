@@ -16,7 +16,7 @@ from gaussray.dataset.takes import (
     write_takes,
 )
 from gaussray.io.atomic import sweep
-from gaussray.render.aov.files import SHARP
+from gaussray.render.aov.labeller import PICTURE_LABELS
 from gaussray.render.dataset import render_dataset
 from gaussray.render.develop import without_unused_seed
 from gaussray.render.job import RenderJob
@@ -109,8 +109,8 @@ def generate_samples(
         left = itertools.islice(done, len(sample.job.records))
 
         def finished(record: FrameRecord, note: str = note, left: Iterator[int] = left) -> None:
-            # The pictures of the label `sharp` are no frames of the sample.
-            if record.effect != SHARP:
+            # Ground truth pictures are no frames of the sample.
+            if record.effect not in PICTURE_LABELS:
                 progress.report(next(left), note)
 
         with output_lock(out / folder_of(index)):

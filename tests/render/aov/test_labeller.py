@@ -9,7 +9,7 @@ import toy
 
 from gaussray.camera.aperture import Aperture, FocusPull, Rim
 from gaussray.camera.shutter import interlaced
-from gaussray.render.aov.labeller import LABELS, Labeller, check_labels
+from gaussray.render.aov.labeller import LABELS, PICTURE_LABELS, Labeller, check_labels
 from gaussray.render.parts import PIXEL, RAY, SAMPLE
 from gaussray.render.renderer import RenderOptions
 from gaussray.scene.scene import Scene
@@ -29,7 +29,9 @@ SAME = 1e-5
 
 
 # Asked for by several tests, of scenes alike in size, to be compiled once.
-WITHOUT_FLOW = [name for name in LABELS if name != "sharp" and not name.startswith("flow")]
+WITHOUT_FLOW = [
+    name for name in LABELS if name not in PICTURE_LABELS and not name.startswith("flow")
+]
 SOME = ["depth", "gaussian", "confusion"]
 # By its name, so that measuring for labels and for pictures is compiled once.
 TRACE = dataclasses.replace(toy.TRACE, backend="array")
@@ -243,7 +245,9 @@ def test_what_is_seen_is_told_from_what_is_not_and_neighbours_that_are_not_there
     # A wall behind the left half, a plate that glides before its middle, nothing to the right.
     wall = plates.plate(2.0, z=4.0, x=-2.1)
     scene = plates.moved(plates.plate(0.3, z=2.0, x=-0.5), velocity=(0.2, 0, 0), still=wall)
-    found = labels(scene, plates.camera(0.0), [name for name in LABELS if name != "sharp"])
+    found = labels(
+        scene, plates.camera(0.0), [name for name in LABELS if name not in PICTURE_LABELS]
+    )
     right = np.s_[:, plates.SIDE * 3 // 4 :]
     for name in ("valid", "group", "moving"):
         assert found[name].dtype.kind in "iu" and not found[name][right].any()

@@ -1,0 +1,154 @@
+"""Layouts of published datasets, read as the loaders of those datasets do."""
+
+import itertools
+import os
+import shutil
+import struct
+
+import numpy as np
+import OpenImageIO as oiio
+import pytest
+import toy
+
+from gaussray.capture.picture_file import read_stored
+from gaussray.cli.main import main
+from gaussray.dataset.layers import read_layers
+from gaussray.dataset.layouts import write_layout
+from gaussray.dataset.manifest import write_manifest
+from gaussray.dataset.optical_flow import write_flo, write_kitti_flow
+from gaussray.dataset.takes import read_frames
+from gaussray.scene.store import save_scene
+
+
+pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+
+# Levels of 255 that interpolation between states of the scene changes.
+KEYS = 3
+# Half a step of KITTI's levels, in pixels.
+STEP = 0.5 / 64
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory):
+    """Two samples of three frames with a rolling shutter, rendered."""
+    scene, out = tmp_path_factory.mktemp("scene"), tmp_path_factory.mktemp("data")
+    save_scene(scene / "scene.npz", toy.scene())
+    write_manifest(scene / "cameras.json", toy.records())
+    main(
+        [
+            *("render", f"scene={scene}", f"out={out}", "factory.count=2", "factory.frames=3"),
+            *("lens=pinhole", "shutter.readout=0.4", "render.samples=1", "trace.levels=0"),
+            *("labels=[flow_forward,global_first,global_middle]", "trace.group=2"),
+            *("trace.chunk=8", "trace.k=4", "quiet=true", "report=false"),
+        ]
+    )
+    return out
+
+
+def stored(path):
+    return read_stored(path, 16, 16).astype(float)
+
+
+def test_the_twins_of_a_rolling_shutter_agree_with_it_in_their_rows(data):
+    """The first row of the picture is the first twin's; the middle row is the middle twin's, but
+    for the states of the scene, between which a rolling shutter interpolates."""
+    differ = 0.0
+    for frame in read_frames(data):
+        rolling = stored(data / frame["file_path"])
+        first, middle = (
+            stored(data / frame["labels"][f"global_{name}"]) for name in ("first", "middle")
+        )
+        np.testing.assert_allclose(rolling[0], first[0], atol=KEYS)
+        np.testing.assert_allclose(rolling[8], middle[8], atol=KEYS)
+        differ = max(differ, np.abs(rolling[8] - first[8]).max())
+    assert differ > 20
+
+
+def fastec_pairs(root, length=2):
+    """Paths as the loader of Liu et al. (2020) collects them."""
+    found = []
+    for folder, _, files in sorted(os.walk(root)):
+        if "meta.log" not in files:
+            continue
+        for i in range(34):
+            names = [os.path.join(folder, f"{i + j:03d}") for j in range(length)]
+            if not os.path.exists(f"{names[0]}_rolling.png"):
+                continue
+            if not os.path.exists(f"{names[-1]}_rolling.png"):
+                break
+            found.append([(f"{x}_rolling.png", f"{x}_global_first.png") for x in names])
+    return found
+
+
+def test_the_loader_of_fastec_rs_finds_every_pair(data, tmp_path, capsys):
+    main(["pack", f"data={data}", f"out={tmp_path}", "layout=fastec_rs"])
+    assert "6 frames in the layout fastec_rs" in capsys.readouterr().out
+    pairs = fastec_pairs(tmp_path)
+    assert len(pairs) == 4
+    frames = list(read_frames(data))
+    for pair, index in zip(pairs, (0, 1, 3, 4), strict=True):
+        for (rolling, first), frame in zip(pair, frames[index:], strict=False):
+            np.testing.assert_array_equal(stored(rolling), stored(data / frame["file_path"]))
+            twin = data / frame["labels"]["global_first"]
+            np.testing.assert_array_equal(stored(first), stored(twin))
+
+
+def kitti(path):
+    """Flow and validity as the development kit of KITTI defines them."""
+    image = oiio.ImageInput.open(str(path))
+    levels = image.read_image(oiio.UINT16).astype(float)
+    image.close()
+    return (levels[..., :2] - 2**15) / 64, levels[..., 2]
+
+
+def flo(path):
+    """Flow as Middlebury's flowIO reads it."""
+    content = path.read_bytes()
+    tag, width, height = struct.unpack("<fii", content[:12])
+    assert tag == 202021.25 and len(content) == 12 + 8 * width * height
+    return np.frombuffer(content, "<f4", offset=12).reshape(height, width, 2)
+
+
+def test_flow_is_read_as_kitti_and_sintel_do(data, tmp_path):
+    assert write_layout(data, tmp_path / "kitti", "kitti_flow") == 4
+    assert write_layout(data, tmp_path / "sintel", "sintel") == 4
+    frames = list(read_frames(data))
+    pairs = [(a, b) for a, b in itertools.pairwise(frames) if a["take"] == b["take"]]
+    folders = [f"{a['take']['index']:06d}" for a, _ in pairs]
+    for number, (frame, after) in enumerate(pairs):
+        layers = read_layers(data / frame["labels"]["layers"])
+        true = np.stack([layers["flow_forward.x"], layers["flow_forward.y"]], axis=-1)
+        known = ~np.isnan(true).any(axis=-1)
+        assert known.any()
+        training = tmp_path / "kitti/training"
+        flow, valid = kitti(training / f"flow_occ/{number:06d}_10.png")
+        np.testing.assert_array_equal(valid, known)
+        np.testing.assert_allclose(flow[known], true[known], atol=STEP)
+        for name, one in (("10", frame), ("11", after)):
+            copy = stored(training / f"image_2/{number:06d}_{name}.png")
+            np.testing.assert_array_equal(copy, stored(data / one["file_path"]))
+        name = f"{folders[number]}/frame_{number % 2 + 1:04d}"
+        found = flo(tmp_path / f"sintel/training/flow/{name}.flo")
+        np.testing.assert_array_equal(found[known], true[known])
+        assert np.all(np.abs(found[~known]) > 1e9)
+        assert (tmp_path / f"sintel/training/final/{name}.png").is_file()
+
+
+def test_flow_that_does_not_fit_is_not_valid(tmp_path):
+    flow = np.array([[[511.98, -512.0], [600.0, 0.0]], [[np.nan, 0.0], [-0.25, 1.5]]])
+    write_kitti_flow(tmp_path / "a.png", flow)
+    found, valid = kitti(tmp_path / "a.png")
+    np.testing.assert_array_equal(valid, [[1, 0], [0, 1]])
+    np.testing.assert_allclose(found[valid > 0], flow[valid > 0], atol=STEP)
+    write_flo(tmp_path / "a.flo", flow)
+    np.testing.assert_allclose(flo(tmp_path / "a.flo")[0], flow[0].astype(np.float32))
+
+
+def test_what_a_layout_lacks_is_named(data, tmp_path):
+    with pytest.raises(ValueError, match="layout must be one of webdataset, fastec_rs.*got 'coco'"):
+        write_layout(data, tmp_path, "coco")
+    manifest = (data / "manifest.jsonl").read_text()
+    (tmp_path / "manifest.jsonl").write_text(manifest.replace("global_first", "other"))
+    shutil.copytree(data / "takes", tmp_path / "takes")
+    with pytest.raises(ValueError, match="labels=.global_first"):
+        write_layout(tmp_path, tmp_path / "out", "fastec_rs")
