@@ -69,7 +69,7 @@ def sliders(distance: float, span: float) -> list[Slider]:
             "Radius of the aperture, in scene units. 0: a pinhole, everything is sharp.",
         ),
         Slider(
-            "aperture.focus_distance", "focus at (units)", near / 50, 5 * near, near / 200,
+            "aperture.focus_distance", "focus (units)", near / 50, 5 * near, near / 200,
             "Distance at which the picture is sharp, in scene units. Click the picture to set it.",
             has_aperture,
         ),
@@ -78,16 +78,16 @@ def sliders(distance: float, span: float) -> list[Slider]:
             "Number of aperture blades, the edges of the blur shape. Below 3: round.", has_aperture,
         ),
         Slider(
-            "shutter.readout", "readout (time)", 0.0, time, time / 200,
+            "shutter.readout", "readout time", 0.0, time, time / 200,
             "Rolling shutter: time from the first row to the last, in the capture's unit of time.",
             has_readout,
         ),
         Slider(
-            "shutter.field_time", "field delay (time)", 0.0, time / 2, time / 200,
+            "shutter.field_time", "field delay", 0.0, time / 2, time / 200,
             "Interlacing: time between the two fields, in the capture's unit of time.", has_fields,
         ),
         Slider(
-            "shutter.exposure", "exposure (time)", 0.0, time / 2, time / 200,
+            "shutter.exposure", "exposure time", 0.0, time / 2, time / 200,
             "Exposure time of each row, in the capture's unit of time. Longer: more motion blur.",
         ),
         Slider(
@@ -95,7 +95,7 @@ def sliders(distance: float, span: float) -> list[Slider]:
             "Exposure correction in stops: +1 doubles the light.",
         ),
         Slider(
-            "sensor.falloff", "vignetting (power)", 0.0, 8.0, 0.5,
+            "sensor.falloff", "vignetting", 0.0, 8.0, 0.5,
             "Vignetting: light falls off with this power of the cosine of the ray's angle; 4 is "
             "the natural falloff of a flat sensor.",
         ),
