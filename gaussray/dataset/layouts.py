@@ -1,21 +1,20 @@
 """Copies a generated dataset into the folders of published datasets, which their loaders read."""
 
 import itertools
-import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from gaussray.dataset.layers import read_layers
+from gaussray.dataset.coco import write_coco
 from gaussray.dataset.optical_flow import write_flo, write_kitti_flow
+from gaussray.dataset.sample_files import SampleFiles
 from gaussray.dataset.takes import MANIFEST, read_frames
+from gaussray.geometry import BLENDER_AXES
 from gaussray.io.atomic import whole
-from gaussray.io.safe.files import inside
 
 
-_Frame = dict[str, Any]
 # Frames of a sequence that the loader of Fastec-RS reads.
 _FASTEC_FRAMES = 34
 
@@ -29,28 +28,32 @@ def write_layout(data: Path | str, out: Path | str, layout: str) -> int:
     (KITTI 2015), of every two frames that follow one another, with the label flow_forward.
     sintel: OUT/training/final/SAMPLE/frame_0001.png and flow/SAMPLE/frame_0001.flo (MPI Sintel), of
     samples of at least two frames with the label flow_forward.
+    tum: OUT/SAMPLE/rgb/000000.png, rgb.txt and groundtruth.txt (TUM RGB-D): the camera to world at
+    the time of each frame, with axes right, down, forward.
+    coco: OUT/images/SAMPLE_0000.png and instances.json (Lin et al. 2014), with the label group:
+    rigid bodies are instances, told apart by their number in every frame of a sample.
 
     Args:
         data: Folder of the dataset, whose pictures are PNG files.
         out: Folder of the layout.
-        layout: One of `DATASET_LAYOUTS`.
+        layout: One of `DATASET_LAYOUTS`, or coco.
 
     Returns:
-        The number of frames (fastec_rs) or of flows.
+        The number of frames, or of flows.
 
     Raises:
         ValueError: The layout is unknown, or the dataset lacks a label, PNG files or frames.
         OSError: A file cannot be read or written.
     """
-    if layout not in DATASET_LAYOUTS:
-        raise ValueError(
-            f"layout must be one of webdataset, {', '.join(DATASET_LAYOUTS)}, got {layout!r}."
-        )
+    known = [*DATASET_LAYOUTS, "coco"]
+    if layout not in known:
+        raise ValueError(f"layout must be one of webdataset, {', '.join(known)}, got {layout!r}.")
     data, out, written = Path(data), Path(out), 0
-    for index, frames in itertools.groupby(read_frames(data), lambda f: f["take"]["index"]):
-        written += DATASET_LAYOUTS[layout](
-            _Source(data, f"{index:06d}", list(frames)), out, written
-        )
+    samples = _samples(data)
+    if layout == "coco":
+        return write_coco(samples, out)
+    for source in samples:
+        written += DATASET_LAYOUTS[layout](source, out, written)
     if not written:
         raise ValueError(
             f"{data / MANIFEST}: layout={layout} must have samples of at least two frames. Render "
@@ -59,43 +62,13 @@ def write_layout(data: Path | str, out: Path | str, layout: str) -> int:
     return written
 
 
-class _Source:
-    """The frames of one sample, in the order of time."""
-
-    def __init__(self, data: Path, name: str, frames: list[_Frame]):
-        self.data, self.name, self.frames = data, name, frames
-
-    def file(self, frame: _Frame, label: str | None = None) -> Path:
-        """The picture of a frame, or the file of a label."""
-        name = frame["file_path"] if label is None else frame.get("labels", {}).get(label)
-        if name is None:
-            asked = "flow_forward" if label == "layers" else label
-            raise self.lacks(f"the label {asked}", f"labels=[{asked}]")
-        return inside(self.data, name, self.data / MANIFEST)
-
-    def copy(self, source: Path, target: Path) -> None:
-        """Copy a PNG file."""
-        if source.suffix != ".png":
-            raise self.lacks("PNG pictures", "format=png")
-        with whole(target) as partial:
-            shutil.copyfile(source, partial)
-
-    def flow(self, frame: _Frame) -> np.ndarray:
-        """The flow to the next frame, [h, w, 2]."""
-        layers = read_layers(self.file(frame, "layers"))
-        if "flow_forward.x" not in layers:
-            raise self.lacks("the label flow_forward", "labels=[flow_forward]")
-        return np.stack([layers["flow_forward.x"], layers["flow_forward.y"]], axis=-1)
-
-    def lacks(self, what: str, remedy: str) -> ValueError:
-        """The error that the layout needs what the dataset lacks."""
-        return ValueError(
-            f"{self.data / MANIFEST}: the layout needs {what}, sample {self.name} has none. Render "
-            f"the dataset with {remedy}."
-        )
+def _samples(data: Path) -> Iterator[SampleFiles]:
+    """The samples of a dataset, one after another."""
+    for index, frames in itertools.groupby(read_frames(data), lambda f: f["take"]["index"]):
+        yield SampleFiles(data, f"{index:06d}", list(frames))
 
 
-def _fastec_rs(source: _Source, out: Path, _: int) -> int:
+def _fastec_rs(source: SampleFiles, out: Path, _: int) -> int:
     folder = out / source.name
     for i, frame in enumerate(source.frames[:_FASTEC_FRAMES]):
         source.copy(source.file(frame), folder / f"{i:03d}_rolling.png")
@@ -107,7 +80,7 @@ def _fastec_rs(source: _Source, out: Path, _: int) -> int:
     return min(len(source.frames), _FASTEC_FRAMES)
 
 
-def _kitti_flow(source: _Source, out: Path, begin: int) -> int:
+def _kitti_flow(source: SampleFiles, out: Path, begin: int) -> int:
     folder = out / "training"
     for number, (frame, after) in enumerate(itertools.pairwise(source.frames), begin):
         source.copy(source.file(frame), folder / f"image_2/{number:06d}_10.png")
@@ -116,7 +89,7 @@ def _kitti_flow(source: _Source, out: Path, begin: int) -> int:
     return max(len(source.frames) - 1, 0)
 
 
-def _sintel(source: _Source, out: Path, _: int) -> int:
+def _sintel(source: SampleFiles, out: Path, _: int) -> int:
     count = len(source.frames)
     if count < 2:
         return 0
@@ -128,9 +101,26 @@ def _sintel(source: _Source, out: Path, _: int) -> int:
     return count - 1
 
 
+def _tum(source: SampleFiles, out: Path, _: int) -> int:
+    pictures = ["# timestamp filename"]
+    poses = ["# timestamp tx ty tz qx qy qz qw"]
+    for i, frame in enumerate(source.frames):
+        source.copy(source.file(frame), out / source.name / f"rgb/{i:06d}.png")
+        pictures.append(f"{frame['time']:.9f} rgb/{i:06d}.png")
+        matrix = np.array(frame["transform_matrix"], np.float64)
+        turn = Rotation.from_matrix(matrix[:3, :3] * np.array(BLENDER_AXES)).as_quat()
+        values = " ".join(f"{x:.9f}" for x in (*matrix[:3, 3], *turn))
+        poses.append(f"{frame['time']:.9f} {values}")
+    for name, lines in (("rgb.txt", pictures), ("groundtruth.txt", poses)):
+        with whole(out / source.name / name) as partial:
+            partial.write_text("\n".join([*lines, ""]), encoding="utf-8")
+    return len(source.frames)
+
+
 # Writers of a sample in each layout; they get the number of what was written before.
-DATASET_LAYOUTS: dict[str, Callable[[_Source, Path, int], int]] = {
+DATASET_LAYOUTS: dict[str, Callable[[SampleFiles, Path, int], int]] = {
     "fastec_rs": _fastec_rs,
     "kitti_flow": _kitti_flow,
     "sintel": _sintel,
+    "tum": _tum,
 }

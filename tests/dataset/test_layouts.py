@@ -145,8 +145,8 @@ def test_flow_that_does_not_fit_is_not_valid(tmp_path):
 
 
 def test_what_a_layout_lacks_is_named(data, tmp_path):
-    with pytest.raises(ValueError, match="layout must be one of webdataset, fastec_rs.*got 'coco'"):
-        write_layout(data, tmp_path, "coco")
+    with pytest.raises(ValueError, match="layout must be one of webdataset, fastec_rs.*got 'none'"):
+        write_layout(data, tmp_path, "none")
     manifest = (data / "manifest.jsonl").read_text()
     (tmp_path / "manifest.jsonl").write_text(manifest.replace("global_first", "other"))
     shutil.copytree(data / "takes", tmp_path / "takes")

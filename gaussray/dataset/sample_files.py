@@ -1,0 +1,48 @@
+"""The files of one sample of a generated dataset, as other layouts need them."""
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gaussray.dataset.layers import read_layers
+from gaussray.dataset.takes import MANIFEST
+from gaussray.io.atomic import whole
+from gaussray.io.safe.files import inside
+
+
+class SampleFiles:
+    """The frames of one sample, in the order of time."""
+
+    def __init__(self, data: Path, name: str, frames: list[dict[str, Any]]):
+        self.data, self.name, self.frames = data, name, frames
+
+    def file(self, frame: dict[str, Any], label: str | None = None) -> Path:
+        """The picture of a frame, or the file of a label."""
+        name = frame["file_path"] if label is None else frame.get("labels", {}).get(label)
+        if name is None:
+            asked = "flow_forward" if label == "layers" else label
+            raise self.lacks(f"the label {asked}", f"labels=[{asked}]")
+        return inside(self.data, name, self.data / MANIFEST)
+
+    def copy(self, source: Path, target: Path) -> None:
+        """Copy a PNG file."""
+        if source.suffix != ".png":
+            raise self.lacks("PNG pictures", "format=png")
+        with whole(target) as partial:
+            shutil.copyfile(source, partial)
+
+    def flow(self, frame: dict[str, Any]) -> np.ndarray:
+        """The flow to the next frame, [h, w, 2]."""
+        layers = read_layers(self.file(frame, "layers"))
+        if "flow_forward.x" not in layers:
+            raise self.lacks("the label flow_forward", "labels=[flow_forward]")
+        return np.stack([layers["flow_forward.x"], layers["flow_forward.y"]], axis=-1)
+
+    def lacks(self, what: str, remedy: str) -> ValueError:
+        """The error that the layout needs what the dataset lacks."""
+        return ValueError(
+            f"{self.data / MANIFEST}: the layout needs {what}, sample {self.name} has none. Render "
+            f"the dataset with {remedy}."
+        )
