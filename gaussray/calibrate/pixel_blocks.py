@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.color import srgb_encode
-from gaussray.tracer.bundle import morton_tiles
+from gaussray.tracer.bundle import morton_tiles, padding_filled
 
 
 # Rays along the side of a block, at most, and ray tiles that are traced together: with fixed sizes
@@ -54,8 +54,9 @@ def pixel_blocks(
     across, down = -(-width // factor), -(-height // factor)
     mean, weight_of = _block_means(light, mask, factor, (down, across))
 
-    order = morton_tiles(across * side, down * side, bundle, 0).reshape(-1, bundle**2)
-    inside, (y, x) = order >= 0, np.divmod(np.maximum(order, 0), across * side)
+    order = morton_tiles(across * side, down * side, bundle, 0)
+    inside = (order >= 0).reshape(-1, bundle**2)
+    y, x = np.divmod(padding_filled(order).reshape(-1, bundle**2), across * side)
     place = ((np.arange(side) + 0.5) * factor / side).astype(int)
     row, column = (v // side * factor + place[v % side] for v in (y, x))
     weight = weight_of[row, column] * inside

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 from gaussray.camera.film import Film
 from gaussray.render.options import RenderOptions
 from gaussray.render.segments import Share
-from gaussray.tracer.bundle import FAN, morton_tiles
+from gaussray.tracer.bundle import FAN, morton_tiles, padding_filled
 from gaussray.tracer.grid import OCCUPANCY
 from gaussray.tracer.trace import TraceOptions, on_kernel
 
@@ -125,12 +125,12 @@ def part_of(
     film: Film, order: Int[np.ndarray, " slots"], trace: TraceOptions, top: int = 0
 ) -> tuple[Part, TraceOptions]:
     """The pixels of `order` (row-major indices, whole rows from `top` on; -1 is padding, which
-    repeats the first pixel and is in no one's slot) as a part."""
+    repeats the pixel before it and is in no one's slot) as a part."""
     if len(order) < trace.bundle**2 * 256:
         trace = dataclasses.replace(trace, levels=0)
     inside = np.flatnonzero(order >= 0)
     slot = inside[np.argsort(order[inside])].astype(np.int32)
-    index = np.maximum(order, 0)
+    index = padding_filled(order)
     pixel = np.stack([index % film.width, index // film.width], axis=-1)
     middle = top + (len(inside) // film.width - 1) / 2
     place = jnp.asarray(pixel, jnp.float32), jnp.asarray(slot), jnp.asarray(middle, jnp.float32)

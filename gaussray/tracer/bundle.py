@@ -102,6 +102,17 @@ def morton_tiles(width: int, height: int, side: int, levels: int) -> Int[np.ndar
     return np.where(inside, py * width + px, -1).ravel().astype(np.int32)
 
 
+def padding_filled(order: Int[np.ndarray, " slots"]) -> Int[np.ndarray, " slots"]:
+    """The pixels of `morton_tiles` with each -1 replaced by the pixel before it.
+
+    That pixel is in the same bundle, and in the same coarser bundle, where these have any. A far
+    one would widen what bounds their rays: a picture whose sides are no multiples of a bundle would
+    list nearly all Gaussians along its borders.
+    """
+    last = np.maximum.accumulate(np.where(order >= 0, np.arange(len(order)), 0))
+    return np.maximum(order[last], 0)
+
+
 def _interleave(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     code = np.zeros_like(x)
     for bit in range(16):

@@ -223,3 +223,20 @@ def test_what_only_the_renderer_does_is_refused():
         gaussray.render(scene, camera, options=gaussray.RenderOptions(chunk_rows=1))
     with pytest.raises((ValueError, TypeError), match="Clip"):
         gaussray.plan(gaussray.Clip((scene,)), camera)  # type: ignore[arg-type]
+
+
+def test_a_smaller_picture_lists_no_more_than_a_larger_one():
+    """No side of the smaller one is a multiple of a bundle: its padding must not widen bounds."""
+    place = np.random.default_rng(0).uniform(-1, 1, (400, 3))
+    scene = gaussray.Scene(gaussray.Gaussians.colored(place, (1, 1, 1), scale=0.02, opacity=0.5))
+
+    def pairs(side):
+        camera = gaussray.Camera(
+            gaussray.Film(side, side, "center"),
+            gaussray.Pinhole(50.0, (20, 20)),
+            trajectory=gaussray.look_at((0, -4, 1)),
+        )
+        options, trace = gaussray.RenderOptions(samples=1), gaussray.TraceOptions(levels=0)
+        return gaussray.plan(scene, camera, options=options, trace=trace).capacity.pairs
+
+    assert pairs(33) <= pairs(40)

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from scenes import Lines, rays, shot
 
-from gaussray.tracer.bundle import FAN, bound, coherent_order, morton, morton_tiles
+from gaussray.tracer.bundle import (
+    FAN,
+    bound,
+    coherent_order,
+    morton,
+    morton_tiles,
+    padding_filled,
+)
 
 
 # Points on rays against planes of single precision, relative to their distance.
@@ -30,6 +37,21 @@ def test_tiles_of_every_level_are_square_blocks(level):
     for c in (x, y):
         assert np.all(np.max(c, axis=1) - np.min(c, axis=1) == span - 1)
         assert np.all(np.min(c, axis=1) % span == 0)
+
+
+@pytest.mark.parametrize("picture", [(37, 21, 4, 1), (70, 65, 4, 2), (3, 1, 8, 1), (16, 17, 8, 0)])
+def test_padding_is_in_the_bundle_that_it_fills(picture):
+    """A far pixel would widen the bounds of its bundle over half the picture."""
+    width, height, side, levels = picture
+    order = morton_tiles(width, height, side, levels)
+    filled = padding_filled(order)
+    np.testing.assert_array_equal(filled[order >= 0], order[order >= 0])
+    for level in range(levels + 1):
+        across = side * 4**level
+        block = (filled // width // across) * width + filled % width // across
+        block = block.reshape(-1, across**2)
+        some = np.any(order.reshape(-1, across**2) >= 0, axis=1)
+        assert np.all(block[some] == block[some, :1])
 
 
 def holds(bundles, lines, distance):
