@@ -11,6 +11,7 @@ from benchmarks import exact
 from benchmarks.record import backend, timed
 from gaussray.camera.camera import Camera
 from gaussray.render import Renderer, RenderOptions
+from gaussray.render.frame_batch import TracedPart
 from gaussray.render.renderer import Frame
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions, enlarged_capacity
@@ -26,9 +27,8 @@ class Bench(Renderer):
 
     guess: Capacity | None = None
 
-    def launch(self, camera: Camera) -> list[tuple]:
-        """(first row, values, report) of a frame's parts, under way on the device; whether lists
-        were long enough is not asked."""
+    def launch(self, camera: Camera) -> list[TracedPart]:
+        """A frame's parts, under way on the device; whether lists were long enough is not asked."""
         return self._begin(list(self._views.views([camera])), alone=True).parts
 
     def settled(self, camera: Camera) -> Frame:
@@ -36,7 +36,7 @@ class Bench(Renderer):
         frame = self(camera)
         if backend(self.trace.backend) == "kernel":
             parts = self.launch(camera)
-            needed = np.max([np.asarray(part[2].needed).reshape(-1) for part in parts], axis=0)
+            needed = np.max([np.asarray(part.report.needed).reshape(-1) for part in parts], axis=0)
             none = Capacity((1,) * (len(needed) - 2), 1, 1)
             (size,) = self._capacity
             right = enlarged_capacity(none, [int(n) for n in needed], headroom=1.5)
@@ -98,7 +98,7 @@ def _judged(frame: Frame, truth: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndar
 def _figures(shot: Shot, renderer: Bench, frame: Frame, truth) -> dict[str, Any]:
     film, samples, camera = shot.camera.film, shot.options.samples, jax.device_get(shot.camera)
     figures = timed(renderer.launch, camera)
-    lost = [int(np.sum(report.dropped)) for _, _, report in renderer.launch(camera)]
+    lost = [int(np.sum(part.report.dropped)) for part in renderer.launch(camera)]
     rays = film.width * film.height * samples
     return {
         "gaussians": shot.scene.count,

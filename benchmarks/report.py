@@ -76,6 +76,8 @@ COLUMNS = {
              "encoding", "fps", "dropped"),
     "scaling": ("axis", "effect", "gaussians", "rays", "samples", "hits_per_ray", "devices", "ms",
                 "fps", "peak GB", "psnr_vs_exact", "dropped"),
+    "worst": ("scene", "gaussians", "hits_per_ray", "backend", "ms", "ns_a_hit", "against_room",
+              "psnr_vs_exact", "max_error", "dropped"),
     "trade": ("axis", "setting", "effect", "gaussians", "backend", "fps", "psnr_vs_exact",
               "max_error", "psnr_same_cutoff", "dropped"),
 }  # fmt: skip

@@ -14,6 +14,7 @@ from benchmarks import (
     bench_render,
     bench_scaling,
     bench_trace,
+    bench_worst,
     exact,
     record,
     trade,
@@ -34,10 +35,11 @@ FRAMES = {
         bench_scaling.main,
         ["--axes", "hits", "--base", ROOM, "--spread", "1"],
     ),
+    "worst": (bench_worst.main, ["--count", ROOM, "--cases", "size"]),
     "trade": (trade.main, ["--axes", "half", "--quick", "--room", ROOM]),
 }
 # What a picture is compared in, and at least how near it then is (dB): rounding alone, or cut-offs.
-TRACED = {"trace": 80, "render": 80, "scaling": 80, "trade": 40}
+TRACED = {"trace": 80, "render": 80, "scaling": 80, "worst": 80, "trade": 40}
 slow = pytest.mark.slow
 
 

@@ -11,6 +11,7 @@ from gaussray.render.camera_layout import CameraLayout
 from gaussray.render.parts import Part
 from gaussray.render.views import FrameView
 from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.trace import Report
 
 
 # Batches of frames that are begun before the first of them has been fetched, and their bytes.
@@ -24,6 +25,15 @@ class PlacedPart(NamedTuple):
     part: Part
     trace: TraceOptions
     slots: np.ndarray | None = None
+
+
+class TracedPart(NamedTuple):
+    """A part that starts at row `top`, with its values and the report on its lists, under way."""
+
+    top: int
+    place: PlacedPart
+    values: Array
+    report: Report
 
 
 class FrameBatch:
@@ -40,7 +50,7 @@ class FrameBatch:
         self.views, self.alone, self.rows, self.trace = views, alone, rows, trace
         self.film, self.keys = views[0].camera.film, views[0].keys
         self.began, self.compiled = clock.monotonic(), False
-        self.parts: list[tuple] = []
+        self.parts: list[TracedPart] = []
         of = views[0].segment, views[0].share is None
         # None where cameras of any layout share list sizes.
         self.size = (self.film.width, rows, self.keys, layout, alone, *of)

@@ -22,6 +22,7 @@ from gaussray.render.frame_batch import (
     MOST_IN_FLIGHT,
     FrameBatch,
     PlacedPart,
+    TracedPart,
     fetched_pictures,
 )
 from gaussray.render.options import RenderOptions as RenderOptions
@@ -129,8 +130,8 @@ class Renderer:
             if batch.parts and jax.default_backend() == "cpu":
                 # Parts under way together share the cores' threads, where the sums over devices of
                 # one can wait for those of another without end.
-                jax.block_until_ready(batch.parts[-1][2])
-            batch.parts.append((top, *self._launch(batch, top)))
+                jax.block_until_ready(batch.parts[-1].values)
+            batch.parts.append(TracedPart(top, *self._launch(batch, top)))
         return batch
 
     def _launch(self, batch: FrameBatch, top: int) -> tuple[PlacedPart, Array, Report]:
