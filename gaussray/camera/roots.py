@@ -5,7 +5,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import jaxopt
 from jaxtyping import Array, Bool, Float
 
 
@@ -31,6 +30,9 @@ def increasing_root(
         parameters: second argument of the function, any pytree.
         upper: upper end of the bracket.
     """
+
+    # Imported here: it takes a third of a second, and few lenses need it.
+    import jaxopt
 
     def residual(part, value, parameters, upper):
         # Below 0 the function is continued as a straight line, so that a root at 0 (the optical
