@@ -1,4 +1,5 @@
-"""A produced data set: takes in folders, and a manifest with a JSON line for each (takes.md)."""
+"""A generated dataset on disk: a folder (`takes/000000`) and a line of the manifest for each sample
+(takes.md)."""
 
 import json
 import math
@@ -26,38 +27,44 @@ MANIFEST, LINE = "manifest.jsonl", "take.json"
 
 
 def folder_of(index: int) -> str:
-    """Where a take lies in the data set."""
+    """The folder of a sample within the dataset."""
     return f"takes/{index:06d}"
 
 
-def is_there(folder: Path, told: Mapping[str, Any]) -> bool:
-    """Whether a take is complete; a ValueError if it is another than the one that is `told`."""
+def is_complete(folder: Path, facts: Mapping[str, Any]) -> bool:
+    """Whether the sample of a folder is written.
+
+    Raises:
+        ValueError: It was made of other `facts` (words, drawn values, seed).
+    """
     line = folder / LINE
     if not line.exists():
         return False
     there = read_json(line)
     if not isinstance(there, dict):
-        raise ValueError(f"{line}: must hold the line of a take. Delete it to film the take anew.")
-    other = [key for key, value in _json(told).items() if there.get(key) != value]
+        raise ValueError(
+            f"{line}: must hold the line of a sample. Delete it to render the sample again."
+        )
+    other = [key for key, value in _json(facts).items() if there.get(key) != value]
     if other:
         raise ValueError(
-            f"{line}: the take that is there was made of another {' and '.join(other)}. Choose "
+            f"{line}: the sample that is there was made of another {' and '.join(other)}. Choose "
             "another folder as out, or delete this one."
         )
     return True
 
 
-def write_take(folder: Path, told: Mapping[str, Any], records: Sequence[FrameRecord]) -> None:
-    """The line of a take whose pictures and lists are in `folder`: what is `told` of it, what the
-    lists say of its frames, and when each row of them sees the scene."""
+def write_take(folder: Path, facts: Mapping[str, Any], records: Sequence[FrameRecord]) -> None:
+    """Write the line of a sample whose pictures and camera files are in `folder`: the `facts`, what
+    the camera files say of its frames, and the time at which each row is exposed."""
     made_by = {"gaussray": version("gaussray"), "git": _commit()}
-    line = json.dumps({**_json(told), **made_by, **_seen(folder, records)}, allow_nan=False)
+    line = json.dumps({**_json(facts), **made_by, **_seen(folder, records)}, allow_nan=False)
     with whole(folder / LINE) as partial:
         partial.write_text(line + "\n", encoding="utf-8")
 
 
 def append_take(data: Path, index: int) -> None:
-    """Add the line of a finished take to the end of the manifest, in a single write, so that the
+    """Add the line of a finished sample to the end of the manifest, in a single write, so that the
     processes of several shards can add to it."""
     line = (data / folder_of(index) / LINE).read_bytes()
     manifest = os.open(data / MANIFEST, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
@@ -68,10 +75,10 @@ def append_take(data: Path, index: int) -> None:
 
 
 def write_takes(data: Path, count: int) -> int:
-    """Write the manifest of those of the first `count` takes that are there, by their index.
+    """Write the manifest of the complete ones among the first `count` samples, by their index.
 
     Returns:
-        The number of takes that are missing.
+        The number of samples that are missing.
     """
     lines = [data / folder_of(index) / LINE for index in range(count)]
     there = [line for line in lines if line.exists()]
@@ -85,13 +92,13 @@ def write_takes(data: Path, count: int) -> int:
 
 
 def read_takes(data: Path | str) -> Iterator[dict[str, Any]]:
-    """The lines of a data set's manifest, one after another."""
+    """The lines of a dataset's manifest, one after another."""
     path = Path(data) / MANIFEST
     try:
         file = opened(path)
     except OSError as error:
         raise OSError(
-            f"{path}: cannot be read: {error} It is there as soon as a take is: go on with "
+            f"{path}: cannot be read: {error} It is written with the first sample: continue with "
             "`gaussray render`."
         ) from error
     most, number = int(limits().text * 1e6), 0
@@ -103,7 +110,7 @@ def read_takes(data: Path | str) -> Iterator[dict[str, Any]]:
 
 
 def _take_of(where: str, line: bytes) -> dict[str, Any]:
-    """A take from its line, of which readers rely on the folder and the frames."""
+    """A sample from its line; its index, folder and frames are checked."""
     take = parse_json(where, line)
     if not isinstance(take, dict) or take.get("version") != VERSION:
         version = take.get("version") if isinstance(take, dict) else None
@@ -117,15 +124,15 @@ def _take_of(where: str, line: bytes) -> dict[str, Any]:
         good = good and isinstance(labels, dict)
         named += [frame.get("file_path"), *labels.values()] if isinstance(labels, dict) else []
     if not good or type(take.get("index")) is not int or take["index"] < 0:
-        raise ValueError(f"{where} must hold index, folder and frames of a take.")
+        raise ValueError(f"{where} must hold index, folder and frames of a sample.")
     if not all(isinstance(name, str) and name for name in named):
         raise ValueError(f"{where} must name files by texts that are not empty.")
     return take
 
 
 def read_frames(data: Path | str) -> Iterator[dict[str, Any]]:
-    """The frames of all takes, in order, each with its `take`, and with the files it names from the
-    data set's folder."""
+    """The frames of all samples, in order, each with the line of its sample as `take`. Paths are
+    relative to the dataset's folder."""
     for take in read_takes(data):
         folder = Path(take["folder"])
         for frame in take["frames"]:
@@ -137,7 +144,7 @@ def read_frames(data: Path | str) -> Iterator[dict[str, Any]]:
 
 
 def _seen(folder: Path, records: Sequence[FrameRecord]) -> dict[str, Any]:
-    """What the lists of a take's folder say of its frames, and when each row sees the scene."""
+    """What the camera files of a sample's folder say of its frames, and the times of their rows."""
     listed, info = {}, {}
     for path in sorted(folder.glob("*.json")):
         document = json.loads(path.read_text(encoding="utf-8"))
@@ -155,8 +162,8 @@ def _seen(folder: Path, records: Sequence[FrameRecord]) -> dict[str, Any]:
 
 
 def row_exposure_times(camera: Camera) -> list[float]:
-    """When each row (column, where the shutter reads sideways) is in the middle of its exposure;
-    one number alone if all are at once."""
+    """The middle of the exposure of each row (column, where the shutter reads sideways); a single
+    number if all rows are exposed at once."""
     shutter, size = camera.shutter, (camera.film.width, camera.film.height)
     times = float(camera.time) + row_moments(shutter, size)
     if shutter.direction in ("bottom_to_top", "right_to_left"):
@@ -166,7 +173,7 @@ def row_exposure_times(camera: Camera) -> list[float]:
 
 
 def _json(value: Any) -> Any:
-    """As JSON has it: infinity is a word, for which it has no number."""
+    """A value as JSON can hold it: infinity becomes a word."""
     if isinstance(value, Mapping):
         return {key: _json(one) for key, one in value.items()}
     if isinstance(value, list | tuple):

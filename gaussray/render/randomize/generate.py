@@ -11,7 +11,7 @@ from gaussray.dataset.takes import (
     VERSION,
     append_take,
     folder_of,
-    is_there,
+    is_complete,
     write_take,
     write_takes,
 )
@@ -184,7 +184,7 @@ def _render(
         "parameters": sample.parameters,
         "scene_sha256": shared.scene_hash(job.scene),
     }
-    if is_there(folder, facts):
+    if is_complete(folder, facts):
         return False
     sweep(folder, deep=True)
     sensor = without_unused_seed(job.dataset.sensor)
