@@ -23,7 +23,7 @@ def tensorboard(folder: Path) -> Callable[[dict[str, Any]], None]:
         from tensorboardX import SummaryWriter  # type: ignore[import-not-found]
     except ImportError as error:
         raise ValueError(
-            "tensorboard=true needs the package tensorboardX: pip install 'gaussray[log]', or "
+            "tensorboard=true needs the package tensorboardX: pip install -e '.[log]', or "
             "leave tensorboard=false."
         ) from error
     writer = SummaryWriter(str(folder), flush_secs=10)

@@ -7,7 +7,7 @@ try:
     import torch as torch
 except ImportError as error:
     raise ImportError(
-        "gaussray.torch needs PyTorch: pip install 'gaussray[torch]', or a build for your GPU from "
+        "gaussray.torch needs PyTorch: pip install -e '.[torch]', or a build for your GPU from "
         "pytorch.org."
     ) from error
 

@@ -58,8 +58,8 @@ def _compiled(source: Path, options: tuple[str, ...]) -> str:
     library = _nvrtc()
     if library is None:
         raise ImportError(
-            "trace.backend=kernel needs NVIDIA's run-time compiler libnvrtc: install "
-            "'gaussray[cuda]', or choose trace.backend=array."
+            "trace.backend=kernel needs NVIDIA's run-time compiler libnvrtc: pip install "
+            "-e '.[cuda]', or choose trace.backend=array."
         )
     program = ctypes.c_void_p()
     text = source.read_text().encode()

@@ -66,7 +66,7 @@ def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
         )
     if options.backend == "kernel" and not cuda.available():
         raise ValueError(
-            "trace.backend=kernel needs a CUDA device and NVIDIA's run-time compiler: install "
-            "'gaussray[cuda]', or choose trace.backend=array."
+            "trace.backend=kernel needs a CUDA device and NVIDIA's run-time compiler: pip install "
+            "-e '.[cuda]', or choose trace.backend=array."
         )
     return options.backend != "array" and single and cuda.available()

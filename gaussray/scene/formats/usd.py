@@ -55,7 +55,7 @@ def _stage(path: Path, states: Sequence[Gaussians], color: str) -> Any:
         schema = UsdVol.ParticleField3DGaussianSplat
     except (ImportError, AttributeError) as error:
         raise ValueError(
-            "format=usd needs the package usd-core from 26.3 on: pip install 'gaussray[usd]', or "
+            "format=usd needs the package usd-core from 26.3 on: pip install -e '.[usd]', or "
             "choose another format."
         ) from error
     stage = Usd.Stage.CreateInMemory()
