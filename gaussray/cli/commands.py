@@ -131,7 +131,7 @@ def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
     from gaussray.evaluate.scores import scores_text
     from gaussray.render.renderer import RenderOptions
-    from gaussray.scene.store import load_scene
+    from gaussray.scene.formats.any_file import load
     from gaussray.tracer.trace import TraceOptions
 
     chosen, trace = (
@@ -139,7 +139,7 @@ def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         build_options(TraceOptions, cfg.trace),
     )
     render = build_options(RenderOptions, cfg.render)
-    scene, truth = load_scene(cfg.scene), _capture(cfg.truth, cfg, "truth_", "truth_")
+    scene, truth = load(cfg.scene), _capture(cfg.truth, cfg, "truth_", "truth_")
     if cfg.out == f"{cfg.scene}/evaluation" and Path(cfg.scene).is_file():
         cfg.out = str(Path(cfg.scene).parent / "evaluation")
     out = begin_run_folder(cfg)
@@ -160,14 +160,14 @@ def _evaluate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
 def _calibrate(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.calibrate.pipeline import CalibrateOptions, calibrate
     from gaussray.calibrate.results import calibration_table
-    from gaussray.scene.store import load_scene
+    from gaussray.scene.formats.any_file import load
     from gaussray.tracer.trace import TraceOptions
 
     chosen, trace = (
         build_options(CalibrateOptions, cfg.calibrate),
         build_options(TraceOptions, cfg.trace),
     )
-    scene, capture = load_scene(cfg.scene), _capture(cfg.capture.path, cfg.capture, "capture.")
+    scene, capture = load(cfg.scene), _capture(cfg.capture.path, cfg.capture, "capture.")
     out = begin_run_folder(cfg)
     report = calibrate(scene, capture, out, options=chosen, trace=trace, quiet=cfg.quiet)
     _say(calibration_table(report), out=str(out), report=report)
@@ -217,13 +217,13 @@ def _import(cfg: Configuration, devices: int | None) -> None:
 
 
 def _export(cfg: Configuration, devices: int | None) -> None:
+    from gaussray.scene.formats.any_file import load
     from gaussray.scene.formats.convert import export_model
     from gaussray.scene.formats.sequence import export_sequence
-    from gaussray.scene.store import load_scene
 
     time = None if cfg.time is None else as_type(float, cfg.time, "time")
     color, degree = as_type(str, cfg.color, "color"), as_type(int, cfg.degree, "degree")
-    kind, scene = as_type(str, cfg.format, "format"), load_scene(cfg.scene)
+    kind, scene = as_type(str, cfg.format, "format"), load(cfg.scene)
     count = as_type(int, cfg.count, "count")
     if count and time is not None:
         raise ValueError(

@@ -212,6 +212,17 @@ def test_a_frame_of_a_model_goes_out_again(tmp_path):
             np.testing.assert_allclose(getattr(found, name), expected[name], atol=LAYERS)
 
 
+def test_a_model_of_another_program_is_exported_to_another_format(tmp_path):
+    """`export` reads what `render` reads: here a .ply file, written as .glb and read again."""
+    write_gaussians(tmp_path / "a.ply", toy.gaussians([[1, 2, 3], [0, 1, 0]], 0.1, 0.5))
+    for source, target in (("a.ply", "b.glb"), ("b.glb", "c.ply")):
+        words = [f"scene={tmp_path / source}", f"out={tmp_path / target}", "degree=0"]
+        main(["export", *words, f"format={target[2:]}"])
+    found, expected = (read_gaussians(tmp_path / name) for name in ("c.ply", "a.ply"))
+    for name in ("mean", "scale", "opacity", "harmonics"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=SHADED)
+
+
 @pytest.mark.slow
 def test_a_model_is_filmed_row_by_row_or_with_the_light_of_the_middle_row(tmp_path):
     scene, _, _ = imported(tmp_path)
