@@ -274,7 +274,8 @@ def test_without_transients_no_size_is_reported_for_them():
     empty = beside(motion, fleeting(0))
     pixels, _ = look(empty, lines, options=OPTIONS, capacity=ROOM)
     expected, _ = look(motion, lines, options=OPTIONS, capacity=CAPACITY)
-    np.testing.assert_array_equal(stacked(pixels), stacked(expected))
+    # Two programs, which may add up in another order.
+    np.testing.assert_allclose(stacked(pixels), stacked(expected), rtol=COLOR)
 
 
 def test_the_dominant_gaussian_is_told_by_its_number_among_all():
