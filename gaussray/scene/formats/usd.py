@@ -7,6 +7,7 @@ of their colours.
 """
 
 from collections.abc import Sequence
+from importlib import import_module
 from math import isqrt
 from pathlib import Path
 from typing import Any
@@ -47,11 +48,11 @@ def write_usd(path: Path | str, states: Sequence[Gaussians], color: str) -> None
             raise OSError(f"{path}: the USD layer cannot be written.")
 
 
+# The modules of OpenUSD fill themselves when they are imported, which a type checker cannot see.
 def _stage(path: Path, states: Sequence[Gaussians], color: str) -> Any:
     """The stage with one prim."""
     try:
-        from pxr import Usd, UsdGeom, UsdVol  # type: ignore[import-not-found]
-
+        Usd, UsdGeom, UsdVol = (import_module(f"pxr.{x}") for x in ("Usd", "UsdGeom", "UsdVol"))
         schema = UsdVol.ParticleField3DGaussianSplat
     except (ImportError, AttributeError) as error:
         raise ValueError(
@@ -81,8 +82,7 @@ def _stage(path: Path, states: Sequence[Gaussians], color: str) -> Any:
 
 def _values(path: Path, gaussians: Gaussians) -> dict[str, Any]:
     """The arrays of one timestamp, by the names of their attributes."""
-    from pxr import Vt  # type: ignore[import-not-found]
-
+    Vt = import_module("pxr.Vt")
     columns = upright_columns(gaussians)
     if not all(np.isfinite(x).all() for x in columns) or not len(columns[0]):
         raise ValueError(f"{path}: all values of at least one Gaussian must be finite.")
