@@ -11,7 +11,7 @@ import jax
 
 
 # Programs that take this many seconds to compile are kept; loading one takes milliseconds.
-MIN_COMPILE_SECONDS = 0.05
+MIN_COMPILE_SECONDS = 0.005
 # Prefix of the names under which JAX reports the duration of tracing, lowering and XLA.
 EVENTS = "/jax/core/compile/"
 
