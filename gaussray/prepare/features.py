@@ -148,26 +148,25 @@ def read_keypoints(database: Path, pictures: Iterable[MatchingPicture]) -> dict[
 
 def verified_matches(database: Path) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]:
     """Indices of the keypoints that match, by pairs of files; one geometry explains each pair."""
-    colmap = pycolmap()
-    with colmap.Database.open(database) as db:
-        names = {image.image_id: image.name for image in db.read_all_images()}
-        result = {}
-        for number, geometry in zip(*db.read_two_view_geometries(), strict=True):
-            matches = np.array(geometry.inlier_matches, int).reshape(-1, 2)
-            if len(matches):
-                a, b = colmap.pair_id_to_image_pair(number)
-                result[names[a], names[b]] = matches
-    return result
+    with pycolmap().Database.open(database) as db:
+        numbers, geometries = db.read_two_view_geometries()
+        return _by_names(db, numbers, [geometry.inlier_matches for geometry in geometries])
 
 
 def raw_matches(database: Path) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]:
     """The same before verification."""
-    colmap = pycolmap()
-    with colmap.Database.open(database) as db:
-        names = {image.image_id: image.name for image in db.read_all_images()}
-        result = {}
-        for number, matches in zip(*db.read_all_matches(), strict=True):
-            if len(matches):
-                a, b = colmap.pair_id_to_image_pair(number)
-                result[names[a], names[b]] = np.array(matches, int).reshape(-1, 2)
-    return result
+    with pycolmap().Database.open(database) as db:
+        return _by_names(db, *db.read_all_matches())
+
+
+def _by_names(
+    db: Any, numbers: Sequence[int], matches: Sequence[Any]
+) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]:
+    """Matches by the names of their two files, those of pairs that have any."""
+    names = {image.image_id: image.name for image in db.read_all_images()}
+    found = {}
+    for number, pairs in zip(numbers, matches, strict=True):
+        if len(pairs):
+            a, b = pycolmap().pair_id_to_image_pair(number)
+            found[names[a], names[b]] = np.array(pairs, int).reshape(-1, 2)
+    return found

@@ -5,8 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussray.capture.picture_file import read_stored
-from gaussray.capture.videos import frame_of, read_frame
+from gaussray.prepare.media import read_levels
 from gaussray.report.chart import PALETTE
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, html_table, note, summary_tiles
@@ -61,7 +60,7 @@ def camera_pictures(out: Path, facts: dict[str, Any]) -> Section:
             label = f"{names[i]} · {one['registered']} of {one['pictures']} have a pose"
         else:
             label = names[i] if one["registered"] else f"{names[i]} · no pose"
-        levels = _levels(out / one["picture"], *one["size"])
+        levels = read_levels(out / one["picture"], *one["size"])
         shown.append(captioned_image(levels, label, most=BYTES // (3 * len(picked))))
     return Section("Pictures", [tag("div", shown, class_="grid few")])
 
@@ -134,7 +133,7 @@ def _drawn(
     """A picture with circles and lines on it; number k has colour k."""
     width, height = picture["size"]
     unit = max(width, height) / 400
-    parts = [tag("image", href=inline(_levels(out / picture["file"], width, height), most),
+    parts = [tag("image", href=inline(read_levels(out / picture["file"], width, height), most),
                  width=width, height=height)]  # fmt: skip
     for k, line in enumerate(lines):
         for part in line:
@@ -151,12 +150,3 @@ def _drawn(
 def _ink(k: int) -> str:
     """Colour k, as bright on light pages as on dark ones: it lies on a picture."""
     return f"hsl({360 * k / PALETTE:.0f} 95% 60%)"
-
-
-def _levels(path: Path, width: int, height: int) -> np.ndarray:
-    """The 8-bit levels of a picture or of a frame of a video."""
-    video = frame_of(path)
-    stored = read_frame(*video) if video else read_stored(path, width, height)
-    if stored.dtype == np.uint8:
-        return stored
-    return (stored / np.iinfo(stored.dtype).max * 255 + 0.5).astype(np.uint8)
