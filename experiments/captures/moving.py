@@ -1,4 +1,4 @@
-"""Fit captures of moving scenes with variants of options and score the held-out cameras.
+"""Fit captures of moving scenes with variants of options and score the held-out pictures.
 
     python -m experiments.captures.moving fit CAPTURE ... [--variants NAME ...] [--out DIR]
 
@@ -10,6 +10,7 @@ seconds (with compilation), steps, and Gaussians that are static, moving and tra
 import argparse
 import json
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -63,7 +64,7 @@ HEAD = (
 )
 
 
-def masks_of(views: list[View]) -> dict[Path, np.ndarray]:
+def masks_of(views: Sequence[View]) -> dict[Path, np.ndarray]:
     """The pixels that move in each picture: those that differ from their camera's temporal median.
     All cameras stand still."""
     groups: dict[str, list[View]] = {}
@@ -106,16 +107,15 @@ def fit(
     devices: int | None,
     pictures: Path | None,
 ) -> dict[str, float]:
-    """Fit a capture and score its held-out cameras, at the training times and at all others."""
+    """Fit a capture and score its held-out pictures, at the training times and at all others."""
     capture = open_capture(folder, selection=Selection(scale=chosen.scale))
     trained = {view.time for view in capture.views if view.split == "train"}
-    cameras = {view.camera_name for view in capture.views if view.split == "train"}
-    held_out = [view for view in capture.views if view.camera_name not in cameras]
+    held_out = [view for view in capture.views if view.split == "test"]
     made = fitted(capture, options, devices, chosen.quiet)
     render = Renderer(
         made.scene, options=RenderOptions(samples=1), trace=TraceOptions(), devices=devices
     )
-    masks, known, between, images = masks_of(held_out), [], [], {}
+    masks, known, between, images = masks_of(capture.views), [], [], {}
     for view in held_out:
         images[view.image] = codes(render(view.camera).color)
         score = scored(view, images[view.image], masks[view.image])

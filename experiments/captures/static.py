@@ -87,6 +87,7 @@ def _tiles(side: int) -> Variant:
 
 
 VARIANTS: dict[str, Variant] = {
+    "auto": lambda o: ReconstructOptions(fit=FitOptions(auto=True)),
     "base": lambda o: o,
     "split": lambda o: replaced(
         o, density__kind="split", density__opacity=0.02, density__growth=8.0, density__start=0.15,
