@@ -5,7 +5,8 @@ python -m benchmarks.bench_view RUN [view.samples=1 aperture.radius=0.05 ...]
 
 What `gaussray view scene=RUN` shows between two movements of a mouse, by the parts that the page
 is made of, without a browser: tracing, the sensor's development, the JPEG; `latency_s` is all of
-it.
+it. `lens_s` are the seconds from the choice of another lens (LENS) to its first picture, when
+nothing else compiles and no programs are kept on disk (do not set JAX_COMPILATION_CACHE_DIR).
 """
 
 import io
@@ -17,8 +18,10 @@ import numpy as np
 from PIL import Image
 
 from benchmarks.record import backend, begin, record, show
-from gaussray.camera.camera import with_chromatic
+from gaussray.camera.camera import Camera, with_chromatic
 from gaussray.config.compose import compose_config
+from gaussray.render.job import RenderJob
+from gaussray.viewer.controls import choice_values
 from gaussray.viewer.develop import develop_preview
 from gaussray.viewer.model import ViewerModel
 from gaussray.viewer.preview import PreviewRenderer
@@ -30,6 +33,8 @@ from gaussray.viewer.timing import PREVIEW_STAGES, StageTimer
 STEP, FIRST = 2e-3, 3
 # As in gaussray.viewer.page.
 JPEG_QUALITY = 80
+# The lens that is chosen after the pictures of a width.
+LENS = "equidistant"
 
 
 def main(argv: Sequence[str] | None = None) -> None:
@@ -58,6 +63,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         *PREVIEW_STAGES,
         "latency_s",
         "fps",
+        "lens_s",
         "hits",
         "dropped",
     )
@@ -79,8 +85,7 @@ def _measured(
         timer, began = StageTimer(), time.perf_counter()
         with timer.stage("tracing"):
             shot = model.shot(values, viewpoint, size)
-            camera = with_chromatic(shot.records[0].camera, shot.dataset.sensor.chromatic)
-            while (preview := previewer(camera, rays)) is None or previewer.compiling:
+            while (preview := previewer(_camera(shot), rays)) is None or previewer.compiling:
                 time.sleep(0.05)
         with timer.stage("developing"):
             codes = develop_preview(preview, shot)
@@ -88,6 +93,11 @@ def _measured(
             _jpeg(codes)
         if i >= 0:
             seen.append((*timer.stages.values(), time.perf_counter() - began, preview))
+    began = time.perf_counter()
+    shot = model.shot(values | choice_values("lens", LENS), model.initial_viewpoint, size)
+    while previewer(_camera(shot), rays) is None:
+        time.sleep(0.01)
+    lens = time.perf_counter() - began
     *stages, seconds = (
         float(np.median([one[j] for one in seen])) for j in range(len(PREVIEW_STAGES) + 1)
     )
@@ -97,10 +107,14 @@ def _measured(
         gaussians=sum(s.static.count + s.moving.count for s in previewer.scenes),
         backend=backend(shot.trace.backend),
         direction="forward", width=size[0], height=size[1], run_s_median=seconds,
-        latency_s=seconds, **dict(zip(PREVIEW_STAGES, stages, strict=True)),
+        latency_s=seconds, lens_s=round(lens, 2), **dict(zip(PREVIEW_STAGES, stages, strict=True)),
         hits=float(np.median([one[-1].hits for one in seen])) / count,
         dropped=max(one[-1].dropped for one in seen),
     )  # fmt: skip
+
+
+def _camera(shot: RenderJob) -> Camera:
+    return with_chromatic(shot.records[0].camera, shot.dataset.sensor.chromatic)
 
 
 def _jpeg(codes: np.ndarray) -> bytes:

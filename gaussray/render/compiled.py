@@ -32,13 +32,15 @@ from gaussray.tracer.traverse import Capacity
 
 class ProgramSettings(eqx.Module):
     """What a program is compiled for: list sizes, key states (0: one, at the time of the row of the
-    part), options, and the devices that share the rays (None: one device)."""
+    part), options, the devices that share the rays (None: one device), and whether the programs of
+    stages are compiled in half the time where they then may run a tenth slower (`quick`)."""
 
     capacity: Capacity
     keys: int = eqx.field(static=True)
     options: RenderOptions
     trace: TraceOptions
     mesh: Mesh | None = eqx.field(static=True)
+    quick: bool = eqx.field(static=True, default=True)
 
 
 @functools.lru_cache(maxsize=64)

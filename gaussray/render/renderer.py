@@ -28,8 +28,8 @@ from gaussray.render.frame_batch import (
 from gaussray.render.options import RenderOptions as RenderOptions
 from gaussray.render.parts import Part, interleaved, part_of, strip, strips, whole_picture
 from gaussray.render.stages import (
+    enlarged_stages,
     in_stages,
-    rounded_capacity,
     staged_needs,
     staged_values,
     usual_capacity,
@@ -250,18 +250,15 @@ class Renderer:
 
     def _first_sizes(self, batch: FrameBatch, place: PlacedPart, scene: Scene) -> Capacity:
         """Sizes that the first sample of a batch fits into, at least those of an ordinary scene."""
-        capacity = usual_capacity(place.part, place.trace, scene)
+        usual = usual_capacity(place.part, place.trace, scene)
+        settings = self._settings(batch, place, usual)
         leaves, structure = self._flat[batch.views[0].segment]
         arguments = leaves, self._rows(batch), place.part
-        while True:
-            settings = self._settings(batch, place, capacity)
-            needed, dropped = staged_needs(structure, batch.views[0].layout, settings, arguments)
-            capacity = self._enlarged(capacity, needed)
-            if not dropped:
-                return capacity
+        needed = staged_needs(structure, batch.views[0].layout, settings, arguments)
+        return enlarged_stages(usual, needed)
 
     def _enlarged(self, capacity: Capacity, needed: list[int]) -> Capacity:
-        """Sizes with room for what is needed; in stages powers of two, so that few sets of programs
-        serve all cameras."""
-        capacity = enlarged_capacity(capacity, needed, headroom=1.5)
-        return rounded_capacity(capacity) if self._staged else capacity
+        """Sizes with room for what is needed."""
+        if self._staged:
+            return enlarged_stages(capacity, needed)
+        return enlarged_capacity(capacity, needed, headroom=1.5)

@@ -5,6 +5,7 @@ of the others, which take most of the compilation. Every device of a mesh runs e
 arguments of its own (their leading axis); no device waits for another.
 """
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -36,12 +37,21 @@ from gaussray.scene.scene import Scene
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import scene_motion
 from gaussray.tracer.options import TraceOptions, on_kernel
-from gaussray.tracer.trace import Prepared, Report, find, march_lists, prepare
+from gaussray.tracer.trace import (
+    Prepared,
+    Report,
+    enlarged_capacity,
+    find,
+    march_lists,
+    prepare,
+)
 from gaussray.tracer.traverse import Candidates, Capacity
 
 
 # Leaves of a scene; with a leading axis of devices the numbers of a camera and a part of a picture.
 StageArguments = tuple[list[Any], np.ndarray, Part]
+# Lists that were too short become this many times as long as needed.
+_HEADROOM = 1.5
 
 
 class Seen(eqx.Module):
@@ -67,6 +77,12 @@ def usual_capacity(part: Part, trace: TraceOptions, scene: Scene) -> Capacity:
     alive = min(transient, max(64, transient // 16))
     sizes = Capacity((256 * bundles,) * (trace.levels + 1), 512 * bundles, 1024, alive)
     return rounded_capacity(sizes)
+
+
+def enlarged_stages(capacity: Capacity, needed: list[int]) -> Capacity:
+    """List sizes with room for what is needed; powers of two, so that few sets of programs serve
+    all cameras."""
+    return rounded_capacity(enlarged_capacity(capacity, needed, headroom=_HEADROOM))
 
 
 def rounded_capacity(capacity: Capacity) -> Capacity:
@@ -115,16 +131,20 @@ def staged_needs(
     layout: CameraLayout,
     settings: ProgramSettings,
     arguments: StageArguments,
-) -> tuple[list[int], int]:
-    """The list sizes that the first sample needs, and how many entries the settings have no place
-    for."""
-    stages = _Stages(structure, layout, settings)
+) -> list[int]:
+    """The list sizes that the first sample needs, searched with those of the settings or longer
+    ones; the arguments are those of `staged_values`."""
     leaves, row, part = arguments
-    rays, times = stages.camera(row, part, np.int32(0))
-    lists, _ = stages.lists(stages.motion(leaves, times), rays)
-    needed = np.asarray(lists.needed)
-    needed = needed.reshape(-1, needed.shape[-1]).max(axis=0)
-    return [int(n) for n in needed], int(np.sum(lists.dropped))
+    while True:
+        stages = _Stages(structure, layout, settings)
+        rays, times = stages.camera(row, part, np.int32(0))
+        lists, _ = stages.lists(stages.motion(leaves, times), rays)
+        needed = np.asarray(lists.needed)
+        needed = [int(n) for n in needed.reshape(-1, needed.shape[-1]).max(axis=0)]
+        if not np.any(lists.dropped):
+            return needed
+        capacity = enlarged_stages(settings.capacity, needed)
+        settings = dataclasses.replace(settings, capacity=capacity)
 
 
 class _Stages:
@@ -134,8 +154,9 @@ class _Stages:
         mesh, trace, capacity = settings.mesh, settings.trace, settings.capacity
         samples = settings.options.samples
         self.camera = _camera_program(layout, samples, mesh)
-        self.motion = _motion_program(structure, trace, settings.keys, capacity.transient, mesh)
-        self.lists = _lists_program(trace, capacity, mesh)
+        sizes = settings.keys, capacity.transient
+        self.motion = _motion_program(structure, trace, sizes, mesh, settings.quick)
+        self.lists = _lists_program(trace, capacity, mesh, settings.quick)
         self.march = _march_program(trace, capacity.slots, mesh)
         self.add, self.mean = _add_program(mesh), _mean_program(mesh)
 
@@ -164,9 +185,15 @@ def _camera_program(
 
 @ProgramCache(12)
 def _motion_program(
-    structure: PyTreeDef, trace: TraceOptions, keys: int, transient: int, mesh: Mesh | None
+    structure: PyTreeDef,
+    trace: TraceOptions,
+    sizes: tuple[int, int],
+    mesh: Mesh | None,
+    quick: bool,
 ) -> Callable[..., Prepared]:
-    """(leaves of a scene, times) -> the scene across these times, sorted into a grid."""
+    """(leaves of a scene, times) -> the scene across these times, sorted into a grid. It is made
+    for `sizes`: the numbers of key states and of transient Gaussians."""
+    keys, transient = sizes
     capacity = Capacity((), 0, 0, transient)
 
     def run(leaves: list[Array], times: tuple[Array, Array]) -> Prepared:
@@ -176,19 +203,19 @@ def _motion_program(
         motion = scene_motion(scene, key_time, scene.time_range)
         return prepare(motion, span, options=trace, capacity=capacity)
 
-    return _on_devices(run, mesh, common=(0,), quick=True)
+    return _on_devices(run, mesh, common=(0,), quick=quick)
 
 
 @ProgramCache(12)
 def _lists_program(
-    trace: TraceOptions, capacity: Capacity, mesh: Mesh | None
+    trace: TraceOptions, capacity: Capacity, mesh: Mesh | None, quick: bool
 ) -> Callable[..., tuple[Candidates, Array]]:
     """(scene, rays) -> the Gaussians that every bundle may meet; how many are not finite."""
 
     def run(scene: Prepared, rays: Rays) -> tuple[Candidates, Array]:
         return find(scene, rays, options=trace, capacity=capacity)
 
-    return _on_devices(run, mesh, quick=True)
+    return _on_devices(run, mesh, quick=quick)
 
 
 @ProgramCache(12)

@@ -6,7 +6,7 @@ import threading
 import time as clock
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -19,6 +19,15 @@ from gaussray.render.camera_layout import CameraLayout, pack_camera
 from gaussray.render.compiled import ProgramSettings, prepare_trace, render_part, render_pieces
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part, interleaved, part_of, whole_picture
+from gaussray.render.stages import (
+    StageArguments,
+    enlarged_stages,
+    in_stages,
+    rounded_capacity,
+    staged_needs,
+    staged_values,
+    usual_capacity,
+)
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, edges_of, segments_of
 from gaussray.tracer.shard import mesh as device_mesh
@@ -30,6 +39,7 @@ from gaussray.tracer.traverse import Capacity
 _HEADROOM = 2.0
 # A picture with up to this many times the pixels of another takes over the length of its lists.
 _NEAR = 5.0
+_NO_LISTS = Capacity((), 0, 0)
 
 
 class Preview(NamedTuple):
@@ -45,12 +55,19 @@ class Preview(NamedTuple):
 
 
 class _Program(NamedTuple):
-    """A compiled program with its list capacity and the part of the picture that it traces; with
-    several devices, `place` is where each pixel lies in their joint output."""
+    """A compiled program with its list capacity and the picture that it traces."""
 
-    call: Callable[..., Any]
+    call: Callable[..., tuple[Array, Report]]
     capacity: Capacity
+    picture: "_Picture"
+
+
+class _Picture(NamedTuple):
+    """The part of a picture that a program traces, and how; with several devices, `place` is where
+    each pixel lies in their joint output."""
+
     part: Part
+    trace: TraceOptions
     place: np.ndarray | None = None
 
 
@@ -70,7 +87,8 @@ class PreviewRenderer:
     """Sketches of one scene: on a CPU each core makes its share, elsewhere one device does.
 
     Camera numbers are inputs of the programs, so moving, focusing or changing the aperture compiles
-    nothing. Of a segmented scene, all rays see the segment at the frame's time.
+    nothing. Where pictures are rendered in stages, another lens compiles only its rays. Of a
+    segmented scene, all rays see the segment at the frame's time.
     """
 
     def __init__(
@@ -79,6 +97,7 @@ class PreviewRenderer:
         self._edges, self.trace, self.keys = edges_of(scene), trace, keys
         self._like = dataclasses.replace(options, chunk_rows=0, error=0.0)
         self.scenes = segments_of(scene)
+        self._staged = in_stages(self._like, trace)
         self._mesh = device_mesh(None if jax.default_backend() == "cpu" else 1)
         self._flat = [jax.tree.flatten(jax.tree.map(jax.numpy.asarray, s)) for s in self.scenes]
         alone = self._mesh.size == 1
@@ -102,7 +121,7 @@ class PreviewRenderer:
             self._queue(key, camera)
             return None
         begin = clock.monotonic()
-        values, report = self._run(program, key, row, program.part)
+        values, report = self._run(program, key, row)
         spent = 1000 * (clock.monotonic() - begin)
         if report.dropped.any():
             self._queue(key, camera, _longer(program, report))
@@ -119,11 +138,11 @@ class PreviewRenderer:
         if key not in self._programs:
             self._build(key, camera)
         at = np.array([pixel[1] * key.size[0] + pixel[0]])
-        part, _ = part_of(camera.film, at, self.trace)
+        pixel_only = self._alone(*part_of(camera.film, at, self.trace))
         while True:
-            program = self._programs[key]
-            values, report = self._run(program, key, row, part)
-            if not report.dropped:
+            program = self._programs[key]._replace(picture=pixel_only)
+            values, report = self._run(program, key, row)
+            if not report.dropped.any():
                 own = np.asarray(values)[0]
                 return float(own[3]), float(own[4])
             self._build(key, camera, _longer(program, report))
@@ -152,27 +171,45 @@ class PreviewRenderer:
         keys = self.keys if moves else 1
         return row, _Key(layout, (film.width, film.height), keys, samples, segment, probe)
 
-    def _run(self, program: _Program, key: _Key, row: np.ndarray, part: Part):
-        if program.place is None:
-            return jax.block_until_ready(program.call(self._flat[key.segment][0], row, part))
-        values, report = jax.device_get(program.call(self._shared[key.segment], row, part))
-        return values.reshape(-1, 5)[program.place], report
+    def _run(self, program: _Program, key: _Key, row: np.ndarray):
+        place = program.picture.place
+        values, report = program.call(*self._arguments(key, program.picture, row))
+        if place is not None:
+            values, report = jax.device_get((values, report))
+            return values.reshape(-1, 5)[place], report
+        return jax.block_until_ready((values[0] if self._staged else values, report))
+
+    def _arguments(self, key: _Key, picture: _Picture, row: np.ndarray) -> StageArguments:
+        """Leaves of the scene, numbers of the camera, and part, on the devices that render."""
+        alone = picture.place is None
+        leaves = self._flat[key.segment][0] if alone else self._shared[key.segment]
+        if self._staged:
+            row = np.tile(row, (1 if alone else self._mesh.size, 1))
+        return leaves, row, picture.part
 
     def _everywhere(self, tree):
         """Copy to all devices that render."""
         return jax.device_put(tree, NamedSharding(self._mesh, PartitionSpec()))
 
     def _known(self, key: _Key, levels: int) -> Capacity | None:
-        """List capacity scaled from a program for a not much smaller picture; None without such a
-        program. Measuring it would need another compilation."""
-        for other, program in self._programs.items():
-            ratio, whole = math.prod(key.size) / math.prod(other.size), program.capacity
-            same = other.segment == key.segment and len(whole.cells) == levels + 1
-            if same and not key.probe and not other.probe and ratio <= _NEAR:
-                ratio = max(ratio, 1)
-                cells = tuple(math.ceil(ratio * count) for count in whole.cells)
-                return Capacity(cells, math.ceil(ratio * whole.pairs), whole.slots, whole.transient)
-        return None
+        """List capacity of a program for a picture of this size, whose stages other lenses share,
+        or scaled from one of nearly this size. None without such a program. Measuring it would
+        need another compilation."""
+        sizes = [
+            (math.prod(key.size) / math.prod(other.size), program.capacity)
+            for other, program in self._programs.items()
+            if other.segment == key.segment
+            and other.probe == key.probe
+            and len(program.capacity.cells) == levels + 1
+        ]
+        sizes = [known for known in sizes if known[0] <= _NEAR]
+        if not sizes:
+            return None
+        ratio, whole = min(sizes, key=lambda known: (abs(math.log(known[0])), -known[1].pairs))
+        ratio = max(ratio, 1)
+        cells = tuple(math.ceil(ratio * count) for count in whole.cells)
+        scaled = Capacity(cells, math.ceil(ratio * whole.pairs), whole.slots, whole.transient)
+        return rounded_capacity(scaled) if self._staged else scaled
 
     def _await(self, key: _Key) -> None:
         """Wait for a program that is being compiled."""
@@ -198,35 +235,64 @@ class PreviewRenderer:
 
     def _build(self, key: _Key, camera: Camera, capacity: Capacity | None = None) -> None:
         """Compile the program of a key, by default with the list capacity that the camera needs."""
-        part, trace, place = self._part(key, camera)
-        options = dataclasses.replace(self._like, samples=key.samples)
-        capacity = capacity or self._known(key, trace.levels)
+        picture = self._picture(key, camera)
+        capacity = capacity or self._known(key, picture.trace.levels)
         if capacity is None:
-            unknown = ProgramSettings(Capacity((), 0, 0), key.keys, options, trace, None)
-            one = part if place is None else jax.tree.map(lambda x: x[0], jax.device_get(part))
-            motion, rays = prepare_trace(self.scenes[key.segment], camera, one, settings=unknown)
-            capacity = measure(motion, rays, options=trace, headroom=_HEADROOM)
-        make, mesh = (render_part, None) if place is None else (render_pieces, self._mesh)
-        settings = ProgramSettings(capacity, key.keys, options, trace, mesh)
-        call = make(self._flat[key.segment][1], key.layout, settings)
-        program = _Program(call, capacity, part, place)
-        self._run(program, key, pack_camera(jax.device_get(camera))[0], part)
+            capacity = self._measured(key, camera, picture)
+        program = _Program(self._call(key, picture, capacity), capacity, picture)
+        self._run(program, key, pack_camera(jax.device_get(camera))[0])
         self._programs[key] = program
 
-    def _part(self, key: _Key, camera: Camera) -> tuple[Part, TraceOptions, np.ndarray | None]:
-        """The part of the picture that a program traces, its trace options, and the places of the
-        pixels where several devices share them."""
+    def _call(
+        self, key: _Key, picture: _Picture, capacity: Capacity
+    ) -> Callable[..., tuple[Array, Report]]:
+        """A function of the leaves of the scene, the numbers of a camera, and the part."""
+        structure, settings = self._flat[key.segment][1], self._settings(key, picture, capacity)
+        if self._staged:
+            return lambda *arguments: staged_values(structure, key.layout, settings, arguments)
+        make = render_part if picture.place is None else render_pieces
+        return make(structure, key.layout, settings)
+
+    def _measured(self, key: _Key, camera: Camera, picture: _Picture) -> Capacity:
+        """The list capacity that a camera needs."""
+        scene, place = self.scenes[key.segment], picture.place
+        if self._staged:
+            usual = usual_capacity(picture.part, picture.trace, scene)
+            settings = self._settings(key, picture, usual)
+            row = pack_camera(jax.device_get(camera))[0]
+            arguments = self._arguments(key, picture, row)
+            needed = staged_needs(self._flat[key.segment][1], key.layout, settings, arguments)
+            return enlarged_stages(usual, needed)
+        settings = dataclasses.replace(self._settings(key, picture, _NO_LISTS), mesh=None)
+        part = picture.part
+        if place is not None:
+            part = jax.tree.map(lambda x: x[0], jax.device_get(part))
+        motion, rays = prepare_trace(scene, camera, part, settings=settings)
+        return measure(motion, rays, options=picture.trace, headroom=_HEADROOM)
+
+    def _settings(self, key: _Key, picture: _Picture, capacity: Capacity) -> ProgramSettings:
+        options = dataclasses.replace(self._like, samples=key.samples)
+        mesh = None if picture.place is None else self._mesh
+        return ProgramSettings(capacity, key.keys, options, picture.trace, mesh, quick=False)
+
+    def _picture(self, key: _Key, camera: Camera) -> _Picture:
+        """What a program traces."""
         if key.probe:
             middle = key.size[1] // 2 * key.size[0] + key.size[0] // 2
-            return *part_of(camera.film, np.array([middle]), self.trace), None
+            return self._alone(*part_of(camera.film, np.array([middle]), self.trace))
         if self._mesh.size == 1:
-            return *whole_picture(camera.film, self.trace), None
+            return self._alone(*whole_picture(camera.film, self.trace))
         part, trace, place = interleaved(camera.film, self.trace, self._mesh.size)
         shared = jax.device_put(part, NamedSharding(self._mesh, PartitionSpec("rays")))
-        return shared, trace, np.asarray(place)
+        return _Picture(shared, trace, np.asarray(place))
+
+    def _alone(self, part: Part, trace: TraceOptions) -> _Picture:
+        """A part for one device; programs in stages take a leading axis of devices."""
+        return _Picture(jax.tree.map(lambda x: x[None], part) if self._staged else part, trace)
 
 
 def _longer(program: _Program, report: Report) -> Capacity:
     """List capacity enlarged to what a picture needed."""
     needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1]).max(axis=0)
-    return enlarged_capacity(program.capacity, [int(n) for n in needed], headroom=_HEADROOM)
+    longer = enlarged_capacity(program.capacity, [int(n) for n in needed], headroom=_HEADROOM)
+    return rounded_capacity(longer)

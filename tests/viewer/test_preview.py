@@ -13,6 +13,7 @@ import pytest
 import rooms
 
 from gaussray.camera.sensor.sensor import SensorOptions
+from gaussray.render import stages
 from gaussray.render.aov.labeller import Labeller
 from gaussray.render.develop import picture_levels
 from gaussray.render.renderer import Renderer
@@ -40,7 +41,7 @@ def model(tmp_path_factory):
 def previewer(model, quick_compilation):
     shot = model.shot(model.initial_values, model.initial_viewpoint, model.size)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "measure", lambda *_, **__: rooms.ROOM)
+        patch.setattr(PreviewRenderer, "_measured", lambda *_: rooms.ROOM)
         yield PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
 
 
@@ -82,6 +83,33 @@ def test_no_slider_compiles_anything(model, previewer):
     assert len(previewer._programs) == programs
 
 
+def test_another_lens_compiles_only_its_rays(model, previewer, monkeypatch):
+    rooms.made(previewer, shot_with(model).records[0].camera, 1)
+    made, make = [], stages._on_devices
+
+    def noted(function, *arguments, **options):
+        made.append(function.__qualname__.split(".")[0])
+        return make(function, *arguments, **options)
+
+    monkeypatch.setattr(stages, "_on_devices", noted)
+    values = model.initial_values | choice_values("lens", "equisolid")
+    camera = model.shot(values, model.initial_viewpoint, model.size).records[0].camera
+    assert not previewer.has(camera, 1)
+    rooms.made(previewer, camera, 1)
+    assert made == ["_camera_program"]
+
+
+def test_lists_are_measured_where_nothing_is_known(model):
+    shot = shot_with(model)
+    one = PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
+    camera = shot.records[0].camera
+    found = rooms.made(one, camera, 1)
+    (program,) = one._programs.values()
+    assert found.dropped == 0 and found.hits > 0
+    assert all(n & (n - 1) == 0 for n in (*program.capacity.cells, program.capacity.pairs))
+    one.close()
+
+
 def test_readout_and_exposure_share_a_program_of_few_key_states(model, previewer):
     cameras = [
         shot_with(model, shutter__kind="rolling", **told).records[0].camera
@@ -95,7 +123,7 @@ def test_readout_and_exposure_share_a_program_of_few_key_states(model, previewer
 def test_lists_that_are_too_short_are_told_of_and_lengthened(model, previewer, monkeypatch):
     shot = shot_with(model)
     one = PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
-    monkeypatch.setattr(module, "measure", lambda *_, **__: Capacity((64,), 16, 8))
+    monkeypatch.setattr(PreviewRenderer, "_measured", lambda *_: Capacity((64,), 16, 8))
     camera = shot.records[0].camera
     first = rooms.made(one, camera, 1)
     assert first.dropped > 0

@@ -9,7 +9,6 @@ import rooms
 from gaussray.capture.picture_file import read_stored
 from gaussray.cli.main import main
 from gaussray.config.compose import compose_config
-from gaussray.viewer import preview as module
 from gaussray.viewer.controls import choice_values
 from gaussray.viewer.preset import (
     preset_folder,
@@ -68,7 +67,7 @@ class Screen:
 @pytest.fixture(scope="module")
 def screen(model, quick_compilation, known_sizes):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(module, "measure", lambda *_, **__: rooms.ROOM)
+        patch.setattr(PreviewRenderer, "_measured", lambda *_: rooms.ROOM)
         patch.setattr(ViewerSession, "_anticipate", lambda *_: None)
         screen = Screen(model)
         yield screen

@@ -8,7 +8,6 @@ import numpy as np
 import rooms
 
 from gaussray.render.renderer import Renderer
-from gaussray.viewer import preview as module
 from gaussray.viewer.develop import develop_preview
 from gaussray.viewer.preview import PreviewRenderer
 
@@ -29,7 +28,7 @@ def main(folder: Path) -> None:
     )
     camera = shot.records[0].camera
     previewer = PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
-    module.measure = Renderer._measure = lambda *_, **__: rooms.ROOM
+    PreviewRenderer._measured = Renderer._measure = lambda *_, **__: rooms.ROOM
     found = rooms.made(previewer, camera, shot.options.samples)
     frame = Renderer(model.scene, options=shot.options, trace=shot.trace, devices=1)(camera)
     values = np.asarray(found.values).reshape(*SIZE[::-1], 5)
