@@ -88,6 +88,18 @@ def resolved(cameras: CameraSet, mean: Float[Array, "gaussians 3"]) -> Float[Arr
     return jax.vmap(nearest)(mean)
 
 
+def nearest_camera(
+    cameras: CameraSet, mean: Float[Array, "gaussians 3"]
+) -> Float[Array, " gaussians"]:
+    """Distance of each Gaussian from the camera that is nearest to it."""
+
+    def nearest(place: Float[Array, "3"]) -> Float[Array, ""]:
+        away = cameras.place - place[None]
+        return jnp.sqrt(jnp.min(jnp.sum(away * away, axis=-1)))
+
+    return jax.vmap(nearest)(mean)
+
+
 def rays_per_pixel(camera: Camera) -> int:
     """Rays per pixel in training: 1 for sharp pictures, 4 with depth of field or motion blur."""
     blur = camera.aperture.radius, camera.shutter.exposure

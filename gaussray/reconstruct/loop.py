@@ -63,7 +63,8 @@ def run_stage(
         log.record(progress, done, terms, count)
         bar.report(done, f"{psnr_from_mse(terms['mse'], least=LEAST_MSE):.2f} dB")
         if plan.after_block(done, score and partial(score, state, sizes)):
-            bar, progress = session.progress_bar(stage, plan.steps), plan.noted(progress)
+            bar.change_total(plan.steps)
+            progress = plan.noted(progress)
             _say_stopped(session, plan, done)
         log.save_in_time(state, progress)
         if done >= plan.steps:

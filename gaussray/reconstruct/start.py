@@ -62,7 +62,8 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
     if count:
         around = surrounding(position, count=count, seed=fit.seed)
         more = on_points(*around, degree=fit.degree, opacity=0.5, flat=1.0)
-        gaussians = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), gaussians, more)
+        gaussians, more = jax.device_get((gaussians, more))
+        gaussians = jax.tree.map(lambda a, b: np.concatenate([a, b]), gaussians, more)
         moves = np.concatenate([moves, np.zeros(count, bool)])
     most = session.options.density.room(len(moves))
     progress = replace(progress, initial=initial, most=most)
@@ -110,6 +111,8 @@ def _with_room(
     progress: RunProgress,
 ) -> tuple[State, RunProgress]:
     """The state of these Gaussians, in arrays with rows for those that density control may add."""
+    # On the host: nothing shall be compiled for every number of rows.
+    gaussians = jax.device_get(gaussians)
     growth = max(progress.most / max(len(moves), 1), 1.0)
     limit = tuple(int(count * growth) for count in _counts(moves))
     rows_growth = growth if session.options.density.interval else 1.0
@@ -119,10 +122,16 @@ def _with_room(
     def part(chosen: Bool[np.ndarray, " gaussians"]) -> Unconstrained:
         selected = take_rows(gaussians, np.flatnonzero(chosen))
         rows = -(-int(selected.count * rows_growth) // step) * step
-        return with_rows(unconstrain(selected), rows)
+        return _in_rows(jax.tree.map(jnp.asarray, selected), rows)
 
     parameters = Parameters(part(~moves), part(moves), None, corrections)
     return begin_state(parameters), replace(progress, limit=limit)
+
+
+@eqx.filter_jit
+def _in_rows(gaussians: Gaussians, rows: int) -> Unconstrained:
+    """Unconstrained values of Gaussians in arrays of `rows` rows, by one program."""
+    return with_rows(unconstrain(gaussians), rows)
 
 
 def with_motion(session: Session, state: State, progress: RunProgress) -> State:

@@ -11,7 +11,7 @@ from gaussray.camera.camera import Camera
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize import relocation
 from gaussray.reconstruct.optimize.optimizer import Parameters, descend, rates, scene_of
-from gaussray.reconstruct.optimize.smallest_scale import smallest_scales, with_smallest_scales
+from gaussray.reconstruct.optimize.scale_bounds import scale_bounds, with_scale_bounds
 from gaussray.reconstruct.optimize.state import State, accumulated_statistics
 from gaussray.reconstruct.step_loss import (
     BlockSizes,
@@ -84,7 +84,7 @@ def train_block(
     difference. If anything was dropped, the block is void: run it again with enlarged sizes.
     """
 
-    bounds = smallest_scales(state.parameters, cameras, options.footprint)
+    bounds = scale_bounds(state.parameters, cameras, options.footprint)
 
     def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)
@@ -105,7 +105,7 @@ def train_block(
         static, moving, transient = accumulated_statistics(state, gradient, details.origin)
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)
         parameters = _explored(parameters, cameras, schedule, state.step, options)
-        parameters = with_smallest_scales(parameters, bounds)
+        parameters = with_scale_bounds(parameters, bounds)
         state = State(parameters, adam, static, moving, state.step + 1, transient)
         report = details.report
         return state, (details.terms, details.error, report.needed, report.dropped)

@@ -151,6 +151,10 @@ class Progress:
         self.worked: list[float] = []
         self.shown = -float("inf")
 
+    def change_total(self, total: int) -> None:
+        """Another number of units, for a task of equal units."""
+        self.total, self.parts = total, [(total, 1.0)]
+
     def report(self, done: int, note: str = "") -> None:
         """Report that `done` of the units are finished, with a `note`."""
         now = time.monotonic()

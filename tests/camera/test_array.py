@@ -8,11 +8,7 @@ import toy
 
 from gaussray.camera.array import camera_set, resolved
 from gaussray.reconstruct.optimize.optimizer import Parameters
-from gaussray.reconstruct.optimize.smallest_scale import (
-    FLAT,
-    smallest_scales,
-    with_smallest_scales,
-)
+from gaussray.reconstruct.optimize.scale_bounds import FLAT, scale_bounds, with_scale_bounds
 from gaussray.scene.gaussians import unconstrain
 
 
@@ -43,15 +39,24 @@ def test_scales_end_at_the_footprint_and_discs_stay_flat():
     scale = toy.single([[1, 2, 3], [1e-6, 2, 1e-5], [least / 2] * 3])
     discs = unconstrain(type(discs)(discs.mean, discs.quat, scale, *list(vars(discs).values())[3:]))
     parameters = Parameters(discs, discs, None)
-    found = with_smallest_scales(parameters, smallest_scales(parameters, rig(0.0), 0.5))
+    found = with_scale_bounds(parameters, scale_bounds(parameters, rig(0.0), 0.5))
     thin = least * np.exp(-FLAT)
     expected = [[1, 2, 3], [thin, 2, least], [max(least / 2, thin)] * 3]
     for part in (found.static, found.moving):
         np.testing.assert_allclose(np.exp(part.log_scale), expected, rtol=CLOSE)
 
 
-def test_without_a_footprint_nothing_is_bounded():
+def test_without_a_footprint_nothing_is_too_small():
     discs = unconstrain(toy.gaussians([[0, 0, 0]], 1e-9, [0.5, 0.5, 0.5]))
     parameters = Parameters(discs, discs, None)
-    found = with_smallest_scales(parameters, smallest_scales(parameters, rig(0.0), 0.0))
+    found = with_scale_bounds(parameters, scale_bounds(parameters, rig(0.0), 0.0))
     assert eqx.tree_equal(found, parameters)
+
+
+def test_no_scale_exceeds_the_distance_or_the_extent():
+    # The camera is 3 away from the origin, the cameras' extent is 1.
+    far, near = [0, 0, 0], [0, 0, -2.9]
+    discs = unconstrain(toy.gaussians([far, near], 100.0, [0.5, 0.5, 0.5]))
+    parameters = Parameters(discs, discs, None)
+    found = with_scale_bounds(parameters, scale_bounds(parameters, rig(0.0), 0.5))
+    np.testing.assert_allclose(np.exp(found.static.log_scale), [[3] * 3, [1] * 3], rtol=CLOSE)

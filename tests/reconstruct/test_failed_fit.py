@@ -70,9 +70,9 @@ def test_one_color_per_camera_scores_the_variance_of_its_pictures(folder):
     views = [view for view in read_capture(folder).views if view.split == "train"]
     seen = footage(views, side=TRACE.bundle)
     tiles = seen.pixel.shape[1]
-    measured, _ = tile_views(
+    measured = tile_views(
         TrainingViews(seen, seen.camera), tiles=10**6, instants=99, weigh=1, seed=0
-    )
+    ).measured
     assert all(
         len(view.truth) == len(set(seen.name)) * tiles * TRACE.bundle**2 for view in measured
     )

@@ -149,3 +149,18 @@ def test_warnings_of_one_kind_are_a_line_and_a_count_without_their_source(capsys
         "gaussray: warning: 2 more like this: images/0.png: 1 pixels are black",
     ]
     assert warnings.showwarning is before
+
+
+def test_a_changed_total_goes_on_in_the_same_task(monkeypatch):
+    now, lines = [0.0], []
+    monkeypatch.setattr(time, "monotonic", lambda: now[0])
+    progress = Progress("fit", 10, write=lines.append)
+    for seconds, done in [(10, 1), (11, 2)]:
+        now[0] = seconds
+        progress.report(done)
+        progress.change_total(20)
+    now[0] = 20
+    progress.report(4)
+    # The pause between two lines holds across the change; 2 units took 9 s.
+    assert [line.split()[1] for line in lines] == ["1/10", "4/20"]
+    assert "1:12 left" in lines[-1]

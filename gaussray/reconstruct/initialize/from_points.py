@@ -1,9 +1,11 @@
 """Where reconstruction starts: Gaussians on known points, and which of them may move."""
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
@@ -73,13 +75,24 @@ def on_points(
     of balls.
     """
     shape, axes = discs(position, spread=spread, flat=flat)
+    quat, harmonics = appearance_of(
+        jnp.asarray(axes, jnp.float32), jnp.asarray(color, jnp.float32), degree
+    )
     return Gaussians(
         mean=jnp.asarray(position, jnp.float32),
-        quat=jax.vmap(quaternion)(jnp.asarray(axes, jnp.float32)),
+        quat=quat,
         scale=jnp.asarray(shape, jnp.float32),
-        opacity=jnp.full(len(position), opacity, jnp.float32),
-        harmonics=constant(jnp.asarray(color, jnp.float32), degree),
+        opacity=jnp.asarray(np.full(len(position), opacity, np.float32)),
+        harmonics=harmonics,
     )
+
+
+@partial(jax.jit, static_argnames="degree")
+def appearance_of(
+    axes: Float[Array, "points 3 3"], color: Float[Array, "points 3"], degree: int
+) -> tuple[Float[Array, "points 4"], Float[Array, "points coefficients 3"]]:
+    """Rotations of discs with these axes, and harmonics of one linear colour; one program."""
+    return jax.vmap(quaternion)(axes), constant(color, degree)
 
 
 def discs(

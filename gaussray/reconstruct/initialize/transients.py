@@ -2,17 +2,14 @@
 
 from collections.abc import Callable
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from gaussray.color import srgb_decode
-from gaussray.geometry import quaternion
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.initialize.from_points import discs
+from gaussray.reconstruct.initialize.from_points import appearance_of, discs
 from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints, moving_points
-from gaussray.scene.harmonics import constant
 from gaussray.scene.transient import Transients
 
 
@@ -68,16 +65,17 @@ def initial_transients(
     )
     step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     number = len(position)
+    quat, harmonics = appearance_of(jnp.asarray(axes), jnp.asarray(color), degree)
     return Transients(
         mean=jnp.asarray(position),
         velocity=jnp.asarray(velocity),
-        quat=jax.vmap(quaternion)(jnp.asarray(axes)),
+        quat=quat,
         scale=jnp.asarray(shape),
-        opacity=jnp.full(number, _OPACITY, jnp.float32),
-        harmonics=constant(jnp.asarray(color), degree),
+        opacity=jnp.asarray(np.full(number, _OPACITY, np.float32)),
+        harmonics=harmonics,
         instant=jnp.asarray(instant),
-        lifetime=jnp.full(number, step, jnp.float32),
-        plateau=jnp.zeros(number, jnp.float32),
+        lifetime=jnp.asarray(np.full(number, step, np.float32)),
+        plateau=jnp.asarray(np.zeros(number, np.float32)),
     )
 
 

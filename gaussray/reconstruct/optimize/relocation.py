@@ -184,15 +184,19 @@ def explore(
     """Positions with the noise of one step of Langevin dynamics.
 
     Normal, stretched by the Gaussian's covariance in units of `extent`, `size` long, and only for
-    what is hardly visible: times sigmoid(100 (0.005 - opacity)).
+    what is hardly visible: times sigmoid(100 (0.005 - opacity)). No step is longer than the
+    Gaussian's longest axis, so that large ones do not leave the scene.
     """
     opacity = jax.nn.sigmoid(free.logit_opacity)
     faint = jax.nn.sigmoid(_SHARP * (_NOISY - opacity)) * _held(free)
-    frame = axes(free.quat, jnp.exp(free.log_scale))
+    scale = jnp.exp(free.log_scale)
+    frame = axes(free.quat, scale)
     dice = jax.random.normal(key, free.mean.shape, free.mean.dtype)
     along = jnp.sum(frame * dice[:, :, None], axis=1)
-    step = jnp.sum(frame * along[:, None, :], axis=2) / extent
-    return eqx.tree_at(lambda f: f.mean, free, free.mean + size * faint[:, None] * step)
+    step = size * jnp.sum(frame * along[:, None, :], axis=2) / extent
+    length = jnp.sqrt(jnp.sum(step * step, axis=1) + 1e-30)
+    held = faint * jnp.minimum(1, jnp.max(scale, axis=1) / length)
+    return eqx.tree_at(lambda f: f.mean, free, free.mean + held[:, None] * step)
 
 
 def costs(

@@ -32,6 +32,7 @@ class State(eqx.Module):
     transient_statistic: GradientStatistic | None = None
 
 
+@eqx.filter_jit
 def begin_state(parameters: Parameters) -> State:
     """The state before the first step of a stage: moments and statistics are zero."""
     transient = parameters.transient

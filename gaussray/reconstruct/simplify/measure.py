@@ -53,14 +53,24 @@ class TileView(NamedTuple):
     mean: Float[Array, "rays 3"]
 
 
+class ChosenTiles(NamedTuple):
+    """Tiles to measure PSNR on, tiles to measure contributions on, and whether the latter are all
+    tiles of all pictures."""
+
+    measured: list[TileView]
+    weighed: list[TileView]
+    complete: bool
+
+
 def tile_views(
     views: TrainingViews, *, tiles: int, instants: int, weigh: int, seed: int
-) -> tuple[list[TileView], list[TileView]]:
-    """Random tiles to measure PSNR on, and further tiles to measure contributions on.
+) -> ChosenTiles:
+    """Random tiles to measure PSNR on, and others, chosen independently, to measure contributions
+    on.
 
-    The first list holds, at each of `instants` evenly spread times, as many tiles as have `tiles`
-    ray bundles (at most all). The second holds about `weigh` bundles in all. It goes through the
-    tiles from time to time, so that together its tiles cover the static scene if `weigh` allows.
+    The first are, at each of `instants` evenly spread times, as many tiles as have `tiles` ray
+    bundles (at most all). The second have about `weigh` bundles in all. They go through the
+    tiles from time to time, so that together they cover the static scene if `weigh` allows.
     """
     seen, gain = views.footage, views.gain
     tile_count, bundles = seen.pixel.shape[1], (seen.side // (seen.bundle or seen.side)) ** 2
@@ -70,19 +80,22 @@ def tile_views(
     chosen = np.unique(np.linspace(0, len(times) - 1, instants).round().astype(int))
     batches = -(-weigh // (tiles * len(chosen)))
     gains = np.ones((len(seen.times), 3), seen.times.dtype) if gain is None else np.asarray(gain)
-    means, measured, further = _mean_colors(seen), [], []
+    means, measured, weighed, counted = _mean_colors(seen), [], [], 0
     for i, time in enumerate(times[chosen]):
         at_time = np.flatnonzero(seen.times == time)
         count = len(at_time) * tile_count
         order = np.random.default_rng(seed).permutation(count)
         passed = np.roll(order, -(i * count // len(chosen)))
-        drawn = np.random.default_rng([seed, i]).permutation(count)
-        for part, cells, size in ((measured, drawn, tiles), (further, passed, batches * tiles)):
+        # Not [seed, i]: numpy's [seed, 0] is the stream of `seed`, and the same tiles would vouch
+        # for Gaussians that others show.
+        drawn = np.random.default_rng([seed, 1 + i]).permutation(count)
+        counted += min(batches * tiles, count)
+        for part, cells, size in ((measured, drawn, tiles), (weighed, passed, batches * tiles)):
             for cell in np.resize(cells, size).reshape(-1, tiles):
                 frame, tile = at_time[cell // tile_count], cell % tile_count
                 known = gains[frame], means[frame]
                 part.append(_tile_view(views, known, frame, tile, time))
-    return measured, further
+    return ChosenTiles(measured, weighed, counted == tile_count * len(seen.times))
 
 
 def _mean_colors(footage: Footage) -> Float[np.ndarray, "frames 3"]:

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
@@ -21,7 +21,7 @@ from gaussray.reconstruct.simplify.candidate import (
 )
 from gaussray.reconstruct.simplify.measure import (
     CandidateMeter,
-    TileView,
+    ChosenTiles,
     Tracing,
     TrainingViews,
     one_color_psnr,
@@ -173,7 +173,7 @@ def pruned_scene(
         report holds only the last three.
     """
     precision = options.precision
-    measured, further = tile_views(
+    chosen = tile_views(
         views,
         tiles=options.tiles,
         instants=options.instants,
@@ -183,7 +183,8 @@ def pruned_scene(
     field = scene.deformation
     times = np.zeros(0) if field is None else np.asarray(field.instants)
     candidate, change = begin_candidate(scene, times)
-    meter, one_color = CandidateMeter(measured, tracing), one_color_psnr(measured)
+    meter = CandidateMeter(chosen.measured, tracing)
+    one_color = one_color_psnr(chosen.measured)
     if not options.loss:
         scores = {"psnr": meter.psnr(candidate), "one_color": one_color}
         return as_stored(scene, precision=precision), scores | {"precision": precision}
@@ -191,7 +192,7 @@ def pruned_scene(
     scores = {"psnr": removals.psnr, "one_color": one_color}
     before = scene_sizes(scene) | {"psnr": round(removals.psnr, 4)}
     removals.begin("prune")
-    _remove_faint(removals, further, unmet)
+    _remove_faint(removals, chosen, unmet)
     if isinstance(field, Deformation):
         removals.begin("rest")
         _remove_motion(removals, change)
@@ -213,12 +214,15 @@ def pruned_scene(
 
 
 def _remove_faint(
-    removals: _Removals, further: Sequence[TileView], unmet: Bool[np.ndarray, " gaussians"] | None
+    removals: _Removals, tiles: ChosenTiles, unmet: Bool[np.ndarray, " gaussians"] | None
 ) -> None:
-    """Remove the Gaussians that add least to the pictures."""
+    """Remove the Gaussians that add least to the pictures, of those that were looked at: unless all
+    tiles were, one that adds nothing may be in another."""
     candidate = removals.candidate
-    order = np.argsort(removals.meter.weights(candidate, further), kind="stable")
+    weight = removals.meter.weights(candidate, tiles.weighed)
+    order = np.argsort(weight, kind="stable")
     order = order if unmet is None else order[~unmet[order]]
+    order = order if tiles.complete else order[weight[order] > 0]
 
     def without(count: int) -> Candidate:
         return eqx.tree_at(lambda d: d.kept, candidate, candidate.kept.at[order[:count]].set(False))

@@ -214,6 +214,14 @@ def test_only_the_faint_explore_and_by_their_covariance():
     np.testing.assert_allclose(found.T @ found / len(found), expected, atol=0.15 * expected.max())
 
 
+def test_no_step_of_exploration_is_longer_than_the_gaussian():
+    free = eqx.tree_at(lambda f: f.log_scale, crowd(np.full(500, 1e-4)), replace_fn=lambda x: x + 5)
+    moved = explore(free, jax.random.key(0), size=80.0, extent=1.0).mean - free.mean
+    length = np.linalg.norm(moved, axis=1)
+    longest = np.exp(np.asarray(free.log_scale)).max(axis=1)
+    assert (length <= longest * (1 + 1e-6)).all() and length.max() > 0.1 * longest.max()
+
+
 def test_empty_rows_cost_nothing_and_do_not_move():
     free = with_rows(crowd([0.2, 0.6]), 5)
     found = costs(free, 2.0)

@@ -38,8 +38,8 @@ def whole(seen):
 
 
 def test_together_the_further_views_see_every_tile_of_every_camera_once(seen, whole):
-    some, further = whole
-    assert len(some) == len(further) == 3
+    some, further, complete = whole
+    assert len(some) == len(further) == 3 and not complete
     assert [float(look.time) for look in some] == list(toy.TIMES)
     # Rays of static cameras are as many as their pixels, each another one.
     origin, direction = (
@@ -57,8 +57,21 @@ def test_tiles_depend_on_the_seed_alone(seen, whole):
     assert any(np.any(a.truth != b.truth) for a, b in zip(whole[0], other[0], strict=True))
 
 
+def test_psnr_and_contributions_are_measured_on_tiles_chosen_independently(seen):
+    views = TrainingViews(seen, seen.camera)
+    measured, weighed, complete = tile_views(views, tiles=4, instants=1, weigh=4, seed=0)
+    first, second = (np.asarray(tiles[0].rays.direction) for tiles in (measured, weighed))
+    assert not complete and first.shape == second.shape and np.any(first != second)
+
+
+def test_all_tiles_are_complete(seen):
+    bundles = seen.pixel.shape[1] * len(seen.times)
+    views = TrainingViews(seen, seen.camera)
+    assert tile_views(views, tiles=4, instants=99, weigh=2 * bundles, seed=0).complete
+
+
 def test_fewer_instants_and_tiles_are_spread_evenly(seen):
-    some, further = tile_views(
+    some, further, _ = tile_views(
         TrainingViews(seen, seen.camera), tiles=2, instants=2, weigh=4, seed=0
     )
     assert [float(look.time) for look in some] == [0.0, 1.0]
@@ -84,7 +97,7 @@ def test_what_all_gaussians_add_is_what_they_cover(seen, whole):
 
 def test_the_psnr_is_that_of_the_pictures(seen):
     tiles = (toy.SIZE // TRACE.bundle) ** 2
-    some, _ = tile_views(
+    some, _, _ = tile_views(
         TrainingViews(seen, seen.camera), tiles=400 * tiles, instants=1, weigh=1, seed=0
     )
     dark = toy.scene()

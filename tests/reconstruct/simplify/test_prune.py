@@ -22,7 +22,8 @@ from gaussray.tracer.shard import mesh
 pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
 
 TRACE = toy.SHORT.trace
-OPTIONS = NeedOptions(loss=0.05, tiles=8, weigh=24)
+# All tiles of all pictures are looked at: what adds nothing to them is seen by none.
+OPTIONS = NeedOptions(loss=0.05, tiles=8, weigh=1000)
 HIDDEN, IDLE = 6, 4
 measured = []
 
@@ -97,6 +98,16 @@ def test_what_no_ray_has_met_stays_where_the_capture_has_it(seen, lavish):
     assert hidden.sum() == HIDDEN
     scene, _ = pruned(lavish, seen, unmet=hidden)
     assert (np.asarray(scene.static.mean)[:, 2] > 30).sum() == HIDDEN
+
+
+def test_what_was_not_looked_at_stays(seen, lavish):
+    few = dataclasses.replace(OPTIONS, weigh=1, tiles=1, instants=1)
+    scene, _ = pruned(lavish, seen, options=few)
+    behind = np.asarray(scene.static.mean)[:, 2] > 30
+    assert behind.sum() == HIDDEN
+    assert len(scene.static.mean) + len(scene.moving.mean) > 0.8 * (
+        lavish.static.count + lavish.moving.count
+    )
 
 
 def test_the_field_goes_and_the_body_stays(told):

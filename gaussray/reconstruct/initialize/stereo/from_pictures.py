@@ -21,7 +21,9 @@ from gaussray.reconstruct.initialize.stereo.options import (
     with_silhouette,
 )
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints, no_points
+from gaussray.reconstruct.initialize.stereo.silhouette import silhouette_points
 from gaussray.reconstruct.initialize.stereo.velocity import RegistrationOptions, registered
+from gaussray.reconstruct.initialize.stereo.views import stereo_views
 
 
 # Frames of one camera of which the temporal median is taken, at least and at most.
@@ -30,6 +32,8 @@ _FEWEST, _MOST = 3, 31
 _CLEAN = 0.4
 # The longest displacement between two timestamps, in diagonals of the moving points' box.
 _REACH = 0.25
+# Points of what moves per moving pixel of a picture, below which silhouettes fill up.
+_ENOUGH = 0.25
 
 StereoReport = Callable[[int, int], object]
 
@@ -128,7 +132,7 @@ def moving_points(
     for k, cloud in enumerate(clouds):
         other = k + 1 if k + 1 < len(clouds) else k - 1
         velocity, residual = np.zeros_like(cloud.position), np.full(len(cloud.scale), 3.0)
-        if 0 <= other < len(clouds):
+        if 0 <= other < len(clouds) and len(cloud.scale) and len(clouds[other].scale):
             size = np.ptp(np.concatenate([cloud.position, clouds[other].position]), axis=0)
             motion = registered(
                 cloud.position,
@@ -194,19 +198,26 @@ def moving_views(
 
 
 def _moving(views, moved, options, known=None, report=lambda done: None) -> StereoPoints:
-    """Points of the pixels that move; a silhouette that misses a point counts against it."""
+    """Points of the pixels that move; a silhouette that misses a point counts against it. Where
+    fewer of them match than a share of the pixels, points inside the silhouettes fill up."""
     factor = reduction(moved.shape[1:], options.pixels)
     h, w = (n // factor * factor for n in moved.shape[1:])
     middle = slice(factor // 2, None, factor)
-    return stereo_points(
+    wanted = moved[:, :h, :w][:, middle, middle]
+    matched = stereo_points(
         views.pictures,
         views.cameras,
         views.masks,
         options=with_silhouette(options),
         known=known,
-        wanted=moved[:, :h, :w][:, middle, middle],
+        wanted=wanted,
         report=report,
     )
+    if len(matched.position) >= _ENOUGH * wanted.sum() / len(wanted):
+        return matched
+    seen = stereo_views(views.pictures, views.cameras, views.masks, factor=factor)
+    inside = silhouette_points(seen, wanted)
+    return StereoPoints(*(np.concatenate(x) for x in zip(matched, inside, strict=True)))
 
 
 def _cameras(footage: Footage) -> list[tuple[Int[np.ndarray, " frames"], bool]]:

@@ -42,7 +42,7 @@ def stereo_pairs(
     first to twice the last hundredth of theirs.
     """
     origin = np.asarray(views.origin, np.float64)
-    spread = _spread(origin)
+    spread = typical_spread(views)
     distance = spread * np.geomspace(_NEAREST, _FARTHEST, _STEPS)
     count = min(count, len(origin) - 1)
     rows = [
@@ -53,8 +53,9 @@ def stereo_pairs(
     return StereoPairs(neighbour, nearest, farthest, step)
 
 
-def _spread(origin):
+def typical_spread(views: StereoViews) -> float:
     """Median distance between two cameras."""
+    origin = np.asarray(views.origin, np.float64)
     some = origin[:: max(1, len(origin) // 200)]
     away = np.linalg.norm(some[:, None] - some[None], axis=-1)[np.triu_indices(len(some), 1)]
     return float(np.median(away)) or float(away.max()) or 1.0
