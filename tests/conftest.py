@@ -73,6 +73,16 @@ def pytest_collection_finish():
     jax.config.update("jax_disable_most_optimizations", False)
 
 
+@pytest.fixture(scope="session", autouse=True)
+def own_programs():
+    """Programs are traced: a test may have replaced what a kept one was made of."""
+    from gaussray.runtime import jit_cache
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(jit_cache, "keep_machine_code", lambda *_: None)
+        yield
+
+
 @pytest.fixture(scope="module", autouse=True)
 def few_mappings():
     """Forget compiled programs before they are too many: each holds mappings of memory, of which

@@ -6,7 +6,7 @@ arguments of its own (their leading axis); no device waits for another.
 """
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from typing import Any
 
 import equinox as eqx
@@ -32,6 +32,7 @@ from gaussray.render.compiled import (
 )
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part
+from gaussray.runtime.kept_programs import KeptProgram
 from gaussray.runtime.programs import ProgramCache, quick_compilation
 from gaussray.scene.scene import Scene
 from gaussray.tracer.composite import Pixels
@@ -180,7 +181,7 @@ def _camera_program(
         rays = jax.tree.map(lambda *x: jnp.concatenate(x), *rays)
         return rays, (key_times(camera, part, 0), frame_span(camera, part))
 
-    return _on_devices(run, mesh, common=(2,))
+    return _on_devices(run, mesh, (layout, samples), common=(2,))
 
 
 @ProgramCache(12)
@@ -203,7 +204,7 @@ def _motion_program(
         motion = scene_motion(scene, key_time, scene.time_range)
         return prepare(motion, span, options=trace, capacity=capacity)
 
-    return _on_devices(run, mesh, common=(0,), quick=quick)
+    return _on_devices(run, mesh, (structure, trace, sizes), common=(0,), quick=quick)
 
 
 @ProgramCache(12)
@@ -215,7 +216,7 @@ def _lists_program(
     def run(scene: Prepared, rays: Rays) -> tuple[Candidates, Array]:
         return find(scene, rays, options=trace, capacity=capacity)
 
-    return _on_devices(run, mesh, quick=quick)
+    return _on_devices(run, mesh, (trace, capacity), quick=quick)
 
 
 @ProgramCache(12)
@@ -228,7 +229,7 @@ def _march_program(trace: TraceOptions, slots: int, mesh: Mesh | None) -> Callab
             pixels = weighted(pixels, rays.weight)
         return Seen(pixels, rays.weight, Report(lists.needed, lists.dropped, skipped, hits))
 
-    return _on_devices(run, mesh)
+    return _on_devices(run, mesh, (trace, slots))
 
 
 @ProgramCache(4)
@@ -239,7 +240,7 @@ def _add_program(mesh: Mesh | None) -> Callable[[Seen, Seen], Seen]:
         pixels, weight = jax.tree.map(jnp.add, *sums)
         return Seen(pixels, weight, merged_reports(reports))
 
-    return _on_devices(run, mesh)
+    return _on_devices(run, mesh, ())
 
 
 @ProgramCache(4)
@@ -251,16 +252,22 @@ def _mean_program(mesh: Mesh | None) -> Callable[..., tuple[Array, Report]]:
         pixels, weight = jax.tree.map(lambda x: (x / samples.astype(x.dtype))[:, slot], sums)
         return picture_values(pixels, weight), seen.report
 
-    return _on_devices(run, mesh, common=(2,))
+    return _on_devices(run, mesh, (), common=(2,))
 
 
 def _on_devices(
-    function: Callable, mesh: Mesh | None, common: tuple[int, ...] = (), quick: bool = False
-) -> Callable:
+    function: Callable,
+    mesh: Mesh | None,
+    key: tuple[Hashable, ...],
+    common: tuple[int, ...] = (),
+    quick: bool = False,
+) -> KeptProgram:
     """A compiled function that every device of a mesh runs on its own arguments, which have a
-    leading axis of devices; those at the places `common` are the same for all. `quick` is for one
-    that takes long to compile and a small part of the time of a picture."""
+    leading axis of devices; those at the places `common` are the same for all. `key` is what the
+    function is made for. `quick` is for one that takes long to compile and a small part of the time
+    of a picture."""
     compiler = quick_compilation() if quick else None
+    key = (function.__qualname__, *key, mesh)
 
     def one_device(*arguments):
         own = (
@@ -270,7 +277,7 @@ def _on_devices(
         return jax.tree.map(lambda x: x[None], function(*own))
 
     if mesh is None or mesh.size == 1:
-        return jax.jit(one_device, compiler_options=compiler)
+        return KeptProgram(one_device, key, compiler)
 
     split = PartitionSpec(mesh.axis_names[0])
 
@@ -281,4 +288,4 @@ def _on_devices(
         )
         return spread(*arguments)
 
-    return jax.jit(everywhere, compiler_options=compiler)
+    return KeptProgram(everywhere, key, compiler)

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import jax
 
+from gaussray.runtime.kept_programs import keep_machine_code
+
 
 # Programs that take this many seconds to compile are kept; loading one takes milliseconds.
 MIN_COMPILE_SECONDS = 0.005
@@ -78,6 +80,7 @@ def keep_programs(folder: str) -> Path | None:
     """
     known = jax.config.values["jax_compilation_cache_dir"]
     if known:
+        keep_machine_code(Path(known), _processor())
         return Path(known)
     if not folder:
         return None
@@ -88,6 +91,7 @@ def keep_programs(folder: str) -> Path | None:
         if folder != "auto":
             raise OSError(f"devices.programs={folder}: cannot be written: {error}") from error
         return None
+    keep_machine_code(path, _processor())
     jax.config.update("jax_compilation_cache_dir", str(path))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", MIN_COMPILE_SECONDS)
     return path

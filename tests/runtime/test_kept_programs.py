@@ -1,0 +1,137 @@
+"""Programs on disk give the same results in a process that has never traced them."""
+
+import os
+import subprocess
+import sys
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from jaxtyping import Array
+
+from gaussray.runtime import kept_programs
+from gaussray.runtime.kept_programs import KeptProgram
+
+
+class Sum(eqx.Module):
+    """A result with a static field and a missing one."""
+
+    value: Array
+    rest: Array | None
+    power: int = eqx.field(static=True)
+
+
+@pytest.fixture(autouse=True)
+def folder(tmp_path, monkeypatch):
+    monkeypatch.setattr(kept_programs, "_folders", [(tmp_path, "a processor")])
+    return tmp_path
+
+
+def powers(power, traced):
+    def run(x, pair):
+        traced.append(power)
+        return Sum(x**power + pair["y"], None, power), (pair["y"] * 2,)
+
+    return KeptProgram(run, ("powers", power))
+
+
+def test_a_kept_program_is_not_traced_again(folder):
+    x, pair, traced = jnp.arange(3.0), {"y": np.float32(2)}, []
+    first, later = powers(2, traced), powers(2, traced)
+    seen = first(x, pair), first(x, pair), later(x, pair)
+    assert traced == [2] and len(list(folder.iterdir())) == 1
+    for total, (double,) in seen:
+        np.testing.assert_array_equal(total.value, [2, 3, 6])
+        assert total.rest is None and total.power == 2 and float(double) == 4
+
+
+def test_keys_shapes_types_and_processors_have_programs_of_their_own(folder, monkeypatch):
+    traced, pair = [], {"y": np.float32(2)}
+    powers(2, traced)(jnp.arange(3.0), pair)
+    powers(3, traced)(jnp.arange(3.0), pair)
+    powers(2, traced)(jnp.arange(4.0), pair)
+    powers(2, traced)(jnp.arange(3), pair)
+    powers(2, traced)(np.arange(3, dtype=np.float32), pair)
+    monkeypatch.setattr(kept_programs, "_folders", [(folder, "another")])
+    powers(2, traced)(jnp.arange(3.0), pair)
+    assert traced == [2, 3, 2, 2, 2, 2] and len(list(folder.iterdir())) == 6
+
+
+def test_a_damaged_file_is_written_anew(folder):
+    traced, pair = [], {"y": np.float32(2)}
+    powers(2, traced)(jnp.arange(3.0), pair)
+    (path,) = folder.iterdir()
+    whole = path.stat().st_size
+    path.write_bytes(b"no program")
+    total, _ = powers(2, traced)(jnp.arange(3.0), pair)
+    np.testing.assert_array_equal(total.value, [2, 3, 6])
+    assert traced == [2, 2] and abs(path.stat().st_size - whole) < 0.1 * whole
+
+
+def test_a_program_that_jax_keeps_too_is_written_whole(folder):
+    # JAX's own cache in the same folder, for programs of any length of compilation.
+    env = os.environ | {
+        "JAX_NUM_CPU_DEVICES": "2",
+        "JAX_PLATFORMS": "cpu",
+        "JAX_COMPILATION_CACHE_DIR": str(folder),
+        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    }
+    for attempt in range(3):
+        if attempt == 1:
+            for path in folder.glob("*.program"):
+                path.unlink()
+        words = [sys.executable, "-c", TWO_DEVICES, str(folder)]
+        done = subprocess.run(words, env=env, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        assert len(list(folder.glob("*.program"))) == 2
+
+
+def test_the_oldest_files_are_removed(folder, monkeypatch):
+    monkeypatch.setattr(kept_programs, "MOST_FILES", 2)
+    for power in (1, 2, 3):
+        powers(power, [])(jnp.arange(3.0), {"y": np.float32(2)})
+    assert len(list(folder.iterdir())) == 2
+
+
+def test_a_key_that_does_not_say_what_it_is_keeps_nothing(folder):
+    program = KeptProgram(jnp.sin, (object(),))
+    np.testing.assert_allclose(program(jnp.ones(2)), np.sin([1.0, 1.0]), rtol=1e-6)
+    assert not list(folder.iterdir())
+
+
+def test_without_a_folder_a_program_is_an_ordinary_one(monkeypatch, folder):
+    monkeypatch.setattr(kept_programs, "_folders", [])
+    traced = []
+    program = powers(2, traced)
+    gradient = jax.grad(lambda x: program(x, {"y": x})[0].value)(3.0)
+    assert gradient == 7 and not list(folder.iterdir())
+
+
+TWO_DEVICES = """
+import sys
+from pathlib import Path
+import jax, jax.numpy as jnp, numpy as np
+from jax.sharding import PartitionSpec
+from gaussray.runtime.kept_programs import KeptProgram, keep_machine_code
+from gaussray.tracer.shard import mesh
+
+keep_machine_code(Path(sys.argv[1]), "a processor")
+assert len(jax.devices()) == 2
+mesh = mesh()
+split = PartitionSpec("rays")
+each = jax.shard_map(lambda x: x + x.shape[0], mesh=mesh, in_specs=split, out_specs=split)
+alone = KeptProgram(lambda x: x + 1, ("alone",))
+print(alone(jnp.zeros(4)), KeptProgram(each, ("each",))(np.zeros(4)))
+"""
+
+
+def test_programs_of_one_and_of_two_devices_share_a_process(folder):
+    env = os.environ | {"JAX_NUM_CPU_DEVICES": "2", "JAX_PLATFORMS": "cpu"}
+    words = [sys.executable, "-c", TWO_DEVICES, str(folder)]
+    for _ in range(2):
+        done = subprocess.run(words, env=env, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        assert done.stdout.split() == "[1. 1. 1. 1.] [2. 2. 2. 2.]".split()
+        assert len(list(folder.iterdir())) == 2
