@@ -75,6 +75,24 @@ def read_stored(path: Path | str, width: int, height: int, background: str = "no
     return read_with_alpha(path, width, height, background).values
 
 
+def read_levels(path: Path | str, width: int, height: int) -> np.ndarray:
+    """The 8-bit levels [h, w, 3] of a picture or of a frame of a video; deeper ones are rounded.
+
+    Args:
+        path: the file, or a frame of a video.
+        width: columns that the file must have.
+        height: rows that the file must have.
+
+    Raises:
+        CaptureError: the size is another.
+        OSError: the file is absent, truncated or no picture.
+    """
+    stored = read_stored(path, width, height)
+    if stored.dtype == np.uint8:
+        return stored
+    return (stored / np.iinfo(stored.dtype).max * 255 + 0.5).astype(np.uint8)
+
+
 def read_with_alpha(
     path: Path | str, width: int, height: int, background: str = "none"
 ) -> StoredPicture:

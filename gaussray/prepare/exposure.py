@@ -3,8 +3,8 @@
 import numpy as np
 from jaxtyping import Float
 
+from gaussray.capture.picture_file import read_levels
 from gaussray.color import srgb_decode, srgb_encode
-from gaussray.prepare.media import read_levels
 from gaussray.prepare.poses import Placement
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gaussray.capture.picture_file import read_stored
-from gaussray.capture.videos import decoded_frames, frame_of, frame_path, read_frame, upright
+from gaussray.capture.picture_file import read_levels
+from gaussray.capture.videos import decoded_frames, frame_of, frame_path, upright
 from gaussray.dataset.images import write_image
 from gaussray.io.atomic import whole
 from gaussray.prepare.sources import Source
@@ -43,15 +43,6 @@ def copy_media(sources: Sequence[Source], timeline: Timeline, out: Path) -> dict
             files[source.name] = _decode(source, index, out / "images" / source.name)
         progress.report(done)
     return files
-
-
-def read_levels(path: Path, width: int, height: int) -> np.ndarray:
-    """The 8-bit sRGB levels [h, w, 3] of a picture or of a frame of a video."""
-    video = frame_of(path)
-    stored = read_frame(*video) if video else read_stored(path, width, height)
-    if stored.dtype == np.uint8:
-        return stored
-    return (stored / np.iinfo(stored.dtype).max * 255 + 0.5).astype(np.uint8)
 
 
 def write_matching_pictures(

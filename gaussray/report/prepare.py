@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from gaussray.prepare.media import read_levels
+from gaussray.capture.picture_file import read_levels
 from gaussray.report.chart import PALETTE
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, html_table, note, summary_tiles

@@ -10,7 +10,7 @@ import pytest
 
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.frames import read_encoded, read_image, read_mask
-from gaussray.capture.picture_file import check_images
+from gaussray.capture.picture_file import check_images, read_levels
 from gaussray.capture.window import Window
 from gaussray.color import srgb_decode, srgb_encode
 
@@ -57,6 +57,15 @@ def test_stored_codes_come_back_as_they_are(tmp_path):
     view = Picture(write(tmp_path / "a.png", codes), 32, 24)
     np.testing.assert_array_equal(read_encoded(view), codes)
     assert read_encoded(view).dtype == np.uint8
+
+
+def test_levels_have_eight_bits_and_deeper_ones_are_rounded(tmp_path):
+    codes = random_codes(np.uint16)
+    deep = write(tmp_path / "a.png", codes)
+    # Level n of 255 is code 257 n of 65535.
+    np.testing.assert_array_equal(read_levels(deep, 32, 24), (codes.astype(int) + 128) // 257)
+    codes = random_codes()
+    np.testing.assert_array_equal(read_levels(write(tmp_path / "b.png", codes), 32, 24), codes)
 
 
 def test_a_jpeg_is_read_as_srgb(tmp_path):
