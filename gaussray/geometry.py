@@ -46,6 +46,7 @@ def normalize(vector: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
     return scaled / jnp.sqrt(jnp.where(square > 0, square, 1))
 
 
+@jax.jit
 def normalize_quaternion(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
     """Unit quaternion of the same rotation; the zero quaternion becomes the identity."""
     unit = normalize(quat)
@@ -54,6 +55,7 @@ def normalize_quaternion(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch
     return jnp.where(jnp.any(unit != 0, axis=-1, keepdims=True), unit, identity)
 
 
+@jax.jit
 def rotation_matrix(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
     """Rotation matrix of a quaternion (w, x, y, z) of any non-zero length."""
     w, x, y, z = jnp.moveaxis(normalize_quaternion(quat), -1, 0)
@@ -65,6 +67,7 @@ def rotation_matrix(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"
     return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
 
+@jax.jit
 def multiply(a: Float[Array, "*batch 4"], b: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
     """Hamilton product: the rotation `b` followed by the rotation `a`."""
     aw, av, bw, bv = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
@@ -95,6 +98,7 @@ def conjugate(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
     return jnp.concatenate([quat[..., :1], -quat[..., 1:]], axis=-1)
 
 
+@jax.jit
 def quaternion(rotation: Float[Array, "3 3"]) -> Float[Array, "4"]:
     """Unit quaternion (w >= 0) of a rotation matrix, by the largest of the four squares (Shepperd).
 

@@ -89,6 +89,7 @@ class Unconstrained(eqx.Module):
     harmonics: Float[Array, "gaussians coefficients 3"]
 
 
+@jax.jit
 def constrain(free: Unconstrained) -> Gaussians:
     """Physical values: scale = exp(log_scale), opacity = sigmoid(logit_opacity)."""
     return Gaussians(
@@ -100,6 +101,7 @@ def constrain(free: Unconstrained) -> Gaussians:
     )
 
 
+@jax.jit
 def unconstrain(gaussians: Gaussians) -> Unconstrained:
     """Inverse of `constrain`; opacity is kept a rounding step away from 0 and 1."""
     tiny = jnp.finfo(gaussians.opacity.dtype).eps

@@ -1,16 +1,17 @@
 """Arrays of Gaussians with a fixed number of rows, of which some hold none.
 
 Density control changes the number of Gaussians, but arrays keep their shapes so that nothing
-recompiles.
+recompiles. Functions that change the shapes are one program for all arrays of a tree.
 """
 
+from functools import partial
 from typing import TypeVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Array, Bool
 
 from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.transient import UnconstrainedTransients
@@ -29,6 +30,7 @@ def occupied(gaussians: Unconstrained | UnconstrainedTransients) -> Bool[np.ndar
     return np.asarray(gaussians.logit_opacity) > EMPTY / 2
 
 
+@partial(jax.jit, static_argnames="rows")
 def with_rows(gaussians: Kind, rows: int) -> Kind:
     """The same Gaussians in arrays of `rows` rows; the added rows are empty."""
     missing = rows - gaussians.logit_opacity.shape[0]
@@ -41,6 +43,7 @@ def with_rows(gaussians: Kind, rows: int) -> Kind:
     return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), gaussians, empty)
 
 
-def take_rows(tree, rows: np.ndarray):
-    """The same tree of arrays with only these rows of each."""
+@jax.jit
+def take_rows(tree, rows: np.ndarray | Array):
+    """The same tree of arrays with only these rows (their numbers) of each."""
     return jax.tree.map(lambda x: x[rows], tree)
