@@ -10,14 +10,16 @@ import pathlib
 # What is compiled is kept from run to run of the tests, and the user's own cache left alone.
 COMPILED = pathlib.Path(__file__).parents[1] / ".pytest_cache" / "compiled"
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(COMPILED))
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+# A small program loads five times faster than it compiles, and there are thousands of them.
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 
 # XLA's older way to emit code for a CPU compiles in half the time. A version that does not know a
-# flag ends the process, so only those that were tried are told.
-if importlib.metadata.version("jaxlib").startswith("0.10."):
-    os.environ["XLA_FLAGS"] = (
-        f"{os.environ.get('XLA_FLAGS', '')} --xla_cpu_use_fusion_emitters=false"
-    )
+# flag ends the process, so only those that were tried are told. Flags are part of a program's key
+# in the cache: a worker, which inherits them, must not add them again.
+FLAG = "--xla_cpu_use_fusion_emitters=false"
+flags = os.environ.get("XLA_FLAGS", "")
+if importlib.metadata.version("jaxlib").startswith("0.10.") and FLAG not in flags:
+    os.environ["XLA_FLAGS"] = f"{flags} {FLAG}".strip()
 
 import jax  # noqa: E402
 import pytest  # noqa: E402
@@ -70,7 +72,12 @@ def pytest_collection():
 
 
 def pytest_collection_finish():
+    """Modules and tests live to the end: the garbage collector need not look at them again, nor
+    often at what JAX keeps of each program."""
     jax.config.update("jax_disable_most_optimizations", False)
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 20)
 
 
 @pytest.fixture(scope="session", autouse=True)
