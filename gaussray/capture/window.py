@@ -1,11 +1,14 @@
 """The part of a stored picture that a view shows, and its averages over larger pixels."""
 
 import functools
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.sparse import csr_array
+
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
 
 
 class Window(NamedTuple):
@@ -37,9 +40,12 @@ def averaged(
 
 
 @functools.lru_cache(maxsize=16)
-def _shares(fine: int, coarse: int) -> csr_array:
+def _shares(fine: int, coarse: int) -> "csr_array":
     """Share of each of `fine` source pixels in the mean over each of `coarse` areas."""
     area, pixel = np.arange(coarse)[:, None], np.arange(fine)[None, :]
     # Whole numbers: in units of 1/coarse of a source pixel an area is `fine` long.
     end = np.minimum((area + 1) * fine, (pixel + 1) * coarse)
+    # Imported here: that takes a tenth of a second, which whole pictures do not need.
+    from scipy.sparse import csr_array
+
     return csr_array(np.maximum(end - np.maximum(area * fine, pixel * coarse), 0) / fine)

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Array, Bool
-from skimage.metrics import structural_similarity
 
 from gaussray.color import psnr_from_mse
 
@@ -59,6 +58,9 @@ def ssim(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None
             f"pictures compared by SSIM must have sides of at least {_WINDOW} pixels, "
             f"got {truth.shape[1]} x {truth.shape[0]}."
         )
+    # Imported here: that takes a third of a second, which a report without scores does not need.
+    from skimage.metrics import structural_similarity
+
     result: Any = structural_similarity(
         truth,
         image,

@@ -10,7 +10,7 @@ from gaussray.capture.formats.paired import read_cameras, read_capture
 from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.dataset.takes import read_takes
 from gaussray.io.atomic import whole
-from gaussray.report import calibration, cameras, dataset, evaluation, prepare, reconstruction
+from gaussray.report import calibration, cameras, dataset, evaluation, reconstruction
 from gaussray.report.markup import Markup
 from gaussray.report.page import Section, html_page, summary_tiles
 from gaussray.report.run import duration, file_size, json_document, reproduction, subtitle
@@ -132,6 +132,9 @@ def _calibrate_sections(
 
 
 def _prepare_sections(out: Path, scene: Scene | Clip | None, capture: Capture | None) -> _Sections:
+    # Imported here: that loads what prepares captures, which no other page needs.
+    from gaussray.report import prepare
+
     facts = json_document(out / "prepare.json")
     views = read_cameras(out / PINHOLE_FILE) if (out / PINHOLE_FILE).is_file() else []
     return [

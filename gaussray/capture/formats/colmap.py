@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import DTypeLike, Float
-from scipy.spatial.transform import Rotation
 
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureError
@@ -195,6 +194,9 @@ def _pose(file: Path, image: Registered) -> np.ndarray:
             f"{file}: the pose of {image.name} must be finite, with a quaternion that is not 0, "
             f"got {image.quat} and {image.translation}. Remove the picture, or place it again."
         )
+    # Imported here: that takes a fifth of a second, which other captures do not need.
+    from scipy.spatial.transform import Rotation
+
     turn = Rotation.from_quat(quat[[1, 2, 3, 0]]).as_matrix().T
     return np.column_stack([turn * BLENDER_AXES, -turn @ translation])
 

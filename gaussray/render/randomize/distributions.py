@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from scipy.special import ndtr, ndtri
 
 
 # The kinds of distribution, each with the keys that it may have beside its own.
@@ -92,6 +91,9 @@ def _normal(mean: float, deviation: float, low: float, high: float, u: float) ->
     if a > 0:
         # 1 - F is lost in rounding in the upper tail: mirror it to the lower one.
         a, b, deviation, u = -b, -a, -deviation, 1 - u
+    # Imported here: that takes a tenth of a second, which a plain render does not need.
+    from scipy.special import ndtr, ndtri
+
     place = ndtri(ndtr(a) + (ndtr(b) - ndtr(a)) * u)
     return float(min(max(mean + deviation * place, low), high))
 

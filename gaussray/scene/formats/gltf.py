@@ -14,7 +14,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 from gaussray.color import srgb_decode
 from gaussray.scene.formats.glb_file import Glb, read_glb, write_glb
@@ -202,7 +201,8 @@ def _placed(
     if np.abs(turn @ turn.T - np.eye(3)).max() > _SKEWED:
         raise glb.refuse("have nodes that scale all axes alike, without mirrors; apply the others")
     quat = np.where((quat == 0).all(axis=1, keepdims=True), [0, 0, 0, 1], quat)
-    turned = Rotation.from_matrix(turn) * Rotation.from_quat(quat)
+    rotation = _rotation_type()
+    turned = rotation.from_matrix(turn) * rotation.from_quat(quat)
     return (
         mean @ linear.T + origin,
         np.roll(turned.as_quat(), 1, axis=1),
@@ -260,10 +260,17 @@ def _matrix(glb: Glb, node: dict[str, Any]) -> np.ndarray:
         return values["matrix"].reshape(4, 4).T.astype(np.float64)
     matrix = np.eye(4)
     if "rotation" in values and np.any(values["rotation"]):
-        matrix[:3, :3] = Rotation.from_quat(values["rotation"]).as_matrix()
+        matrix[:3, :3] = _rotation_type().from_quat(values["rotation"]).as_matrix()
     matrix[:3, :3] *= values.get("scale", np.ones(3))
     matrix[:3, 3] = values.get("translation", np.zeros(3))
     return matrix
+
+
+def _rotation_type() -> Any:
+    """SciPy's rotations, imported when needed: that takes a fifth of a second."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation
 
 
 def _list(value: Any) -> list[Any]:
