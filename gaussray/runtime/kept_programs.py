@@ -15,6 +15,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import jax
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
 from jax.stages import Compiled
@@ -85,12 +86,9 @@ class KeptProgram:
 
     def _first(self, leaves: list[Any], signature: tuple[Any, ...]) -> Any:
         """The results of the first call: of a program from disk, or compiled and written there."""
-        (folder, processor), text = _folders[0], self._key + _text(signature)
-        if " at 0x" in text:
-            # The text of a function or an object does not say what it is.
+        path = _file(self._key + _text(signature))
+        if path is None:
             return self._jitted(*jax.tree.unflatten(signature[0], leaves))
-        name = hashlib.sha256(f"{_version()} {processor} {text}".encode()).hexdigest()[:40]
-        path = folder / f"{name}{_SUFFIX}"
         if path.is_file():
             # A file that is damaged or cannot be run here is no error: the program is compiled.
             with contextlib.suppress(Exception):
@@ -98,7 +96,7 @@ class KeptProgram:
                 results = jax.block_until_ready(program(*leaves))
                 self._known[signature] = program
                 return results
-        compiled, result = self._compiled(leaves, signature[0], name)
+        compiled, result = self._compiled(leaves, signature[0], path)
         with contextlib.suppress(Exception):
             path.unlink(missing_ok=True)
             _write(path, compiled, result)
@@ -106,7 +104,7 @@ class KeptProgram:
         return program(*leaves)
 
     def _compiled(
-        self, leaves: list[Any], structure: PyTreeDef, name: str
+        self, leaves: list[Any], structure: PyTreeDef, path: Path
     ) -> tuple[Compiled, PyTreeDef]:
         """A program of the leaves of the arguments, whose results are leaves of this structure."""
         results: list[PyTreeDef] = []
@@ -118,9 +116,9 @@ class KeptProgram:
 
         # With a name of its own it is not found in JAX's cache: a program that has been read from
         # there lacks some of its code when it is written again.
-        flat.__name__ = f"{name}_{time.time_ns()}"
+        flat.__name__ = f"{path.stem}_{time.time_ns()}"
         compiled = jax.jit(flat, compiler_options=self._compiler).lower(*leaves).compile()
-        for useless in _folders[0][0].glob(f"*{flat.__name__}*"):
+        for useless in path.parent.glob(f"*{flat.__name__}*"):
             useless.unlink(missing_ok=True)
         return compiled, results[-1]
 
@@ -150,8 +148,37 @@ def _write(path: Path, program: Compiled, result: PyTreeDef) -> None:
     example = jax.tree.unflatten(result, range(result.num_leaves))
     devices = jax.tree.leaves(program.output_shardings)[0].device_set
     ids = sorted(device.id for device in devices)
+    _keep(path, pickle.dumps((code, example, ids)))
+
+
+def kept_text(key: tuple[Hashable, ...], make: Callable[[], str]) -> str:
+    """The text that `make` returns, which follows from the key and the package's source alone; it
+    is read from disk where it has been made before."""
+    path = _file(_text(key)) if _folders else None
+    if path is None:
+        return make()
+    with contextlib.suppress(OSError, ValueError):
+        return path.read_text(encoding="utf-8")
+    text = make()
+    with contextlib.suppress(OSError):
+        _keep(path, text.encode())
+    return text
+
+
+def _file(key: str) -> Path | None:
+    """The file of what has this key; None if the text of a function or an object in it does not say
+    what it is."""
+    if " at 0x" in key:
+        return None
+    folder, processor = _folders[0]
+    name = hashlib.sha256(f"{_version()} {processor} {key}".encode()).hexdigest()
+    return folder / f"{name[:40]}{_SUFFIX}"
+
+
+def _keep(path: Path, content: bytes) -> None:
+    """Write a file; the oldest ones are removed if there are too many."""
     with whole(path) as partial:
-        partial.write_bytes(pickle.dumps((code, example, ids)))
+        partial.write_bytes(content)
     files = sorted(path.parent.glob(f"*{_SUFFIX}"), key=lambda file: file.stat().st_mtime)
     for file in files[:-MOST_FILES]:
         file.unlink(missing_ok=True)
@@ -168,6 +195,10 @@ def _text(value: Any) -> str:
     """What a value says of itself, all of it."""
     if isinstance(value, tuple):
         return f"({', '.join(map(_text, value))})"
+    if isinstance(value, eqx.Module):
+        # Its own text is for people, and shorter.
+        leaves, structure = jax.tree.flatten(value)
+        return f"{structure} {_text(tuple(leaves))}"
     return repr(value)
 
 

@@ -9,6 +9,7 @@ import equinox as eqx
 import jax
 from jaxtyping import jaxtyped
 
+from gaussray.runtime.kept_programs import kept_text
 from gaussray.scene.scene import Scene, at
 
 
@@ -19,7 +20,8 @@ def misfit(scene: Scene) -> str:
     if wrong:
         return wrong
     leaves, tree = jax.tree.flatten(scene)
-    return _traced(tree, tuple((x.shape, x.dtype) for x in leaves))
+    arrays = tuple((x.shape, x.dtype) for x in leaves)
+    return kept_text(("misfit", tree, arrays), lambda: _traced(tree, arrays))
 
 
 def _unlike(node: Any, name: str, kind: Any = None) -> Iterator[str]:

@@ -12,7 +12,7 @@ import pytest
 from jaxtyping import Array
 
 from gaussray.runtime import kept_programs
-from gaussray.runtime.kept_programs import KeptProgram
+from gaussray.runtime.kept_programs import KeptProgram, kept_text
 
 
 class Sum(eqx.Module):
@@ -21,6 +21,12 @@ class Sum(eqx.Module):
     value: Array
     rest: Array | None
     power: int = eqx.field(static=True)
+
+
+class Factor(eqx.Module):
+    """An option, which is no array."""
+
+    factor: float = eqx.field(static=True)
 
 
 @pytest.fixture(autouse=True)
@@ -99,6 +105,28 @@ def test_a_key_that_does_not_say_what_it_is_keeps_nothing(folder):
     program = KeptProgram(jnp.sin, (object(),))
     np.testing.assert_allclose(program(jnp.ones(2)), np.sin([1.0, 1.0]), rtol=1e-6)
     assert not list(folder.iterdir())
+
+
+def test_a_text_is_made_once_for_a_key(folder):
+    made = []
+
+    def text():
+        made.append(1)
+        return "no such axis"
+
+    assert [kept_text(("a", 1), text) for _ in range(3)] == ["no such axis"] * 3
+    assert made == [1] and len(list(folder.iterdir())) == 1
+    kept_text(("a", 2), text)
+    assert made == [1, 1]
+
+
+def test_options_that_differ_in_the_last_digit_have_keys_of_their_own(folder):
+    options = [Factor(0.1), Factor(0.1 + 1e-18), Factor(np.nextafter(0.1, 1).item())]
+    assert [kept_text((x,), lambda x=x: str(x.factor)) for x in options] == [
+        "0.1",
+        "0.1",
+        "0.10000000000000002",
+    ]
 
 
 def test_without_a_folder_a_program_is_an_ordinary_one(monkeypatch, folder):
