@@ -14,7 +14,8 @@ from gaussray.capture.points import Points
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.initialize.from_points import between, in_common_view, inliers, merged
-from gaussray.reconstruct.initialize.stereo.from_pictures import points_from_pictures
+from gaussray.reconstruct.initialize.stereo.from_pictures import points_from_pictures, still_views
+from gaussray.reconstruct.initialize.stereo.uncovered import uncovered_points
 from gaussray.reconstruct.initialize.stereo.velocity import typical_gap
 from gaussray.reconstruct.options import FitOptions
 from gaussray.runtime.progress import Progress
@@ -55,7 +56,7 @@ def initial_points(
         return points_of_capture(known, options)
     matched = points_of_stereo(footage, options, known, bar)
     if known is not None:
-        return points_of_capture(filled_up(known, matched), options)
+        return points_of_capture(filled_up(known, matched), options, footage)
     if len(matched.position) < FEWEST:
         warnings.warn(
             f"stereo finds {len(matched.position)} points in the pictures: the start is random "
@@ -64,13 +65,21 @@ def initial_points(
             stacklevel=2,
         )
         return points_in_view(footage, options)
-    return points_of_capture(matched, options)
+    return points_of_capture(matched, options, footage)
 
 
-def points_of_capture(points: Points, options: FitOptions) -> InitialPoints:
-    """Points on surfaces without duplicates and outliers; if they are fewer than fit.points, the
-    missing ones are put between them."""
+def points_of_capture(
+    points: Points, options: FitOptions, footage: Footage | None = None
+) -> InitialPoints:
+    """Points on surfaces without duplicates and outliers, with points where the pictures of the
+    `footage` (None: nowhere) show something that none of these stands on; if they are fewer than
+    fit.points, the missing ones are put between them."""
     position, color = cleaned(points, options.outliers)
+    if footage is not None:
+        views = still_views(footage)
+        added = uncovered_points(views, position, count=options.points, seed=options.seed)
+        position = np.concatenate([position, added.position])
+        color = np.concatenate([color, added.color])
     missing = max(options.points - len(position), 0) if len(position) else 0
     more = between(position, color, count=missing, seed=options.seed)
     place, light = (np.concatenate(x) for x in zip((position, color), more, strict=True))

@@ -28,6 +28,8 @@ def started(monkeypatch):
         random = initializer.InitialPoints(np.zeros((points, 3)), np.zeros((points, 3)), False)
         monkeypatch.setattr(initializer, "points_in_view", lambda *_: random)
         monkeypatch.setattr(initializer, "points_of_stereo", lambda *_: cloud(matched, 1))
+        monkeypatch.setattr(initializer, "still_views", lambda *_: None)
+        monkeypatch.setattr(initializer, "uncovered_points", lambda *_, **__: cloud(0, 2))
         capture = SimpleNamespace(points=given)
         options = FitOptions(start=word, points=points, outliers=0.0)
         return inspect.unwrap(initializer.initial_points)(capture, None, options, None)

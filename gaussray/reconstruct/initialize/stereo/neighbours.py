@@ -54,8 +54,10 @@ def stereo_pairs(
 
 
 def typical_spread(views: StereoViews) -> float:
-    """Median distance between two cameras."""
+    """Median distance between two cameras; 1 for a single one."""
     origin = np.asarray(views.origin, np.float64)
+    if len(origin) < 2:
+        return 1.0
     some = origin[:: max(1, len(origin) // 200)]
     away = np.linalg.norm(some[:, None] - some[None], axis=-1)[np.triu_indices(len(some), 1)]
     return float(np.median(away)) or float(away.max()) or 1.0

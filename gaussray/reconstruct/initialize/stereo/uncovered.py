@@ -1,0 +1,101 @@
+"""Points for what no point stands on: plain walls, ceilings, what a single camera sees.
+
+Where matching fails, each picture still tells colours. A ray without a point gets one, about as far
+away as the nearest points beside it in the picture; training moves it where it belongs. Without, a
+fit has nothing there to begin with, and density control only adds where something is.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+from scipy.ndimage import distance_transform_edt
+
+from gaussray.capture.points import Points
+from gaussray.color import srgb_decode
+from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet
+from gaussray.reconstruct.initialize.stereo.matching import reduction
+from gaussray.reconstruct.initialize.stereo.neighbours import typical_spread
+from gaussray.reconstruct.initialize.stereo.views import (
+    StereoViews,
+    distance_from,
+    rays,
+    seen_at,
+    stereo_views,
+    unpacked,
+)
+
+
+# Pixels that a picture is reduced to, at most; and the sides of cells of which each is to hold a
+# point, in these pixels.
+_PIXELS, _FINEST, _COARSEST = 33_000, 4, 16
+# By how much distances differ from that of the nearest points, as a logarithm.
+_JITTER = 0.2
+
+
+def uncovered_points(
+    seen: StereoViewSet, position: Float[np.ndarray, "points 3"], *, count: int, seed: int
+) -> Points:
+    """A point for every cell of a picture in which none of the points lies.
+
+    Args:
+        seen: pictures that show what stands still.
+        position: the points that there are.
+        count: about how many cells all pictures have together; cells are at least 4 and at most 16
+            pixels of a reduced picture wide.
+        seed: of the choice of pixels and distances.
+    """
+    factor = reduction(seen.pictures.shape[1:3], _PIXELS)
+    views = stereo_views(seen.pictures, seen.cameras, seen.masks, factor=factor)
+    h, w = views.size
+    side = np.sqrt(len(seen.frames) * h * w / max(count, 1))
+    side = int(np.clip(round(side), _FINEST, _COARSEST))
+    cells = h // side, w // side
+    most = len(seen.frames) * cells[0] * cells[1]
+    # Rows for all points that may be added: one program does for all views.
+    every = np.full((len(position) + most, 3), np.nan, np.float32)
+    every[: len(position)] = position
+    colors, filled, usual = [], len(position), typical_spread(views)
+    for i in range(len(seen.frames)):
+        dice = np.random.default_rng([seed, i, 4])
+        column, row, away, inside, ray, pixel = jax.device_get(
+            _looked_at(views, jnp.asarray(i), jnp.asarray(every))
+        )
+        column, row = (x[inside].astype(int) // side for x in (column, row))
+        within = (row < cells[0]) & (column < cells[1])
+        nearest = np.full(cells, np.inf)
+        np.minimum.at(nearest, (row[within], column[within]), away[inside][within])
+        empty = ~np.isfinite(nearest)
+        if not empty.any():
+            continue
+        distance = np.full(cells, usual)
+        if not empty.all():
+            beside = distance_transform_edt(empty, return_distances=False, return_indices=True)
+            distance = nearest[tuple(beside)]
+        y, x = np.nonzero(empty)
+        y, x = (side * k + dice.integers(side, size=len(k)) for k in (y, x))
+        channels, mask = jax.device_get(unpacked(jnp.asarray(pixel[y, x]), jnp.float32))
+        direction = ray[:, y, x].T
+        shown = mask & np.any(direction != 0, axis=1)
+        along = distance[empty] * np.exp(dice.uniform(-_JITTER, _JITTER, len(y)))
+        place = np.asarray(views.origin[i]) + direction * along[:, None]
+        number = int(shown.sum())
+        every[filled : filled + number] = place[shown]
+        colors.append(np.stack(channels, axis=1)[shown])
+        filled += number
+    color = np.concatenate([np.zeros((0, 3)), *colors]).astype(np.float64)
+    return Points(every[len(position) : filled], srgb_decode(color).astype(np.float32))
+
+
+@eqx.filter_jit
+def _looked_at(
+    views: StereoViews, i: Int[Array, ""], position: Float[Array, "points 3"]
+) -> tuple[Array, ...]:
+    """Column, row and distance at which a view sees points, whether it does, and its rays and
+    packed pixels."""
+    own = views[i]
+    alone = jax.tree.map(lambda x: x[None], own)
+    column, row, inside = seen_at(alone, position.T)
+    ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
+    return column[0], row[0], distance_from(alone, position.T)[0], inside[0], ray, own.pixel

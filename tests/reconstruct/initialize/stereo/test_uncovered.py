@@ -1,0 +1,88 @@
+"""Points for what no point stands on: in every empty cell, in the pixel's colour, at a distance
+like that of the points beside it."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from textured_plane import PLACES, SIZE, perspective, rig, seen
+
+from gaussray.color import srgb_encode
+from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet
+from gaussray.reconstruct.initialize.stereo.uncovered import uncovered_points
+from gaussray.reconstruct.initialize.stereo.views import seen_at, stereo_views
+
+
+CELL = 8
+# A bilinear place and a rounded colour, of 1.
+CLOSE = 0.02
+
+
+def pictures_of_plane(views=3):
+    cameras = rig(perspective(), PLACES[:views])
+    return StereoViewSet(np.asarray(seen(cameras)), None, cameras, np.arange(views))
+
+
+def cells_with_points(shown, position):
+    """How many points lie in each cell of each view's picture."""
+    views = stereo_views(shown.pictures, shown.cameras, None, factor=1)
+    x, y, inside = (np.asarray(v) for v in seen_at(views, jnp.asarray(position.T)))
+    counts = np.zeros((len(shown.frames), SIZE // CELL, SIZE // CELL), int)
+    for k in range(len(shown.frames)):
+        at = (y[k][inside[k]] // CELL).astype(int), (x[k][inside[k]] // CELL).astype(int)
+        np.add.at(counts[k], at, 1)
+    return counts
+
+
+def added_to(shown, position):
+    count = len(shown.frames) * (SIZE // CELL) ** 2
+    return uncovered_points(shown, position, count=count, seed=0)
+
+
+def on_plane(count):
+    """Random places on the left half of what the cameras see of the plane z = 0, about."""
+    dice = np.random.default_rng(0)
+    return np.stack(
+        [dice.uniform(-1.4, 0, count), dice.uniform(-1.4, 1.4, count), np.zeros(count)], axis=1
+    ).astype(np.float32)
+
+
+def test_afterwards_every_cell_holds_a_point():
+    shown, position = pictures_of_plane(), on_plane(400)
+    before = cells_with_points(shown, position)
+    more = added_to(shown, position).position
+    after = cells_with_points(shown, np.concatenate([position, more]))
+    assert (before == 0).sum() > 20 and (after[:, 1:-1, 1:-1] > 0).all()
+    # Points of one view serve the next.
+    assert len(more) < (before == 0).sum()
+
+
+def test_points_have_the_colour_of_their_pixel_and_the_distance_of_those_beside_them():
+    shown, position = pictures_of_plane(1), on_plane(400)
+    found = added_to(shown, position)
+    origin = np.asarray(shown.cameras.trajectory.translation)[0, 0]
+    distance = np.linalg.norm(found.position - origin, axis=1)
+    known = np.linalg.norm(position - origin, axis=1)
+    assert distance.min() > 0.8 * known.min() and distance.max() < 1.25 * known.max()
+    views = stereo_views(shown.pictures, shown.cameras, None, factor=1)
+    x, y, _ = (np.asarray(v)[0] for v in seen_at(views, jnp.asarray(found.position.T)))
+    # Their pixels' centres, but for those at the border, which have no room for four pixels.
+    inner = (x > 1) & (x < SIZE - 1) & (y > 1) & (y < SIZE - 1)
+    pixel = shown.pictures[0][(y[inner]).astype(int), x[inner].astype(int)]
+    np.testing.assert_allclose(srgb_encode(found.color[inner]), pixel, atol=CLOSE)
+
+
+def test_masked_pixels_get_no_points():
+    shown = pictures_of_plane(1)
+    mask = np.ones((1, SIZE, SIZE), bool)
+    mask[:, :, SIZE // 2 :] = False
+    found = added_to(shown._replace(masks=mask), np.zeros((0, 3), np.float32))
+    views = stereo_views(shown.pictures, shown.cameras, None, factor=1)
+    x, _, inside = (np.asarray(v)[0] for v in seen_at(views, jnp.asarray(found.position.T)))
+    assert len(found.position) > 0 and x[inside].max() <= SIZE / 2
+
+
+def test_nothing_is_added_where_all_is_covered():
+    shown = pictures_of_plane(1)
+    whole = added_to(shown, np.zeros((0, 3), np.float32)).position
+    assert len(whole) == (SIZE // CELL) ** 2
+    assert len(added_to(shown, jax.device_get(whole)).position) < 0.2 * len(whole)
