@@ -85,7 +85,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         capture, pixels = selected(capture, Selection(scale=scale)), pixels * scale**2
     if still:
         chosen = _still(pixels, machine)
-    elif machine.gpu and _transient(capture, options):
+    elif _transient(capture, options):
         chosen = _brief(pixels, machine)
     else:
         chosen = _bodies(machine)
@@ -159,32 +159,34 @@ def _still(pixels: float, machine: Machine) -> ReconstructOptions:
 
 
 def _brief(pixels: float, machine: Machine) -> ReconstructOptions:
-    """For motion of any kind, on a GPU: transient Gaussians, with relocation and SSIM."""
-    gaussians = int(np.clip(pixels / 85, 100_000, 1_000_000))
+    """For motion of any kind: transient Gaussians, with relocation and SSIM."""
+    low, high = (100_000, 1_000_000) if machine.gpu else (30_000, 60_000)
+    gaussians = int(np.clip(pixels / 85, low, high))
     larger = float(np.clip(math.sqrt(pixels / machine.pixels), 1.0, 4.0))
     return ReconstructOptions(
         fit=FitOptions(
             minutes=machine.minutes * larger,
-            tiles=32,
+            tiles=64 if machine.gpu else 4,
             tile_side=32,
             validate=0.015,
-            degree=2,
-            rise=1000,
+            degree=2 if machine.gpu else 0,
+            rise=1000 if machine.gpu else 0,
             opacity=0.5,
             motion="transient",
             points=gaussians // 4,
+            instants=30 if machine.gpu else 16,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
-        optimizer=_SLOW,
+        optimizer=_SLOW if machine.gpu else OptimizerOptions(),
         density=DensityOptions(
             kind="relocate",
-            interval=100,
+            interval=100 if machine.gpu else 25,
             start=0.04,
             stop=0.85,
             opacity=0.005,
             gaussians=gaussians,
         ),
-        trace=TraceOptions(levels=0, transmittance_min=1e-3),
+        trace=TraceOptions(levels=0, transmittance_min=1e-3 if machine.gpu else 1e-2),
     )
 
 

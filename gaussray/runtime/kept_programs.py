@@ -167,8 +167,8 @@ def kept_text(key: tuple[Hashable, ...], make: Callable[[], str]) -> str:
 
 def _file(key: str) -> Path | None:
     """The file of what has this key; None if the text of a function or an object in it does not say
-    what it is."""
-    if " at 0x" in key:
+    what it is, and on a GPU, whose programs call kernels that this process must load itself."""
+    if " at 0x" in key or jax.default_backend() != "cpu":
         return None
     folder, processor = _folders[0]
     name = hashlib.sha256(f"{_version()} {processor} {key}".encode()).hexdigest()

@@ -2,6 +2,7 @@
 timestamps with its velocities."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -22,7 +23,11 @@ from gaussray.reconstruct.initialize.stereo.options import (
 )
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints, no_points
 from gaussray.reconstruct.initialize.stereo.silhouette import silhouette_points
-from gaussray.reconstruct.initialize.stereo.velocity import RegistrationOptions, registered
+from gaussray.reconstruct.initialize.stereo.velocity import (
+    RegistrationOptions,
+    registered,
+    registration_for,
+)
 from gaussray.reconstruct.initialize.stereo.views import stereo_views
 
 
@@ -100,7 +105,11 @@ def points_from_pictures(
         )
     if first is not None:
         parts.append(
-            _moving(*first, options, report=lambda done: report(steps[0] + done, sum(steps)))
+            _moving(
+                *first,
+                replace(options, match_moving=True),
+                report=lambda done: report(steps[0] + done, sum(steps)),
+            )
         )
     found = StereoPoints(*(np.concatenate(x) for x in zip(no_points(), *parts, strict=True)))
     color = srgb_decode(np.clip(found.color, 0, 1).astype(np.float64))
@@ -123,6 +132,7 @@ def moving_points(
     points. `known` are points of what stands still: they narrow the distances down.
     """
     options = options or options_for(jax.default_backend(), len(np.unique(footage.name)))
+    registration = registration or registration_for(jax.default_backend())
     clouds = []
     for time in times:
         views = moving_views(footage, float(time))
@@ -204,15 +214,17 @@ def _moving(views, moved, options, known=None, report=lambda done: None) -> Ster
     h, w = (n // factor * factor for n in moved.shape[1:])
     middle = slice(factor // 2, None, factor)
     wanted = moved[:, :h, :w][:, middle, middle]
-    matched = stereo_points(
-        views.pictures,
-        views.cameras,
-        views.masks,
-        options=with_silhouette(options),
-        known=known,
-        wanted=wanted,
-        report=report,
-    )
+    matched = no_points()
+    if options.match_moving:
+        matched = stereo_points(
+            views.pictures,
+            views.cameras,
+            views.masks,
+            options=with_silhouette(options),
+            known=known,
+            wanted=wanted,
+            report=report,
+        )
     if len(matched.position) >= _ENOUGH * wanted.sum() / len(wanted):
         return matched
     seen = stereo_views(views.pictures, views.cameras, views.masks, factor=factor)

@@ -27,7 +27,7 @@ from gaussray.reconstruct.initialize.stereo.views import (
 
 # Pixels of a view whose rays are looked along, and distances on each; these lie between so many
 # times the spread of the cameras.
-_PIXELS, _DISTANCES, _NEAREST, _FARTHEST = 1024, 512, 0.03, 30.0
+_PIXELS, _DISTANCES, _NEAREST, _FARTHEST = 1024, 256, 0.05, 20.0
 # Differences of colour (of 1) that are noise: of distances that are as good, the nearest is taken.
 _AS_GOOD = 0.02
 

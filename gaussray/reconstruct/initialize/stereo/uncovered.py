@@ -71,8 +71,10 @@ def uncovered_points(
             continue
         distance = np.full(cells, usual)
         if not empty.all():
-            beside = distance_transform_edt(empty, return_distances=False, return_indices=True)
-            distance = nearest[tuple(beside)]
+            beside = np.asarray(
+                distance_transform_edt(empty, return_distances=False, return_indices=True)
+            )
+            distance = nearest[beside[0], beside[1]]
         y, x = np.nonzero(empty)
         y, x = (side * k + dice.integers(side, size=len(k)) for k in (y, x))
         channels, mask = jax.device_get(unpacked(jnp.asarray(pixel[y, x]), jnp.float32))

@@ -40,6 +40,13 @@ class RegistrationOptions(eqx.Module):
     widths: tuple[float, ...] = eqx.field(static=True, default=(4, 3, 2, 2, 1.5, 1.5, 1, 1))
 
 
+def registration_for(platform: str) -> RegistrationOptions:
+    """What a device (cpu, gpu) manages in a second a timestamp."""
+    if platform != "cpu":
+        return RegistrationOptions()
+    return RegistrationOptions(seeds=96, hypotheses=16, best=2, points=1024)
+
+
 class RigidMotion(NamedTuple):
     """What each point does until the next timestamp: it is displaced, by a rotation (quaternion)
     about itself; `residual` is the mean distance of the moved patch from the points there, in gaps
