@@ -89,7 +89,7 @@ class KeptProgram:
         path = _file(self._key + _text(signature))
         if path is None:
             return self._jitted(*jax.tree.unflatten(signature[0], leaves))
-        if path.is_file():
+        if path.is_file() and _own(path):
             # A file that is damaged or cannot be run here is no error: the program is compiled.
             with contextlib.suppress(Exception):
                 program = _read(path, len(leaves))
@@ -121,6 +121,14 @@ class KeptProgram:
         for useless in path.parent.glob(f"*{flat.__name__}*"):
             useless.unlink(missing_ok=True)
         return compiled, results[-1]
+
+
+def _own(path: Path) -> bool:
+    """Whether a file is this user's, and nobody else may write to it: it is code that will run."""
+    if not hasattr(os, "getuid"):
+        return True
+    about = path.stat()
+    return about.st_uid == os.getuid() and not about.st_mode & 0o022
 
 
 def _unflattened(program: Compiled, result: PyTreeDef) -> Callable[..., Any]:
@@ -179,6 +187,7 @@ def _keep(path: Path, content: bytes) -> None:
     """Write a file; the oldest ones are removed if there are too many."""
     with whole(path) as partial:
         partial.write_bytes(content)
+        partial.chmod(0o600)
     files = sorted(path.parent.glob(f"*{_SUFFIX}"), key=lambda file: file.stat().st_mtime)
     for file in files[:-MOST_FILES]:
         file.unlink(missing_ok=True)

@@ -53,6 +53,16 @@ def test_a_kept_program_is_not_traced_again(folder):
         assert total.rest is None and total.power == 2 and float(double) == 4
 
 
+def test_a_program_that_others_may_write_to_is_not_loaded(folder):
+    x, pair, traced = jnp.arange(3.0), {"y": np.float32(2)}, []
+    powers(2, traced)(x, pair)
+    (file,) = folder.iterdir()
+    assert file.stat().st_mode & 0o777 == 0o600
+    file.chmod(0o666)
+    powers(2, traced)(x, pair)
+    assert traced == [2, 2]
+
+
 def test_keys_shapes_types_and_processors_have_programs_of_their_own(folder, monkeypatch):
     traced, pair = [], {"y": np.float32(2)}
     powers(2, traced)(jnp.arange(3.0), pair)
