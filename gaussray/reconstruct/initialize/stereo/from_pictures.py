@@ -87,7 +87,7 @@ def points_from_pictures(
     """
     still = still_views(footage)
     options = options or options_for(jax.default_backend(), len(still.frames))
-    still = _some(still, options.views)
+    still = some_views(still, options.views)
     position = None if known is None else known.position
     first = moving_views(footage, float(footage.times.min())) if moving else None
     steps = 2 * len(still.frames), 2 * (0 if first is None else len(first[0].frames))
@@ -262,8 +262,8 @@ def _stack(pictures, scale):
     )
 
 
-def _some(views: StereoViewSet, most: int) -> StereoViewSet:
-    """An even share of the views."""
+def some_views(views: StereoViewSet, most: int) -> StereoViewSet:
+    """The views, or an even share of them if they are more than `most`."""
     if len(views.frames) <= most:
         return views
     chosen = np.linspace(0, len(views.frames) - 1, most).round().astype(int)

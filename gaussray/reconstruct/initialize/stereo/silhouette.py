@@ -28,6 +28,8 @@ from gaussray.reconstruct.initialize.stereo.views import (
 # Pixels of a view whose rays are looked along, and distances on each; these lie between so many
 # times the spread of the cameras.
 _PIXELS, _DISTANCES, _NEAREST, _FARTHEST = 1024, 256, 0.05, 20.0
+# Of so many views one may miss a point: what moves can look like what is behind it.
+_VIEWS_A_MISS = 6
 # Differences of colour (of 1) that are noise: of distances that are as good, the nearest is taken.
 _AS_GOOD = 0.02
 
@@ -101,7 +103,7 @@ def _along_rays(
     _, masked = unpacked(a | b | c | d, ray.dtype)
     difference = sum(jnp.abs(s - o[None, :, None]) for s, o in zip(colors, channels, strict=True))
     seen = jnp.sum(others, axis=0)
-    allowed = (seen > 0) & jnp.all(~others | masked, axis=0)
+    allowed = (seen > 0) & (jnp.sum(others & ~masked, axis=0) <= seen // _VIEWS_A_MISS)
     # Right before a camera hardly any other one sees the ray: most views decide.
     allowed &= seen == jnp.max(jnp.where(allowed, seen, 0), axis=1, keepdims=True)
     cost = jnp.sum(jnp.where(others, difference, 0), axis=0) / (3 * jnp.maximum(seen, 1))

@@ -14,7 +14,7 @@ from scipy.ndimage import distance_transform_edt
 
 from gaussray.capture.points import Points
 from gaussray.color import srgb_decode
-from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet
+from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet, some_views
 from gaussray.reconstruct.initialize.stereo.matching import reduction
 from gaussray.reconstruct.initialize.stereo.neighbours import typical_spread
 from gaussray.reconstruct.initialize.stereo.views import (
@@ -30,6 +30,8 @@ from gaussray.reconstruct.initialize.stereo.views import (
 # Pixels that a picture is reduced to, at most; and the sides of cells of which each is to hold a
 # point, in these pixels.
 _PIXELS, _FINEST, _COARSEST = 33_000, 4, 16
+# Pictures that are looked at, at most.
+_VIEWS = 120
 # By how much distances differ from that of the nearest points, as a logarithm.
 _JITTER = 0.2
 
@@ -46,6 +48,7 @@ def uncovered_points(
             pixels of a reduced picture wide.
         seed: of the choice of pixels and distances.
     """
+    seen = some_views(seen, _VIEWS)
     factor = reduction(seen.pictures.shape[1:3], _PIXELS)
     views = stereo_views(seen.pictures, seen.cameras, seen.masks, factor=factor)
     h, w = views.size
