@@ -33,15 +33,19 @@ if importlib.util.find_spec("beartype"):
 # The files that take longest, longest first.
 LONG = (
     "reconstruct/test_pipeline.py",
+    "test_docs.py",
+    "render/test_picture.py",
+    "reconstruct/test_transient_motion.py",
     "cli/test_commands.py",
     "tracer/test_trace.py",
     "render/aov/test_labeller.py",
     "reconstruct/test_previous_version.py",
+    "render/rig/test_rig.py",
+    "tracer/test_transient.py",
+    "camera/test_wide_lenses.py",
     "reconstruct/test_camera_refinement.py",
     "reconstruct/initialize/test_body_tracking.py",
     "reconstruct/initialize/stereo/test_matching.py",
-    "render/randomize/test_generate.py",
-    "calibrate/test_pipeline.py",
     "test_benchmarks.py",
     "reconstruct/simplify/test_prune.py",
 )
