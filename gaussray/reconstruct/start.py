@@ -111,8 +111,6 @@ def _with_room(
     progress: RunProgress,
 ) -> tuple[State, RunProgress]:
     """The state of these Gaussians, in arrays with rows for those that density control may add."""
-    # On the host: nothing shall be compiled for every number of rows.
-    gaussians = jax.device_get(gaussians)
     growth = max(progress.most / max(len(moves), 1), 1.0)
     limit = tuple(int(count * growth) for count in _counts(moves))
     rows_growth = growth if session.options.density.interval else 1.0
@@ -122,16 +120,10 @@ def _with_room(
     def part(chosen: Bool[np.ndarray, " gaussians"]) -> Unconstrained:
         selected = take_rows(gaussians, np.flatnonzero(chosen))
         rows = -(-int(selected.count * rows_growth) // step) * step
-        return _in_rows(jax.tree.map(jnp.asarray, selected), rows)
+        return with_rows(unconstrain(selected), rows)
 
     parameters = Parameters(part(~moves), part(moves), None, corrections)
     return begin_state(parameters), replace(progress, limit=limit)
-
-
-@eqx.filter_jit
-def _in_rows(gaussians: Gaussians, rows: int) -> Unconstrained:
-    """Unconstrained values of Gaussians in arrays of `rows` rows, by one program."""
-    return with_rows(unconstrain(gaussians), rows)
 
 
 def with_motion(session: Session, state: State, progress: RunProgress) -> State:

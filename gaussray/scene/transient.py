@@ -60,6 +60,7 @@ class UnconstrainedTransients(eqx.Module):
     plateau: Float[Array, " transients"]
 
 
+@jax.jit
 def constrain_transients(
     free: UnconstrainedTransients, shortest: Float[Array, ""] | float
 ) -> Transients:
@@ -86,6 +87,7 @@ def constrain_transients(
     )
 
 
+@jax.jit
 def unconstrain_transients(
     transients: Transients, shortest: Float[Array, ""] | float
 ) -> UnconstrainedTransients:

@@ -1,7 +1,7 @@
 """Arrays of Gaussians with a fixed number of rows, of which some hold none.
 
 Density control changes the number of Gaussians, but arrays keep their shapes so that nothing
-recompiles. Functions that change the shapes are one program for all arrays of a tree.
+recompiles.
 """
 
 from functools import partial
@@ -43,7 +43,8 @@ def with_rows(gaussians: Kind, rows: int) -> Kind:
     return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), gaussians, empty)
 
 
-@jax.jit
 def take_rows(tree, rows: np.ndarray | Array):
-    """The same tree of arrays with only these rows (their numbers) of each."""
+    """The same tree of arrays with only these rows (their numbers) of each, on the host: nothing is
+    compiled for every number of rows."""
+    tree, rows = jax.device_get((tree, rows))
     return jax.tree.map(lambda x: x[rows], tree)

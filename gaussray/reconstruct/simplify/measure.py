@@ -86,8 +86,8 @@ def tile_views(
         count = len(at_time) * tile_count
         order = np.random.default_rng(seed).permutation(count)
         passed = np.roll(order, -(i * count // len(chosen)))
-        # Not [seed, i]: numpy's [seed, 0] is the stream of `seed`, and the same tiles would vouch
-        # for Gaussians that others show.
+        # Not [seed, i]: numpy's [seed, 0] is the stream of `seed`, and the loss would be measured
+        # on the tiles that were weighed alone.
         drawn = np.random.default_rng([seed, 1 + i]).permutation(count)
         counted += min(batches * tiles, count)
         for part, cells, size in ((measured, drawn, tiles), (weighed, passed, batches * tiles)):
