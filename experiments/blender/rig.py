@@ -13,6 +13,19 @@ def on_walls(turn, height, reach, share=1.0):
     return reach[0] * share / norm * x, reach[1] * share / norm * y, height
 
 
+def on_dome(count, held, target, radius, seed):
+    """(name, split, world_from_camera) of cameras on a half sphere about the target, evenly spread
+    by the golden angle; the `held` ones that are held out lie among the others."""
+    places = []
+    for k in range(count):
+        height = 0.05 + 0.75 * (k + 0.5) / count
+        around, turn = math.sqrt(1 - height**2), k * math.pi * (3 - math.sqrt(5))
+        offset = np.array([around * math.cos(turn), around * math.sin(turn), height])
+        places.append(tuple(np.array(target) + radius * offset))
+    tests = {round((j + 0.5) * count / held) for j in range(held)}
+    return aimed(places, ["test" if k in tests else "train" for k in range(count)], target, seed)
+
+
 def aimed(places, splits, target, seed):
     """(name, split, world_from_camera) of cameras at the places that look near the target."""
     rng = np.random.default_rng(seed)

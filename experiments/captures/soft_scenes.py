@@ -2,10 +2,13 @@
 
     python -m experiments.captures.soft_scenes SCENE ... --out DIR
     python -m experiments.captures.soft_scenes SCENE --out DIR --look
+    python -m experiments.captures.soft_scenes SCENE --out DIR --rig moving
 
 Needs nothing but Blender as a Python module, `bpy` 4.5, and its numpy. Every folder DIR/<scene> is
 a paired capture: 13 training cameras and 3 held-out ones that stand still, 20 times each, and
 between these 3 more times at the held-out cameras. A command that was stopped goes on where it was.
+With `--rig moving`, every camera moves along the walls meanwhile (folder DIR/<scene>_moving); with
+`--rig dome`, cameras stand around the soft things alone, on black (DIR/<scene>_dome).
 """
 
 import argparse
@@ -21,6 +24,7 @@ from experiments.blender import points
 from experiments.blender.blocks import SENSOR_MM
 from experiments.blender.checks import report, verify, write_json
 from experiments.blender.effects import configure, new_camera
+from experiments.blender.rig import on_dome
 from experiments.blender.session import quality, read, render, silence
 from experiments.captures.scenes.catalogue import SCENES
 from experiments.paired_benchmark.plan import listed
@@ -29,6 +33,8 @@ from experiments.paired_benchmark.stage import FRAMES, cameras
 
 POINTS, ON_MOVING = 12000, 3000  # starting points, and those of them on what moves
 BETWEEN = 3  # times in the middle between two frames, for held-out cameras alone
+RIGS = ("walls", "moving", "dome")
+DRIFT = 0.08  # of a full circle, that moving cameras cover
 
 
 @dataclass(frozen=True)
@@ -41,6 +47,7 @@ class Plan:
     frames: int = 20
     samples: int = 8
     truth_samples: int = 12
+    rig: str = "walls"
 
 
 class Picture(NamedTuple):
@@ -61,8 +68,10 @@ def main():
     parser.add_argument("--threads", type=int, default=0, help="0: all cores")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--look", action="store_true", help="few pictures, no capture")
+    parser.add_argument("--rig", choices=RIGS, default=RIGS[0])
     for name, value in vars(Plan()).items():
-        parser.add_argument(f"--{name.replace('_', '-')}", type=int, default=value)
+        if isinstance(value, int):
+            parser.add_argument(f"--{name.replace('_', '-')}", type=int, default=value)
     chosen = parser.parse_args()
     plan = Plan(**{name: getattr(chosen, name) for name in vars(Plan())})
     for name in chosen.scenes:
@@ -73,6 +82,13 @@ def capture(chosen, plan, name):
     """Render what is missing of a scene's capture."""
     with silence():
         scene = SCENES[name]()
+    if plan.rig == "dome":
+        for thing in scene.fixed:
+            thing.hide_render = True
+        bpy.context.scene.render.film_transparent = True  # black, as pictures are stored
+        scene = scene._replace(fixed=[])
+    if plan.rig != "walls":
+        name += f"_{plan.rig}"
     out = chosen.out / name
     pictures = plan_pictures(plan, scene.rig, chosen.seed)
     if chosen.look:
@@ -103,17 +119,28 @@ def capture(chosen, plan, name):
 
 def plan_pictures(plan, rig, seed):
     """Every picture of a capture: all cameras at all times, then times between at held-out ones."""
-    placed = cameras(rig, plan.cameras, plan.held_cameras, seed)
     last = plan.frames - 1
-    indices = [(camera, index) for camera in placed for index in range(plan.frames)]
     between = [k * last // (BETWEEN + 1) + 0.5 for k in range(1, BETWEEN + 1)]
-    indices += [(camera, index) for camera in placed if camera[1] == "test" for index in between]
+    placed = {
+        index: placed_at(plan, rig, seed, index / last) for index in (*range(last + 1), *between)
+    }
+    names = [(camera, split) for camera, split, _ in placed[0]]
+    indices = [(k, index) for k in range(len(names)) for index in range(plan.frames)]
+    indices += [(k, i) for k, (_, split) in enumerate(names) if split == "test" for i in between]
     return [
         Picture(
             f"images/{name}/{index:04.1f}.jpg".replace(".0.", "."), name, split, pose, index / last
         )
-        for (name, split, pose), index in indices
+        for (name, split, pose), index in ((placed[index][k], index) for k, index in indices)
     ]
+
+
+def placed_at(plan, rig, seed, time):
+    """(name, split, world_from_camera) of every camera at a time."""
+    if plan.rig == "dome":
+        return on_dome(plan.cameras, plan.held_cameras, rig.look_at, 0.9 * rig.reach[0], seed)
+    turn = DRIFT * time if plan.rig == "moving" else 0.0
+    return cameras(rig, plan.cameras, plan.held_cameras, seed, turn)
 
 
 def document(plan, rig, name, pictures):
@@ -157,7 +184,9 @@ def start(out, pictures, scene, focal, seed):
         for picture in pictures
         if picture.time == 0 and picture.split == "train"
     ]
-    groups = [(scene.moving, ON_MOVING), (scene.fixed, POINTS - ON_MOVING)]
+    groups = [(scene.moving, POINTS)]
+    if scene.fixed:
+        groups = [(scene.moving, ON_MOVING), (scene.fixed, POINTS - ON_MOVING)]
     found = points.sample(groups, views, focal, np.random.default_rng(seed))
     points.write_ply(out / "points3d.ply", *found)
 

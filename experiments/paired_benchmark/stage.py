@@ -44,15 +44,16 @@ class Stage(NamedTuple):
     rig: Rig
 
 
-def cameras(rig, count, held, seed):
-    """(name, split, world_from_camera) of every camera; the last `held` are held out."""
+def cameras(rig, count, held, seed, turn=0.0):
+    """(name, split, world_from_camera) of every camera, `turn` of a full circle further along the
+    walls; the last `held` are held out."""
     upper = (count - held + 1) // 2
     lower = count - held - upper
     low, high = rig.heights
-    places = [on_walls(k / upper + 0.02, high, rig.reach) for k in range(upper)]
-    places += [on_walls((k + 0.5) / lower, low, rig.reach) for k in range(lower)]
+    places = [on_walls(k / upper + 0.02 + turn, high, rig.reach) for k in range(upper)]
+    places += [on_walls((k + 0.5) / lower + turn, low, rig.reach) for k in range(lower)]
     for k in range(held):
         height = high + (low - high) * (k + 1) / (held + 1)
-        places.append(on_walls((k + 0.4) / held, height, rig.reach, 0.86))
+        places.append(on_walls((k + 0.4) / held + turn, height, rig.reach, 0.86))
     splits = ["train"] * (upper + lower) + ["test"] * held
     return aimed(places, splits, rig.look_at, seed)
