@@ -48,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> None:
         state, progress = initial_state(session, RunProgress())
         for stage in chosen.stages:
             if stage == "fine":
-                state = with_motion(session, state, progress)
+                state, progress = with_motion(session, state, progress)
             state, seconds, terms, dropped = _stepped(session, state, stage, chosen.steps)
             parameters = state.parameters
             count = sum(x.logit_opacity.shape[0] for x in (parameters.static, parameters.moving))

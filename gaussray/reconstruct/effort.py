@@ -114,14 +114,18 @@ _CHOSEN = ("fit", "loss", "optimizer", "density", "trace")
 
 def _transient(capture: Capture, options: ReconstructOptions) -> bool:
     """Whether transient Gaussians show what moves: if the user says so, or where the capture has
-    too few points for rigid bodies to be found, and at least two cameras that stand still."""
+    too few points for rigid bodies to be found, or cameras that move, and at least two cameras that
+    stand still or mostly two pictures of a time."""
     fit, points = options.fit, capture.points
     if fit.motion != FitOptions().motion:
         return fit.transient
-    if points is not None and len(points.position) >= fit.points and fit.start != "stereo":
-        return False
-    _, pictures = np.unique(viewpoints(training_views(capture)), return_counts=True)
-    return int(np.sum(pictures >= 3)) >= 2
+    views = training_views(capture)
+    _, pictures = np.unique(viewpoints(views), return_counts=True)
+    if int(np.sum(pictures >= 3)) >= 2:
+        known = 0 if points is None or fit.start == "stereo" else len(points.position)
+        return known < fit.points
+    _, at_once = np.unique([view.time for view in views], return_counts=True)
+    return bool(np.median(at_once) >= 2)
 
 
 def _still(pixels: float, machine: Machine) -> ReconstructOptions:

@@ -28,6 +28,10 @@ from gaussray.runtime.progress import say
 from gaussray.tracer.traverse import Capacity
 
 
+# Share of the minutes of a fit in which what stands still is fitted first.
+_STILL_SHARE = 0.25
+
+
 def run_stage(
     session: Session, stage: str, state: State, progress: RunProgress
 ) -> tuple[State, RunProgress]:
@@ -95,15 +99,17 @@ def _say_stopped(session: Session, plan: StepPlan, done: int) -> None:
 
 def step_plan(session: Session, progress: RunProgress) -> StepPlan:
     """The number of steps of the current stage. Where all pictures share one time there is one
-    stage, which takes the steps of both, or as many as fit into fit.minutes."""
-    fit = session.options.fit
+    stage, which takes the steps of both, or as many as fit into fit.minutes. What stands still
+    takes a share of these minutes where it is fitted first."""
+    fit, coarse = session.options.fit, progress.stage == "coarse"
     several = len(session.times) > 1
-    if several and progress.stage == "coarse":
+    if several and coarse and not (session.still_first and fit.minutes):
         return StepPlan(fit.coarse)
     if progress.planned:
         return StepPlan(progress.planned)
     if fit.minutes:
-        return TimedPlan(60 * fit.minutes, fit.block)
+        share = (_STILL_SHARE if coarse else 1 - _STILL_SHARE) if session.still_first else 1.0
+        return TimedPlan(60 * fit.minutes * share, fit.block)
     return StepPlan(fit.fine if several else fit.coarse + fit.fine)
 
 
@@ -192,11 +198,13 @@ def _with_density_control(
     options, done = session.options.density, int(state.step)
     if not density_due(options, before, done, steps):
         return state
+    # What stands still leaves room for what moves.
+    part = 2 if session.still_first and progress.stage == "coarse" else 1
     return density_control(options)(
         agreed(state),
         options=options,
         extent=session.extent,
-        limit=progress.limit,
+        limit=(progress.limit[0] // part, progress.limit[1] // part),
         seed=session.options.fit.seed + 2 * done + (progress.stage == "fine"),
     )
 

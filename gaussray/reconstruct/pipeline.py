@@ -148,12 +148,13 @@ def _fitted(
         session.resume(state, progress)
     if progress.stage == "coarse":
         # Transient Gaussians are there at all times at once.
-        if session.options.fit.deforms or len(session.times) == 1:
+        fit = session.options.fit
+        if fit.deforms or session.still_first or len(session.times) == 1:
             state, progress = run_stage(session, "coarse", state, progress)
-        state = with_motion(session, state, progress)
+        state, progress = with_motion(session, state, progress)
     elif progress.stage == "begin":
         state, progress = continued_state(session, state, progress)
-        state = with_motion(session, state, progress)
+        state, progress = with_motion(session, state, progress)
     return (
         run_stage(session, "fine", state, progress) if len(session.times) > 1 else (state, progress)
     )

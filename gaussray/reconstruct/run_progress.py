@@ -8,7 +8,7 @@ from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt16
 
 from gaussray.reconstruct.data.sampler import TileErrorState
 
@@ -45,6 +45,8 @@ class RunProgress(eqx.Module):
     bodies: the rigid bodies of the segment before; None in the first segment.
     sizes: what the last block of steps was compiled for; None before the first block.
     tile_errors: the errors that the sampler has seen; None if fit.error is 0.
+    moved: the moving pixels of every frame and tile, where cameras move; None where the temporal
+        medians of cameras that stand still tell them.
     metrics_bytes: the length of metrics.jsonl when the checkpoint was written.
     """
 
@@ -58,11 +60,12 @@ class RunProgress(eqx.Module):
     bodies: KnownBodies | None = None
     sizes: SavedSizes | None = None
     tile_errors: TileErrorState | None = None
+    moved: UInt16[np.ndarray, "frames tiles"] | None = None
     metrics_bytes: int | None = eqx.field(static=True, default=None)
 
 
 def progress_to_json(progress: RunProgress) -> dict[str, Any]:
-    """All but `tile_errors`, which are arrays of the file, as JSON."""
+    """All but `tile_errors` and `moved`, which are arrays of the file, as JSON."""
     p = progress
     block: dict[str, Any] = {"stage": p.stage, "most": p.most}
     block |= {"limit": list(p.limit), "given": list(p.initial)}

@@ -19,6 +19,7 @@ from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
 from gaussray.reconstruct.data.pictures import Footage, footage, stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
+from gaussray.reconstruct.data.still_cameras import still_camera_count
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.optimizer import Parameters, scene_of, transients_of
@@ -51,6 +52,9 @@ class Session:
         loader: draws the tiles of each step.
         times: the times of the training pictures, sorted.
         later: whether another segment comes before this one.
+        still_first: whether Gaussians that stand still are fitted to the pictures of all times
+            first, because only they tell what moves: transient Gaussians shall show it, and fewer
+            than two cameras stand still.
     """
 
     def __init__(
@@ -85,7 +89,10 @@ class Session:
         self.cameras = eqx.tree_at(lambda c: c.owner, cameras, segment_owner)
         self.activity = activity(self.footage)
         held_out = held_out_tiles(self.footage, options.fit.validate, options.fit.seed)
-        single = len(np.unique(self.footage.times)) == 1
+        times, views_of_time = np.unique(self.footage.times, return_counts=True)
+        single = len(times) == 1
+        by_transients = not single and options.fit.transient and not options.fit.deforms
+        self.still_first = by_transients and still_camera_count(self.footage) < 2
         self.held_out = held_out if held_out.any() else None
         self.loader = Loader(
             self.footage,
@@ -96,6 +103,8 @@ class Session:
             error=options.fit.error,
             seed=options.fit.seed,
             held_out=self.held_out,
+            # One picture says nothing of distances.
+            first_alone=not self.still_first and int(views_of_time[0]) > 1,
         )
         self.times = self.loader.sampler.times
         self.mesh = mesh_of_hosts(devices)
@@ -123,6 +132,8 @@ class Session:
                 f"{list(self.options.fit.refine)}."
             )
         self.loader.restore(progress.tile_errors)
+        if progress.moved is not None:
+            self.loader.sampler.see_moved(progress.moved)
 
     def shown(self, frames: Int[np.ndarray, " frames"]) -> Shown:
         """What tracking reads of some frames."""
@@ -182,7 +193,12 @@ def hand_over(session: Session, state: State, progress: RunProgress) -> tuple[St
     static = unconstrain(folded(eqx.filter_jit(persistent_at)(scene, last)))
     moving = jax.tree.map(lambda x: x[:0], static)
     progress = replace(
-        progress, stage="begin", segment=progress.segment + 1, bodies=known, tile_errors=None
+        progress,
+        stage="begin",
+        segment=progress.segment + 1,
+        bodies=known,
+        tile_errors=None,
+        moved=None,
     )
     return begin_state(Parameters(static, moving, None, state.parameters.corrections)), progress
 

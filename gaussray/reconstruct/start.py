@@ -20,6 +20,7 @@ from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
 from gaussray.reconstruct.initialize.from_points import bodies, on_points, surrounding, thinned
 from gaussray.reconstruct.initialize.initializer import initial_points
 from gaussray.reconstruct.initialize.transients import initial_transients, starting_times
+from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
 from gaussray.reconstruct.optimize.optimizer import Parameters, shortest_lifetime
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
@@ -93,12 +94,14 @@ def _counts(moves: Bool[np.ndarray, " gaussians"]) -> tuple[int, int]:
 def _moves(
     session: Session, position: Float[np.ndarray, "points 3"], *, on_surfaces: bool
 ) -> Bool[np.ndarray, " points"]:
-    """Which Gaussians may move. Random points say nothing of what moves: then all may."""
-    if len(session.times) == 1 or (session.later and not session.options.fit.deforms):
+    """Which Gaussians may move. Of random points, and without cameras that stand still, pictures do
+    not tell: then all may, or none if only transient Gaussians move."""
+    told, deforms = on_surfaces and session.has_videos, session.options.fit.deforms
+    if len(session.times) == 1 or not (deforms or (told and not session.later)):
         return np.zeros(len(position), bool)
     changing = point_activity(session.footage, position) > session.options.fit.moving
     moves = np.array(agreed(changing))
-    if not on_surfaces or not session.has_videos:
+    if not told:
         moves[:] = True
     return moves
 
@@ -126,20 +129,38 @@ def _with_room(
     return begin_state(parameters), replace(progress, limit=limit)
 
 
-def with_motion(session: Session, state: State, progress: RunProgress) -> State:
+def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[State, RunProgress]:
     """The state before the fine stage, with all that shows what moves (fit.motion): tracked rigid
-    bodies, a deformation field that does nothing yet, and transient Gaussians."""
-    parameters = state.parameters
+    bodies, a deformation field that does nothing yet, and transient Gaussians; and the progress,
+    which has no plan of steps yet."""
+    parameters, progress = state.parameters, replace(progress, planned=0)
     deformation, transient = parameters.deformation, parameters.transient
     if session.options.fit.deforms:
         deformation = _deformation(session, parameters, progress)
     if session.options.fit.transient:
-        transient = _transients(session, parameters)
+        moved = _unexplained(session, state) if session.still_first else None
+        transient = _transients(session, parameters, moved)
+        if moved is not None:
+            progress = replace(progress, moved=moved.tile_counts())
+            session.loader.sampler.see_moved(moved.tile_counts())
     static, moving, corrections = parameters.static, parameters.moving, parameters.corrections
-    return begin_state(Parameters(static, moving, deformation, corrections, transient))
+    return begin_state(Parameters(static, moving, deformation, corrections, transient)), progress
 
 
-def _transients(session: Session, parameters: Parameters) -> UnconstrainedTransients | None:
+def _unexplained(session: Session, state: State) -> UnexplainedPixels:
+    """Which pixels of a training frame the static Gaussians of a state do not show."""
+    static = state.parameters.static
+    return UnexplainedPixels(
+        session.footage,
+        *session.training_cameras(state),
+        constrain(take_rows(static, np.flatnonzero(occupied(static)))),
+        session.options.trace,
+    )
+
+
+def _transients(
+    session: Session, parameters: Parameters, moved: UnexplainedPixels | None
+) -> UnconstrainedTransients | None:
     """Transient Gaussians on the points that stereo finds in what moves, with rows for those that
     density control may add; None where it finds nothing."""
     fit, density = session.options.fit, session.options.density
@@ -158,12 +179,15 @@ def _transients(session: Session, parameters: Parameters) -> UnconstrainedTransi
         degree=fit.degree,
         seed=fit.seed,
         known=np.asarray(parameters.static.mean)[held],
+        moved=moved,
         report=report,
     )
     if not first.count:
+        if moved is not None and not moved.tile_counts().any():
+            return None
         warnings.warn(
             "stereo finds no points in what moves, so there are no transient Gaussians. They need "
-            "at least two cameras that stand still; fit.motion=deformation does not.",
+            "at least two pictures of every time; fit.motion=deformation does not.",
             CaptureWarning,
             stacklevel=2,
         )

@@ -305,7 +305,7 @@ def test_before_the_scene_moves_only_exposures_are_refined(tmp_path, pictures):
 
 def test_bodies_have_poses_as_far_as_the_rows_reach(tmp_path, pictures):
     fit = fit_of(recorded(tmp_path / "capture", pictures, ()), tmp_path, options())
-    deformation = with_motion(fit, *initial_state(fit, RunProgress())).parameters.deformation
+    deformation = with_motion(fit, *initial_state(fit, RunProgress()))[0].parameters.deformation
     half = READOUT / 2
     expected = [TIMES[0] - half, *TIMES, TIMES[-1] + half]
     np.testing.assert_allclose(deformation.bodies.time, expected, atol=1e-6)

@@ -88,7 +88,7 @@ def test_given_steps_are_done_however_long_they_take():
 
 
 def test_what_moves_keeps_the_defaults_on_a_cpu_and_grows_on_a_gpu():
-    moving = capture(times=(0.0, 1.0))
+    moving = capture(count=1, times=(0.0, 1.0))
     on_cpu, on_gpu = (effort(moving, AUTO, machine).options for machine in (CPU, GPU))
     assert on_cpu == AUTO
     assert on_gpu.density.interval and on_gpu.fit.fine > AUTO.fit.fine
@@ -110,8 +110,16 @@ def test_without_points_transient_gaussians_show_what_moves(machine):
     assert fit.motion == "transient" and fit.minutes >= machine.minutes and fit.tile_side == 32
     assert chosen.options.density.relocates
     assert "transient Gaussians (fit.motion)" in chosen.sentence
-    # A camera that looks from everywhere once does not tell what moves.
-    assert effort(capture(times=(0.0, 1.0)), AUTO, GPU).options.fit.motion == "deformation"
+
+
+@pytest.mark.parametrize(("at_once", "motion"), [(1, "deformation"), (2, "transient")])
+def test_cameras_that_move_get_transient_gaussians_if_two_see_each_time(at_once, motion):
+    many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
+    base = capture(count=at_once, times=(0.0, 0.5, 1.0))
+    # Every picture is of a viewpoint of its own.
+    views = [replace(v, camera_name=f"{i}") for i, v in enumerate(base.views)]
+    chosen = effort(replace(base, views=views, points=many), AUTO, GPU)
+    assert chosen.options.fit.motion == motion
 
 
 def test_points_on_surfaces_let_rigid_bodies_be_found():

@@ -1,5 +1,6 @@
 """fit.motion=transient: what moves is learnt as transient Gaussians; a run can be interrupted."""
 
+import itertools
 import json
 from dataclasses import replace
 
@@ -105,6 +106,52 @@ def test_what_moves_is_learnt_and_an_interrupted_run_goes_on_to_the_same_bytes(
     assert first.keys() == second.keys()
     for name, array in first.items():
         assert_array_equal(array, second[name], err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def from_moving_cameras(tmp_path_factory, quick_compilation, known_sizes):
+    """The toy, filmed by cameras that go around it meanwhile."""
+    folder, camera = tmp_path_factory.mktemp("moving"), toy.camera
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(toy, "camera", lambda angle, time: camera(angle + 0.1 * time, time))
+        return read_capture(toy.write_capture(folder, toy.scene()))
+
+
+def test_where_cameras_move_what_stands_still_is_fitted_first(
+    from_moving_cameras, tmp_path, monkeypatch
+):
+    asked = []
+
+    def initial(footage, times, *, moved, **options):
+        asked.extend(moved(frame) for frame in range(len(footage.times)))
+        return on_bodies(footage, times, **options)
+
+    monkeypatch.setattr(start, "initial_transients", initial)
+    options = replace(OPTIONS, fit=replace(FIT, coarse=120, fine=60))
+    one, two = tmp_path / "one", tmp_path / "two"
+    reconstruct(from_moving_cameras, one, options=options, quiet=True)
+    lines = [json.loads(line) for line in (one / "metrics.jsonl").read_text().splitlines()]
+    assert [stage for stage, _ in itertools.groupby(line["stage"] for line in lines)] == [
+        "coarse",
+        "fine",
+    ]
+    assert len(asked) == 9 and any(mask.any() for mask in asked)
+    assert load_scene(one).transient is not None
+
+    save, count = RunLog.save_in_time, []
+
+    def stop(self, *arguments):
+        save(self, *arguments)
+        count.append(1)
+        if len(count) == 8:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(RunLog, "save_in_time", stop)
+    with pytest.raises(KeyboardInterrupt):
+        reconstruct(from_moving_cameras, two, options=options, quiet=True)
+    monkeypatch.setattr(RunLog, "save_in_time", save)
+    reconstruct(from_moving_cameras, two, options=options, resume=True, quiet=True)
+    assert (one / "scene.npz").read_bytes() == (two / "scene.npz").read_bytes()
 
 
 def test_where_stereo_finds_nothing_a_warning_says_what_to_do(capture, tmp_path, monkeypatch):

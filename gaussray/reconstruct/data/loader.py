@@ -16,7 +16,8 @@ class Loader:
     """Gives every step its tiles: `tiles` tiles of one time, drawn by a `Sampler`.
 
     A block depends on seed, stage and step, and on the errors of the blocks before the last one.
-    Tiles that are `held_out` are never drawn.
+    Tiles that are `held_out` are never drawn. The coarse stage sees the first time only if
+    `first_alone`, else all.
     """
 
     def __init__(
@@ -29,9 +30,10 @@ class Loader:
         error: float,
         seed: int,
         held_out: Bool[np.ndarray, "frames tiles"] | None = None,
+        first_alone: bool = True,
     ):
         _, camera = np.unique(footage.viewpoints, return_inverse=True)
-        self.footage, self.seed = footage, seed
+        self.footage, self.seed, self.first_alone = footage, seed, first_alone
         self.errors = TileErrors(camera, footage.pixel.shape[1]) if error else None
         visible = footage.visible_tiles()
         if held_out is not None:
@@ -47,10 +49,10 @@ class Loader:
         )
 
     def batches(self, stage: str, done: int, size: int) -> Batch:
-        """The tiles of `size` steps after `done` steps of a stage. The coarse stage sees the first
-        time only."""
+        """The tiles of `size` steps after `done` steps of a stage."""
         dice = np.random.default_rng([self.seed, stage == "fine", done])
-        among = self.sampler.instants if stage == "fine" else self.sampler.instants[:1]
+        first = self.first_alone and stage == "coarse"
+        among = self.sampler.instants[:1] if first else self.sampler.instants
         instant = among[dice.integers(len(among), size=size)]
         frame, tile = self.sampler.draw(instant, dice)
         time = self.sampler.times[instant].astype(self.footage.times.dtype)

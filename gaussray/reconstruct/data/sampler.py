@@ -106,6 +106,10 @@ class Sampler:
                 "pixel counts; invert them if they mark what is to be ignored."
             )
 
+    def see_moved(self, moved: Integer[np.ndarray, "frames tiles"]) -> None:
+        """Draw by these numbers of moving pixels from now on."""
+        self._moved = moved
+
     def draw(
         self, instants: Int[np.ndarray, " steps"], dice: np.random.Generator
     ) -> tuple[Int[np.ndarray, "steps tiles"], Int[np.ndarray, "steps tiles"]]:

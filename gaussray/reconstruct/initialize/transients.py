@@ -9,7 +9,11 @@ from jaxtyping import Float
 from gaussray.color import srgb_decode
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.initialize.from_points import appearance_of, discs
-from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints, moving_points
+from gaussray.reconstruct.initialize.stereo.from_pictures import (
+    MovingPixels,
+    MovingPoints,
+    moving_points,
+)
 from gaussray.scene.transient import Transients
 
 
@@ -36,6 +40,7 @@ def initial_transients(
     degree: int,
     seed: int,
     known: Float[np.ndarray, "known 3"] | None = None,
+    moved: MovingPixels | None = None,
     report: Callable[[int, int], object] = lambda done, total: None,
 ) -> Transients:
     """Transient Gaussians on the moving points of several times, moving as stereo says.
@@ -50,12 +55,13 @@ def initial_transients(
         degree: of the spherical harmonics.
         seed: of the choice of points.
         known: points of what stands still; they narrow the distances down.
+        moved: which pixels of a frame move (`moving_points`).
         report: called with the work done and its total.
 
     Returns:
-        The Gaussians; none if no two cameras that stand still show that anything moves.
+        The Gaussians; none if no two cameras show that anything moves.
     """
-    clouds = moving_points(footage, times.tolist(), known=known, report=report)
+    clouds = moving_points(footage, times.tolist(), moved=moved, known=known, report=report)
     total = sum(len(cloud.points.position) for cloud in clouds)
     dice = np.random.default_rng([seed, 2])
     share = min(1.0, count / max(total, 1))

@@ -1,5 +1,6 @@
 """checkpoint.npz: state and progress of an unfinished run, enough to resume with the same bits."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import jax
@@ -27,6 +28,8 @@ TILE_ERRORS = {
     "place": "note.errors.place",
     "error": "note.errors.told",
 }
+# Name of RunProgress.moved.
+_MOVED = "note.moved"
 EARLIER = {"static_statistic": "static_pull", "moving_statistic": "moving_pull"}
 
 
@@ -36,6 +39,8 @@ def save_checkpoint(path: Path, state: State, progress: RunProgress) -> None:
     arrays = named_arrays(state)
     if progress.tile_errors is not None:
         arrays |= {key: getattr(progress.tile_errors, name) for name, key in TILE_ERRORS.items()}
+    if progress.moved is not None:
+        arrays[_MOVED] = progress.moved
     write_arrays(path, header, arrays)
 
 
@@ -82,11 +87,12 @@ def load_checkpoint(path: Path) -> tuple[State, RunProgress]:
     if TILE_ERRORS["mean"] in array:
         errors = TileErrorState(*(array[key] for key in TILE_ERRORS.values()))
     try:
-        return state, progress_from_json(header.get("info", {}), errors)
+        progress = progress_from_json(header.get("info", {}), errors)
     except ValueError as error:
         raise ValueError(
             f"{path}: {error}; the file is damaged. Start again without resume=true."
         ) from error
+    return state, replace(progress, moved=array[_MOVED] if _MOVED in array else None)
 
 
 class _Whole(dict):

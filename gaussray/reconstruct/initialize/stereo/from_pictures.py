@@ -8,13 +8,18 @@ from typing import NamedTuple
 import jax
 import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
-from scipy.ndimage import binary_dilation, uniform_filter
+from scipy.ndimage import binary_dilation
 
 from gaussray.camera.camera import Camera
 from gaussray.capture.points import Points
-from gaussray.capture.temporal_median import differs, temporal_median
 from gaussray.color import srgb_decode
 from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.still_cameras import (
+    FEWEST_FRAMES,
+    MedianMasks,
+    camera_frames,
+    median_picture,
+)
 from gaussray.reconstruct.initialize.stereo.matching import reduction, stereo_points
 from gaussray.reconstruct.initialize.stereo.options import (
     StereoOptions,
@@ -31,16 +36,14 @@ from gaussray.reconstruct.initialize.stereo.velocity import (
 from gaussray.reconstruct.initialize.stereo.views import stereo_views
 
 
-# Frames of one camera of which the temporal median is taken, at least and at most.
-_FEWEST, _MOST = 3, 31
-# Of a pixel's 3 x 3 neighbourhood, the share that must move with it.
-_CLEAN = 0.4
 # The longest displacement between two timestamps, in diagonals of the moving points' box.
 _REACH = 0.25
 # Points of what moves per moving pixel of a picture, below which silhouettes fill up.
 _ENOUGH = 0.25
 
 StereoReport = Callable[[int, int], object]
+# Which pixels of a frame move; None where that is not known.
+MovingPixels = Callable[[int], Bool[np.ndarray, "h w"] | None]
 
 
 class StereoViewSet(NamedTuple):
@@ -89,7 +92,9 @@ def points_from_pictures(
     options = options or options_for(jax.default_backend(), len(still.frames))
     still = some_views(still, options.views)
     position = None if known is None else known.position
-    first = moving_views(footage, float(footage.times.min())) if moving else None
+    first = None
+    if moving:
+        first = moving_views(footage, float(footage.times.min()), MedianMasks(footage))
     steps = 2 * len(still.frames), 2 * (0 if first is None else len(first[0].frames))
     parts = []
     if len(still.frames) > 1:
@@ -120,6 +125,7 @@ def moving_points(
     footage: Footage,
     times: Sequence[float],
     *,
+    moved: MovingPixels | None = None,
     options: StereoOptions | None = None,
     registration: RegistrationOptions | None = None,
     known: Float[np.ndarray, "known 3"] | None = None,
@@ -128,14 +134,16 @@ def moving_points(
     """Points of what moves at each of these timestamps, with velocities towards the next one (for
     the last, from the one before).
 
-    Only cameras that stand still tell what moves. Without at least two of them, a timestamp has no
-    points. `known` are points of what stands still: they narrow the distances down.
+    `moved` tells which pixels of a frame move; None asks the temporal medians of the cameras that
+    stand still. Without two cameras of which that is known, a timestamp has no points. `known` are
+    points of what stands still: they narrow the distances down.
     """
+    moved = moved or MedianMasks(footage)
     options = options or options_for(jax.default_backend(), len(np.unique(footage.name)))
     registration = registration or registration_for(jax.default_backend())
     clouds = []
     for time in times:
-        views = moving_views(footage, float(time))
+        views = moving_views(footage, float(time), moved)
         clouds.append(no_points() if views is None else _moving(*views, options, known=known))
         report(len(clouds), 2 * len(times))
     result = []
@@ -163,15 +171,15 @@ def moving_points(
 def still_views(footage: Footage) -> StereoViewSet:
     """One view per camera that stands still, its temporal median; of the others every frame."""
     pictures, masks, frames = [], [], []
-    for own, still in _cameras(footage):
-        own = own if not still else own[: 1 if len(own) < _FEWEST else None]
+    for own, still in camera_frames(footage):
+        own = own if not still else own[: 1 if len(own) < FEWEST_FRAMES else None]
         if not still or len(own) == 1:
             pictures += list(footage.pictures(own))
             known = footage.masks(own)
             masks += [] if known is None else list(known)
             frames += own.tolist()
             continue
-        median, known = _median(footage, own)
+        median, known = median_picture(footage, own)
         pictures.append(median)
         masks.append(known)
         frames.append(int(own[0]))
@@ -182,29 +190,21 @@ def still_views(footage: Footage) -> StereoViewSet:
 
 
 def moving_views(
-    footage: Footage, time: float
+    footage: Footage, time: float, moved: MovingPixels
 ) -> tuple[StereoViewSet, Bool[np.ndarray, "views h w"]] | None:
-    """The pictures of still cameras at one timestamp, masked to what moves and a margin, and which
-    pixels move; None if fewer than two cameras show that anything moves."""
-    pictures, masks, frames = [], [], []
-    for own, still in _cameras(footage):
-        now = own[footage.times[own] == footage.times.dtype.type(time)]
-        if not still or len(own) < _FEWEST or not len(now):
-            continue
-        median, known = _median(footage, own)
-        picture = footage.pictures(now[:1])[0]
-        moved = differs(picture, median, footage.scale) & known
-        # Isolated pixels are noise.
-        moved &= uniform_filter(moved.astype(np.float32), 3) > _CLEAN
-        pictures.append(picture)
-        masks.append(moved)
-        frames.append(int(now[0]))
-    if len(frames) < 2 or sum(mask.any() for mask in masks) < 2:
+    """The pictures of one timestamp of which it is known what moves, masked to that and a margin,
+    and which pixels move; None if fewer than two of them show that anything moves."""
+    found = {}
+    for frame in np.flatnonzero(footage.times == footage.times.dtype.type(time)):
+        mask = moved(int(frame))
+        if mask is not None:
+            found[int(frame)] = mask
+    if sum(mask.any() for mask in found.values()) < 2:
         return None
-    chosen, moved = np.array(frames, np.int64), np.stack(masks)
+    chosen, masks = np.array(list(found), np.int64), np.stack(list(found.values()))
     wide = np.stack([binary_dilation(mask, np.ones((3, 3)), 3) for mask in masks])
     cameras = jax.tree.map(lambda x: x[chosen], footage.camera)
-    return StereoViewSet(_stack(pictures, footage.scale), wide, cameras, chosen), moved
+    return StereoViewSet(footage.pictures(chosen), wide, cameras, chosen), masks
 
 
 def _moving(views, moved, options, known=None, report=lambda done: None) -> StereoPoints:
@@ -230,30 +230,6 @@ def _moving(views, moved, options, known=None, report=lambda done: None) -> Ster
     seen = stereo_views(views.pictures, views.cameras, views.masks, factor=factor)
     inside = silhouette_points(seen, wanted)
     return StereoPoints(*(np.concatenate(x) for x in zip(matched, inside, strict=True)))
-
-
-def _cameras(footage: Footage) -> list[tuple[Int[np.ndarray, " frames"], bool]]:
-    """The frames of every camera in the order of time, and whether it stands still in all of them:
-    what a camera is named says nothing of that."""
-    path = footage.camera.trajectory
-    pose = np.concatenate([np.asarray(path.quat), np.asarray(path.translation)], axis=-1)
-    result = []
-    for name in np.unique(footage.name):
-        own = np.flatnonzero(footage.name == name)
-        own = own[np.argsort(footage.times[own], kind="stable")]
-        still = path.shake is None and np.ptp(pose[own], axis=(0, 1)).max() < 1e-6
-        several = len(np.unique(footage.times[own])) == len(own)
-        result.append((own, bool(still and several)))
-    return result
-
-
-def _median(footage, own):
-    """Temporal median of a camera's pictures, and where at least half of them count."""
-    some = own[np.linspace(0, len(own) - 1, min(len(own), _MOST)).round().astype(int)]
-    pictures, masks = footage.pictures(some), footage.masks(some)
-    median = temporal_median(pictures, masks)
-    known = np.ones(median.shape[:2], bool) if masks is None else masks.mean(axis=0) >= 0.5
-    return np.where(known[..., None], median, 0).astype(pictures.dtype), known
 
 
 def _stack(pictures, scale):

@@ -10,6 +10,7 @@ from textured_plane import PLACES, SIZE, perspective, rig
 
 from gaussray.capture.points import Points
 from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.still_cameras import MedianMasks, still_camera_count
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 from gaussray.reconstruct.initialize.initializer import filled_up
 from gaussray.reconstruct.initialize.stereo.from_pictures import moving_views, still_views
@@ -67,7 +68,7 @@ def test_pictures_of_one_instant_are_views_as_they_are():
 
 def test_moving_pixels_are_those_that_differ_from_the_median():
     footage, pictures = film_of_square()
-    found = moving_views(footage, 0.5)
+    found = moving_views(footage, 0.5, MedianMasks(footage))
     assert found is not None
     views, moved = found
     square = np.zeros((SIZE, SIZE), bool)
@@ -81,7 +82,16 @@ def test_moving_pixels_are_those_that_differ_from_the_median():
 
 def test_without_two_still_cameras_nothing_is_known_to_move():
     footage, _ = film_of_square(moving_camera=True)
-    assert moving_views(footage, 0.5) is None
+    masks = MedianMasks(footage)
+    assert still_camera_count(footage) == 1 and masks(7) is None and masks(2) is not None
+    assert moving_views(footage, 0.5, masks) is None
+
+
+def test_any_pixels_may_be_told_to_move():
+    footage, pictures = film_of_square(moving_camera=True)
+    views, moved = moving_views(footage, 0.5, lambda frame: pictures[frame][..., 0] == 255)
+    assert views.frames.tolist() == [2, 7]
+    np.testing.assert_array_equal(moved, pictures[[2, 7], ..., 0] == 255)
 
 
 def test_stereo_fills_up_known_points_only_where_they_leave_surfaces_empty():

@@ -1,0 +1,149 @@
+"""What moves in the pictures of cameras that move: what Gaussians that stand still do not show.
+
+A camera that stands still has a temporal median. One that moves has none; instead, Gaussians that
+stand still are fitted to its pictures first. They show what most pictures agree on, and what
+differs from that moves.
+"""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int, UInt16
+from scipy.ndimage import uniform_filter
+
+from gaussray.camera.camera import Camera
+from gaussray.camera.rays import Rays
+from gaussray.capture.temporal_median import differs
+from gaussray.color import srgb_encode
+from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.still_cameras import camera_frames, without_specks
+from gaussray.reconstruct.data.tiles import cut, tile_pixels
+from gaussray.reconstruct.initialize.stereo.matching import reduction
+from gaussray.reconstruct.initialize.stereo.views import StereoViews, rays, stereo_views, unpacked
+from gaussray.scene.gaussians import Gaussians
+from gaussray.tracer.bundle import morton_tiles, padding_filled
+from gaussray.tracer.motion import Motion, still as resting
+from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure, trace
+from gaussray.tracer.traverse import Capacity
+
+
+# Pixels of a picture that is rendered, at most: a picture takes a second on two CPU cores.
+_PIXELS_CPU, _PIXELS_GPU = 33_000, 250_000
+# Pixels along the side of the square over which differences are averaged: edges that are rendered a
+# pixel off, and noise, are no motion.
+_EVEN = 5
+
+
+class UnexplainedPixels:
+    """Which pixels of a training frame differ from what Gaussians that stand still show.
+
+    `counts` keeps the number of such pixels in every tile of the frames that were asked for.
+
+    Args:
+        footage: the training pictures.
+        camera: their cameras, as refined so far.
+        gain: the exposure of each frame that multiplies linear light; None: 1.
+        still: the Gaussians that stand still.
+        options: how to trace them.
+    """
+
+    def __init__(
+        self,
+        footage: Footage,
+        camera: Camera,
+        gain: Float[Array, "frames 3"] | None,
+        still: Gaussians,
+        options: TraceOptions,
+    ):
+        self._footage, self._camera = footage, camera
+        self._gain = None if gain is None else np.asarray(gain)
+        self._motion, self._trace = resting(still), replace(options, levels=0)
+        most = _PIXELS_CPU if jax.default_backend() == "cpu" else _PIXELS_GPU
+        self._factor = reduction((footage.film.height, footage.film.width), most)
+        self._capacity: Capacity | None = None
+        self.counts: dict[int, UInt16[np.ndarray, " tiles"]] = {}
+
+    def __call__(self, frame: int) -> Bool[np.ndarray, "h w"]:
+        footage, one = self._footage, np.array([frame])
+        camera = jax.tree.map(lambda x: x[one], self._camera)
+        view = stereo_views(footage.pictures(one), camera, None, factor=self._factor)[0]
+        shown = self._rendered(view)
+        if self._gain is not None:
+            shown = shown * self._gain[frame]
+        channels, _ = jax.device_get(unpacked(view.pixel, jnp.float32))
+        difference = np.stack(channels, axis=-1) - np.asarray(srgb_encode(shown))
+        even = uniform_filter(difference, _EVEN, axes=(0, 1))
+        moved = without_specks(differs(even, np.zeros_like(even)))
+        moved = _enlarged(moved, self._factor, (footage.film.height, footage.film.width))
+        visible = footage.masks(one)
+        moved = moved if visible is None else moved & visible[0]
+        pixels = tile_pixels(footage.film, footage.side, footage.bundle)
+        self.counts[frame] = cut(moved, pixels).sum(axis=-1).astype(np.uint16)
+        return moved
+
+    def tile_counts(self) -> UInt16[np.ndarray, "frames tiles"]:
+        """Moving pixels of every frame and tile; frames that were not asked for have those of the
+        nearest one in time that the same camera took."""
+        footage = self._footage
+        result = np.zeros(footage.pixel.shape[:2], np.uint16)
+        for own, _ in camera_frames(footage):
+            asked = np.array([frame for frame in own if int(frame) in self.counts], np.int64)
+            if not len(asked):
+                continue
+            away = np.abs(footage.times[own][:, None] - footage.times[asked][None])
+            nearest = asked[np.argmin(away, axis=1)]
+            result[own] = np.stack([self.counts[int(frame)] for frame in nearest])
+        return result
+
+    def _rendered(self, view: StereoViews) -> Float[np.ndarray, "h w 3"]:
+        """Linear light of what stands still, as a view shows it."""
+        seen = _bundled_rays(view, self._trace.bundle)
+        if self._capacity is None:
+            self._capacity = measure(self._motion, seen, options=self._trace, headroom=1.5)
+        while True:
+            light, needed, dropped = _light(
+                self._motion, seen, options=self._trace, capacity=self._capacity
+            )
+            if not int(dropped):
+                break
+            sizes = [int(n) for n in needed]
+            self._capacity = enlarged_capacity(self._capacity, sizes, headroom=1.5)
+        order = _order(view.size, self._trace.bundle)
+        picture = np.empty((order.max() + 1, 3), np.float32)
+        picture[order[order >= 0]] = np.asarray(light)[order >= 0]
+        return picture.reshape(*view.size, 3)
+
+
+def _order(size: tuple[int, int], bundle: int) -> Int[np.ndarray, " slots"]:
+    """The pixel of every ray, -1 for padding."""
+    return morton_tiles(size[1], size[0], bundle, 0)
+
+
+@eqx.filter_jit
+def _bundled_rays(view: StereoViews, bundle: int) -> Rays:
+    """The rays of a view in the order in which they are traced."""
+    direction = rays(view.lens, view.world_from_camera, view.size, view.factor)
+    direction = direction.reshape(3, -1).T[padding_filled(_order(view.size, bundle))]
+    origin = jnp.broadcast_to(view.origin, direction.shape)
+    return Rays(origin, direction, jnp.zeros(len(direction), direction.dtype))
+
+
+@eqx.filter_jit
+def _light(
+    motion: Motion, seen: Rays, *, options: TraceOptions, capacity: Capacity
+) -> tuple[Float[Array, "slots 3"], Int[Array, " sizes"], Int[Array, ""]]:
+    """Linear light of rays, list sizes, and how many entries were dropped."""
+    pixels, report = trace(motion, seen, options=options, capacity=capacity)
+    return pixels.color, report.needed, report.dropped
+
+
+def _enlarged(
+    moved: Bool[np.ndarray, "rows columns"], factor: int, size: tuple[int, int]
+) -> Bool[np.ndarray, "h w"]:
+    """A mask of a reduced picture at the size of the whole one."""
+    large = moved.repeat(factor, axis=0).repeat(factor, axis=1)
+    lack = [(0, n - m) for n, m in zip(size, large.shape, strict=True)]
+    return np.pad(large, lack, mode="edge")

@@ -1,0 +1,85 @@
+"""What moves where cameras move: pixels that Gaussians which stand still do not show."""
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import toy
+
+from gaussray.dataset.images import codes
+from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.tiles import cut, tile_pixels
+from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
+from gaussray.render.renderer import Renderer, RenderOptions
+
+
+SIZE, SIDE = 60, 8
+# A camera that goes around the scene in the times of its frames.
+ANGLES, TIMES = (-0.3, -0.1, 0.1, 0.3), (0.0, 0.25, 0.5, 1.0)
+# Share of the pixels that differ by motion, at least, and share of those found that do not, at
+# most: differences are averaged over 5 x 5 pixels.
+FOUND, WRONG = 0.7, 0.3
+
+pytestmark = pytest.mark.usefixtures("quick_compilation")
+
+
+@pytest.fixture(scope="module")
+def filmed():
+    """Footage of the toy by a camera that moves, and the pixels that the bodies change."""
+    cameras = [toy.camera(a, t, SIZE, SIZE) for a, t in zip(ANGLES, TIMES, strict=True)]
+    whole = toy.scene()
+    wall = replace(whole, moving=jax.tree.map(lambda x: x[:0], whole.moving), deformation=None)
+    pictures, empty = (
+        [codes(render(camera).color) for camera in cameras]
+        for render in (
+            Renderer(s, options=RenderOptions(samples=1), trace=toy.TRACE) for s in (whole, wall)
+        )
+    )
+    pixels = tile_pixels(cameras[0].film, SIDE, SIDE)
+    tiles = np.stack([cut(picture, pixels) for picture in pictures])
+    stacked = jax.tree.map(lambda *x: jnp.stack(x), *cameras)
+    footage = Footage(tiles, None, stacked, np.array(["a"] * 4), SIDE, SIDE)
+    apart = np.abs(np.float32(pictures) - np.float32(empty)).max(axis=-1) > 0.1 * 255
+    return footage, wall, apart
+
+
+def unexplained(footage, wall, gain=None):
+    """What the wall alone does not explain."""
+    return UnexplainedPixels(footage, footage.camera, gain, wall.static, toy.TRACE)
+
+
+def test_bodies_before_a_wall_are_what_moves(filmed):
+    footage, wall, apart = filmed
+    masks = unexplained(footage, wall)
+    for frame in range(len(ANGLES)):
+        moved = masks(frame)
+        both = (moved & apart[frame]).sum()
+        assert both > FOUND * apart[frame].sum() and moved.sum() - both < WRONG * moved.sum()
+
+
+def test_frames_that_were_not_asked_for_have_the_counts_of_the_nearest(filmed):
+    footage, wall, _ = filmed
+    masks = unexplained(footage, wall)
+    assert not masks.tile_counts().any()
+    first, last = masks(0), masks(3)
+    counts = masks.tile_counts()
+    pixels = tile_pixels(footage.film, SIDE, SIDE)
+    np.testing.assert_array_equal(counts[0], cut(first, pixels).sum(axis=-1))
+    np.testing.assert_array_equal(counts[1], counts[0])
+    np.testing.assert_array_equal(counts[2], counts[0])
+    np.testing.assert_array_equal(counts[3], cut(last, pixels).sum(axis=-1))
+
+
+def test_exposure_is_no_motion(filmed):
+    footage, wall, _ = filmed
+    dark = replace(footage, pixel=np.zeros_like(footage.pixel))
+    assert unexplained(dark, wall)(1).any()
+    assert not unexplained(dark, wall, jnp.zeros((4, 3)))(1).any()
+
+
+def test_masked_pixels_do_not_move(filmed):
+    footage, wall, _ = filmed
+    mask = np.zeros((*footage.pixel.shape[:2], SIDE * SIDE // 8), np.uint8)
+    assert not unexplained(replace(footage, mask=mask), wall)(1).any()
