@@ -26,7 +26,7 @@ from gaussray.tracer.trace import TraceOptions
 T = TypeVar("T", bound=eqx.Module)
 
 # Steps of each stage of rigid bodies on a GPU (fit=full); on a CPU those of fit=default.
-_BODIES_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6)
+_BODIES_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6, motion="deformation")
 # Learning rates for the tens of thousands of steps that a GPU takes in minutes.
 _SLOW = OptimizerOptions(
     mean=5e-4,
@@ -37,6 +37,13 @@ _SLOW = OptimizerOptions(
     instant=5e-3,
     lifetime=1e-2,
 )
+
+
+MOTION_NOUNS = {
+    "deformation": "rigid bodies and a deformation field",
+    "transient": "transient Gaussians",
+    "both": "rigid bodies, a deformation field and transient Gaussians",
+}
 
 
 class Machine(NamedTuple):
@@ -61,11 +68,13 @@ class Machine(NamedTuple):
 
 
 class Effort(NamedTuple):
-    """Capture and options of a fit, and a sentence about what was chosen."""
+    """Capture and options of a fit, a sentence about what was chosen, and the choices of fit.motion
+    of which a trial must tell which is best (none, or the chosen one and others)."""
 
     capture: Capture
     options: ReconstructOptions
     sentence: str
+    rivals: tuple[str, ...] = ()
 
 
 def this_machine() -> Machine:
@@ -83,17 +92,19 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     scale = min(1.0, math.sqrt(machine.most_pixels / max(pixels, 1.0))) if still else 1.0
     if scale < 1:
         capture, pixels = selected(capture, Selection(scale=scale)), pixels * scale**2
+    names = () if still else motions(capture, options, machine)
     if still:
         chosen = _still(pixels, machine)
-    elif _transient(capture, options):
-        chosen = _brief(pixels, machine)
-    else:
+    elif names[:1] == ("deformation",):
         chosen = _bodies(machine)
+    else:
+        chosen = _brief(pixels, machine)
     steps = options.fit.coarse, options.fit.fine
     options = with_defaults(options, chosen)
     if steps != (FitOptions().coarse, FitOptions().fine) or not chosen.fit.minutes:
         options = replace(options, fit=replace(options.fit, minutes=0.0))
-    return Effort(capture, options, _sentence(options, len(views), scale, still))
+    rivals = names if len(names) > 1 else ()
+    return Effort(capture, options, _sentence(options, len(views), scale, still), rivals)
 
 
 def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> ReconstructOptions:
@@ -112,20 +123,24 @@ def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> Re
 _CHOSEN = ("fit", "loss", "optimizer", "density", "trace")
 
 
-def _transient(capture: Capture, options: ReconstructOptions) -> bool:
-    """Whether transient Gaussians show what moves: if the user says so, or where the capture has
-    too few points for rigid bodies to be found, or cameras that move, and at least two cameras that
-    stand still or mostly two pictures of a time."""
-    fit, points = options.fit, capture.points
-    if fit.motion != FitOptions().motion:
-        return fit.transient
-    views = training_views(capture)
+def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> tuple[str, ...]:
+    """The choices of fit.motion that may suit a capture of several times best, the likeliest first.
+
+    Rigid bodies are found on surface points by cameras that stand still; on a GPU there is time to
+    try whether they are better than transient Gaussians. These need at least two cameras that stand
+    still, or mostly two pictures of a time; without, there is the deformation field.
+    """
+    fit, views = options.fit, training_views(capture)
+    if fit.motion != "auto":
+        return (fit.motion,)
     _, pictures = np.unique(viewpoints(views), return_counts=True)
     if int(np.sum(pictures >= 3)) >= 2:
-        known = 0 if points is None or fit.start == "stereo" else len(points.position)
-        return known < fit.points
+        points = capture.points if fit.start != "stereo" else None
+        if points is None or len(points.position) < fit.points:
+            return ("transient",)
+        return ("deformation", "transient") if machine.gpu else ("deformation",)
     _, at_once = np.unique([view.time for view in views], return_counts=True)
-    return bool(np.median(at_once) >= 2)
+    return ("transient",) if np.median(at_once) >= 2 else ("deformation",)
 
 
 def _still(pixels: float, machine: Machine) -> ReconstructOptions:
@@ -197,7 +212,7 @@ def _brief(pixels: float, machine: Machine) -> ReconstructOptions:
 def _bodies(machine: Machine) -> ReconstructOptions:
     """For rigid bodies and a field: the defaults on a CPU; on a GPU more steps and Gaussians."""
     if not machine.gpu:
-        return ReconstructOptions()
+        return ReconstructOptions(fit=FitOptions(motion="deformation"))
     return ReconstructOptions(
         fit=_BODIES_GPU,
         density=DensityOptions(interval=100, growth=8.0),
@@ -213,12 +228,7 @@ def _sentence(options: ReconstructOptions, pictures: int, scale: float, still: b
         parts.append(f"up to {max(options.density.gaussians, fit.points):,} Gaussians")
         parts.append(f"harmonics up to degree {fit.degree}")
     if not still:
-        shown = {
-            "deformation": "rigid bodies and a deformation field",
-            "transient": "transient Gaussians",
-            "both": "rigid bodies, a deformation field and transient Gaussians",
-        }
-        parts.append(f"motion by {shown[fit.motion]} (fit.motion)")
+        parts.append(f"motion by {MOTION_NOUNS[fit.motion]} (fit.motion)")
     if fit.minutes:
         parts.append(f"about {fit.minutes:.0f} minutes (fit.minutes)")
     else:

@@ -17,8 +17,9 @@ from gaussray.tracer.trace import TraceOptions
 STARTS = ("auto", "given", "stereo", "random")
 
 
-# What shows what moves: rigid bodies and a deformation field; transient Gaussians; all of these.
-MOTIONS = ("deformation", "transient", "both")
+# What shows what moves: what suits the capture best (without fit.auto, bodies and a field); rigid
+# bodies and a deformation field; transient Gaussians; all of these.
+MOTIONS = ("auto", "deformation", "transient", "both")
 
 
 class FitOptions(eqx.Module):
@@ -84,7 +85,7 @@ class FitOptions(eqx.Module):
     opacity: float = eqx.field(static=True, default=0.9)
     spread: float = eqx.field(static=True, default=0.6)
     start: str = eqx.field(static=True, default="auto")
-    motion: str = eqx.field(static=True, default="deformation")
+    motion: str = eqx.field(static=True, default="auto")
     instants: int = eqx.field(static=True, default=30)
     points: int = eqx.field(static=True, default=10000)
     surround: float = eqx.field(static=True, default=0.15)
@@ -128,7 +129,7 @@ class FitOptions(eqx.Module):
     @property
     def transient(self) -> bool:
         """Whether transient Gaussians show what moves, alone or besides others."""
-        return self.motion != "deformation"
+        return self.motion in ("transient", "both")
 
     @property
     def deforms(self) -> bool:

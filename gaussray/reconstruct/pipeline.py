@@ -3,18 +3,20 @@
 import json
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from gaussray.camera.corrections import corrections_summary, gains, refined_frames
 from gaussray.capture.capture import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
-from gaussray.io.atomic import sweep, whole
+from gaussray.io.atomic import sweep, whole, write_json
 from gaussray.reconstruct.data.segments import segments
-from gaussray.reconstruct.effort import effort, this_machine
+from gaussray.reconstruct.effort import MOTION_NOUNS, effort, this_machine
 from gaussray.reconstruct.failed_fit import demand_success
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.loop import run_stage
+from gaussray.reconstruct.motion_trial import held_out_capture, trial, trial_sentence
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
 from gaussray.reconstruct.run_progress import RunProgress
@@ -79,11 +81,12 @@ def reconstruct(
         FailedFit: the fit ended below what one colour per camera scores, or with an empty scene.
         CaptureError: the training pictures cannot be used together.
     """
-    capture, options, sentence_of_effort = effort(capture, options, this_machine())
-    _say(sentence_of_effort, quiet or not leads())
-    out, course = Path(out), segments(capture, options.fit.segment)
-    interval = options.fit.checkpoint
+    out, interval = Path(out), options.fit.checkpoint
     log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
+    options, scores = _with_motion_tried(capture, out, options, resume, devices, quiet)
+    capture, options, sentence_of_effort, _ = effort(capture, options, this_machine())
+    _say(sentence_of_effort, quiet or not leads())
+    course = segments(capture, options.fit.segment)
     if leads():
         sweep(out, deep=len(course) > 1)
     state, progress = log.resumed() if resume else (None, RunProgress(segments=len(course)))
@@ -97,6 +100,7 @@ def reconstruct(
         session = Session(capture, log, options, quiet or not leads(), devices, course[i])
         state, progress = _fitted(session, state, progress)
         scene, report = _pruned(session, state, progress, devices)
+        report |= {"trial": scores} if scores else {}
         demand_success(scene, report, capture)
         if leads():
             _save(files[i], scene, report)
@@ -127,6 +131,42 @@ def reconstruct(
             _remove(files)
     wait("reconstructed")
     return result
+
+
+def _with_motion_tried(
+    capture: Capture,
+    out: Path,
+    options: ReconstructOptions,
+    resume: bool,
+    devices: int | None,
+    quiet: bool,
+) -> tuple[ReconstructOptions, dict[str, float]]:
+    """The options with the fit.motion that a trial finds best, and its scores (`motion.json`); the
+    same options where there is nothing to try."""
+    names, known = effort(capture, options, this_machine()).rivals, out / "motion.json"
+    part = held_out_capture(capture) if names else None
+    if part is None:
+        return options, {}
+
+    def with_motion(name: str) -> ReconstructOptions:
+        return replace(options, fit=replace(options.fit, motion=name))
+
+    def fit(capture: Capture, folder: Path, options: ReconstructOptions) -> Scene | Clip:
+        return reconstruct(capture, folder, options=options, devices=devices, quiet=quiet)
+
+    if resume and known.is_file():
+        scores = json.loads(known.read_text())
+    else:
+        _say(
+            "Short fits on a part of the pictures tell what shows what moves best (fit.motion).",
+            quiet or not leads(),
+        )
+        rivals = {n: effort(part, with_motion(n), this_machine()).options for n in names}
+        scores = trial(part, out, rivals, fit, devices)
+        if leads():
+            write_json(known, scores)
+    _say(trial_sentence(scores, MOTION_NOUNS), quiet or not leads())
+    return with_motion(max(scores, key=lambda name: scores[name])), scores
 
 
 def _demand_same_segments(progress: RunProgress, count: int) -> None:

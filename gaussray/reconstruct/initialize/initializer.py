@@ -106,9 +106,7 @@ def points_of_stereo(
             progress.append(bar("stereo", total))
         progress[0].report(done)
 
-    return points_from_pictures(
-        footage, known=known, moving=options.motion != "transient", report=report
-    )
+    return points_from_pictures(footage, known=known, moving=options.deforms, report=report)
 
 
 def filled_up(known: Points, matched: Points) -> Points:

@@ -1,0 +1,129 @@
+"""A trial of what shows what moves best: short fits without some pictures, which then decide.
+
+Rigid bodies with a field are better at rigid things of which surface points are known, transient
+Gaussians at all others. What a capture holds is not known before. So both are fitted for a short
+time without one camera, and what shows its pictures better is taken.
+"""
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from gaussray.camera.array import camera_set
+from gaussray.capture.capture import Capture, View
+from gaussray.reconstruct.data.pictures import Footage, footage
+from gaussray.reconstruct.data.segments import training_views
+from gaussray.reconstruct.failed_fit import FailedFit
+from gaussray.reconstruct.options import ReconstructOptions
+from gaussray.reconstruct.simplify.candidate import whole_candidate
+from gaussray.reconstruct.simplify.measure import (
+    CandidateMeter,
+    Tracing,
+    TrainingViews,
+    tile_views,
+)
+from gaussray.runtime.devices import leads, wait
+from gaussray.scene.scene import Scene, key_count
+from gaussray.scene.segmented import Clip
+from gaussray.tracer.shard import mesh
+
+
+# Steps of the fine stage of a trial.
+_STEPS = 2000
+# Cameras from which on one of them is held out, and else times from which on every fourth is.
+_CAMERAS, _TIMES = 5, 8
+# Ray bundles on which a trial is measured, at each of so many times.
+_TILES, _INSTANTS = 256, 16
+
+# Reconstructs a capture in a folder.
+Fit = Callable[[Capture, Path, ReconstructOptions], Scene | Clip]
+
+
+def held_out_capture(capture: Capture) -> Capture | None:
+    """The training views of a capture, some of them as test views: those of the camera in the
+    middle of the names, or every fourth time of few cameras; None if these are too few as well."""
+    views = training_views(capture)
+    names = sorted({view.camera_name for view in views})
+    times = sorted({view.time for view in views})
+    if len(names) >= _CAMERAS:
+        held = {id(view) for view in views if view.camera_name == names[len(names) // 2]}
+    elif len(times) >= _TIMES:
+        chosen = set(times[2:-1:4])
+        held = {id(view) for view in views if view.time in chosen}
+    else:
+        return None
+    split = [replace(v, split="test" if id(v) in held else "train") for v in views]
+    return replace(capture, views=split, effects={})
+
+
+def trial(
+    capture: Capture,
+    out: Path,
+    rivals: Mapping[str, ReconstructOptions],
+    fit: Fit,
+    devices: int | None,
+) -> dict[str, float]:
+    """PSNR in dB of what is held out (0 of a fit that failed), for every choice of `fit.motion` and
+    its options.
+
+    Args:
+        capture: the capture with held-out views (`held_out_capture`).
+        out: the folder of the run; the trial's own is removed.
+        rivals: the options of each choice.
+        fit: reconstructs.
+        devices: how many devices share the rays (None: all).
+    """
+    folder, scores = out / "trial", {}
+    held = [view for view in capture.views if view.split == "test"]
+    for name, options in rivals.items():
+        _remove(folder)
+        short = replace(options.fit, auto=False, minutes=0.0, fine=_STEPS, refine=())
+        options = replace(options, fit=short, need=replace(options.need, loss=0.0))
+        try:
+            scene = fit(capture, folder, options)
+        except FailedFit:
+            scores[name] = 0.0
+            continue
+        scores[name] = _psnr(scene, held, options, devices)
+    _remove(folder)
+    return scores
+
+
+def trial_sentence(scores: Mapping[str, float], nouns: Mapping[str, str]) -> str:
+    """A line that tells how a trial ended."""
+    best = max(scores, key=lambda name: scores[name])
+    others = [f"{nouns[name]} {scores[name]:.1f} dB" for name in scores if name != best]
+    return (
+        f"Trial on pictures that were held out: {nouns[best]} {scores[best]:.1f} dB, "
+        f"{', '.join(others)}; fit.motion={best}."
+    )
+
+
+def _remove(folder: Path) -> None:
+    if leads():
+        shutil.rmtree(folder, ignore_errors=True)
+    wait("trial")
+
+
+def _psnr(
+    scene: Scene | Clip, held: Sequence[View], options: ReconstructOptions, devices: int | None
+) -> float:
+    """PSNR of a scene on tiles of held-out views."""
+    assert isinstance(scene, Scene)
+    seen = footage(held, side=options.trace.bundle, bundle=options.trace.bundle)
+    chosen = tile_views(
+        TrainingViews(seen, seen.camera), tiles=_TILES, instants=_INSTANTS, weigh=1, seed=0
+    )
+    tracing = Tracing(options.trace, mesh(devices), _keys(scene, seen))
+    return CandidateMeter(chosen.measured, tracing).psnr(whole_candidate(scene))
+
+
+def _keys(scene: Scene, seen: Footage) -> int:
+    """The number of key states of the scene across the times of one picture."""
+    cameras = camera_set(np.zeros(len(seen.name), int), seen.camera, extent=1.0, refine=())
+    span = float(jnp.asarray(cameras.earlier + cameras.later))
+    return key_count(scene, span) if span > 0 else 1
