@@ -54,6 +54,11 @@ MAPPINGS = 45_000
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
+# Most programs run once: XLA without its optimisations, and operations without where they stand.
+jax.config.update("jax_disable_most_optimizations", True)
+jax.config.update("jax_traceback_in_locations_limit", 0)
+# What JAX keeps of each program lives long: the garbage collector need not look at it often.
+gc.set_threshold(50_000, 20, 20)
 
 
 def pytest_collection_modifyitems(items):
@@ -70,18 +75,10 @@ def pytest_collection_modifyitems(items):
             item.add_marker(skip)
 
 
-def pytest_collection():
-    """What modules compute when they are imported is small."""
-    jax.config.update("jax_disable_most_optimizations", True)
-
-
 def pytest_collection_finish():
-    """Modules and tests live to the end: the garbage collector need not look at them again, nor
-    often at what JAX keeps of each program."""
-    jax.config.update("jax_disable_most_optimizations", False)
+    """Modules and tests live to the end: the garbage collector need not look at them again."""
     gc.collect()
     gc.freeze()
-    gc.set_threshold(50_000, 20, 20)
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -97,20 +94,23 @@ def own_programs():
 @pytest.fixture(scope="module", autouse=True)
 def few_mappings():
     """Forget compiled programs before they are too many: each holds mappings of memory, of which
-    Linux allows a process 65,530, and XLA crashes beyond them."""
+    Linux allows a process 65,530, and XLA crashes beyond them. The others stay, and the garbage
+    collector need not look at them again."""
     yield
     maps = pathlib.Path("/proc/self/maps")
     if maps.exists() and maps.read_bytes().count(b"\n") > MAPPINGS:
         jax.clear_caches()
-        gc.collect()
+        gc.unfreeze()
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="module")
-def quick_compilation():
-    """XLA without its optimisations, for modules in which compiling takes longer than running."""
-    jax.config.update("jax_disable_most_optimizations", True)
-    yield
+def optimized_programs():
+    """XLA with its optimisations, for modules in which running takes longer than compiling."""
     jax.config.update("jax_disable_most_optimizations", False)
+    yield
+    jax.config.update("jax_disable_most_optimizations", True)
 
 
 @pytest.fixture(scope="module")

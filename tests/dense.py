@@ -1,5 +1,6 @@
 """Many large Gaussians in one another's way, and a picture of them whose order of hits is fixed."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -7,6 +8,9 @@ import gaussray
 from gaussray.camera.camera import camera_rays
 from gaussray.camera.film import pixel_grid
 from gaussray.scene.gaussians import whitening
+
+
+_rays = jax.jit(camera_rays)
 
 
 def dense_scene(count: int, seed: int) -> gaussray.Scene:
@@ -32,7 +36,7 @@ def frozen_picture(scene, camera):
 
     def responses(camera):
         pixel = pixel_grid(camera.film).reshape(-1, 2)
-        rays = camera_rays(camera, pixel, jnp.full((len(pixel), 5), 0.5))
+        rays = _rays(camera, pixel, jnp.full((len(pixel), 5), 0.5))
         origin, direction = (np.asarray(x) for x in (rays.origin, rays.direction))
         o = np.einsum("gij,rgj->rgi", white, origin[:, None] - np.asarray(g.mean)[None])
         d = np.einsum("gij,rj->rgi", white, direction)

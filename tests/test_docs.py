@@ -48,7 +48,7 @@ IN_FILES = {"lens.shift", "aperture.rim", "sample.lens.choice"}
 # Another name of film.size, which configuration reads before Hydra does.
 ALIASES = {"render.size"}
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 
 def blocks(language):

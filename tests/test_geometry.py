@@ -20,8 +20,6 @@ from gaussray.geometry import (
 )
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 EXACT = 1e-12
 # Finite differences of check_grads.
 GRADIENT = 1e-6

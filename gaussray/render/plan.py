@@ -148,7 +148,8 @@ def _plan_of_rays(scene: Scene, rays: Rays, options: RenderOptions, trace: Trace
     span = span_of(rays)
     keys = _keys(scene, float(span[1] - span[0]), options)
     trace = dataclasses.replace(trace, levels=0)
-    capacity = measure(motion_between(scene, span, keys), rays, options=trace, headroom=HEADROOM)
+    motion = eqx.filter_jit(motion_between)(scene, span, keys)
+    capacity = measure(motion, rays, options=trace, headroom=HEADROOM)
     return Plan(capacity, keys, 0, options, trace)
 
 

@@ -28,8 +28,6 @@ from gaussray.scene.segmented import Clip
 from gaussray.scene.store import save_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 SIDE, TIMES, READOUT = 32, (0.3, 0.7), 0.3
 # The bodies as far apart as the picture is high: rows that see nothing move say nothing of time.
 SCENE = toy.scene()
@@ -106,7 +104,7 @@ def assert_at(found, truth, *, left=0.2):
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory, quick_compilation):
+def run(tmp_path_factory):
     """A scene that stands still, a capture whose camera is recorded wrong, and what came of it."""
     folder, truth = (
         tmp_path_factory.mktemp("calibrate"),

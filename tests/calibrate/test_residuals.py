@@ -13,8 +13,6 @@ from gaussray.calibrate.pixel_blocks import pixel_blocks
 from gaussray.calibrate.residuals import CameraEstimate, ResidualEvaluator
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 SIDE = 16
 # Central differences of 1e-4 in double precision, in units of the columns: the order of overlapping
 # Gaussians changes on the way in a few pixels, where what is seen jumps.

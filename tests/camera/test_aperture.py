@@ -21,8 +21,6 @@ from gaussray.camera.aperture import (
 from gaussray.geometry import normalize
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Lengths of order 1 in double precision.
 EXACT = 1e-12
 # Means of 128 x 128 stratified samples: error about 1/(count) of the cell size.

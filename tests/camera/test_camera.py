@@ -17,8 +17,6 @@ from gaussray.camera.trajectory import Trajectory, fixed
 from gaussray.geometry import BLENDER_AXES, RigidTransform, quaternion, rotation_matrix
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 WIDTH, HEIGHT = 12, 8
 EXACT = 1e-12
 # Finite differences of check_grads through all five parts.

@@ -13,8 +13,6 @@ from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, pinhole
 from gaussray.camera.principal_point import axis_of, require_axis
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Pixels, in double precision; the fisheyes' inverses are polished by Newton.
 EXACT = 1e-9
 GRADIENT = 1e-5

@@ -32,8 +32,6 @@ from gaussray.camera.lens import (
 from gaussray.geometry import RigidTransform, multiply, turning
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 ANGLES = (-0.6, -0.2, 0.3, 0.5)
 NAMES = ("a", "b", "c", "d")
 # Single precision, of values of order 1 to 3 (places) and 10 (pixels).

@@ -12,8 +12,6 @@ from lenses import any_way, assert_slopes, moved, sloped
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, Pinhole, check_lens, pinhole
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 WIDTH, HEIGHT = 96, 64
 # Root finding ends in a Newton step whose error is at rounding: 1e-16 of 100 px, times headroom.
 EXACT_PX = 1e-6

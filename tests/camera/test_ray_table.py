@@ -11,8 +11,6 @@ from lenses import zoo
 from gaussray.camera.lens import check_lens, ray_table
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 WIDTH, HEIGHT = 96, 64
 LENS = zoo(WIDTH, HEIGHT)["thin_prism_fisheye"]
 look = jax.jit(jax.vmap(jax.vmap(lambda lens, pixel: lens.direction(pixel), (None, 0)), (None, 0)))

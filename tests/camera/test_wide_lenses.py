@@ -24,8 +24,6 @@ from gaussray.camera.lens import (
 )
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 WIDTH, HEIGHT = 96, 64
 # Root finding ends in a Newton step whose error is at rounding: 1e-16 of 100 px, times headroom.
 EXACT_PX = 1e-6

@@ -20,7 +20,7 @@ from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 # The films are twice as large as what is learnt from them.
 SIDE = 2 * toy.SIZE
@@ -33,7 +33,7 @@ FLOOR = 18.5
 
 
 @pytest.fixture(scope="module")
-def shown(quick_compilation, known_sizes):
+def shown(known_sizes):
     """Camera and frames of the toy by name; the one that is held out is cam00."""
     scene, taken = toy.scene(), {}
     renderer = Renderer(scene, options=RenderOptions(samples=1), trace=toy.TRACE)

@@ -18,7 +18,7 @@ from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 # A half float keeps 11 bits: half a unit in the last place.
 HALF = 2.0**-11
@@ -33,7 +33,7 @@ FLOOR = 18.0
 
 
 @pytest.fixture(scope="module")
-def truth(tmp_path_factory, quick_compilation, known_sizes):
+def truth(tmp_path_factory, known_sizes):
     """The folder of a paired capture with one effect."""
     return toy.write_paired(tmp_path_factory.mktemp("truth"), toy.scene())
 

@@ -18,9 +18,6 @@ from gaussray.scene.array_file import write_arrays
 from gaussray.scene.store import save_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
-
 @pytest.fixture(scope="module")
 def scene_file(tmp_path_factory):
     """A scene with the cameras that filmed it."""

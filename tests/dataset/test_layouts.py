@@ -20,7 +20,7 @@ from gaussray.dataset.takes import read_frames
 from gaussray.scene.store import save_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 # Levels of 255 that interpolation between states of the scene changes.
 KEYS = 3

@@ -22,8 +22,6 @@ from gaussray.capture.formats.paired import read_capture, read_views
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Poses pass through a matrix: a few units in the last place of a quaternion.
 POSE_TOLERANCE = {jnp.float32: 1e-6, jnp.float64: 1e-14}
 

@@ -40,8 +40,6 @@ from gaussray.scene.gaussians import unconstrain
 from gaussray.tracer.traverse import Capacity
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 SIDE, TIMES, READOUT = 32, (0.2, 0.5, 0.8), 0.3
 ANGLES = dict(zip(toy.CAMERAS[:3], (-0.45, 0.0, 0.45), strict=True))
 # The bodies as far apart as the picture is high: rows that see nothing move say nothing of time.
@@ -121,7 +119,7 @@ def written(folder, listed, pictures):
 
 
 @pytest.fixture(scope="module")
-def pictures(quick_compilation):
+def pictures():
     """What the cameras see of the toy, in linear light."""
     renderer = Renderer(SCENE, options=RenderOptions(samples=1), trace=toy.TRACE)
     return [renderer(camera).color for _, camera in frames()]
@@ -222,7 +220,7 @@ def effects(camera):
 
 
 @pytest.fixture(scope="module")
-def soft(tmp_path_factory, quick_compilation):
+def soft(tmp_path_factory):
     """A fit to what cameras with all effects see, and its loss for the known scene as a function of
     the footage."""
     listed = [(name, effects(camera)) for name, camera in frames()]

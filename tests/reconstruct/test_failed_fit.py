@@ -15,7 +15,7 @@ from gaussray.reconstruct.failed_fit import FailedFit, demand_success
 from gaussray.reconstruct.simplify.measure import TrainingViews, one_color_psnr, tile_views
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 TRACE = toy.SHORT.trace
 # Single precision sums over some thousand pixels.
@@ -23,7 +23,7 @@ CLOSE = 1e-3
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory, quick_compilation, known_sizes):
+def folder(tmp_path_factory, known_sizes):
     return toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene())
 
 

@@ -20,8 +20,6 @@ from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 PREVIOUS = Path(__file__).parent / "previous"
 OPTIONS = ReconstructOptions(
     fit=FitOptions(

@@ -32,7 +32,7 @@ from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 SCENE = toy.carried(0.0, 1.0, speed=1.6)
 TIMES = tuple(np.linspace(0, 1, 9).tolist())
@@ -74,7 +74,7 @@ FLOOR = 24.0
 
 
 @pytest.fixture(scope="module")
-def capture(tmp_path_factory, quick_compilation, known_sizes):
+def capture(tmp_path_factory, known_sizes):
     """Two bodies in front of a wall, filmed by four cameras at nine instants."""
     folder = tmp_path_factory.mktemp("capture")
     return read_capture(toy.write_capture(folder, SCENE, times=TIMES))

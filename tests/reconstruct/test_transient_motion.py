@@ -23,7 +23,7 @@ from gaussray.scene.store import load_scene
 from gaussray.scene.transient import Transients
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 FIT = FitOptions(
     coarse=1, fine=120, tiles=4, block=20, checkpoint=0.0, points=27, surround=0.0,
@@ -64,7 +64,7 @@ def stereo(monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def capture(tmp_path_factory, quick_compilation, known_sizes):
+def capture(tmp_path_factory, known_sizes):
     return read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
 
 

@@ -28,8 +28,6 @@ from gaussray.render.parts import PIXEL, RAY, SAMPLE
 from gaussray.render.renderer import Renderer
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 ONE = RenderOptions(samples=1)
 # Half a code of each picture; sRGB values are up to 2.3 times as far apart in light.
 CODES = (0.5 + 0.5 * 2.3) / 255

@@ -13,11 +13,11 @@ from dense import dense_scene, frozen_picture
 import gaussray
 from gaussray.camera.camera import camera_rays
 from gaussray.camera.film import pixel_grid
+from gaussray.camera.sampling import sobol_samples
 from gaussray.render.plan import motion_between
 from gaussray.tracer.motion import with_rest
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
 # Central differences in double precision of a smooth function.
 DIFFERENCES, STEP = 2e-5, 1e-5
 EXACT = 1e-10
@@ -40,7 +40,7 @@ def every_effect():
     """A camera all of whose numbers matter."""
     rolling = gaussray.rolling_shutter(0.2, rows=8, exposure=0.1)
     pull = gaussray.FocusPull([0.2, 0.8], [2.5, 3.5])
-    return gaussray.Camera(
+    camera = gaussray.Camera(
         gaussray.Film(8, 8, "box", 1.0),
         gaussray.KannalaBrandt(8.0, (4, 4), [0.02, -0.01, 0.005, 0.001], 1.4),
         gaussray.Aperture(0.05, pull, focus="sphere"),
@@ -48,9 +48,15 @@ def every_effect():
         gaussray.orbit((0.3, -0.4, -3), up=(0, -1, 0), turns=0.02),
         0.45,
     )
+    return double(camera)
 
 
-def total(scene, camera, plan=None):
+def double(tree):
+    """In double precision, so that the same programs take it: Python's numbers would be weak."""
+    return jax.tree.map(lambda x: jnp.asarray(x, jnp.float64), tree)
+
+
+def total(scene, camera, plan):
     """A smooth number of a picture that weighs every pixel differently."""
     seen = gaussray.render(scene, camera, plan=plan)
     weight = jnp.cos(jnp.arange(seen.color.size, dtype=float)).reshape(seen.color.shape)
@@ -59,12 +65,26 @@ def total(scene, camera, plan=None):
 
 @pytest.fixture(scope="module")
 def shot():
-    """Scene, camera, plan, and the gradient of `total` by both."""
+    """Scene, camera, plan, `total` as a function of both, and its gradient by both."""
     scene, camera = moving_scene(), every_effect()
     plan = gaussray.plan(scene, camera, options=OPTIONS, trace=TRACE)
-    value = eqx.filter_jit(lambda both: total(*both, plan))
     grad = eqx.filter_jit(eqx.filter_grad(lambda both: total(*both, plan)))
-    return scene, camera, plan, value, grad((scene, camera))
+    return scene, camera, plan, lambda both: total(*both, plan), grad
+
+
+@pytest.fixture(scope="module")
+def slopes(shot):
+    """The gradient of `total` by scene and camera."""
+    scene, camera, _, _, grad = shot
+    return grad((scene, camera))
+
+
+@pytest.fixture(scope="module")
+def dense():
+    """Large Gaussians, a camera whose picture is higher than wide, and their plan."""
+    camera = dataclasses.replace(every_effect(), film=gaussray.Film(8, 20, "box", 1.0))
+    scene = dense_scene(12, seed=3)
+    return scene, camera, gaussray.plan(scene, camera)
 
 
 # Where the number lies in (scene, camera), and which element of it is moved.
@@ -91,14 +111,16 @@ PARAMETERS = {
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
-def test_a_derivative_is_that_of_finite_differences(shot, name):
-    scene, camera, _, value, grad = shot
+def test_a_derivative_is_that_of_finite_differences(shot, slopes, name):
+    scene, camera, _, value, _ = shot
     where, both = PARAMETERS[name], (scene, camera)
-    slope, x = where(grad), where(both)
-    at = jnp.unravel_index(jnp.argmax(jnp.abs(slope)), slope.shape)
+    slope, x = np.asarray(where(slopes)), np.asarray(where(both))
+    at = np.unravel_index(np.argmax(np.abs(slope)), slope.shape)
 
     def moved(step):
-        return float(value(eqx.tree_at(where, both, x.at[at].add(step))))
+        there = x.copy()
+        there[at] += step
+        return float(value(eqx.tree_at(where, both, jnp.asarray(there))))
 
     found = (moved(STEP) - moved(-STEP)) / (2 * STEP)
     assert abs(found) > 1e-3
@@ -106,36 +128,46 @@ def test_a_derivative_is_that_of_finite_differences(shot, name):
 
 
 def test_a_time_has_a_derivative_also_where_the_frame_is_an_instant(shot):
-    scene = shot[0]
-    camera = dataclasses.replace(every_effect(), shutter=gaussray.Shutter())
-    plan = gaussray.plan(scene, camera, options=OPTIONS, trace=TRACE)
+    scene, _, plan, value, grad = shot
+    instant = dataclasses.replace(every_effect(), shutter=double(gaussray.Shutter(trigger=0.0)))
+    own = gaussray.plan(scene, instant, options=OPTIONS, trace=TRACE)
+    assert own.keys == plan.keys
 
-    def at_step(step):
-        return total(scene, dataclasses.replace(camera, shutter=gaussray.Shutter(0, step)), plan)
+    def filmed(step):
+        shutter = double(gaussray.Shutter(0, step, trigger=0.0))
+        return scene, dataclasses.replace(instant, shutter=shutter)
 
-    found = (at_step(STEP) - at_step(-STEP)) / (2 * STEP)
-    np.testing.assert_allclose(jax.grad(at_step)(0.0), found, rtol=DIFFERENCES)
+    found = (value(filmed(STEP)) - value(filmed(-STEP))) / (2 * STEP)
+    slope = grad(filmed(0.0))[1].shutter.row_step
+    np.testing.assert_allclose(slope, found, rtol=DIFFERENCES)
 
 
 def test_the_picture_is_the_renderers_and_that_of_brute_force(shot):
     scene, camera, plan, _, _ = shot
-    single = dataclasses.replace(OPTIONS, samples=1)
-    seen = gaussray.render(scene, camera, options=single, trace=TRACE)
+    seen = gaussray.render(scene, camera, plan=plan)
     assert int(seen.dropped) == 0
-    frame = gaussray.Renderer(scene, options=single, trace=TRACE)(camera)
+    frame = gaussray.Renderer(scene, options=OPTIONS, trace=TRACE)(camera)
     np.testing.assert_allclose(seen.color, frame.color, atol=EXACT)
     pixel = pixel_grid(camera.film).reshape(-1, 2)
-    rays = camera_rays(camera, pixel, jnp.full((len(pixel), 5), 0.5))
-    span = jnp.stack([jnp.min(rays.time), jnp.max(rays.time)]) + jnp.array([-0.05, 0.05])
-    motion = with_rest(motion_between(scene, span, 3))
-    truth, _, _ = reference.trace(motion, rays, alpha_min=1e-9)
-    np.testing.assert_allclose(seen.color.reshape(-1, 3), truth, atol=EXACT)
+
+    @jax.jit
+    def seen_by(scene, camera, u):
+        middle = rays_at(jnp.full(5, 0.5)).time
+        span = jnp.stack([jnp.min(middle), jnp.max(middle)]) + jnp.array([-0.05, 0.05])
+        return with_rest(motion_between(scene, span, 3)), [rays_at(x) for x in u]
+
+    def rays_at(u):
+        return camera_rays(camera, pixel, jnp.broadcast_to(u, (len(pixel), 5)))
+
+    motion, rays = seen_by(scene, camera, sobol_samples(OPTIONS.samples))
+    truth = [reference.trace(motion, lines, alpha_min=1e-9)[0] for lines in rays]
+    np.testing.assert_allclose(seen.color.reshape(-1, 3), np.mean(truth, axis=0), atol=EXACT)
 
 
 def test_rays_see_what_the_camera_sees(shot):
     scene, camera, _, _, _ = shot
     pixel = pixel_grid(camera.film).reshape(-1, 2)
-    rays = camera_rays(camera, pixel, jnp.full((len(pixel), 5), 0.5))
+    rays = jax.jit(camera_rays)(camera, pixel, jnp.full((len(pixel), 5), 0.5))
     rays = jax.tree.map(lambda x: x.reshape(8, 8, *x.shape[1:]), rays)
     seen = gaussray.render_rays(scene, rays, trace=TRACE)
     camera = dataclasses.replace(camera, film=gaussray.Film(8, 8, "center"))
@@ -147,8 +179,8 @@ def test_rays_see_what_the_camera_sees(shot):
     np.testing.assert_allclose(seen.alpha, picture.alpha, atol=EXACT)
 
 
-def test_jit_and_vmap_change_nothing_and_need_a_plan_or_an_earlier_call():
-    scene, camera = dense_scene(12, seed=3), every_effect()
+def test_jit_and_vmap_change_nothing_and_need_a_plan_or_an_earlier_call(dense):
+    scene, camera, _ = dense
 
     def at_time(time):
         return gaussray.render(scene, dataclasses.replace(camera, time=time)).color
@@ -160,9 +192,8 @@ def test_jit_and_vmap_change_nothing_and_need_a_plan_or_an_earlier_call():
     np.testing.assert_allclose(seen, expected, atol=EXACT)
 
 
-def test_a_plan_that_is_too_small_says_so_and_can_be_enlarged():
-    scene, camera = dense_scene(12, seed=3), every_effect()
-    plan = gaussray.plan(scene, camera)
+def test_a_plan_that_is_too_small_says_so_and_can_be_enlarged(dense):
+    scene, camera, plan = dense
     small = dataclasses.replace(plan, capacity=dataclasses.replace(plan.capacity, pairs=1, slots=1))
     cut = gaussray.render(scene, camera, plan=small)
     assert int(cut.dropped) > 0
@@ -172,18 +203,16 @@ def test_a_plan_that_is_too_small_says_so_and_can_be_enlarged():
         gaussray.render(scene, camera, plan=plan, options=OPTIONS)
 
 
-def test_a_picture_in_strips_is_the_picture():
-    scene, camera = dense_scene(12, seed=3), every_effect()
-    camera = dataclasses.replace(camera, film=gaussray.Film(8, 20, "box", 1.0))
-    plan = gaussray.plan(scene, camera, options=gaussray.RenderOptions(samples=1))
+def test_a_picture_in_strips_is_the_picture(dense):
+    scene, camera, plan = dense
     strips = dataclasses.replace(plan, rows=8, capacity=dataclasses.replace(plan.capacity))
     whole, cut = (gaussray.render(scene, camera, plan=p) for p in (plan, strips))
     assert int(cut.dropped) == 0
     np.testing.assert_allclose(cut.color, whole.color, atol=EXACT)
 
 
-def test_a_key_shifts_the_samples():
-    scene, camera = dense_scene(12, seed=3), every_effect()
+def test_a_key_shifts_the_samples(dense):
+    scene, camera, _ = dense
     one, two = (gaussray.render(scene, camera, key=jax.random.key(i)).color for i in (0, 1))
     assert 0 < np.abs(one - two).max() < 0.5
 
@@ -203,22 +232,24 @@ def test_on_a_dense_scene_the_derivative_is_that_at_a_fixed_order_of_hits():
     single = gaussray.RenderOptions(samples=1)
     plan = gaussray.plan(scene, camera(24.0), options=single, trace=TRACE)
 
+    @jax.jit
+    @jax.value_and_grad
     def mean(focal):
         return jnp.mean(gaussray.render(scene, camera(focal), plan=plan).color)
 
     order = frozen_picture(scene, camera(24.0))
     fixed = (np.mean(order(camera(24 + STEP))) - np.mean(order(camera(24 - STEP)))) / (2 * STEP)
-    slope = jax.grad(mean)(24.0)
+    _, slope = mean(24.0)
     np.testing.assert_allclose(slope, fixed, rtol=DIFFERENCES)
     wide = 0.05  # enough that hits change places
-    free = (mean(24 + wide) - mean(24 - wide)) / (2 * wide)
+    free = (mean(24 + wide)[0] - mean(24 - wide)[0]) / (2 * wide)
     held = (np.mean(order(camera(24 + wide))) - np.mean(order(camera(24 - wide)))) / (2 * wide)
     np.testing.assert_allclose(held, slope, rtol=1e-2)
     assert abs(free - slope) > 0.02 * abs(slope)
 
 
-def test_what_only_the_renderer_does_is_refused():
-    scene, camera = dense_scene(12, seed=3), every_effect()
+def test_what_only_the_renderer_does_is_refused(dense):
+    scene, camera, _ = dense
     with pytest.raises(ValueError, match="options.chunk_rows must be 0 here"):
         gaussray.render(scene, camera, options=gaussray.RenderOptions(chunk_rows=1))
     with pytest.raises((ValueError, TypeError), match="Clip"):

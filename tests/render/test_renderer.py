@@ -33,7 +33,7 @@ from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 # Quadratic between the keys against exact rows, for motion of the third order (measured: 3e-4).
 ROWS = 1e-3

@@ -18,7 +18,7 @@ from gaussray.scene.formats.convert import export_model
 from gaussray.scene.segmented import Clip
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 ONE = RenderOptions(samples=1)
 # Where bodies go at steady speed, arcs through key states are exact but for rounding.
@@ -31,12 +31,12 @@ def filmer(scene, options=ONE):
 
 
 @pytest.fixture(scope="module")
-def whole(quick_compilation, known_sizes):
+def whole(known_sizes):
     return filmer(toy.carried(0.0, 1.0))
 
 
 @pytest.fixture(scope="module")
-def cut(quick_compilation, known_sizes):
+def cut(known_sizes):
     """The same in two segments, each of which knows its own times alone."""
     return filmer(Clip((toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0))))
 
@@ -106,7 +106,7 @@ def test_fields_on_either_side_of_the_edge_are_those_of_their_times(chunk_rows):
 
 
 @pytest.mark.slow
-def test_samples_are_added_to_a_clip_as_to_the_whole(quick_compilation):
+def test_samples_are_added_to_a_clip_as_to_the_whole():
     """The same batches, however the frame is divided, behind a rim that darkens."""
     options = RenderOptions(samples=4, error=1e-6, samples_most=20)
     camera = toy.camera(time=EDGE)

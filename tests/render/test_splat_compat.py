@@ -102,7 +102,7 @@ def test_colours_are_those_towards_the_mean():
     np.testing.assert_allclose(color, np.maximum(sh + 0.5, 0), atol=1e-5)
 
 
-def test_a_picture_shows_a_gaussian_as_wide_as_3dgs_draws_it(quick_compilation):
+def test_a_picture_shows_a_gaussian_as_wide_as_3dgs_draws_it():
     turn, eye = pose()
     depth, scale = 3.0, 0.06
     view = camera()

@@ -14,8 +14,6 @@ from gaussray.report import optics
 from gaussray.report.plan import _basis, edge_directions
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 DEGREES = 1e-3
 
 

@@ -71,7 +71,7 @@ def two_hosts(truth, out, verbs, *others):
 
 
 @pytest.fixture(scope="module")
-def truth(tmp_path_factory, quick_compilation):
+def truth(tmp_path_factory):
     """A paired capture, and in `run` the scene that it shows."""
     folder = toy.write_paired(tmp_path_factory.mktemp("truth"), toy.scene())
     save_scene(folder / "run" / "scene.npz", toy.scene())

@@ -23,8 +23,6 @@ from gaussray.scene.scene import Scene
 from gaussray.scene.store import as_stored, load_scene, save_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Values of single precision near the numbers in question.
 SINGLE = 1e-6
 # Rows of the random scene.
@@ -48,7 +46,7 @@ def crowd(count, seed, coefficients=4):
 
 
 @pytest.fixture(scope="module")
-def scene(quick_compilation):
+def scene():
     """Many Gaussians, a field that was filled with random numbers, and a body that moves."""
     dice = np.random.default_rng(2)
     field = jax.tree.map(lambda x: toy.single(dice.normal(size=x.shape)), toy.deformation())

@@ -11,8 +11,6 @@ from gaussray.geometry import normalize_quaternion
 from gaussray.scene.deformation import CONTRAST, FieldOptions
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # A few float32 roundings of numbers near 1.
 CLOSE = {"rtol": 1e-6, "atol": 1e-6}
 

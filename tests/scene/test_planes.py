@@ -11,8 +11,6 @@ from gaussray.scene import planes as field
 from gaussray.scene.planes import SPACE_PAIRS, Planes, initial_planes
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Products of six float64 samples.
 CLOSE = {"rtol": 1e-12, "atol": 1e-14}
 LOWER, UPPER = np.array([-1.0, 0.0, 2.0]), np.array([1.0, 3.0, 2.5])

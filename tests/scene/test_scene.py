@@ -10,8 +10,6 @@ from gaussray.scene import scene as dynamic
 from gaussray.scene.scene import Scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # One state computed alone and among others: float32 matrix products in another order.
 CLOSE = {"rtol": 1e-5, "atol": 1e-6}
 

@@ -10,8 +10,6 @@ from gaussray.color import srgb_decode
 from gaussray.scene import srgb_harmonics as codes
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Sums of 72 float64 terms.
 CLOSE = 1e-12
 # 72 directions instead of 3200: the curve and the clamp at black are no polynomials.

@@ -25,8 +25,6 @@ from gaussray.scene.transient import (
 )
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Rounding of single precision, after a logarithm and an exponential.
 ROUNDING = 1e-5
 

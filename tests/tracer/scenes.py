@@ -49,14 +49,18 @@ def pull(motion, rays, weight, *, options=OPTIONS, capacity=CAPACITY):
     return _pull(motion, rays, weight, options, capacity)
 
 
-@eqx.filter_jit
-def _pull(motion, rays, weight, options, capacity):
+def pixels_and_gradients(motion, rays, weight, options=OPTIONS, capacity=CAPACITY):
+    """`pull`, to be compiled."""
+
     def loss(motion, rays):
         pixels, report = trace(motion, rays, options=options, capacity=capacity)
         return score((pixels.color, pixels.transmittance, pixels.depth), weight), (pixels, report)
 
     gradient, (pixels, report) = jax.grad(loss, argnums=(0, 1), has_aux=True)(motion, rays)
     return pixels, report, gradient
+
+
+_pull = eqx.filter_jit(pixels_and_gradients)
 
 
 @jax.jit

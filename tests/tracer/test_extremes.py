@@ -5,8 +5,20 @@ import jax
 import numpy as np
 import pytest
 import reference
-from scenes import cast, natural, pull, pull_dense, relative_errors, resting, shot, stacked, weights
+from scenes import (
+    cast,
+    natural,
+    pixels_and_gradients,
+    pull_dense,
+    relative_errors,
+    resting,
+    shot,
+    stacked,
+    weights,
+)
 
+
+pytestmark = pytest.mark.usefixtures("optimized_programs")
 
 # Mean absolute colour, and gradients relative to the largest: what is asked of ordinary scenes.
 COLOR, GRADIENT = 1e-4, 1e-3
@@ -17,10 +29,10 @@ HALF_ULP, DRAWS = 2.0**-24, 4
 EXACT = set(extremes.SCENES) - {"anisotropy", "upright"}
 
 
-@pytest.fixture(scope="module", autouse=True)
-def own_programs():
-    """What another file compiled without XLA's optimisations rounds more than is allowed here."""
-    jax.clear_caches()
+@jax.jit
+def pull(motion, rays, weight):
+    """Compiled here: without XLA's optimisations it rounds more than is allowed."""
+    return pixels_and_gradients(motion, rays, weight)
 
 
 def nudged(tree, seed):

@@ -41,8 +41,6 @@ from gaussray.tracer.trace import TraceOptions, measure, trace
 from gaussray.tracer.traverse import Capacity
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Asked of single precision: mean absolute colour, and gradients relative to the largest. Where
 # nothing is extreme it reaches a hundred roundings (measured: 3e-7 and 7e-6).
 COLOR, GRADIENT, SINGLE = 1e-4, 1e-3, 2e-5

@@ -21,8 +21,6 @@ from gaussray.tracer.motion import (
 from gaussray.tracer.table import gaussian_table, state_at
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 EXACT = 1e-12
 TIMES = np.array([-1.0, 0.0, 0.1, 0.3, 0.6, 0.7, 0.95, 1.0, 3.0])
 # Key times, by their number.

@@ -41,8 +41,6 @@ from gaussray.tracer.trace import TraceOptions, total_hits, trace
 from gaussray.tracer.traverse import Capacity
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Lenses whose rays differ in kind; those of the others go about like theirs.
 FEW = ("pinhole", "distorted", "polynomial", "kannala", "double_sphere", "sphere")
 slow = pytest.mark.slow

@@ -40,8 +40,6 @@ from gaussray.tracer.motion import Motion
 from gaussray.tracer.trace import measure, prepare, span_of
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Of single precision: mean absolute colour, and gradients relative to the largest.
 COLOR, GRADIENT = 1e-5, 1e-3
 # Of double precision: sums of the same numbers in another order.

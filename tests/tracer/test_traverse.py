@@ -16,8 +16,6 @@ from gaussray.tracer.trace import enlarged_capacity, find, measure
 from gaussray.tracer.traverse import Capacity
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Hits that a rounding of single precision could lift over the cut-off do not count.
 ALPHA_MIN = (1 + 1e-4) / 255
 COUNT = 400

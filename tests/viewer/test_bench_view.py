@@ -9,7 +9,7 @@ from benchmarks import bench_view, record
 from gaussray.viewer.timing import PREVIEW_STAGES
 
 
-@pytest.mark.usefixtures("quick_compilation", "known_sizes")
+@pytest.mark.usefixtures("known_sizes")
 def test_the_page_s_pictures_are_timed(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(record, "RESULTS", tmp_path / "results")
     run = rooms.write_scene(tmp_path / "toy")

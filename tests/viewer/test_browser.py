@@ -21,7 +21,6 @@ HAS = all(importlib.util.find_spec(name) for name in ("viser", "selenium"))
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not (CHROMIUM and DRIVER and HAS), reason="no browser to drive"),
-    pytest.mark.usefixtures("quick_compilation"),
     # Sockets of viser's server and selenium's end with the process.
     pytest.mark.filterwarnings("ignore"),
 ]
@@ -40,7 +39,7 @@ def run(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def server(run, quick_compilation):
+def server(run):
     from gaussray.viewer.serve import serve
 
     words = [f"scene={run}", f"out={run}/presets", "view.port=8911", *rooms.WORDS]

@@ -23,7 +23,7 @@ from gaussray.viewer.preset import save_preset
 from gaussray.viewer.viewpoint import Viewpoint, viewing_direction
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 KEYFRAMES = [
     Viewpoint((1.0, 0.0, 0.0, 0.0), (0.0, 0.0, -3.0), 0.0),

@@ -26,7 +26,7 @@ from gaussray.viewer.focus import clicked_focus_distance
 from gaussray.viewer.preview import PreviewRenderer
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 # Programs of other lengths of lists add in another order: single precision.
 SINGLE = 1e-5
@@ -38,7 +38,7 @@ def model(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def previewer(model, quick_compilation):
+def previewer(model):
     shot = model.shot(model.initial_values, model.initial_viewpoint, model.size)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(PreviewRenderer, "_measured", lambda *_: rooms.ROOM)

@@ -22,7 +22,7 @@ from gaussray.viewer.session import RenderRequest, ViewerSession
 from gaussray.viewer.timing import RenderStatus, StageTimer, status_text
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 PATIENCE = 120
 
@@ -65,7 +65,7 @@ class Screen:
 
 
 @pytest.fixture(scope="module")
-def screen(model, quick_compilation, known_sizes):
+def screen(model, known_sizes):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(PreviewRenderer, "_measured", lambda *_: rooms.ROOM)
         patch.setattr(ViewerSession, "_anticipate", lambda *_: None)

@@ -20,8 +20,6 @@ from gaussray.render.rig.lens import LensOptions, lens_label, mounted
 from gaussray.viewer.controls import offered_choices
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Closed forms in double precision; roots are polished by Newton.
 EXACT = 1e-9
 GRADIENT = 1e-5

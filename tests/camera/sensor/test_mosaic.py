@@ -8,8 +8,6 @@ import pytest
 from gaussray.camera.sensor.mosaic import PATTERNS, demosaic, filters, mosaic
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Means of up to eight numbers in double precision.
 EXACT = 1e-12
 LIGHT = jnp.asarray(np.random.default_rng(0).uniform(0, 1, (7, 6, 3)))

@@ -8,8 +8,6 @@ import pytest
 from gaussray.camera.sensor.noise import noisy, picture_key
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 COUNT = 40_000
 WELL = 4000.0
 # Deviations of an estimate: a fair one is further out once in 1.7 million draws.

@@ -27,8 +27,6 @@ from gaussray.camera.sensor.sensor import (
 from gaussray.camera.sensor.vignetting import transmission
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # A few operations in double precision.
 EXACT = 1e-12
 GRADIENT = 1e-5

@@ -11,8 +11,6 @@ from gaussray.camera.lens import KannalaBrandt, pinhole
 from gaussray.camera.sensor.vignetting import darkest, transmission
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Products of a few factors in double precision.
 EXACT = 1e-12
 GRADIENT = 1e-5

@@ -16,8 +16,6 @@ from gaussray.capture.selection import Selection
 from gaussray.dataset.images import write_image
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Single precision through lens and pose, in pixels.
 PIXELS = 2e-3
 W, H = 48, 32

@@ -334,7 +334,6 @@ def test_an_unknown_key_is_warned_of(dnerf):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("quick_compilation")
 def test_a_dnerf_folder_is_reconstructed_and_scored_from_the_command_line(tmp_path):
     truth, run = tmp_path / "truth", tmp_path / "run"
     toy.write_capture(truth, toy.scene())

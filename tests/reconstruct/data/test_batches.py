@@ -13,8 +13,6 @@ from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Odd sides that tiles of SIDE do not divide: 2 x 3 tiles.
 WIDTH, HEIGHT, SIDE = 13, 19, 8
 TILES = 6

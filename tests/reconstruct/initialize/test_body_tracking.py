@@ -17,8 +17,6 @@ from gaussray.scene.harmonics import constant
 from gaussray.scene.scene import Scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 TIMES = np.array([0.0, 0.5, 1.0])
 SIZE, RADIUS = 48, 0.5
 # About a pixel (there are 17.6 to a unit): 1.3 at the ball's rim, which is 8.8 from its centre, and
@@ -89,7 +87,7 @@ def tracked(picture, camera, mask=None, **options):
 
 
 @pytest.fixture(scope="module")
-def film(quick_compilation):
+def film():
     return filmed()
 
 
@@ -103,11 +101,11 @@ def test_a_thrown_ball_is_found_at_every_instant(film):
     assert_found(tracked(*film))
 
 
-def test_light_that_changes_by_half_does_not_mislead(quick_compilation):
+def test_light_that_changes_by_half_does_not_mislead():
     assert_found(tracked(*filmed(light=(1.0, 0.5, 0.7))))
 
 
-def test_what_light_alone_changes_is_no_body(quick_compilation):
+def test_what_light_alone_changes_is_no_body():
     still = filmed(light=(1.0, 0.5, 0.7), path=0 * PATH, turn=[Rotation.identity()] * 3)
     assert tracked(*still).pivot.shape == (0, 3)
 
@@ -179,7 +177,7 @@ def boxes_seen(angles):
     strict=True,
     reason="bodies may claim the same pixels: the far box is found in the near one's place",
 )
-def test_two_grey_boxes_that_occlude_one_another_are_found(quick_compilation):
+def test_two_grey_boxes_that_occlude_one_another_are_found():
     # The cameras stand before the boxes, so that the near box hides the far one in most of them.
     angles = np.linspace(-0.5, 0.5, 5)
     picture, camera = boxes_seen(angles)

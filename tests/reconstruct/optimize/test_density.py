@@ -25,8 +25,6 @@ from gaussray.reconstruct.optimize.state import begin_state, renewed_moment
 from gaussray.scene.gaussians import unconstrain
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 OPTIONS = DensityOptions(threshold=1.0, small=0.1, shrink=2.0, opacity=0.1)
 EXTENT = 1.0
 

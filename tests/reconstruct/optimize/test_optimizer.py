@@ -21,8 +21,6 @@ from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.gaussians import unconstrain
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 OPTIONS = OptimizerOptions()
 SCENE = ("static", "moving", "deformation")
 FIXED = ("lower", "upper", "begin", "end")

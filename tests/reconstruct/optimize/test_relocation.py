@@ -24,8 +24,6 @@ from gaussray.scene.gaussians import unconstrain
 from gaussray.scene.transient import UnconstrainedTransients
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 DEAD_BELOW = 0.005
 shared = jax.jit(shared_by_copies)
 

@@ -26,8 +26,6 @@ from gaussray.scene.planes import features, initial_planes
 from gaussray.scene.scene import Scene, at
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Sums of a few dozen numbers near 1 in single precision.
 CLOSE = {"rtol": 2e-5, "atol": 2e-5}
 TIMES = np.linspace(0, 1, 3)
@@ -36,7 +34,7 @@ traced = jax.jit(at_time)
 
 
 @pytest.fixture(scope="module")
-def scene(quick_compilation):
+def scene():
     """A wall, two Gaussians that move by every part of a field of two scales, and a body that
     holds one of them."""
     keys = jax.random.split(jax.random.key(0), 3)

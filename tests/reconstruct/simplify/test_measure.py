@@ -16,15 +16,13 @@ from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.tracer.shard import mesh
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 TRACE = toy.SHORT.trace
 # Rays end where 1 % of their light is left, and their sums are of single precision.
 REST, CLOSE = 0.01, 1e-4
 
 
 @pytest.fixture(scope="module")
-def seen(tmp_path_factory, quick_compilation):
+def seen(tmp_path_factory):
     """Training pictures of the toy scene."""
     capture = read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
     views = [view for view in capture.views if view.split == "train"]

@@ -19,7 +19,7 @@ from gaussray.scene.scene import Scene
 from gaussray.tracer.shard import mesh
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 TRACE = toy.SHORT.trace
 # All tiles of all pictures are looked at: what adds nothing to them is seen by none.
@@ -34,7 +34,7 @@ def pruned(scene, seen, options=OPTIONS, **more):
 
 
 @pytest.fixture(scope="module")
-def seen(tmp_path_factory, quick_compilation, known_sizes):
+def seen(tmp_path_factory, known_sizes):
     """Training pictures of the toy scene with noise, as cameras have it."""
     capture = read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
     views = [view for view in capture.views if view.split == "train"]
@@ -45,7 +45,7 @@ def seen(tmp_path_factory, quick_compilation, known_sizes):
 
 
 @pytest.fixture(scope="module")
-def lavish(quick_compilation):
+def lavish():
     """The toy scene with Gaussians behind its wall that nobody sees, with parts of the wall
     among those that move, which leaves them where they are, and with harmonics that are zero."""
     one = toy.scene()

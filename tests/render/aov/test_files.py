@@ -15,8 +15,6 @@ from gaussray.render.options import DatasetOptions, RenderOptions
 from gaussray.render.renderer import Renderer
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 ASKED = ("depth", "flow_forward", "moving", "sharp")
 
 

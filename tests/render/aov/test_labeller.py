@@ -15,8 +15,6 @@ from gaussray.render.renderer import RenderOptions
 from gaussray.scene.scene import Scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 NOW, NEXT = 0.4, 0.5
 READOUT = 0.08
 # Pixels. Single precision places a point to 1e-5 of a pixel here; the rest is the thickness of the

@@ -22,7 +22,7 @@ from gaussray.scene.scene import at
 from gaussray.scene.store import load_scene, save_scene
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 # A few operations in single precision on numbers around 1.
 SINGLE = 2e-6

@@ -12,8 +12,6 @@ from gaussray.scene.formats.gaussian_ply import read_gaussians
 from gaussray.scene.scene import Scene, at as scene_at, moving_at as scene_moving_at
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # What was asked for; single precision leaves a few times 1e-6 after the layers.
 CLOSE = 1e-5
 TIMES = (0.0, 0.13, 0.5, 0.74, 1.0)

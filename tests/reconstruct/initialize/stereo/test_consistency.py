@@ -17,8 +17,6 @@ from gaussray.reconstruct.initialize.stereo.consistency import agreement
 from gaussray.reconstruct.initialize.stereo.views import rays, stereo_views
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Of a distance that was averaged over the views, against the plane.
 MEAN = 0.01
 PIXEL = (22, 25)

@@ -20,8 +20,6 @@ from gaussray.reconstruct.initialize.stereo.sweep import _level_cost, windowed
 from gaussray.reconstruct.initialize.stereo.views import rays, stereo_views, unpacked
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 # Sums of 25 products in double precision, in another order; variances are differences of them.
 LOOPS = 1e-9
 PIXEL = (20, 27)

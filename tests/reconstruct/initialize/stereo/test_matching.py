@@ -24,6 +24,8 @@ from gaussray.reconstruct.initialize.stereo.matching import reduction, stereo_po
 from gaussray.reconstruct.initialize.stereo.subsample import evenly
 
 
+pytestmark = pytest.mark.usefixtures("optimized_programs")
+
 # Distance from the plane in units of length: a pixel is 0.057 wide there, and spans 0.24 in depth
 # between neighbours 0.7 apart.
 DEPTH, DEPTH_MOST = 0.03, 0.15

@@ -2,7 +2,6 @@
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 from gaussray.geometry import rotation_matrix, turning
 from gaussray.reconstruct.initialize.stereo.velocity import (
@@ -11,8 +10,6 @@ from gaussray.reconstruct.initialize.stereo.velocity import (
     rigid,
 )
 
-
-pytestmark = pytest.mark.usefixtures("quick_compilation")
 
 SMALL = RegistrationOptions(seeds=24, patch=24, hypotheses=24, points=512, around=3, own=8)
 # Displacements of points that are sampled anew, in gaps between points.
