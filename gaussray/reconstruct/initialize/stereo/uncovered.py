@@ -3,13 +3,17 @@
 Where matching fails, each picture still tells colours. A ray without a point gets one, about as far
 away as the nearest points beside it in the picture; training moves it where it belongs. Without, a
 fit has nothing there to begin with, and density control only adds where something is.
+
+Before a plain backdrop (a studio's, or what transparent pixels are composited over) that would fill
+the air around things with Gaussians that hide them from other sides. Rays that see it get a point
+far behind everything, and none if it is black: where nothing is, a picture is black.
 """
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 from scipy.ndimage import distance_transform_edt
 
 from gaussray.capture.points import Points
@@ -34,6 +38,11 @@ _PIXELS, _FINEST, _COARSEST = 33_000, 4, 16
 _VIEWS = 120
 # By how much distances differ from that of the nearest points, as a logarithm.
 _JITTER = 0.2
+# A colour is a backdrop's if at least this share of all pixels at the pictures' borders differs
+# from it by no more than so much (of 1, in each channel; what is as near to it is backdrop, too).
+_BACKDROP, _EVEN = 0.5, 0.012
+# Distance of a backdrop, in distances of the farthest points; colours below are black.
+_BEHIND, _BLACK = 3.0, 0.02
 
 
 def uncovered_points(
@@ -51,6 +60,7 @@ def uncovered_points(
     seen = some_views(seen, _VIEWS)
     factor = reduction(seen.pictures.shape[1:3], _PIXELS)
     views = stereo_views(seen.pictures, seen.cameras, seen.masks, factor=factor)
+    plain = backdrop(views)
     h, w = views.size
     side = np.sqrt(len(seen.frames) * h * w / max(count, 1))
     side = int(np.clip(round(side), _FINEST, _COARSEST))
@@ -84,6 +94,11 @@ def uncovered_points(
         direction = ray[:, y, x].T
         shown = mask & np.any(direction != 0, axis=1)
         along = distance[empty] * np.exp(dice.uniform(-_JITTER, _JITTER, len(y)))
+        if plain is not None:
+            behind = _like(np.stack(channels, axis=1), plain)
+            farthest = np.quantile(away[inside], 0.98) if inside.any() else usual
+            along = np.where(behind, _BEHIND * farthest, along)
+            shown &= ~(behind & (plain.max() < _BLACK))
         place = np.asarray(views.origin[i]) + direction * along[:, None]
         number = int(shown.sum())
         every[filled : filled + number] = place[shown]
@@ -91,6 +106,28 @@ def uncovered_points(
         filled += number
     color = np.concatenate([np.zeros((0, 3)), *colors]).astype(np.float64)
     return Points(every[len(position) : filled], srgb_decode(color).astype(np.float32))
+
+
+def backdrop(views: StereoViews) -> Float[np.ndarray, "3"] | None:
+    """The sRGB-encoded colour of a plain backdrop; None if the pictures have none: the colour that
+    most pixels at the borders of all pictures share."""
+    pixel = np.asarray(views.pixel)
+    border = np.concatenate(
+        [x.reshape(-1) for x in (pixel[:, [0, -1]], pixel[:, 1:-1, 0], pixel[:, 1:-1, -1])]
+    )
+    channels, mask = jax.device_get(unpacked(jnp.asarray(border), jnp.float32))
+    color = np.stack(channels, axis=1)[mask]
+    if not len(color):
+        return None
+    middle = np.median(color, axis=0)
+    return middle if _like(color, middle).mean() >= _BACKDROP else None
+
+
+def _like(
+    color: Float[np.ndarray, "pixels 3"], plain: Float[np.ndarray, "3"]
+) -> Bool[np.ndarray, " pixels"]:
+    """Which colours are those of a backdrop."""
+    return np.all(np.abs(color - plain) <= _EVEN, axis=1)
 
 
 @eqx.filter_jit

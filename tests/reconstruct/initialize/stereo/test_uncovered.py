@@ -8,7 +8,7 @@ from textured_plane import PLACES, SIZE, perspective, rig, seen
 
 from gaussray.color import srgb_encode
 from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet
-from gaussray.reconstruct.initialize.stereo.uncovered import uncovered_points
+from gaussray.reconstruct.initialize.stereo.uncovered import backdrop, uncovered_points
 from gaussray.reconstruct.initialize.stereo.views import seen_at, stereo_views
 
 
@@ -86,3 +86,36 @@ def test_nothing_is_added_where_all_is_covered():
     whole = added_to(shown, np.zeros((0, 3), np.float32)).position
     assert len(whole) == (SIZE // CELL) ** 2
     assert len(added_to(shown, jax.device_get(whole)).position) < 0.2 * len(whole)
+
+
+def before_a_backdrop(color):
+    """Pictures of the plane's middle before a plain backdrop, and points on the plane."""
+    shown = pictures_of_plane()
+    pictures = np.broadcast_to(np.float32(color), shown.pictures.shape).copy()
+    middle = slice(SIZE // 3, 2 * SIZE // 3)
+    pictures[:, middle, middle] = shown.pictures[:, middle, middle]
+    return shown._replace(pictures=pictures), on_plane(400)
+
+
+def test_before_black_nothing_is_put_into_the_air():
+    shown, position = before_a_backdrop(0.0)
+    found = added_to(shown, position)
+    views = stereo_views(shown.pictures, shown.cameras, None, factor=1)
+    np.testing.assert_allclose(backdrop(views), 0, atol=CLOSE)
+    assert 0 < len(found.position) and found.color.max(axis=1).min() > 0
+
+
+def test_another_backdrop_gets_points_far_behind():
+    shown, position = before_a_backdrop((0.9, 0.8, 0.7))
+    found = added_to(shown, position)
+    plain = np.all(np.abs(srgb_encode(found.color) - np.float32([0.9, 0.8, 0.7])) < CLOSE, axis=1)
+    origin = np.asarray(shown.cameras.trajectory.translation)[:, 0].mean(axis=0)
+    away = np.linalg.norm(found.position - origin, axis=1)
+    known = np.linalg.norm(position - origin, axis=1).max()
+    assert plain.sum() > 20 and away[plain].min() > 2 * known
+    assert not plain.all() and away[~plain].max() < 2 * known
+
+
+def test_textured_pictures_have_no_backdrop():
+    shown = pictures_of_plane()
+    assert backdrop(stereo_views(shown.pictures, shown.cameras, None, factor=1)) is None
