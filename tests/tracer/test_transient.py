@@ -2,13 +2,11 @@
 
 from dataclasses import replace
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
-from jax.test_util import check_grads
 from scenes import (
     CAPACITY,
     COUNT,
@@ -28,6 +26,7 @@ from scenes import (
     rays,
     relative_errors,
     resting,
+    score,
     shot,
     stacked,
     wandering,
@@ -37,7 +36,7 @@ from scenes import (
 from gaussray.scene.transient import Transients
 from gaussray.tracer.dominant import dominant
 from gaussray.tracer.motion import Motion
-from gaussray.tracer.trace import measure, prepare, span_of
+from gaussray.tracer.trace import measure, prepare, span_of, trace
 
 
 # Of single precision: mean absolute colour, and gradients relative to the largest.
@@ -59,32 +58,35 @@ def scene(keys=1, dtype=np.float64, time_range=None):
     return beside(motion, fleeting(COUNT, seed=3, **kind), time_range)
 
 
-def alone(transients, dtype=np.float64):
-    """Transient Gaussians and nothing else that is seen."""
-    nothing = resting(gaussians(1), dtype)
-    nothing = eqx.tree_at(lambda m: m.gaussians.opacity, nothing, jnp.zeros(1, dtype))
-    return beside(nothing, transients)
+def alone(transients):
+    """Transient Gaussians and nothing else that is seen; alike in size to `scene`, so that both
+    share programs."""
+    nothing = gaussians(COUNT)._replace(opacity=np.zeros(COUNT))
+    return beside(resting(nothing, np.float64), transients, (0.0, 1.0))
 
 
-def one_transient(**change):
-    """A ball at (0, 0, 3) at the time 0.5 that goes to +x."""
+def one_transient(plateau=0.05):
+    """A ball at (0, 0, 3) at the time 0.5 that goes to +x, among others of opacity 0."""
     parts = {
-        "mean": [[0, 0, 3]],
-        "velocity": [[1, 0, 0]],
-        "quat": [[1, 0, 0, 0]],
-        "scale": [[0.2] * 3],
-        "opacity": [0.8],
-        "harmonics": [[[0.5, 0, -0.5]]],
-        "instant": [0.5],
-        "lifetime": [0.1],
-        "plateau": [0.05],
-    } | change
-    return Transients(**{k: jnp.asarray(v, float) for k, v in parts.items()})
+        "mean": [0, 0, 3],
+        "velocity": [1, 0, 0],
+        "quat": [1, 0, 0, 0],
+        "scale": [0.2] * 3,
+        "opacity": 0.8,
+        "harmonics": [[0.5, 0, -0.5], *np.zeros((3, 3))],
+        "instant": 0.5,
+        "lifetime": 0.1,
+        "plateau": plateau,
+    }
+    many = {k: np.repeat(np.array(v, float)[None], COUNT, axis=0) for k, v in parts.items()}
+    many["opacity"][1:] = 0
+    return Transients(**{k: jnp.asarray(v) for k, v in many.items()})
 
 
 def one_ray(x, time):
-    """A ray along +z at a place and a time."""
-    return shot(Lines(np.array([[x, 0, 0]]), np.array([[0, 0, 1.0]]), np.array([time])), np.float64)
+    """A ray along +z at a place and a time, many times."""
+    one = Lines(np.array([x, 0, 0]), np.array([0, 0, 1.0]), np.array(time))
+    return shot(jax.tree.map(lambda x: np.repeat(x[None], RAYS, axis=0), one), np.float64)
 
 
 @pytest.mark.parametrize(
@@ -107,18 +109,15 @@ def test_a_ball_is_where_and_as_opaque_as_its_path_and_window_say(time, x, alpha
 
 
 def test_a_window_without_plateau_is_a_gaussian():
-    ball = one_transient(plateau=[0.0])
+    ball = one_transient(plateau=0.0)
     for age in (0.05, 0.1, 0.2):
         pixels, _ = look(alone(ball), one_ray(age, 0.5 + age), options=OPTIONS, capacity=ROOM)
         alpha = 0.8 * np.exp(-0.5 * (age / 0.1) ** 2)
         np.testing.assert_allclose(1 - pixels.transmittance, alpha, atol=DOUBLE)
 
 
-@pytest.mark.parametrize("keys", [1, 3])
-@pytest.mark.parametrize("time_range", [None, (0.3, 0.6)])
-def test_pictures_are_those_of_all_gaussians_on_every_ray(keys, time_range):
-    motion, lines = scene(keys, time_range=time_range), shot(rays(), np.float64)
-    pixels, report = look(motion, lines, options=OPTIONS, capacity=ROOM)
+def assert_seen(pixels, report, motion, lines):
+    """The picture of brute force."""
     assert int(report.dropped) == 0 and int(report.hits) > 4 * RAYS
     np.testing.assert_allclose(
         stacked(pixels), stacked(reference.trace(motion, lines)), atol=DOUBLE
@@ -126,9 +125,16 @@ def test_pictures_are_those_of_all_gaussians_on_every_ray(keys, time_range):
 
 
 @pytest.mark.parametrize("keys", [1, 3])
-def test_gradients_are_those_of_all_gaussians_on_every_ray(keys):
+def test_pictures_between_two_times_are_those_of_all_gaussians_on_every_ray(keys):
+    motion, lines = scene(keys, time_range=(0.3, 0.6)), shot(rays(), np.float64)
+    assert_seen(*look(motion, lines, options=OPTIONS, capacity=ROOM), motion, lines)
+
+
+@pytest.mark.parametrize("keys", [1, 3])
+def test_pictures_and_gradients_are_those_of_all_gaussians_on_every_ray(keys):
     motion, lines, weight = scene(keys), shot(rays(), np.float64), weights()
-    _, _, gradient = pull(motion, lines, weight, options=OPTIONS, capacity=ROOM)
+    pixels, report, gradient = pull(motion, lines, weight, options=OPTIONS, capacity=ROOM)
+    assert_seen(pixels, report, motion, lines)
     expected = pull_dense(motion, lines, weight)
     errors = relative_errors(natural(gradient, motion), natural(expected, motion))
     assert {"transient instant", "transient lifetime", "transient plateau"} <= set(errors)
@@ -148,16 +154,25 @@ def test_finite_differences_agree_in_all_that_makes_a_window():
     # No cut-off: a ray that meets one more Gaussian sees a step.
     options = replace(OPTIONS, alpha_min=1e-12, k=8)
 
-    @jax.jit
-    def seen(values, time):
-        parts = dict(zip(names, values, strict=True))
-        own = replace(motion, transient=replace(transients, **parts))
-        pixels, _ = look(own, replace(lines, time=time), options=options, capacity=ROOM)
-        return pixels.color, pixels.depth
+    weight = weights(16)
 
-    values = tuple(getattr(transients, name) for name in names)
+    @jax.jit
+    @jax.value_and_grad
+    def seen(values):
+        own = replace(motion, transient=replace(transients, **{k: values[k] for k in names}))
+        filmed = replace(lines, time=values["time"])
+        pixels, _ = trace(own, filmed, options=options, capacity=ROOM)
+        return score((pixels.color, pixels.transmittance, pixels.depth), weight)
+
+    values = {name: getattr(transients, name) for name in names} | {"time": lines.time}
+    _, slope = seen(values)
+    r, eps = np.random.default_rng(0), 1e-6
     # Away from where a plateau begins: the second derivative is not continuous there.
-    check_grads(seen, (values, lines.time), order=1, modes=["rev"], rtol=1e-3, atol=1e-4, eps=1e-6)
+    for name, value in values.items():
+        way = eps * r.normal(size=value.shape)
+        more, less = (seen(values | {name: value + step})[0] for step in (way, -way))
+        along = np.sum(np.asarray(slope[name]) * way) / eps
+        np.testing.assert_allclose(along, (more - less) / (2 * eps), rtol=1e-3, atol=1e-4)
 
 
 def test_shifting_the_time_of_scene_and_rays_changes_nothing():
@@ -178,30 +193,31 @@ def test_shifting_the_time_of_scene_and_rays_changes_nothing():
 def test_an_infinite_life_at_rest_is_a_static_gaussian():
     crowd = cast(gaussians(COUNT, size=(0.05, 0.4)), np.float64)
     lines = shot(rays(), np.float64)
-    expected, _ = look(resting(crowd, np.float64), lines, options=OPTIONS, capacity=ROOM)
     zero = jnp.zeros(COUNT)
     eternal = Transients(
         crowd.mean, 0 * crowd.mean, *crowd[1:], instant=zero, lifetime=zero + jnp.inf, plateau=zero
     )
+    static = beside(resting(crowd, np.float64), replace(eternal, opacity=zero), (0.0, 1.0))
+    expected, _ = look(static, lines, options=OPTIONS, capacity=ROOM)
     pixels, report = look(alone(eternal), lines, options=OPTIONS, capacity=ROOM)
     assert int(report.skipped) == 0
     np.testing.assert_allclose(stacked(pixels), stacked(expected), atol=DOUBLE)
 
 
 def test_a_rolling_shutter_sees_in_every_row_what_an_instant_sees_there():
-    motion, lines = scene(dtype=np.float32), shot(rays())
+    motion, lines = scene(time_range=(0, 1)), shot(rays(), np.float64)
     rows = np.arange(RAYS) // 16 / 4
-    rolled = replace(lines, time=jnp.asarray(rows, jnp.float32))
+    rolled = replace(lines, time=jnp.asarray(rows))
     together, _ = look(motion, rolled, options=OPTIONS, capacity=ROOM)
     for row in range(4):
-        instant = replace(lines, time=jnp.full(RAYS, row / 4, jnp.float32))
+        instant = replace(lines, time=jnp.full(RAYS, row / 4, float))
         frozen, _ = look(motion, instant, options=OPTIONS, capacity=ROOM)
         mine = rows == row / 4
         np.testing.assert_allclose(stacked(together)[mine], stacked(frozen)[mine], atol=SAME)
 
 
 def test_samples_share_lists_and_see_what_each_would_see_alone():
-    motion, lines = scene(3, dtype=np.float32), shot(rays())
+    motion, lines = scene(3, time_range=(0, 1)), shot(rays(), np.float64)
     several = jax.tree.map(lambda x: jnp.stack([x, x]), lines)
     several = replace(several, time=jnp.stack([lines.time, 1 - lines.time]))
     together, _ = look(motion, several, options=OPTIONS, capacity=ROOM)
@@ -212,14 +228,14 @@ def test_samples_share_lists_and_see_what_each_would_see_alone():
 
 
 def test_what_is_not_alive_enters_no_list():
-    lines = replace(shot(rays()), time=jnp.full(RAYS, 0.5, jnp.float32))
+    lines = replace(shot(rays(), np.float64), time=jnp.full(RAYS, 0.5, float))
     few = fleeting(COUNT, seed=3, size=(0.05, 0.4), lifetime=(0.01, 0.02), speed=0.0)
     # At full opacity all are in front of the camera.
     instant = jnp.where(jnp.arange(COUNT) % 4, 10.0, 0.5)
-    motion = alone(replace(few, instant=instant), np.float32)
+    motion = alone(replace(few, instant=instant))
     pixels, report = look(motion, lines, options=OPTIONS, capacity=ROOM)
     living = jax.tree.map(lambda x: x[::4], replace(few, instant=instant))
-    expected, least = look(alone(living, np.float32), lines, options=OPTIONS, capacity=ROOM)
+    expected, least = look(alone(living), lines, options=OPTIONS, capacity=ROOM)
     assert int(report.needed[-1]) == COUNT // 4
     np.testing.assert_array_equal(report.needed, least.needed)
     np.testing.assert_allclose(stacked(pixels), stacked(expected), atol=SAME)
@@ -229,17 +245,17 @@ def test_bundles_list_only_what_lives_in_their_own_time():
     lines = shot(rays())
     # Half of the bundles look at the time 0, the others at 1.
     lines = replace(lines, time=jnp.where(jnp.arange(RAYS) < RAYS // 2, 0.0, 1.0))
-    lines = cast(lines, np.float32)
+    lines = cast(lines, np.float64)
     short = fleeting(COUNT, seed=3, size=(0.5, 1.0), lifetime=(0.01, 0.02), speed=0.0)
     early = replace(short, instant=jnp.zeros(COUNT), opacity=jnp.full(COUNT, 0.1))
-    both = look(alone(early, np.float32), lines, options=OPTIONS, capacity=ROOM)[1]
+    both = look(alone(early), lines, options=OPTIONS, capacity=ROOM)[1]
     first = jax.tree.map(lambda x: x[: RAYS // 2], lines)
-    one = look(alone(early, np.float32), first, options=OPTIONS, capacity=ROOM)[1]
+    one = look(alone(early), first, options=OPTIONS, capacity=ROOM)[1]
     assert int(both.needed[-3]) == int(one.needed[-3]) > 0
 
 
 def test_too_many_alive_are_counted_and_measured():
-    motion, lines = scene(dtype=np.float32), shot(rays())
+    motion, lines = scene(time_range=(0, 1)), shot(rays(), np.float64)
     _, report = look(motion, lines, options=OPTIONS, capacity=replace(ROOM, transient=5))
     alive = int(report.needed[-1])
     assert int(report.dropped) == alive - 5 > 0
@@ -268,7 +284,10 @@ def test_without_transients_no_size_is_reported_for_them():
     motion, lines = resting(gaussians(COUNT)), shot(rays())
     _, report = look(motion, lines, options=OPTIONS, capacity=CAPACITY)
     assert len(report.needed) == len(CAPACITY.cells) + 2
-    assert prepare(motion, span_of(lines), options=OPTIONS, capacity=CAPACITY).living is None
+    prepared = jax.eval_shape(
+        lambda m, r: prepare(m, span_of(r), options=OPTIONS, capacity=CAPACITY), motion, lines
+    )
+    assert prepared.living is None
     empty = beside(motion, fleeting(0))
     pixels, _ = look(empty, lines, options=OPTIONS, capacity=ROOM)
     expected, _ = look(motion, lines, options=OPTIONS, capacity=CAPACITY)

@@ -69,7 +69,7 @@ def tile_views(
     on.
 
     The first are, at each of `instants` evenly spread times, as many tiles as have `tiles` ray
-    bundles (at most all). The second have about `weigh` bundles in all. They go through the
+    bundles. The second have about `weigh` bundles in all. Both have at most all. They go through the
     tiles from time to time, so that together they cover the static scene if `weigh` allows.
     """
     seen, gain = views.footage, views.gain
@@ -78,7 +78,8 @@ def tile_views(
     times, frames = np.unique(seen.times, return_counts=True)
     tiles = min(tiles, tile_count * int(frames.max()))
     chosen = np.unique(np.linspace(0, len(times) - 1, instants).round().astype(int))
-    batches = -(-weigh // (tiles * len(chosen)))
+    # More would be the same tiles again.
+    batches = min(-(-weigh // (tiles * len(chosen))), -(-tile_count * int(frames.max()) // tiles))
     gains = np.ones((len(seen.times), 3), seen.times.dtype) if gain is None else np.asarray(gain)
     means, measured, weighed, counted = _mean_colors(seen), [], [], 0
     for i, time in enumerate(times[chosen]):

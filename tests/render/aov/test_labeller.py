@@ -9,10 +9,14 @@ import toy
 
 from gaussray.camera.aperture import Aperture, FocusPull, Rim
 from gaussray.camera.shutter import interlaced
+from gaussray.render.aov import labeller as labels_of_frames
 from gaussray.render.aov.labeller import LABELS, PICTURE_LABELS, Labeller, check_labels
+from gaussray.render.compiled import prepare_trace
 from gaussray.render.parts import PIXEL, RAY, SAMPLE
 from gaussray.render.renderer import RenderOptions
 from gaussray.scene.scene import Scene
+from gaussray.tracer.trace import measure
+from gaussray.tracer.traverse import Capacity
 
 
 NOW, NEXT = 0.4, 0.5
@@ -33,6 +37,15 @@ WITHOUT_FLOW = [
 SOME = ["depth", "gaussian", "confusion"]
 # By its name, so that measuring for labels and for pictures is compiled once.
 TRACE = dataclasses.replace(toy.TRACE, backend="array")
+
+
+@pytest.fixture(autouse=True)
+def room(monkeypatch):
+    """Lists with room for every plate: nothing is measured, and scenes alike in numbers share what
+    is compiled."""
+    sizes = Capacity((512,) * (TRACE.levels + 1), 2048, 256)
+    monkeypatch.setattr(labels_of_frames, "prepare_trace", lambda *_, **__: (None, None))
+    monkeypatch.setattr(labels_of_frames, "measure", lambda *_, **__: sizes)
 
 
 def labeller(scene, **options):
@@ -317,7 +330,9 @@ def test_only_what_is_asked_for_is_made_and_unknown_names_are_refused():
         made(plates.camera(0.0), ["depth", "depth"])
 
 
-def test_labels_in_strips_are_the_labels():
+def test_labels_in_strips_are_the_labels(monkeypatch):
+    monkeypatch.setattr(labels_of_frames, "prepare_trace", prepare_trace)
+    monkeypatch.setattr(labels_of_frames, "measure", measure)
     scene = Scene(plates.plate(1.0), plates.NOTHING, None, toy.single([0, 1]))
     # Eight of so many rows at a time; no row is like the one below it.
     few, filmed = 8 * plates.SIDE * (RAY + SAMPLE + PIXEL) / 1e9, plates.camera(0.0)
@@ -329,7 +344,7 @@ def test_labels_in_strips_are_the_labels():
 
 def test_lists_that_are_too_short_grow_until_nothing_is_lost():
     scene = Scene(plates.plate(3.0), plates.NOTHING, None, toy.single([0, 1]))
-    made = labeller(scene)
+    made = labeller(scene, samples=1)
     expected = made(plates.camera(0.0), SOME)
     (key,) = made._capacity
     short = [dataclasses.replace(c, pairs=16, slots=4) for c in made._capacity[key]]
