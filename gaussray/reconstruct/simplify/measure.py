@@ -69,8 +69,9 @@ def tile_views(
     on.
 
     The first are, at each of `instants` evenly spread times, as many tiles as have `tiles` ray
-    bundles. The second have about `weigh` bundles in all. Both have at most all. They go through the
-    tiles from time to time, so that together they cover the static scene if `weigh` allows.
+    bundles. The second have about `weigh` bundles in all. Neither are more than there are. They go
+    through the tiles from time to time, so that together they cover the static scene if `weigh`
+    allows.
     """
     seen, gain = views.footage, views.gain
     tile_count, bundles = seen.pixel.shape[1], (seen.side // (seen.bundle or seen.side)) ** 2

@@ -6,8 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.reconstruct.simplify.candidate import (
     Candidate,
@@ -225,9 +226,19 @@ def _remove_faint(
     order = order if tiles.complete else order[weight[order] > 0]
 
     def without(count: int) -> Candidate:
-        return eqx.tree_at(lambda d: d.kept, candidate, candidate.kept.at[order[:count]].set(False))
+        kept = _changed(candidate.kept, order[:count], False)
+        return eqx.tree_at(lambda d: d.kept, candidate, kept)
 
     removals.remove_most("faint Gaussians", len(order), without)
+
+
+def _changed(
+    mask: Bool[Array, " gaussians"], rows: Int[np.ndarray, " rows"], value: bool
+) -> Bool[Array, " gaussians"]:
+    """A mask with another value in some rows; on the host, where any number of them is alike."""
+    changed = np.array(mask)
+    changed[rows] = value
+    return jnp.asarray(changed)
 
 
 def _remove_motion(removals: _Removals, change: Float[np.ndarray, " moving"]) -> None:
@@ -237,9 +248,8 @@ def _remove_motion(removals: _Removals, change: Float[np.ndarray, " moving"]) ->
     order = kept[np.argsort(change[kept], kind="stable")]
 
     def without(count: int) -> Candidate:
-        return eqx.tree_at(
-            lambda d: d.resting, candidate, candidate.resting.at[order[:count]].set(True)
-        )
+        resting = _changed(candidate.resting, order[:count], True)
+        return eqx.tree_at(lambda d: d.resting, candidate, resting)
 
     removals.remove_most("slight motion", len(order), without)
 
