@@ -6,12 +6,16 @@ Quaternions are (w, x, y, z) and may have any non-zero length. A name says what 
 `world_from_camera` takes camera coordinates to world coordinates.
 """
 
+import functools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 
+# One program where it is called by itself, and no trace of that in a larger one.
+inlined = functools.partial(jax.jit, inline=True)
 # The diagonal that turns OpenGL camera axes into ours and back (its own inverse).
 BLENDER_AXES = (1.0, -1.0, -1.0)
 
@@ -25,6 +29,7 @@ def product(subscripts: str, *factors: Float[Array, "..."]) -> Float[Array, "...
     return jnp.einsum(subscripts, *factors, precision=jax.lax.Precision.HIGHEST)
 
 
+@inlined
 def safe_norm(vector: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
     """Length of a vector; at zero both the value and the gradient are 0 instead of NaN. Scaled by
     its largest component first, whose square alone could under- or overflow."""
@@ -36,6 +41,7 @@ def safe_norm(vector: Float[Array, "*batch d"]) -> Float[Array, "*batch"]:
     return unit * jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)
 
 
+@inlined
 def normalize(vector: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
     """Vector of unit length; scaled by its largest component first, so that neither tiny nor huge
     vectors under- or overflow. Zero stays zero."""
@@ -75,6 +81,7 @@ def multiply(a: Float[Array, "*batch 4"], b: Float[Array, "*batch 4"]) -> Float[
     return jnp.concatenate([real, aw * bv + bw * av + jnp.cross(av, bv)], axis=-1)
 
 
+@inlined
 def turning(vector: Float[Array, "3"]) -> Float[Array, "4"]:
     """Quaternion of the rotation by |vector| radians about the vector; right and smooth at zero."""
     half = vector / 2
@@ -82,6 +89,7 @@ def turning(vector: Float[Array, "3"]) -> Float[Array, "4"]:
     return jnp.concatenate([jnp.cos(angle)[None], jnp.sinc(angle / jnp.pi) * half])
 
 
+@inlined
 def rotation_vector(quat: Float[Array, "4"]) -> Float[Array, "3"]:
     """The shortest rotation of a quaternion as angle (radians, at most pi) times axis: the inverse
     of `turning`, right and smooth at zero."""
@@ -125,6 +133,7 @@ def quaternion(rotation: Float[Array, "3 3"]) -> Float[Array, "4"]:
     return jnp.where(unit[0] < 0, -unit, unit)
 
 
+@inlined
 def slerp(
     start: Float[Array, "4"], end: Float[Array, "4"], fraction: Float[Array, ""]
 ) -> Float[Array, "4"]:

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.sampling import pcg_hash
 from gaussray.camera.validate import require
-from gaussray.geometry import RigidTransform, multiply, turning
+from gaussray.geometry import RigidTransform, inlined, multiply, turning
 from gaussray.io.plain_values import number, readable
 
 
@@ -54,6 +54,7 @@ class Shake(eqx.Module):
         return readable(self)
 
 
+@inlined
 def wander(shake: Shake, time: Float[Array, ""]) -> Float[Array, "6"]:
     """The processes at a time, in standard deviations.
 
@@ -73,6 +74,7 @@ def wander(shake: Shake, time: Float[Array, ""]) -> Float[Array, "6"]:
     return jnp.sum(wave[..., None] * normal, axis=(0, 1)) / WAVES**0.5
 
 
+@inlined
 def shaken(shake: Shake, pose: RigidTransform, time: Float[Array, ""]) -> RigidTransform:
     """world_from_camera of a camera that shakes around a pose."""
     x = wander(shake, time)

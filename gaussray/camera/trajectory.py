@@ -11,6 +11,7 @@ from gaussray.camera.validate import require
 from gaussray.geometry import (
     RigidTransform,
     conjugate,
+    inlined,
     multiply,
     normalize_quaternion,
     rotation_vector,
@@ -87,6 +88,7 @@ def fixed(pose: RigidTransform) -> Trajectory:
     return Trajectory(time, pose.quat[None], pose.translation[None])
 
 
+@inlined
 def pose_at(trajectory: Trajectory, time: Float[Array, ""]) -> RigidTransform:
     """world_from_camera at a time.
 

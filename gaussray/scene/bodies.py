@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from gaussray.geometry import normalize_quaternion, product
+from gaussray.geometry import inlined, normalize_quaternion, product
 
 
 class Bodies(eqx.Module):
@@ -49,6 +49,7 @@ def reaching(bodies: Bodies, earlier: float, later: float) -> Bodies:
     return Bodies(bodies.pivot, bodies.radius, time[0], path, turn)
 
 
+@inlined
 def body_of(bodies: Bodies, place: Float[Array, "gaussians 3"]) -> Int[Array, " gaussians"]:
     """Index of the body that holds each place, or the number of bodies where none does."""
     if not bodies.pivot.shape[0]:
@@ -60,6 +61,7 @@ def body_of(bodies: Bodies, place: Float[Array, "gaussians 3"]) -> Int[Array, " 
     return jnp.where(held, jnp.argmin(square, axis=1), bodies.pivot.shape[0])
 
 
+@inlined
 def body_pose_at(
     bodies: Bodies, time: Float[Array, ""]
 ) -> tuple[Float[Array, "bodies 3"], Float[Array, "bodies 4"]]:

@@ -1,5 +1,8 @@
 """Real spherical harmonics up to degree 3: colour that changes with the viewing direction."""
 
+import functools
+
+import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -63,6 +66,7 @@ def radiance(
     return jnp.maximum(total + 0.5, 0)
 
 
+@functools.partial(jax.jit, static_argnames="degree", inline=True)
 def constant(color: Float[Array, "*batch 3"], degree: int) -> Float[Array, "*batch coefficients 3"]:
     """Coefficients of a colour that is the same from everywhere."""
     first = (color - 0.5) / C0

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from gaussray.geometry import inlined
 from gaussray.io.plain_values import readable, value_text, vector
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Gaussians, concatenate
@@ -60,6 +61,7 @@ def transient_count(scene: Scene) -> int:
     return 0 if scene.transient is None else scene.transient.count
 
 
+@inlined
 def at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
     """All Gaussians of a scene at one time: static, then moving, then transient ones.
 
