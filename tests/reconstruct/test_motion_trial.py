@@ -13,14 +13,14 @@ from gaussray.reconstruct.failed_fit import FailedFit
 from gaussray.reconstruct.motion_trial import held_out_capture, trial, trial_sentence
 
 
-pytestmark = pytest.mark.usefixtures("quick_compilation", "known_sizes")
+pytestmark = pytest.mark.usefixtures("known_sizes")
 
 AUTO = replace(toy.SHORT, fit=replace(toy.SHORT.fit, auto=True, points=20))
 RIVALS = {"deformation": toy.SHORT, "transient": toy.SHORT}
 
 
 @pytest.fixture(scope="module")
-def capture(tmp_path_factory, quick_compilation):
+def capture(tmp_path_factory):
     times = tuple(np.linspace(0, 1, 9).tolist())
     folder = tmp_path_factory.mktemp("capture")
     return read_capture(toy.write_capture(folder, toy.scene(), times=times))

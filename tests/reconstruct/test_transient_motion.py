@@ -109,7 +109,7 @@ def test_what_moves_is_learnt_and_an_interrupted_run_goes_on_to_the_same_bytes(
 
 
 @pytest.fixture(scope="module")
-def from_moving_cameras(tmp_path_factory, quick_compilation, known_sizes):
+def from_moving_cameras(tmp_path_factory, known_sizes):
     """The toy, filmed by cameras that go around it meanwhile."""
     folder, camera = tmp_path_factory.mktemp("moving"), toy.camera
     with pytest.MonkeyPatch.context() as patch:

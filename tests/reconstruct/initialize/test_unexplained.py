@@ -22,8 +22,6 @@ ANGLES, TIMES = (-0.3, -0.1, 0.1, 0.3), (0.0, 0.25, 0.5, 1.0)
 # most: differences are averaged over 5 x 5 pixels.
 FOUND, WRONG = 0.7, 0.3
 
-pytestmark = pytest.mark.usefixtures("quick_compilation")
-
 
 @pytest.fixture(scope="module")
 def filmed():
