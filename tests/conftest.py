@@ -1,5 +1,6 @@
 """Double precision for every test, shapes checked at run time, ranks never promoted in silence."""
 
+import copy
 import gc
 import importlib.metadata
 import importlib.util
@@ -88,6 +89,26 @@ def own_programs():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(jit_cache, "keep_machine_code", lambda *_: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def parsed_once():
+    """The files of conf/ are parsed once, not for each of the hundreds of commands that compose
+    them."""
+    from hydra._internal.config_repository import ConfigRepository
+
+    parse, parsed = ConfigRepository.load_config, {}
+
+    def load_config(self, config_path):
+        if len(self.sources) > 3:  # Hydra's own, conf/ and the schema: a test added a folder
+            return parse(self, config_path)
+        if config_path not in parsed:
+            parsed[config_path] = parse(self, config_path)
+        return copy.deepcopy(parsed[config_path])
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(ConfigRepository, "load_config", load_config)
         yield
 
 

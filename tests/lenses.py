@@ -88,7 +88,8 @@ def zoo(width, height):
     share = jnp.stack([column / columns, row / rows], -1)
     rays = _look(lenses["thin_prism_fisheye"], share * size[None, None])
     lenses["table"] = ray_table(rays, width, height)
-    return lenses
+    # Of no weak type, which would be a program of its own.
+    return jax.tree.map(lambda x: jnp.asarray(x, x.dtype), lenses)
 
 
 @jax.jit
