@@ -33,22 +33,26 @@ if importlib.util.find_spec("beartype"):
 
 # The files that take longest, longest first.
 LONG = (
-    "reconstruct/test_pipeline.py",
     "test_docs.py",
     "render/test_picture.py",
-    "reconstruct/test_transient_motion.py",
-    "cli/test_commands.py",
-    "tracer/test_trace.py",
-    "render/aov/test_labeller.py",
-    "reconstruct/test_previous_version.py",
-    "render/rig/test_rig.py",
+    "reconstruct/test_pipeline.py",
     "tracer/test_transient.py",
-    "camera/test_wide_lenses.py",
-    "reconstruct/test_camera_refinement.py",
-    "reconstruct/initialize/test_body_tracking.py",
-    "reconstruct/initialize/stereo/test_matching.py",
-    "test_benchmarks.py",
+    "render/aov/test_labeller.py",
+    "tracer/test_trace.py",
+    "cli/test_commands.py",
+    "reconstruct/test_previous_version.py",
+    "reconstruct/test_transient_motion.py",
     "reconstruct/simplify/test_prune.py",
+    "reconstruct/initialize/test_body_tracking.py",
+    "reconstruct/test_camera_refinement.py",
+    "reconstruct/initialize/stereo/test_matching.py",
+    "camera/test_wide_lenses.py",
+    "tracer/test_crowd.py",
+    "test_benchmarks.py",
+    "camera/test_lens.py",
+    "render/rig/test_rig.py",
+    "calibrate/test_pipeline.py",
+    "dataset/test_manifest.py",
 )
 # Room for what the largest module compiles.
 MAPPINGS = 45_000
