@@ -49,7 +49,9 @@ def reconstruct(
 
     The coarse stage fits Gaussians to the pictures of the first time. Then rigid bodies are
     tracked, and the fine stage fits Gaussians and deformation to the pictures of all times. At the
-    end the scene is pruned (`pruned_scene`).
+    end the scene is pruned (`pruned_scene`). Where transient Gaussians show what moves
+    (options.fit.motion), there is no coarse stage, or, if cameras move, one of all times. Where
+    options.fit.auto leaves that open, short fits without some pictures decide (`trial`).
 
     A capture of more than options.fit.segment times becomes a clip, one segment after another. Each
     segment loads its own pictures, starts from the end of the one before, and is kept in
@@ -57,7 +59,7 @@ def reconstruct(
 
     Besides scene.npz, `out` gets metrics.jsonl (one line per block of steps), requirement.json (the
     report of pruning), cameras.json (the cameras as refined), and, while the run lasts,
-    checkpoint.npz.
+    checkpoint.npz; and motion.json, the scores of a trial, if there was one.
 
     Args:
         capture: pictures and cameras; those of split "train" are used.
@@ -142,11 +144,8 @@ def _with_motion_tried(
     quiet: bool,
 ) -> tuple[ReconstructOptions, dict[str, float]]:
     """The options with the fit.motion that a trial finds best, and its scores (`motion.json`); the
-    same options where there is nothing to try."""
-    names, known = effort(capture, options, this_machine()).rivals, out / "motion.json"
-    part = held_out_capture(capture) if names else None
-    if part is None:
-        return options, {}
+    same options where there is nothing to try. A run that is resumed goes by its own trial."""
+    known, silent = out / "motion.json", quiet or not leads()
 
     def with_motion(name: str) -> ReconstructOptions:
         return replace(options, fit=replace(options.fit, motion=name))
@@ -154,18 +153,24 @@ def _with_motion_tried(
     def fit(capture: Capture, folder: Path, options: ReconstructOptions) -> Scene | Clip:
         return reconstruct(capture, folder, options=options, devices=devices, quiet=quiet)
 
-    if resume and known.is_file():
-        scores = json.loads(known.read_text())
+    if resume:
+        scores = json.loads(known.read_text()) if known.is_file() else {}
     else:
-        _say(
-            "Short fits on a part of the pictures tell what shows what moves best (fit.motion).",
-            quiet or not leads(),
-        )
-        rivals = {n: effort(part, with_motion(n), this_machine()).options for n in names}
-        scores = trial(part, out, rivals, fit, devices)
+        names = effort(capture, options, this_machine()).rivals
+        part = held_out_capture(capture) if names else None
+        scores = {}
+        if part is not None:
+            _say("Short fits without some pictures tell what shows what moves best.", silent)
+            rivals = {name: effort(part, with_motion(name), this_machine()) for name in names}
+            chosen = {name: rival.options for name, rival in rivals.items()}
+            scores = trial(part, out, chosen, fit, devices)
         if leads():
-            write_json(known, scores)
-    _say(trial_sentence(scores, MOTION_NOUNS), quiet or not leads())
+            known.unlink(missing_ok=True)
+            if scores:
+                write_json(known, scores)
+    if not scores or options.fit.motion != "auto":
+        return options, {}
+    _say(trial_sentence(scores, MOTION_NOUNS), silent)
     return with_motion(max(scores, key=lambda name: scores[name])), scores
 
 

@@ -68,6 +68,7 @@ def test_the_better_one_is_fitted_and_a_resumed_run_does_not_try_again(
     assert json.loads((tmp_path / "motion.json").read_text()) == scores
     monkeypatch.setattr(pipeline, "trial", lambda *_: pytest.fail("tried again"))
     assert pipeline._with_motion_tried(*known, True, None, True) == (chosen, scores)
-    # Nothing is tried where the user chose.
+    # Nothing is tried where the user chose, and nothing is left for a run to be resumed by.
     same, none = pipeline._with_motion_tried(capture, tmp_path, chosen, False, None, True)
-    assert same == chosen and not none
+    assert same == chosen and not none and not (tmp_path / "motion.json").exists()
+    assert pipeline._with_motion_tried(*known, True, None, True) == (AUTO, {})
