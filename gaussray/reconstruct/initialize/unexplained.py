@@ -67,6 +67,7 @@ class UnexplainedPixels:
         self.counts: dict[int, UInt16[np.ndarray, " tiles"]] = {}
 
     def __call__(self, frame: int) -> Bool[np.ndarray, "h w"]:
+        """The mask of a frame."""
         footage, one = self._footage, np.array([frame])
         camera = jax.tree.map(lambda x: x[one], self._camera)
         view = stereo_views(footage.pictures(one), camera, None, factor=self._factor)[0]
