@@ -140,7 +140,8 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
             return ("transient",)
         return ("deformation", "transient") if machine.gpu else ("deformation",)
     _, at_once = np.unique([view.time for view in views], return_counts=True)
-    return ("transient",) if np.median(at_once) >= 2 else ("deformation",)
+    several = 2 * int(np.sum(at_once >= 2)) > len(at_once)
+    return ("transient",) if several else ("deformation",)
 
 
 def _still(pixels: float, machine: Machine) -> ReconstructOptions:
