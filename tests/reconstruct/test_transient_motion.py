@@ -1,5 +1,6 @@
 """fit.motion=transient: what moves is learnt as transient Gaussians; a run can be interrupted."""
 
+import contextlib
 import itertools
 import json
 from dataclasses import replace
@@ -73,6 +74,22 @@ def arrays(out):
         return {name: file[name] for name in file.files}
 
 
+@contextlib.contextmanager
+def stopped_after(monkeypatch, name, calls):
+    """A run is interrupted after so many calls of this method of its log."""
+    method, count = getattr(RunLog, name), []
+
+    def stop(self, *arguments):
+        method(self, *arguments)
+        count.append(1)
+        if len(count) == calls:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RunLog, name, stop)
+        yield
+
+
 def test_what_moves_is_learnt_and_an_interrupted_run_goes_on_to_the_same_bytes(
     capture, tmp_path, monkeypatch
 ):
@@ -89,18 +106,8 @@ def test_what_moves_is_learnt_and_an_interrupted_run_goes_on_to_the_same_bytes(
     assert float(jnp.min(transient.lifetime)) >= 0.25 - 1e-3
     assert float(jnp.std(transient.harmonics)) > 0.1
 
-    record, count = RunLog.record, []
-
-    def stop(self, *arguments):
-        record(self, *arguments)
-        count.append(1)
-        if len(count) == 4:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(RunLog, "record", stop)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt), stopped_after(monkeypatch, "record", 4):
         reconstruct(capture, two, options=OPTIONS, quiet=True)
-    monkeypatch.setattr(RunLog, "record", record)
     reconstruct(capture, two, options=OPTIONS, resume=True, quiet=True)
     first, second = arrays(one), arrays(two)
     assert first.keys() == second.keys()
@@ -138,18 +145,8 @@ def test_where_cameras_move_what_stands_still_is_fitted_first(
     assert len(asked) == 9 and any(mask.any() for mask in asked)
     assert load_scene(one).transient is not None
 
-    save, count = RunLog.save_in_time, []
-
-    def stop(self, *arguments):
-        save(self, *arguments)
-        count.append(1)
-        if len(count) == 8:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(RunLog, "save_in_time", stop)
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(KeyboardInterrupt), stopped_after(monkeypatch, "save_in_time", 8):
         reconstruct(from_moving_cameras, two, options=options, quiet=True)
-    monkeypatch.setattr(RunLog, "save_in_time", save)
     reconstruct(from_moving_cameras, two, options=options, resume=True, quiet=True)
     assert (one / "scene.npz").read_bytes() == (two / "scene.npz").read_bytes()
 

@@ -30,7 +30,7 @@ from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure, trac
 from gaussray.tracer.traverse import Capacity
 
 
-# Pixels of a picture that is rendered, at most: a picture takes a second on two CPU cores.
+# Pixels of a picture that is rendered, at most.
 _PIXELS_CPU, _PIXELS_GPU = 33_000, 250_000
 # Pixels along the side of the square over which differences are averaged: edges that are rendered a
 # pixel off, and noise, are no motion.
