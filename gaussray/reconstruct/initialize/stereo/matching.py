@@ -1,6 +1,7 @@
 """Dense multi-view stereo: points of all surfaces that the pictures of one instant show."""
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import equinox as eqx
 import jax
@@ -24,6 +25,8 @@ from gaussray.reconstruct.initialize.stereo.views import (
     unpacked,
 )
 
+
+T = TypeVar("T")
 
 # Pixels of disparity between two levels of the sweep, which is of pictures of half the size.
 _STRIDE = 2.5
@@ -62,16 +65,31 @@ def stereo_points(
     factor = reduction(pictures.shape[1:3], options.pixels)
     views = stereo_views(pictures, cameras, masks, factor=factor)
     pairs = stereo_pairs(views, options.neighbours, known)
-    surfaces = []
-    for i in range(len(pictures)):
-        surfaces.append(matched(views, i, pairs, options))
-        report(i + 1)
-    parts = []
-    for i in range(len(pictures)):
-        of = None if wanted is None else wanted[i]
-        parts.append(confirmed(views, i, pairs, surfaces, options, of))
-        report(len(pictures) + i + 1)
-    return evenly(StereoPoints(*map(np.concatenate, zip(*parts, strict=True))), options.points)
+    count, surfaces, parts = len(pictures), [], []
+    batches = _batches(views, pairs, options.at_once)
+    for rows in batches:
+        surfaces.append(matched(views, rows, pairs, options))
+        report(min(int(rows[-1]) + 1, count))
+    surface = jax.tree.map(lambda *x: jnp.concatenate(x)[:count], *surfaces)
+    for rows in batches:
+        of = None if wanted is None else wanted[rows]
+        parts += confirmed(views, rows, pairs, surface, options, of)
+        report(count + min(int(rows[-1]) + 1, count))
+    return evenly(
+        StereoPoints(*map(np.concatenate, zip(*parts[:count], strict=True))), options.points
+    )
+
+
+def _batches(
+    views: StereoViews, pairs: StereoPairs, at_once: int
+) -> list[Int[np.ndarray, " rows"]]:
+    """The rows of all views in batches of one size, so that one program does for all; the last
+    batch repeats the last view."""
+    count = len(views.origin)
+    size = int(np.clip(at_once / (np.prod(views.size) * pairs.neighbour.shape[1]), 1, count))
+    batches = -(-count // size)
+    rows = np.minimum(np.arange(batches * -(-count // batches)), count - 1)
+    return list(rows.reshape(batches, -1))
 
 
 def reduction(size: tuple[int, int], pixels: int) -> int:
@@ -79,32 +97,37 @@ def reduction(size: tuple[int, int], pixels: int) -> int:
     return max(1, int(np.ceil(np.sqrt(size[0] * size[1] / pixels) - 0.05)))
 
 
-def matched(views: StereoViews, i: int, pairs: StereoPairs, options: StereoOptions) -> Surface:
-    """The surface that view `i` shows."""
-    dtype, first = views.origin.dtype, pairs.farthest[i]
-    span = max(pairs.nearest[i] - first, 0.0)
-    count = int(np.clip(np.ceil(span / (_STRIDE * pairs.step[i])), 8, options.depths))
+def matched(
+    views: StereoViews, rows: Int[np.ndarray, " rows"], pairs: StereoPairs, options: StereoOptions
+) -> Surface:
+    """The surfaces that these views show, stacked."""
+    dtype, first = views.origin.dtype, pairs.farthest[rows]
+    span = np.maximum(pairs.nearest[rows] - first, 0.0)
+    count = np.ceil(span / (_STRIDE * pairs.step[rows])).clip(8, options.depths).astype(int)
     step = jnp.asarray(span / (count - 1), dtype)
     levels = DepthLevels(jnp.asarray(first, dtype), step, jnp.asarray(count))
-    neighbour = jnp.asarray(pairs.neighbour[i])
-    return _matched(views, jnp.asarray(i), neighbour, levels, options)
+    return _matched(views, jnp.asarray(rows), jnp.asarray(pairs.neighbour[rows]), levels, options)
 
 
 @eqx.filter_jit
 def _matched(
     views: StereoViews,
-    i: Int[Array, ""],
-    neighbour: Int[Array, " neighbours"],
+    rows: Int[Array, " rows"],
+    neighbour: Int[Array, "rows neighbours"],
     levels: DepthLevels,
     options: StereoOptions,
 ) -> Surface:
-    own, near = views[i], views[neighbour]
-    ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
-    small = halved(own)
-    small_ray = rays(small.lens, small.world_from_camera, small.size, small.factor)
-    swept = sweep_planes(small, small_ray, halved(near), levels, options)
-    candidates = jax.tree.map(lambda x: _doubled(x, own.size), swept)
-    return refine(own, ray, near, candidates, levels, options)
+    def one(parts):
+        i, around, levels = parts
+        own, near = views[i], views[around]
+        ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
+        small = halved(own)
+        small_ray = rays(small.lens, small.world_from_camera, small.size, small.factor)
+        swept = sweep_planes(small, small_ray, halved(near), levels, options)
+        candidates = jax.tree.map(lambda x: _doubled(x, own.size), swept)
+        return refine(own, ray, near, candidates, levels, options)
+
+    return jax.lax.map(one, (rows, neighbour, levels), batch_size=len(rows))
 
 
 def _doubled(value: Float[Array, "... rows columns"], size: tuple[int, int]):
@@ -116,56 +139,69 @@ def _doubled(value: Float[Array, "... rows columns"], size: tuple[int, int]):
 
 def confirmed(
     views: StereoViews,
-    i: int,
+    rows: Int[np.ndarray, " rows"],
     pairs: StereoPairs,
-    surfaces: list[Surface],
+    surface: Surface,
     options: StereoOptions,
-    wanted: Bool[np.ndarray, "rows columns"] | None = None,
-) -> StereoPoints:
-    """Those points of view `i` that other views confirm, of the wanted pixels."""
-    chosen = pairs.neighbour[i]
-    maps = jnp.stack([_trusted(surfaces[j], options.cost) for j in chosen])
-    step = jnp.asarray(pairs.step[i], views.origin.dtype)
-    result = _checked(views, jnp.asarray(i), jnp.asarray(chosen), surfaces[i], maps, step, options)
-    own, agreed, position, color = jax.device_get(result)
-    _, mask = jax.device_get(unpacked(views.pixel[i], views.origin.dtype))
-    need = min(options.confirm, len(chosen))
-    keep = (own.inverse > 0) & (agreed.confirmed >= need) & mask
-    keep &= agreed.crossed <= agreed.confirmed
-    if wanted is not None:
-        keep &= wanted
-    distance = 1 / agreed.inverse[keep]
-    count = agreed.confirmed[keep]
-    error = 0.5 * distance**2 * pairs.step[i] / np.sqrt(count + 1)
-    sure = (1 - own.cost[keep]) * count / len(chosen)
-    scale = distance * float(views.angle[i])
-    return StereoPoints(
-        position[:, keep].T, own.normal[:, keep].T, color[:, keep].T, sure, error, scale
+    wanted: Bool[np.ndarray, "rows h w"] | None,
+) -> list[StereoPoints]:
+    """For each of these views, those of its points that other views confirm, of the wanted
+    pixels. `surface` has those of all views."""
+    chosen = pairs.neighbour[rows]
+    step = jnp.asarray(pairs.step[rows], views.origin.dtype)
+    result = jax.device_get(
+        _checked(views, jnp.asarray(rows), jnp.asarray(chosen), surface, step, options)
     )
+    need, found = min(options.confirm, chosen.shape[1]), []
+    for k, row in enumerate(rows):
+        own, agreed, position, color, mask = (_row(part, k) for part in result)
+        keep = (own.inverse > 0) & (agreed.confirmed >= need) & mask
+        keep &= agreed.crossed <= agreed.confirmed
+        if wanted is not None:
+            keep &= wanted[k]
+        distance = 1 / agreed.inverse[keep]
+        count = agreed.confirmed[keep]
+        error = 0.5 * distance**2 * pairs.step[row] / np.sqrt(count + 1)
+        sure = (1 - own.cost[keep]) * count / chosen.shape[1]
+        scale = distance * float(views.angle[row])
+        place, normal = position[:, keep].T, own.normal[:, keep].T
+        found.append(StereoPoints(place, normal, color[:, keep].T, sure, error, scale))
+    return found
 
 
-def _trusted(surface: Surface, cost: float) -> Float[Array, "h w"]:
-    """A surface's inverse distances, 0 where it costs too much."""
-    return jnp.where(surface.cost < cost, surface.inverse, 0)
+def _row(tree: T, k: int | Int[Array, ""]) -> T:
+    """One row of all arrays of a tree."""
+    return jax.tree.map(lambda x: x[k], tree)
 
 
 @eqx.filter_jit
 def _checked(
     views: StereoViews,
-    i: Int[Array, ""],
-    chosen: Int[Array, " near"],
+    rows: Int[Array, " rows"],
+    chosen: Int[Array, "rows near"],
     surface: Surface,
-    maps: Float[Array, "near h w"],
-    step: Float[Array, ""],
+    step: Float[Array, " rows"],
     options: StereoOptions,
-) -> tuple[Surface, Agreement, Float[Array, "3 h w"], Float[Array, "3 h w"]]:
-    """The trusted surface of a view, what others say of it, the places they agree on, and the
-    colours."""
-    own = views[i]
-    ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
-    inverse = _trusted(surface, options.cost)
-    agreed = agreement(own, ray, inverse, views[chosen], maps, step)
-    distance = 1 / jnp.where(agreed.inverse > 0, agreed.inverse, 1)
-    color, _ = unpacked(own.pixel, ray.dtype)
-    position = own.origin[:, None, None] + ray * distance[None]
-    return surface._replace(inverse=inverse), agreed, position, jnp.stack(color)
+) -> tuple[
+    Surface,
+    Agreement,
+    Float[Array, "rows 3 h w"],
+    Float[Array, "rows 3 h w"],
+    Bool[Array, "rows h w"],
+]:
+    """The trusted surfaces of these views, what others say of them, the places they agree on,
+    the colours and the masks."""
+    trusted = surface._replace(inverse=jnp.where(surface.cost < options.cost, surface.inverse, 0))
+
+    def one(parts):
+        i, around, step = parts
+        own = views[i]
+        ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
+        mine = _row(trusted, i)
+        agreed = agreement(own, ray, mine.inverse, views[around], trusted.inverse[around], step)
+        distance = 1 / jnp.where(agreed.inverse > 0, agreed.inverse, 1)
+        color, mask = unpacked(own.pixel, ray.dtype)
+        position = own.origin[:, None, None] + ray * distance[None]
+        return mine, agreed, position, jnp.stack(color), mask
+
+    return jax.lax.map(one, (rows, chosen, step), batch_size=len(rows))

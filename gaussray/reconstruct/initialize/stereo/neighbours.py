@@ -118,12 +118,20 @@ def _overlap(views: StereoViews, i: Int[Array, ""], distance: Float[Array, " ste
 
 def _narrowed(views, i, known, nearest, farthest):
     """The inverse distances that the known points leave."""
-    _, _, (inside,) = seen_at(views[np.array([i])], known.T.astype(views.origin.dtype))
-    away = np.linalg.norm(np.asarray(known - views.origin[i][None]), axis=1)[np.asarray(inside)]
+    away, inside = (np.asarray(x) for x in _seen_known(views, jnp.asarray(i), known))
+    away = away[inside]
     if len(away) < 20:
         return nearest, farthest
     low, high = np.quantile(away, (0.01, 0.99))
     return min(nearest, 1.5 / low), max(farthest, 0.5 / high)
+
+
+@eqx.filter_jit
+def _seen_known(views: StereoViews, i: Int[Array, ""], known: Float[Array, "known 3"]):
+    """How far known points are from a view, and which of them it sees."""
+    point = known.T.astype(views.origin.dtype)
+    _, _, (inside,) = seen_at(views[i[None]], point)
+    return jnp.sqrt(jnp.sum((point - views.origin[i][:, None]) ** 2, axis=0)), inside
 
 
 def visible(pairs: StereoPairs) -> Bool[np.ndarray, " views"]:

@@ -21,7 +21,8 @@ class StereoOptions(eqx.Module):
     are kept. Where a view masks a point, it says nothing; with `silhouette` above 0 it counts
     against the point, by so much for each view beyond the first. What moves is matched at every
     timestamp only with `match_moving`; without, it gets points inside its silhouettes alone, which
-    takes a tenth of the time.
+    takes a tenth of the time. As many views are matched at once as have `at_once` samples (pixels
+    times neighbours): a GPU is not busy with one small picture.
     """
 
     pixels: int = eqx.field(static=True, default=140_000)
@@ -40,10 +41,20 @@ class StereoOptions(eqx.Module):
     points: int = eqx.field(static=True, default=100_000)
     silhouette: float = eqx.field(static=True, default=0.0)
     match_moving: bool = eqx.field(static=True, default=True)
+    at_once: int = eqx.field(static=True, default=1)
     seed: int = eqx.field(static=True, default=0)
 
     def __check_init__(self):
-        for name in ("pixels", "views", "neighbours", "depths", "radius", "modes", "points"):
+        for name in (
+            "pixels",
+            "views",
+            "neighbours",
+            "depths",
+            "radius",
+            "modes",
+            "points",
+            "at_once",
+        ):
             if getattr(self, name) < 1:
                 raise ValueError(f"stereo.{name} must be at least 1, got {getattr(self, name)}.")
         for name in ("zncc", "cost"):
@@ -54,7 +65,7 @@ class StereoOptions(eqx.Module):
 def options_for(platform: str, views: int) -> StereoOptions:
     """What a device (cpu, gpu) manages in seconds (GPU) or a minute and a half (two CPU cores)."""
     if platform != "cpu":
-        return StereoOptions()
+        return StereoOptions(at_once=2**23)
     # 50 views of 135 x 240 is what the time was measured with; more views get smaller pictures.
     pixels = int(min(33_000, max(12_000, 33_000 * 50 / max(views, 1))))
     return StereoOptions(

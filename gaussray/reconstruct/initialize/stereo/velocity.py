@@ -25,7 +25,8 @@ class RegistrationOptions(eqx.Module):
     like colour; the `best` ones are refined by rigid ICP over positions and colours. Colours that
     differ by `color` are as unlike as places one gap between points apart. Every point then chooses
     among the motions of its `around` nearest patches by its own `own` nearest points. At most
-    `points` points of a timestamp are used.
+    `points` points of a timestamp are used; the others move as the nearest of these. `at_once`
+    patches are registered at a time.
     """
 
     seeds: int = eqx.field(static=True, default=256)
@@ -36,6 +37,7 @@ class RegistrationOptions(eqx.Module):
     around: int = eqx.field(static=True, default=6)
     own: int = eqx.field(static=True, default=12)
     points: int = eqx.field(static=True, default=4096)
+    at_once: int = eqx.field(static=True, default=1)
     # Widths of the matching features in each round of ICP, in gaps between points.
     widths: tuple[float, ...] = eqx.field(static=True, default=(4, 3, 2, 2, 1.5, 1.5, 1, 1))
 
@@ -43,7 +45,7 @@ class RegistrationOptions(eqx.Module):
 def registration_for(platform: str) -> RegistrationOptions:
     """What a device (cpu, gpu) manages in a second a timestamp."""
     if platform != "cpu":
-        return RegistrationOptions()
+        return RegistrationOptions(at_once=32)
     return RegistrationOptions(seeds=96, hypotheses=16, best=2, points=1024)
 
 
@@ -90,25 +92,25 @@ def registered(
         return RigidMotion(np.zeros_like(position), still, np.full(count, _LOST, position.dtype))
     gap = typical_gap(next_position)
     center = next_position.mean(axis=0)
-    chosen = dice.permutation(count)[: options.points]
-    here = _padded((position[chosen] - center) / gap, color[chosen], options)
+    used = dice.permutation(count)[: options.points]
+    here = _padded((position[used] - center) / gap, color[used], options)
     chosen = dice.permutation(len(next_position))[: options.points]
     there = _padded((next_position[chosen] - center) / gap, next_color[chosen], options)
-    seeds = dice.integers(min(count, options.points), size=options.seeds)
+    seeds = dice.integers(len(used), size=options.seeds)
     uniform = dice.random((options.seeds, options.points)).astype(position.dtype)
-    rows = -(-count // options.points) * options.points
-    every = np.resize((position - center) / gap, (rows, 3)).reshape(-1, options.points, 3)
     moved = _registered(
         here,
         there,
-        jnp.asarray(every),
         jnp.asarray(seeds),
         jnp.asarray(uniform),
         jnp.asarray(reach / gap, position.dtype),
         options,
     )
-    shift, quat, residual = (np.asarray(x).reshape(rows, -1)[:count] for x in moved)
-    return RigidMotion(shift * gap, quat, residual[:, 0])
+    shift, turn, quat, residual = (np.asarray(x)[: len(used)] for x in moved)
+    nearest = KDTree(position[used]).query(position)[1]
+    way = position - position[used][nearest]
+    turned = np.einsum("nij,nj->ni", turn[nearest], way) - way
+    return RigidMotion(shift[nearest] * gap + turned, quat[nearest], residual[nearest])
 
 
 def typical_gap(position: Float[np.ndarray, "points 3"]) -> float:
@@ -128,29 +130,29 @@ def _padded(position, color, options):
 def _registered(
     here: _Cloud,
     there: _Cloud,
-    every: Float[Array, "chunks rows 3"],
     seeds: Int[Array, " seeds"],
     uniform: Float[Array, "seeds rows"],
     reach: Float[Array, ""],
     options: RegistrationOptions,
 ) -> tuple[
-    Float[Array, "chunks rows 3"], Float[Array, "chunks rows 4"], Float[Array, "chunks rows"]
+    Float[Array, "rows 3"], Float[Array, "rows 3 3"], Float[Array, "rows 4"], Float[Array, " rows"]
 ]:
-    """Displacement, rotation and residual of every point, in gaps."""
+    """Displacement, rotation (matrix and quaternion) and residual of every point, in gaps."""
 
     def patch_motion(parts):
         seed, jitter = parts
         return _patch_motion(here, there, seed, jitter, reach, options)
 
-    quat, shift, pivot, score = jax.lax.map(patch_motion, (seeds, uniform))
+    quat, shift, pivot, score = jax.lax.map(
+        patch_motion, (seeds, uniform), batch_size=options.at_once
+    )
 
     def point_motion(position):
         return _point_motion(here, there, position, quat, shift, pivot, score, options)
 
-    def chunk(positions):
-        return jax.lax.map(point_motion, positions, batch_size=64)
-
-    return jax.lax.map(chunk, every)
+    at_once = max(64, 8 * options.at_once)
+    way, turn, residual = jax.lax.map(point_motion, here.position, batch_size=at_once)
+    return way, rotation_matrix(turn), turn, residual
 
 
 def _features(position, color, width, options):

@@ -1,6 +1,8 @@
 """Stereo of a textured plane that synthetic cameras see: closed form, and the laws that any scene
 obeys."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -98,6 +100,14 @@ def test_the_order_of_the_cameras_does_not_matter(pinhole_points):
     cameras, order = rig(perspective(), PLACES), np.array([3, 0, 4, 2, 1])
     turned = jax.tree.map(lambda x: x[order], cameras)
     points = stereo_points(seen(cameras)[order], turned, options=QUICK)
+    assert nearly_the_same(pinhole_points.position, points.position)
+
+
+def test_several_views_at_once_find_the_same(pinhole_points):
+    cameras = rig(perspective(), PLACES)
+    # Two views of 48 x 48 pixels with each of their neighbours; the last batch is not full.
+    several = replace(QUICK, at_once=2 * 48**2 * min(QUICK.neighbours, len(PLACES) - 1))
+    points = stereo_points(seen(cameras), cameras, options=several)
     assert nearly_the_same(pinhole_points.position, points.position)
 
 

@@ -1,5 +1,7 @@
 """Velocities by patch registration: a patch that is moved and turned is found again."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -14,6 +16,8 @@ from gaussray.reconstruct.initialize.stereo.velocity import (
 SMALL = RegistrationOptions(seeds=24, patch=24, hypotheses=24, points=512, around=3, own=8)
 # Displacements of points that are sampled anew, in gaps between points.
 RIGHT = 1.0
+# The same numbers, rounded in another order (float64).
+SAME = 1e-9
 
 
 def blob(dice, count=400):
@@ -48,6 +52,16 @@ def test_points_of_a_moved_and_turned_surface_get_their_displacements():
     assert np.quantile(error, 0.9) < 3 * RIGHT * gap
     nearest = np.linalg.norm(other @ turn.T + shift - place[:, None], axis=-1).min(axis=1)
     assert np.median(error) < 0.3 * np.median(nearest)
+
+
+def test_patches_at_once_move_as_one_after_the_other():
+    place, color = blob(np.random.default_rng(1))
+    other, shade = blob(np.random.default_rng(2))
+    motions = [
+        registered(place, color, other + 0.3, shade, reach=2.0, options=options)
+        for options in (SMALL, replace(SMALL, at_once=10))
+    ]
+    assert np.allclose(motions[0].displacement, motions[1].displacement, atol=SAME)
 
 
 def test_points_that_stand_still_do_not_move():
