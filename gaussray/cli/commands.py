@@ -103,6 +103,8 @@ def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.config.jobs import render_job
     from gaussray.render.dataset import render_dataset
 
+    if cfg.dataset:
+        raise ValueError(f"dataset={cfg.dataset} needs factory.count of at least 1, got 0.")
     job = render_job(cfg, note=say)
     out, quiet = begin_run_folder(cfg), cfg.quiet
     render_dataset(job.renderer(devices), job.records, out, options=job.dataset, quiet=quiet)
@@ -241,13 +243,15 @@ def _export(cfg: Configuration, devices: int | None) -> None:
 
 
 def _pack(cfg: Configuration, devices: int | None) -> None:
+    from gaussray.camera.imu import ImuOptions
     from gaussray.dataset.layouts import write_layout
     from gaussray.dataset.pack import pack
 
     count = as_type(int, cfg.frames_per_tar, "frames_per_tar")
     layout = as_type(str, cfg.layout, "layout")
     if layout != "webdataset":
-        frames = write_layout(cfg.data, cfg.out, layout)
+        imu = build_options(ImuOptions, cfg.imu)
+        frames = write_layout(cfg.data, cfg.out, layout, imu=imu)
         _say(f"{cfg.out}: {frames} frames in the layout {layout}.")
         return
     written = pack(cfg.data, cfg.out, frames_per_tar=count)

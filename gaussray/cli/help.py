@@ -39,7 +39,7 @@ MOST_USED = {
     "render": (
         "out cameras format labels fps camera.split camera.names camera.times lens.fov "
         "aperture.radius aperture.focus_distance shutter.readout shutter.exposure "
-        "trajectory.steps render.samples sensor.exposure factory.count"
+        "trajectory.steps render.samples sensor.exposure factory.count dataset"
     ),
     "view": (
         "cameras preset out view.port view.width view.rate lens.fov aperture.radius "
@@ -49,7 +49,7 @@ MOST_USED = {
     "calibrate": "out calibrate.parameters calibrate.effect calibrate.cameras calibrate.frames",
     "import": "iteration color",
     "export": "time count format color degree",
-    "pack": "layout frames_per_tar",
+    "pack": "layout frames_per_tar imu.rate imu.gravity",
 }
 _ALL_COMMANDS = ("devices.count", "progress", "report")
 _WIDTH = 100

@@ -9,13 +9,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from omegaconf import OmegaConf
 
+from gaussray.camera.imu import ImuOptions
 from gaussray.camera.sensor.sensor import SensorOptions
 from gaussray.capture.capture import View
-from gaussray.config.compose import Configuration, Variations
+from gaussray.config.compose import Configuration, Variations, compose_config
 from gaussray.config.launch import launch_jobs
 from gaussray.config.options import as_type, build_options
 from gaussray.config.run_folder import begin_run_folder
 from gaussray.config.yaml_files import to_plain
+from gaussray.dataset.layouts import LAYOUT_LABELS, write_layout
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.dataset.takes import MANIFEST, write_takes
 from gaussray.io.safe.limits import Limits, limit
@@ -39,7 +41,10 @@ from gaussray.tracer.trace import TraceOptions
 # Keys about progress and reports.
 _REPORTING = ("quiet", "progress", "report")
 # Keys that say where and by whom a sample is rendered: they are no parameters of the sample.
-_NO_PARAMETERS = ("preset", "out", "devices", "limits", "sample", "factory", *_REPORTING)
+_NO_PARAMETERS = (
+    *("preset", "out", "devices", "limits", "sample", "factory", "dataset", "imu"),
+    *_REPORTING,
+)
 # Keys that may differ between the processes that work on one dataset.
 _PER_PROCESS = (
     "out",
@@ -167,6 +172,9 @@ def generate_dataset(cfg: Configuration, overrides: Sequence[str]) -> str:
     """Render samples of the distributions in `sample`: this process's shard, or all shards through
     Hydra's launcher. Returns the line that tells the user the result."""
     factory, out = build_options(FactoryOptions, cfg.factory), Path(cfg.out)
+    layout, imu = as_type(str, cfg.dataset, "dataset"), build_options(ImuOptions, cfg.imu)
+    if layout:
+        cfg, overrides = _with_labels(cfg, overrides, layout)
     if factory.shards > 1:
         # All shards share one folder, also if it is named by the time.
         overrides = [*(word for word in overrides if not word.startswith("out=")), f"out={out}"]
@@ -182,7 +190,24 @@ def generate_dataset(cfg: Configuration, overrides: Sequence[str]) -> str:
         missing = render_shard(overrides, cfg)
     if missing:
         return f"{out}: {missing} of {factory.count} samples are left to other shards."
+    if layout:
+        frames = write_layout(out, out / layout, layout, imu=imu)
+        return f"{out / layout}: {factory.count} samples, {frames} frames in the layout {layout}."
     return f"{out / MANIFEST}: {factory.count} samples."
+
+
+def _with_labels(
+    cfg: Configuration, overrides: Sequence[str], layout: str
+) -> tuple[Configuration, Sequence[str]]:
+    """The configuration and its words with the labels that a layout needs."""
+    if layout not in LAYOUT_LABELS:
+        known = ", ".join(LAYOUT_LABELS)
+        raise ValueError(f"dataset must be empty or one of {known}, got {layout!r}.")
+    if cfg.format != "png":
+        raise ValueError(f"format must be png with dataset={layout}, got {cfg.format!r}.")
+    labels = list(dict.fromkeys([*to_plain(cfg.labels), *LAYOUT_LABELS[layout]]))
+    overrides = [*overrides, f"labels=[{','.join(labels)}]"]
+    return compose_config("render", overrides), overrides
 
 
 def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:

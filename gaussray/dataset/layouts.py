@@ -2,12 +2,16 @@
 
 import itertools
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from gaussray.camera.imu import ImuOptions, imu_samples
+from gaussray.dataset.camera_paths import path_of_frames
 from gaussray.dataset.coco import write_coco
+from gaussray.dataset.euroc import euroc_writer
 from gaussray.dataset.optical_flow import write_flo, write_kitti_flow
 from gaussray.dataset.sample_files import SampleFiles
 from gaussray.dataset.takes import MANIFEST, read_frames
@@ -15,28 +19,48 @@ from gaussray.geometry import BLENDER_AXES
 from gaussray.io.atomic import whole
 
 
-# Frames of a sequence that the loader of Fastec-RS reads.
-_FASTEC_FRAMES = 34
+# Frames of a sequence that the loaders of Fastec-RS, Carla-RS and BS-RSC read.
+_FASTEC_FRAMES, _CARLA_FRAMES, _BSRSC_FRAMES = 34, 10, 50
+# The labels that a layout needs.
+LAYOUT_LABELS = {
+    "fastec_rs": ("global_first", "global_middle"),
+    "carla_rs": ("global_first", "global_middle"),
+    "bs_rsc": ("global_middle",),
+    "kitti_flow": ("flow_forward",),
+    "sintel": ("flow_forward",),
+    "tum": (),
+    "euroc": (),
+    "coco": ("group",),
+}
 
 
-def write_layout(data: Path | str, out: Path | str, layout: str) -> int:
+def write_layout(
+    data: Path | str, out: Path | str, layout: str, *, imu: ImuOptions | None = None
+) -> int:
     """Copy a dataset into the layout of a published one.
 
     fastec_rs: OUT/SAMPLE/000_rolling.png, 000_global_first.png, 000_global_middle.png, ... (Liu et
     al. 2020), of frames with the labels global_first and global_middle.
+    carla_rs: OUT/SAMPLE/0000_rs.png, 0000_gs_f.png, 0000_gs_m.png, ... and gt_vel.log (Liu et al.
+    2020), of the same labels; the log has the camera's turn rate and velocity at the first frame.
+    bs_rsc: OUT/SAMPLE/RS/00000.png and GS/00000.png, ... (Cao et al. 2022), of frames with the
+    label global_middle.
     kitti_flow: OUT/training/image_2/000000_10.png, 000000_11.png and flow_occ/000000_10.png
     (KITTI 2015), of every two frames that follow one another, with the label flow_forward.
     sintel: OUT/training/final/SAMPLE/frame_0001.png and flow/SAMPLE/frame_0001.flo (MPI Sintel), of
     samples of at least two frames with the label flow_forward.
     tum: OUT/SAMPLE/rgb/000000.png, rgb.txt and groundtruth.txt (TUM RGB-D): the camera to world at
     the time of each frame, with axes right, down, forward.
+    euroc: OUT/SAMPLE/mav0 with cam0, imu0 and state_groundtruth_estimate0 (Burri et al. 2016,
+    `euroc_writer`).
     coco: OUT/images/SAMPLE_0000.png and instances.json (Lin et al. 2014), with the label group:
     rigid bodies are instances, told apart by their number in every frame of a sample.
 
     Args:
         data: Folder of the dataset, whose pictures are PNG files.
         out: Folder of the layout.
-        layout: One of `DATASET_LAYOUTS`, or coco.
+        layout: One of `LAYOUT_LABELS`.
+        imu: The inertial measurement unit of euroc; None for the default one.
 
     Returns:
         The number of frames, or of flows.
@@ -45,15 +69,16 @@ def write_layout(data: Path | str, out: Path | str, layout: str) -> int:
         ValueError: The layout is unknown, or the dataset lacks a label, PNG files or frames.
         OSError: A file cannot be read or written.
     """
-    known = [*DATASET_LAYOUTS, "coco"]
-    if layout not in known:
-        raise ValueError(f"layout must be one of webdataset, {', '.join(known)}, got {layout!r}.")
+    if layout not in LAYOUT_LABELS:
+        known = ", ".join(LAYOUT_LABELS)
+        raise ValueError(f"layout must be one of webdataset, {known}, got {layout!r}.")
     data, out, written = Path(data), Path(out), 0
     samples = _samples(data)
     if layout == "coco":
         return write_coco(samples, out)
+    writers = {**_LAYOUTS, "euroc": euroc_writer(imu or ImuOptions())}
     for source in samples:
-        written += DATASET_LAYOUTS[layout](source, out, written)
+        written += writers[layout](source, out, written)
     if not written:
         raise ValueError(
             f"{data / MANIFEST}: layout={layout} must have samples of at least two frames. Render "
@@ -78,6 +103,37 @@ def _fastec_rs(source: SampleFiles, out: Path, _: int) -> int:
     with whole(folder / "meta.log") as partial:
         partial.write_text(f"{source.name}\n", encoding="utf-8")
     return min(len(source.frames), _FASTEC_FRAMES)
+
+
+def _carla_rs(source: SampleFiles, out: Path, _: int) -> int:
+    folder = out / source.name
+    for i, frame in enumerate(source.frames[:_CARLA_FRAMES]):
+        source.copy(source.file(frame), folder / f"{i:04d}_rs.png")
+        for label, short in (("global_first", "f"), ("global_middle", "m")):
+            source.copy(source.file(frame, label), folder / f"{i:04d}_gs_{short}.png")
+    values = " ".join(f"{x:.9g}" for x in _camera_motion(source))
+    with whole(folder / "gt_vel.log") as partial:
+        head = "# Velocity in the camera's axes, per unit of time: wx, wy, wz, x, y, z"
+        partial.write_text(f"{head}\n{values}\n", encoding="utf-8")
+    return min(len(source.frames), _CARLA_FRAMES)
+
+
+def _camera_motion(source: SampleFiles) -> np.ndarray:
+    """Turn rate and velocity of the camera at its first frame, along its own axes (right, down,
+    forward)."""
+    path = replace(path_of_frames(source.frames), interpolation="spline")
+    free = ImuOptions(gravity=(0.0, 0.0, 0.0))
+    found = imu_samples(path, np.array([source.frames[0]["time"]]), options=free)
+    turn = Rotation.from_quat(found.quat[0, [1, 2, 3, 0]])
+    return np.concatenate([found.gyroscope[0], turn.inv().apply(found.velocity[0])])
+
+
+def _bs_rsc(source: SampleFiles, out: Path, _: int) -> int:
+    folder = out / source.name
+    for i, frame in enumerate(source.frames[:_BSRSC_FRAMES]):
+        source.copy(source.file(frame), folder / f"RS/{i:05d}.png")
+        source.copy(source.file(frame, "global_middle"), folder / f"GS/{i:05d}.png")
+    return min(len(source.frames), _BSRSC_FRAMES)
 
 
 def _kitti_flow(source: SampleFiles, out: Path, begin: int) -> int:
@@ -118,8 +174,10 @@ def _tum(source: SampleFiles, out: Path, _: int) -> int:
 
 
 # Writers of a sample in each layout; they get the number of what was written before.
-DATASET_LAYOUTS: dict[str, Callable[[SampleFiles, Path, int], int]] = {
+_LAYOUTS: dict[str, Callable[[SampleFiles, Path, int], int]] = {
     "fastec_rs": _fastec_rs,
+    "carla_rs": _carla_rs,
+    "bs_rsc": _bs_rsc,
     "kitti_flow": _kitti_flow,
     "sintel": _sintel,
     "tum": _tum,

@@ -11,6 +11,7 @@ from omegaconf import OmegaConf
 
 from benchmarks.trade import PRESETS
 from gaussray.calibrate.pipeline import CalibrateOptions
+from gaussray.camera.imu import ImuOptions
 from gaussray.camera.sensor.sensor import SensorOptions
 from gaussray.capture.open import FORMATS
 from gaussray.capture.selection import Selection
@@ -55,6 +56,7 @@ GROUPS = {
     "physical": (PhysicalOptions, "none"),
     "sensor": (SensorOptions, "none"),
     "factory": (FactoryOptions, "default"),
+    "imu": (ImuOptions, "default"),
     "view": (ViewOptions, "default"),
     "limits": (Limits, "default"),
     "sync": (SyncOptions, "default"),

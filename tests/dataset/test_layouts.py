@@ -152,3 +152,62 @@ def test_what_a_layout_lacks_is_named(data, tmp_path):
     shutil.copytree(data / "takes", tmp_path / "takes")
     with pytest.raises(ValueError, match="labels=.global_first"):
         write_layout(tmp_path, tmp_path / "out", "fastec_rs")
+
+
+def carla_pairs(root, length=2):
+    """Motion and paths as the loader of Liu et al. (2020) collects them."""
+    found = []
+    for folder, _, files in sorted(os.walk(root)):
+        if "gt_vel.log" not in files:
+            continue
+        with open(os.path.join(folder, "gt_vel.log")) as log:
+            motion = [float(x) for line in log if "#" not in line for x in line.split(" ")]
+        names = [os.path.join(folder, f"{i:04d}") for i in range(10)]
+        names = [name for name in names if os.path.isfile(f"{name}_rs.png")]
+        for i in range(len(names) - length + 1):
+            found.append((motion, names[i : i + length]))
+    return found
+
+
+def test_the_loader_of_carla_rs_finds_every_pair(data, tmp_path):
+    assert write_layout(data, tmp_path, "carla_rs") == 6
+    pairs, frames = carla_pairs(tmp_path), list(read_frames(data))
+    assert len(pairs) == 4
+    for (motion, names), index in zip(pairs, (0, 1, 3, 4), strict=True):
+        # The cameras of this scene stand still.
+        assert motion == [0] * 6
+        for name, frame in zip(names, frames[index:], strict=False):
+            for end, label in (("gs_f", "global_first"), ("gs_m", "global_middle")):
+                true = stored(data / frame["labels"][label])
+                np.testing.assert_array_equal(stored(f"{name}_{end}.png"), true)
+            true = stored(data / frame["file_path"])
+            np.testing.assert_array_equal(stored(f"{name}_rs.png"), true)
+
+
+def test_the_loader_of_bs_rsc_finds_every_frame(data, tmp_path):
+    """Pictures RS/00000.png with a twin of the same name in GS, whose middle row is the same."""
+    assert write_layout(data, tmp_path, "bs_rsc") == 6
+    rolling = sorted(tmp_path.glob("*/RS/?????.png"))
+    assert [p.name for p in rolling] == 2 * ["00000.png", "00001.png", "00002.png"]
+    for path, frame in zip(rolling, read_frames(data), strict=True):
+        twin = stored(path.parents[1] / "GS" / path.name)
+        np.testing.assert_array_equal(twin, stored(data / frame["labels"]["global_middle"]))
+        np.testing.assert_allclose(stored(path)[8], twin[8], atol=KEYS)
+
+
+def test_one_key_renders_the_labels_of_a_layout_and_writes_it(data, tmp_path, capsys):
+    scene = tmp_path / "scene"
+    save_scene(scene / "scene.npz", toy.scene())
+    write_manifest(scene / "cameras.json", toy.records())
+    words = ["render", f"scene={scene}", f"out={tmp_path}/out", "lens=pinhole", "quiet=true"]
+    words += ["report=false", "shutter.readout=0.4", "render.samples=1", "trace.levels=0"]
+    words += ["trace.group=2", "trace.chunk=8", "trace.k=4", "dataset=fastec_rs"]
+    with pytest.raises(SystemExit):
+        main(words)
+    assert "needs factory.count" in capsys.readouterr().err
+    main([*words, "factory.count=1", "factory.frames=2"])
+    assert "2 frames in the layout fastec_rs" in capsys.readouterr().out
+    assert len(fastec_pairs(tmp_path / "out/fastec_rs")) == 1
+    with pytest.raises(SystemExit):
+        main([*words[:-1], "dataset=other", "factory.count=1"])
+    assert "dataset must be empty or one of fastec_rs" in capsys.readouterr().err
