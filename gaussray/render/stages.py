@@ -43,6 +43,7 @@ from gaussray.tracer.trace import (
     Report,
     enlarged_capacity,
     find,
+    march_for,
     march_lists,
     prepare,
 )
@@ -229,7 +230,9 @@ def _march_program(trace: TraceOptions, slots: int, mesh: Mesh | None) -> Callab
             pixels = weighted(pixels, rays.weight)
         return Seen(pixels, rays.weight, Report(lists.needed, lists.dropped, skipped, hits))
 
-    return _on_devices(run, mesh, (trace, slots))
+    # A program of machine code is read from disk only after that has been made known to XLA.
+    kind = march_for(trace, jnp.float32).__name__
+    return _on_devices(run, mesh, (trace, slots, kind))
 
 
 @ProgramCache(4)

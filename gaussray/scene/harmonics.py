@@ -9,9 +9,9 @@ from jaxtyping import Array, Float
 
 # The value of the constant harmonic, 1 / (2 sqrt(pi)).
 C0 = 0.28209479177387814
-_C1 = 0.4886025119029199
-_C2 = (1.0925484305920792, 0.31539156525252005, 0.5462742152960396)
-_C3 = (
+C1 = 0.4886025119029199
+C2 = (1.0925484305920792, 0.31539156525252005, 0.5462742152960396)
+C3 = (
     0.5900435899266435,
     2.890611442640554,
     0.4570457994644658,
@@ -28,9 +28,9 @@ def basis(direction: Float[Array, " 3 *rays"], coefficients: int) -> list[Float[
     x, y, z = direction[0], direction[1], direction[2]
     values = [jnp.full_like(x, C0)]
     if coefficients > 1:
-        values += [-_C1 * y, _C1 * z, -_C1 * x]
+        values += [-C1 * y, C1 * z, -C1 * x]
     if coefficients > 4:
-        a, b, c = _C2
+        a, b, c = C2
         values += [
             a * x * y,
             -a * y * z,
@@ -39,7 +39,7 @@ def basis(direction: Float[Array, " 3 *rays"], coefficients: int) -> list[Float[
             c * (x * x - y * y),
         ]
     if coefficients > 9:
-        a, b, c, d, e = _C3
+        a, b, c, d, e = C3
         values += [
             -a * y * (3 * x * x - y * y),
             b * x * y * z,

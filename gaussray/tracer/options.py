@@ -1,6 +1,10 @@
 """How rays are traced, and which backend traces them."""
 
+import functools
+import importlib.util
+
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
@@ -19,8 +23,8 @@ class TraceOptions(eqx.Module):
     pictures of millions of Gaussians get more than asked for), `group` how many bundles march
     together (0: 4 on a CPU, whose caches they fill, 16 on a GPU), `chunk` how many list entries are
     read at once. `backend` is "array" (runs everywhere, in any
-    precision), "kernel" (single precision on a CUDA device, see kernel.py) or "auto": the kernel
-    where it runs.
+    precision), "kernel" (single precision: CUDA on a GPU, see kernel.py, or Numba on a CPU, see
+    cpu_kernel.py) or "auto": the kernel where it runs.
     """
 
     k: int = eqx.field(static=True, default=16)
@@ -57,16 +61,34 @@ class TraceOptions(eqx.Module):
 
 
 def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
-    """Whether the CUDA kernel traces rays of this precision."""
+    """Whether the CUDA kernel traces rays of this precision.
+
+    Raises:
+        ValueError: the kernel is asked for and runs neither on a GPU nor on a CPU.
+    """
     single = jnp.dtype(dtype) == jnp.float32
     if options.backend == "kernel" and not single:
         raise ValueError(
             f"trace.backend=kernel is for single precision, the rays are {jnp.dtype(dtype)}. "
             "Choose trace.backend=array."
         )
-    if options.backend == "kernel" and not cuda.available():
+    if options.backend == "kernel" and not cuda.available() and not on_cpu_kernel(options, dtype):
         raise ValueError(
-            "trace.backend=kernel needs a CUDA device and NVIDIA's run-time compiler: pip install "
-            "-e '.[cuda]', or choose trace.backend=array."
+            "trace.backend=kernel needs a CUDA device and NVIDIA's run-time compiler (pip install "
+            "-e '.[cuda]'), or on a CPU Numba (pip install numba); or choose trace.backend=array."
         )
     return options.backend != "array" and single and cuda.available()
+
+
+def on_cpu_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
+    """Whether bundles of rays of this precision march in machine code on a CPU (cpu_march.py).
+
+    Their lists are those of the arrays."""
+    single = jnp.dtype(dtype) == jnp.float32
+    on_cpu = jax.default_backend() == "cpu"
+    return options.backend != "array" and single and on_cpu and _has_numba()
+
+
+@functools.cache
+def _has_numba() -> bool:
+    return importlib.util.find_spec("numba") is not None

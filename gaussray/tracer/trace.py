@@ -7,6 +7,7 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
@@ -16,7 +17,12 @@ from gaussray.tracer.composite import Pixels
 from gaussray.tracer.grid import build_grid
 from gaussray.tracer.march import march
 from gaussray.tracer.motion import Motion, clipped_time, control_weights
-from gaussray.tracer.options import BACKENDS as BACKENDS, TraceOptions as TraceOptions, on_kernel
+from gaussray.tracer.options import (
+    BACKENDS as BACKENDS,
+    TraceOptions as TraceOptions,
+    on_cpu_kernel,
+    on_kernel,
+)
 from gaussray.tracer.prepare import (
     Prepared as Prepared,
     prepare as prepare,
@@ -136,9 +142,10 @@ def march_lists(
     """
     count = rays.time.shape[1]
     rows, layout = gaussian_table(motion), columns(motion)
+    marched = march_for(options, rows.dtype)
 
     def one(rays: Rays):
-        channels, transmittance, hits = march(
+        channels, transmittance, hits = marched(
             rows,
             lanes_of(motion, in_bundles(rays, options)),
             (lists.index, lists.start, lists.count),
@@ -152,6 +159,18 @@ def march_lists(
 
     pixels, hits = over(one, rays)
     return pixels, jnp.sum(hits)
+
+
+def march_for(options: TraceOptions, dtype: DTypeLike) -> Callable:
+    """How bundles march: in machine code where that runs on a CPU, which is compiled by now or read
+    from disk; else in arrays."""
+    if not on_cpu_kernel(options, dtype):
+        return march
+    # Numba takes as long to import as a small picture to render.
+    from gaussray.tracer.cpu_march import march_on_cpu, register_forward
+
+    register_forward()
+    return march_on_cpu
 
 
 def lanes_of(motion: Motion, bundled: Rays) -> Lanes:

@@ -22,7 +22,6 @@ from scenes import (
     moving,
     natural,
     pull,
-    pull_dense,
     rays,
     relative_errors,
     resting,
@@ -32,18 +31,23 @@ from scenes import (
     wandering,
     weights,
 )
+from single import (
+    COLOR,
+    GRADIENT,
+    SINGLE,
+    errors_on_device,
+    invisible,
+    mixed,
+    roomy,
+    samples_of,
+)
 
-from gaussray.camera.rays import Rays
-from gaussray.scene.gaussians import Gaussians
-from gaussray.tracer import cuda, kernel
-from gaussray.tracer.motion import Motion, with_rest
+from gaussray.tracer import cuda, kernel, options
+from gaussray.tracer.motion import with_rest
 from gaussray.tracer.trace import TraceOptions, measure, trace
 from gaussray.tracer.traverse import Capacity
 
 
-# Asked of single precision: mean absolute colour, and gradients relative to the largest. Where
-# nothing is extreme it reaches a hundred roundings (measured: 3e-7 and 7e-6).
-COLOR, GRADIENT, SINGLE = 1e-4, 1e-3, 2e-5
 # Sums of the same numbers in another order.
 SAME = 1e-6
 
@@ -100,6 +104,7 @@ def test_without_a_device_the_kernel_is_refused_and_auto_is_the_arrays(monkeypat
     from gaussray.tracer.trace import on_kernel
 
     monkeypatch.setattr(cuda, "available", lambda: False)
+    monkeypatch.setattr(options, "on_cpu_kernel", lambda *_: False)
     assert not on_kernel(TraceOptions(), jnp.float32)
     with pytest.raises(ValueError, match="trace.backend=kernel needs a CUDA device"):
         on_kernel(TraceOptions(backend="kernel"), jnp.float32)
@@ -123,61 +128,6 @@ def test_samples_share_lists_and_see_what_each_would_see_alone():
         one, alone = (jax.tree.map(lambda x: x[i], x) for x in (several, together))  # noqa: B023
         expected, _ = look(motion, one, options=OPTIONS, capacity=roomy(OPTIONS))
         np.testing.assert_allclose(stacked(alone), stacked(expected), atol=SAME)
-
-
-def samples_of(lines):
-    aside = jnp.asarray([0.1, 0, 0], lines.origin.dtype)
-    return Rays(
-        jnp.stack([lines.origin, lines.origin + aside[None]]),
-        jnp.stack([lines.direction] * 2),
-        jnp.stack([lines.time] * 2),
-    )
-
-
-def mixed(keys=3):
-    """Gaussians that move, with tints, and others that rest."""
-    still = resting(gaussians(40, seed=9, size=(0.1, 0.5))).gaussians
-    rest = Gaussians(still.mean[0], still.quat[0], still.scale[0], still.opacity, still.harmonics)
-    motion = tinted(wandering(*moving(COUNT, keys, size=(0.1, 0.5), amount=0.02)))
-    return Motion(motion.time, motion.gaussians, rest)
-
-
-def roomy(options):
-    """Room for every list, coarse levels as the options want."""
-    return Capacity((512,) * (options.levels + 1), 8192, 4 * COUNT, COUNT)
-
-
-def on_host(tree):
-    return jax.device_put(tree, jax.devices("cpu")[0])
-
-
-def errors_on_device(motion, lines, options=OPTIONS):
-    """Mean error of the colour and largest relative ones of the gradients; the brute force runs on
-    the host in double precision."""
-    weight = weights(dtype=np.float32)
-    capacity = roomy(options)
-    pixels, report, gradient = pull(motion, shot(lines), weight, options=options, capacity=capacity)
-    assert int(report.dropped) == 0 and int(report.hits) > 0
-    assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves((pixels, gradient)))
-    repeated, pull_back = jax.vjp(with_rest, motion)
-    host = on_host(jax.tree.map(lambda x: np.asarray(x, np.float64), (repeated, shot(lines))))
-    slope = pull_dense(*host, on_host(weight.astype(np.float64)))
-    expected = stacked(reference.trace(*host))
-    color = np.mean(np.abs(stacked(pixels) - expected)[:, :3])
-    if motion.rest is None:
-        errors = relative_errors(natural(gradient, motion), natural(slope, motion))
-    else:
-        single = jax.tree.map(lambda x: jnp.asarray(x, jnp.float32), slope[0])
-        (wanted,) = pull_back(single)
-        # The kernels take the limits of time as fixed; the brute force does not.
-        gradient, wanted = (replace(x, time_range=None) for x in (gradient[0], wanted))
-        errors = {
-            str(i): float(np.max(np.abs(a - b)) / max(np.max(np.abs(b)), 1e-30))
-            for i, (a, b) in enumerate(
-                zip(jax.tree.leaves(gradient), jax.tree.leaves(wanted), strict=True)
-            )
-        }
-    return color, errors
 
 
 @pytest.mark.gpu
@@ -233,12 +183,6 @@ def test_transient_gaussians_at_times_of_rays(scene, when):
     motion = beside(motion, fleeting(COUNT, seed=3, **kind), (0.1, 0.8))
     color, errors = errors_on_device(motion, lines)
     assert color < COLOR and max(errors.values()) < GRADIENT, errors
-
-
-def invisible():
-    """A motion of one Gaussian that no ray meets."""
-    none = jnp.zeros(1, jnp.float32)
-    return eqx.tree_at(lambda m: m.gaussians.opacity, resting(gaussians(1)), none)
 
 
 @pytest.mark.gpu

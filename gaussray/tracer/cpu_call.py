@@ -1,0 +1,266 @@
+"""Functions compiled by Numba inside a JAX program on a CPU: XLA calls them through its FFI.
+
+XLA hands over one pointer, to a call frame (struct XLA_FFI_CallFrame of xla/ffi/api/c_api.h, whose
+layout is stable). `operand` and `result` find the arrays behind it. Threads that a call starts
+take pieces of its work (`taken`) until none is left.
+"""
+
+import ctypes
+import functools
+import hashlib
+import inspect
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import numba.extending
+import numpy as np
+from llvmlite import ir
+from numba import cfunc, njit, types
+from numba.core import cgutils
+from numba.np.numpy_support import carray
+
+
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
+
+
+# A decorator that checks types (of tests, say) may stand between a function and what compiles it.
+def machine_code(function: Callable) -> Any:
+    """Compile a function when compiled code first calls it."""
+    return njit(**_OPTIONS)(inspect.unwrap(function))
+
+
+def inlined_code(function: Callable) -> Any:
+    """The same, copied to where it is called: passing arrays takes as long as a short function."""
+    return njit(**_OPTIONS, inline="always")(inspect.unwrap(function))
+
+
+def entry(function: Callable) -> Any:
+    """Compile a function of one 64-bit number now, or load it from disk; C can call it."""
+    function = inspect.unwrap(function)
+    # Numba takes what is on disk for old if the function's own file is newer, but not if another is
+    # that it calls: these are part of its name there.
+    function.__qualname__ = f"{function.__name__}_{_version()}"
+    signature = types.int64(types.int64)
+    try:
+        return cfunc(signature, cache=True)(function)
+    except RuntimeError:  # no folder to write to
+        return cfunc(signature)(function)
+
+
+@functools.cache
+def _version() -> str:
+    """A number for what the sources of all machine code hold."""
+    parts = sorted(Path(__file__).parent.glob("cpu_*.py"))
+    return hashlib.sha256(b"".join(part.read_bytes() for part in parts)).hexdigest()[:12]
+
+
+def intrinsic(function: Callable) -> Any:
+    """A function whose code in LLVM's language another function writes."""
+    return numba.extending.intrinsic(inspect.unwrap(function))
+
+
+# Byte offsets: in the frame, of the extension (in calls that ask for the version), XLA's interface,
+# the stage, and the pointers to operands and results; in a buffer, of its data, rank, dimensions.
+_EXTENSION, _INTERFACE, _STAGE, _OPERANDS, _RESULTS = 8, 16, 32, 72, 112
+_DATA, _RANK, _DIMENSIONS = 24, 32, 40
+# In an extension: its type (1: metadata) and the metadata; there, the version that is asked for; in
+# the interface, XLA's own version, whose larger number tells layouts apart: this one's is 0.
+_TYPE, _METADATA, _MAJOR, _MINOR, _OWN_MAJOR, _OWN_MINOR = 8, 24, 24, 28, 32, 36
+_IS_METADATA, _EXECUTE, _LAYOUT = 1, 3, 0
+
+
+def _reader(bits: int, kind: types.Type) -> Any:
+    """A function of an address: the number that stands there."""
+
+    @intrinsic
+    def read(_, address):
+        def code(context, builder, signature, arguments):
+            return builder.load(builder.inttoptr(arguments[0], ir.IntType(bits).as_pointer()))
+
+        return kind(types.int64), code
+
+    return read
+
+
+@intrinsic
+def _write(_, address, value):
+    def code(context, builder, signature, arguments):
+        place = builder.inttoptr(arguments[0], ir.IntType(32).as_pointer())
+        builder.store(arguments[1], place)
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int32), code
+
+
+@intrinsic
+def _next(_, address):
+    """The number at an address, which grows by one, whichever thread asks."""
+
+    def code(context, builder, signature, arguments):
+        place = builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
+        one = ir.Constant(ir.IntType(64), 1)
+        return builder.atomic_rmw("add", place, one, "seq_cst")
+
+    return types.int64(types.int64), code
+
+
+def _pointer(kind: types.Type, form: ir.Type) -> Any:
+    """A function of an address: a pointer to numbers of this kind."""
+
+    @intrinsic
+    def pointer(_, address):
+        def code(context, builder, signature, arguments):
+            return builder.inttoptr(arguments[0], form.as_pointer())
+
+        return types.CPointer(kind)(types.int64), code
+
+    return pointer
+
+
+_word, _number = _reader(64, types.int64), _reader(32, types.int32)
+_float_pointer = _pointer(types.float32, ir.FloatType())
+_int_pointer = _pointer(types.int32, ir.IntType(32))
+
+
+@machine_code
+def operand(frame, i):
+    """The buffer of operand `i`."""
+    return _word(_word(frame + _OPERANDS) + 8 * i)
+
+
+@machine_code
+def result(frame, i):
+    """The buffer of result `i`."""
+    return _word(_word(frame + _RESULTS) + 8 * i)
+
+
+@machine_code
+def _size(buffer):
+    """Number of elements along the first axis, and of all others together."""
+    rank, place = _word(buffer + _RANK), _word(buffer + _DIMENSIONS)
+    rest = 1
+    for k in range(1, rank):
+        rest *= _word(place + 8 * k)
+    return (_word(place) if rank > 0 else 1), rest
+
+
+@machine_code
+def floats(buffer):
+    """A buffer as an array of float32, (first axis, all others)."""
+    return carray(_float_pointer(_word(buffer + _DATA)), _size(buffer))
+
+
+@machine_code
+def integers(buffer):
+    """A buffer as an array of int32, (first axis, all others)."""
+    return carray(_int_pointer(_word(buffer + _DATA)), _size(buffer))
+
+
+def address_of(task: Any) -> Any:
+    """A function without arguments, for compiled code: the address of the `cfunc` that `task()`
+    is."""
+
+    @intrinsic
+    def address(_):
+        def code(context, builder, signature, arguments):
+            return builder.ptrtoint(_linked(task, context, builder), ir.IntType(64))
+
+        return types.int64(), code
+
+    return address
+
+
+def call_of(task: Any) -> Any:
+    """A function of one number, for compiled code, that calls the `cfunc` that `task()` is, instead
+    of holding a copy of it."""
+
+    @intrinsic
+    def call(_, argument):
+        def code(context, builder, signature, arguments):
+            return builder.call(_linked(task, context, builder), arguments)
+
+        return types.int64(types.int64), code
+
+    return call
+
+
+def _linked(task, context, builder):
+    """The `cfunc` as a function of the module that is built."""
+    kind, made = ir.FunctionType(ir.IntType(64), [ir.IntType(64)]), task()
+    context.active_code_library.add_linking_library(made._library)
+    return cgutils.get_or_insert_function(builder.module, kind, made.native_name)
+
+
+_POSIX = os.name == "posix"
+_create = types.ExternalFunction("pthread_create", types.int32(*[types.int64] * 4))
+_join = types.ExternalFunction("pthread_join", types.int32(*[types.int64] * 2))
+
+
+@machine_code
+def is_execution(frame):
+    """Whether a call is to compute; else it asks what the handler needs, and is answered."""
+    extension = _word(frame + _EXTENSION)
+    if extension != 0 and _number(extension + _TYPE) == _IS_METADATA:
+        metadata, interface = _word(extension + _METADATA), _word(frame + _INTERFACE)
+        minor = np.int32(1)
+        if interface != 0 and _number(interface + _OWN_MAJOR) == _LAYOUT:
+            minor = _number(interface + _OWN_MINOR)
+        _write(metadata + _MAJOR, np.int32(_LAYOUT))
+        _write(metadata + _MINOR, minor)
+        return False
+    return _number(frame + _STAGE) == _EXECUTE
+
+
+@machine_code
+def work(frame):
+    """What the threads of a call share: how much of the work is taken, and the frame."""
+    shared = np.zeros(2, np.int64)
+    shared[1] = frame
+    return shared
+
+
+@machine_code
+def call_frame(shared):
+    """The frame, of the address of what threads share."""
+    return _word(shared + 8)
+
+
+@machine_code
+def taken(shared):
+    """The number of the next piece of work that no thread has taken yet."""
+    return _next(shared)
+
+
+@machine_code
+def started(task, shared, threads):
+    """Threads (their identifiers) that run the task at this address."""
+    identifiers = np.zeros(max(threads, 1), np.int64)
+    count = 0
+    if _POSIX:
+        for k in range(threads):
+            place = identifiers.ctypes.data + 8 * k
+            if _create(place, 0, task, shared) != 0:
+                break
+            count += 1
+    return identifiers[:count]
+
+
+@machine_code
+def finish(identifiers):
+    """Wait for threads."""
+    if _POSIX:
+        for identifier in identifiers:
+            _join(identifier, 0)
+
+
+def register(name: str, handler: Any) -> None:
+    """Make a `cfunc` known to XLA under a name."""
+    capsule = ctypes.pythonapi.PyCapsule_New
+    capsule.restype = ctypes.py_object
+    capsule.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
+    jax.ffi.register_ffi_target(
+        name, capsule(handler.address, None, None), platform="cpu", api_version=1
+    )

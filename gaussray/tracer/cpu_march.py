@@ -1,0 +1,182 @@
+"""The march of ray bundles on a CPU as a JAX function: `march` of march.py, in machine code."""
+
+import functools
+import os
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from gaussray.tracer.cpu_call import (
+    address_of,
+    call_of,
+    entry,
+    finish,
+    floats,
+    is_execution,
+    machine_code,
+    operand,
+    register,
+    result,
+    started,
+    work,
+)
+from gaussray.tracer.cpu_kernel import backward_bundles, entries, forward_bundles, march_of
+from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.response import reach
+from gaussray.tracer.table import Columns, Lanes
+
+
+_FORWARD, _BACKWARD = "gaussray_march_forward", "gaussray_march_backward"
+_ZERO = np.float32(0)
+
+
+def _forward_task(shared):
+    forward_bundles(shared)
+    return 0
+
+
+def _backward_task(shared):
+    backward_bundles(shared)
+    return 0
+
+
+# Compiled when they are first asked for: pictures need no backward pass.
+_forward_code = functools.cache(lambda: entry(_forward_task))
+_backward_code = functools.cache(lambda: entry(_backward_task))
+_forward_address, _forward_call = address_of(_forward_code), call_of(_forward_code)
+_backward_address, _backward_call = address_of(_backward_code), call_of(_backward_code)
+
+
+@machine_code
+def _others(frame):
+    """Threads to start beside the caller's: no more than there are bundles."""
+    most = np.int64(floats(operand(frame, 10))[2, 0])
+    return min(most, march_of(frame).start.shape[0]) - 1
+
+
+def _forward(frame):
+    if is_execution(frame):
+        shared = work(frame)
+        others = started(_forward_address(), shared.ctypes.data, _others(frame))
+        _forward_call(shared.ctypes.data)
+        finish(others)
+    return 0
+
+
+def _backward(frame):
+    if is_execution(frame):
+        shared = work(frame)
+        others = started(_backward_address(), shared.ctypes.data, _others(frame))
+        _backward_call(shared.ctypes.data)
+        finish(others)
+        _add_up(frame)
+    return 0
+
+
+@machine_code
+def _add_up(frame):
+    """The gradient of the table: those of all entries, in the order of the lists."""
+    march, part, table = march_of(frame), floats(result(frame, 5)), floats(result(frame, 0))
+    table[:] = _ZERO
+    for bundle in range(len(march.start)):
+        first, last = entries(march, bundle)
+        for place in range(first, last):
+            if march.index[place] >= 0:
+                row, own = table[march.index[place]], part[place]
+                for c in range(len(own)):
+                    row[c] += own[c]
+
+
+@functools.cache
+def register_forward() -> None:
+    """Compile what pictures need, or load it from disk, and make it known to XLA."""
+    register(_FORWARD, entry(_forward))
+
+
+@functools.cache
+def _register_backward() -> None:
+    register(_BACKWARD, entry(_backward))
+
+
+def _threads() -> int:
+    """Threads of a call: as many as there are processors for this process."""
+    affinity = getattr(os, "sched_getaffinity", None)
+    return len(affinity(0)) if affinity else os.cpu_count() or 1
+
+
+def _operands(table, lanes, lists, options, columns, room):
+    """The first operands of both calls."""
+    squared = reach(jax.lax.stop_gradient(table[:, columns.opacity]), options.alpha_min) ** 2
+    time = jnp.zeros_like(lanes.origin[:1]) if lanes.time is None else lanes.time
+    numbers = (
+        columns.keys,
+        columns.coefficients,
+        columns.window.start if columns.transient else -1,
+        columns.opacity,
+        columns.harmonics.start,
+        columns.tint.start if columns.tinted else -1,
+        room,
+    )
+    limits = options.alpha_max, options.transmittance_min, _threads()
+    return (
+        table,
+        squared,
+        lanes.origin,
+        lanes.direction,
+        lanes.weights,
+        time,
+        *lists,
+        np.asarray(numbers, np.int32),
+        np.asarray(limits, np.float32),
+    )
+
+
+def _march_on_cpu(
+    table: Float[Array, "rows columns"],
+    lanes: Lanes,
+    lists: tuple[Int[Array, " pairs"], Int[Array, " bundles"], Int[Array, " bundles"]],
+    options: TraceOptions,
+    columns: Columns,
+    room: int,
+) -> tuple[Array, Array, Array]:
+    """Channels (red, green, blue, depth), transmittance and number of hits of every ray."""
+    register_forward()
+    size, kind = lanes.origin.shape[1:], table.dtype
+    call = jax.ffi.ffi_call(
+        _FORWARD,
+        (
+            jax.ShapeDtypeStruct((4, *size), kind),
+            jax.ShapeDtypeStruct(size, kind),
+            jax.ShapeDtypeStruct(size, np.int32),
+        ),
+        vmap_method="sequential",
+    )
+    channels, end, hits = call(*_operands(table, lanes, lists, options, columns, room))
+    return channels, end, hits
+
+
+def _march_forward(table, lanes, lists, options, columns, room):
+    out = _march_on_cpu(table, lanes, lists, options, columns, room)
+    return out, (table, lanes, lists, out[0], out[1])
+
+
+def _march_backward(options, columns, room, saved, cotangent):
+    _register_backward()
+    table, lanes, lists, total, end = saved
+    g_total, g_end, _ = cotangent
+    operands = _operands(table, lanes, lists, options, columns, room)
+    like = table, *operands[2:6]
+    results = [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in like]
+    parts = jax.ShapeDtypeStruct((lists[0].shape[0], table.shape[1]), table.dtype)
+    call = jax.ffi.ffi_call(_BACKWARD, (*results, parts), vmap_method="sequential")
+    d_table, d_origin, d_direction, d_weights, d_time, _ = call(
+        *operands, total, end, g_total, g_end
+    )
+    d_lanes = Lanes(d_origin, d_direction, d_weights, None if lanes.time is None else d_time)
+    return d_table, d_lanes, None
+
+
+march_on_cpu = jax.custom_vjp(_march_on_cpu, nondiff_argnums=(3, 4, 5))
+march_on_cpu.defvjp(_march_forward, _march_backward)

@@ -1,0 +1,177 @@
+"""The march in machine code on a CPU: it sees and learns what the brute force says in float64; how
+the work is spread does not matter; where it is chosen."""
+
+from dataclasses import replace
+
+import extremes
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import reference
+from scenes import (
+    COUNT,
+    OPTIONS,
+    RAYS,
+    beside,
+    fleeting,
+    gaussians,
+    look,
+    moving,
+    pull,
+    rays,
+    resting,
+    shot,
+    stacked,
+    tinted,
+    wandering,
+    weights,
+)
+from single import COLOR, GRADIENT, SINGLE, errors_on_device, mixed, roomy
+
+from gaussray.tracer import cpu_march, options as tracer_options
+from gaussray.tracer.march import march
+from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
+from gaussray.tracer.trace import march_for, measure
+
+
+SIZES = {"size": (0.1, 0.5)}
+
+
+@pytest.fixture(autouse=True)
+def on_a_cpu():
+    if jax.default_backend() != "cpu":
+        pytest.skip("JAX's default device is no CPU")
+
+
+def test_single_precision_chooses_machine_code_and_other_choices_the_arrays():
+    assert on_cpu_kernel(TraceOptions(), jnp.float32)
+    assert not on_cpu_kernel(TraceOptions(), jnp.float64)
+    assert not on_cpu_kernel(TraceOptions(backend="array"), jnp.float32)
+    assert march_for(TraceOptions(), jnp.float32) is cpu_march.march_on_cpu
+    assert march_for(TraceOptions(backend="array"), jnp.float32) is march
+    assert not on_kernel(TraceOptions(backend="kernel"), jnp.float32)
+
+
+def test_without_numba_the_arrays_march_and_the_kernel_is_refused(monkeypatch):
+    monkeypatch.setattr(tracer_options, "_has_numba", lambda: False)
+    assert march_for(TraceOptions(), jnp.float32) is march
+    with pytest.raises(ValueError, match="trace.backend=kernel needs a CUDA device.* Numba"):
+        on_kernel(TraceOptions(backend="kernel"), jnp.float32)
+
+
+@pytest.mark.parametrize("change", [{}, {"levels": 0}, {"bundle": 1}, {"bundle": 8}])
+def test_how_the_work_is_cut_does_not_matter(change):
+    motion = resting(gaussians(COUNT, **SIZES))
+    color, errors = errors_on_device(motion, rays(), replace(OPTIONS, **change))
+    assert color < SINGLE and max(errors.values()) < SINGLE, errors
+
+
+@pytest.mark.parametrize("degree", [0, 2, 3])
+def test_every_degree_of_colour(degree):
+    motion = resting(gaussians(COUNT, degree=degree, **SIZES))
+    color, errors = errors_on_device(motion, rays())
+    assert color < SINGLE and max(errors.values()) < SINGLE, errors
+
+
+@pytest.mark.parametrize("keys", [1, 2, 3])
+def test_key_states_and_tints(keys):
+    if keys == 1:
+        motion = resting(gaussians(COUNT, **SIZES))
+    else:
+        motion = wandering(*moving(COUNT, keys, amount=0.02, **SIZES))
+    color, errors = errors_on_device(tinted(motion), rays())
+    # Blended axes lose some digits of single precision where a Gaussian is thin.
+    assert color < COLOR and max(errors.values()) < GRADIENT, errors
+
+
+@pytest.mark.parametrize("scene", ["resting", "moving", "mixed"])
+def test_transient_gaussians_at_times_of_rays(scene):
+    motion = {
+        "resting": lambda: resting(gaussians(COUNT, **SIZES)),
+        "moving": lambda: wandering(*moving(COUNT, 3, amount=0.02, **SIZES)),
+        "mixed": mixed,
+    }[scene]()
+    motion = beside(motion, fleeting(COUNT, seed=3, **SIZES), (0.1, 0.8))
+    color, errors = errors_on_device(motion, rays())
+    assert color < COLOR and max(errors.values()) < GRADIENT, errors
+
+
+@pytest.mark.parametrize("name", sorted(set(extremes.SCENES) - {"anisotropy", "upright"}))
+def test_the_ends_of_what_numbers_can_express(name):
+    crowd, lines = extremes.scene(name)
+    color, errors = errors_on_device(resting(crowd), lines)
+    assert color < COLOR and max(errors.values()) < GRADIENT, errors
+
+
+def test_a_ray_ends_when_its_light_is_spent():
+    motion, lines = resting(gaussians(COUNT, size=(0.5, 1.0))), shot(rays())
+    weight, ends = weights(dtype=np.float32), replace(OPTIONS, transmittance_min=0.1)
+    whole, _, _ = pull(motion, lines, weight, capacity=roomy(OPTIONS))
+    cut, report, _ = pull(motion, lines, weight, options=ends, capacity=roomy(OPTIONS))
+    left = np.asarray(cut.transmittance)
+    assert left.min() < 0.1 and int(report.hits) < RAYS * COUNT
+    # What is missing lies behind what light is left.
+    assert np.all(np.abs(np.asarray(whole.color - cut.color)).max(axis=1) < 5 * 0.1)
+    unspent = left > 0.1
+    np.testing.assert_array_equal(stacked(whole)[unspent], stacked(cut)[unspent])
+
+
+def test_threads_change_not_a_bit(monkeypatch):
+    motion = beside(resting(gaussians(COUNT, **SIZES)), fleeting(COUNT, seed=3, **SIZES))
+    results = []
+    for threads in (1, 2, 5):
+        monkeypatch.setattr(cpu_march, "_threads", lambda threads=threads: threads)
+        # Another number of levels is another program.
+        jax.clear_caches()
+        results.append(pull(motion, shot(rays()), weights(dtype=np.float32)))
+    for other in results[1:]:
+        assert all(
+            np.array_equal(a, b)
+            for a, b in zip(jax.tree.leaves(results[0]), jax.tree.leaves(other), strict=True)
+        )
+
+
+def test_thousands_on_one_ray_are_all_met_in_their_order():
+    count, dice = 3_000, np.random.default_rng(0)
+    crowd = gaussians(count, seed=1, size=(0.5, 2.0), degree=0)
+    crowd = crowd._replace(
+        mean=np.concatenate(
+            [0.1 * dice.normal(size=(count, 2)), dice.uniform(1, 9, (count, 1))], 1
+        ),
+        opacity=dice.uniform(0.006, 0.01, count),
+    )
+    motion, lines = resting(crowd), shot(rays(place=(0, 0, -8), jitter=0.02, spread=0.01))
+    capacity = measure(motion, lines, options=OPTIONS)
+    pixels, report = look(motion, lines, options=OPTIONS, capacity=capacity)
+    assert int(report.dropped) == 0 and int(report.hits) > 0.99 * count * RAYS
+    assert np.mean(np.abs(stacked(pixels) - stacked(reference.trace(motion, lines)))) < COLOR
+
+
+def test_equal_distances_are_taken_in_the_order_of_the_list():
+    sheet = gaussians(COUNT, seed=3, degree=0)
+    sheet = sheet._replace(
+        mean=np.zeros((COUNT, 3)),
+        quat=np.tile([1.0, 0, 0, 0], (COUNT, 1)),
+        scale=np.tile([1.0, 1.0, 0.01], (COUNT, 1)),
+        opacity=np.full(COUNT, 0.5),
+    )
+    lines = shot(rays(jitter=0.0))
+    kernel, arrays = (
+        look(resting(sheet), lines, options=replace(OPTIONS, backend=b), capacity=roomy(OPTIONS))
+        for b in ("kernel", "array")
+    )
+    np.testing.assert_allclose(stacked(kernel[0]), stacked(arrays[0]), atol=SINGLE)
+
+
+def test_pictures_can_be_mapped_over():
+    motion, lines = resting(gaussians(COUNT, **SIZES)), shot(rays())
+
+    def seen(aside):
+        moved = replace(lines, origin=lines.origin + aside[None])
+        return look(motion, moved, options=OPTIONS, capacity=roomy(OPTIONS))[0].color
+
+    aside = jnp.asarray([[0.0, 0, 0], [0.1, 0, 0]], jnp.float32)
+    together = jax.vmap(seen)(aside)
+    for one, x in zip(together, aside, strict=True):
+        np.testing.assert_allclose(one, seen(x), atol=SINGLE)
