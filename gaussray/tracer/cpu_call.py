@@ -23,7 +23,9 @@ from numba.core import cgutils
 from numba.np.numpy_support import carray
 
 
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}, "nogil": True}
+# Only compiled code calls these functions: they need no wrappers.
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
+_OPTIONS |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 # A decorator that checks types (of tests, say) may stand between a function and what compiles it.
@@ -154,44 +156,31 @@ def floats(buffer):
 
 
 @machine_code
+def flat_floats(buffer):
+    """A buffer as an array of float32 with one axis."""
+    first, rest = _size(buffer)
+    return carray(_float_pointer(_word(buffer + _DATA)), (first * rest,))
+
+
+@machine_code
 def integers(buffer):
-    """A buffer as an array of int32, (first axis, all others)."""
-    return carray(_int_pointer(_word(buffer + _DATA)), _size(buffer))
+    """A buffer as an array of int32 with one axis."""
+    first, rest = _size(buffer)
+    return carray(_int_pointer(_word(buffer + _DATA)), (first * rest,))
 
 
-def address_of(task: Any) -> Any:
-    """A function without arguments, for compiled code: the address of the `cfunc` that `task()`
-    is."""
+@intrinsic
+def own_address(_):
+    """The address of the `entry` that asks for it."""
 
-    @intrinsic
-    def address(_):
-        def code(context, builder, signature, arguments):
-            return builder.ptrtoint(_linked(task, context, builder), ir.IntType(64))
+    def code(context, builder, signature, arguments):
+        kind = ir.FunctionType(ir.IntType(64), [ir.IntType(64)])
+        # Numba's name for what C calls.
+        name = f"cfunc.{builder.function.name}"
+        own = cgutils.get_or_insert_function(builder.module, kind, name)
+        return builder.ptrtoint(own, ir.IntType(64))
 
-        return types.int64(), code
-
-    return address
-
-
-def call_of(task: Any) -> Any:
-    """A function of one number, for compiled code, that calls the `cfunc` that `task()` is, instead
-    of holding a copy of it."""
-
-    @intrinsic
-    def call(_, argument):
-        def code(context, builder, signature, arguments):
-            return builder.call(_linked(task, context, builder), arguments)
-
-        return types.int64(types.int64), code
-
-    return call
-
-
-def _linked(task, context, builder):
-    """The `cfunc` as a function of the module that is built."""
-    kind, made = ir.FunctionType(ir.IntType(64), [ir.IntType(64)]), task()
-    context.active_code_library.add_linking_library(made._library)
-    return cgutils.get_or_insert_function(builder.module, kind, made.native_name)
+    return types.int64(), code
 
 
 _POSIX = os.name == "posix"
@@ -235,14 +224,21 @@ def taken(shared):
 
 
 @machine_code
-def started(task, shared, threads):
-    """Threads (their identifiers) that run the task at this address."""
+def shared_of(argument):
+    """The address of what threads share, of an entry's argument; 0 where XLA calls."""
+    return argument - 1 if argument & 1 else 0
+
+
+@machine_code
+def started(entry, shared, threads):
+    """Threads (their identifiers) that run the entry at this address, for the work at another. No
+    address is odd, which tells their calls from XLA's."""
     identifiers = np.zeros(max(threads, 1), np.int64)
     count = 0
     if _POSIX:
         for k in range(threads):
             place = identifiers.ctypes.data + 8 * k
-            if _create(place, 0, task, shared) != 0:
+            if _create(place, 0, entry, shared + 1) != 0:
                 break
             count += 1
     return identifiers[:count]

@@ -1,4 +1,4 @@
-"""The march of ray bundles in machine code for a CPU: machine_code once by Numba, called by XLA.
+"""The march of ray bundles in machine code for a CPU: compiled once by Numba, called by XLA.
 
 The same sums as march.py, several bundles at a time. Every list entry meets all rays of its bundle,
 in a loop that the compiler turns into vector instructions. Each ray keeps its hits in a heap and
@@ -14,6 +14,7 @@ import numpy as np
 
 from gaussray.tracer.cpu_call import (
     call_frame,
+    flat_floats,
     floats,
     integers,
     machine_code,
@@ -91,18 +92,18 @@ def march_of(frame):
         floats(operand(frame, 4)),
         floats(operand(frame, 5)),
     )
-    number, limit = integers(operand(frame, 9))[:, 0], floats(operand(frame, 10))[:, 0]
+    number, limit = integers(operand(frame, 9)), flat_floats(operand(frame, 10))
     layout = Layout(number[0], number[1], number[2], number[3], number[4], number[5])
-    start, count = integers(operand(frame, 7))[:, 0], integers(operand(frame, 8))[:, 0]
+    start, count = integers(operand(frame, 7)), integers(operand(frame, 8))
     longest = 0
     for b in range(len(count)):
         longest = max(longest, count[b])
     each = rays.origin.shape[1] // len(start)
     longest = min(longest, number[6])
-    index = integers(operand(frame, 6))[:, 0]
+    index = integers(operand(frame, 6))
     return March(
         floats(operand(frame, 0)),
-        floats(operand(frame, 1))[:, 0],
+        flat_floats(operand(frame, 1)),
         rays,
         index,
         start,
@@ -192,10 +193,17 @@ def _ray(rays, i):
 
 
 @machine_code
+def _note_weights(march, room, i):
+    """Note the weights of a ray."""
+    for k in range(march.layout.keys):
+        room.weights[k] = march.rays.weights[k, i]
+
+
+@machine_code
 def _met(row, march, room, i):
     """Distance and squared distance of a Gaussian with key states on a ray."""
     layout, (o, d, time) = march.layout, _ray(march.rays, i)
-    room.weights[:] = march.rays.weights[:, i]
+    _note_weights(march, room, i)
     a, m, age = state_on_ray(row, layout, room.weights, time)
     t, q = meet_ray(a, m, o, d)
     if layout.window >= 0:
@@ -235,7 +243,7 @@ def _begin_ray(march, room, bundle, r):
     i = bundle * march.each + r
     ray = _ray(march.rays, i)
     _order(room.heap[r], room.length[r])
-    room.weights[:] = march.rays.weights[:, i]
+    _note_weights(march, room, i)
     harmonics_of(ray[1], march.layout.coefficients, room.harmonics)
     return i, ray
 
@@ -254,8 +262,8 @@ def forward_bundles(shared):
     """Blend the rays of all bundles that no other thread takes."""
     frame = call_frame(shared)
     march = march_of(frame)
-    channels, end = floats(result(frame, 0)), floats(result(frame, 1)).reshape(-1)
-    hits, room, layout = integers(result(frame, 2)).reshape(-1), _room_for(march), march.layout
+    channels, end = floats(result(frame, 0)), flat_floats(result(frame, 1))
+    hits, room, layout = integers(result(frame, 2)), _room_for(march), march.layout
     weights, harmonics = room.weights, room.harmonics
     while True:
         bundle = taken(shared)
@@ -290,8 +298,8 @@ def backward_bundles(shared):
     lists (the last result)."""
     frame = call_frame(shared)
     march = march_of(frame)
-    total, end = floats(operand(frame, 11)).reshape(-1), floats(operand(frame, 12)).reshape(-1)
-    g_total, g_end = floats(operand(frame, 13)).reshape(-1), floats(operand(frame, 14)).reshape(-1)
+    total, end = flat_floats(operand(frame, 11)), flat_floats(operand(frame, 12))
+    g_total, g_end = flat_floats(operand(frame, 13)), flat_floats(operand(frame, 14))
     d_rays = RayArrays(
         floats(result(frame, 1)),
         floats(result(frame, 2)),
@@ -343,4 +351,5 @@ def backward_bundles(shared):
                 d_rays.origin[c, i] = d_ray[c]
                 d_rays.direction[c, i] = d_ray[3 + c] + more[c]
             d_rays.time[0, i] = d_ray[6]
-            d_rays.weights[:, i] = d_ray[7:]
+            for c in range(layout.keys):
+                d_rays.weights[c, i] = d_ray[7 + c]

@@ -9,16 +9,17 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaussray.tracer.cpu_call import (
-    address_of,
-    call_of,
     entry,
     finish,
+    flat_floats,
     floats,
     is_execution,
     machine_code,
     operand,
+    own_address,
     register,
     result,
+    shared_of,
     started,
     work,
 )
@@ -32,46 +33,37 @@ _FORWARD, _BACKWARD = "gaussray_march_forward", "gaussray_march_backward"
 _ZERO = np.float32(0)
 
 
-def _forward_task(shared):
-    forward_bundles(shared)
-    return 0
-
-
-def _backward_task(shared):
-    backward_bundles(shared)
-    return 0
-
-
-# Compiled when they are first asked for: pictures need no backward pass.
-_forward_code = functools.cache(lambda: entry(_forward_task))
-_backward_code = functools.cache(lambda: entry(_backward_task))
-_forward_address, _forward_call = address_of(_forward_code), call_of(_forward_code)
-_backward_address, _backward_call = address_of(_backward_code), call_of(_backward_code)
-
-
 @machine_code
 def _others(frame):
     """Threads to start beside the caller's: no more than there are bundles."""
-    most = np.int64(floats(operand(frame, 10))[2, 0])
+    most = np.int64(flat_floats(operand(frame, 10))[2])
     return min(most, march_of(frame).start.shape[0]) - 1
 
 
-def _forward(frame):
-    if is_execution(frame):
-        shared = work(frame)
-        others = started(_forward_address(), shared.ctypes.data, _others(frame))
-        _forward_call(shared.ctypes.data)
+def _forward(argument):
+    shared = shared_of(argument)
+    if shared:
+        forward_bundles(shared)
+    elif is_execution(argument):
+        common = work(argument)
+        address = np.int64(common.ctypes.data)
+        others = started(own_address(), address, _others(argument))
+        forward_bundles(address)
         finish(others)
     return 0
 
 
-def _backward(frame):
-    if is_execution(frame):
-        shared = work(frame)
-        others = started(_backward_address(), shared.ctypes.data, _others(frame))
-        _backward_call(shared.ctypes.data)
+def _backward(argument):
+    shared = shared_of(argument)
+    if shared:
+        backward_bundles(shared)
+    elif is_execution(argument):
+        common = work(argument)
+        address = np.int64(common.ctypes.data)
+        others = started(own_address(), address, _others(argument))
+        backward_bundles(address)
         finish(others)
-        _add_up(frame)
+        _add_up(argument)
     return 0
 
 
