@@ -245,11 +245,13 @@ def started(entry, shared, threads):
 
 
 @machine_code
-def finish(identifiers):
-    """Wait for threads."""
+def finish(identifiers, shared):
+    """Wait for threads. What they share must live until then: Numba frees arrays after their last
+    use, and does not see that of their addresses."""
     if _POSIX:
         for identifier in identifiers:
             _join(identifier, 0)
+    shared[1] = 0
 
 
 def register(name: str, handler: Any) -> None:

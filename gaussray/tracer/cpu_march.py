@@ -49,7 +49,7 @@ def _forward(argument):
         address = np.int64(common.ctypes.data)
         others = started(own_address(), address, _others(argument))
         forward_bundles(address)
-        finish(others)
+        finish(others, common)
     return 0
 
 
@@ -62,7 +62,7 @@ def _backward(argument):
         address = np.int64(common.ctypes.data)
         others = started(own_address(), address, _others(argument))
         backward_bundles(address)
-        finish(others)
+        finish(others, common)
         _add_up(argument)
     return 0
 

@@ -1,6 +1,7 @@
 """The march in machine code on a CPU: it sees and learns what the brute force says in float64; how
 the work is spread does not matter; where it is chosen."""
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import extremes
@@ -130,6 +131,19 @@ def test_threads_change_not_a_bit(monkeypatch):
             np.array_equal(a, b)
             for a, b in zip(jax.tree.leaves(results[0]), jax.tree.leaves(other), strict=True)
         )
+
+
+def test_many_calls_at_once_do_not_disturb_each_other():
+    motion = beside(resting(gaussians(COUNT, **SIZES)), fleeting(COUNT, seed=3, **SIZES))
+    weight, lines = weights(dtype=np.float32), shot(rays())
+
+    def once(_):
+        return jax.tree.map(np.asarray, jax.tree.leaves(pull(motion, lines, weight)))
+
+    expected = once(0)
+    with ThreadPoolExecutor(3) as pool:
+        for found in pool.map(once, range(300)):
+            assert all(map(np.array_equal, found, expected))
 
 
 def test_thousands_on_one_ray_are_all_met_in_their_order():
