@@ -14,13 +14,15 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(COMPILED))
 # A small program loads five times faster than it compiles, and there are thousands of them.
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 
-# XLA's older way to emit code for a CPU compiles in half the time. A version that does not know a
-# flag ends the process, so only those that were tried are told. Flags are part of a program's key
-# in the cache: a worker, which inherits them, must not add them again.
-FLAG = "--xla_cpu_use_fusion_emitters=false"
+# XLA's older way to emit code for a CPU compiles in half the time, and programs that are not cut
+# into parts for threads, of which the workers of the tests leave none idle, in six sevenths of
+# that. A version that does not know a flag ends the process, so only those that were tried are
+# told. Flags are part of a program's key in the cache: a worker, which inherits them, must not add
+# them again.
+FLAGS = "--xla_cpu_use_fusion_emitters=false --xla_cpu_parallel_codegen_split_count=1"
 flags = os.environ.get("XLA_FLAGS", "")
-if importlib.metadata.version("jaxlib").startswith("0.10.") and FLAG not in flags:
-    os.environ["XLA_FLAGS"] = f"{flags} {FLAG}".strip()
+if importlib.metadata.version("jaxlib").startswith("0.10.") and FLAGS not in flags:
+    os.environ["XLA_FLAGS"] = f"{flags} {FLAGS}".strip()
 
 import jax  # noqa: E402
 import pytest  # noqa: E402
