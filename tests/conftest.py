@@ -149,13 +149,17 @@ def known_sizes():
     from gaussray.render import renderer as render
     from gaussray.tracer.traverse import Capacity
 
-    def room(trace):
-        return Capacity((512,) * (trace.levels + 1), 512, 64)
+    def room(trace, transients):
+        briefly = 64 if transients is not None else 0
+        return Capacity((512,) * (trace.levels + 1), 512, 64, briefly)
 
-    def sizes(*_, options, mesh, keys, growth):
-        return BlockSizes(room(options.trace), mesh, keys)
+    def of_picture(renderer, batch, part, trace):
+        return room(trace, renderer.scenes[batch.views[0].segment].transient)
+
+    def of_block(state, *_, options, mesh, keys, growth):
+        return BlockSizes(room(options.trace, state.parameters.transient), mesh, keys)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(render.Renderer, "_measure", lambda *parts: room(parts[-1]))
-        patch.setattr(loop, "measure_sizes", sizes)
+        patch.setattr(render.Renderer, "_measure", of_picture)
+        patch.setattr(loop, "measure_sizes", of_block)
         yield

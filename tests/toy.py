@@ -17,6 +17,7 @@ from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.geometry import quaternion
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
+from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.options import FitOptions
 from gaussray.reconstruct.pipeline import ReconstructOptions
 from gaussray.reconstruct.simplify.prune import NeedOptions
@@ -36,12 +37,14 @@ CAMERAS = ("cam_0", "cam_1", "cam_2", "cam_3")
 TIMES = (0.0, 0.5, 1.0)
 # No level of coarser bundles: a picture of 16 x 16 has four bundles in all.
 TRACE = TraceOptions(levels=0, group=2, chunk=8)
-# One block of steps per stage; what they find is poor.
+# One block of steps per stage; what they find is poor. There is room for as many Gaussians as in
+# other fits of the tests, with which it shares its programs.
 SHORT = ReconstructOptions(
     fit=FitOptions(coarse=10, fine=10, tiles=4, block=10, points=27, surround=0.0, start="given"),
     track=TrackOptions(poses=0),
     field=FieldOptions(sides=(4, 6), channels=4, width=8),
     trace=TraceOptions(levels=0, group=2, chunk=8, transmittance_min=1e-2),
+    density=DensityOptions(interval=20),
     need=NeedOptions(loss=0.0),
 )
 

@@ -20,7 +20,6 @@ from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.initialize.initializer import cleaned
 from gaussray.reconstruct.log import NonFiniteLoss, RunLog
-from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.rows import occupied
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.pipeline import reconstruct
@@ -28,6 +27,7 @@ from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.simplify.prune import NeedOptions
 from gaussray.reconstruct.start import initial_state
+from gaussray.reconstruct.step_loss import BlockSizes
 from gaussray.render.renderer import RenderOptions
 from gaussray.scene.store import load_scene
 
@@ -47,7 +47,7 @@ OPTIONS = ReconstructOptions(
     ),
     track=TrackOptions(poses=8, points=4, elite=2, rounds=1, blur=(0.5,)),
     field=toy.SHORT.field,
-    density=DensityOptions(interval=20),
+    density=toy.SHORT.density,
     trace=toy.SHORT.trace,
     need=NeedOptions(loss=0.0),
 )
@@ -152,6 +152,30 @@ def test_a_run_ends_with_a_line_about_the_file(capture, tmp_path, capsys, monkey
 
 def test_the_same_seed_gives_the_same_bytes(brief, capture, tmp_path):
     reconstruct(capture, tmp_path, options=BRIEF, quiet=True)
+    assert_same(brief, tmp_path)
+
+
+def test_a_block_that_dropped_entries_is_run_again_with_the_room_that_it_needed(
+    brief, capture, tmp_path, monkeypatch
+):
+    train, asked = loop.train_block, []
+
+    def short_of_room(state, *arguments, sizes, **options):
+        after, terms, error, needed, dropped = train(state, *arguments, sizes=sizes, **options)
+        if asked:
+            return after, terms, error, needed, dropped
+        void = jax.tree.map(jnp.zeros_like, after)
+        return void, terms, error, needed, dropped + 1
+
+    def enlarged(sizes, needed):
+        asked.append(np.asarray(needed))
+        return sizes
+
+    monkeypatch.setattr(loop, "train_block", short_of_room)
+    monkeypatch.setattr(BlockSizes, "enlarged", enlarged)
+    reconstruct(capture, tmp_path, options=BRIEF, quiet=True)
+    (needed,) = asked
+    assert needed.shape == (3,) and (needed > 0).all()
     assert_same(brief, tmp_path)
 
 
