@@ -9,8 +9,6 @@ from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 
-pytestmark = pytest.mark.usefixtures("optimized_programs")
-
 # Asked of single precision: mean absolute colour, and gradients relative to the largest.
 COLOR, GRADIENT = 1e-4, 1e-3
 # Ten thousand on a ray: the slot takes 14 of the 29 bits of a key, so hits that lie closer than

@@ -18,8 +18,6 @@ from scenes import (
 )
 
 
-pytestmark = pytest.mark.usefixtures("optimized_programs")
-
 # Mean absolute colour, and gradients relative to the largest: what is asked of ordinary scenes.
 COLOR, GRADIENT = 1e-4, 1e-3
 # Beyond them float32 may be wrong only as far as its inputs are: no further than the exact image
