@@ -1,4 +1,4 @@
-"""Thousands of Gaussians, optimised as in use: against brute force, and on a single ray."""
+"""Thousands of Gaussians: against brute force, and on a single ray."""
 
 import numpy as np
 import pytest
