@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.problem import INSTANTS, dynamic_room, room_rays
-from benchmarks.record import backend, begin, record, show, timed
+from benchmarks.record import backend, begin, on_cuda, record, show, timed
 from gaussray.camera.rays import Rays
 from gaussray.scene.scene import Scene, at, moving_at
 from gaussray.tracer import kernel
@@ -77,7 +77,7 @@ def moved(scene: Scene, keys: int) -> Motion:
 def stages(motion: Motion, rays: Rays, options: TraceOptions):
     """Name, compiled function and entries dropped of its result."""
     capacity = measure(motion, rays, options=options)
-    make = _kernel if options.backend == "kernel" else _arrays
+    make = _kernel if on_cuda(options.backend) else _arrays
     order, lists, lost = make(options, capacity)
     return (("order", jax.jit(order), lambda _: 0), ("lists", jax.jit(lists), lost))
 

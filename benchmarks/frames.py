@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from benchmarks import exact
-from benchmarks.record import backend, timed
+from benchmarks.record import backend, on_cuda, timed
 from gaussray.camera.camera import Camera
 from gaussray.render import Renderer, RenderOptions
 from gaussray.render.frame_batch import TracedPart
@@ -34,7 +34,7 @@ class Bench(Renderer):
     def settled(self, camera: Camera) -> Frame:
         """A whole frame, after which lists have the sizes that it needs."""
         frame = self(camera)
-        if backend(self.trace.backend) == "kernel":
+        if on_cuda(self.trace.backend):
             parts = self.launch(camera)
             needed = np.max([np.asarray(part.report.needed).reshape(-1) for part in parts], axis=0)
             none = Capacity((1,) * (len(needed) - 2), 1, 1)
@@ -48,7 +48,7 @@ class Bench(Renderer):
 
     def _measure(self, batch, part, trace) -> Capacity:
         levels = trace.levels + 1
-        if backend(trace.backend) == "kernel" and Bench.guess is not None:
+        if on_cuda(trace.backend) and Bench.guess is not None:
             return Capacity((1,) * levels, 1, Bench.guess.slots)
         return super()._measure(batch, part, trace)
 

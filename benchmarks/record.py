@@ -23,6 +23,7 @@ import numpy as np
 
 from gaussray.runtime.provenance import git_commit
 from gaussray.tracer import cuda
+from gaussray.tracer.options import TraceOptions, on_cpu_kernel
 
 
 RESULTS = Path(os.environ.get("BENCH_RESULTS") or Path(__file__).parent / "results")
@@ -61,7 +62,13 @@ def backend(name: str) -> str:
     """What "auto" stands for here."""
     if name != "auto":
         return name
-    return "kernel" if cuda.available() else "array"
+    kernel = cuda.available() or on_cpu_kernel(TraceOptions(), np.float32)
+    return "kernel" if kernel else "array"
+
+
+def on_cuda(name: str) -> bool:
+    """Whether the CUDA kernels trace with this backend."""
+    return cuda.available() and backend(name) == "kernel"
 
 
 def timed(function: Callable, *arguments: Any) -> dict[str, float]:

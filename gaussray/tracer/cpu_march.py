@@ -93,9 +93,11 @@ def _register_backward() -> None:
 
 
 def _threads() -> int:
-    """Threads of a call: as many as there are processors for this process."""
+    """Threads of a call: the processors of this process, shared by the devices that JAX makes of
+    them, each of which may call at once."""
     affinity = getattr(os, "sched_getaffinity", None)
-    return len(affinity(0)) if affinity else os.cpu_count() or 1
+    processors = len(affinity(0)) if affinity else os.cpu_count() or 1
+    return max(1, processors // jax.local_device_count("cpu"))
 
 
 def _operands(table, lanes, lists, options, columns, room):
