@@ -21,6 +21,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from gaussray.runtime.devices import cores, cpu_devices
 from gaussray.runtime.provenance import git_commit
 from gaussray.tracer import cuda
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel
@@ -37,8 +38,8 @@ _BATCHES, _SECONDS, _MOST = 5, 0.1, 20
 
 
 def begin(doc: str | None) -> argparse.ArgumentParser:
-    """The arguments that all scripts share; JAX gets a device for each CPU core."""
-    use_all_cores()
+    """The arguments that all scripts share; all CPU cores are used."""
+    use_all_cores(arrays="array" in sys.argv)
     parser = argparse.ArgumentParser(
         description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -47,13 +48,11 @@ def begin(doc: str | None) -> argparse.ArgumentParser:
     return parser
 
 
-def use_all_cores() -> None:
-    """One device for each core that this process may use; before JAX's first array."""
-    cores = os.cpu_count() or 1
-    if hasattr(os, "sched_getaffinity"):
-        cores = len(os.sched_getaffinity(0))
+def use_all_cores(arrays: bool = False) -> None:
+    """The devices that a command makes of a CPU, or one for each core, which `arrays` need to use
+    them all; before JAX's first array."""
     try:
-        jax.config.update("jax_num_cpu_devices", cores)
+        jax.config.update("jax_num_cpu_devices", cores() if arrays else cpu_devices())
     except RuntimeError:
         pass  # JAX has begun, with the devices it has.
 

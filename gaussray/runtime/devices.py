@@ -1,6 +1,7 @@
 """Devices of one host or of several hosts, and how hosts exchange arrays."""
 
 import contextlib
+import importlib.util
 import os
 import sys
 from collections.abc import Sequence
@@ -25,7 +26,7 @@ class DevicesOptions(eqx.Module):
     The result is that of one device, up to the order of sums. All hosts share the output folder.
 
     Args:
-        count: devices of each host; 0 for all.
+        count: devices of each host; 0 for all (of a CPU: `cpu_devices`).
         hosts: number of processes, each started with the same arguments but for `process`. 0: the
             cluster's environment defines hosts, process and coordinator.
         process: number of this process, from 0.
@@ -62,7 +63,8 @@ class DevicesOptions(eqx.Module):
 def begin(options: DevicesOptions) -> int | None:
     """Start the devices, before JAX does anything else.
 
-    On a CPU each core becomes a device, so that rays and frames are distributed over all cores.
+    A CPU is one device, whose machine code uses all cores (`has_machine_code`). Without it each
+    core becomes a device, so that rays and frames are distributed over all cores.
 
     Returns:
         The number of devices that each host uses; None for all.
@@ -73,7 +75,7 @@ def begin(options: DevicesOptions) -> int | None:
     """
     # If JAX has already started (in a notebook, in tests) it keeps its devices.
     with contextlib.suppress(RuntimeError):
-        jax.config.update("jax_num_cpu_devices", options.count or _cores())
+        jax.config.update("jax_num_cpu_devices", options.count or cpu_devices())
     keep_programs(options.programs)
     if options.hosts != 1 and not jax.distributed.is_initialized():
         _meet(options)
@@ -93,11 +95,22 @@ def begin(options: DevicesOptions) -> int | None:
     return options.count or None
 
 
-def _cores() -> int:
+def cores() -> int:
+    """Processors that this process may use."""
     try:
         return len(os.sched_getaffinity(0))
     except AttributeError:
         return os.cpu_count() or 1
+
+
+def has_machine_code() -> bool:
+    """Whether Numba is there to compile machine code for a CPU."""
+    return importlib.util.find_spec("numba") is not None
+
+
+def cpu_devices() -> int:
+    """Devices that JAX shall make of the CPU."""
+    return 1 if has_machine_code() else cores()
 
 
 def _meet(options: DevicesOptions) -> None:

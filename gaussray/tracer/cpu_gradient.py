@@ -47,20 +47,26 @@ def add_color_gradient(row, d_row, layout, w, d_ray, y, d_y, g):
     """Add the gradients of a hit's colour, of the gradient g of what is seen of it: to its row, to
     the ray's, and to those of the harmonics y of its direction."""
     color, tint = color_of(row, layout, w, y)
-    seen, cut = positive(color), positive(tint)
-    for c in range(3):
-        if layout.tint >= 0 and tint[c] > _ZERO:
-            d_tint = g[c] * seen[c]
-            for k in range(layout.keys):
-                at = layout.tint + 3 * k + c
-                d_row[at] += w[k] * d_tint
-                d_ray[7 + k] += row[at] * d_tint
-        if color[c] > _ZERO:
-            slope, at = g[c] * cut[c], layout.harmonics + c
-            for k in range(layout.coefficients):
-                d_row[at] += y[k] * slope
-                d_y[k] += row[at] * slope
-                at += 3
+    cut = positive(tint)
+    red = g[0] * cut[0] if color[0] > _ZERO else _ZERO
+    green = g[1] * cut[1] if color[1] > _ZERO else _ZERO
+    blue = g[2] * cut[2] if color[2] > _ZERO else _ZERO
+    at = layout.harmonics
+    for k in range(layout.coefficients):
+        d_row[at] += y[k] * red
+        d_row[at + 1] += y[k] * green
+        d_row[at + 2] += y[k] * blue
+        d_y[k] += row[at] * red + row[at + 1] * green + row[at + 2] * blue
+        at += 3
+    if layout.tint >= 0:
+        seen = positive(color)
+        for c in range(3):
+            if tint[c] > _ZERO:
+                d_tint = g[c] * seen[c]
+                for k in range(layout.keys):
+                    at = layout.tint + 3 * k + c
+                    d_row[at] += w[k] * d_tint
+                    d_ray[7 + k] += row[at] * d_tint
 
 
 @inlined_code

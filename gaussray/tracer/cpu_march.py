@@ -1,13 +1,14 @@
 """The march of ray bundles on a CPU as a JAX function: `march` of march.py, in machine code."""
 
 import functools
-import os
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
+from gaussray.runtime.devices import cores
+from gaussray.tracer.cpu_bundle import entries, march_of
 from gaussray.tracer.cpu_call import (
     entry,
     finish,
@@ -23,7 +24,7 @@ from gaussray.tracer.cpu_call import (
     started,
     work,
 )
-from gaussray.tracer.cpu_kernel import backward_bundles, entries, forward_bundles, march_of
+from gaussray.tracer.cpu_kernel import backward_bundles, forward_bundles
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.response import reach
 from gaussray.tracer.table import Columns, Lanes
@@ -95,9 +96,7 @@ def _register_backward() -> None:
 def _threads() -> int:
     """Threads of a call: the processors of this process, shared by the devices that JAX makes of
     them, each of which may call at once."""
-    affinity = getattr(os, "sched_getaffinity", None)
-    processors = len(affinity(0)) if affinity else os.cpu_count() or 1
-    return max(1, processors // jax.local_device_count("cpu"))
+    return max(1, cores() // jax.local_device_count("cpu"))
 
 
 def _operands(table, lanes, lists, options, columns, room):

@@ -1,13 +1,11 @@
 """How rays are traced, and which backend traces them."""
 
-import functools
-import importlib.util
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.typing import DTypeLike
 
+from gaussray.runtime.devices import has_machine_code
 from gaussray.tracer import cuda
 
 
@@ -86,9 +84,4 @@ def on_cpu_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
     Their lists are those of the arrays."""
     single = jnp.dtype(dtype) == jnp.float32
     on_cpu = jax.default_backend() == "cpu"
-    return options.backend != "array" and single and on_cpu and _has_numba()
-
-
-@functools.cache
-def _has_numba() -> bool:
-    return importlib.util.find_spec("numba") is not None
+    return options.backend != "array" and single and on_cpu and has_machine_code()
