@@ -221,6 +221,7 @@ def _import(cfg: Configuration, devices: int | None) -> None:
 def _export(cfg: Configuration, devices: int | None) -> None:
     from gaussray.scene.formats.any_file import load
     from gaussray.scene.formats.convert import export_model
+    from gaussray.scene.formats.export_transients import export_transients
     from gaussray.scene.formats.sequence import export_sequence
 
     time = None if cfg.time is None else as_type(float, cfg.time, "time")
@@ -231,7 +232,11 @@ def _export(cfg: Configuration, devices: int | None) -> None:
         raise ValueError(
             f"time must be null with count={count}, got {time:g}. Leave one of them out."
         )
-    if count:
+    if kind == "ftgs":
+        if count or time is not None:
+            raise ValueError("format=ftgs holds all times: leave time and count out.")
+        message = export_transients(scene, cfg.out, color=color, degree=degree)
+    elif count:
         message = export_sequence(
             scene, cfg.out, count, color=color, degree=degree, file_format=kind
         )

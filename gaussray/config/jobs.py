@@ -32,7 +32,7 @@ from gaussray.render.rig.placed import placed_views
 from gaussray.render.rig.used_keys import check_used, switched_on
 from gaussray.render.rig.validate import check_possible
 from gaussray.runtime.devices import DevicesOptions, begin, together
-from gaussray.scene.formats.any_file import FOREIGN, load
+from gaussray.scene.formats.any_file import is_foreign, load
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 from gaussray.tracer.trace import TraceOptions
@@ -164,7 +164,7 @@ def has_cameras(cfg: Configuration) -> bool:
     """Whether there is a capture: one that is named, or that of the reconstructed scene."""
     path = Path(cfg.scene)
     folder = path if path.is_dir() else path.parent
-    own = path.suffix.lower() not in FOREIGN and (folder / "cameras.json").is_file()
+    own = not is_foreign(path) and (folder / "cameras.json").is_file()
     return cfg.cameras is not None or own
 
 

@@ -1,5 +1,6 @@
-"""Reads the vertices of untrusted PLY files (Turk 1994)."""
+"""Reads untrusted PLY files (Turk 1994)."""
 
+from collections.abc import Sequence
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -33,42 +34,86 @@ class _Element(NamedTuple):
     properties: list[_Property]
 
 
-def read_vertices(path: Path | str) -> np.ndarray:
-    """The element `vertex` of an ASCII or binary PLY file.
+class _Header(NamedTuple):
+    """Byte order, elements, and the words of each comment."""
 
-    Elements before it are skipped. Memory is allocated only for data that the file holds.
+    order: str
+    elements: list[_Element]
+    comments: list[list[str]]
+
+
+def read_vertices(path: Path | str) -> np.ndarray:
+    """The element `vertex` of an ASCII or binary PLY file (`read_elements`).
 
     Returns:
         A record array with the names and types of the file's properties.
+    """
+    return read_elements(path, ("vertex",))["vertex"]
+
+
+def read_elements(path: Path | str, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Elements of an ASCII or binary PLY file, as record arrays with the names and types of the
+    file's properties.
+
+    Other elements are skipped. Memory is allocated only for data that the file holds.
+
+    Args:
+        path: The file.
+        names: The elements, of which `vertex` must be there.
+
+    Returns:
+        The elements that the file has, by name.
 
     Raises:
         ValueError: the header is malformed, data are truncated, text is not a number of its type,
             or there are more points than limits.points.
         OSError: the file is missing or cannot be read.
     """
-    path = Path(path)
+    path, found = Path(path), dict[str, np.ndarray]()
     with opened(path) as file:
-        order, elements = _header(path, file)
-        for element in elements:
-            if element.name != "vertex":
-                _skip(path, file, order, element)
-                continue
-            if any(p.length for p in element.properties):
-                raise ValueError(f"{path}: element vertex must not have list properties.")
-            if not element.properties:
-                raise ValueError(f"{path}: element vertex must have properties, got none.")
-            try:
-                kind = np.dtype([(p.name, (order or "<") + p.kind) for p in element.properties])
-            except ValueError as error:
-                raise ValueError(f"{path}: element vertex is malformed: {error}.") from None
-            return (_binary if order else _text)(path, file, kind, element.count)
-    raise ValueError(f"{path}: the PLY file must have an element vertex, got none.")
+        header = _header(path, file)
+        last = max((i for i, e in enumerate(header.elements) if e.name in names), default=-1)
+        for element in header.elements[: last + 1]:
+            if element.name in names:
+                found[element.name] = _table(path, file, header.order, element)
+            else:
+                _skip(path, file, header.order, element)
+    if "vertex" not in found:
+        raise ValueError(f"{path}: the PLY file must have an element vertex, got none.")
+    return found
 
 
-def _header(path: Path, file: BinaryIO) -> tuple[str, list[_Element]]:
+def element_names(path: Path | str) -> dict[str, tuple[str, ...]]:
+    """The names of the properties of each element of a PLY file, from its header alone."""
+    with opened(path) as file:
+        elements = _header(Path(path), file).elements
+    return {e.name: tuple(p.name for p in e.properties) for e in elements}
+
+
+def comments_of(path: Path | str) -> dict[str, str]:
+    """The comments of a PLY file's header: what follows the first word, by that word."""
+    with opened(path) as file:
+        lines = _header(Path(path), file).comments
+    return {words[0]: " ".join(words[1:]) for words in lines if words}
+
+
+def _table(path: Path, file: BinaryIO, order: str, element: _Element) -> np.ndarray:
+    name = element.name
+    if any(p.length for p in element.properties):
+        raise ValueError(f"{path}: element {name} must not have list properties.")
+    if not element.properties:
+        raise ValueError(f"{path}: element {name} must have properties, got none.")
+    try:
+        kind = np.dtype([(p.name, (order or "<") + p.kind) for p in element.properties])
+    except ValueError as error:
+        raise ValueError(f"{path}: element {name} is malformed: {error}.") from None
+    return (_binary if order else _text)(path, file, kind, element.count)
+
+
+def _header(path: Path, file: BinaryIO) -> _Header:
     if file.readline(64).strip() != b"ply":
         raise ValueError(f"{path}: a PLY file must begin with the line 'ply', got something else.")
-    order, elements = None, []
+    order, elements, comments = None, [], []
     while raw := file.readline(4096):
         words = raw.decode("ascii", "replace").split()
         try:
@@ -83,7 +128,9 @@ def _header(path: Path, file: BinaryIO) -> tuple[str, list[_Element]]:
                     elements[-1].properties.append(_Property(name, _KINDS[kind], _KINDS[length]))
                 case ["property", kind, name]:
                     elements[-1].properties.append(_Property(name, _KINDS[kind]))
-                case [] | ["comment" | "obj_info", *_]:
+                case ["comment", *said]:
+                    comments.append(said)
+                case [] | ["obj_info", *_]:
                     pass
                 case _:
                     raise ValueError
@@ -96,7 +143,7 @@ def _header(path: Path, file: BinaryIO) -> tuple[str, list[_Element]]:
         raise ValueError(
             f"{path}: the PLY format must be one of {', '.join(_ORDERS)}, got {order!r}."
         )
-    return _ORDERS[order], elements
+    return _Header(_ORDERS[order], elements, comments)
 
 
 def _skip(path: Path, file: BinaryIO, order: str, element: _Element) -> None:

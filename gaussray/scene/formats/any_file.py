@@ -4,13 +4,16 @@ from pathlib import Path
 
 from gaussray.io.sample_data import WORD, sample
 from gaussray.scene.formats.convert import WRITERS, export_model, model_scene
+from gaussray.scene.formats.sog import META
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene, save_scene
 
 
 # Endings of the files of other programs, which `read_model` reads or refuses with a remedy.
-FOREIGN = (".ply", ".spz", ".splat", ".glb", ".gltf", ".ksplat", ".sog")
+FOREIGN = (".ply", ".spz", ".splat", ".glb", ".gltf", ".ksplat", ".sog", ".usd", ".usda", ".usdc")
+# Endings that `save` writes, besides .npz.
+_WRITTEN = tuple(name for name in WRITERS if name != "spz4")
 
 
 def load(path: Path | str) -> Scene | Clip:
@@ -18,8 +21,8 @@ def load(path: Path | str) -> Scene | Clip:
 
     Args:
         path: A scene file (.npz), the folder of a reconstruction, a trained model of 3D Gaussian
-            Splatting (.ply, .spz, .splat, whose colours are read as sRGB values, or .glb, which
-            says what they are), or "sample", the scene that comes with the package.
+            Splatting (.ply, .spz, .sog, .splat, whose colours are read as sRGB values, or .glb,
+            which says what they are), or "sample", the scene that comes with the package.
 
     Returns:
         The scene; a clip if the file holds several segments of time.
@@ -30,7 +33,7 @@ def load(path: Path | str) -> Scene | Clip:
     """
     if str(path) == WORD and not Path(path).exists():
         path = sample("scene")
-    if Path(path).suffix.lower() in FOREIGN:
+    if is_foreign(path):
         return model_scene(path)[0]
     if not Path(path).exists():
         raise FileNotFoundError(
@@ -38,6 +41,13 @@ def load(path: Path | str) -> Scene | Clip:
             "reconstruct`, a .ply file, or scene=sample."
         )
     return load_scene(path)
+
+
+def is_foreign(path: Path | str) -> bool:
+    """Whether a path is a model of another program."""
+    path = Path(path)
+    is_sog = path.name == META or (path / META).is_file()
+    return is_sog or path.suffix.lower() in FOREIGN
 
 
 def save(path: Path | str, scene: Scene | Clip) -> None:
@@ -53,10 +63,10 @@ def save(path: Path | str, scene: Scene | Clip) -> None:
         OSError: The file cannot be written.
     """
     ending = Path(path).suffix.lower()
-    if ending[1:] in WRITERS:
+    if ending[1:] in _WRITTEN:
         export_model(scene, path, file_format=ending[1:])
     elif ending == ".npz":
         save_scene(path, scene)
     else:
-        known = ", ".join([".npz", *(f".{name}" for name in WRITERS)])
+        known = ", ".join([".npz", *(f".{name}" for name in _WRITTEN)])
         raise ValueError(f"save: the file must end in one of {known}, got {str(path)!r}.")

@@ -12,10 +12,10 @@ from jaxtyping import Array, Float
 
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.runtime.devices import leads, wait
-from gaussray.scene.deformation import Deformation
-from gaussray.scene.formats.gaussian_folder import read_model
+from gaussray.scene.formats.ftgs import is_ftgs, read_ftgs
+from gaussray.scene.formats.gaussian_folder import read_model, stated_color
 from gaussray.scene.formats.gaussian_ply import write_gaussians
-from gaussray.scene.formats.gltf import stated_color, write_gltf
+from gaussray.scene.formats.gltf import write_gltf
 from gaussray.scene.formats.spz import write_spz
 from gaussray.scene.formats.usd import write_usd
 from gaussray.scene.gaussians import Gaussians, folded
@@ -32,6 +32,7 @@ COLORS = ("srgb", "linear")
 WRITERS: dict[str, Callable[[Path | str, Gaussians, str], None]] = {
     "ply": lambda path, gaussians, color: write_gaussians(path, gaussians),
     "spz": lambda path, gaussians, color: write_spz(path, gaussians),
+    "spz4": lambda path, gaussians, color: write_spz(path, gaussians, version=4),
     "glb": write_gltf,
     "usd": lambda path, gaussians, color: write_usd(path, [gaussians], color),
 }
@@ -47,12 +48,13 @@ def import_model(
     """Import a trained model of another program, and save it as `out`/scene.npz.
 
     Args:
-        source: a PLY, SPZ, .splat or GLB file (a static scene), or the folder of a model of
-            4DGaussians or of one of its iterations (`read_model`).
+        source: a PLY, SPZ, SOG, .splat, GLB or USD file (a static scene), a .ftgs.ply file (a
+            moving one), or the folder of a model of 4DGaussians or of one of its iterations
+            (`read_model`).
         out: folder of the scene.
         color: colours of the model: `srgb`, the values of the 8-bit pictures that it was fitted to,
             which are converted to linear light (`converted`; at every time if they change), or
-            `linear`, taken as they are. A GLB file says which, and this is ignored.
+            `linear`, taken as they are. GLB and USD files say which, and this is ignored.
         iteration: iteration of a model's folder; None for the latest.
 
     Returns:
@@ -73,7 +75,7 @@ def import_model(
     if leads():
         info = {"source": file.name, "color": color}
         save_scene(out / "scene.npz", scene, info=info)
-    return scene, _assumed(file, scene.deformation, _colors(color, error, stated is not None))
+    return scene, _assumed(file, _moves(scene), _colors(color, error, stated is not None))
 
 
 def model_scene(
@@ -81,8 +83,15 @@ def model_scene(
 ) -> tuple[Scene, Path, float]:
     """A trained model of others as a scene (`import_model`), the file that it was read from, and
     the error of its colours (`converted`)."""
-    _check_color(color)
+    check_color(color)
     color = stated_color(source) or color
+    if iteration is None and is_ftgs(source):
+        transients, error = read_ftgs(source), 0.0
+        if color == "srgb":
+            harmonics, error = converted(transients.harmonics, encode=False)
+            transients = replace(transients, harmonics=harmonics)
+        none = jax.tree.map(lambda x: x[:0], transients.gaussians)
+        return Scene(none, none, transient=transients), Path(source), error
     gaussians, field, file = read_model(source, iteration)
     error = 0.0
     if color == "srgb":
@@ -127,8 +136,8 @@ def export_model(
         time: in the unit of the scene's time range; may be None for a static scene.
         color: `srgb`, which other viewers expect (`converted`), or `linear`, as in the scene.
         degree: degree of the file's harmonics, at least the scene's; some viewers require 3.
-        file_format: `ply`, `spz` (a tenth of the size, quantised), or `glb` (glTF with
-            KHR_gaussian_splatting, which states the colour space) or `usd` (OpenUSD).
+        file_format: `ply`, `spz` (a tenth of the size, quantised; `spz4` is its version 4), `glb`
+            (glTF with KHR_gaussian_splatting, which states the colour space) or `usd` (OpenUSD).
 
     Returns:
         The Gaussians that were written, and a line about them.
@@ -146,7 +155,7 @@ def export_model(
 def check_export(file_format: str) -> None:
     """Raise a ValueError unless there is a writer for the format."""
     if file_format not in WRITERS:
-        raise ValueError(f"format must be one of {', '.join(WRITERS)}, got {file_format!r}.")
+        raise ValueError(f"format must be one of {', '.join(WRITERS)}, ftgs, got {file_format!r}.")
 
 
 def gaussians_at(
@@ -154,7 +163,7 @@ def gaussians_at(
 ) -> tuple[Gaussians, str]:
     """The Gaussians of a scene at one time as files hold them, and words on their colours
     (`export_model`)."""
-    _check_color(color)
+    check_color(color)
     instant = _instant(scene, time)
     scene = segment_at(scene, instant)
     gaussians = folded(at(scene, jnp.asarray(instant, scene.time_range.dtype)))
@@ -239,7 +248,8 @@ def _instant(scene: Scene | Clip, time: float | None) -> float:
     return time
 
 
-def _check_color(color: str) -> None:
+def check_color(color: str) -> None:
+    """Raise a ValueError unless the colour space is known."""
     if color not in COLORS:
         raise ValueError(f"color must be one of {', '.join(COLORS)}, got {color!r}.")
 
@@ -255,9 +265,9 @@ def _colors(color: str, error: float, stated: bool) -> str:
     return f"{said}: colours are {light}"
 
 
-def _assumed(file: Path, field: Deformation | ResidualField | None, colors: str) -> str:
+def _assumed(file: Path, motion: str, colors: str) -> str:
     return (
-        f"{file}: {_moves(field)}\n"
+        f"{file}: {motion}\n"
         f"{colors}; light is blended linearly; "
         "scene units and world axes are the model's own.\nIts own rasteriser saw harmonics from "
         "the camera's center, added 0.3 square pixels on the screen and left out alpha below "
@@ -266,7 +276,10 @@ def _assumed(file: Path, field: Deformation | ResidualField | None, colors: str)
     )
 
 
-def _moves(field: Deformation | ResidualField | None) -> str:
+def _moves(scene: Scene) -> str:
+    field = scene.deformation
+    if transient_count(scene):
+        return "transient Gaussians over the times 0 to 1."
     if not isinstance(field, ResidualField):
         return "stands still."
     heads = {

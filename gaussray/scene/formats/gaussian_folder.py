@@ -12,11 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.io.safe.files import read_text
+from gaussray.scene.formats.compressed_ply import is_compressed_ply, read_compressed_ply
 from gaussray.scene.formats.gaussian_network import read_field
 from gaussray.scene.formats.gaussian_ply import read_gaussians, read_unconstrained
 from gaussray.scene.formats.gltf import read_gltf
+from gaussray.scene.formats.sog import META, read_sog
 from gaussray.scene.formats.splat_file import read_splat
 from gaussray.scene.formats.spz import read_spz
+from gaussray.scene.formats.usd import read_usd
 from gaussray.scene.gaussians import Gaussians, constrain
 from gaussray.scene.residual_field import ResidualField
 
@@ -29,14 +32,21 @@ FLAGS = {
     "opacity": "no_do",
     "harmonics": "no_dshs",
 }
-# Formats without a safe and maintained reader: one of them hangs on a truncated header.
-COMPRESSED = (".ksplat", ".sog")
+# A format without a safe and maintained reader.
+COMPRESSED = (".ksplat",)
 # Readers of other files that hold the Gaussians of a static model.
 READERS = {
     ".spz": read_spz,
     ".splat": read_splat,
+    ".sog": read_sog,
     ".glb": lambda path: read_gltf(path)[0],
     ".gltf": lambda path: read_gltf(path)[0],
+    **dict.fromkeys((".usd", ".usda", ".usdc"), lambda path: read_usd(path)[0]),
+}
+# Readers of files that state the colour space of their Gaussians, the last of what they return.
+_STATING = {
+    **dict.fromkeys((".glb", ".gltf"), read_gltf),
+    **dict.fromkeys((".usd", ".usda", ".usdc"), read_usd),
 }
 # Arguments of networks that are not supported.
 UNKNOWN = ("no_grid", "grid_pe", "static_mlp", "empty_voxel", "apply_rotation")
@@ -51,7 +61,8 @@ def read_model(
     """Read a trained model.
 
     Args:
-        source: a PLY, SPZ, .splat or GLB file, or the folder of an iteration or of a model.
+        source: a PLY (also compressed), SPZ, SOG, .splat, GLB or USD file, the folder or meta.json
+            of a SOG scene, or the folder of an iteration or of a model.
         iteration: iteration of a model's folder; None for the latest.
 
     Returns:
@@ -65,15 +76,18 @@ def read_model(
     """
     if Path(source).suffix in COMPRESSED:
         raise ValueError(
-            f"{source}: must be a PLY file or a folder; compressed models "
-            f"({', '.join(COMPRESSED)}) must be exported as uncompressed PLY first."
+            f"{source}: {', '.join(COMPRESSED)} files must be exported as PLY or SOG first."
         )
     reader = READERS.get(Path(source).suffix.lower())
     if reader is not None and not Path(source).is_dir():
         return reader(source), None, Path(source)
+    if Path(source).name == META or (Path(source) / META).is_file():
+        return read_sog(source), None, Path(source)
     folder = _iteration_folder(Path(source), iteration)
     if folder is None:
-        return read_gaussians(source), None, Path(source)
+        packed = Path(source).is_file() and is_compressed_ply(source)
+        read = read_compressed_ply if packed else read_gaussians
+        return read(source), None, Path(source)
     ply, network = folder / "point_cloud.ply", folder / "deformation.pth"
     text = folder.parent.parent / "cfg_args"
     if folder.name.startswith("coarse_"):
@@ -91,6 +105,13 @@ def read_model(
         )
     logit = rest.logit_opacity if "opacity" in heads else None
     return constrain(rest), read_field(network, heads, logit), ply
+
+
+def stated_color(path: Path | str) -> str | None:
+    """The colour space that a model's file states: `srgb` or `linear` of a GLB or USD file; None of
+    files that do not say."""
+    reader = _STATING.get(Path(path).suffix.lower())
+    return reader(path)[1] if reader is not None and Path(path).is_file() else None
 
 
 def _iteration_folder(source: Path, iteration: int | None) -> Path | None:

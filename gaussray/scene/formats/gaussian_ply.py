@@ -11,6 +11,7 @@ Normals are dummies.
 
 import re
 import warnings
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -46,26 +47,31 @@ def read_gaussians(path: Path | str) -> Gaussians:
             no Gaussian is left; the message names file and property.
         FileNotFoundError: the file does not exist.
     """
-    mean, quat, scale, logit, harmonics = _columns_of(path)
+    mean, quat, scale, logit, harmonics = model_columns(path)[:5]
     with np.errstate(over="ignore"):
         opacity = 1 / (1 + np.exp(-logit))
-    parts = mean, _unit(quat), np.exp(scale), opacity, harmonics
+    parts = mean, unit_quaternions(quat), np.exp(scale), opacity, harmonics
     return Gaussians(*(jnp.asarray(part, jnp.float32) for part in parts))
 
 
 def read_unconstrained(path: Path | str) -> Unconstrained:
     """Read the Gaussians of a PLY file in unconstrained values: log scale, logit of opacity,
     quaternions of any length, also zero."""
-    return Unconstrained(*(jnp.asarray(part, jnp.float32) for part in _columns_of(path)))
+    return Unconstrained(*(jnp.asarray(part, jnp.float32) for part in model_columns(path)[:5]))
 
 
-def _columns_of(path: Path | str) -> tuple[np.ndarray, ...]:
-    """Columns of the valid Gaussians: mean, quaternion, log scale, logit of opacity, harmonics."""
+def model_columns(path: Path | str, more: tuple[str, ...] = ()) -> tuple[np.ndarray, ...]:
+    """Columns of the valid Gaussians: mean, quaternion, log scale, logit of opacity, harmonics, and
+    the properties `more` [gaussians, properties].
+
+    Raises:
+        ValueError: As `read_gaussians`.
+    """
     path = Path(path)
     if not path.is_file():
         raise FileNotFoundError(f"{path}: no such file. Name the PLY file of a model.")
     table = read_vertices(path)
-    rest = _rest_names(path, table.dtype.names or ())
+    rest = _rest_names(path, table.dtype.names or (), more)
     first = _columns(table, CONSTANT, np.float32)[:, None, :]
     others = _columns(table, rest, np.float32).reshape(len(table), 3, len(rest) // 3).swapaxes(1, 2)
     scale = _columns(table, SCALE)
@@ -75,6 +81,7 @@ def _columns_of(path: Path | str) -> tuple[np.ndarray, ...]:
         scale,
         _columns(table, ("opacity",))[:, 0],
         np.concatenate([first, others], axis=1),
+        _columns(table, more),
     )
     # Scales beyond the range of single precision become infinite, and are counted as invalid.
     with np.errstate(over="ignore", under="ignore"):
@@ -86,13 +93,25 @@ def _columns_of(path: Path | str) -> tuple[np.ndarray, ...]:
     return tuple(part[good] for part in parts)
 
 
-def write_gaussians(path: Path | str, gaussians: Gaussians) -> None:
+def write_gaussians(
+    path: Path | str,
+    gaussians: Gaussians,
+    *,
+    more: Mapping[str, Float[np.ndarray, " gaussians"]] | None = None,
+    comments: Sequence[str] = (),
+) -> None:
     """Write Gaussians as a PLY file, atomically.
 
     The number of f_rest properties follows from the harmonics. Opacity is kept one step of single
     precision above 0 and below 1, and scale above 0, so that logit and log are finite. Values read
     back differ by rounding: relatively by about |log scale| and |logit opacity| units in the last
     place.
+
+    Args:
+        path: the file.
+        gaussians: the Gaussians.
+        more: further properties, by name.
+        comments: lines of the header.
 
     Raises:
         ValueError: the Gaussians have a tint or several key states, for which the format has no
@@ -108,13 +127,15 @@ def write_gaussians(path: Path | str, gaussians: Gaussians) -> None:
     if 3 * (coefficients - 1) not in RESTS:
         raise ValueError(f"{path}: harmonics must be 1, 4, 9 or 16, got {coefficients}.")
     values = _stored(gaussians)
+    values |= {name: np.asarray(column)[:, None] for name, column in (more or {}).items()}
     for name, value in values.items():
         if not np.isfinite(value).all():
             raise ValueError(f"{path}: {name} must be finite to be written, got NaN or infinity.")
     table = np.concatenate(list(values.values()), axis=1, dtype="<f4")
     names = [*MEAN, *NORMAL, *CONSTANT, *(f"f_rest_{i}" for i in range(3 * (coefficients - 1)))]
-    names += ["opacity", *SCALE, *QUAT]
-    head = ["ply", "format binary_little_endian 1.0", f"element vertex {len(table)}"]
+    names += ["opacity", *SCALE, *QUAT, *(more or {})]
+    head = ["ply", "format binary_little_endian 1.0", *(f"comment {line}" for line in comments)]
+    head.append(f"element vertex {len(table)}")
     head += [*(f"property float {name}" for name in names), "end_header", ""]
     try:
         with whole(path) as partial, open(partial, "wb") as file:
@@ -145,11 +166,14 @@ def _stored(gaussians: Gaussians) -> dict[str, Float[np.ndarray, "gaussians _"]]
         "higher harmonics": harmonics[:, 1:].swapaxes(1, 2).reshape(len(mean), rest),
         "opacity": np.log(opacity) - np.log1p(-opacity),
         "scale": np.log(np.maximum(scale, _ABOVE_ZERO)),
-        "quat": _unit(quat),
+        "quat": unit_quaternions(quat),
     }
 
 
-def _unit(quat: Float[np.ndarray, "gaussians 4"]) -> Float[np.ndarray, "gaussians 4"]:
+def unit_quaternions(
+    quat: Float[np.ndarray, "gaussians 4"],
+) -> Float[np.ndarray, "gaussians 4"]:
+    """Quaternions of unit length; zero becomes the identity."""
     largest = np.max(np.abs(quat), axis=1, keepdims=True)
     # Quaternions that are not finite are counted later; no warning here.
     with np.errstate(invalid="ignore"):
@@ -183,13 +207,13 @@ def _demand_some(path: Path, good: np.ndarray) -> None:
         )
 
 
-def _rest_names(path: Path, names: tuple[str, ...]) -> tuple[str, ...]:
+def _rest_names(path: Path, names: tuple[str, ...], more: tuple[str, ...]) -> tuple[str, ...]:
     """The properties f_rest in order; checks that all other properties exist."""
-    missing = [x for x in (*MEAN, *CONSTANT, "opacity", *SCALE, *QUAT) if x not in names]
+    missing = [x for x in (*MEAN, *CONSTANT, "opacity", *SCALE, *QUAT, *more) if x not in names]
     if missing:
         raise ValueError(
             f"{path}: element vertex must have the property {missing[0]}, got none. A model of 3D "
-            "Gaussian Splatting has x y z f_dc_* opacity scale_* rot_*; export it so, uncompressed."
+            "Gaussian Splatting has x y z f_dc_* opacity scale_* rot_*; export it so."
         )
     numbers = sorted(int(m[1]) for name in names if (m := re.fullmatch(r"f_rest_(\d+)", name)))
     if len(numbers) not in RESTS:

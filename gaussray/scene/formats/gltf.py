@@ -147,13 +147,6 @@ def read_gltf(path: Path | str) -> tuple[Gaussians, str]:
     return Gaussians(*(jnp.asarray(x[good], jnp.float32) for x in columns)), spaces.pop()
 
 
-def stated_color(path: Path | str) -> str | None:
-    """The colour space that a model's file states: `srgb` or `linear` of a GLB file; None of files
-    that do not say."""
-    is_gltf = Path(path).suffix.lower() in (".glb", ".gltf") and Path(path).is_file()
-    return read_gltf(path)[1] if is_gltf else None
-
-
 def _primitives(glb: Glb) -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray, Any, Any]]:
     """Colour space, means, quaternions, scales, opacities and harmonics of every primitive."""
     for node, matrix in _nodes(glb):
@@ -194,12 +187,32 @@ def _placed(
     glb: Glb, columns: tuple[np.ndarray, ...], opacity: np.ndarray, matrix: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Any, Any]:
     """The columns of a primitive in the axes of PLY files, after its node's transform."""
+    found = placed_columns(columns, matrix)
+    if found is None:
+        raise glb.refuse("have nodes that scale all axes alike, without mirrors; apply the others")
+    mean, quat, scale, harmonics = found
+    return mean, quat, scale, np.clip(opacity[:, 0], 0, 1), harmonics
+
+
+def placed_columns(
+    columns: tuple[np.ndarray, ...], matrix: Float[np.ndarray, "4 4"]
+) -> tuple[np.ndarray, ...] | None:
+    """Gaussians after a transform to a world whose y is up, in the axes of PLY files.
+
+    Args:
+        columns: Means, quaternions x y z w, scales, and harmonics.
+        matrix: From their axes to the world.
+
+    Returns:
+        Means, unit quaternions w x y z, scales, and harmonics; None if the matrix has different
+        scales along its axes, or mirrors.
+    """
     mean, quat, scale, harmonics = columns
     linear, origin = _FLIP[:, None] * matrix[:3, :3], _FLIP * matrix[:3, 3]
     size = np.cbrt(np.linalg.det(linear))
     turn = linear / size if size > 0 else np.zeros((3, 3))
     if np.abs(turn @ turn.T - np.eye(3)).max() > _SKEWED:
-        raise glb.refuse("have nodes that scale all axes alike, without mirrors; apply the others")
+        return None
     quat = np.where((quat == 0).all(axis=1, keepdims=True), [0, 0, 0, 1], quat)
     rotation = _rotation_type()
     turned = rotation.from_matrix(turn) * rotation.from_quat(quat)
@@ -207,7 +220,6 @@ def _placed(
         mean @ linear.T + origin,
         np.roll(turned.as_quat(), 1, axis=1),
         np.maximum(scale * size, _THINNEST),
-        np.clip(opacity[:, 0], 0, 1),
         np.einsum("ij,njk->nik", rotated_harmonics(turn, harmonics.shape[1]), harmonics),
     )
 

@@ -54,7 +54,8 @@ def export_sequence(
         if leads():
             write_usd(out, states, color)
         return f"{count} timestamps from {begin:g} to {end:g}."
-    files = [f"frame_{i:04d}.{file_format}" for i in range(count)]
+    ending = file_format.removesuffix("4")
+    files = [f"frame_{i:04d}.{ending}" for i in range(count)]
     for file, time in zip(files, times, strict=True):
         export_model(
             scene, Path(out) / file, time, color=color, degree=degree, file_format=file_format

@@ -1,15 +1,22 @@
-"""Reads and writes SPZ files (Niantic), versions 2 and 3: gzip of a header and of columns of bytes.
+"""Reads and writes SPZ files (Niantic): a header and columns of bytes.
+
+Versions 2 and 3 are packed by gzip as a whole, version 4 column by column by Zstandard.
 
 Header, little endian: magic "NGSP", version, number of Gaussians (uint32 each), degree of the
-harmonics, fractional bits of positions, flags, a zero (bytes). Columns: positions of three times 24
-bits; opacities; colours 0.15 c + 0.5; scales 16 (log s + 10); rotations; harmonics 128 c + 128, the
-three channels of a coefficient together. Axes are right, up, back, against right, down, forward of
-PLY files: y and z change sign.
+harmonics, fractional bits of positions, flags, and a zero; of version 4 the number of columns, and
+after it the place of the table of their packed and unpacked lengths (uint32) and twelve zeros.
+Columns: positions of three times 24 bits; opacities; colours 0.15 c + 0.5; scales 16 (log s + 10);
+rotations; harmonics 128 c + 128, the three channels of a coefficient together. Axes are right, up,
+back, against right, down, forward of PLY files: y and z change sign.
 """
 
 import gzip
+import os
 import zlib
+from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,8 +30,11 @@ from gaussray.scene.gaussians import Gaussians
 MAGIC = b"NGSP"
 _HEADER = np.dtype(
     [("magic", "S4"), ("version", "<u4"), ("count", "<u4")]
-    + [(name, "u1") for name in ("degree", "bits", "flags", "zero")]
+    + [(name, "u1") for name in ("degree", "bits", "flags", "streams")]
 )
+_COLUMNS = ("position", "opacity", "color", "scale", "rotation", "harmonics")
+# Of version 4: bytes of the header, the flag of extensions, and the extension that names axes.
+_LONG_HEADER, _EXTENDED, _AXES = 32, 2, 0xADBE0003
 _BITS, _COLOR = 12, 0.15
 _HALF = np.sqrt(0.5)
 # y and z change sign between both systems of axes; so do the harmonics that are odd in y and z.
@@ -36,37 +46,102 @@ def read_spz(path: Path | str) -> Gaussians:
     """The Gaussians of an SPZ file.
 
     Raises:
-        ValueError: The file is no SPZ of version 2 or 3, or is cut off.
+        ValueError: The file is no SPZ of version 2 to 4, or is cut off; or it is of version 4 and
+            the package zstandard is not installed.
         FileNotFoundError: The file does not exist.
     """
-    data = _unpacked(path)
+    with opened(path) as file:
+        plain = file.read(4) == MAGIC
+    data = _whole(path) if plain else _unpacked(path)
     if len(data) < _HEADER.itemsize or data[:4] != MAGIC:
         raise ValueError(f"{path}: must be an SPZ file (magic NGSP), got {data[:4]!r}.")
     head = np.frombuffer(data, _HEADER, 1)[0]
     version, count, degree = int(head["version"]), int(head["count"]), int(head["degree"])
-    if version not in (2, 3) or degree > 3:
+    known = (4,) if plain else (2, 3)
+    if version not in known or degree > 3:
         raise ValueError(
-            f"{path}: must be SPZ of version 2 or 3 and degree 0 to 3, got version {version} and "
-            f"degree {degree}. Export it again for version 3."
+            f"{path}: must be SPZ of version 2, 3 or 4 and degree 0 to 3, got version {version} "
+            f"and degree {degree}. Export it again for version 3."
         )
+    within(path, "the millions of Gaussians", count, "points", 1e6)
     rest = (degree + 1) ** 2 - 1
-    widths = (9, 1, 3, 3, 3 if version == 2 else 4, 3 * rest)
-    if not count or len(data) != _HEADER.itemsize + count * sum(widths):
+    sizes = [count * width for width in (9, 1, 3, 3, 3 if version == 2 else 4, 3 * rest)]
+    parts = _streams(path, data, sizes) if plain else _cut(data[_HEADER.itemsize :], sizes)
+    if not count or [len(part) for part in parts] != sizes:
         raise ValueError(f"{path}: must hold {count} Gaussians, at least one; it is cut off.")
-    columns, begin = [], _HEADER.itemsize
-    for width in widths:
-        columns.append(np.frombuffer(data, np.uint8, count * width, begin).reshape(count, width))
-        begin += count * width
+    columns = [np.frombuffer(part, np.uint8).reshape(count, len(part) // count) for part in parts]
     return _gaussians(columns, int(head["bits"]), version, rest)
 
 
-def write_spz(path: Path | str, gaussians: Gaussians) -> None:
-    """Write Gaussians at one time, without tints, as SPZ of version 3.
+def _cut(data: bytes, sizes: Sequence[int]) -> list[bytes]:
+    """Parts of these sizes, and what is left over if there is more."""
+    ends = np.cumsum(sizes).tolist()
+    parts = [data[end - size : end] for size, end in zip(sizes, ends, strict=True)]
+    return [*parts, data[ends[-1] :]] if len(data) > ends[-1] else parts
+
+
+def _streams(path: Path | str, data: bytes, sizes: Sequence[int]) -> list[bytes]:
+    """The columns of version 4, unpacked."""
+    head = np.frombuffer(data, _HEADER, 1)[0]
+    count, begin = int(head["streams"]), int.from_bytes(data[16:20], "little")
+    # The column of harmonics may be left out where there are none.
+    sizes = sizes if count == len(sizes) else [size for size in sizes if size]
+    table = begin + 16 * count
+    if count != len(sizes) or begin < _LONG_HEADER or len(data) < table:
+        raise ValueError(f"{path}: must hold {len(sizes)} columns, got {count}; or it is cut off.")
+    _refuse_axes(path, data[_LONG_HEADER:begin] if head["flags"] & _EXTENDED else b"")
+    unpacker, parts = zstandard_module().ZstdDecompressor(), []
+    for size, (packed, full) in zip(
+        sizes, np.frombuffer(data, "<u8", 2 * count, begin).reshape(-1, 2).tolist(), strict=True
+    ):
+        part = data[table : table + packed]
+        if full != size or len(part) != packed:
+            raise ValueError(
+                f"{path}: a column must have {size} bytes, got {full}; or it is cut off."
+            )
+        try:
+            parts.append(unpacker.decompress(part, max_output_size=size) if size else b"")
+        except Exception as error:
+            raise ValueError(f"{path}: a column is damaged ({error}). Copy it again.") from None
+        table += packed
+    return parts + [b""] * (len(_COLUMNS) - len(parts))
+
+
+def _refuse_axes(path: Path | str, records: bytes) -> None:
+    """Raise a ValueError if an extension says that axes are others."""
+    while len(records) >= 8:
+        kind, length = (int.from_bytes(records[i : i + 4], "little") for i in (0, 4))
+        if kind == _AXES:
+            raise ValueError(
+                f"{path}: must have the axes of SPZ (right, up, back), got an extension with "
+                "others. Export it without SPZ_ADOBE_coordinate_system."
+            )
+        records = records[8 + length :]
+
+
+def zstandard_module() -> Any:
+    """The package that packs SPZ of version 4.
+
+    Raises:
+        ValueError: It is not installed.
+    """
+    try:
+        return import_module("zstandard")
+    except ImportError:
+        raise ValueError(
+            "SPZ of version 4 needs the package zstandard: pip install -e '.[spz]', or use "
+            "version 3."
+        ) from None
+
+
+def write_spz(path: Path | str, gaussians: Gaussians, version: int = 3) -> None:
+    """Write Gaussians at one time, without tints, as SPZ of version 3 or 4.
 
     Positions are kept to 2^-12 of a unit, scales to 3 %, colours and opacities to a 255th.
 
     Raises:
-        ValueError: A position lies beyond 2048 units, for which the format has no room.
+        ValueError: A position lies beyond 2048 units, for which the format has no room; or the
+            package zstandard is not installed, for version 4.
     """
     mean = np.asarray(gaussians.mean, np.float64) * _FLIP
     if np.abs(mean).max(initial=0) >= 2**11:
@@ -87,18 +162,32 @@ def write_spz(path: Path | str, gaussians: Gaussians) -> None:
     ]
     levels = [np.clip(np.round(p), 0, 255).astype(np.uint8).tobytes() for p in parts]
     degree = round(np.sqrt(rest + 1)) - 1
-    head = np.array([(MAGIC, 3, len(mean), degree, _BITS, 0, 0)], _HEADER)
+    streams = len(_COLUMNS) if version == 4 else 0
+    head = np.array([(MAGIC, version, len(mean), degree, _BITS, 0, streams)], _HEADER).tobytes()
+    if version == 3:
+        content = gzip.compress(head + b"".join(levels), mtime=0)
+    else:
+        packer = zstandard_module().ZstdCompressor(level=12)
+        packed = [packer.compress(level) for level in levels]
+        table = [[len(a), len(b)] for a, b in zip(packed, levels, strict=True)]
+        long = head + _LONG_HEADER.to_bytes(4, "little") + bytes(12)
+        content = long + np.array(table, "<u8").tobytes() + b"".join(packed)
     with whole(path) as partial:
-        partial.write_bytes(gzip.compress(head.tobytes() + b"".join(levels), mtime=0))
+        partial.write_bytes(content)
+
+
+def _whole(path: Path | str) -> bytes:
+    """The bytes of a file, of at most limits.arrays."""
+    with opened(path) as file:
+        within(path, "the file in GB", os.fstat(file.fileno()).st_size, "arrays", 1e9)
+        return file.read()
 
 
 def _unpacked(path: Path | str) -> bytes:
     """The bytes of a gzip file, of at most limits.arrays."""
-    with opened(path) as file:
-        packed, unpacker = file.read(), zlib.decompressobj(wbits=31)
+    packed, unpacker = _whole(path), zlib.decompressobj(wbits=31)
     try:
         size = min(len(packed) * 1032 + 64, 1 << 62)
-        within(path, "the file in GB", len(packed), "arrays", 1e9)
         data = unpacker.decompress(packed, size)
     except zlib.error as error:
         raise ValueError(f"{path}: must be SPZ packed by gzip, got {error}.") from None

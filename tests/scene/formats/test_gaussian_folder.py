@@ -253,7 +253,7 @@ def test_harmonics_of_a_lower_degree_do_not_take_residuals(tmp_path):
     [
         ("none.ply", None, "none.ply: no such file"),
         ("", None, "holds no point_cloud.ply. Name a PLY file"),
-        ("a.sog", None, "a.sog: must be a PLY file or a folder; compressed models"),
+        ("a.ksplat", None, "a.ksplat: .ksplat files must be exported as PLY or SOG"),
         ("a.ply", 3, "iteration must be null unless source is a model's folder"),
     ],
 )

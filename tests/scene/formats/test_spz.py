@@ -8,9 +8,10 @@ from functools import partial
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from splats import gaussians, turned
 
 from gaussray.scene.formats.gaussian_folder import read_model
-from gaussray.scene.formats.gaussian_ply import read_gaussians
+from gaussray.scene.formats.gaussian_ply import read_gaussians, write_gaussians
 from gaussray.scene.formats.splat_file import read_splat
 from gaussray.scene.formats.spz import MAGIC, read_spz, write_spz
 from gaussray.scene.gaussians import Gaussians
@@ -26,25 +27,13 @@ TURN = 1e-5
 packed = partial(gzip.compress, mtime=0)
 
 
-def gaussians(count=60, coefficients=16, seed=0):
-    rng = np.random.default_rng(seed)
-    quat = rng.normal(size=(count, 4))
-    parts = (
-        *(rng.normal(size=(count, 3)), quat / np.linalg.norm(quat, axis=1, keepdims=True)),
-        *(np.exp(rng.normal(size=(count, 3)) - 3), rng.uniform(0.05, 0.95, count)),
-        rng.normal(size=(count, coefficients, 3)) * 0.2,
-    )
-    return Gaussians(*(jnp.asarray(part, jnp.float32) for part in parts))
-
-
-def turned(a, b):
-    return float(np.max(1 - np.abs(np.sum(np.asarray(a.quat) * np.asarray(b.quat), axis=1))))
-
-
+@pytest.mark.parametrize("version", [3, 4])
 @pytest.mark.parametrize("coefficients", [1, 4, 9, 16])
-def test_what_is_read_is_what_was_written_to_half_a_step(tmp_path, coefficients):
+def test_what_is_read_is_what_was_written_to_half_a_step(tmp_path, coefficients, version):
+    if version == 4:
+        pytest.importorskip("zstandard", reason="an extra")
     true = gaussians(coefficients=coefficients)
-    write_spz(tmp_path / "a.spz", true)
+    write_spz(tmp_path / "a.spz", true, version)
     found = read_spz(tmp_path / "a.spz")
     assert np.abs(found.mean - true.mean).max() <= PLACE * (1 + ROUNDING) + ROUNDING
     assert np.abs(found.opacity - true.opacity).max() <= LEVEL + ROUNDING
@@ -112,15 +101,91 @@ def test_a_splat_file_is_32_bytes_for_each_gaussian(tmp_path):
         read_splat(tmp_path / "a.splat")
 
 
+def version_4(path):
+    """The bytes of a file of version 4, whose table of columns begins at byte 32."""
+    pytest.importorskip("zstandard", reason="an extra")
+    write_spz(path, gaussians(count=3), 4)
+    return bytearray(path.read_bytes())
+
+
+def test_version_4_has_a_plain_header_and_a_table_of_its_columns(tmp_path):
+    content = version_4(tmp_path / "a.spz")
+    assert content[:4] == MAGIC and list(content[4:16]) == [4, 0, 0, 0, 3, 0, 0, 0, 3, 12, 0, 6]
+    table = np.frombuffer(content, "<u8", 12, 32).reshape(6, 2)
+    assert table[:, 1].tolist() == [27, 3, 9, 9, 12, 135]
+    assert len(content) == 32 + 16 * 6 + table[:, 0].sum()
+
+
+def test_extensions_of_version_4_are_skipped_but_other_axes_refused(tmp_path):
+    content = version_4(tmp_path / "a.spz")
+    true = read_spz(tmp_path / "a.spz")
+    for kind, message in ((0xADBE0002, None), (0xADBE0003, "SPZ_ADOBE_coordinate_system")):
+        record = np.array([kind, 4, 7], "<u4").tobytes()
+        longer = content[:32] + record + content[32:]
+        longer[14], longer[16] = 2, 32 + len(record)
+        (tmp_path / "b.spz").write_bytes(longer)
+        if message is None:
+            np.testing.assert_array_equal(read_spz(tmp_path / "b.spz").mean, true.mean)
+        else:
+            with pytest.raises(ValueError, match=message):
+                read_spz(tmp_path / "b.spz")
+
+
+def test_a_damaged_version_4_is_refused(tmp_path):
+    content, path = version_4(tmp_path / "a.spz"), tmp_path / "b.spz"
+    for cut in (3, 20, 40, 130, len(content) - 1):
+        path.write_bytes(content[:cut])
+        with pytest.raises(ValueError, match="SPZ|cut off|damaged|gzip"):
+            read_spz(path)
+    for place, value in ((32 + 8, 1), (8, 200), (15, 9), (32 + 16 * 6 + 1, 255), (12, 4)):
+        damaged = content.copy()
+        damaged[place] = value
+        path.write_bytes(damaged)
+        with pytest.raises(ValueError, match="a column|cut off|must hold|version"):
+            read_spz(path)
+
+
+def half_turned(model):
+    """Gaussians of other axes: y and z change sign."""
+    flip = np.array([1, -1, -1])
+    # Harmonics that are odd in y and z together, up to degree 3.
+    odd = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
+    quat = np.asarray(model.quat) * [1, *flip]
+    harmonics = np.asarray(model.harmonics) * odd[: model.harmonics.shape[1], None]
+    parts = np.asarray(model.mean) * flip, quat, model.scale, model.opacity, harmonics
+    return Gaussians(*(jnp.asarray(part, jnp.float32) for part in parts))
+
+
 INSTALL = "npm install -g @playcanvas/splat-transform"
 
 
 @pytest.mark.skipif(not shutil.which("splat-transform"), reason=INSTALL)
-@pytest.mark.parametrize("kind", ["spz", "splat"])
+def test_version_4_of_another_writer_is_read(tmp_path):
+    """splat-transform packs a PLY file in its own axes."""
+    pytest.importorskip("zstandard", reason="an extra")
+    true = gaussians()
+    write_gaussians(tmp_path / "a.ply", true)
+    command = ["splat-transform", "-w", str(tmp_path / "a.ply"), str(tmp_path / "a.spz")]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    found = half_turned(read_spz(tmp_path / "a.spz"))
+    np.testing.assert_allclose(found.mean, true.mean, atol=2 * PLACE + ROUNDING)
+    np.testing.assert_allclose(found.opacity, true.opacity, atol=2 * LEVEL)
+    np.testing.assert_allclose(np.log(found.scale / true.scale), 0, atol=2.1 * THICKNESS)
+    np.testing.assert_allclose(found.harmonics[:, 0], true.harmonics[:, 0], atol=2.1 * COLOR)
+    # It keeps four or five bits of the others.
+    np.testing.assert_allclose(found.harmonics[:, 1:], true.harmonics[:, 1:], atol=1 / 16 + 1 / 128)
+    assert turned(found, true) < TURN
+
+
+@pytest.mark.skipif(not shutil.which("splat-transform"), reason=INSTALL)
+@pytest.mark.parametrize("kind", ["spz3", "spz4", "splat"])
 def test_another_reader_reads_the_same(tmp_path, kind):
-    path = tmp_path / f"a.{kind}"
-    if kind == "spz":
-        write_spz(path, gaussians())
+    """splat-transform keeps the axes that an SPZ file has: right, up, back."""
+    path = tmp_path / f"a.{kind.rstrip('34')}"
+    if kind != "splat":
+        if kind == "spz4":
+            pytest.importorskip("zstandard", reason="an extra")
+        write_spz(path, gaussians(), int(kind[-1]))
         found = read_spz(path)
     else:
         path.write_bytes(splat_bytes().tobytes())
@@ -128,8 +193,9 @@ def test_another_reader_reads_the_same(tmp_path, kind):
     command = ["splat-transform", "-w", str(path), str(tmp_path / "a.ply")]
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     other = read_gaussians(tmp_path / "a.ply")
+    other = other if kind == "splat" else half_turned(other)
     for name in ("mean", "scale", "opacity", "harmonics"):
         expected = pytest.approx(np.asarray(getattr(other, name)), rel=1e-4, abs=1e-5)
         assert getattr(found, name) == expected
     # Readers differ by half a step in what a byte of a .splat's rotation means.
-    assert turned(found, other) < (TURN if kind == "spz" else 1e-3)
+    assert turned(found, other) < (1e-3 if kind == "splat" else TURN)
