@@ -50,9 +50,13 @@ def test_words_of_a_compressed_ply_lie_between_the_bounds_of_their_chunk(tmp_pat
     path = packed_ply(tmp_path / "a.ply")
     assert is_compressed_ply(path)
     found = read_compressed_ply(path)
-    np.testing.assert_allclose(np.asarray(found.mean)[[0, 255, 256]], [[0, 1, 2]] * 2 + [[43, 44, 45]])
+    np.testing.assert_allclose(
+        np.asarray(found.mean)[[0, 255, 256]], [[0, 1, 2]] * 2 + [[43, 44, 45]]
+    )
     np.testing.assert_allclose(np.log(found.scale[0]), [6, 7, 8], rtol=ROUNDING)
-    np.testing.assert_allclose(np.asarray(found.opacity)[[0, 256]], [0.5 / 255, 1 - 0.5 / 255], rtol=ROUNDING)
+    np.testing.assert_allclose(
+        np.asarray(found.opacity)[[0, 256]], [0.5 / 255, 1 - 0.5 / 255], rtol=ROUNDING
+    )
     np.testing.assert_allclose(
         found.harmonics[0, 0], (np.array([12, 13, 14]) - 0.5) / C0, rtol=1e-5
     )
