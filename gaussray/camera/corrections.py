@@ -18,7 +18,7 @@ from gaussray.geometry import multiply, product, turning
 
 
 # The values of fit.refine: the fields of `Corrections`.
-REFINABLE = ("pose", "lens", "shutter", "exposure", "offset")
+REFINABLE = ("pose", "lens", "shutter", "exposure", "color_matrix", "offset")
 
 
 class Corrections(eqx.Module):
@@ -32,6 +32,8 @@ class Corrections(eqx.Module):
         shutter: logarithm of a factor of row step and row offset, one for all cameras: cameras of
             one kind have one readout, and a single camera determines it poorly.
         exposure: logarithm of exposure times white balance, per channel of linear light.
+        color_matrix: what a matrix of linear red, green and blue, before the exposure, has more
+            than the identity.
         offset: delay of a camera, in intervals between timestamps.
     """
 
@@ -39,6 +41,7 @@ class Corrections(eqx.Module):
     lens: Float[Array, "*cameras parameters"] | None = None
     shutter: Float[Array, "..."] | None = None
     exposure: Float[Array, "*cameras 3"] | None = None
+    color_matrix: Float[Array, "*cameras 3 3"] | None = None
     offset: Float[Array, "*cameras"] | None = None
 
 
@@ -72,6 +75,7 @@ def no_corrections(refine: Sequence[str], count: int, camera: Camera) -> Correct
         "lens": (count, lens),
         "shutter": (),
         "exposure": (count, 3),
+        "color_matrix": (count, 3, 3),
         "offset": (count,),
     }
     return Corrections(**{kind: jnp.zeros(shape[kind], camera.time.dtype) for kind in refine})
@@ -101,31 +105,35 @@ def gauge_fixed(corrections: Corrections, cameras: CameraSet) -> Corrections:
 
     A scene that is moved, turned, scaled, brightened or delayed together with all its cameras gives
     the same pictures. So the similarity common to all poses is projected out, and the mean of
-    exposures and offsets is subtracted. Held-out cameras then keep their recorded values. The mean
+    exposures, colour matrices and offsets is subtracted: the mean matrix is the identity. Held-out
+    cameras then keep their recorded values. The mean
     over all cameras is subtracted, rather than fixing one camera, because it averages the errors of
     the recording.
     """
-    pose, shutter, exposure, offset = (
-        corrections.pose,
-        corrections.shutter,
-        corrections.exposure,
-        corrections.offset,
-    )
+    pose, shutter = corrections.pose, corrections.shutter
     if pose is not None:
         pose = product("ij,j->i", cameras.free, pose.reshape(-1)).reshape(pose.shape)
     if shutter is not None:
         shutter = jnp.broadcast_to(shutter, (cameras.count,))
-    if exposure is not None:
-        exposure = exposure - jnp.mean(exposure, axis=0, keepdims=True)
-    if offset is not None:
-        offset = offset - jnp.mean(offset)
-    return Corrections(pose, corrections.lens, shutter, exposure, offset)
+
+    def centred(values: Array | None) -> Array | None:
+        return None if values is None else values - jnp.mean(values, axis=0, keepdims=True)
+
+    return Corrections(
+        pose,
+        corrections.lens,
+        shutter,
+        centred(corrections.exposure),
+        centred(corrections.color_matrix),
+        centred(corrections.offset),
+    )
 
 
 def refined(camera: Camera, row: Corrections, cameras: CameraSet) -> Camera:
     """A camera with its row of the `gauge_fixed` corrections applied.
 
-    A camera has no exposure gain; the caller applies `row.exposure`.
+    A camera has neither gain nor matrix of colours; the caller applies `row.exposure` and
+    `row.color_matrix` (`response`).
     """
     trajectory, shutter, lens = camera.trajectory, camera.shutter, camera.lens
     if row.pose is not None:
@@ -155,7 +163,7 @@ def refined_views(
     cameras: CameraSet,
     views: Camera,
     owner: Int[Array, " frames"],
-) -> tuple[Camera, Float[Array, "frames 3"] | None]:
+) -> tuple[Camera, Float[Array, "frames 3 ..."] | None]:
     """The stacked cameras of frames with their corrections.
 
     Args:
@@ -165,14 +173,35 @@ def refined_views(
         owner: number of the camera of each frame.
 
     Returns:
-        The corrected cameras, and the gain of each channel of linear light; None if exposures are
-        not refined.
+        The corrected cameras, and the `response` of each; None if neither exposures nor colour
+        matrices are refined.
     """
     if corrections is None:
         return views, None
     rows = jax.tree.map(lambda x: x[owner], gauge_fixed(corrections, cameras))
     views = jax.vmap(refined, in_axes=(0, 0, None))(views, rows, cameras)
-    return views, None if rows.exposure is None else jnp.exp(rows.exposure)
+    return views, response(rows)
+
+
+def response(corrections: Corrections) -> Float[Array, "cameras 3 ..."] | None:
+    """What cameras make of linear light (`responded`), from `gauge_fixed` corrections.
+
+    Returns:
+        A gain for each channel, or a matrix (output channel, input channel) where colour matrices
+        are refined; None where neither is.
+    """
+    gain = None if corrections.exposure is None else jnp.exp(corrections.exposure)
+    if corrections.color_matrix is None:
+        return gain
+    matrix = jnp.eye(3, dtype=corrections.color_matrix.dtype)[None] + corrections.color_matrix
+    return matrix if gain is None else gain[..., None] * matrix
+
+
+def responded(
+    gain: Float[Array, "..."], light: Float[Array, "*pixels 3"]
+) -> Float[Array, "*pixels 3"]:
+    """Linear light as cameras record it, by the gains or colour matrices of `response`."""
+    return gain * light if gain.ndim == light.ndim else product("...ij,...j->...i", gain, light)
 
 
 _refined = jax.jit(refined)
@@ -214,6 +243,18 @@ def gains(
     return dict(zip(names, gain.tolist(), strict=True))
 
 
+def color_matrices(
+    corrections: Corrections | None, cameras: CameraSet, names: Sequence[str]
+) -> dict[str, list[list[float]]]:
+    """The matrices of linear red, green and blue (rows: output channels), by camera name; empty if
+    they are not refined."""
+    matrix = None if corrections is None else gauge_fixed(corrections, cameras).color_matrix
+    if matrix is None:
+        return {}
+    values = (np.eye(3) + np.asarray(matrix, np.float64)).round(6)
+    return dict(zip(names, values.tolist(), strict=True))
+
+
 def corrections_summary(
     corrections: Corrections, cameras: CameraSet, shutter: Shutter, unit: str
 ) -> str:
@@ -239,6 +280,10 @@ def corrections_summary(
     if c.exposure is not None:
         gain = np.exp(c.exposure)
         parts.append(f"exposures x {gain.min():.3f} to {gain.max():.3f}")
+    if c.color_matrix is not None:
+        parts.append(
+            f"colour matrices off the identity by up to {np.abs(c.color_matrix).max():.3f}"
+        )
     if c.offset is not None:
         late = float(cameras.interval) * c.offset
         parts.append(f"offsets {late.min():.4g} to {late.max():.4g} ({unit})")

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
+import jax
 import numpy as np
 
 from gaussray.camera.array import CameraSet, rays_per_pixel
@@ -92,6 +93,17 @@ def _held_out_score(
     return score
 
 
+def held_out_score(session: Session, state: State) -> float:
+    """PSNR in dB of the session's held-out tiles; NaN if the tracer has no room for most."""
+    views, cameras = everywhere((session.footage.camera, session.cameras), session.mesh)
+    score = _held_out_score(session, "fine", views, cameras)
+    if score is None or session.held_out is None:
+        raise ValueError("fit.validate must be above 0 for tiles to be held out.")
+    batches = held_out_batches(session.footage, session.held_out, session.options.fit.tiles)
+    sizes = first_sizes(session, state, jax.tree.map(lambda *x: np.stack(x), *batches))
+    return score(agreed(state), sizes)
+
+
 def _say_stopped(session: Session, plan: StepPlan, done: int) -> None:
     if plan.stopped == done and not session.quiet:
         say(f"Held-out tiles no longer improve at step {done}: the fit ends at step {plan.steps}.")
@@ -116,15 +128,15 @@ def step_plan(session: Session, progress: RunProgress) -> StepPlan:
 def step_options(session: Session, stage: str) -> StepOptions:
     """The options of the steps of a stage.
 
-    In the coarse stage of a scene that moves, only exposures of cameras are refined: the scene is
-    not formed yet and would form around the cameras' errors. After the first segment the cameras
-    are known.
+    In the coarse stage of a scene that moves, only what cameras make of colours is refined: the
+    scene is not formed yet and would form around the cameras' errors. After the first segment the
+    cameras are known.
     """
     options, refine = session.options, session.options.fit.refine
     if session.later:
         refine = ()
     elif stage == "coarse" and len(session.times) > 1:
-        refine = tuple(kind for kind in refine if kind == "exposure")
+        refine = tuple(kind for kind in refine if kind in ("exposure", "color_matrix"))
     return StepOptions(
         options.loss,
         options.optimizer,

@@ -61,6 +61,8 @@ class FitOptions(eqx.Module):
         samples: rays per pixel over pixel filter, aperture and exposure. 0: 1, or 4 if a camera has
             an aperture or an exposure time.
         refine: the parameters of the cameras that are learnt too (`corrections.REFINABLE`).
+        refine_gain: dB that held-out tiles must gain by a correction for it to be kept
+            (`refinement_trial`). Below 0: all corrections are kept, without a trial.
         checkpoint: seconds between two checkpoints.
         seed: seed of all random numbers.
 
@@ -94,6 +96,7 @@ class FitOptions(eqx.Module):
     memory: float = eqx.field(static=True, default=4.0)
     samples: int = eqx.field(static=True, default=0)
     refine: tuple[str, ...] = eqx.field(static=True, default=())
+    refine_gain: float = eqx.field(static=True, default=0.2)
     checkpoint: float = eqx.field(static=True, default=60.0)
     seed: int = eqx.field(static=True, default=0)
 

@@ -7,7 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gaussray.camera.corrections import corrections_summary, gains, refined_frames
+from gaussray.camera.corrections import (
+    color_matrices,
+    corrections_summary,
+    gains,
+    refined_frames,
+)
 from gaussray.capture.capture import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole, write_json
@@ -19,6 +24,7 @@ from gaussray.reconstruct.loop import run_stage
 from gaussray.reconstruct.motion_trial import held_out_capture, trial, trial_sentence
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
+from gaussray.reconstruct.refinement_trial import with_refinement_tried
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session, hand_over
 from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
@@ -59,7 +65,10 @@ def reconstruct(
 
     Besides scene.npz, `out` gets metrics.jsonl (one line per block of steps), requirement.json (the
     report of pruning), cameras.json (the cameras as refined), and, while the run lasts,
-    checkpoint.npz; and motion.json, the scores of a trial, if there was one.
+    checkpoint.npz; and motion.json and refine.json, the scores of trials, if there were any.
+
+    Corrections of cameras (options.fit.refine) are kept only if held-out tiles gain by them in a
+    short fit (options.fit.refine_gain).
 
     Args:
         capture: pictures and cameras; those of split "train" are used.
@@ -91,6 +100,10 @@ def reconstruct(
     course = segments(capture, options.fit.segment)
     if leads():
         sweep(out, deep=len(course) > 1)
+    options, line = with_refinement_tried(
+        capture, out, options, course[0], fitted=_fitted, resume=resume, devices=devices
+    )
+    _say(line, quiet or not leads())
     state, progress = log.resumed() if resume else (None, RunProgress(segments=len(course)))
     _demand_same_segments(progress, len(course))
     files = [out / "segments" / f"{i:04d}.npz" for i in range(1, len(course) + 1)]
@@ -245,7 +258,8 @@ def _remove(files: list[Path]) -> None:
 
 
 def _write_cameras(path: Path, session: Session, state: State) -> None:
-    """Write every camera of the capture as refined, and the exposures that were found."""
+    """Write every camera of the capture as refined, and the gains and colour matrices that were
+    found."""
     corrections, names = state.parameters.corrections, session.names
     views = session.capture.views
     frames = [(view.camera_name, view.camera) for view in views]
@@ -254,8 +268,12 @@ def _write_cameras(path: Path, session: Session, state: State) -> None:
         FrameRecord(str(view.image.resolve()), camera, view.camera_name, view.split)
         for view, camera in zip(views, cameras, strict=True)
     ]
-    gain = gains(corrections, session.cameras, names)
-    write_manifest(path, records, extra={"info": {"gain": gain}} if gain else None)
+    found = {
+        "gain": gains(corrections, session.cameras, names),
+        "color_matrix": color_matrices(corrections, session.cameras, names),
+    }
+    found = {key: value for key, value in found.items() if value}
+    write_manifest(path, records, extra={"info": found} if found else None)
 
 
 def _found(session: Session, state: State) -> str:

@@ -147,8 +147,8 @@ class Session:
         scene = scene_of(state.parameters, jnp.zeros(2), self.cameras.interval)
         return key_count(scene, span) if span > 0 else 1
 
-    def training_cameras(self, state: State) -> tuple[Camera, Float[Array, "frames 3"] | None]:
-        """The cameras and exposures of the training pictures as refined so far."""
+    def training_cameras(self, state: State) -> tuple[Camera, Float[Array, "frames 3 ..."] | None]:
+        """The cameras of the training pictures and their `response` as refined so far."""
         known = self.cameras, self.footage.camera, self.cameras.owner
         return eqx.filter_jit(refined_views)(state.parameters.corrections, *known)
 

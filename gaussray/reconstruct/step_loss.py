@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera
-from gaussray.camera.corrections import refined_views
+from gaussray.camera.corrections import refined_views, responded
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import step_samples
 from gaussray.color import srgb_encode
@@ -112,7 +112,7 @@ def loss_of(
     )
     light = pixels.color if rays.weight is None else rays.weight[..., None] * pixels.color
     color = jnp.mean(light, axis=0)
-    image = losses.developed(srgb_encode(color if gain is None else gain * color), truth)
+    image = losses.developed(srgb_encode(color if gain is None else responded(gain, color)), truth)
     # Pixels for which the lens forms no ray do not count.
     weight = weight * jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
     image = jnp.where(weight[:, None] > 0, image, truth)
@@ -156,9 +156,9 @@ def step_rays(
     cameras: CameraSet,
     step: Int[Array, ""],
     options: StepOptions,
-) -> tuple[Rays, Float[Array, "rays 3"] | None]:
-    """Rays of a step (samples x rays) from the refined cameras, and the exposure gain of each
-    pixel (None: 1)."""
+) -> tuple[Rays, Float[Array, "rays 3 ..."] | None]:
+    """Rays of a step (samples x rays) from the refined cameras, and the `response` for each pixel
+    (None: light as it is)."""
     seen, owner = jax.tree.map(lambda x: x[batch.frame], (views, cameras.owner))
     camera, gain = refined_views(parameters.corrections, cameras, seen, owner)
     if gain is not None:

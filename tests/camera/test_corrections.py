@@ -11,6 +11,7 @@ from gaussray.camera.array import camera_set, rays_per_pixel
 from gaussray.camera.corrections import (
     REFINABLE,
     Corrections,
+    color_matrices,
     correctable,
     corrections_summary,
     gains,
@@ -19,6 +20,8 @@ from gaussray.camera.corrections import (
     refined,
     refined_frames,
     refined_kinds,
+    responded,
+    response,
 )
 from gaussray.camera.lens import (
     DoubleSphere,
@@ -227,17 +230,39 @@ def test_gains_are_told_by_name_and_their_mean_is_one(cameras):
     assert gains(None, cameras, NAMES) == gains(Corrections(), cameras, NAMES) == {}
 
 
+def test_the_mean_colour_matrix_is_the_identity_and_a_gain_follows_the_matrix(cameras):
+    own = np.random.default_rng(3).normal(size=(4, 3, 3)) * 0.1
+    given = Corrections(color_matrix=toy.single(own + 0.3))
+    told = color_matrices(given, cameras, NAMES)
+    expected = np.eye(3) + own - own.mean(axis=0)
+    np.testing.assert_allclose([told[name] for name in NAMES], expected, atol=SAME)
+    np.testing.assert_allclose(np.mean(list(told.values()), axis=0), np.eye(3), atol=SAME)
+    assert color_matrices(None, cameras, NAMES) == {}
+    light = toy.single(np.random.default_rng(4).uniform(size=(4, 3)))
+    fixed = gauge_fixed(given, cameras)
+    seen = responded(response(fixed), light)
+    np.testing.assert_allclose(seen, np.einsum("nij,nj->ni", expected, light), atol=SAME)
+    gain = toy.single([[0.1, 0, -0.1], [0, 0, 0], [-0.1, 0, 0.1], [0, 0, 0]])
+    both = gauge_fixed(Corrections(exposure=gain, color_matrix=given.color_matrix), cameras)
+    np.testing.assert_allclose(responded(response(both), light), np.exp(gain) * seen, atol=SAME)
+    only = gauge_fixed(Corrections(exposure=gain), cameras)
+    np.testing.assert_allclose(responded(response(only), light), np.exp(gain) * light, atol=SAME)
+    assert response(Corrections()) is None
+
+
 def test_what_was_found_is_said_in_the_captures_units(filmed, cameras):
     pose = np.zeros((4, 6))
     pose[0, 0] = np.radians(2)
     given = Corrections(
         toy.single(pose), jnp.zeros((4, 3), jnp.float32), toy.single(np.log(0.5)),
-        toy.single(np.eye(4)[:, :3]), toy.single([0.2, -0.2, 0, 0]),
+        toy.single(np.eye(4)[:, :3]), toy.single([0.4 * np.eye(3), *np.zeros((3, 3, 3))]),
+        toy.single([0.2, -0.2, 0, 0]),
     )  # fmt: skip
     said = corrections_summary(given, cameras, stack(filmed).shutter, "seconds")
     step = float(filmed[0].shutter.row_step)
     assert f"time of a row {step:.4g} -> {step / 2:.4g} (seconds)" in said
     assert "offsets -0.1 to 0.1 (seconds)" in said
+    assert "colour matrices off the identity by up to 0.300" in said
     for word in ("poses turned by up to", "focal lengths x 1.0000 to 1.0000", "exposures x"):
         assert word in said
 

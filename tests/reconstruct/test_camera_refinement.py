@@ -48,6 +48,10 @@ SCENE = eqx.tree_at(lambda s: s.moving.mean, SCENE, SCENE.moving.mean * toy.sing
 # Errors of the recording: factors of linear light, of the readout and of the focal lengths, delays
 # of half an interval, and poses of half a degree and a hundredth of the extent.
 GAIN = dict(zip(ANGLES, ([1.2, 1, 0.9], [0.8, 1, 1], [1 / 0.96, 1, 1 / 0.9]), strict=True))
+MATRIX = dict(
+    zip(ANGLES, np.eye(3) + np.array([1, 1, -2])[:, None, None] * 0.05 * np.array(
+        [[1, -1, 0], [1, 0, -1], [0, 1, 1]]), strict=True)
+)  # fmt: skip
 LATE = dict(zip(ANGLES, (0.15, -0.05, -0.1), strict=True))
 FOCAL = dict(zip(ANGLES, (1.02, 0.98, 1.02), strict=True))
 SLOW, TURN, SHIFT = 1.3, np.radians(0.5), 0.01
@@ -133,6 +137,11 @@ def recorded(folder, pictures, kinds):
             color * np.float32(GAIN[name])
             for (name, _), color in zip(listed, pictures, strict=True)
         ]
+    if "color_matrix" in kinds:
+        pictures = [
+            np.clip(color @ MATRIX[name].T.astype(np.float32), 0, None)
+            for (name, _), color in zip(listed, pictures, strict=True)
+        ]
     return written(folder, listed, pictures)
 
 
@@ -141,6 +150,7 @@ def options(*refine, steps=100):
     known = OptimizerOptions.__dataclass_fields__
     still = {name: 0.0 for name in known if name not in ("decay", *REFINABLE)}
     fast = {"pose": 2e-3, "lens": 2e-3, "shutter": 4e-2, "exposure": 4e-2, "offset": 4e-2}
+    fast |= {"color_matrix": 2e-2}
     return dataclasses.replace(
         toy.SHORT,
         fit=FitOptions(
@@ -186,6 +196,12 @@ def assert_found(folder, pictures, kinds, steps=100):
     found = gauge_fixed(corrections, fit.cameras)
     if "exposure" in kinds:
         np.testing.assert_allclose(np.exp(found.exposure), list(GAIN.values()), rtol=FRACTION)
+    if "color_matrix" in kinds:
+        # What the scene's colours say: not all of them fill the room of colours.
+        light = np.concatenate([color.reshape(-1, 3) for color in pictures])
+        for own, true in zip(found.color_matrix, MATRIX.values(), strict=True):
+            left = light @ (np.eye(3) + np.asarray(own) - true).T
+            assert np.abs(left).mean() < LEFT * np.abs(light @ (np.eye(3) - true).T).mean()
     if "shutter" in kinds:
         np.testing.assert_allclose(SLOW * np.exp(found.shutter), 1, rtol=FRACTION)
     if "offset" in kinds:
@@ -295,9 +311,9 @@ def test_sharp_pictures_taken_at_once_cost_what_they_did(tmp_path, pictures):
     assert state.parameters.corrections is None
 
 
-def test_before_the_scene_moves_only_exposures_are_refined(tmp_path, pictures):
+def test_before_the_scene_moves_only_colours_are_refined(tmp_path, pictures):
     fit = fit_of(recorded(tmp_path / "capture", pictures, ()), tmp_path, options(*REFINABLE))
-    assert loop.step_options(fit, "coarse").refine == ("exposure",)
+    assert loop.step_options(fit, "coarse").refine == ("exposure", "color_matrix")
     assert loop.step_options(fit, "fine").refine == REFINABLE
 
 

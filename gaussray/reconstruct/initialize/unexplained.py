@@ -45,7 +45,7 @@ class UnexplainedPixels:
     Args:
         footage: the training pictures.
         camera: their cameras, as refined so far.
-        gain: the exposure of each frame that multiplies linear light; None: 1.
+        gain: the `response` of each frame to linear light; None: light as it is.
         still: the Gaussians that stand still.
         options: how to trace them.
     """
@@ -54,7 +54,7 @@ class UnexplainedPixels:
         self,
         footage: Footage,
         camera: Camera,
-        gain: Float[Array, "frames 3"] | None,
+        gain: Float[Array, "frames 3 ..."] | None,
         still: Gaussians,
         options: TraceOptions,
     ):
@@ -73,7 +73,8 @@ class UnexplainedPixels:
         view = stereo_views(footage.pictures(one), camera, None, factor=self._factor)[0]
         shown = self._rendered(view)
         if self._gain is not None:
-            shown = shown * self._gain[frame]
+            own = self._gain[frame]
+            shown = shown * own if own.ndim == 1 else shown @ own.T
         channels, _ = jax.device_get(unpacked(view.pixel, jnp.float32))
         difference = np.stack(channels, axis=-1) - np.asarray(srgb_encode(shown))
         even = uniform_filter(difference, _EVEN, axes=(0, 1))

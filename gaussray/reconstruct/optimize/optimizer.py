@@ -98,6 +98,7 @@ class OptimizerOptions(eqx.Module):
         lens: logarithms of focal lengths, and principal points in focal lengths.
         shutter: logarithm of the readout time.
         exposure: logarithms of the gains of the colour channels.
+        color_matrix: entries of the colour matrices of cameras.
         offset: delays of cameras, in intervals between two times.
         decay: share of every rate that is left at the end of a stage.
 
@@ -124,6 +125,7 @@ class OptimizerOptions(eqx.Module):
     lens: float = eqx.field(static=True, default=3e-4)
     shutter: float = eqx.field(static=True, default=3e-2)
     exposure: float = eqx.field(static=True, default=5e-3)
+    color_matrix: float = eqx.field(static=True, default=2e-3)
     offset: float = eqx.field(static=True, default=2e-2)
     decay: float = eqx.field(static=True, default=0.03)
 

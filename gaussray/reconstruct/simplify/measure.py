@@ -13,6 +13,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
+from gaussray.camera.corrections import responded
 from gaussray.camera.rays import Rays
 from gaussray.color import LEAST_MSE, psnr_from_mse, srgb_encode
 from gaussray.reconstruct.data.batches import gather, tile_colors, tile_rays
@@ -33,23 +34,24 @@ _MEAN_FRAMES, _MEAN_TILES = 8, 256
 
 
 class TrainingViews(NamedTuple):
-    """The training pictures with their cameras and exposure gains as refined (None: all 1)."""
+    """The training pictures with their cameras and their `response` as refined (None: light as it
+    is)."""
 
     footage: Footage
     camera: Camera
-    gain: Float[Array, "frames 3"] | None = None
+    gain: Float[Array, "frames 3 ..."] | None = None
 
 
 class TileView(NamedTuple):
     """Tiles of training pictures at one time: chief rays, sRGB-encoded colours, the weight of each
-    ray (0 where a picture is masked, and where the lens forms no ray), the exposure gain that
-    multiplies linear light, and the mean sRGB-encoded colour of the viewpoint's pictures."""
+    ray (0 where a picture is masked, and where the lens forms no ray), the `response` to linear
+    light, and the mean sRGB-encoded colour of the viewpoint's pictures."""
 
     time: Float[Array, ""]
     rays: Rays
     truth: Float[Array, "rays 3"]
     weight: Float[Array, " rays"]
-    gain: Float[Array, "rays 3"]
+    gain: Float[Array, "rays 3 ..."]
     mean: Float[Array, "rays 3"]
 
 
@@ -218,7 +220,7 @@ def _error(
     pixels, report = trace_sharded(
         motion, view.rays, options=tracing.options, capacity=capacity, mesh=tracing.mesh
     )
-    error = developed(srgb_encode(view.gain * pixels.color), view.truth) - view.truth
+    error = developed(srgb_encode(responded(view.gain, pixels.color)), view.truth) - view.truth
     return jnp.sum(view.weight[:, None] * error * error), report.needed, report.dropped
 
 

@@ -1,0 +1,156 @@
+"""A trial of which corrections of cameras help: short fits, scored on tiles that none draws.
+
+A fit that is softer than its cameras are wrong has nothing to correct them with, and moves cameras
+that were right. So a correction is kept only if pictures that it has not seen gain by it.
+"""
+
+import json
+import math
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from gaussray.capture.capture import Capture
+from gaussray.io.atomic import write_json
+from gaussray.reconstruct.data.segments import Segment
+from gaussray.reconstruct.log import NonFiniteLoss, RunLog
+from gaussray.reconstruct.loop import held_out_score
+from gaussray.reconstruct.optimize.state import State
+from gaussray.reconstruct.options import ReconstructOptions
+from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.reconstruct.session import Session
+from gaussray.runtime.devices import leads, wait
+
+
+# Steps of a stage of a trial, at most; and the share of the tiles that is held out.
+_STEPS, _SHARE = 1000, 0.05
+# The scores of a trial, in the run's folder; a run that is resumed goes by them.
+_FILE = "refine.json"
+
+# Fits all stages of a segment.
+Fitted = Callable[[Session, State | None, RunProgress], tuple[State, RunProgress]]
+
+
+def kept_corrections(
+    kinds: Sequence[str], score: Callable[[tuple[str, ...]], float], gain: float
+) -> tuple[tuple[str, ...], dict[str, float]]:
+    """Which corrections are kept: one after another, each beside those that are kept already.
+
+    Args:
+        kinds: the corrections, in order.
+        score: PSNR in dB of held-out tiles with some corrections; 0 of a fit that failed.
+        gain: dB that a correction must gain.
+
+    Returns:
+        Those that are kept, and the score with each, "" for the recorded cameras.
+    """
+    kept, scores = (), {"": score(())}
+    best = scores[""]
+    for kind in kinds:
+        scores[kind] = score((*kept, kind))
+        if scores[kind] >= best + gain:
+            kept, best = (*kept, kind), scores[kind]
+    return kept, scores
+
+
+def with_refinement_tried(
+    capture: Capture,
+    out: Path,
+    options: ReconstructOptions,
+    segment: Segment,
+    *,
+    fitted: Fitted,
+    resume: bool,
+    devices: int | None,
+) -> tuple[ReconstructOptions, str]:
+    """The options with the corrections that help (`kept_corrections`), and a line that says which;
+    the same options where nothing is refined or nothing can be held out.
+
+    Args:
+        capture: the capture.
+        out: the folder of the run, which gets refine.json.
+        options: the options.
+        segment: the first segment, in which cameras are refined.
+        fitted: fits.
+        resume: whether the run goes on: then by the scores of its own trial.
+        devices: how many devices share the rays (None: all).
+    """
+    known, kinds = out / _FILE, options.fit.refine
+    if not kinds or options.fit.refine_gain < 0:
+        return options, ""
+    if resume:
+        found = json.loads(known.read_text()) if known.is_file() else {"kept": kinds}
+        return _with_refine(options, tuple(found["kept"])), ""
+
+    def score(chosen: tuple[str, ...]) -> float | None:
+        return _score(capture, out, _with_refine(options, chosen), segment, fitted, devices)
+
+    recorded = score(())
+    if recorded is None:
+        return options, (
+            "Too few tiles to hold any out: corrections of cameras "
+            f"({', '.join(kinds)}) are kept unchecked."
+        )
+    kept, scores = kept_corrections(
+        kinds,
+        lambda chosen: (score(chosen) or 0.0) if chosen else recorded,
+        options.fit.refine_gain,
+    )
+    if leads():
+        write_json(known, {"kept": list(kept), "psnr": scores})
+    return _with_refine(options, kept), refinement_sentence(kept, scores)
+
+
+def refinement_sentence(kept: Sequence[str], scores: dict[str, float]) -> str:
+    """A line that tells which corrections were kept."""
+    told = [
+        f"{kind} {value:.2f} dB ({'kept' if kind in kept else 'left as recorded'})"
+        for kind, value in scores.items()
+        if kind
+    ]
+    return f"Held-out tiles: recorded cameras {scores['']:.2f} dB, {', '.join(told)}."
+
+
+def _with_refine(options: ReconstructOptions, kinds: tuple[str, ...]) -> ReconstructOptions:
+    return replace(options, fit=replace(options.fit, refine=kinds))
+
+
+def _score(
+    capture: Capture,
+    out: Path,
+    options: ReconstructOptions,
+    segment: Segment,
+    fitted: Fitted,
+    devices: int | None,
+) -> float | None:
+    """PSNR in dB of the held-out tiles after a short fit; 0 if it failed, None if there are no such
+    tiles."""
+    fit, folder = options.fit, out / "trial"
+    short = replace(
+        fit,
+        minutes=0.0,
+        coarse=min(fit.coarse, _STEPS),
+        fine=min(fit.fine, _STEPS),
+        validate=_SHARE,
+    )
+    _remove(folder)
+    log = RunLog(folder, resume=False, interval=math.inf, writes=leads())
+    session = Session(capture, log, replace(options, fit=short), True, devices, segment)
+    if session.held_out is None:
+        return None
+    try:
+        state, _ = fitted(session, None, RunProgress())
+        value = held_out_score(session, state)
+        return value if math.isfinite(value) else 0.0
+    except NonFiniteLoss:
+        return 0.0
+    finally:
+        del session
+        _remove(folder)
+
+
+def _remove(folder: Path) -> None:
+    if leads():
+        shutil.rmtree(folder, ignore_errors=True)
+    wait("refinement")
