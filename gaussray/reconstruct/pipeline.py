@@ -100,10 +100,16 @@ def reconstruct(
     course = segments(capture, options.fit.segment)
     if leads():
         sweep(out, deep=len(course) > 1)
-    options, line = with_refinement_tried(
-        capture, out, options, course[0], fitted=_fitted, resume=resume, devices=devices
+    options = with_refinement_tried(
+        capture,
+        out,
+        options,
+        course[0],
+        fitted=_fitted,
+        resume=resume,
+        devices=devices,
+        say=lambda line: _say(line, quiet or not leads()),
     )
-    _say(line, quiet or not leads())
     state, progress = log.resumed() if resume else (None, RunProgress(segments=len(course)))
     _demand_same_segments(progress, len(course))
     files = [out / "segments" / f"{i:04d}.npz" for i in range(1, len(course) + 1)]

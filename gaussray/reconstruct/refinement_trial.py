@@ -24,7 +24,7 @@ from gaussray.runtime.devices import leads, wait
 
 
 # Steps of a stage of a trial, at most; and the share of the tiles that is held out.
-_STEPS, _SHARE = 1000, 0.05
+_STEPS, _SHARE = 500, 0.05
 # The scores of a trial, in the run's folder; a run that is resumed goes by them.
 _FILE = "refine.json"
 
@@ -63,9 +63,10 @@ def with_refinement_tried(
     fitted: Fitted,
     resume: bool,
     devices: int | None,
-) -> tuple[ReconstructOptions, str]:
-    """The options with the corrections that help (`kept_corrections`), and a line that says which;
-    the same options where nothing is refined or nothing can be held out.
+    say: Callable[[str], None] = lambda line: None,
+) -> ReconstructOptions:
+    """The options with the corrections that help (`kept_corrections`); the same options where
+    nothing is refined or nothing can be held out.
 
     Args:
         capture: the capture.
@@ -75,23 +76,26 @@ def with_refinement_tried(
         fitted: fits.
         resume: whether the run goes on: then by the scores of its own trial.
         devices: how many devices share the rays (None: all).
+        say: gets lines on what is tried, and which corrections are kept.
     """
     known, kinds = out / _FILE, options.fit.refine
     if not kinds or options.fit.refine_gain < 0:
-        return options, ""
+        return options
     if resume:
         found = json.loads(known.read_text()) if known.is_file() else {"kept": kinds}
-        return _with_refine(options, tuple(found["kept"])), ""
+        return _with_refine(options, tuple(found["kept"]))
+    say("Short fits tell by which corrections of cameras held-out tiles gain.")
 
     def score(chosen: tuple[str, ...]) -> float | None:
         return _score(capture, out, _with_refine(options, chosen), segment, fitted, devices)
 
     recorded = score(())
     if recorded is None:
-        return options, (
+        say(
             "Too few tiles to hold any out: corrections of cameras "
             f"({', '.join(kinds)}) are kept unchecked."
         )
+        return options
     kept, scores = kept_corrections(
         kinds,
         lambda chosen: (score(chosen) or 0.0) if chosen else recorded,
@@ -99,7 +103,8 @@ def with_refinement_tried(
     )
     if leads():
         write_json(known, {"kept": list(kept), "psnr": scores})
-    return _with_refine(options, kept), refinement_sentence(kept, scores)
+    say(refinement_sentence(kept, scores))
+    return _with_refine(options, kept)
 
 
 def refinement_sentence(kept: Sequence[str], scores: dict[str, float]) -> str:

@@ -108,7 +108,7 @@ def test_a_run_that_is_resumed_goes_by_its_own_trial(tmp_path):
     def tried(**fit):
         return with_refinement_tried(
             capture, tmp_path, options(**fit), part, fitted=fitted, resume=True, devices=None
-        )[0].fit.refine
+        ).fit.refine
 
     assert tried() == ("exposure",)
     (tmp_path / "refine.json").write_text('{"kept": []}')
