@@ -96,7 +96,7 @@ class FitOptions(eqx.Module):
     memory: float = eqx.field(static=True, default=4.0)
     samples: int = eqx.field(static=True, default=0)
     refine: tuple[str, ...] = eqx.field(static=True, default=())
-    refine_gain: float = eqx.field(static=True, default=0.2)
+    refine_gain: float = eqx.field(static=True, default=0.3)
     checkpoint: float = eqx.field(static=True, default=60.0)
     seed: int = eqx.field(static=True, default=0)
 
