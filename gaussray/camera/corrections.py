@@ -133,7 +133,7 @@ def refined(camera: Camera, row: Corrections, cameras: CameraSet) -> Camera:
     """A camera with its row of the `gauge_fixed` corrections applied.
 
     A camera has neither gain nor matrix of colours; the caller applies `row.exposure` and
-    `row.color_matrix` (`response`).
+    `row.color_matrix` (`color_response`).
     """
     trajectory, shutter, lens = camera.trajectory, camera.shutter, camera.lens
     if row.pose is not None:
@@ -173,17 +173,17 @@ def refined_views(
         owner: number of the camera of each frame.
 
     Returns:
-        The corrected cameras, and the `response` of each; None if neither exposures nor colour
-        matrices are refined.
+        The corrected cameras, and the `color_response` of each; None if neither exposures nor
+        colour matrices are refined.
     """
     if corrections is None:
         return views, None
     rows = jax.tree.map(lambda x: x[owner], gauge_fixed(corrections, cameras))
     views = jax.vmap(refined, in_axes=(0, 0, None))(views, rows, cameras)
-    return views, response(rows)
+    return views, color_response(rows)
 
 
-def response(corrections: Corrections) -> Float[Array, "cameras 3 ..."] | None:
+def color_response(corrections: Corrections) -> Float[Array, "cameras 3 ..."] | None:
     """What cameras make of linear light (`responded`), from `gauge_fixed` corrections.
 
     Returns:
@@ -200,7 +200,7 @@ def response(corrections: Corrections) -> Float[Array, "cameras 3 ..."] | None:
 def responded(
     gain: Float[Array, "..."], light: Float[Array, "*pixels 3"]
 ) -> Float[Array, "*pixels 3"]:
-    """Linear light as cameras record it, by the gains or colour matrices of `response`."""
+    """Linear light as cameras record it, by the gains or colour matrices of `color_response`."""
     return gain * light if gain.ndim == light.ndim else product("...ij,...j->...i", gain, light)
 
 

@@ -148,7 +148,7 @@ class Session:
         return key_count(scene, span) if span > 0 else 1
 
     def training_cameras(self, state: State) -> tuple[Camera, Float[Array, "frames 3 ..."] | None]:
-        """The cameras of the training pictures and their `response` as refined so far."""
+        """The cameras of the training pictures and their `color_response` as refined so far."""
         known = self.cameras, self.footage.camera, self.cameras.owner
         return eqx.filter_jit(refined_views)(state.parameters.corrections, *known)
 

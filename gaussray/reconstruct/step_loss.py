@@ -157,8 +157,8 @@ def step_rays(
     step: Int[Array, ""],
     options: StepOptions,
 ) -> tuple[Rays, Float[Array, "rays 3 ..."] | None]:
-    """Rays of a step (samples x rays) from the refined cameras, and the `response` for each pixel
-    (None: light as it is)."""
+    """Rays of a step (samples x rays) from the refined cameras, and the `color_response` for each
+    pixel (None: light as it is)."""
     seen, owner = jax.tree.map(lambda x: x[batch.frame], (views, cameras.owner))
     camera, gain = refined_views(parameters.corrections, cameras, seen, owner)
     if gain is not None:

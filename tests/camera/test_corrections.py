@@ -12,6 +12,7 @@ from gaussray.camera.corrections import (
     REFINABLE,
     Corrections,
     color_matrices,
+    color_response,
     correctable,
     corrections_summary,
     gains,
@@ -21,7 +22,6 @@ from gaussray.camera.corrections import (
     refined_frames,
     refined_kinds,
     responded,
-    response,
 )
 from gaussray.camera.lens import (
     DoubleSphere,
@@ -240,14 +240,18 @@ def test_the_mean_colour_matrix_is_the_identity_and_a_gain_follows_the_matrix(ca
     assert color_matrices(None, cameras, NAMES) == {}
     light = toy.single(np.random.default_rng(4).uniform(size=(4, 3)))
     fixed = gauge_fixed(given, cameras)
-    seen = responded(response(fixed), light)
+    seen = responded(color_response(fixed), light)
     np.testing.assert_allclose(seen, np.einsum("nij,nj->ni", expected, light), atol=SAME)
     gain = toy.single([[0.1, 0, -0.1], [0, 0, 0], [-0.1, 0, 0.1], [0, 0, 0]])
     both = gauge_fixed(Corrections(exposure=gain, color_matrix=given.color_matrix), cameras)
-    np.testing.assert_allclose(responded(response(both), light), np.exp(gain) * seen, atol=SAME)
+    np.testing.assert_allclose(
+        responded(color_response(both), light), np.exp(gain) * seen, atol=SAME
+    )
     only = gauge_fixed(Corrections(exposure=gain), cameras)
-    np.testing.assert_allclose(responded(response(only), light), np.exp(gain) * light, atol=SAME)
-    assert response(Corrections()) is None
+    np.testing.assert_allclose(
+        responded(color_response(only), light), np.exp(gain) * light, atol=SAME
+    )
+    assert color_response(Corrections()) is None
 
 
 def test_what_was_found_is_said_in_the_captures_units(filmed, cameras):

@@ -45,7 +45,7 @@ class UnexplainedPixels:
     Args:
         footage: the training pictures.
         camera: their cameras, as refined so far.
-        gain: the `response` of each frame to linear light; None: light as it is.
+        gain: the `color_response` of each frame to linear light; None: light as it is.
         still: the Gaussians that stand still.
         options: how to trace them.
     """

@@ -34,8 +34,8 @@ _MEAN_FRAMES, _MEAN_TILES = 8, 256
 
 
 class TrainingViews(NamedTuple):
-    """The training pictures with their cameras and their `response` as refined (None: light as it
-    is)."""
+    """The training pictures with their cameras and their `color_response` as refined (None: light
+    as it is)."""
 
     footage: Footage
     camera: Camera
@@ -44,8 +44,8 @@ class TrainingViews(NamedTuple):
 
 class TileView(NamedTuple):
     """Tiles of training pictures at one time: chief rays, sRGB-encoded colours, the weight of each
-    ray (0 where a picture is masked, and where the lens forms no ray), the `response` to linear
-    light, and the mean sRGB-encoded colour of the viewpoint's pictures."""
+    ray (0 where a picture is masked, and where the lens forms no ray), the `color_response` to
+    linear light, and the mean sRGB-encoded colour of the viewpoint's pictures."""
 
     time: Float[Array, ""]
     rays: Rays
