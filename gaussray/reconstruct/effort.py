@@ -174,7 +174,7 @@ def _still(pixels: float, machine: Machine) -> ReconstructOptions:
             opacity_cost=0.03 if machine.gpu else 0.01,
             scale_cost=0.03 if machine.gpu else 0.01,
         ),
-        trace=TraceOptions(levels=0, transmittance_min=1e-3 if machine.gpu else 1e-2),
+        trace=TraceOptions(levels=0, transmittance_min=1e-3),
     )
 
 
@@ -206,7 +206,7 @@ def _brief(pixels: float, machine: Machine) -> ReconstructOptions:
             opacity=0.005,
             gaussians=gaussians,
         ),
-        trace=TraceOptions(levels=0, transmittance_min=1e-3 if machine.gpu else 1e-2),
+        trace=TraceOptions(levels=0, transmittance_min=1e-3),
     )
 
 

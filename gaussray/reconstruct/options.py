@@ -75,7 +75,7 @@ class FitOptions(eqx.Module):
     coarse: int = eqx.field(static=True, default=300)
     fine: int = eqx.field(static=True, default=2500)
     segment: int = eqx.field(static=True, default=0)
-    tiles: int = eqx.field(static=True, default=64)
+    tiles: int = eqx.field(static=True, default=128)
     tile_side: int = eqx.field(static=True, default=8)
     block: int = eqx.field(static=True, default=25)
     validate: float = eqx.field(static=True, default=0.0)
@@ -150,6 +150,6 @@ class ReconstructOptions(eqx.Module):
     optimizer: OptimizerOptions = eqx.field(default_factory=OptimizerOptions)
     density: DensityOptions = eqx.field(default_factory=DensityOptions)
     trace: TraceOptions = eqx.field(
-        default_factory=lambda: TraceOptions(levels=0, transmittance_min=1e-2)
+        default_factory=lambda: TraceOptions(levels=0, transmittance_min=1e-3)
     )
     need: NeedOptions = eqx.field(default_factory=NeedOptions)
