@@ -36,9 +36,9 @@ _ZERO = np.float32(0)
 
 @machine_code
 def _others(frame):
-    """Threads to start beside the caller's: no more than there are bundles."""
+    """Threads to start beside the caller's: each has a few bundles at least."""
     most = np.int64(flat_floats(operand(frame, 10))[2])
-    return min(most, march_of(frame).start.shape[0]) - 1
+    return max(min(most, march_of(frame).start.shape[0] // 4), 1) - 1
 
 
 def _forward(argument):
