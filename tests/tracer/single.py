@@ -15,6 +15,7 @@ from scenes import (
     natural,
     pull,
     pull_dense,
+    rays,
     relative_errors,
     resting,
     shot,
@@ -94,3 +95,25 @@ def invisible():
     """A motion of one Gaussian that no ray meets."""
     none = jnp.zeros(1, jnp.float32)
     return eqx.tree_at(lambda m: m.gaussians.opacity, resting(gaussians(1)), none)
+
+
+def pile(count):
+    """Faint Gaussians behind one another, and rays that meet nearly all of them."""
+    dice = np.random.default_rng(0)
+    crowd = gaussians(count, seed=1, size=(0.5, 2.0), degree=0)
+    mean = [0.1 * dice.normal(size=(count, 2)), dice.uniform(1, 9, (count, 1))]
+    crowd = crowd._replace(
+        mean=np.concatenate(mean, axis=1), opacity=dice.uniform(0.006, 0.01, count)
+    )
+    return resting(crowd), shot(rays(place=(0, 0, -8), jitter=0.02, spread=0.01))
+
+
+def sheet(count):
+    """Equal discs in one plane, of all colours: any other order is another colour."""
+    discs = gaussians(count, seed=3, degree=0)
+    return discs._replace(
+        mean=np.zeros((count, 3)),
+        quat=np.tile([1.0, 0, 0, 0], (count, 1)),
+        scale=np.tile([1.0, 1.0, 0.01], (count, 1)),
+        opacity=np.full(count, 0.5),
+    )

@@ -28,7 +28,7 @@ from scenes import (
     wandering,
     weights,
 )
-from single import COLOR, GRADIENT, SINGLE, errors_on_device, mixed, roomy
+from single import COLOR, GRADIENT, SINGLE, errors_on_device, mixed, pile, roomy, sheet
 
 from gaussray.tracer import cpu_march, options as tracer_options
 from gaussray.tracer.march import march
@@ -123,7 +123,7 @@ def test_threads_change_not_a_bit(monkeypatch):
     results = []
     for threads in (1, 2, 5):
         monkeypatch.setattr(cpu_march, "_threads", lambda threads=threads: threads)
-        # Another number of levels is another program.
+        # The number of threads is part of a program.
         jax.clear_caches()
         results.append(pull(motion, shot(rays()), weights(dtype=np.float32)))
     for other in results[1:]:
@@ -147,15 +147,8 @@ def test_many_calls_at_once_do_not_disturb_each_other():
 
 
 def test_thousands_on_one_ray_are_all_met_in_their_order():
-    count, dice = 3_000, np.random.default_rng(0)
-    crowd = gaussians(count, seed=1, size=(0.5, 2.0), degree=0)
-    crowd = crowd._replace(
-        mean=np.concatenate(
-            [0.1 * dice.normal(size=(count, 2)), dice.uniform(1, 9, (count, 1))], 1
-        ),
-        opacity=dice.uniform(0.006, 0.01, count),
-    )
-    motion, lines = resting(crowd), shot(rays(place=(0, 0, -8), jitter=0.02, spread=0.01))
+    count = 3_000
+    motion, lines = pile(count)
     capacity = measure(motion, lines, options=OPTIONS)
     pixels, report = look(motion, lines, options=OPTIONS, capacity=capacity)
     assert int(report.dropped) == 0 and int(report.hits) > 0.99 * count * RAYS
@@ -163,16 +156,14 @@ def test_thousands_on_one_ray_are_all_met_in_their_order():
 
 
 def test_equal_distances_are_taken_in_the_order_of_the_list():
-    sheet = gaussians(COUNT, seed=3, degree=0)
-    sheet = sheet._replace(
-        mean=np.zeros((COUNT, 3)),
-        quat=np.tile([1.0, 0, 0, 0], (COUNT, 1)),
-        scale=np.tile([1.0, 1.0, 0.01], (COUNT, 1)),
-        opacity=np.full(COUNT, 0.5),
-    )
     lines = shot(rays(jitter=0.0))
     kernel, arrays = (
-        look(resting(sheet), lines, options=replace(OPTIONS, backend=b), capacity=roomy(OPTIONS))
+        look(
+            resting(sheet(COUNT)),
+            lines,
+            options=replace(OPTIONS, backend=b),
+            capacity=roomy(OPTIONS),
+        )
         for b in ("kernel", "array")
     )
     np.testing.assert_allclose(stacked(kernel[0]), stacked(arrays[0]), atol=SINGLE)

@@ -38,8 +38,10 @@ from single import (
     errors_on_device,
     invisible,
     mixed,
+    pile,
     roomy,
     samples_of,
+    sheet,
 )
 
 from gaussray.tracer import cuda, kernel, options
@@ -224,15 +226,8 @@ def test_the_ends_of_what_numbers_can_express(name):
 
 @pytest.mark.gpu
 def test_thousands_on_one_ray_are_all_met_in_their_order():
-    count, dice = 10_000, np.random.default_rng(0)
-    crowd = gaussians(count, seed=1, size=(0.5, 2.0), degree=0)
-    crowd = crowd._replace(
-        mean=np.concatenate(
-            [0.1 * dice.normal(size=(count, 2)), dice.uniform(1, 9, (count, 1))], 1
-        ),
-        opacity=dice.uniform(0.006, 0.01, count),
-    )
-    motion, lines = resting(crowd), shot(rays(place=(0, 0, -8), jitter=0.02, spread=0.01))
+    count = 10_000
+    motion, lines = pile(count)
     options = replace(OPTIONS, k=16)
     capacity = measure(motion, lines, options=options)
     pixels, report = look(motion, lines, options=options, capacity=capacity)
@@ -242,22 +237,13 @@ def test_thousands_on_one_ray_are_all_met_in_their_order():
 
 @pytest.mark.gpu
 def test_equal_distances_are_taken_in_the_order_of_the_gaussians():
-    # A thousand equal discs in one plane, of all colours: any other order is another colour.
-    count = 1000
-    sheet = gaussians(count, seed=3, degree=0)
-    sheet = sheet._replace(
-        mean=np.zeros((count, 3)),
-        quat=np.tile([1.0, 0, 0, 0], (count, 1)),
-        scale=np.tile([1.0, 1.0, 0.01], (count, 1)),
-        opacity=np.full(count, 0.5),
-    )
     lines = shot(rays(jitter=0.0))
     capacity = Capacity((512, 512), 8192, 1024)
     pictures = [
-        look(resting(sheet), lines, options=replace(OPTIONS, k=k), capacity=capacity)[0]
+        look(resting(sheet(1000)), lines, options=replace(OPTIONS, k=k), capacity=capacity)[0]
         for k in (4, 4, 16)
     ]
-    expected = stacked(reference.trace(resting(sheet), lines))
+    expected = stacked(reference.trace(resting(sheet(1000)), lines))
     for picture in pictures:
         np.testing.assert_array_equal(stacked(picture), stacked(pictures[0]))
         np.testing.assert_allclose(stacked(picture)[:, :3], expected[:, :3], atol=COLOR)
