@@ -18,7 +18,8 @@ class CameraSet(eqx.Module):
         place: mean position of each camera.
         pixel: angle between neighbouring pixels in the middle of each camera's picture, in radians.
         extent: radius of the cameras' positions, the length unit of learning rates.
-        interval: time between two timestamps.
+        interval: time between two timestamps, the median.
+        times: the timestamps, increasing.
         free: projector onto the pose corrections of all cameras (`Corrections.pose`, flattened)
             that are not a common similarity transform.
         earlier: the longest time between a row's exposure and its frame's timestamp, before it.
@@ -30,6 +31,7 @@ class CameraSet(eqx.Module):
     pixel: Float[Array, " cameras"]
     extent: Float[Array, ""]
     interval: Float[Array, ""]
+    times: Float[Array, " times"]
     free: Float[Array, "poses poses"]
     earlier: float = eqx.field(static=True)
     later: float = eqx.field(static=True)
@@ -72,6 +74,7 @@ def camera_set(
         pixel,
         jnp.asarray(extent, dtype),
         jnp.asarray(interval, dtype),
+        jnp.asarray(times, dtype),
         jnp.asarray(_free(place / extent), dtype),
         earlier=delay - room * first,
         later=delay + room * last,

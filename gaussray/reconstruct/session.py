@@ -144,7 +144,7 @@ class Session:
         """The number of states of the scene that a step interpolates between: 1 where all rays of a
         step share one time."""
         span = self.cameras.earlier + self.cameras.later
-        scene = scene_of(state.parameters, jnp.zeros(2), self.cameras.interval)
+        scene = scene_of(state.parameters, jnp.zeros(2), self.cameras.times)
         return key_count(scene, span) if span > 0 else 1
 
     def training_cameras(self, state: State) -> tuple[Camera, Float[Array, "frames 3 ..."] | None]:
@@ -172,7 +172,7 @@ class Session:
         transient = None
         if p.transient is not None:
             kept = take_rows(p.transient, np.flatnonzero(occupied(p.transient)))
-            transient = transients_of(kept, self.cameras.interval)
+            transient = transients_of(kept, self.cameras.times)
         scene = Scene(parts[0], parts[1], p.deformation, time_range, transient)
         return scene, np.concatenate(unmet)
 

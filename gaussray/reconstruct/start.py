@@ -194,7 +194,7 @@ def _transients(
         return None
     rows = density.gaussians if density.relocates else first.count
     step = 8 * session.mesh.size
-    shortest = float(shortest_lifetime(session.cameras.interval))
+    shortest = shortest_lifetime(session.cameras.times, first.instant)
     return with_rows(unconstrain_transients(first, shortest), -(-rows // step) * step)
 
 

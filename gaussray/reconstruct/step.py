@@ -55,7 +55,7 @@ def measure_sizes(
     @eqx.filter_jit
     def first_step(state, views, batch, cameras):
         rays, _ = step_rays(state.parameters, views, batch, cameras, state.step, options)
-        scene = scene_of(state.parameters, jnp.zeros(2), cameras.interval)
+        scene = scene_of(state.parameters, jnp.zeros(2), cameras.times)
         part = jax.tree.map(lambda x: x[:, : -(-x.shape[1] // mesh.size)], rays)
         return step_motion(scene, rays, batch.time, cameras, keys), part
 

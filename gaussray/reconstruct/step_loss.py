@@ -102,7 +102,7 @@ def loss_of(
     """The loss of one step: the sum of its terms, each times its weight."""
     rays, gain = step_rays(parameters, views, batch, cameras, step, options)
     truth, weight = tile_colors(batch)
-    scene = _dealt_out(scene_of(parameters, jnp.zeros(2), cameras.interval), sizes.mesh)
+    scene = _dealt_out(scene_of(parameters, jnp.zeros(2), cameras.times), sizes.mesh)
     pixels, report = trace_sharded(
         step_motion(scene, rays, batch.time, cameras, sizes.keys),
         rays,
@@ -141,7 +141,7 @@ def density_terms(
         relocation.costs(free, cameras.extent) for free in (parameters.static, parameters.moving)
     ]
     if parameters.transient is not None:
-        there = transients_of(parameters.transient, cameras.interval)
+        there = transients_of(parameters.transient, cameras.times)
         faded = squared_age(time - there.instant, 1 / there.lifetime, there.plateau)
         window = jax.lax.stop_gradient(jnp.exp(-0.5 * faded))
         parts.append(relocation.costs(parameters.transient, cameras.extent, window))

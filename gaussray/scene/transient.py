@@ -62,7 +62,7 @@ class UnconstrainedTransients(eqx.Module):
 
 @jax.jit
 def constrain_transients(
-    free: UnconstrainedTransients, shortest: Float[Array, ""] | float
+    free: UnconstrainedTransients, shortest: Float[Array, "*transients"] | float
 ) -> Transients:
     """Physical values of unconstrained ones.
 
@@ -71,8 +71,8 @@ def constrain_transients(
 
     Args:
         free: the unconstrained values.
-        shortest: floor of the lifetime, in the capture's unit of time; about half the interval
-            between two frames.
+        shortest: floor of the lifetime, in the capture's unit of time, of all or of each; about
+            half the interval between two frames.
     """
     return Transients(
         mean=free.mean,
@@ -89,7 +89,7 @@ def constrain_transients(
 
 @jax.jit
 def unconstrain_transients(
-    transients: Transients, shortest: Float[Array, ""] | float
+    transients: Transients, shortest: Float[Array, "*transients"] | float
 ) -> UnconstrainedTransients:
     """Inverse of `constrain_transients`.
 
@@ -110,6 +110,23 @@ def unconstrain_transients(
         log_lifetime=jnp.log(above),
         plateau=transients.plateau,
     )
+
+
+def interval_at(
+    times: Float[Array, " times"], instant: Float[Array, "*instants"]
+) -> Float[Array, "*instants"]:
+    """The longer of the two intervals beside the timestamp that is nearest to each instant: next to
+    a picture that is missing, the whole gap.
+
+    Args:
+        times: timestamps, increasing. A single one has intervals of 1.
+        instant: times anywhere; beyond the ends the nearest interval counts.
+    """
+    if len(times) < 2:
+        return jnp.ones_like(instant)
+    gap = jnp.diff(times)
+    longer = jnp.maximum(jnp.concatenate([gap[:1], gap]), jnp.concatenate([gap, gap[-1:]]))
+    return longer[jnp.searchsorted(0.5 * (times[1:] + times[:-1]), instant)]
 
 
 def squared_age(

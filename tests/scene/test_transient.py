@@ -19,6 +19,7 @@ from gaussray.scene.store import as_stored, load_scene, save_scene
 from gaussray.scene.transient import (
     Transients,
     constrain_transients,
+    interval_at,
     squared_age,
     transients_at,
     unconstrain_transients,
@@ -85,6 +86,22 @@ def test_unconstrained_values_are_the_same_gaussians_and_keep_the_floor_of_the_l
         np.testing.assert_allclose(a, b, rtol=ROUNDING)
     brief = replace(x, lifetime=jnp.full(5, 0.001))
     assert (constrain_transients(unconstrain_transients(brief, 0.02), 0.02).lifetime > 0.02).all()
+
+
+def test_the_interval_at_an_instant_is_the_longer_one_beside_the_nearest_timestamp():
+    # A picture is missing at 0.3; beyond the ends the nearest interval counts.
+    times = toy.single([0.0, 0.1, 0.2, 0.4, 0.5])
+    instant = toy.single([-1.0, 0.04, 0.1, 0.16, 0.2, 0.29, 0.31, 0.4, 0.44, 0.46, 2.0])
+    expected = [0.1, 0.1, 0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.1, 0.1]
+    np.testing.assert_allclose(interval_at(times, instant), expected, rtol=ROUNDING)
+    np.testing.assert_array_equal(interval_at(times[:1], instant), np.ones(11))
+
+
+def test_a_floor_for_each_gaussian_is_kept_by_each():
+    floor = toy.single([0.01, 0.02, 0.04, 0.05, 0.1])
+    again = constrain_transients(unconstrain_transients(crowd(), floor), floor)
+    expected = np.maximum(crowd().lifetime, 1.01 * floor)
+    np.testing.assert_allclose(again.lifetime, expected, rtol=ROUNDING)
 
 
 def test_a_scene_at_a_time_holds_them_last():

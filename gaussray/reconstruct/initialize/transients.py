@@ -14,7 +14,7 @@ from gaussray.reconstruct.initialize.stereo.from_pictures import (
     MovingPoints,
     moving_points,
 )
-from gaussray.scene.transient import Transients
+from gaussray.scene.transient import Transients, interval_at
 
 
 # Opacity of the first transient Gaussians, and their least thickness relative to their width.
@@ -69,7 +69,6 @@ def initial_transients(
     position, color, velocity, instant, shape, axes = (
         np.concatenate(x).astype(np.float32) for x in zip(*parts, strict=True)
     )
-    step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     number = len(position)
     quat, harmonics = appearance_of(jnp.asarray(axes), jnp.asarray(color), degree)
     return Transients(
@@ -80,7 +79,7 @@ def initial_transients(
         opacity=jnp.asarray(np.full(number, _OPACITY, np.float32)),
         harmonics=harmonics,
         instant=jnp.asarray(instant),
-        lifetime=jnp.asarray(np.full(number, step, np.float32)),
+        lifetime=interval_at(jnp.asarray(times, jnp.float32), jnp.asarray(instant)),
         plateau=jnp.asarray(np.zeros(number, np.float32)),
     )
 

@@ -12,7 +12,12 @@ from gaussray.reconstruct.optimize.rows import Kind
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Unconstrained, constrain
 from gaussray.scene.scene import Scene
-from gaussray.scene.transient import Transients, UnconstrainedTransients, constrain_transients
+from gaussray.scene.transient import (
+    Transients,
+    UnconstrainedTransients,
+    constrain_transients,
+    interval_at,
+)
 
 
 # 3DGS's epsilon: gradients of single Gaussians are tiny and must not be damped.
@@ -39,35 +44,42 @@ class Parameters(eqx.Module):
         return parts if self.transient is None else parts | {"transient": self.transient}
 
 
-def shortest_lifetime(interval: float | Float[Array, ""]) -> float | Float[Array, ""]:
-    """Floor of the lifetime of transient Gaussians for an `interval` between two pictures: half of
-    it, so that the scene stays opaque between them."""
-    return interval / 2
+def shortest_lifetime(
+    times: Float[Array, " times"], instant: Float[Array, " gaussians"]
+) -> Float[Array, " gaussians"]:
+    """Floor of the lifetime of transient Gaussians with these instants: half of the interval
+    between two of the pictures' `times` there, so that the scene stays opaque between them."""
+    return 0.5 * interval_at(times, instant)
 
 
 def scene_of(
-    parameters: Parameters, time_range: Float[Array, "2"], interval: float | Float[Array, ""] = 0.0
+    parameters: Parameters,
+    time_range: Float[Array, "2"],
+    times: Float[Array, " times"] | None = None,
 ) -> Scene:
     """The scene with these parameters.
 
     Args:
         parameters: unconstrained values.
         time_range: the interval of the capture.
-        interval: time between two pictures, on which the lifetime of transient Gaussians depends.
+        times: the timestamps of the pictures, on which the lifetimes of transient Gaussians depend;
+            None will do where there are none.
     """
-    transient = parameters.transient
+    transient = None
+    if parameters.transient is not None and times is not None:
+        transient = transients_of(parameters.transient, times)
     return Scene(
         static=constrain(parameters.static),
         moving=constrain(parameters.moving),
         deformation=parameters.deformation,
         time_range=time_range,
-        transient=None if transient is None else transients_of(transient, interval),
+        transient=transient,
     )
 
 
-def transients_of(free: UnconstrainedTransients, interval: float | Float[Array, ""]) -> Transients:
-    """The transient Gaussians of unconstrained values, for an `interval` between two pictures."""
-    return constrain_transients(free, shortest_lifetime(interval))
+def transients_of(free: UnconstrainedTransients, times: Float[Array, " times"]) -> Transients:
+    """The transient Gaussians of unconstrained values, for the timestamps of the pictures."""
+    return constrain_transients(free, shortest_lifetime(times, jnp.asarray(free.instant)))
 
 
 class OptimizerOptions(eqx.Module):
