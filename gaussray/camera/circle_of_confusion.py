@@ -25,7 +25,9 @@ def circle_of_confusion(
     """
     direction = camera.lens.direction(pixel + 0.5)
     focus = focus_distance_at(camera.aperture, time)
-    disc = dataclasses.replace(camera.aperture, focus_distance=focus, blades=0, rim=None)
+    disc = dataclasses.replace(
+        camera.aperture, focus_distance=focus, blades=0, edges=None, rim=None
+    )
     point = t * direction
     distance = point[2] if disc.focus == "plane" else t
     blur = distance / focus - 1

@@ -2,12 +2,15 @@
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.camera.camera import Camera
+from gaussray.camera.film import Film
 from gaussray.camera.shutter import row_number, sample_time
 from gaussray.camera.trajectory import pose_at
 
@@ -49,43 +52,91 @@ def reading_time(
     return time + table[below] + step * (row - below), shutter.row_step + step
 
 
+class Reading(NamedTuple):
+    """What a picture reads of a point at a time: its place in pixels, how much later that place is
+    read (`missed`, in the capture's unit), and the time from row to row there."""
+
+    place: Float[Array, "*points 2"]
+    missed: Float[Array, "*points"]
+    step: Float[Array, "*points"]
+
+
+def reading(
+    camera: Camera, point: Float[Array, "3"], time: Float[Array, ""], field: Int[Array, ""]
+) -> Reading:
+    """What a picture reads of a point of the world that is at `point` at a time."""
+    place = place_at(camera, point, time)
+    read, step = reading_time(camera, place, field)
+    return Reading(place, read - time, step)
+
+
+class Landing(NamedTuple):
+    """Place at which a picture sees points of the world, and whether it does: a point is imaged,
+    inside the picture, by a row that is read just then."""
+
+    place: Float[Array, "*points 2"]
+    met: Bool[Array, "*points"]
+
+
 def landing(
-    camera: Camera,
-    path: Callable[[Float[Array, ""]], Float[Array, "3"]],
-    guess: Float[Array, ""],
-) -> tuple[Float[Array, "2"], Float[Array, ""], Bool[Array, ""]]:
-    """Place and time at which a picture sees a point of the world that goes along `path` (of time),
-    and whether it does: the point is imaged, inside the picture, by a row that is read just then.
+    path: Callable[[Float[Array, "*points"]], Float[Array, "*points 3"]],
+    read: Callable[..., Reading],
+    guess: Float[Array, "*points"],
+    film: Film,
+    *,
+    fields: int = 1,
+) -> Landing:
+    """Where a picture sees points of the world that go along paths.
 
     The time solves t = reading_time(place_at(path(t), t)), by the secant method from `guess`. A
     global shutter is met at once. What runs with the readout, as fast as it or faster, may be seen
     more than once, or never: one landing is found, or none. Of two fields it is that in which is
     read, at the guess, what is seen then.
+
+    Args:
+        path: Places at times.
+        read: `reading` of one camera for all points: of (place, time, field).
+        guess: Times to start from.
+        film: The camera's film.
+        fields: 2 where rows have times of their own, else 1.
     """
+    field = jnp.zeros(guess.shape, jnp.int32)
+    if fields > 1:
+        late = [jnp.abs(read(path(guess), guess, field + i).missed) for i in range(fields)]
+        field = _least(jnp.stack(late))
+    search = guess, jnp.zeros_like(guess), guess
+    for _ in range(_SECANT_STEPS):
+        time = search[2]
+        search = _secant(search, read(path(time), time, field).missed)
+    time = search[2]
+    return _landed(read(path(time), time, field), time, guess, film)
 
-    def seen(time: Array, field: Array) -> tuple[Array, Array, Array]:
-        place = place_at(camera, path(time), time)
-        read, step = reading_time(camera, place, field)
-        return place, read - time, step
 
-    def secant(_: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        before, missed_before, time = state
-        missed = seen(time, field)[1]
-        change = missed - missed_before
-        # At first, and where nothing changes (a global shutter, the root itself), to what is read.
-        flat = (before == time) | (change == 0) | (jnp.abs(missed) <= tiny * jnp.abs(time))
-        step = jnp.where(flat, missed, -missed * (time - before) / jnp.where(flat, 1, change))
-        return time, missed, time + step
+@jax.jit
+def _least(late: Float[Array, "fields devices points"]) -> Int[Array, "devices points"]:
+    return jnp.argmin(late, axis=0).astype(jnp.int32)
 
-    tiny = jnp.finfo(guess.dtype).eps
-    field = jnp.zeros((), jnp.int32)
-    if camera.shutter.row_times is not None:
-        late = jnp.abs(jnp.stack([seen(guess, field + i)[1] for i in (0, 1)]))
-        field = jnp.argmin(late).astype(jnp.int32)
-    start = guess, jnp.zeros_like(guess), guess
-    _, _, time = jax.lax.fori_loop(0, _SECANT_STEPS, secant, start)
-    place, missed, step = seen(time, field)
-    rounding = 8 * tiny * jnp.maximum(jnp.abs(time), jnp.abs(guess))
-    met = jnp.abs(missed) <= _ROW_TOLERANCE * jnp.abs(step) + rounding
-    size = jnp.asarray([camera.film.width, camera.film.height], place.dtype)
-    return place, time, met & jnp.all((place >= 0) & (place <= size))
+
+@jax.jit
+def _secant(
+    search: tuple[Array, Array, Array], missed: Float[Array, "*points"]
+) -> tuple[Array, Array, Array]:
+    """The time tried last, by how much it was missed, and the time to try next, from the same one
+    step before and how much that time was missed."""
+    before, missed_before, time = search
+    tiny, change = jnp.finfo(time.dtype).eps, missed - missed_before
+    # At first, and where nothing changes (a global shutter, the root itself), to what is read.
+    flat = (before == time) | (change == 0) | (jnp.abs(missed) <= tiny * jnp.abs(time))
+    step = jnp.where(flat, missed, -missed * (time - before) / jnp.where(flat, 1, change))
+    return time, missed, time + step
+
+
+@partial(jax.jit, static_argnums=3)
+def _landed(found: Reading, time: Array, guess: Array, film: Film) -> Landing:
+    rounding = 8 * jnp.finfo(time.dtype).eps * jnp.maximum(jnp.abs(time), jnp.abs(guess))
+    met = jnp.abs(found.missed) <= _ROW_TOLERANCE * jnp.abs(found.step) + rounding
+    inside = [
+        (found.place[..., i] >= 0) & (found.place[..., i] <= size)
+        for i, size in enumerate((film.width, film.height))
+    ]
+    return Landing(found.place, met & inside[0] & inside[1])

@@ -155,16 +155,16 @@ class _Stages:
     def __init__(self, structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings):
         mesh, trace, capacity = settings.mesh, settings.trace, settings.capacity
         samples = settings.options.samples
-        self.camera = _camera_program(layout, samples, mesh)
+        self.camera = camera_program(layout, samples, mesh)
         sizes = settings.keys, capacity.transient
-        self.motion = _motion_program(structure, trace, sizes, mesh, settings.quick)
-        self.lists = _lists_program(trace, capacity, mesh, settings.quick)
+        self.motion = motion_program(structure, trace, sizes, mesh, settings.quick)
+        self.lists = lists_program(trace, capacity, mesh, settings.quick)
         self.march = _march_program(trace, capacity.slots, mesh)
         self.add, self.mean = _add_program(mesh), _mean_program(mesh)
 
 
 @ProgramCache(48)
-def _camera_program(
+def camera_program(
     layout: CameraLayout, samples: int, mesh: Mesh | None
 ) -> Callable[..., tuple[Rays, tuple[Array, Array]]]:
     """(numbers of a camera, part, index of a sample) -> rays, by lens and slot; the time of the
@@ -182,11 +182,11 @@ def _camera_program(
         rays = jax.tree.map(lambda *x: jnp.concatenate(x), *rays)
         return rays, (key_times(camera, part, 0), frame_span(camera, part))
 
-    return _on_devices(run, mesh, (layout, samples), common=(2,))
+    return on_devices(run, mesh, (layout, samples), common=(2,))
 
 
 @ProgramCache(12)
-def _motion_program(
+def motion_program(
     structure: PyTreeDef,
     trace: TraceOptions,
     sizes: tuple[int, int],
@@ -205,11 +205,11 @@ def _motion_program(
         motion = scene_motion(scene, key_time, scene.time_range)
         return prepare(motion, span, options=trace, capacity=capacity)
 
-    return _on_devices(run, mesh, (structure, trace, sizes), common=(0,), quick=quick)
+    return on_devices(run, mesh, (structure, trace, sizes), common=(0,), quick=quick)
 
 
 @ProgramCache(12)
-def _lists_program(
+def lists_program(
     trace: TraceOptions, capacity: Capacity, mesh: Mesh | None, quick: bool
 ) -> Callable[..., tuple[Candidates, Array]]:
     """(scene, rays) -> the Gaussians that every bundle may meet; how many are not finite."""
@@ -217,7 +217,7 @@ def _lists_program(
     def run(scene: Prepared, rays: Rays) -> tuple[Candidates, Array]:
         return find(scene, rays, options=trace, capacity=capacity)
 
-    return _on_devices(run, mesh, (trace, capacity), quick=quick)
+    return on_devices(run, mesh, (trace, capacity), quick=quick)
 
 
 @ProgramCache(12)
@@ -232,7 +232,7 @@ def _march_program(trace: TraceOptions, slots: int, mesh: Mesh | None) -> Callab
 
     # A program of machine code is read from disk only after that has been made known to XLA.
     kind = march_for(trace, jnp.float32).__name__
-    return _on_devices(run, mesh, (trace, slots, kind))
+    return on_devices(run, mesh, (trace, slots, kind))
 
 
 @ProgramCache(4)
@@ -243,7 +243,7 @@ def _add_program(mesh: Mesh | None) -> Callable[[Seen, Seen], Seen]:
         pixels, weight = jax.tree.map(jnp.add, *sums)
         return Seen(pixels, weight, merged_reports(reports))
 
-    return _on_devices(run, mesh, ())
+    return on_devices(run, mesh, ())
 
 
 @ProgramCache(4)
@@ -255,10 +255,10 @@ def _mean_program(mesh: Mesh | None) -> Callable[..., tuple[Array, Report]]:
         pixels, weight = jax.tree.map(lambda x: (x / samples.astype(x.dtype))[:, slot], sums)
         return picture_values(pixels, weight), seen.report
 
-    return _on_devices(run, mesh, (), common=(2,))
+    return on_devices(run, mesh, (), common=(2,))
 
 
-def _on_devices(
+def on_devices(
     function: Callable,
     mesh: Mesh | None,
     key: tuple[Hashable, ...],

@@ -21,7 +21,7 @@ from gaussray.tracer.trace import (
     lanes_of,
     prepared_for,
 )
-from gaussray.tracer.traverse import Capacity
+from gaussray.tracer.traverse import Candidates, Capacity
 
 
 class Dominant(NamedTuple):
@@ -54,14 +54,22 @@ def dominant(motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Cap
     motion, rays = jax.lax.stop_gradient((motion, rays))
     arrays = replace(options, backend="array")
     scene = prepared_for(motion, rays, arrays, capacity)
-    count = rays.time.shape[0]
     lists, _ = find(scene, rays, options=arrays, capacity=capacity)
+    return dominant_of_lists(scene, rays, lists, options=options, slots=capacity.slots)
+
+
+def dominant_of_lists(
+    scene: Prepared, rays: Rays, lists: Candidates, *, options: TraceOptions, slots: int
+) -> Dominant:
+    """`dominant` of a scene that is prepared for arrays, of lists that `find` has made, each with
+    at most so many `slots`."""
+    count = rays.time.shape[0]
     layout = columns(scene.motion)
     rows = gaussian_table(scene.motion)[:, : layout.opacity + 1]
     lanes = lanes_of(scene.motion, in_bundles(rays, options))
     # Bundles come first, and a ray meets several Gaussians at once.
     lanes = jax.tree.map(lambda x: jnp.moveaxis(x, 1, 0)[:, :, None], lanes)
-    walk = partial(_walk, rows, layout, lists.index, options=options, slots=capacity.slots)
+    walk = partial(_walk, rows, layout, lists.index, options=options, slots=slots)
     together = 4 if jax.default_backend() == "cpu" else 256
     bundles = _Bundle(lanes, lists.start, lists.count)
     index, weight = jax.lax.map(walk, bundles, batch_size=together)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
-from gaussray.render.aov.trace import COVERED
+from gaussray.render.aov.programs import COVERED
 from gaussray.viewer.preview import PreviewRenderer
 
 

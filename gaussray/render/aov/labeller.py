@@ -11,13 +11,13 @@ import numpy as np
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
-from gaussray.render.aov.trace import OF_RAYS, FrameCameras, trace_labels
-from gaussray.render.compiled import ProgramSettings, prepare_trace
+from gaussray.render.aov.trace import FlatScene, FrameCameras, LabelSettings, trace_labels
 from gaussray.render.frame import joined
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import strip, strips, whole_picture
+from gaussray.render.stages import usual_capacity
 from gaussray.scene.scene import Scene, key_count
-from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure
+from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
 
@@ -74,7 +74,8 @@ class Labeller:
     def __init__(self, scene: Scene, *, options: RenderOptions, trace: TraceOptions):
         self.scene, self.trace = jax.tree.map(jnp.asarray, scene), trace
         self.options = replace(options, samples=1, chunk_rows=0, error=0.0)
-        self._capacity: dict[tuple, list[Capacity]] = {}
+        self._flat = FlatScene(*jax.tree.flatten(self.scene))
+        self._capacity: dict[tuple, Capacity] = {}
 
     def __call__(
         self,
@@ -109,21 +110,21 @@ class Labeller:
         # The search for the largest weight uses arrays on every device, which need more memory.
         arrays = replace(self.trace, backend="array")
         rows, trace = strips(film, self.options, arrays, self.scene.count)
-        strip_of = partial(self._strip, camera, (before, after), names, rows)
+        strip_of = partial(self._strip, FrameCameras(camera, before, after), names, rows)
         tops = (min(y, film.height - rows) for y in range(0, film.height, rows))
         pieces = [(top, strip_of(top, replace(trace, backend=self.trace.backend))) for top in tops]
         return {name: joined(film, [(top, seen[name]) for top, seen in pieces]) for name in names}
 
     def _strip(
         self,
-        camera: Camera,
-        others: tuple[Camera | None, Camera | None],
+        cameras: FrameCameras,
         names: tuple[str, ...],
         rows: int,
         top: int,
         trace: TraceOptions,
     ) -> dict[str, np.ndarray]:
         """The labels of a strip of rows from `top` on."""
+        camera = cameras.camera
         film = camera.film
         if rows == film.height:
             part, trace = whole_picture(film, trace)
@@ -131,31 +132,19 @@ class Labeller:
             part, trace = strip(film, rows, trace, top)
         begin, end = time_window(jax.device_get(camera.shutter), (film.width, film.height))
         keys = (self.options.keys or key_count(self.scene, end - begin)) if end > begin else 1
-        settings = ProgramSettings(Capacity((), 0, 0), keys, self.options, trace, None)
-        arrays = replace(trace, backend="array")
-        key = film.width, rows, keys, jax.tree.structure(camera)
-        if key not in self._capacity and not set(names) <= set(OF_RAYS):
-            motion, rays = prepare_trace(self.scene, camera, part, settings=settings)
-            self._capacity[key] = [
-                measure(motion, rays, options=one, headroom=1.5) for one in (trace, arrays)
-            ]
-        pixel = pixel_grid(film)[top : top + rows].reshape(-1, 2)
-        cameras = FrameCameras(camera, *others)
-        while True:
-            kept = self._capacity.get(key, [settings.capacity] * 2)
-            sizes = kept[0], kept[1]
-            values, reports = trace_labels(
-                self.scene, cameras, part, pixel, settings=settings, sizes=sizes, names=names
-            )
-            short = [i for i, (_, dropped) in enumerate(reports) if int(dropped)]
-            if not short:
-                seen = jax.device_get(values)
-                return {k: x.reshape(rows, film.width, *x.shape[1:]) for k, x in seen.items()}
-            for i in short:
-                needed = [int(n) for n in reports[i][0]]
-                self._capacity[key][i] = enlarged_capacity(sizes[i], needed, headroom=1.5)
+        key = film.width, rows, keys
+        if key not in self._capacity:
+            stacked = jax.tree.map(lambda x: np.asarray(x)[None], part)
+            self._capacity[key] = usual_capacity(stacked, trace, self.scene)
+        settings = LabelSettings(trace, keys, self._capacity[key])
+        pixel = np.asarray(pixel_grid(film))[top : top + rows].reshape(-1, 2)
+        seen, self._capacity[key] = trace_labels(
+            self._flat, cameras, part, pixel, names, settings=settings
+        )
+        return {k: x.reshape(rows, film.width, *x.shape[1:]) for k, x in seen.items()}
 
 
 def _geometric(camera: Camera) -> Camera:
-    """The camera without the rim, which changes light but no geometry."""
-    return replace(camera, aperture=replace(camera.aperture, rim=None))
+    """The camera without the rim, which changes light but no geometry, and for the lens itself, of
+    no single colour."""
+    return replace(camera, aperture=replace(camera.aperture, rim=None), chromatic=None)

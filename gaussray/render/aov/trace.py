@@ -1,31 +1,35 @@
-"""Computes the labels of pixels from the surfaces that their rays meet."""
+"""Computes the labels of pixels from the surfaces that their rays meet, program by program."""
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+import numpy as np
+from jax.tree_util import PyTreeDef
+from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
-from gaussray.camera.circle_of_confusion import circle_of_confusion
 from gaussray.camera.rays import Rays
-from gaussray.camera.rolling_projection import landing, place_at
-from gaussray.camera.trajectory import pose_at
-from gaussray.geometry import normalize, safe_norm
-from gaussray.render.compiled import ProgramSettings, prepare_trace
+from gaussray.camera.rolling_projection import landing
+from gaussray.render.aov.programs import (
+    identity_program,
+    lens_program,
+    offset_program,
+    on_host,
+    path_program,
+    reading_program,
+    surface_program,
+    view_program,
+)
+from gaussray.render.camera_layout import pack_camera
 from gaussray.render.parts import Part
-from gaussray.scene.normals import normals
-from gaussray.scene.point_tracks import STATIC, carried, group_of
-from gaussray.scene.scene import Scene
-from gaussray.tracer.dominant import dominant
-from gaussray.tracer.motion import Motion
-from gaussray.tracer.trace import TraceOptions, trace
-from gaussray.tracer.traverse import Capacity
-from gaussray.tracer.vector_blend import blended, painted
+from gaussray.render.stages import enlarged_stages, lists_program, motion_program
+from gaussray.tracer.options import on_kernel
+from gaussray.tracer.prepare import Prepared
+from gaussray.tracer.trace import TraceOptions
+from gaussray.tracer.traverse import Candidates, Capacity
 
 
 # Labels of a surface, which are NaN where none is visible; labels that need the Gaussian with the
@@ -33,13 +37,9 @@ from gaussray.tracer.vector_blend import blended, painted
 _SURFACE = ("depth", "z", "normal", "flow_forward", "flow_backward", "confusion", "blur")
 _OF_DOMINANT = ("flow_forward", "flow_backward", "blur", "gaussian", "group", "moving")
 OF_RAYS = ("time", "origin", "direction")
-# Coverage from which a surface counts as visible.
-COVERED = 0.5
-# Pixels whose motion is computed at once.
-_PIXELS = 1 << 16
 
 
-class FrameCameras(eqx.Module):
+class FrameCameras(NamedTuple):
     """The camera of a frame, and those of the frames before and after it, None if there is none."""
 
     camera: Camera
@@ -47,123 +47,155 @@ class FrameCameras(eqx.Module):
     after: Camera | None
 
 
-@eqx.filter_jit
+class FlatScene(NamedTuple):
+    """The arrays of a scene, and its structure."""
+
+    leaves: list[Any]
+    structure: PyTreeDef
+
+
+class LabelSettings(NamedTuple):
+    """How labels are traced: trace options, number of key states, sizes of lists."""
+
+    trace: TraceOptions
+    keys: int
+    capacity: Capacity
+
+
+class _Found(NamedTuple):
+    """What is known of a part, with a leading axis of one device: labels of surfaces, rays, the
+    scene for arrays and its lists."""
+
+    labels: dict[str, Any]
+    rays: Rays
+    scene: Prepared
+    lists: Candidates | None
+
+
 def trace_labels(
-    scene: Scene,
+    scene: FlatScene,
     cameras: FrameCameras,
     part: Part,
-    pixel: Float[Array, "pixels 2"],
-    *,
-    settings: ProgramSettings,
-    sizes: tuple[Capacity, Capacity],
+    pixel: Float[np.ndarray, "pixels 2"],
     names: tuple[str, ...],
-) -> tuple[dict[str, Array], list[tuple[Array, Array]]]:
-    """The labels of these names for every pixel, and the list sizes that each trace needed, with
-    the number of candidates that it dropped. `sizes` are the lists of the trace of surfaces and of
-    the search for the Gaussian with the largest weight."""
-    camera = cameras.camera
-    motion, rays = prepare_trace(scene, camera, part, settings=settings)
-    rays = jax.tree.map(lambda x: x[0], rays)
-    chief: Rays = jax.tree.map(lambda x: x[part.slot], rays)
-    labels: dict[str, Array] = {
-        "time": chief.time,
-        "origin": chief.origin,
-        "direction": chief.direction,
-    }
-    reports: list[tuple[Array, Array]] = []
-    if not set(names) <= set(OF_RAYS):
-        seen, report = _surface(motion, rays, part, camera, settings.trace, sizes[0])
-        labels |= seen
-        reports.append(report)
-        if set(names) & set(_OF_DOMINANT):
-            best = dominant(
-                motion, rays, options=replace(settings.trace, backend="array"), capacity=sizes[1]
-            )
-            reports.append((best.needed, best.dropped))
-            index = best.index[part.slot]
-            labels |= _identity(scene, index, seen["valid"])
-        else:
-            index = jnp.zeros(chief.time.shape, jnp.int32)
-        tasks = _tasks(scene, cameras, names)
-        pixel = pixel.astype(chief.time.dtype)
-        pixels = pixel, chief, index, jnp.where(seen["valid"] > 0, seen["depth"], 1)
+    *,
+    settings: LabelSettings,
+) -> tuple[dict[str, np.ndarray], Capacity]:
+    """The labels of these names for every pixel.
 
-        def one(pixel: tuple) -> dict[str, Array]:
-            return {name: task(*pixel) for name, task in tasks.items()}
+    Args:
+        scene: The scene.
+        cameras: The camera of the frame, and its neighbours.
+        part: The pixels that are traced.
+        pixel: Their indices (column, row), in rows.
+        names: Names of labels.
+        settings: How to trace; list sizes grow until nothing is dropped.
 
-        labels |= jax.lax.map(one, pixels, batch_size=min(_PIXELS, pixel.shape[0]))
-        hidden = seen["valid"] == 0
-        for name in set(_SURFACE) & set(labels):
-            blank = hidden.reshape(-1, *(1,) * (labels[name].ndim - 1))
-            labels[name] = jnp.where(blank, jnp.nan, labels[name])
-    return {name: labels[name] for name in names}, reports
-
-
-def _surface(
-    motion: Motion, rays: Rays, part: Part, camera: Camera, options: TraceOptions, size: Capacity
-) -> tuple[dict[str, Array], tuple[Array, Array]]:
-    """Coverage, mean distance and mean normal of the surfaces that the rays meet, by one trace."""
-    eye = pose_at(camera.trajectory, camera.time).translation
-    facing = painted(motion, partial(normals, eye=eye), 1.0)
-    pixels, report = trace(facing, rays, options=options, capacity=size)
-    pixels = jax.tree.map(lambda x: x[part.slot], pixels)
-    alpha = 1 - pixels.transmittance
-    labels = {
-        "alpha": alpha,
-        "depth": pixels.depth / jnp.maximum(alpha, COVERED),
-        "normal": normalize(blended(pixels, 1.0)),
-        "valid": (alpha >= COVERED).astype(jnp.uint8),
-    }
-    return labels, (report.needed, report.dropped)
-
-
-def _identity(scene: Scene, index: Int[Array, " n"], valid: Array) -> dict[str, Array]:
-    """Gaussian, group and motion of every pixel; those of nothing where no surface is visible."""
-    visible = (index >= 0) & (valid > 0)
-    group = jnp.where(visible, group_of(scene)[jnp.maximum(index, 0)], 0)
-    return {
-        "gaussian": jnp.where(visible, index, -1),
-        "group": group,
-        "moving": (group > STATIC).astype(jnp.uint8),
-    }
-
-
-def _tasks(
-    scene: Scene, cameras: FrameCameras, names: tuple[str, ...]
-) -> dict[str, Callable[..., Array]]:
-    """Labels that are computed pixel by pixel: functions of (pixel, ray, index, t).
-
-    The visible point of a pixel is at its `depth` along the ray, and moves with the Gaussian of the
-    largest weight. A mean over all Gaussians would mix the motions of foreground and background.
-    Where nothing moves, flow depends on the depth alone.
+    Returns:
+        The labels, and the list sizes that were enough.
     """
-    camera = cameras.camera
+    row, layout = pack_camera(cameras.camera)
+    part = jax.tree.map(lambda x: np.asarray(x)[None], part)
+    slot = np.asarray(part.slot)
+    rays, times, eye = view_program(layout)(row[None], part)
+    chief = on_host(rays)
+    of_rays = {name: getattr(chief, name)[0][slot[0]] for name in OF_RAYS}
+    if set(names) <= set(OF_RAYS):
+        return {name: of_rays[name] for name in names}, settings.capacity
+    found, capacity = _surfaces(scene, settings, (rays, times, eye), slot, names)
+    labels, pixel = found.labels, np.asarray(pixel, row.dtype)[None]
+    if {"z", "confusion"} & set(names):
+        lens = lens_program(layout, "confusion" in names)
+        labels |= lens(row[None], pixel, labels["distance"], labels["time"])
+    if set(names) & set(_OF_DOMINANT):
+        identify = identity_program(scene.structure, _arrays(settings.trace), capacity.slots)
+        inputs = found.scene, found.rays, found.lists, slot, labels["valid"]
+        identity, index = identify(scene.leaves, *inputs)
+        labels |= identity
+    else:
+        index = np.zeros(labels["valid"].shape, np.int32)
+    labels |= _motions(scene, cameras, (pixel, index), labels, names)
+    seen = of_rays | on_host({name: labels[name] for name in names if name not in OF_RAYS})
+    hidden = on_host(labels["valid"]) == 0
+    for name in set(_SURFACE) & set(names):
+        seen[name] = np.where(hidden.reshape(-1, *(1,) * (seen[name].ndim - 1)), np.nan, seen[name])
+    return {name: seen[name] for name in names}, capacity
 
-    def path_of(ray: Rays, index: Array, t: Array) -> Callable[[Array], Array]:
-        return carried(scene, index, ray.origin + t * ray.direction, ray.time)
 
-    def flow(other: Camera | None) -> Callable[..., Array]:
-        def towards(pixel: Array, ray: Rays, index: Array, t: Array) -> Array:
-            if other is None:
-                return jnp.full_like(pixel, jnp.nan)
-            guess = other.time + (ray.time - camera.time)
-            place, _, met = landing(other, path_of(ray, index, t), guess)
-            return jnp.where(met, place - (pixel + 0.5), jnp.nan)
+def _arrays(trace: TraceOptions) -> TraceOptions:
+    """The same, where lists are those of arrays."""
+    return replace(trace, backend="array") if on_kernel(trace, jnp.float32) else trace
 
-        return towards
 
-    def blur(pixel: Array, ray: Rays, index: Array, t: Array) -> Array:
-        path, half = path_of(ray, index, t), camera.shutter.exposure / 2
-        moments = ray.time + half * jnp.asarray([-1, 1], t.dtype)
-        ends = jax.vmap(lambda time: place_at(camera, path(time), time))(moments)
-        return jnp.sum(safe_norm(ends - (pixel + 0.5)[None]))
+def _surfaces(
+    scene: FlatScene, settings: LabelSettings, view: tuple, slot: np.ndarray, names: tuple[str, ...]
+) -> tuple[_Found, Capacity]:
+    """What the rays of a view meet, and the list sizes that were enough for it."""
+    rays, times, eye = view
+    trace, keys, capacity = settings
+    kernel, arrays = on_kernel(trace, jnp.float32), _arrays(trace)
+    while True:
+        sizes = keys, capacity.transient
+        ready = motion_program(scene.structure, arrays, sizes, None, True)(scene.leaves, times)
+        lists, report = None, None
+        if not kernel or set(names) & set(_OF_DOMINANT):
+            lists, _ = lists_program(arrays, capacity, None, True)(ready, rays)
+            report = lists.needed, lists.dropped
+        if report is None or not np.any(report[1]):
+            # The CUDA kernels find lists of their own, in a scene without a grid.
+            traced, own = ready, lists
+            if kernel:
+                prepared = motion_program(scene.structure, trace, sizes, None, True)
+                traced, own = prepared(scene.leaves, times), None
+            labels, shorter = surface_program(trace, capacity)(traced, rays, own, eye, slot)
+            if shorter is None or not np.any(shorter[1]):
+                return _Found(labels, rays, ready, lists), capacity
+            report = shorter
+        needed = [int(n) for n in np.asarray(report[0])[0]]
+        capacity = enlarged_stages(capacity, needed)
 
-    def z(pixel: Array, ray: Rays, index: Array, t: Array) -> Array:
-        return t * camera.lens.direction(pixel + 0.5)[2]
 
-    def confusion(pixel: Array, ray: Rays, index: Array, t: Array) -> Array:
-        return circle_of_confusion(camera, pixel, t, ray.time)
+def _motions(
+    scene: FlatScene,
+    cameras: FrameCameras,
+    pixels: tuple[np.ndarray, Array | np.ndarray],
+    labels: dict[str, Any],
+    names: tuple[str, ...],
+) -> dict[str, Array | np.ndarray]:
+    """Labels of how points go.
 
-    tasks: dict[str, Any] = {"z": z, "confusion": confusion, "blur": blur}
-    tasks |= {"flow_forward": flow(cameras.after), "flow_backward": flow(cameras.before)}
-    return {name: task for name, task in tasks.items() if name in names}
+    The visible point of a pixel moves with the Gaussian of the largest weight. A mean over all
+    Gaussians would mix the motions of foreground and background. Where nothing moves, flow depends
+    on the depth alone.
+    """
+    pixel, index = pixels
+    time, offsets = np.asarray(labels["time"]), offset_program()
+    carry = path_program(scene.structure)
+
+    def path(other: Array | np.ndarray) -> Array:
+        return carry(scene.leaves, index, labels["point"], labels["time"], other)
+
+    def flow(other: Camera | None) -> Array | np.ndarray:
+        if other is None:
+            return np.full((*time.shape, 2), np.nan, time.dtype)
+        row, layout = pack_camera(other)
+        guess = jnp.asarray(time + np.asarray(other.time - cameras.camera.time), time.dtype)
+        read = partial(reading_program(layout), row[None])
+        fields = 1 if other.shutter.row_times is None else 2
+        return offsets(*landing(path, read, guess, other.film, fields=fields), pixel)[0]
+
+    def blur() -> np.ndarray:
+        row, layout = pack_camera(cameras.camera)
+        read, half = reading_program(layout), float(cameras.camera.shutter.exposure) / 2
+        field, all_met = np.zeros(time.shape, np.int32), np.ones(time.shape, bool)
+        moments = [np.asarray(time + side * half, time.dtype) for side in (-1, 1)]
+        places = [read(row[None], path(moment), moment, field).place for moment in moments]
+        before, after = (np.asarray(offsets(place, all_met, pixel)[1]) for place in places)
+        return before + after
+
+    ways = {
+        "flow_forward": lambda: flow(cameras.after),
+        "flow_backward": lambda: flow(cameras.before),
+        "blur": blur,
+    }
+    return {name: way() for name, way in ways.items() if name in names}

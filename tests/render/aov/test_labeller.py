@@ -8,14 +8,15 @@ import pytest
 import toy
 
 from gaussray.camera.aperture import Aperture, FocusPull, Rim
+from gaussray.camera.lens.division import Division
 from gaussray.camera.shutter import interlaced
-from gaussray.render.aov import labeller as labels_of_frames
+from gaussray.render import stages
+from gaussray.render.aov import labeller as labels_of_frames, programs
 from gaussray.render.aov.labeller import LABELS, PICTURE_LABELS, Labeller, check_labels
-from gaussray.render.compiled import prepare_trace
 from gaussray.render.parts import PIXEL, RAY, SAMPLE
 from gaussray.render.renderer import RenderOptions
+from gaussray.render.stages import usual_capacity
 from gaussray.scene.scene import Scene
-from gaussray.tracer.trace import measure
 from gaussray.tracer.traverse import Capacity
 
 
@@ -41,11 +42,9 @@ TRACE = dataclasses.replace(toy.TRACE, backend="array")
 
 @pytest.fixture(autouse=True)
 def room(monkeypatch):
-    """Lists with room for every plate: nothing is measured, and scenes alike in numbers share what
-    is compiled."""
+    """Lists with room for every plate: scenes alike in numbers share what is compiled."""
     sizes = Capacity((512,) * (TRACE.levels + 1), 2048, 256)
-    monkeypatch.setattr(labels_of_frames, "prepare_trace", lambda *_, **__: (None, None))
-    monkeypatch.setattr(labels_of_frames, "measure", lambda *_, **__: sizes)
+    monkeypatch.setattr(labels_of_frames, "usual_capacity", lambda *_: sizes)
 
 
 def labeller(scene, **options):
@@ -322,8 +321,6 @@ def test_only_what_is_asked_for_is_made_and_unknown_names_are_refused():
     made = labeller(scene)
     assert made(plates.camera(0.0), ["sharp"]) == {} and made(plates.camera(0.0), []) == {}
     assert set(made(plates.camera(0.0), ["time", "origin"])) == {"time", "origin"}
-    # Rays alone trace nothing.
-    assert not made._capacity
     with pytest.raises(ValueError, match="labels must be among depth, .*, got 'colour'"):
         check_labels(["depth", "colour"])
     with pytest.raises(ValueError, match="labels must name each label once"):
@@ -331,8 +328,7 @@ def test_only_what_is_asked_for_is_made_and_unknown_names_are_refused():
 
 
 def test_labels_in_strips_are_the_labels(monkeypatch):
-    monkeypatch.setattr(labels_of_frames, "prepare_trace", prepare_trace)
-    monkeypatch.setattr(labels_of_frames, "measure", measure)
+    monkeypatch.setattr(labels_of_frames, "usual_capacity", usual_capacity)
     scene = Scene(plates.plate(1.0), plates.NOTHING, None, toy.single([0, 1]))
     # Eight of so many rows at a time; no row is like the one below it.
     few, filmed = 8 * plates.SIDE * (RAY + SAMPLE + PIXEL) / 1e9, plates.camera(0.0)
@@ -347,9 +343,30 @@ def test_lists_that_are_too_short_grow_until_nothing_is_lost():
     made = labeller(scene, samples=1)
     expected = made(plates.camera(0.0), SOME)
     (key,) = made._capacity
-    short = [dataclasses.replace(c, pairs=16, slots=4) for c in made._capacity[key]]
-    made._capacity[key] = list(short)
+    short = dataclasses.replace(made._capacity[key], pairs=16, slots=4)
+    made._capacity[key] = short
     again = made(plates.camera(0.0), SOME)
-    assert made._capacity[key] != short
+    assert made._capacity[key].pairs > short.pairs and made._capacity[key].slots > short.slots
     for name in SOME:
         np.testing.assert_array_equal(again[name], expected[name])
+
+
+def test_another_lens_compiles_only_what_knows_the_camera(monkeypatch):
+    """View, lens and reading; the search for surfaces, identities and paths are shared."""
+    scene = plates.moved(plates.plate(3.4), rate=0.5)
+    names, made, make = ["flow_forward", "z", "normal"], [], stages.on_devices
+    asked = labeller(scene)
+    asked(plates.camera(NOW, readout=READOUT), names, after=plates.camera(NEXT, readout=READOUT))
+
+    def noted(function, *arguments, **options):
+        made.append(function.__qualname__.split(".")[0])
+        return make(function, *arguments, **options)
+
+    monkeypatch.setattr(stages, "on_devices", noted)
+    monkeypatch.setattr(programs, "on_devices", noted)
+    lens = Division(*map(toy.single, ([1.1 * plates.SIDE] * 2, [plates.SIDE / 2] * 2, [-0.1], 10)))
+    filmed = [
+        dataclasses.replace(plates.camera(time, readout=READOUT), lens=lens) for time in (NOW, NEXT)
+    ]
+    asked(filmed[0], names, after=filmed[1])
+    assert sorted(made) == ["lens_program", "reading_program", "view_program"]

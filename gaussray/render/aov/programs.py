@@ -1,0 +1,191 @@
+"""The compiled programs of labels; only small ones know the lens, all frames share the others.
+
+All arguments and results have a leading axis of devices, of which there is one.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.tree_util import PyTreeDef
+from jaxtyping import Array, Float, Int
+
+from gaussray.camera.circle_of_confusion import circle_of_confusion
+from gaussray.camera.rays import Rays
+from gaussray.camera.rolling_projection import Reading, reading
+from gaussray.camera.trajectory import pose_at
+from gaussray.geometry import normalize, safe_norm
+from gaussray.render.camera_layout import CameraLayout
+from gaussray.render.compiled import frame_span, key_times, sample_points, sample_rays
+from gaussray.render.parts import Part
+from gaussray.render.stages import on_devices
+from gaussray.runtime.programs import ProgramCache
+from gaussray.scene.normals import normals
+from gaussray.scene.point_tracks import STATIC, carried, group_of
+from gaussray.tracer.dominant import dominant_of_lists
+from gaussray.tracer.prepare import Prepared
+from gaussray.tracer.trace import TraceOptions, march_for, march_lists, trace
+from gaussray.tracer.traverse import Candidates, Capacity
+from gaussray.tracer.vector_blend import blended, painted
+
+
+# Coverage from which a surface counts as visible.
+COVERED = 0.5
+# Pixels whose motion is computed at once.
+_PIXELS = 1 << 16
+
+
+@ProgramCache(48)
+def view_program(layout: CameraLayout) -> Callable:
+    """(numbers of a camera, part) -> chief rays by slot, with an axis of one sample; the times of
+    the frame, as motions need them; the camera's place at the frame's own time."""
+
+    def run(row: Array, part: Part) -> tuple[Rays, tuple[Array, Array], Float[Array, "3"]]:
+        camera = layout.camera(row)
+        rays = sample_rays(camera, part.pixel, sample_points(part, 1), None)
+        eye = pose_at(camera.trajectory, camera.time).translation
+        return rays, (key_times(camera, part, 0), frame_span(camera, part)), eye
+
+    return on_devices(run, None, (layout,))
+
+
+@ProgramCache(48)
+def lens_program(layout: CameraLayout, confusion: bool) -> Callable[..., dict[str, Array]]:
+    """(numbers of a camera, pixels, distances, times) -> `z`, and the circle of `confusion`."""
+
+    def run(row: Array, pixel: Array, distance: Array, time: Array) -> dict[str, Array]:
+        camera = layout.camera(row)
+
+        def one(given: tuple[Array, Array, Array]) -> dict[str, Array]:
+            pixel, t, time = given
+            found = {"z": t * camera.lens.direction(pixel + 0.5)[2]}
+            if confusion:
+                found["confusion"] = circle_of_confusion(camera, pixel, t, time)
+            return found
+
+        return _mapped(one, (pixel, distance, time))
+
+    return on_devices(run, None, (layout, confusion))
+
+
+@ProgramCache(48)
+def reading_program(layout: CameraLayout) -> Callable[..., Reading]:
+    """(numbers of a camera, places, times, fields) -> what its picture reads of each."""
+
+    def run(row: Array, point: Array, time: Array, field: Array) -> Reading:
+        camera = layout.camera(row)
+        return _mapped(lambda x: reading(camera, *x), (point, time, field))
+
+    return on_devices(run, None, (layout,))
+
+
+@ProgramCache(12)
+def surface_program(trace_options: TraceOptions, capacity: Capacity) -> Callable:
+    """(scene, rays, lists or None, place of the camera, slots of the pixels) -> labels of the
+    surfaces that rays meet and where that is; sizes needed and entries dropped, if it finds the
+    lists itself."""
+
+    def run(
+        scene: Prepared, rays: Rays, lists: Candidates | None, eye: Array, slot: Array
+    ) -> tuple[dict[str, Array], tuple[Array, Array] | None]:
+        facing = painted(scene.motion, partial(normals, eye=eye), 1.0)
+        report = None
+        if lists is None:
+            ready = dataclasses.replace(scene, motion=facing)
+            pixels, found = trace(ready, rays, options=trace_options, capacity=capacity)
+            report = found.needed, found.dropped
+        else:
+            pixels, _ = march_lists(
+                facing, rays, lists, options=trace_options, slots=capacity.slots
+            )
+        pixels = jax.tree.map(lambda x: x[0, slot], pixels)
+        chief: Rays = jax.tree.map(lambda x: x[0, slot], rays)
+        alpha = 1 - pixels.transmittance
+        depth, visible = pixels.depth / jnp.maximum(alpha, COVERED), alpha >= COVERED
+        distance = jnp.where(visible, depth, 1)
+        labels = {
+            "alpha": alpha,
+            "depth": depth,
+            "normal": normalize(blended(pixels, 1.0)),
+            "valid": visible.astype(jnp.uint8),
+            "time": chief.time,
+            "distance": distance,
+            "point": chief.origin + distance[:, None] * chief.direction,
+        }
+        return labels, report
+
+    # A program of machine code is read from disk only after that has been made known to XLA.
+    kind = march_for(trace_options, jnp.float32).__name__
+    return on_devices(run, None, (trace_options, capacity, kind))
+
+
+@ProgramCache(12)
+def identity_program(structure: PyTreeDef, options: TraceOptions, slots: int) -> Callable:
+    """(leaves of a scene, scene, rays, lists, slots of the pixels, which show a surface) ->
+    Gaussian, group and motion of every pixel; those of nothing where no surface is visible. And the
+    Gaussian's index, -1 where none is hit."""
+
+    def run(
+        leaves: list[Array],
+        ready: Prepared,
+        rays: Rays,
+        lists: Candidates,
+        slot: Array,
+        valid: Array,
+    ) -> tuple[dict[str, Array], Int[Array, " pixels"]]:
+        scene, single = jax.tree.unflatten(structure, leaves), jax.tree.map(lambda x: x[0], rays)
+        fixed = jax.lax.stop_gradient((ready, single))
+        best = dominant_of_lists(*fixed, lists, options=options, slots=slots)
+        index = best.index[slot]
+        visible = (index >= 0) & (valid > 0)
+        group = jnp.where(visible, group_of(scene)[jnp.maximum(index, 0)], 0)
+        labels = {
+            "gaussian": jnp.where(visible, index, -1),
+            "group": group,
+            "moving": (group > STATIC).astype(jnp.uint8),
+        }
+        return labels, index
+
+    return on_devices(run, None, (structure, options, slots), common=(0,))
+
+
+@ProgramCache(12)
+def path_program(structure: PyTreeDef) -> Callable[..., Float[Array, "devices pixels 3"]]:
+    """(leaves of a scene, indices of Gaussians, points at times, other times) -> where the points
+    are then: each goes with its Gaussian."""
+
+    def run(leaves: list[Array], index: Array, point: Array, time: Array, other: Array) -> Array:
+        scene = jax.tree.unflatten(structure, leaves)
+
+        def one(given: tuple[Array, Array, Array, Array]) -> Array:
+            index, point, time, other = given
+            return carried(scene, index, point, time)(other)
+
+        return _mapped(one, (index, point, time, other))
+
+    return on_devices(run, None, (structure,), common=(0,))
+
+
+@ProgramCache(1)
+def offset_program() -> Callable[..., tuple[Array, Array]]:
+    """(places, whether they count, pixels) -> vectors from the pixels' middles, NaN where they do
+    not count; and their lengths."""
+
+    def run(place: Array, met: Array, pixel: Array) -> tuple[Array, Array]:
+        offset = place - (pixel + 0.5)
+        return jnp.where(met[:, None], offset, jnp.nan), safe_norm(offset)
+
+    return on_devices(run, None, ())
+
+
+def _mapped(function: Callable, pixels: tuple[Array, ...]):
+    """A function of one pixel for all of them, so many at once that memory is bounded."""
+    return jax.lax.map(function, pixels, batch_size=min(_PIXELS, pixels[0].shape[0]))
+
+
+def on_host(tree):
+    """Values of one device on the host."""
+    return jax.tree.map(lambda x: np.asarray(x)[0], tree)
