@@ -12,25 +12,31 @@ from gaussray.camera.imu import ImuOptions, imu_samples
 from gaussray.dataset.camera_paths import path_of_frames
 from gaussray.dataset.coco import write_coco
 from gaussray.dataset.euroc import euroc_writer
+from gaussray.dataset.imagefolder import write_image_folder
+from gaussray.dataset.images import write_pixels
 from gaussray.dataset.optical_flow import write_flo, write_kitti_flow
 from gaussray.dataset.sample_files import SampleFiles
 from gaussray.dataset.takes import MANIFEST, read_frames
 from gaussray.geometry import BLENDER_AXES
 from gaussray.io.atomic import whole
+from gaussray.io.safe.openimageio import oiio
 
 
 # Frames of a sequence that the loaders of Fastec-RS, Carla-RS and BS-RSC read.
 _FASTEC_FRAMES, _CARLA_FRAMES, _BSRSC_FRAMES = 34, 10, 50
-# The labels that a layout needs.
+# TUM's levels of depth per unit; 0 is none.
+_TUM_STEPS = 5000
+# The labels that `dataset=` renders for a layout. All but tum's are needed.
 LAYOUT_LABELS = {
     "fastec_rs": ("global_first", "global_middle"),
     "carla_rs": ("global_first", "global_middle"),
     "bs_rsc": ("global_middle",),
     "kitti_flow": ("flow_forward",),
     "sintel": ("flow_forward",),
-    "tum": (),
+    "tum": ("z",),
     "euroc": (),
     "coco": ("group",),
+    "imagefolder": (),
 }
 
 
@@ -50,11 +56,15 @@ def write_layout(
     sintel: OUT/training/final/SAMPLE/frame_0001.png and flow/SAMPLE/frame_0001.flo (MPI Sintel), of
     samples of at least two frames with the label flow_forward.
     tum: OUT/SAMPLE/rgb/000000.png, rgb.txt and groundtruth.txt (TUM RGB-D): the camera to world at
-    the time of each frame, with axes right, down, forward.
+    the time of each frame, with axes right, down, forward. With the label z also depth/000000.png
+    and depth.txt: depth along the camera's axis, 5000 levels a unit in 16 bits; 0 where no surface
+    is seen or where it is farther than 13.107 units.
     euroc: OUT/SAMPLE/mav0 with cam0, imu0 and state_groundtruth_estimate0 (Burri et al. 2016,
     `euroc_writer`).
     coco: OUT/images/SAMPLE_0000.png and instances.json (Lin et al. 2014), with the label group:
     rigid bodies are instances, told apart by their number in every frame of a sample.
+    imagefolder: OUT/train/images/SAMPLE_0000.png and OUT/train/metadata.jsonl (Hugging Face), with
+    all labels that there are (`write_image_folder`).
 
     Args:
         data: Folder of the dataset, whose pictures are PNG files.
@@ -76,6 +86,8 @@ def write_layout(
     samples = _samples(data)
     if layout == "coco":
         return write_coco(samples, out)
+    if layout == "imagefolder":
+        return write_image_folder(samples, out)
     writers = {**_LAYOUTS, "euroc": euroc_writer(imu or ImuOptions())}
     for source in samples:
         written += writers[layout](source, out, written)
@@ -158,19 +170,32 @@ def _sintel(source: SampleFiles, out: Path, _: int) -> int:
 
 
 def _tum(source: SampleFiles, out: Path, _: int) -> int:
-    pictures = ["# timestamp filename"]
-    poses = ["# timestamp tx ty tz qx qy qz qw"]
+    folder = out / source.name
+    lists = {"rgb": ["# timestamp filename"], "groundtruth": ["# timestamp tx ty tz qx qy qz qw"]}
     for i, frame in enumerate(source.frames):
-        source.copy(source.file(frame), out / source.name / f"rgb/{i:06d}.png")
-        pictures.append(f"{frame['time']:.9f} rgb/{i:06d}.png")
+        time = f"{frame['time']:.9f}"
+        source.copy(source.file(frame), folder / f"rgb/{i:06d}.png")
+        lists["rgb"].append(f"{time} rgb/{i:06d}.png")
+        depth = source.layer(frame, "z")
+        if depth is not None:
+            levels = depth_levels(depth)[..., None]
+            spec = oiio.ImageSpec(levels.shape[1], levels.shape[0], 1, oiio.UINT16)
+            write_pixels(folder / f"depth/{i:06d}.png", levels, spec)
+            lists.setdefault("depth", ["# timestamp filename"]).append(f"{time} depth/{i:06d}.png")
         matrix = np.array(frame["transform_matrix"], np.float64)
         turn = Rotation.from_matrix(matrix[:3, :3] * np.array(BLENDER_AXES)).as_quat()
         values = " ".join(f"{x:.9f}" for x in (*matrix[:3, 3], *turn))
-        poses.append(f"{frame['time']:.9f} {values}")
-    for name, lines in (("rgb.txt", pictures), ("groundtruth.txt", poses)):
-        with whole(out / source.name / name) as partial:
+        lists["groundtruth"].append(f"{time} {values}")
+    for name, lines in lists.items():
+        with whole(folder / f"{name}.txt") as partial:
             partial.write_text("\n".join([*lines, ""]), encoding="utf-8")
     return len(source.frames)
+
+
+def depth_levels(depth: np.ndarray) -> np.ndarray:
+    """Depth as TUM stores it, in 16 bits; 0 where there is none or it does not fit."""
+    levels = np.round(_TUM_STEPS * np.nan_to_num(depth, nan=0.0, posinf=0.0))
+    return np.where(levels < 1 << 16, levels, 0).astype(np.uint16)
 
 
 # Writers of a sample in each layout; they get the number of what was written before.

@@ -40,6 +40,12 @@ class SampleFiles:
             raise self.lacks("the label flow_forward", "labels=[flow_forward]")
         return np.stack([layers["flow_forward.x"], layers["flow_forward.y"]], axis=-1)
 
+    def layer(self, frame: dict[str, Any], label: str) -> np.ndarray | None:
+        """A label [h, w] of numbers; None where the dataset does not have it."""
+        if "layers" not in frame.get("labels", {}):
+            return None
+        return read_layers(self.file(frame, "layers")).get(label)
+
     def lacks(self, what: str, remedy: str) -> ValueError:
         """The error that the layout needs what the dataset lacks."""
         return ValueError(

@@ -1,6 +1,7 @@
 """Layouts of published datasets, read as the loaders of those datasets do."""
 
 import itertools
+import json
 import os
 import shutil
 import struct
@@ -13,7 +14,7 @@ import toy
 from gaussray.capture.picture_file import read_stored
 from gaussray.cli.main import main
 from gaussray.dataset.layers import read_layers
-from gaussray.dataset.layouts import write_layout
+from gaussray.dataset.layouts import depth_levels, write_layout
 from gaussray.dataset.manifest import write_manifest
 from gaussray.dataset.optical_flow import write_flo, write_kitti_flow
 from gaussray.dataset.takes import read_frames
@@ -24,8 +25,9 @@ pytestmark = pytest.mark.usefixtures("known_sizes")
 
 # Levels of 255 that interpolation between states of the scene changes.
 KEYS = 3
-# Half a step of KITTI's levels, in pixels.
+# Half a step of KITTI's levels, in pixels, and of TUM's, in units.
 STEP = 0.5 / 64
+DEPTH_STEP = 0.5 / 5000
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +40,7 @@ def data(tmp_path_factory):
         [
             *("render", f"scene={scene}", f"out={out}", "factory.count=2", "factory.frames=3"),
             *("lens=pinhole", "shutter.readout=0.4", "render.samples=1", "trace.levels=0"),
-            *("labels=[flow_forward,global_first,global_middle]", "trace.group=2"),
+            *("labels=[flow_forward,global_first,global_middle,z,moving]", "trace.group=2"),
             *("trace.chunk=8", "trace.k=4", "quiet=true", "report=false"),
         ]
     )
@@ -211,3 +213,71 @@ def test_one_key_renders_the_labels_of_a_layout_and_writes_it(data, tmp_path, ca
     with pytest.raises(SystemExit):
         main([*words[:-1], "dataset=other", "factory.count=1"])
     assert "dataset must be empty or one of fastec_rs" in capsys.readouterr().err
+
+
+def gray(path):
+    """Levels of a picture of one channel."""
+    image = oiio.ImageInput.open(str(path))
+    assert image.spec().nchannels == 1 and image.spec().format == oiio.UINT16
+    levels = image.read_image(oiio.UINT16).astype(float)[..., 0]
+    image.close()
+    return levels
+
+
+def tum_files(path):
+    """Times and file names, as TUM's associate.py reads them."""
+    lines = [line.split() for line in path.read_text().splitlines() if line[0] != "#"]
+    return {float(time): name for time, name in lines}
+
+
+def test_depth_is_read_as_tum_does(data, tmp_path):
+    """5,000 levels a unit along the camera's axis, 0 for none, at the times of the pictures."""
+    assert write_layout(data, tmp_path, "tum") == 6
+    frames = list(read_frames(data))
+    for sample in ("000000", "000001"):
+        pictures, depths = (tum_files(tmp_path / sample / f"{x}.txt") for x in ("rgb", "depth"))
+        mine = [frame for frame in frames if f"{frame['take']['index']:06d}" == sample]
+        assert list(pictures) == list(depths) and len(depths) == len(mine) == 3
+        for name, frame in zip(depths.values(), mine, strict=True):
+            true = read_layers(data / frame["labels"]["layers"])["z"]
+            levels = gray(tmp_path / sample / name)
+            seen = np.isfinite(true)
+            assert seen.any() and not seen.all()
+            np.testing.assert_allclose(levels[seen] / 5000, true[seen], atol=DEPTH_STEP)
+            np.testing.assert_array_equal(levels[~seen], 0)
+
+
+def test_depth_that_does_not_fit_is_none():
+    depth = np.array([[13.107, 13.2, np.nan], [np.inf, 0.0, 1.0]])
+    np.testing.assert_array_equal(depth_levels(depth), [[65535, 0, 0], [0, 0, 5000]])
+
+
+def image_folder(root):
+    """Rows as Hugging Face's image folders define them: lines of metadata.jsonl, whose columns
+    `file_name` and `*_file_name` are pictures beside it; all lines have the same columns."""
+    folder, rows = root / "train", []
+    for line in (folder / "metadata.jsonl").read_text().splitlines():
+        entry = json.loads(line)
+        pictures = {k: folder / v for k, v in entry.items() if k.endswith("file_name")}
+        opened = {k.removesuffix("_file_name"): stored(path) for k, path in pictures.items()}
+        rows.append(entry | opened)
+    assert all(list(row) == list(rows[0]) for row in rows)
+    return rows
+
+
+def test_an_image_folder_has_pictures_labels_and_cameras(data, tmp_path, capsys):
+    main(["pack", f"data={data}", f"out={tmp_path}", "layout=imagefolder"])
+    assert "6 frames in the layout imagefolder" in capsys.readouterr().out
+    rows = image_folder(tmp_path)
+    for row, frame in zip(rows, read_frames(data), strict=True):
+        assert row["sample"] == frame["take"]["index"] and row["time"] == frame["time"]
+        assert row["transform_matrix"] == frame["transform_matrix"]
+        entry = json.loads(row["entry"])
+        assert entry == {k: v for k, v in frame.items() if k != "take"}
+        np.testing.assert_array_equal(row["file_name"], stored(data / frame["file_path"]))
+        for label in ("global_first", "global_middle", "moving"):
+            np.testing.assert_array_equal(row[label], stored(data / frame["labels"][label]))
+        layers = read_layers(tmp_path / "train" / row["layers"])
+        np.testing.assert_array_equal(
+            layers["z"], read_layers(data / frame["labels"]["layers"])["z"]
+        )
