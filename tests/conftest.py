@@ -6,6 +6,8 @@ import importlib.metadata
 import importlib.util
 import os
 import pathlib
+import subprocess
+import sys
 
 
 # What is compiled is kept from run to run of the tests, and the user's own cache left alone.
@@ -24,6 +26,7 @@ flags = os.environ.get("XLA_FLAGS", "")
 if importlib.metadata.version("jaxlib").startswith("0.10.") and FLAGS not in flags:
     os.environ["XLA_FLAGS"] = f"{flags} {FLAGS}".strip()
 
+import filelock  # noqa: E402
 import jax  # noqa: E402
 import pytest  # noqa: E402
 
@@ -66,6 +69,48 @@ jax.config.update("jax_disable_most_optimizations", True)
 jax.config.update("jax_traceback_in_locations_limit", 0)
 # What JAX keeps of each program lives long: the garbage collector need not look at it often.
 gc.set_threshold(50_000, 20, 20)
+
+
+# Compiles the machine code that rays march in on a CPU, as `machine_code_once` does.
+COMPILE = """
+import sys, filelock
+with filelock.FileLock(sys.argv[1]):
+    from gaussray.tracer import cpu_march
+    cpu_march.register_forward()
+    cpu_march.register_backward()
+"""
+COMPILING = pytest.StashKey[subprocess.Popen]()
+
+
+def pytest_configure(config):
+    """While workers collect the tests, the process that started them compiles machine code, so
+    that they load it and need not compile it each."""
+    if config.getoption("numprocesses", None) and not hasattr(config, "workerinput"):
+        COMPILED.mkdir(parents=True, exist_ok=True)
+        command = [sys.executable, "-c", COMPILE, str(COMPILED / "machine_code.lock")]
+        config.stash[COMPILING] = subprocess.Popen(command, cwd=COMPILED.parents[1])
+
+
+def pytest_unconfigure(config):
+    if COMPILING in config.stash:
+        config.stash[COMPILING].wait()
+
+
+@pytest.fixture(scope="session", autouse=True)
+def machine_code_once():
+    """One process compiles machine code; others that need it wait, and load it."""
+    from gaussray.tracer import cpu_march
+
+    COMPILED.mkdir(parents=True, exist_ok=True)
+    lock, entry = filelock.FileLock(COMPILED / "machine_code.lock"), cpu_march.entry
+
+    def compiled(function):
+        with lock:
+            return entry(function)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cpu_march, "entry", compiled)
+        yield
 
 
 def pytest_collection_modifyitems(items):

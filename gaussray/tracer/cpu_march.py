@@ -89,7 +89,8 @@ def register_forward() -> None:
 
 
 @functools.cache
-def _register_backward() -> None:
+def register_backward() -> None:
+    """Compile what gradients need, or load it from disk, and make it known to XLA."""
     register(_BACKWARD, entry(_backward))
 
 
@@ -156,7 +157,7 @@ def _march_forward(table, lanes, lists, options, columns, room):
 
 
 def _march_backward(options, columns, room, saved, cotangent):
-    _register_backward()
+    register_backward()
     table, lanes, lists, total, end = saved
     g_total, g_end, _ = cotangent
     operands = _operands(table, lanes, lists, options, columns, room)
