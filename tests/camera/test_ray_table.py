@@ -1,5 +1,6 @@
 """A table of directions: as exact as its spacing allows, and refused where it is no lens."""
 
+import functools
 import re
 
 import jax
@@ -12,7 +13,6 @@ from gaussray.camera.lens import check_lens, ray_table
 
 
 WIDTH, HEIGHT = 96, 64
-LENS = zoo(WIDTH, HEIGHT)["thin_prism_fisheye"]
 look = jax.jit(jax.vmap(jax.vmap(lambda lens, pixel: lens.direction(pixel), (None, 0)), (None, 0)))
 
 
@@ -22,8 +22,13 @@ def cells(rows, columns, width=WIDTH, height=HEIGHT):
     return jnp.asarray(np.stack([column * width / columns, row * height / rows], -1))
 
 
+@functools.cache
+def lens():
+    return zoo(WIDTH, HEIGHT)["thin_prism_fisheye"]
+
+
 def sampled(rows, columns):
-    return np.asarray(look(LENS, cells(rows, columns)))
+    return np.asarray(look(lens(), cells(rows, columns)))
 
 
 def test_at_its_samples_it_is_the_table_itself():
@@ -43,7 +48,7 @@ def test_a_direction_for_every_pixel_is_one_for_every_pixels_centre():
 def test_half_the_spacing_leaves_an_eighth_of_the_error():
     """Catmull and Rom's interpolation is of third order; the outermost cells' is of fourth."""
     pixels = cells(47, 71)
-    truth, errors = np.asarray(look(LENS, pixels)), []
+    truth, errors = np.asarray(look(lens(), pixels)), []
     for rows, columns in ((16, 24), (32, 48)):
         found = np.asarray(
             look(ray_table(jnp.asarray(sampled(rows, columns)), WIDTH, HEIGHT), pixels)
