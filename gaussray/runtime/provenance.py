@@ -80,8 +80,8 @@ def git_commit() -> Commit | None:
     return Commit(outputs[0], bool(outputs[1]))
 
 
-def array_digest(tree: Any) -> "hashlib._Hash":
-    """The SHA-256 of the bytes of all arrays of a pytree, in its order."""
+def array_digest(tree: Any) -> Any:
+    """The SHA-256 of the bytes of all arrays of a pytree, in its order: an object of hashlib."""
     digest = hashlib.sha256()
     for leaf in jax.tree.leaves(jax.device_get(tree)):
         digest.update(np.asarray(leaf).tobytes())
