@@ -8,9 +8,16 @@ import pytest
 import toy
 
 from gaussray.capture.formats.paired import read_capture
+from gaussray.capture.temporal_median import moving_mask
 from gaussray.reconstruct import effort, motion_trial, pipeline
+from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.failed_fit import FailedFit
-from gaussray.reconstruct.motion_trial import held_out_capture, trial, trial_sentence
+from gaussray.reconstruct.motion_trial import (
+    held_out_capture,
+    moving_alone,
+    trial,
+    trial_sentence,
+)
 
 
 pytestmark = pytest.mark.usefixtures("known_sizes")
@@ -55,6 +62,18 @@ def test_a_scene_is_scored_on_what_is_held_out_and_a_failed_fit_loses(capture, t
     assert not (tmp_path / "trial").exists()
     line = trial_sentence(scores, effort.MOTION_NOUNS)
     assert "fit.motion=deformation" in line and "transient Gaussians" in line
+
+
+def test_only_pixels_that_differ_from_the_temporal_median_count(capture):
+    train = [view for view in capture.views if view.split == "train"]
+    one = [view for view in train if view.camera_name == train[0].camera_name]
+    seen = footage(one, side=8, bundle=8)
+    moving = moving_mask(seen.pictures(np.arange(len(one))) / np.float32(255))
+    assert 0 < moving.mean() < 0.5
+    np.testing.assert_array_equal(moving_alone(seen).masks(np.arange(len(one))), moving)
+    # What is masked does not count even if it moves.
+    hidden = moving_alone(replace(seen, mask=np.zeros((*seen.pixel.shape[:2], 8), np.uint8)))
+    assert not hidden.visible(slice(None), slice(None)).any()
 
 
 def test_the_better_one_is_fitted_and_a_resumed_run_does_not_try_again(
