@@ -2,7 +2,8 @@
 
 import dataclasses
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -79,7 +80,7 @@ def views_of(top: Keys, frames: list[Keys], dtype: DTypeLike = jnp.float32) -> l
     poses = np.array([pose for pose in fixed if pose is not None]).reshape(-1, 3, 4)
     # NumPy: to take a row of it is a thousand times as cheap as of a JAX array.
     rotations = iter(np.asarray(quaternions(poses, dtype))) if len(poses) else iter(())
-    made: dict[str, Any] = {}
+    made: dict[Hashable, Any] = {}
     return [
         _view(frame, pose, None if pose is None else next(rotations), made, dtype)
         for frame, pose in zip(frames, fixed, strict=True)
@@ -121,13 +122,11 @@ def _view(
     keys: Keys,
     pose: np.ndarray | None,
     rotation: np.ndarray | None,
-    made: dict[str, Any],
+    made: dict[Hashable, Any],
     dtype: DTypeLike,
 ) -> View:
     # Frames share most of their camera: each part is built and checked once per distinct content.
-    def part(name: str, names: tuple[str, ...], build: Callable):
-        content = {key: keys.values.get(key) for key in names}
-        label = name + json.dumps(content, sort_keys=True)
+    def shared(label: Hashable, build: Callable):
         if label not in made:
             try:
                 made[label] = build()
@@ -137,19 +136,23 @@ def _view(
                 raise CaptureError(f"{keys.where}: {error}") from error
         return made[label]
 
+    def part(name: str, names: tuple[str, ...], build: Callable):
+        content = {key: keys.values.get(key) for key in names}
+        return shared(name + json.dumps(content, sort_keys=True), build)
+
     time = keys.number("time", 0.0)
     if pose is None or rotation is None:
         trajectory = part("path", ("trajectory",), lambda: read_trajectory(keys, dtype))
     else:
-        place = jnp.array(pose[None, :, 3], dtype)
-        trajectory = Trajectory(jnp.array([0.0], dtype), jnp.array(rotation[None]), place)
+        still = partial(_standing, pose, rotation, dtype)
+        trajectory = shared(("pose", pose.tobytes()), still)
     camera = Camera(
         film=part("film", ("w", "h", "film"), lambda: read_film(keys)),
         lens=part("lens", (*INTRINSICS, "lens"), lambda: lens_of(keys, dtype)),
         aperture=part("aperture", ("aperture",), lambda: read_aperture(keys, dtype)),
         shutter=part("shutter", ("w", "h", "shutter"), lambda: read_shutter(keys, dtype)),
         trajectory=trajectory,
-        time=jnp.array(time, dtype),
+        time=shared(("time", time), lambda: jnp.array(time, dtype)),
     )
     image = keys.inside("file_path")
     return View(
@@ -164,6 +167,12 @@ def _view(
         samples=keys.count("samples") if keys.has("samples") else None,
         color_space=keys.choice("color_space", COLOR_SPACES, "srgb"),
     )
+
+
+def _standing(pose: np.ndarray, rotation: np.ndarray, dtype: DTypeLike) -> Trajectory:
+    """The path of a camera that stands still."""
+    place = jnp.array(pose[None, :, 3], dtype)
+    return Trajectory(jnp.array([0.0], dtype), jnp.array(rotation[None]), place)
 
 
 def _label(keys: Keys) -> str:
