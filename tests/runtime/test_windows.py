@@ -10,6 +10,11 @@ import pytest
 WITHOUT = """
 import importlib, os, pkgutil, signal, sys
 import av, filelock, hydra, jax, numba, numpy, OpenImageIO, scipy  # these know Windows themselves
+for name in ("torch", "viser", "pycolmap"):
+    try:
+        importlib.import_module(name)  # so do these, where they are installed
+    except ModuleNotFoundError:
+        pass
 for name in (
     "O_NONBLOCK", "O_CLOEXEC", "uname", "sched_getaffinity", "sysconf", "sysconf_names", "getuid",
     "fork", "mkfifo",
