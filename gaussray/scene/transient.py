@@ -118,6 +118,9 @@ def interval_at(
     """The longer of the two intervals beside the timestamp that is nearest to each instant: next to
     a picture that is missing, the whole gap.
 
+    It is at most twice the upper quartile of all intervals: of a long pause nothing is known, and
+    what lives throughout it would be seen at many timestamps before and after.
+
     Args:
         times: timestamps, increasing. A single one has intervals of 1.
         instant: times anywhere; beyond the ends the nearest interval counts.
@@ -126,6 +129,7 @@ def interval_at(
         return jnp.ones_like(instant)
     gap = jnp.diff(times)
     longer = jnp.maximum(jnp.concatenate([gap[:1], gap]), jnp.concatenate([gap, gap[-1:]]))
+    longer = jnp.minimum(longer, 2 * jnp.quantile(gap, 0.75))
     return longer[jnp.searchsorted(0.5 * (times[1:] + times[:-1]), instant)]
 
 

@@ -95,6 +95,13 @@ def test_the_interval_at_an_instant_is_the_longer_one_beside_the_nearest_timesta
     expected = [0.1, 0.1, 0.1, 0.2, 0.2, 0.2, 0.2, 0.2, 0.2, 0.1, 0.1]
     np.testing.assert_allclose(interval_at(times, instant), expected, rtol=ROUNDING)
     np.testing.assert_array_equal(interval_at(times[:1], instant), np.ones(11))
+    # A pause is no interval.
+    pause = toy.single([0.0, 0.1, 0.2, 0.3, 9.0, 9.1])
+    found = interval_at(pause, toy.single([0.1, 0.3, 5.0, 9.0]))
+    np.testing.assert_allclose(found, [0.1, 0.2, 0.2, 0.2], rtol=ROUNDING)
+    # Of two cameras that are not synchronised every second interval is short.
+    found = interval_at(toy.single([0, 0.01, 0.1, 0.11, 0.2, 0.21]), toy.single([0.1, 0.15]))
+    np.testing.assert_allclose(found, [0.09, 0.09], rtol=ROUNDING)
 
 
 def test_a_floor_for_each_gaussian_is_kept_by_each():
