@@ -2,8 +2,8 @@
 
 Rigid bodies with a field are better at rigid things of which surface points are known, transient
 Gaussians at all others. What a capture holds is not known before. So both are fitted for a short
-time without one camera, and what shows the moving pixels of its pictures better is taken. What
-stands still is fitted by other means in the two, which a short fit tells more of than of motion.
+time without one camera, and what shows the moving pixels of its pictures better is taken. Still
+pixels do not count: the two choices differ in how they fit what stands still, too.
 """
 
 import shutil
@@ -16,8 +16,7 @@ import numpy as np
 
 from gaussray.camera.array import camera_set
 from gaussray.capture.capture import Capture, View
-from gaussray.capture.temporal_median import differs
-from gaussray.reconstruct.data.motion_mask import activity
+from gaussray.reconstruct.data.motion_mask import activity, moved_in_tiles
 from gaussray.reconstruct.data.pictures import Footage, footage
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.failed_fit import FailedFit
@@ -131,14 +130,7 @@ def _psnr(
 
 def moving_alone(seen: Footage) -> Footage:
     """The same pictures, of which only the pixels count that differ from the temporal median."""
-    background = activity(seen).background
-    rows = np.searchsorted(np.unique(seen.viewpoints), seen.viewpoints)
-    counts = np.stack(
-        [
-            differs(picture, background[row], seen.scale)
-            for picture, row in zip(seen.pixel, rows, strict=True)
-        ]
-    )
+    counts = moved_in_tiles(seen, activity(seen), np.arange(len(seen.pixel)))
     visible = seen.visible(slice(None), slice(None))
     if visible is not None:
         counts &= visible

@@ -58,16 +58,19 @@ def activity(footage: Footage) -> Activity:
 
 def moved_pixels(footage: Footage, activity: Activity, frames) -> Bool[np.ndarray, "n h w"]:
     """Which pixels of these frames differ from their camera's background."""
-    names = np.unique(footage.viewpoints)
     pixels = tile_pixels(footage.film, footage.side, footage.bundle)
-    rows = np.searchsorted(names, footage.viewpoints[frames])
+    moved = moved_in_tiles(footage, activity, frames)
+    return np.stack([join(tiles, pixels, footage.film) for tiles in moved])
+
+
+def moved_in_tiles(
+    footage: Footage, activity: Activity, frames
+) -> Bool[np.ndarray, "n tiles pixels"]:
+    """The same, tile by tile."""
+    rows = np.searchsorted(np.unique(footage.viewpoints), footage.viewpoints[frames])
     return np.stack(
         [
-            join(
-                differs(footage.pixel[frame], activity.background[row], footage.scale),
-                pixels,
-                footage.film,
-            )
+            differs(footage.pixel[frame], activity.background[row], footage.scale)
             for frame, row in zip(frames, rows, strict=True)
         ]
     )

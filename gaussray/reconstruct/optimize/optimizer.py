@@ -53,27 +53,22 @@ def shortest_lifetime(
 
 
 def scene_of(
-    parameters: Parameters,
-    time_range: Float[Array, "2"],
-    times: Float[Array, " times"] | None = None,
+    parameters: Parameters, time_range: Float[Array, "2"], times: Float[Array, " times"]
 ) -> Scene:
     """The scene with these parameters.
 
     Args:
         parameters: unconstrained values.
         time_range: the interval of the capture.
-        times: the timestamps of the pictures, on which the lifetimes of transient Gaussians depend;
-            None will do where there are none.
+        times: the timestamps of the pictures, on which the lifetimes of transient Gaussians depend.
     """
-    transient = None
-    if parameters.transient is not None and times is not None:
-        transient = transients_of(parameters.transient, times)
+    transient = parameters.transient
     return Scene(
         static=constrain(parameters.static),
         moving=constrain(parameters.moving),
         deformation=parameters.deformation,
         time_range=time_range,
-        transient=transient,
+        transient=None if transient is None else transients_of(transient, times),
     )
 
 

@@ -122,7 +122,7 @@ def test_bounds_and_pivots_never_move_and_everything_else_does(parameters):
 
 
 def test_a_scene_holds_physical_values(parameters):
-    scene, expected = scene_of(parameters, toy.single([0, 1])), toy.scene()
+    scene, expected = scene_of(parameters, *toy.single([[0, 1], [0, 1]])), toy.scene()
     np.testing.assert_allclose(scene.static.scale, expected.static.scale, rtol=1e-5)
     np.testing.assert_allclose(scene.moving.opacity, expected.moving.opacity, rtol=1e-5)
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import toy
 from scipy.spatial.transform import Rotation
+from splats import gaussians
 
 from gaussray.scene.formats.any_file import load, save
 from gaussray.scene.formats.convert import export_model, import_model
@@ -18,23 +19,11 @@ from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.formats.gaussian_ply import write_gaussians
 from gaussray.scene.formats.glb_file import read_glb
 from gaussray.scene.formats.gltf import EXTENSION, read_gltf, rotated_harmonics, write_gltf
-from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import basis
 
 
 # Rounding of single precision, relative; and of harmonics after a rotation.
 ROUNDING, TURNED = 1e-6, 5e-6
-
-
-def gaussians(count=40, coefficients=16, seed=0):
-    rng = np.random.default_rng(seed)
-    quat = rng.normal(size=(count, 4))
-    parts = (
-        *(rng.normal(size=(count, 3)), quat / np.linalg.norm(quat, axis=1, keepdims=True)),
-        *(np.exp(rng.normal(size=(count, 3)) - 3), rng.uniform(0.05, 0.95, count)),
-        rng.normal(size=(count, coefficients, 3)) * 0.2,
-    )
-    return Gaussians(*(jnp.asarray(part, jnp.float32) for part in parts))
 
 
 def assert_same(found, expected, tolerance=TURNED):
@@ -189,7 +178,7 @@ def test_what_is_cut_off_or_no_glb_is_refused(tmp_path):
     (tmp_path / "a.gltf").write_text("{}")
     with pytest.raises(ValueError, match="must be a binary glTF file.*as .glb"):
         read_model(tmp_path / "a.gltf")
-    infinite = dataclasses.replace(gaussians(), mean=jnp.full((40, 3), jnp.inf))
+    infinite = dataclasses.replace(gaussians(), mean=jnp.full((60, 3), jnp.inf))
     with pytest.raises(ValueError, match="POSITION must be finite"):
         write_gltf(path, infinite, "srgb")
 
