@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.validate import known, require
 from gaussray.geometry import normalize
-from gaussray.io.plain_values import number, readable, vector
+from gaussray.io.plain_values import number, readable, to_device, vector
 
 
 FOCUS = ("plane", "sphere")
@@ -151,7 +151,7 @@ class Aperture(eqx.Module):
 def with_edges(aperture: Aperture) -> Aperture:
     """The aperture with its number of blades as data, so that apertures of any number of them share
     a compiled program."""
-    edges = jnp.asarray(aperture.blades, aperture.radius.dtype)
+    edges = to_device(aperture.blades, aperture.radius.dtype)
     return dataclasses.replace(aperture, blades=0, edges=edges)
 
 

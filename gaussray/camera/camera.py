@@ -6,7 +6,6 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -18,7 +17,7 @@ from gaussray.camera.rays import Rays
 from gaussray.camera.shutter import Shutter, sample_time
 from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.camera.validate import require
-from gaussray.io.plain_values import number, optional, readable, vector
+from gaussray.io.plain_values import number, optional, readable, to_device, vector
 
 
 def _film(size: Any) -> Film:
@@ -75,7 +74,7 @@ class Camera(eqx.Module):
 def with_chromatic(camera: Camera, magnification: Sequence[float]) -> Camera:
     """The camera with these magnifications of red, green and blue; all 1 is no aberration."""
     none = all(m == 1 for m in magnification)
-    chromatic = None if none else jnp.asarray(magnification, camera.time.dtype)
+    chromatic = None if none else to_device(magnification, camera.time.dtype)
     return dataclasses.replace(camera, chromatic=chromatic)
 
 

@@ -12,6 +12,9 @@ from jaxtyping import Array, Float, Int, UInt32
 
 # Film x, film y, lens x, lens y, shutter.
 DIMENSIONS = 5
+# Joe and Kuo's direction numbers (2008) of these dimensions: the primitive polynomial, whose bits
+# are its coefficients, and as many odd numbers as its degree. The first dimension needs none.
+_DIRECTIONS = ((1, ()), (3, (1,)), (7, (1, 3)), (11, (1, 3, 1)), (13, (1, 1, 1)))
 # A float32 holds multiples of 2^-24 in [0, 1) exactly.
 _FLOAT_BITS = 24
 # Positive root of x^6 = x + 1: the generalised golden ratio of five dimensions (Roberts 2018).
@@ -21,10 +24,10 @@ _R_RATIO = 1.1347241384015194
 def sobol_samples(count: int) -> Float[Array, "samples 5"]:
     """The first points of the Sobol sequence, each in the middle of its stratum.
 
-    The points are those of `scipy.stats.qmc.Sobol` (Gray code order, direction numbers of Joe and
-    Kuo 2008) plus half a stratum. For a power of two every coordinate takes every value
-    (i + 1/2)/count exactly once, so the mean of a function that is linear in it (the times within
-    an exposure) is exact. A single sample is the centre of the cube.
+    The points are those of `scipy.stats.qmc.Sobol`, in Gray code order, plus half a stratum. For a
+    power of two every coordinate takes every value (i + 1/2)/count exactly once, so the mean of a
+    function that is linear in it (the times within an exposure) is exact. A single sample is the
+    centre of the cube.
 
     Args:
         count: Number of samples, at least 1.
@@ -38,13 +41,28 @@ def sobol_samples(count: int) -> Float[Array, "samples 5"]:
     if count < 1:
         raise ValueError(f"samples must be at least 1, got {count}.")
     doublings = (count - 1).bit_length()
-    point = np.zeros((1, DIMENSIONS))
-    if count > 1:
-        # scipy.stats takes about a second to import, which one ray per pixel does not need.
-        from scipy.stats import qmc  # noqa: PLC0415
-
-        point = qmc.Sobol(DIMENSIONS, scramble=False).random_base2(doublings)[:count]
+    number = np.arange(count)
+    # Neighbours in Gray code differ in one bit.
+    gray, point = number ^ (number >> 1), np.zeros((count, DIMENSIONS), np.int64)
+    for bit, step in enumerate(_steps(doublings)):
+        point ^= ((gray >> bit) & 1)[:, None] * step
+    point = point / 2**doublings
     return jnp.asarray(point + 0.5 / 2**doublings, jnp.result_type(float))
+
+
+def _steps(doublings: int) -> Int[np.ndarray, "doublings 5"]:
+    """What each bit of a point's number adds to its coordinates, in units of 2^-doublings."""
+    steps = np.empty((doublings, DIMENSIONS), np.int64)
+    for dimension, (polynomial, odd) in enumerate(_DIRECTIONS):
+        degree, known = len(odd), list(odd) if odd else [1] * doublings
+        for bit in range(len(known), doublings):
+            new = known[bit - degree] ^ (known[bit - degree] << degree)
+            for k in range(1, degree):
+                if polynomial >> (degree - k) & 1:
+                    new ^= known[bit - k] << k
+            known.append(new)
+        steps[:, dimension] = [x << doublings - 1 - bit for bit, x in enumerate(known[:doublings])]
+    return steps
 
 
 def shifted_samples(count: int, batch: Int[Array, ""]) -> Float[Array, "samples 5"]:

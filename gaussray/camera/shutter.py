@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Array, Float, Num
 
 from gaussray.camera.validate import require
-from gaussray.io.plain_values import number, optional, readable, vector
+from gaussray.io.plain_values import number, optional, readable, to_device, vector
 
 
 DIRECTIONS = ("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left")
@@ -92,7 +92,7 @@ def rolling_shutter(
 def shutter_of_row(shutter: Shutter, resolution: tuple[int, int], row: int) -> Shutter:
     """A global shutter of the same exposure, at the moment at which the shutter reads a row: 0 is
     the row that is read first. On the host."""
-    moment = jnp.asarray(row_moments(shutter, resolution)[row], shutter.row_offset.dtype)
+    moment = to_device(row_moments(shutter, resolution)[row], shutter.row_offset.dtype)
     return Shutter(moment, jnp.zeros_like(moment), shutter.exposure, direction=shutter.direction)
 
 
@@ -151,7 +151,7 @@ def with_reading(shutter: Shutter, resolution: tuple[int, int]) -> Shutter:
         "left_to_right": (0, 1, 0),
         "right_to_left": (width - 1, -1, 0),
     }[shutter.direction]
-    reading = jnp.asarray(factors, shutter.row_step.dtype)
+    reading = to_device(factors, shutter.row_step.dtype)
     return dataclasses.replace(shutter, direction="top_to_bottom", reading=reading)
 
 

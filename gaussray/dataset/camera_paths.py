@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gaussray.camera.shake import Shake
 from gaussray.camera.trajectory import Trajectory
@@ -39,6 +38,8 @@ def path_of_frames(frames: Sequence[dict[str, Any]]) -> Trajectory:
 def _trajectory(
     poses: Sequence[tuple[float, list[list[float]]]], interpolation: str, shake: Any
 ) -> Trajectory:
+    from scipy.spatial.transform import Rotation
+
     matrices = np.array([matrix for _, matrix in poses], np.float64)
     turn = Rotation.from_matrix(matrices[:, :3, :3] * np.array(BLENDER_AXES)).as_quat()
     return Trajectory(

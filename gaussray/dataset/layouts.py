@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from gaussray.camera.imu import ImuOptions, imu_samples
 from gaussray.dataset.camera_paths import path_of_frames
@@ -133,6 +132,8 @@ def _carla_rs(source: SampleFiles, out: Path, _: int) -> int:
 def _camera_motion(source: SampleFiles) -> np.ndarray:
     """Turn rate and velocity of the camera at its first frame, along its own axes (right, down,
     forward)."""
+    from scipy.spatial.transform import Rotation
+
     path = replace(path_of_frames(source.frames), interpolation="spline")
     free = ImuOptions(gravity=(0.0, 0.0, 0.0))
     found = imu_samples(path, np.array([source.frames[0]["time"]]), options=free)
@@ -170,6 +171,8 @@ def _sintel(source: SampleFiles, out: Path, _: int) -> int:
 
 
 def _tum(source: SampleFiles, out: Path, _: int) -> int:
+    from scipy.spatial.transform import Rotation
+
     folder = out / source.name
     lists = {"rgb": ["# timestamp filename"], "groundtruth": ["# timestamp tx ty tz qx qy qz qw"]}
     for i, frame in enumerate(source.frames):

@@ -19,6 +19,7 @@ from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import BLENDER_AXES, rotation_matrix
 from gaussray.io.atomic import whole
 from gaussray.io.json_numbers import json_numbers
+from gaussray.runtime.kept_programs import KeptProgram
 
 
 _OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split", "labels")
@@ -198,10 +199,12 @@ def _trajectory(trajectory):
 _rotations = jax.jit(rotation_matrix)
 
 
-@jax.jit
-def _pose(trajectory, time):
+def _turn_and_place(trajectory, time):
     pose = pose_at(trajectory, time)
     return rotation_matrix(pose.quat), pose.translation
+
+
+_pose = KeptProgram(_turn_and_place, ())
 
 
 def camera_to_world(camera: Camera) -> list[list[float]]:

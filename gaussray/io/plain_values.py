@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
-from jaxtyping import Array
+from jaxtyping import Array, DTypeLike
 
 
 # Numbers of an array that a repr shows; of a larger one it shows type and shape.
@@ -57,6 +57,17 @@ def optional(convert: Callable[[Any], Array]) -> Callable[[Any], Array | None]:
     return lambda value: None if value is None else convert(value)
 
 
+def to_device(values: Any, dtype: DTypeLike | None = None) -> Array:
+    """Numbers of the host as an array on the device.
+
+    Outside of `jit`, `jnp.asarray` runs a program instead, one for every shape: it is compiled
+    first, and then waits for all programs that run.
+    """
+    if isinstance(values, jax.Array):
+        return jnp.asarray(values, dtype)
+    return jax.device_put(np.array(values, dtype))
+
+
 def to_array(key: str, value: Any, rule: str, shape: tuple[int | None, ...]) -> Any:
     """Numbers as a floating-point array.
 
@@ -80,7 +91,7 @@ def to_array(key: str, value: Any, rule: str, shape: tuple[int | None, ...]) -> 
         if isinstance(value, jax.Array) and not whole:
             return value
         with jax.ensure_compile_time_eval():
-            return jnp.asarray(value, jnp.result_type(float)) if whole else jnp.asarray(value)
+            return to_device(value, jnp.result_type(float) if whole else None)
     traced = any(isinstance(x, jax.Array) for x in jax.tree.leaves(value))
     try:
         if value is None:  # numpy's answer would be NaN
@@ -96,7 +107,7 @@ def to_array(key: str, value: Any, rule: str, shape: tuple[int | None, ...]) -> 
     if traced:
         return array
     with jax.ensure_compile_time_eval():
-        return jnp.asarray(array, jnp.result_type(float))
+        return to_device(array, jnp.result_type(float))
 
 
 def readable(module: Any) -> str:

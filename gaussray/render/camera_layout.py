@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from gaussray.camera.aperture import with_edges
 from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import with_reading
+from gaussray.io.plain_values import to_device
 
 
 class CameraLayout(NamedTuple):
@@ -38,7 +39,7 @@ def pack_camera(camera: Camera) -> tuple[Float[np.ndarray, " numbers"], CameraLa
     differ in them share their programs.
     """
     size = camera.film.width, camera.film.height
-    camera = jax.tree.map(jnp.asarray, camera)
+    camera = jax.tree.map(to_device, camera)
     aperture, shutter = with_edges(camera.aperture), with_reading(camera.shutter, size)
     camera = jax.device_get(dataclasses.replace(camera, aperture=aperture, shutter=shutter))
     leaves, structure = jax.tree.flatten(camera)

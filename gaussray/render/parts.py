@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.film import Film
+from gaussray.io.plain_values import to_device
 from gaussray.render.options import RenderOptions
 from gaussray.render.segments import Share
 from gaussray.tracer.bundle import FAN, morton_tiles, padding_filled
@@ -133,5 +134,5 @@ def part_of(
     index = padding_filled(order)
     pixel = np.stack([index % film.width, index // film.width], axis=-1)
     middle = top + (len(inside) // film.width - 1) / 2
-    place = jnp.asarray(pixel, jnp.float32), jnp.asarray(slot), jnp.asarray(middle, jnp.float32)
+    place = to_device(pixel, jnp.float32), to_device(slot), to_device(middle, jnp.float32)
     return Part(*place), trace

@@ -16,6 +16,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array
 
 from gaussray.camera.camera import Camera
+from gaussray.io.plain_values import to_device
 from gaussray.render.compiled import ProgramSettings, prepare_trace, render_frames, render_part
 from gaussray.render.frame import Frame as Frame, channels, joined, settled, united
 from gaussray.render.frame_batch import (
@@ -169,7 +170,7 @@ class Renderer:
         film, hits, count = batch.film, 0, len(batch.views)
         pieces = []
         for top, place, values, report in batch.parts:
-            while np.any(report.dropped):
+            while np.asarray(report.dropped).any():
                 needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1])
                 wanted = [int(n) for n in needed.max(axis=0)]
                 with self._repairing:
@@ -180,7 +181,7 @@ class Renderer:
                 x.reshape(batch.rows, film.width, 5) for x in fetched_pictures(values, place, count)
             ]
             pieces.append((top, seen))
-            hits += int(np.sum(report.hits))
+            hits += int(np.asarray(report.hits).sum())
         seconds = (clock.monotonic() - batch.began) / count
         return [
             Frame(*channels(x), seconds, hits // count, batch.compiled, self.options.samples)
@@ -194,7 +195,7 @@ class Renderer:
         if key not in self._parts:
             self._parts[key] = self._placed(top, batch)
         place, view = self._parts[key], batch.views[0]
-        number = None if view.number is None else jnp.asarray(view.number, jnp.int32)
+        number = None if view.number is None else to_device(view.number, jnp.int32)
         share, number = self._by_device((view.share, number))
         return place._replace(part=replace(place.part, share=share, batch=number))
 
@@ -217,7 +218,9 @@ class Renderer:
         """Arrays that are the same for every device, as the programs take them."""
         if not self._staged:
             return self._everywhere(tree)
-        tree = jax.tree.map(lambda x: jnp.broadcast_to(x, (self.mesh.size, *x.shape)), tree)
+        # On the host: on the device it would take a program for every shape.
+        tree = jax.tree.map(lambda x: np.stack([np.asarray(x)] * self.mesh.size), tree)
+        tree = jax.tree.map(to_device, tree)
         return tree if self.mesh.size == 1 else jax.device_put(tree, self._split())
 
     def _split(self) -> NamedSharding:

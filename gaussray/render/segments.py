@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float
 from gaussray.camera.camera import Camera
 from gaussray.camera.sampling import shifted_samples, sobol_samples
 from gaussray.camera.shutter import row_moments, time_window
+from gaussray.io.plain_values import to_device
 
 
 # The least part of a frame's times that key states span: a row alone has no time to move in.
@@ -50,7 +51,7 @@ def shares(
     found = [int(i) for i in np.unique(owner)]
     if len(found) == 1:
         return [(found[0], None)]
-    return [(i, Share(jnp.asarray(owner == i), _span(edges, i, first, last))) for i in found]
+    return [(i, Share(to_device(owner == i), _span(edges, i, first, last))) for i in found]
 
 
 def _span(edges: np.ndarray, segment: int, first: float, last: float) -> Float[Array, "2"]:
@@ -61,7 +62,7 @@ def _span(edges: np.ndarray, segment: int, first: float, last: float) -> Float[A
     if end - begin < least:
         # Away from the edge, beyond which the segment rests.
         begin, end = (end - least, end) if end == limits[segment + 1] else (begin, begin + least)
-    return jnp.asarray([begin, end], jnp.float32)
+    return to_device([begin, end], jnp.float32)
 
 
 @functools.lru_cache

@@ -37,7 +37,7 @@ from gaussray.runtime.programs import ProgramCache, quick_compilation
 from gaussray.scene.scene import Scene
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import scene_motion
-from gaussray.tracer.options import TraceOptions, on_kernel
+from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
 from gaussray.tracer.trace import (
     Prepared,
     Report,
@@ -143,7 +143,7 @@ def staged_needs(
         lists, _ = stages.lists(stages.motion(leaves, times), rays)
         needed = np.asarray(lists.needed)
         needed = [int(n) for n in needed.reshape(-1, needed.shape[-1]).max(axis=0)]
-        if not np.any(lists.dropped):
+        if not np.asarray(lists.dropped).any():
             return needed
         capacity = enlarged_stages(settings.capacity, needed)
         settings = dataclasses.replace(settings, capacity=capacity)
@@ -154,6 +154,9 @@ class _Stages:
 
     def __init__(self, structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings):
         mesh, trace, capacity = settings.mesh, settings.trace, settings.capacity
+        if on_cpu_kernel(trace, jnp.float32):
+            # Machine code makes room for the longest list when that is known.
+            capacity = dataclasses.replace(capacity, slots=capacity.pairs)
         samples = settings.options.samples
         self.camera = camera_program(layout, samples, mesh)
         sizes = settings.keys, capacity.transient

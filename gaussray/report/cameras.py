@@ -113,7 +113,7 @@ def _camera_row(view: View) -> tuple[str, ...]:
     wide, high = field_of_view(camera)
     exposure = float(camera.shutter.exposure)
     first, last = time_window(camera.shutter, (camera.film.width, camera.film.height))
-    radius = float(np.max(camera.aperture.radius))
+    radius = float(np.asarray(camera.aperture.radius).max())
     figures = [radius, exposure, max(last - first - exposure, 0.0)]
     cells = [f"{x:.4g}" if x else "-" for x in figures]
     name = lens_name(camera.lens)

@@ -3,7 +3,6 @@
 import dataclasses
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
@@ -13,6 +12,7 @@ from gaussray.camera.lens import AbstractLens
 from gaussray.camera.shutter import SIDEWAYS, row_count, row_moments
 from gaussray.report.markup import Markup, tag
 from gaussray.report.plan import edge_directions
+from gaussray.runtime.kept_programs import KeptProgram
 
 
 _WIDTH, _HEIGHT = 340.0, 210.0
@@ -98,8 +98,8 @@ def aperture_drawing(title: str, camera: Camera) -> Markup:
     }
     parts, place = [], _fitted(np.array([[-1.2, -1.4], [3.8, 1.4]]) * radius, _HEIGHT - 20)
     for ink, (name, (pixel, aside)) in enumerate(spots.items()):
-        pixel = jnp.asarray(pixel, jnp.float32)
-        dots = np.asarray(_passed(_still(camera), pixel, jnp.asarray(u, jnp.float32)))[:, :2]
+        places = np.asarray(pixel, np.float32), u.astype(np.float32)
+        dots = np.asarray(_passed(_still(camera), *places))[:, :2]
         dots = dots[np.isfinite(dots).all(axis=1)] * (1, -1) + (aside, 0)
         path = "".join("M{:.1f} {:.1f}h0".format(*place(x)) for x in dots)
         parts.append(tag("path", d=path, class_="dots", stroke=f"var(--c{ink})", stroke_width=2))
@@ -167,24 +167,25 @@ def _rays(
     film = camera.film
     pixel = np.stack([columns * film.width, np.full_like(columns, film.height / 2)], axis=-1)
     u = np.stack([lens, np.full_like(lens, 0.5)], axis=-1)
-    caption = (jnp.asarray(x, jnp.float32) for x in (pixel, u))
-    origin, direction = jax.device_get(_traced(_still(camera), *caption))
+    places = pixel.astype(np.float32), u.astype(np.float32)
+    origin, direction = jax.device_get(_traced(_still(camera), *places))
     seen = np.abs(direction).max(axis=(1, 2)) > 0
     return np.asarray(origin)[seen], np.asarray(direction)[seen]
 
 
-@jax.jit
-def _traced(camera, pixel, u):
+def _trace(camera, pixel, u):
     def one(place, number):
         return thin_lens(camera.aperture, camera.lens.direction(place), number)
 
     return jax.vmap(jax.vmap(one, (None, 0)), (0, None))(pixel, u)
 
 
-@jax.jit
-def _passed(camera, pixel, u):
+def _pass(camera, pixel, u):
     chief = camera.lens.direction(pixel)
     return jax.vmap(lambda number: thin_lens(camera.aperture, chief, number)[0])(u)
+
+
+_traced, _passed = KeptProgram(_trace, ()), KeptProgram(_pass, ())
 
 
 def _sharp(camera: Camera, focus: float) -> Float[np.ndarray, "points 2"]:

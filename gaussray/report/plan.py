@@ -14,6 +14,7 @@ from gaussray.color import srgb_encode
 from gaussray.geometry import rotation_matrix
 from gaussray.report.chart import color
 from gaussray.report.markup import Markup, escape, tag
+from gaussray.runtime.kept_programs import KeptProgram
 from gaussray.scene.harmonics import C0
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segments_of
@@ -62,10 +63,12 @@ def _pose(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(place, float), np.asarray(turn, float)
 
 
-@jax.jit
-def _posed(trajectory, time):
+def _place_and_turn(trajectory, time):
     pose = pose_at(trajectory, time)
     return pose.translation, rotation_matrix(pose.quat)
+
+
+_posed = KeptProgram(_place_and_turn, ())
 
 
 def _basis(turn: Float[np.ndarray, "views 3 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -155,9 +158,11 @@ def edge_directions(camera: Camera) -> Float[np.ndarray, "4 3"]:
     return np.array(found)
 
 
-@jax.jit
-def _directions(lens, pixel):
+def _sight(lens, pixel):
     return jax.vmap(lens.sees)(pixel), jax.vmap(lens.direction)(pixel)
+
+
+_directions = KeptProgram(_sight, ())
 
 
 def _cloud(place: np.ndarray, tone: np.ndarray) -> list[Markup]:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jaxtyping import Array
 
@@ -73,10 +73,11 @@ def scene_from(
     else:
         deformation = deformation_from(array, "deformation", path, required_heads)
     time_range = _array(array, "time_range", path)
-    if time_range.shape != (2,) or not time_range[0] <= time_range[1]:
+    times = np.asarray(time_range)
+    if times.shape != (2,) or not times[0] <= times[1]:
         raise ValueError(
             f"{path}: the array 'time_range' must hold two times, the earlier one first, got "
-            f"{str(time_range)[:80]}; the scene is damaged."
+            f"{str(times)[:80]}; the scene is damaged."
         )
     static, moving = (_gaussians(array, prefix, path) for prefix in ("static", "moving"))
     transient = _transients(array, path)
@@ -209,4 +210,5 @@ def _array(array: dict[str, np.ndarray], name: str, path: Path) -> Array:
         )
     if not np.isfinite(array[name]).all():
         raise ValueError(f"{path}: the array '{name}' must be finite; the scene is damaged.")
-    return jnp.asarray(array[name])
+    # Its own memory: nothing else refers to what was read.
+    return jax.device_put(array[name])

@@ -16,7 +16,7 @@ from jaxtyping import Array, Bool, Float
 
 from gaussray.camera.validate import known, require
 from gaussray.io.json_numbers import json_numbers
-from gaussray.io.plain_values import readable
+from gaussray.io.plain_values import readable, to_device
 
 
 class LensRecord(NamedTuple):
@@ -101,7 +101,7 @@ class AbstractLens(eqx.Module):
     def _replaced(self, **fields: np.ndarray) -> "AbstractLens":
         """The lens with these fields, in its own precision."""
         dtype = jnp.result_type(*jax.tree.leaves(self))
-        return dataclasses.replace(self, **{k: jnp.asarray(x, dtype) for k, x in fields.items()})
+        return dataclasses.replace(self, **{k: to_device(x, dtype) for k, x in fields.items()})
 
 
 class FocalLens(AbstractLens):

@@ -25,7 +25,7 @@ from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
-from gaussray.io.plain_values import number, vector
+from gaussray.io.plain_values import number, to_device, vector
 
 
 class FisheyePolynomial(CorrectableLens):
@@ -152,7 +152,11 @@ class FisheyePolynomial(CorrectableLens):
             require(f"lens.{key}", value, lambda v: np.isfinite(v) & (v > 0), "above 0")
         require("lens.shift", self.shift, np.isfinite, "finite")
         require("lens.k", self.coefficients, np.isfinite, "finite")
-        r = np.linspace(0, float(self._reach()), 1025)
+        sensor, resolution, shift = (
+            np.asarray(x, float) for x in (self.sensor, self.resolution, self.shift)
+        )
+        reach = np.linalg.norm((0.5 + np.abs(shift) + 2 / resolution) * sensor)
+        r = np.linspace(0, float(reach), 1025)
         theta = -np.polynomial.polynomial.polyval(r, np.asarray(self.coefficients, float))
         lit = np.abs(theta) <= float(self.fov) / 2
         last = len(r) if lit.all() else int(np.argmin(lit))
@@ -181,11 +185,11 @@ def _from_options(film: Film, options: LensOptions) -> FisheyePolynomial:
     k, size = coefficients_of(options, 5), film_size(film)
     side = min(options.sensor) if options.sensor else 2 * _sensor_radius(k, half_angle(options))
     return FisheyePolynomial(
-        jnp.asarray(k),
-        jnp.asarray(side * size / size.min(), jnp.float32),
-        jnp.asarray(size),
-        jnp.zeros(2, jnp.float32),
-        jnp.asarray(2 * half_crop(options), jnp.float32),
+        to_device(k),
+        to_device(side * size / size.min(), jnp.float32),
+        to_device(size),
+        to_device(np.zeros(2), jnp.float32),
+        to_device(2 * half_crop(options), jnp.float32),
     )
 
 
@@ -215,11 +219,11 @@ def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> FisheyePoly
             )
     sensor = [block.number("sensor_width_mm"), block.number("sensor_height_mm")]
     return FisheyePolynomial(
-        coefficients=jnp.array(block.vector("k", 5), dtype),
-        sensor=jnp.array(sensor, dtype),
-        resolution=jnp.array(size, dtype),
-        shift=jnp.array(block.vector("shift", 2, [0.0, 0.0]), dtype),
-        fov=jnp.array(block.number("fov"), dtype),
+        coefficients=to_device(block.vector("k", 5), dtype),
+        sensor=to_device(sensor, dtype),
+        resolution=to_device(size, dtype),
+        shift=to_device(block.vector("shift", 2, [0.0, 0.0]), dtype),
+        fov=to_device(block.number("fov"), dtype),
     )
 
 

@@ -29,7 +29,7 @@ def check_lens(lens: AbstractLens, width: int, height: int) -> None:
     pixel = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
     # One precision, which no number weakens: equal lenses share a program.
     dtype = jnp.result_type(*jax.tree.leaves(lens))
-    whole, pixel = jax.tree.map(lambda x: jnp.asarray(x, dtype), (lens, pixel))
+    whole, pixel = jax.tree.map(lambda x: np.asarray(x, dtype), (lens, pixel))
     lit, back = map(np.asarray, _round_trip(whole, pixel))
     close = np.max(np.abs(back - pixel), axis=-1) < 0.1
     wrong = np.where(lit, ~close, lens.fills_picture)

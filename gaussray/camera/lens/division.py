@@ -19,7 +19,7 @@ from gaussray.camera.lens.model import (
 from gaussray.camera.lens.radial import RadialLens, root
 from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
-from gaussray.io.plain_values import number, vector
+from gaussray.io.plain_values import number, to_device, vector
 
 
 class Division(RadialLens):
@@ -128,16 +128,16 @@ def _covering(
 ) -> Float[Array, ""]:
     """The limit of a lens that fills its picture as far as the model is valid; `corner` is the
     largest distance in the picture in focal lengths."""
-    return jnp.array(min(corner, 0.999 * fold_radius(k)), dtype)
+    return to_device(min(corner, 0.999 * fold_radius(k)), dtype)
 
 
 def _from_options(film: Film, options: LensOptions) -> Division:
     k, size = coefficients_of(options, 1, 2), film_size(film)
     focal = float(size[0]) / 2 / _radius_of(half_angle(options, 179.0), k.astype(np.float64))
     return Division(
-        focal=jnp.full(2, focal, jnp.float32),
-        center=jnp.asarray(size / 2),
-        coefficients=jnp.asarray(k),
+        focal=to_device(np.full(2, focal), jnp.float32),
+        center=to_device(size / 2),
+        coefficients=to_device(k),
         limit=_covering(float(np.hypot(*(size / 2 + 2)) / focal), k, jnp.float32),
     )  # type: ignore[call-arg]  # max_angle is a property
 
@@ -146,14 +146,14 @@ def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> Division:
     k = np.array(block.numbers("k"))
     focal, center = focal_and_center(keys, dtype)
     if block.has("limit"):
-        limit = jnp.array(block.number("limit"), dtype)
+        limit = to_device(block.number("limit"), dtype)
     elif block.has("fov"):
-        limit = jnp.array(_radius_of(block.number("fov") / 2, k), dtype)
+        limit = to_device(_radius_of(block.number("fov") / 2, k), dtype)
     else:
         size = np.array([keys.count("w"), keys.count("h")])
         reach = np.maximum(np.asarray(center), size - np.asarray(center)) + 2
         limit = _covering(float(np.hypot(*(reach / np.asarray(focal)))), k, dtype)
-    return Division(focal=focal, center=center, coefficients=jnp.array(k, dtype), limit=limit)  # type: ignore[call-arg]  # max_angle is a property
+    return Division(focal=focal, center=center, coefficients=to_device(k, dtype), limit=limit)  # type: ignore[call-arg]  # max_angle is a property
 
 
 MODELS = (

@@ -19,7 +19,7 @@ from gaussray.camera.lens.model import (
     half_angle,
 )
 from gaussray.geometry import safe_norm
-from gaussray.io.plain_values import vector
+from gaussray.io.plain_values import to_device, vector
 
 
 class Equirectangular(FocalLens):
@@ -71,7 +71,7 @@ def _from_options(film: Film, options: LensOptions) -> Equirectangular:
         raise ValueError(f"lens.fov_y must be in (0, 180] degrees, got {options.fov_y}.")
     size, half = film_size(film), np.rad2deg(half_angle(options))
     focal = size * 180 / np.array([2 * half, options.fov_y], np.float32)
-    return Equirectangular(jnp.asarray(focal, jnp.float32), jnp.asarray(size / 2))
+    return Equirectangular(to_device(focal, jnp.float32), to_device(size / 2))
 
 
 def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> Equirectangular:

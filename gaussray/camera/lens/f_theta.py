@@ -22,7 +22,7 @@ from gaussray.camera.lens.model import (
 from gaussray.camera.lens.radial import RadialLens
 from gaussray.camera.roots import increasing_root
 from gaussray.camera.validate import require
-from gaussray.io.plain_values import number, vector
+from gaussray.io.plain_values import number, to_device, vector
 
 
 # Which of NVIDIA's two polynomials the coefficients are: PIXELDIST_TO_ANGLE, ANGLE_TO_PIXELDIST.
@@ -131,7 +131,7 @@ def _from_options(film: Film, options: LensOptions) -> FTheta:
     if kind not in POLYNOMIALS:
         raise ValueError(f"lens.polynomial must be one of {', '.join(POLYNOMIALS)}, got {kind!r}.")
     k = coefficients_of(options, *range(2, 8))
-    limit = jnp.asarray(limit_of(k.tolist(), half_crop(options), kind), jnp.float32)
+    limit = to_device(limit_of(k.tolist(), half_crop(options), kind), jnp.float32)
     focal = 1.0
     if options.fov is not None:
         half = half_angle(options)
@@ -140,9 +140,9 @@ def _from_options(film: Film, options: LensOptions) -> FTheta:
             rim = float(np.polynomial.polynomial.polyval(half, k))
         focal = float(film_size(film).min()) / 2 / rim
     return FTheta(
-        focal=jnp.full(2, focal, jnp.float32),
-        center=jnp.asarray(film_size(film) / 2),
-        coefficients=jnp.asarray(k),
+        focal=to_device(np.full(2, focal), jnp.float32),
+        center=to_device(film_size(film) / 2),
+        coefficients=to_device(k),
         limit=limit,
         polynomial=kind,
     )  # type: ignore[call-arg]  # max_angle is a property
@@ -155,8 +155,8 @@ def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> FTheta:
     return FTheta(
         focal=focal,
         center=center,
-        coefficients=jnp.array(k, dtype),
-        limit=jnp.array(limit, dtype),
+        coefficients=to_device(k, dtype),
+        limit=to_device(limit, dtype),
         polynomial=kind,
     )  # type: ignore[call-arg]  # max_angle is a property
 

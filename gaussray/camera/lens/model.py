@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any, Protocol, runtime_checkable
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, DTypeLike, Float
 
 from gaussray.camera.film import Film
 from gaussray.camera.lens.abstract import AbstractLens
+from gaussray.io.plain_values import to_device
 
 
 class LensOptions(eqx.Module):
@@ -113,7 +113,7 @@ def focal_and_center(
         focal = keys.count("w") / 2 / np.tan(keys.number("camera_angle_x") / 2)
         remedy = f"From camera_angle_x it is {focal:.8g}; write fl_x, fl_y, cx and cy."
     focal = [keys.number("fl_x", remedy=remedy), keys.number("fl_y")]
-    return jnp.array(focal, dtype), jnp.array([keys.number("cx"), keys.number("cy")], dtype)
+    return to_device(focal, dtype), to_device([keys.number("cx"), keys.number("cy")], dtype)
 
 
 def film_size(film: Film) -> Float[np.ndarray, "2"]:

@@ -25,7 +25,7 @@ from gaussray.camera.lens.model import (
 from gaussray.camera.validate import known, require
 from gaussray.geometry import normalize
 from gaussray.io.json_numbers import json_numbers
-from gaussray.io.plain_values import vector
+from gaussray.io.plain_values import to_device, vector
 
 
 def _distortion(values: Any) -> Array:
@@ -128,7 +128,7 @@ class Pinhole(ParametricLens):
                 f"lens.distortion must hold {opencv.COUNTS} coefficients, got {count}."
             )
         require("lens.distortion", self.distortion, np.isfinite, "finite")
-        tilt = self.distortion[..., 12:]
+        tilt = np.asarray(self.distortion)[..., 12:]
         require("lens.distortion (tilt)", tilt, lambda t: abs(t) < np.pi / 2, "within +-pi/2")
         if not self.distorted:
             remedy = "Build the lens with `pinhole`."
@@ -142,7 +142,7 @@ def pinhole(
 ) -> Pinhole:
     """Perspective lens that pays for distortion only if there is some (or if it is traced)."""
     if distortion is None:
-        return Pinhole(focal, center, jnp.zeros(8, focal.dtype), distorted=False)
+        return Pinhole(focal, center, to_device(np.zeros(8), focal.dtype), distorted=False)
     if known(distortion) and not np.any(distortion):
         return Pinhole(focal, center, jnp.zeros_like(distortion), distorted=False)
     return Pinhole(focal, center, distortion)
@@ -154,15 +154,17 @@ def _from_options(film: Film, options: LensOptions) -> Pinhole:
     k = coefficients_of(options, 0, 4, 5, 8, 12, 14)
     k = np.pad(k, (0, max(8 - len(k), 0)))
     focal = film_size(film)[0] / 2 / np.tan(half_angle(options))
-    center = jnp.asarray(film_size(film) / 2)
-    return pinhole(jnp.full(2, focal, jnp.float32), center, jnp.asarray(k) if any(k) else None)
+    center = to_device(film_size(film) / 2)
+    return pinhole(
+        to_device(np.full(2, focal), jnp.float32), center, to_device(k) if any(k) else None
+    )
 
 
 def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> Pinhole:
     k = [keys.number(key, 0.0) for key in opencv.COEFFICIENTS]
     # The fewest coefficients that hold all that are not zero.
     count = next(n for n in opencv.COUNTS if not any(k[n:]))
-    distortion = jnp.array(k[:count], dtype) if any(k) else None
+    distortion = to_device(k[:count], dtype) if any(k) else None
     return pinhole(*focal_and_center(keys, dtype), distortion)
 
 

@@ -24,6 +24,7 @@ from gaussray.camera.lens.model import (
 from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
+from gaussray.io.plain_values import to_device
 
 
 class RadialLens(ParametricLens):
@@ -139,12 +140,12 @@ def lens_spanning(
         parameters: Further arrays of the lens.
         widest: Largest half angle of view, in degrees.
     """
-    center = jnp.asarray(film_size(film) / 2)
-    angle, crop = (jnp.asarray(f(options, widest), jnp.float32) for f in (half_angle, half_crop))
-    arrays = [jnp.asarray(values, jnp.float32) for values in parameters]
+    center = to_device(film_size(film) / 2)
+    angle, crop = (to_device(f(options, widest), jnp.float32) for f in (half_angle, half_crop))
+    arrays = [to_device(values, jnp.float32) for values in parameters]
 
     def scaled(focal: float, half: Array) -> _Radial:
-        return lens(jnp.full(2, focal, jnp.float32), center, *arrays, half)
+        return lens(to_device(np.full(2, focal), jnp.float32), center, *arrays, half)
 
     return scaled(float(film_size(film).min() / 2 / scaled(1.0, angle).radius(angle)), crop)
 
@@ -157,5 +158,5 @@ def lens_of_keys(
 ) -> _Radial:
     """A lens from the focal lengths and principal point of a frame's keys and `parameters`, of
     which the last is the half angle of view in radians."""
-    arrays = (jnp.array(values, dtype) for values in parameters)
+    arrays = (to_device(values, dtype) for values in parameters)
     return lens(*focal_and_center(keys, dtype), *arrays)

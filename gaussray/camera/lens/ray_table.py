@@ -16,7 +16,7 @@ from gaussray.camera.roots import plane_root
 from gaussray.camera.validate import require
 from gaussray.geometry import normalize, product
 from gaussray.io.json_numbers import json_numbers
-from gaussray.io.plain_values import vector
+from gaussray.io.plain_values import to_device, vector
 from gaussray.io.ray_map import read_ray_map
 
 
@@ -185,7 +185,7 @@ def _across(direction: Float[Array, "3"]) -> Float[Array, "2 3"]:
 def _from_options(film: Film, options: LensOptions) -> RayTable:
     if not options.file:
         raise ValueError("lens.file must name a table of directions (.npz or .exr), got ''.")
-    rays = jnp.asarray(read_ray_map(options.file), jnp.float32)
+    rays = to_device(read_ray_map(options.file), jnp.float32)
     return ray_table(rays, film.width, film.height)
 
 
@@ -193,10 +193,10 @@ def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> RayTable:
     path = block.path("file")
     if path is None:
         raise block.error("file", "a table of directions (.npz or .exr)")
-    rays = jnp.array(read_ray_map(path), dtype)
+    rays = to_device(read_ray_map(path), dtype)
     if not (block.has("first") or block.has("every")):
         return ray_table(rays, keys.count("w"), keys.count("h"))
-    every, first = (jnp.array(block.vector(key, 2), dtype) for key in ("every", "first"))
+    every, first = (to_device(block.vector(key, 2), dtype) for key in ("every", "first"))
     return RayTable(every, first, rays)
 
 

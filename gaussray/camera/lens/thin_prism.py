@@ -15,7 +15,7 @@ from gaussray.camera.roots import keeps_orientation, plane_root
 from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
-from gaussray.io.plain_values import number, vector
+from gaussray.io.plain_values import number, to_device, vector
 
 
 # The coefficients in COLMAP's order.
@@ -92,7 +92,7 @@ def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> ThinPrismFi
     k = [keys.number(key, 0.0) for key in _COEFFICIENTS]
     radial = k[0], k[1], k[4], k[5]
     half = block.number("fov") / 2 if block.has("fov") else monotone_angle(radial)
-    arrays = jnp.array(k, dtype), jnp.array(half, dtype)
+    arrays = to_device(k, dtype), to_device(half, dtype)
     return ThinPrismFisheye(*focal_and_center(keys, dtype), *arrays)
 
 

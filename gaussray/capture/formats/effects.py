@@ -14,9 +14,13 @@ from gaussray.camera.shutter import DIRECTIONS, Shutter, check_shutter, row_coun
 from gaussray.camera.trajectory import INTERPOLATIONS, Trajectory
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.geometry import BLENDER_AXES, quaternion
+from gaussray.io.plain_values import to_device
 from gaussray.io.safe.limits import within
+from gaussray.runtime.kept_programs import KeptProgram
 
 
+# Poses that one call of a program turns into quaternions.
+_BLOCK = 256
 # The effect of a frame that has the block but names no "effect".
 EFFECT_OF_BLOCK = {
     "lens": "fisheye",
@@ -45,10 +49,10 @@ def read_aperture(keys: Keys, dtype: DTypeLike) -> Aperture:
     if block is None:
         block = Keys(keys.file, {"radius": 0, "focus_distance": 1}, keys.frame, "aperture.")
     return Aperture(
-        radius=jnp.array(block.number("radius"), dtype),
+        radius=to_device(block.number("radius"), dtype),
         focus_distance=_focus(block, dtype),
-        rotation=jnp.array(block.number("rotation", 0.0), dtype),
-        ratio=jnp.array(block.number("ratio", 1.0), dtype),
+        rotation=to_device(block.number("rotation", 0.0), dtype),
+        ratio=to_device(block.number("ratio", 1.0), dtype),
         blades=block.count("blades", 0, least=0),
         focus=block.choice("focus", FOCUS, "plane"),
         rim=_rim(block, dtype),
@@ -60,7 +64,7 @@ def _focus(keys: Keys, dtype: DTypeLike) -> Array | FocusPull:
     value = keys.values.get("focus_distance")
     if not isinstance(value, dict):
         distance = np.inf if value == "infinity" else keys.number("focus_distance")
-        return jnp.array(distance, dtype)
+        return to_device(distance, dtype)
     block = keys.block("focus_distance", ("time", "distance", "ease")) or keys
     given = block.values.get("distance")
     far = [x == "infinity" for x in given] if isinstance(given, list) else []
@@ -69,14 +73,14 @@ def _focus(keys: Keys, dtype: DTypeLike) -> Array | FocusPull:
     checked = dataclasses.replace(block, values={**block.values, "distance": near})
     distance = np.where(far, np.inf, checked.numbers("distance"))
     ease = block.choice("ease", EASES, "linear")
-    return FocusPull(jnp.array(block.numbers("time"), dtype), jnp.array(distance, dtype), ease)
+    return FocusPull(to_device(block.numbers("time"), dtype), to_device(distance, dtype), ease)
 
 
 def _rim(keys: Keys, dtype: DTypeLike) -> Rim | None:
     block = keys.block("rim", ("radius", "distance"))
     if block is None:
         return None
-    return Rim(*(jnp.array(block.number(key), dtype) for key in ("radius", "distance")))
+    return Rim(*(to_device(block.number(key), dtype) for key in ("radius", "distance")))
 
 
 def read_shutter(keys: Keys, dtype: DTypeLike) -> Shutter:
@@ -97,14 +101,14 @@ def read_shutter(keys: Keys, dtype: DTypeLike) -> Shutter:
         readout = block.number("readout")
         step = step_of(readout, row_count(direction, size))
         offset = block.number("row_offset", -readout / 2)
-    table = jnp.array(block.numbers("row_times"), dtype) if block.has("row_times") else None
+    table = to_device(block.numbers("row_times"), dtype) if block.has("row_times") else None
     shutter = Shutter(
-        row_offset=jnp.array(offset, dtype),
-        row_step=jnp.array(step, dtype),
-        exposure=jnp.array(block.number("exposure", 0.0), dtype),
+        row_offset=to_device(offset, dtype),
+        row_step=to_device(step, dtype),
+        exposure=to_device(block.number("exposure", 0.0), dtype),
         direction=direction,
         row_times=table,
-        trigger=jnp.array(block.number("trigger"), dtype) if block.has("trigger") else None,
+        trigger=to_device(block.number("trigger"), dtype) if block.has("trigger") else None,
     )
     check_shutter(shutter, size)
     return shutter
@@ -138,7 +142,7 @@ def _poses(keys: Keys, name: str, dtype: DTypeLike) -> tuple[Array, Array, Array
         poses.append(block.pose())
     poses = np.stack(poses)
     quat = quaternions(poses, dtype)
-    return jnp.array(times, dtype), quat, jnp.array(poses[:, :, 3], dtype)
+    return to_device(times, dtype), quat, to_device(poses[:, :, 3], dtype)
 
 
 def _shake(keys: Keys, dtype: DTypeLike) -> Shake | None:
@@ -146,15 +150,19 @@ def _shake(keys: Keys, dtype: DTypeLike) -> Shake | None:
     block = keys.block("shake", names)
     if block is None:
         return None
-    return Shake(**{name: jnp.array(block.number(name), dtype) for name in names})
+    return Shake(**{name: to_device(block.number(name), dtype) for name in names})
 
 
 def quaternions(poses: np.ndarray, dtype: DTypeLike) -> Float[Array, "poses 4"]:
     """Rotations (wxyz) of camera-to-world matrices [poses, 3, 4] with OpenGL camera axes; the
     quaternions have this package's camera axes."""
     rotation = poses[:, :, :3] * np.array(BLENDER_AXES)[None, None]
-    return _quaternions(rotation).astype(dtype)
+    # In whole blocks, so that few programs serve all captures.
+    padding = -len(rotation) % _BLOCK
+    rotation = np.pad(rotation, ((0, padding), (0, 0), (0, 0)), mode="edge")
+    found = _quaternions(to_device(rotation, jnp.result_type(float)))
+    return to_device(np.asarray(found)[: len(poses)], dtype)
 
 
 # Compiled as one program: operation by operation it takes a hundred times as long.
-_quaternions = jax.jit(jax.vmap(quaternion))
+_quaternions = KeptProgram(jax.vmap(quaternion), ())

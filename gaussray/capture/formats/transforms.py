@@ -28,6 +28,7 @@ from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.lenses import INTRINSICS, LENS_LABELS, lens_of
 from gaussray.capture.frames import COLOR_SPACES
 from gaussray.capture.points import Points, read_points
+from gaussray.io.plain_values import to_device
 from gaussray.io.safe.files import read_json
 from gaussray.io.safe.limits import within
 
@@ -96,7 +97,7 @@ def views_in_time(view: View, images: Sequence[Path]) -> list[View]:
             view,
             image=image,
             time=time,
-            camera=dataclasses.replace(view.camera, time=jnp.array(time, dtype)),
+            camera=dataclasses.replace(view.camera, time=to_device(time, dtype)),
         )
         for image, time in zip(images, times, strict=True)
     ]
@@ -152,7 +153,7 @@ def _view(
         aperture=part("aperture", ("aperture",), lambda: read_aperture(keys, dtype)),
         shutter=part("shutter", ("w", "h", "shutter"), lambda: read_shutter(keys, dtype)),
         trajectory=trajectory,
-        time=shared(("time", time), lambda: jnp.array(time, dtype)),
+        time=shared(("time", time), lambda: to_device(time, dtype)),
     )
     image = keys.inside("file_path")
     return View(
@@ -171,8 +172,8 @@ def _view(
 
 def _standing(pose: np.ndarray, rotation: np.ndarray, dtype: DTypeLike) -> Trajectory:
     """The path of a camera that stands still."""
-    place = jnp.array(pose[None, :, 3], dtype)
-    return Trajectory(jnp.array([0.0], dtype), jnp.array(rotation[None]), place)
+    place = to_device(pose[None, :, 3], dtype)
+    return Trajectory(to_device([0.0], dtype), to_device(rotation[None]), place)
 
 
 def _label(keys: Keys) -> str:

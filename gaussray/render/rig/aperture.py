@@ -8,6 +8,7 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.aperture import Aperture, FocusPull, Rim, no_aperture
 from gaussray.camera.camera import Camera
+from gaussray.io.plain_values import to_device
 
 
 class ApertureOptions(eqx.Module):
@@ -74,4 +75,4 @@ def _rim(options: ApertureOptions) -> Rim | None:
 
 
 def _float32(value) -> Array:
-    return jnp.asarray(value, jnp.float32)
+    return to_device(value, jnp.float32)

@@ -18,6 +18,7 @@ from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.capture.capture import View
 from gaussray.capture.paths import read_path
 from gaussray.geometry import rotation_matrix
+from gaussray.io.plain_values import to_device
 from gaussray.scene.scene import Scene, at
 from gaussray.scene.segmented import Clip, segment_at
 
@@ -94,7 +95,7 @@ def placed_views(
     base = _base_camera(views)
     path = _trajectory(scene, options, base, [view.camera for view in views], (first, last))
     cameras = (
-        dataclasses.replace(base, trajectory=path, time=jnp.asarray(time, jnp.float32))
+        dataclasses.replace(base, trajectory=path, time=to_device(time, jnp.float32))
         for time in times
     )
     return [
@@ -111,7 +112,7 @@ def _base_camera(views: Sequence[View]) -> Camera:
         return jax.tree.map(jnp.asarray, views[0].camera)
     width, height = _SIZE
     focal = jnp.full(2, width / 2 / np.tan(np.deg2rad(_FOV) / 2), jnp.float32)
-    lens = pinhole(focal, jnp.asarray([width / 2, height / 2], jnp.float32))
+    lens = pinhole(focal, to_device([width / 2, height / 2], jnp.float32))
     return jax.tree.map(lambda x: x.astype(jnp.float32), Camera(Film(width, height), lens))
 
 
@@ -144,7 +145,7 @@ def _path_of_file(file: str, times: tuple[float, float]) -> Trajectory:
     knots, quat, place = read_path(file)
     if len(knots) > 1:
         knots = first + (knots - knots[0]) / (knots[-1] - knots[0]) * (last - first)
-    knots, quat, place = (jnp.asarray(x, jnp.float32) for x in (knots, quat, place))
+    knots, quat, place = (to_device(x, jnp.float32) for x in (knots, quat, place))
     return Trajectory(knots, quat, place)
 
 

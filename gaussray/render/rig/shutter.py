@@ -17,6 +17,7 @@ from gaussray.camera.shutter import (
     row_count,
     step_of,
 )
+from gaussray.io.plain_values import to_device
 
 
 SHUTTERS = ("keep", "global", "rolling", "interlaced", "table")
@@ -115,4 +116,4 @@ def _check_keys(options: ShutterOptions) -> None:
 
 
 def _float32(value) -> Array:
-    return jnp.asarray(value, jnp.float32)
+    return to_device(value, jnp.float32)

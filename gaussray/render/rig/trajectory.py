@@ -12,6 +12,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.shake import Shake
 from gaussray.camera.trajectory import Trajectory, pose_at
 from gaussray.capture.paths import read_path
+from gaussray.io.plain_values import to_device
 
 
 TRAJECTORIES = ("keep", "between", "path")
@@ -56,7 +57,7 @@ def move_cameras(
         path, times = _path(frames, options)
         base = _one_per_camera(frames)[0]
         parts = base.film, base.lens, base.aperture, base.shutter, path
-        moved = [("ride", "test", Camera(*parts, jnp.asarray(time))) for time in times]
+        moved = [("ride", "test", Camera(*parts, to_device(time))) for time in times]
     if not options.shake_degrees and not options.shake_distance:
         return moved
     names = list(dict.fromkeys(name for name, _, _ in moved))
@@ -138,4 +139,4 @@ def _one_per_camera(frames: Sequence[tuple[str, str, Camera]]) -> list[Camera]:
 
 
 def _float32(value) -> Array:
-    return jnp.asarray(value, jnp.float32)
+    return to_device(value, jnp.float32)
