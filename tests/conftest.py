@@ -29,6 +29,7 @@ if importlib.metadata.version("jaxlib").startswith("0.10.") and FLAGS not in fla
 import filelock  # noqa: E402
 import jax  # noqa: E402
 import pytest  # noqa: E402
+from jax._src.interpreters import mlir  # noqa: E402
 
 
 if importlib.util.find_spec("beartype"):
@@ -68,11 +69,33 @@ LONG = (
 # Room for what the largest module compiles.
 MAPPINGS = 45_000
 
+
+class SharedContext:
+    """A function that makes contexts, each for this many calls: one keeps what constants were
+    written in it."""
+
+    CALLS = 100
+
+    def __init__(self, make):
+        self.make, self.calls = make, 0
+
+    def __call__(self):
+        if self.calls % self.CALLS == 0:
+            self.context = self.make()
+        self.calls += 1
+        return self.context
+
+
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_numpy_rank_promotion", "raise")
 # Most programs run once: XLA without its optimisations, and operations without where they stand.
 jax.config.update("jax_disable_most_optimizations", True)
 jax.config.update("jax_traceback_in_locations_limit", 0)
+if importlib.metadata.version("jax").startswith("0.10."):
+    # JAX writes every program in a context of MLIR of its own, which holds megabytes as long as
+    # the program lives and takes as long to make as half a small program to compile: those that
+    # follow one another share one.
+    mlir.make_ir_context = SharedContext(mlir.make_ir_context)
 # What JAX keeps of each program lives long: the garbage collector need not look at it often.
 gc.set_threshold(50_000, 20, 20)
 
