@@ -3,6 +3,7 @@ the work is spread does not matter; where it is chosen."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 
 import extremes
 import jax
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 import reference
 from scenes import (
+    CAPACITY,
     COUNT,
     OPTIONS,
     RAYS,
@@ -22,6 +24,7 @@ from scenes import (
     pull,
     rays,
     resting,
+    score,
     shot,
     stacked,
     tinted,
@@ -33,7 +36,7 @@ from single import COLOR, GRADIENT, SINGLE, errors_on_device, mixed, pile, roomy
 from gaussray.tracer import cpu_march, options as tracer_options
 from gaussray.tracer.march import march
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
-from gaussray.tracer.trace import march_for, measure
+from gaussray.tracer.trace import find, march_for, march_lists, measure, prepare, span_of
 
 
 SIZES = {"size": (0.1, 0.5)}
@@ -120,12 +123,26 @@ def test_a_ray_ends_when_its_light_is_spent():
 
 def test_threads_change_not_a_bit(monkeypatch):
     motion = beside(resting(gaussians(COUNT, **SIZES)), fleeting(COUNT, seed=3, **SIZES))
-    results = []
+    lines, weight = jax.tree.map(lambda x: x[None], shot(rays())), weights(dtype=np.float32)
+
+    @jax.jit
+    def listed(motion):
+        scene = prepare(motion, span_of(lines), options=OPTIONS, capacity=CAPACITY)
+        return scene.motion, find(scene, lines, options=OPTIONS, capacity=CAPACITY)[0]
+
+    def loss(motion, lines, lists):
+        pixels, hits = march_lists(motion, lines, lists, options=OPTIONS, slots=CAPACITY.slots)
+        seen = (pixels.color[0], pixels.transmittance[0], pixels.depth[0])
+        return score(seen, weight), (pixels, hits)
+
+    motion, lists = listed(motion)
+    asked, results = [], []
     for threads in (1, 2, 5):
-        monkeypatch.setattr(cpu_march, "_threads", lambda threads=threads: threads)
-        # The number of threads is part of a program.
-        jax.clear_caches()
-        results.append(pull(motion, shot(rays()), weights(dtype=np.float32)))
+        monkeypatch.setattr(cpu_march, "_threads", lambda n=threads: asked.append(n) or n)
+        # The number of threads is part of a program: each is of a function of its own.
+        own = partial(jax.value_and_grad(loss, argnums=(0, 1), has_aux=True))
+        results.append(jax.jit(own)(motion, lines, lists))
+    assert set(asked) == {1, 2, 5}
     for other in results[1:]:
         assert all(
             np.array_equal(a, b)
