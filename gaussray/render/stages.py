@@ -6,6 +6,7 @@ arguments of its own (their leading axis); no device waits for another.
 """
 
 import dataclasses
+import functools
 from collections.abc import Callable, Hashable
 from typing import Any
 
@@ -139,6 +140,7 @@ def staged_needs(
     leaves, row, part = arguments
     while True:
         stages = _Stages(structure, layout, settings)
+        stages.expect(arguments)
         rays, times = stages.camera(row, part, np.int32(0))
         lists, _ = stages.lists(stages.motion(leaves, times), rays)
         needed = np.asarray(lists.needed)
@@ -164,6 +166,23 @@ class _Stages:
         self.lists = lists_program(trace, capacity, mesh, settings.quick)
         self.march = _march_program(trace, capacity.slots, mesh)
         self.add, self.mean = _add_program(mesh), _mean_program(mesh)
+        self._alone, self._samples = mesh is None or mesh.size == 1, samples
+
+    def expect(self, arguments: StageArguments) -> None:
+        """Begin to compile all programs, or to read them, at the same time."""
+        if not self._alone:
+            return
+        leaves, row, part = arguments
+        camera = self.camera.expect(row, part, np.int32(0))
+        if camera is None:
+            return
+        rays, times = camera
+        motion = self.motion.expect(leaves, times)
+        lists, skipped = self.lists.expect(motion, rays)
+        seen = self.march.expect(motion, rays, lists, skipped)
+        if self._samples > 1:
+            self.add.expect(seen, seen)
+        self.mean.expect(seen, part.slot, np.float32(self._samples))
 
 
 @ProgramCache(48)
@@ -233,9 +252,11 @@ def _march_program(trace: TraceOptions, slots: int, mesh: Mesh | None) -> Callab
             pixels = weighted(pixels, rays.weight)
         return Seen(pixels, rays.weight, Report(lists.needed, lists.dropped, skipped, hits))
 
-    # A program of machine code is read from disk only after that has been made known to XLA.
-    kind = march_for(trace, jnp.float32).__name__
-    return on_devices(run, mesh, (trace, slots, kind))
+    known, kind = (
+        functools.partial(march_for, trace, jnp.float32),
+        on_cpu_kernel(trace, jnp.float32),
+    )
+    return on_devices(run, mesh, (trace, slots, kind), needs=known)
 
 
 @ProgramCache(4)
@@ -267,11 +288,12 @@ def on_devices(
     key: tuple[Hashable, ...],
     common: tuple[int, ...] = (),
     quick: bool = False,
+    needs: Callable[[], Any] = lambda: None,
 ) -> KeptProgram:
     """A compiled function that every device of a mesh runs on its own arguments, which have a
     leading axis of devices; those at the places `common` are the same for all. `key` is what the
     function is made for. `quick` is for one that takes long to compile and a small part of the time
-    of a picture."""
+    of a picture. `needs` is that of `KeptProgram`."""
     compiler = quick_compilation() if quick else None
     key = (function.__qualname__, *key, mesh)
 
@@ -283,7 +305,7 @@ def on_devices(
         return jax.tree.map(lambda x: x[None], function(*own))
 
     if mesh is None or mesh.size == 1:
-        return KeptProgram(one_device, key, compiler)
+        return KeptProgram(one_device, key, compiler, needs)
 
     split = PartitionSpec(mesh.axis_names[0])
 
@@ -294,4 +316,4 @@ def on_devices(
         )
         return spread(*arguments)
 
-    return KeptProgram(everywhere, key, compiler)
+    return KeptProgram(everywhere, key, compiler, needs)

@@ -11,14 +11,16 @@ import os
 import pickle
 import time
 from collections.abc import Callable, Hashable
+from concurrent.futures import Future, ThreadPoolExecutor
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
 from jax.experimental.serialize_executable import deserialize_and_load, serialize
-from jax.stages import Compiled
+from jax.sharding import SingleDeviceSharding
+from jax.stages import Compiled, Lowered
 from jax.tree_util import PyTreeDef
 
 from gaussray.io.atomic import whole
@@ -58,6 +60,7 @@ class KeptProgram:
         function: A pure function of arrays in any structure.
         key: Everything that the function depends on beside its arguments and the package's source.
         compiler: Options of the compiler.
+        needs: Called before the program is read: it makes known to XLA what the program calls.
     """
 
     def __init__(
@@ -65,11 +68,13 @@ class KeptProgram:
         function: Callable[..., Any],
         key: tuple[Hashable, ...],
         compiler: dict[str, bool] | None = None,
+        needs: Callable[[], Any] = lambda: None,
     ):
-        self._function, self._compiler = function, compiler
+        self._function, self._compiler, self._needs = function, compiler, needs
         self._jitted: Any = jax.jit(function, compiler_options=compiler)
         self._key = _text((getattr(function, "__qualname__", ""), key, compiler))
         self._known: dict[Hashable, Callable[..., Any]] = {}
+        self._begun: dict[Hashable, tuple[Future[Callable[..., Any]], Any]] = {}
 
     def __call__(self, *arguments: Any) -> Any:
         if not _folders:
@@ -79,33 +84,72 @@ class KeptProgram:
         program = self._known.get(signature)
         return program(*leaves) if program else self._first(leaves, signature)
 
+    def expect(self, *arguments: Any) -> Any:
+        """Begin to read or to compile the program for such arguments: the first call waits for it.
+
+        Args:
+            arguments: Arrays of one device, or what `expect` of other programs returned for theirs.
+
+        Returns:
+            The results without their numbers; None if the program is not kept.
+        """
+        leaves, structure = jax.tree.flatten(arguments)
+        signature = structure, tuple(map(_kind, leaves))
+        if signature not in self._begun:
+            path = _file(self._key + _text(signature)) if _folders else None
+            if path is None:
+                return None
+            self._begun[signature] = self._beginning(leaves, structure, path)
+        return self._begun[signature][1]
+
     def clear_cache(self) -> None:
         """Release the compiled code."""
         self._jitted.clear_cache()
         self._known.clear()
+        self._begun.clear()
 
     def _first(self, leaves: list[Any], signature: tuple[Any, ...]) -> Any:
         """The results of the first call: of a program from disk, or compiled and written there."""
         path = _file(self._key + _text(signature))
         if path is None:
             return self._jitted(*jax.tree.unflatten(signature[0], leaves))
-        if path.is_file() and _own(path):
+        with contextlib.suppress(Exception):
             # A file that is damaged or cannot be run here is no error: the program is compiled.
-            with contextlib.suppress(Exception):
-                program = _read(path, len(leaves))
+            program = None
+            if signature in self._begun:
+                program = self._begun[signature][0].result()
+            elif path.is_file() and _own(path):
+                self._needs()
+                program = _loaded(len(leaves), *_read(path))
+            if program is not None:
                 results = jax.block_until_ready(program(*leaves))
                 self._known[signature] = program
                 return results
-        compiled, result = self._compiled(leaves, signature[0], path)
-        with contextlib.suppress(Exception):
-            path.unlink(missing_ok=True)
-            _write(path, compiled, result)
-        self._known[signature] = program = _unflattened(compiled, result)
+        lowered = self._lowered(leaves, signature[0], path)
+        self._known[signature] = program = lowered.compiled(path)
         return program(*leaves)
 
-    def _compiled(
+    def _beginning(
         self, leaves: list[Any], structure: PyTreeDef, path: Path
-    ) -> tuple[Compiled, PyTreeDef]:
+    ) -> tuple[Future[Callable[..., Any]], Any]:
+        """A program that a thread reads or compiles, and its results without their numbers."""
+        if path.is_file() and _own(path):
+            with contextlib.suppress(Exception):
+                code, example, ids, kinds = _read(path)
+
+                def load() -> Callable[..., Any]:
+                    self._needs()
+                    return _loaded(len(leaves), code, example, ids, kinds)
+
+                return _threads().submit(load), _without_numbers(example, kinds)
+        lowered = self._lowered(leaves, structure, path)
+        example = jax.tree.unflatten(lowered.result, range(lowered.result.num_leaves))
+        return (
+            _threads().submit(lowered.compiled, path),
+            _without_numbers(example, lowered.kinds),
+        )
+
+    def _lowered(self, leaves: list[Any], structure: PyTreeDef, path: Path) -> "_LoweredProgram":
         """A program of the leaves of the arguments, whose results are leaves of this structure."""
         results: list[PyTreeDef] = []
 
@@ -117,10 +161,15 @@ class KeptProgram:
         # With a name of its own it is not found in JAX's cache: a program that has been read from
         # there lacks some of its code when it is written again.
         flat.__name__ = f"{path.stem}_{time.time_ns()}"
-        compiled = jax.jit(flat, compiler_options=self._compiler).lower(*leaves).compile()
-        for useless in path.parent.glob(f"*{flat.__name__}*"):
-            useless.unlink(missing_ok=True)
-        return compiled, results[-1]
+        traced = jax.jit(flat, compiler_options=self._compiler).trace(*leaves)
+        kinds = [(x.shape, x.dtype, x.weak_type) for x in traced.jaxpr.out_avals]
+        return _LoweredProgram(traced.lower(), flat.__name__, results[-1], kinds)
+
+
+@functools.cache
+def _threads() -> ThreadPoolExecutor:
+    """Threads that read and compile: XLA uses as many cores as there are anyway."""
+    return ThreadPoolExecutor(4, "program")
 
 
 def _own(path: Path) -> bool:
@@ -131,32 +180,71 @@ def _own(path: Path) -> bool:
     return about.st_uid == os.getuid() and not about.st_mode & 0o022
 
 
+class _LoweredProgram(NamedTuple):
+    """A program to be compiled, its name, the structure of its results, and shape, type and
+    weakness of each."""
+
+    program: Lowered
+    name: str
+    result: PyTreeDef
+    kinds: list[tuple[Any, ...]]
+
+    def compiled(self, path: Path) -> Callable[..., Any]:
+        """The compiled program, which is written to a file."""
+        program = self.program.compile()
+        for useless in path.parent.glob(f"*{self.name}*"):
+            useless.unlink(missing_ok=True)
+        with contextlib.suppress(Exception):
+            path.unlink(missing_ok=True)
+            _write(path, program, self.result, self.kinds)
+        return _unflattened(program, self.result)
+
+
 def _unflattened(program: Compiled, result: PyTreeDef) -> Callable[..., Any]:
     return lambda *leaves: jax.tree.unflatten(result, program(*leaves))
 
 
-def _read(path: Path, leaves: int) -> Callable[..., Any]:
+# What a file holds: code, a value with the structure of the results, the numbers of the devices,
+# and shape, type and weakness of each result.
+_Content = tuple[bytes, Any, list[int], list[tuple[Any, ...]]]
+
+
+def _read(path: Path) -> _Content:
+    return pickle.loads(path.read_bytes())
+
+
+def _loaded(
+    leaves: int, code: bytes, example: Any, ids: list[int], kinds: list[tuple[Any, ...]]
+) -> Callable[..., Any]:
     """The program in a file, a function of so many leaves."""
-    code, example, ids = pickle.loads(path.read_bytes())
-    made, result = jax.tree.flatten(example)
-    arguments = jax.tree.structure(((0,) * leaves, {}))
-    by_id = {device.id: device for device in jax.local_devices()}
-    program = deserialize_and_load(
-        code,
-        arguments,
-        jax.tree.structure([0] * len(made)),
-        execution_devices=[by_id[i] for i in ids],
+    arguments, results = (
+        jax.tree.structure(((0,) * leaves, {})),
+        jax.tree.structure([0] * len(kinds)),
     )
-    return _unflattened(program, result)
+    by_id = {device.id: device for device in jax.local_devices()}
+    devices = [by_id[i] for i in ids]
+    program = deserialize_and_load(code, arguments, results, execution_devices=devices)
+    return _unflattened(program, jax.tree.structure(example))
 
 
-def _write(path: Path, program: Compiled, result: PyTreeDef) -> None:
+def _write(path: Path, program: Compiled, result: PyTreeDef, kinds: list[tuple[Any, ...]]) -> None:
     code, _, _ = serialize(program)
     # Structures cannot be written, values that have them can.
     example = jax.tree.unflatten(result, range(result.num_leaves))
     devices = jax.tree.leaves(program.output_shardings)[0].device_set
     ids = sorted(device.id for device in devices)
-    _keep(path, pickle.dumps((code, example, ids)))
+    content: _Content = code, example, ids, kinds
+    _keep(path, pickle.dumps(content))
+
+
+def _without_numbers(example: Any, kinds: list[tuple[Any, ...]]) -> Any:
+    """Results on the first device, without their numbers."""
+    place = SingleDeviceSharding(jax.local_devices()[0])
+    leaves = [
+        jax.ShapeDtypeStruct(shape, kind, sharding=place, weak_type=weak)
+        for shape, kind, weak in kinds
+    ]
+    return jax.tree.unflatten(jax.tree.structure(example), leaves)
 
 
 def kept_text(key: tuple[Hashable, ...], make: Callable[[], str]) -> str:
@@ -195,8 +283,8 @@ def _keep(path: Path, content: bytes) -> None:
 
 def _kind(x: Any) -> tuple[Hashable, ...]:
     """What a program depends on of an argument."""
-    if isinstance(x, jax.Array):
-        return x.shape, x.dtype, x.weak_type, x.sharding, x.committed
+    if isinstance(x, jax.Array | jax.ShapeDtypeStruct):
+        return x.shape, x.dtype, x.weak_type, x.sharding
     return x.shape, x.dtype
 
 

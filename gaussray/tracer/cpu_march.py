@@ -1,6 +1,8 @@
 """The march of ray bundles on a CPU as a JAX function: `march` of march.py, in machine code."""
 
 import functools
+import threading
+from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
@@ -32,6 +34,8 @@ from gaussray.tracer.table import Columns, Lanes
 
 _FORWARD, _BACKWARD = "gaussray_march_forward", "gaussray_march_backward"
 _ZERO = np.float32(0)
+# Threads may ask for the same function at the same time.
+_registering = threading.Lock()
 
 
 @machine_code
@@ -82,16 +86,21 @@ def _add_up(frame):
                     row[c] += own[c]
 
 
-@functools.cache
 def register_forward() -> None:
     """Compile what pictures need, or load it from disk, and make it known to XLA."""
-    register(_FORWARD, entry(_forward))
+    with _registering:
+        _register(_FORWARD, _forward)
+
+
+def register_backward() -> None:
+    """Compile what gradients need, or load it from disk, and make it known to XLA."""
+    with _registering:
+        _register(_BACKWARD, _backward)
 
 
 @functools.cache
-def register_backward() -> None:
-    """Compile what gradients need, or load it from disk, and make it known to XLA."""
-    register(_BACKWARD, entry(_backward))
+def _register(name: str, function: Callable) -> None:
+    register(name, entry(function))
 
 
 def _threads() -> int:
