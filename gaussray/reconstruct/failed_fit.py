@@ -10,7 +10,7 @@ class FailedFit(RuntimeError):
     """A fit ended below what one colour per camera scores, or with an empty scene."""
 
 
-def demand_success(scene: Scene, report: dict[str, Any], capture: Capture) -> None:
+def demand_success(scene: Scene, report: dict[str, Any], capture: Capture, start: str) -> None:
     """Refuse the scene of a failed fit, before it is written.
 
     Args:
@@ -18,6 +18,7 @@ def demand_success(scene: Scene, report: dict[str, Any], capture: Capture) -> No
         report: The report of pruning; `psnr` and `one_color` are the PSNR of the fit and that of
             the mean colour of every camera, in dB, on the same training pixels.
         capture: The capture, in which the cause is looked for.
+        start: fit.start, which points the fit began with.
 
     Raises:
         FailedFit: The fit scores less than one colour per camera, or no Gaussian is left.
@@ -32,16 +33,23 @@ def demand_success(scene: Scene, report: dict[str, Any], capture: Capture) -> No
         fact = "the fit failed: the training pictures need none of its Gaussians"
     else:
         return
-    raise FailedFit(f"{fact}. No scene is written. Likely causes: {'; '.join(_causes(capture))}.")
+    raise FailedFit(
+        f"{fact}. No scene is written. Likely causes: {'; '.join(_causes(capture, start))}."
+    )
 
 
-def _causes(capture: Capture) -> list[str]:
+def _causes(capture: Capture, start: str) -> list[str]:
     """What commonly makes a fit fail, as far as the capture allows for it, likeliest first."""
     causes = []
-    if capture.points is None:
+    if start == "random" or (start == "given" and capture.points is None):
         causes.append(
-            "the capture has no points, so that the fit began with random ones (add points, e.g. "
-            "from COLMAP, or choose fit.start=stereo)"
+            "the fit began with random points (fit.start=auto takes those of the capture or of its "
+            "pictures)"
+        )
+    elif capture.points is None:
+        causes.append(
+            "the capture has no points, and stereo found few or wrong ones in its pictures (blur, "
+            "cameras far apart or not in step; add points, e.g. from COLMAP)"
         )
     causes.append(
         "the background (capture.background says what transparent pixels show, and masks which "

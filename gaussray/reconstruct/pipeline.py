@@ -122,7 +122,7 @@ def reconstruct(
         state, progress = _fitted(session, state, progress)
         scene, report = _pruned(session, state, progress, devices)
         report |= {"trial": scores} if scores else {}
-        demand_success(scene, report, capture)
+        demand_success(scene, report, capture, options.fit.start)
         if leads():
             _save(files[i], scene, report)
             if i == 0:

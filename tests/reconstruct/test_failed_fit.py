@@ -39,9 +39,9 @@ def nothing():
     return dataclasses.replace(scene, static=static, moving=moving)
 
 
-def judged(capture, psnr, one_color, scene=None):
+def judged(capture, psnr, one_color, scene=None, start="auto"):
     report = {"psnr": psnr, "one_color": one_color}
-    demand_success(toy.scene() if scene is None else scene, report, capture)
+    demand_success(toy.scene() if scene is None else scene, report, capture, start)
 
 
 def test_a_fit_above_one_color_per_camera_is_no_failure(capture):
@@ -53,6 +53,21 @@ def test_a_fit_below_one_color_per_camera_fails_with_both_scores_and_the_likely_
     told = r"10\.3 dB .* one colour per camera has 12\.4 dB.* no points.*background.*poses"
     with pytest.raises(FailedFit, match=told):
         judged(dataclasses.replace(capture, points=None), 10.3, 12.4)
+
+
+def test_random_points_are_the_cause_only_where_the_fit_began_with_them(capture):
+    bare = dataclasses.replace(capture, points=None)
+    told = {
+        "random": "random points",
+        "given": "random points",
+        "auto": "stereo",
+        "stereo": "stereo",
+    }
+    for start, cause in told.items():
+        with pytest.raises(FailedFit) as failure:
+            judged(bare, 10.3, 12.4, start=start)
+        assert cause in str(failure.value)
+        assert ("random points" in str(failure.value)) == (cause == "random points")
 
 
 def test_a_scene_without_gaussians_fails(capture):
