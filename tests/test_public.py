@@ -12,7 +12,7 @@ import pytest
 import gaussray
 
 
-HEAVY = ("hydra", "omegaconf", "OpenImageIO", "skimage", "av", "numba")
+HEAVY = ("hydra", "omegaconf", "OpenImageIO", "skimage", "av", "jaxopt", "numba")
 SOURCE = pathlib.Path(gaussray.__file__).read_text()
 
 

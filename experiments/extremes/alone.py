@@ -8,7 +8,7 @@ import sys
 import types
 
 
-FILES = {"OpenImageIO": (), "av": ("error",)}
+FILES = {"OpenImageIO": (), "av": ("error",), "jaxopt": ()}
 
 for name, parts in FILES.items():
     if importlib.util.find_spec(name) is None:

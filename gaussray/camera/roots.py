@@ -31,22 +31,20 @@ def increasing_root(
         upper: upper end of the bracket.
     """
 
-    fixed = jax.lax.stop_gradient((value, parameters, upper))
+    # Imported here: it takes a third of a second, and few lenses need it.
+    import jaxopt
 
-    def halved(_, ends):
-        low, high = ends
-        middle = 0.5 * (low + high)
+    def residual(part, value, parameters, upper):
         # Below 0 the function is continued as a straight line, so that a root at 0 (the optical
-        # axis) is inside the bracket.
-        error = function(jnp.maximum(middle, 0) * fixed[2], fixed[1]) - fixed[0]
-        error = error + jnp.minimum(middle, 0)
-        # Both ends stay at a root that is met.
-        return jnp.where(error > 0, low, middle), jnp.where(error >= 0, middle, high)
+        # axis) is inside the bracket: jaxopt returns the upper end for a root on the lower one.
+        inside = function(jnp.maximum(part, 0) * upper, parameters)
+        return inside + jnp.minimum(part, 0) - value
 
-    kind = jnp.result_type(value)
-    ends = jnp.asarray(-0.5, kind), jnp.asarray(1.0, kind)
-    low, high = jax.lax.fori_loop(0, HALVINGS - 1, halved, ends)
-    start = 0.5 * (low + high) * fixed[2]
+    solver = jaxopt.Bisection(
+        residual, lower=-0.5, upper=1.0, maxiter=HALVINGS, tol=0.0, check_bracket=False
+    )
+    fixed = jax.lax.stop_gradient((value, parameters, upper))
+    start = solver.run(None, *fixed).params.astype(value.dtype) * fixed[2]
 
     def newton(x, value, parameters):
         y, slope = jax.value_and_grad(function)(x, parameters)
