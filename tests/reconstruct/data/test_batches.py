@@ -24,6 +24,7 @@ CAMERAS = [toy.camera(0.2 * i, time, WIDTH, HEIGHT) for i, time in enumerate((0.
 MIDDLE = jnp.full((1, 5), 0.5)
 
 cast = jax.jit(tile_rays, static_argnames=("side", "bundle"))
+rays_of, colors_of = jax.jit(camera_rays), jax.jit(jax.vmap(tile_colors))
 
 
 def picture(frame):
@@ -66,7 +67,7 @@ def batch():
 @pytest.fixture(scope="module")
 def seen(batch):
     """Encoded colours and weights of all tiles of all frames, a frame after the other."""
-    return jax.tree.map(np.asarray, jax.jit(jax.vmap(tile_colors))(batch))
+    return jax.tree.map(np.asarray, colors_of(batch))
 
 
 def places(color):
@@ -91,7 +92,7 @@ def test_rays_are_those_of_the_pixels_centres_and_of_their_own_frame(batch, seen
         rays = cast(stack, batch.tile[own], MIDDLE, side=SIDE)
         frame, y, x = places(color[own])
         assert (frame == own).all()
-        expected = camera_rays(camera, toy.single(np.stack([x, y], axis=-1)), middle)
+        expected = rays_of(camera, toy.single(np.stack([x, y], axis=-1)), middle)
         for name in ("origin", "direction", "time"):
             found = getattr(rays, name)[0]
             np.testing.assert_allclose(found, getattr(expected, name), atol=SAME, err_msg=name)
@@ -108,7 +109,7 @@ def test_every_sample_has_the_rays_that_its_numbers_mean():
     for tile, (left, top) in enumerate([(0, 0), (WIDTH - SIDE, HEIGHT - SIDE)]):
         pixel = toy.single(np.stack([x + left, y + top], axis=-1).reshape(-1, 2))
         for i in range(3):
-            expected = camera_rays(camera, pixel, jnp.broadcast_to(u[i], (SIDE**2, 5)))
+            expected = rays_of(camera, pixel, jnp.broadcast_to(u[i], (SIDE**2, 5)))
             for name in ("origin", "direction", "time"):
                 found = getattr(rays, name)[i].reshape(2, SIDE**2, -1)[tile]
                 wanted = getattr(expected, name).reshape(SIDE**2, -1)
@@ -131,7 +132,7 @@ def test_without_masks_every_weight_is_1():
 
 
 def test_pictures_of_fractions_are_taken_as_they_are(seen):
-    found = jax.vmap(tile_colors)(gathered(filmed(dtype=np.float32)))
+    found = colors_of(gathered(filmed(dtype=np.float32)))
     np.testing.assert_allclose(found[0], seen[0], atol=SAME)
 
 
@@ -141,5 +142,5 @@ def test_rays_of_large_tiles_come_in_the_order_of_their_pixels():
     rays = cast(stack, jnp.array([0, 3], jnp.int32), MIDDLE, side=16, bundle=8)
     pixels = tile_pixels(camera.film, 16, 8)[[0, 3]].reshape(-1)
     place = jnp.stack([pixels % 37, pixels // 37], axis=-1).astype(jnp.float32)
-    expected = camera_rays(camera, place, jnp.full((len(place), 5), 0.5, jnp.float32))
+    expected = rays_of(camera, place, jnp.full((len(place), 5), 0.5, jnp.float32))
     np.testing.assert_allclose(rays.direction[0], expected.direction, atol=SAME)

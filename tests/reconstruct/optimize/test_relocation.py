@@ -26,6 +26,8 @@ from gaussray.scene.transient import UnconstrainedTransients
 
 DEAD_BELOW = 0.005
 shared = jax.jit(shared_by_copies)
+unconstrained, priced, wandered = map(jax.jit, (unconstrain, costs, explore))
+slopes = jax.jit(jax.grad(lambda *seen: sum(costs(*seen).values())))
 
 
 def crowd(opacity, scale=0.1):
@@ -33,7 +35,7 @@ def crowd(opacity, scale=0.1):
     count = len(opacity)
     mean = np.arange(count)[:, None] * np.array([[1.0, 0, 0]])
     color = np.linspace(0.1, 0.9, count)[:, None] * np.ones(3)
-    return unconstrain(toy.gaussians(mean, np.full(count, scale), color, opacity))
+    return unconstrained(toy.gaussians(mean, np.full(count, scale), color, opacity))
 
 
 def relocated(free, pull=None, seed=0, limit=10**6, growth=1.05):
@@ -168,10 +170,10 @@ def test_the_budget_flows_to_the_kind_that_is_wanted():
 def test_what_is_not_there_at_a_time_costs_nothing():
     free = fleeting(crowd([0.2, 0.6]))
     window = jnp.array([0.5, 0.0])
-    found = costs(free, 2.0, window)
+    found = priced(free, 2.0, window)
     np.testing.assert_allclose(found["opacity"], 0.1 / 2, rtol=1e-6)
     np.testing.assert_allclose(found["scale"], 0.1 / 2 / 2, rtol=1e-6)
-    slope = jax.grad(lambda f: sum(costs(f, 2.0, window).values()))(free)
+    slope = slopes(free, 2.0, window)
     assert slope.logit_opacity[0] > 0 and slope.logit_opacity[1] == 0
     assert not np.asarray(slope.log_scale[1]).any()
 
@@ -201,7 +203,7 @@ def test_only_the_faint_explore_and_by_their_covariance():
     scale = jnp.log(jnp.broadcast_to(jnp.array([0.3, 0.1, 0.02]), base.log_scale.shape))
     quat = jnp.broadcast_to(jnp.array([0.9, 0.1, -0.3, 0.2]), base.quat.shape)
     free = eqx.tree_at(lambda f: (f.log_scale, f.quat), base, (scale, quat))
-    moved = explore(free, jax.random.key(0), size=2.0, extent=4.0).mean - free.mean
+    moved = wandered(free, jax.random.key(0), size=2.0, extent=4.0).mean - free.mean
     np.testing.assert_allclose(moved[1::2], 0, atol=1e-12)
     frame = np.asarray(rotation_matrix(quat[0]))
     covariance = frame @ np.diag([0.09, 0.01, 0.0004]) @ frame.T
@@ -214,7 +216,7 @@ def test_only_the_faint_explore_and_by_their_covariance():
 
 def test_no_step_of_exploration_is_longer_than_the_gaussian():
     free = eqx.tree_at(lambda f: f.log_scale, crowd(np.full(500, 1e-4)), replace_fn=lambda x: x + 5)
-    moved = explore(free, jax.random.key(0), size=80.0, extent=1.0).mean - free.mean
+    moved = wandered(free, jax.random.key(0), size=80.0, extent=1.0).mean - free.mean
     length = np.linalg.norm(moved, axis=1)
     longest = np.exp(np.asarray(free.log_scale)).max(axis=1)
     assert (length <= longest * (1 + 1e-6)).all() and length.max() > 0.1 * longest.max()
@@ -222,15 +224,15 @@ def test_no_step_of_exploration_is_longer_than_the_gaussian():
 
 def test_empty_rows_cost_nothing_and_do_not_move():
     free = with_rows(crowd([0.2, 0.6]), 5)
-    found = costs(free, 2.0)
+    found = priced(free, 2.0)
     np.testing.assert_allclose(found["opacity"], 0.4, rtol=1e-6)
     np.testing.assert_allclose(found["scale"], 0.1 / 2, rtol=1e-6)
-    slope = jax.grad(lambda f: sum(costs(f, 2.0).values()))(free)
+    slope = slopes(free, 2.0)
     assert (
         not np.asarray(slope.logit_opacity[2:]).any() and not np.asarray(slope.log_scale[2:]).any()
     )
     np.testing.assert_allclose(slope.log_scale[:2], 0.1 / 2 / 6, rtol=1e-5)
-    moved = explore(free, jax.random.key(0), size=2.0, extent=1.0)
+    moved = wandered(free, jax.random.key(0), size=2.0, extent=1.0)
     np.testing.assert_array_equal(moved.mean[2:], free.mean[2:])
 
 
