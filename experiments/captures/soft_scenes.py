@@ -8,7 +8,9 @@ Needs nothing but Blender as a Python module, `bpy` 4.5, and its numpy. Every fo
 a paired capture: 13 training cameras and 3 held-out ones that stand still, 20 times each, and
 between these 3 more times at the held-out cameras. A command that was stopped goes on where it was.
 With `--rig moving`, every camera moves along the walls meanwhile (folder DIR/<scene>_moving); with
-`--rig dome`, cameras stand around the soft things alone, on black (DIR/<scene>_dome).
+`--rig dome`, cameras stand around the soft things alone, on black (DIR/<scene>_dome). With
+`--rig single`, one camera does, at another place for every picture, each of a time of its own
+(DIR/<scene>_single): `--cameras` is the number of pictures.
 """
 
 import argparse
@@ -33,7 +35,7 @@ from experiments.paired_benchmark.stage import FRAMES, cameras
 
 POINTS, ON_MOVING = 12000, 3000  # starting points, and those of them on what moves
 BETWEEN = 3  # times in the middle between two frames, for held-out cameras alone
-RIGS = ("walls", "moving", "dome")
+RIGS = ("walls", "moving", "dome", "single")
 DRIFT = 0.08  # of a full circle, that moving cameras cover
 
 
@@ -82,7 +84,7 @@ def capture(chosen, plan, name):
     """Render what is missing of a scene's capture."""
     with silence():
         scene = SCENES[name]()
-    if plan.rig == "dome":
+    if plan.rig in ("dome", "single"):
         for thing in scene.fixed:
             thing.hide_render = True
         bpy.context.scene.render.film_transparent = True  # black, as pictures are stored
@@ -119,6 +121,8 @@ def capture(chosen, plan, name):
 
 def plan_pictures(plan, rig, seed):
     """Every picture of a capture: all cameras at all times, then times between at held-out ones."""
+    if plan.rig == "single":
+        return pictures_of_one_camera(plan, rig, seed)
     last = plan.frames - 1
     between = [k * last // (BETWEEN + 1) + 0.5 for k in range(1, BETWEEN + 1)]
     placed = {
@@ -135,9 +139,20 @@ def plan_pictures(plan, rig, seed):
     ]
 
 
+def pictures_of_one_camera(plan, rig, seed):
+    """A picture of every place of a dome, in random order, each at a time of its own."""
+    places = placed_at(plan, rig, seed, 0.0)
+    order = np.random.default_rng(seed).permutation(plan.cameras)
+    return [
+        Picture(f"images/{split}/{k:03d}.jpg", split, split, places[row][2], k / (plan.cameras - 1))
+        for k, row in enumerate(order)
+        for split in [places[row][1]]
+    ]
+
+
 def placed_at(plan, rig, seed, time):
     """(name, split, world_from_camera) of every camera at a time."""
-    if plan.rig == "dome":
+    if plan.rig in ("dome", "single"):
         return on_dome(plan.cameras, plan.held_cameras, rig.look_at, 0.9 * rig.reach[0], seed)
     turn = DRIFT * time if plan.rig == "moving" else 0.0
     return cameras(rig, plan.cameras, plan.held_cameras, seed, turn)

@@ -33,7 +33,7 @@ _SLOW = OptimizerOptions(
     quat=3e-3,
     scale=1e-2,
     color=7e-3,
-    velocity=2.5e-4,
+    velocity=1.25e-4,
     instant=5e-3,
     lifetime=1e-2,
 )

@@ -2,8 +2,8 @@
 
 Rigid bodies with a field are better at rigid things of which surface points are known, transient
 Gaussians at all others. What a capture holds is not known before. So both are fitted for a short
-time without one camera, and what shows the moving pixels of its pictures better is taken. Still
-pixels do not count: the two choices differ in how they fit what stands still, too.
+time without some pictures, and what shows the moving pixels of these better is taken. Still pixels
+do not count: the two choices differ in how they fit what stands still, too.
 """
 
 import shutil
@@ -11,8 +11,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Int
 
 from gaussray.camera.array import camera_set
 from gaussray.capture.capture import Capture, View
@@ -36,8 +38,9 @@ from gaussray.tracer.shard import mesh
 
 # Steps of the fine stage of a trial.
 _STEPS = 2000
-# Cameras from which on one of them is held out, and else times from which on every fourth is.
-_CAMERAS, _TIMES = 5, 8
+# Cameras from which on one of them is held out at each time, so many of them in turn; else times
+# from which on every fourth is.
+_CAMERAS, _IN_TURN, _TIMES = 5, 4, 8
 # Ray bundles on which a trial is measured, at each of so many times.
 _TILES, _INSTANTS = 1024, 16
 
@@ -46,16 +49,18 @@ Fit = Callable[[Capture, Path, ReconstructOptions], Scene | Clip]
 
 
 def held_out_capture(capture: Capture) -> Capture | None:
-    """The training views of a capture, some of them as test views: those of the camera in the
-    middle of the names, or every fourth time of few cameras; None if these are too few as well."""
+    """The training views of a capture, some of them as test views: at each time those of another of
+    four cameras, or every fourth time of few cameras; None if these are too few as well."""
     views = training_views(capture)
     names = sorted({view.camera_name for view in views})
     times = sorted({view.time for view in views})
     if len(names) >= _CAMERAS:
-        held = {id(view) for view in views if view.camera_name == names[len(names) // 2]}
+        chosen = [names[int((k + 0.5) * len(names) / _IN_TURN)] for k in range(_IN_TURN)]
+        turn = {time: chosen[i % _IN_TURN] for i, time in enumerate(times)}
+        held = {id(view) for view in views if view.camera_name == turn[view.time]}
     elif len(times) >= _TIMES:
-        chosen = set(times[2:-1:4])
-        held = {id(view) for view in views if view.time in chosen}
+        missing = set(times[2:-1:4])
+        held = {id(view) for view in views if view.time in missing}
     else:
         return None
     split = [replace(v, split="test" if id(v) in held else "train") for v in views]
@@ -80,7 +85,6 @@ def trial(
         devices: how many devices share the rays (None: all).
     """
     folder, scores = out / "trial", {}
-    held = [view for view in capture.views if view.split == "test"]
     for name, options in rivals.items():
         _remove(folder)
         short = replace(options.fit, auto=False, minutes=0.0, fine=_STEPS, refine=())
@@ -90,7 +94,7 @@ def trial(
         except FailedFit:
             scores[name] = 0.0
             continue
-        scores[name] = _psnr(scene, held, options, devices)
+        scores[name] = _psnr(scene, capture.views, options, devices)
     _remove(folder)
     return scores
 
@@ -112,11 +116,16 @@ def _remove(folder: Path) -> None:
 
 
 def _psnr(
-    scene: Scene | Clip, held: Sequence[View], options: ReconstructOptions, devices: int | None
+    scene: Scene | Clip, views: Sequence[View], options: ReconstructOptions, devices: int | None
 ) -> float:
-    """PSNR of a scene on the moving pixels of tiles of held-out views."""
+    """PSNR of a scene on the moving pixels of tiles of those views that are held out."""
     assert isinstance(scene, Scene)
-    plain = footage(held, side=options.trace.bundle, bundle=options.trace.bundle)
+    names = {view.camera_name for view in views if view.split == "test"}
+    # The other pictures of these cameras tell what moves, too.
+    own = [view for view in views if view.camera_name in names]
+    held = np.flatnonzero([view.split == "test" for view in own])
+    every = footage(own, side=options.trace.bundle, bundle=options.trace.bundle)
+    plain = _frames(every, held)
     tracing = Tracing(options.trace, mesh(devices), _keys(scene, plain))
 
     def meter(seen: Footage) -> CandidateMeter:
@@ -124,8 +133,20 @@ def _psnr(
         chosen = tile_views(views, tiles=_TILES, instants=_INSTANTS, weigh=1, seed=0)
         return CandidateMeter(chosen.measured, tracing)
 
-    moving = meter(moving_alone(plain))
+    moving = meter(_frames(moving_alone(every), held))
     return (moving if moving.weight else meter(plain)).psnr(whole_candidate(scene))
+
+
+def _frames(seen: Footage, rows: Int[np.ndarray, " rows"]) -> Footage:
+    """Some of the pictures."""
+    return replace(
+        seen,
+        pixel=seen.pixel[rows],
+        mask=None if seen.mask is None else seen.mask[rows],
+        camera=jax.tree.map(lambda x: x[rows], seen.camera),
+        name=seen.name[rows],
+        viewpoint=seen.viewpoints[rows],
+    )
 
 
 def moving_alone(seen: Footage) -> Footage:

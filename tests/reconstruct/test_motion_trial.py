@@ -33,14 +33,16 @@ def capture(tmp_path_factory):
     return read_capture(toy.write_capture(folder, toy.scene(), times=times))
 
 
-def test_of_five_cameras_the_middle_one_is_held_out_of_fewer_every_fourth_time(capture):
+def test_of_five_cameras_one_is_held_out_at_each_time_of_fewer_every_fourth_time(capture):
     train = [view for view in capture.views if view.split == "train"]
     few = held_out_capture(capture)
     assert {v.time for v in few.views if v.split == "test"} == {0.25, 0.75}
     assert len(few.views) == len(train)
     five = [replace(v, camera_name=name) for name in "abcde" for v in train[:9]]
     many = held_out_capture(replace(capture, views=five))
-    assert {v.camera_name for v in many.views if v.split == "test"} == {"c"}
+    held = {v.time: v.camera_name for v in many.views if v.split == "test"}
+    assert [held[time] for time in sorted(held)] == list("abdeabdea")
+    assert sum(v.split == "test" for v in many.views) == 9
     short = [v for v in train if v.time < 0.5]
     assert held_out_capture(replace(capture, views=short)) is None
 
