@@ -1,6 +1,5 @@
 """Which Gaussian a ray sees most of."""
 
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -10,18 +9,10 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.tracer.k_nearest import nearest_hits, slot_mask, sort_key
-from gaussray.tracer.motion import Motion
 from gaussray.tracer.response import opacity_on_ray, reach
 from gaussray.tracer.table import Columns, Lanes, columns, gaussian_table, meet
-from gaussray.tracer.trace import (
-    Prepared,
-    TraceOptions,
-    find,
-    in_bundles,
-    lanes_of,
-    prepared_for,
-)
-from gaussray.tracer.traverse import Candidates, Capacity
+from gaussray.tracer.trace import Prepared, TraceOptions, in_bundles, lanes_of
+from gaussray.tracer.traverse import Candidates
 
 
 class Dominant(NamedTuple):
@@ -43,26 +34,22 @@ class _Bundle(NamedTuple):
     count: Int[Array, ""]
 
 
-def dominant(motion: Motion, rays: Rays, *, options: TraceOptions, capacity: Capacity) -> Dominant:
+def dominant(
+    scene: Prepared, rays: Rays, lists: Candidates, *, options: TraceOptions, slots: int
+) -> Dominant:
     """The first of the largest weights alpha_i prod_{j before i} (1 - alpha_j) of every ray.
 
     A largest weight is no sum, so no blend can tell it: bundles walk through their candidates as
     the array backend does, on any device and in any precision, up to k hits a round, until a ray
-    has less light left than the best has weight. `capacity` is that of `trace.backend=array`.
-    Rays are in a coherent order, as for `trace`. Integers only: no gradient.
+    has less light left than the best has weight. Integers only: no gradient.
+
+    Args:
+        scene: prepared for trace.backend=array.
+        rays: in a coherent order, as for `trace`.
+        lists: the candidates of their bundles (`find`).
+        options: how to trace.
+        slots: the most candidates of a bundle.
     """
-    motion, rays = jax.lax.stop_gradient((motion, rays))
-    arrays = replace(options, backend="array")
-    scene = prepared_for(motion, rays, arrays, capacity)
-    lists, _ = find(scene, rays, options=arrays, capacity=capacity)
-    return dominant_of_lists(scene, rays, lists, options=options, slots=capacity.slots)
-
-
-def dominant_of_lists(
-    scene: Prepared, rays: Rays, lists: Candidates, *, options: TraceOptions, slots: int
-) -> Dominant:
-    """`dominant` of a scene that is prepared for arrays, of lists that `find` has made, each with
-    at most so many `slots`."""
     count = rays.time.shape[0]
     layout = columns(scene.motion)
     rows = gaussian_table(scene.motion)[:, : layout.opacity + 1]

@@ -7,10 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
+from dominants import dominant_of
 
 from gaussray.camera.rays import Rays
 from gaussray.scene.gaussians import Gaussians
-from gaussray.tracer.dominant import dominant
 from gaussray.tracer.motion import Motion, still
 from gaussray.tracer.trace import TraceOptions, measure
 
@@ -19,7 +19,7 @@ OPTIONS = TraceOptions(k=4, bundle=2, levels=1, group=4, chunk=8, transmittance_
 # Of weights in double precision: sums of a few dozen terms of logarithms.
 TOLERANCE = 1e-12
 
-look = eqx.filter_jit(dominant)
+look = eqx.filter_jit(dominant_of)
 
 
 def matter(count=48, keys=1, seed=3):

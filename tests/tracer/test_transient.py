@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
+from dominants import dominant_of
 from scenes import (
     CAPACITY,
     COUNT,
@@ -34,7 +35,6 @@ from scenes import (
 )
 
 from gaussray.scene.transient import Transients
-from gaussray.tracer.dominant import dominant
 from gaussray.tracer.motion import Motion
 from gaussray.tracer.trace import measure, prepare, span_of, trace
 
@@ -299,7 +299,7 @@ def test_the_dominant_gaussian_is_told_by_its_number_among_all():
     lines = replace(shot(rays()), time=jnp.full(RAYS, 0.5, jnp.float32))
     motion = scene(dtype=np.float32)
     best = jax.jit(
-        lambda m, r: dominant(m, r, options=OPTIONS, capacity=ROOM),
+        lambda m, r: dominant_of(m, r, options=OPTIONS, capacity=ROOM),
     )(motion, lines)
     t, alpha = reference.hits(motion, lines)
     order = np.argsort(t, axis=1)

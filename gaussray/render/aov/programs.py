@@ -25,7 +25,7 @@ from gaussray.render.stages import on_devices
 from gaussray.runtime.programs import ProgramCache
 from gaussray.scene.normals import normals
 from gaussray.scene.point_tracks import STATIC, carried, group_of
-from gaussray.tracer.dominant import dominant_of_lists
+from gaussray.tracer.dominant import dominant
 from gaussray.tracer.prepare import Prepared
 from gaussray.tracer.trace import TraceOptions, march_for, march_lists, trace
 from gaussray.tracer.traverse import Candidates, Capacity
@@ -138,7 +138,7 @@ def identity_program(structure: PyTreeDef, options: TraceOptions, slots: int) ->
     ) -> tuple[dict[str, Array], Int[Array, " pixels"]]:
         scene, single = jax.tree.unflatten(structure, leaves), jax.tree.map(lambda x: x[0], rays)
         fixed = jax.lax.stop_gradient((ready, single))
-        best = dominant_of_lists(*fixed, lists, options=options, slots=slots)
+        best = dominant(*fixed, lists, options=options, slots=slots)
         index = best.index[slot]
         visible = (index >= 0) & (valid > 0)
         group = jnp.where(visible, group_of(scene)[jnp.maximum(index, 0)], 0)

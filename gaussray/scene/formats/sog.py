@@ -75,7 +75,7 @@ def _member(path: Path, archive: zipfile.ZipFile, name: str, key: str, unit: flo
         info = archive.getinfo(name)
     except KeyError:
         raise ValueError(f"{path}: the archive must hold {name!s:.80}. Export it again.") from None
-    within(path, f"{name} in the limit's unit", info.file_size, key, unit)
+    within(path, f"{name} in {'MB' if unit == 1e6 else 'GB'}", info.file_size, key, unit)
     with archive.open(info) as file:
         # An archive may say less than it holds.
         return file.read(min(info.file_size, int(getattr(limits(), key) * unit)) + 1)
