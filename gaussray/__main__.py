@@ -1,7 +1,7 @@
 """`python -m gaussray` is the command."""
 
-from gaussray.cli.main import main
+from gaussray.cli.main import program
 
 
 if __name__ == "__main__":
-    main()
+    program()
