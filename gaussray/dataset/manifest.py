@@ -199,18 +199,24 @@ def _trajectory(trajectory):
 _rotations = jax.jit(rotation_matrix)
 
 
-def _turn_and_place(trajectory, time):
+def _posed(trajectory, time):
     pose = pose_at(trajectory, time)
     return rotation_matrix(pose.quat), pose.translation
 
 
-_pose = KeptProgram(_turn_and_place, ())
+_pose = KeptProgram(_posed, ())
+
+
+def turn_and_place(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Rotation matrix world_from_camera and position of a camera at its time, on the host."""
+    path, time = jax.device_get((camera.trajectory, camera.time))
+    return jax.device_get(_pose(path, time))
 
 
 def camera_to_world(camera: Camera) -> list[list[float]]:
     """The 4x4 matrix from camera to world at the camera's time, in OpenGL axes, as manifests have
     it."""
-    return _matrix(*_pose(camera.trajectory, camera.time))
+    return _matrix(*turn_and_place(camera))
 
 
 def _matrix(rotation, translation):

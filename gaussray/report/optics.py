@@ -11,7 +11,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.shutter import SIDEWAYS, row_count, row_moments
 from gaussray.report.markup import Markup, tag
-from gaussray.report.plan import edge_directions
+from gaussray.report.plan import edge_directions, lens_directions
 from gaussray.runtime.kept_programs import KeptProgram
 
 
@@ -166,6 +166,10 @@ def _rays(
     picture's width and of the aperture's width."""
     film = camera.film
     pixel = np.stack([columns * film.width, np.full_like(columns, film.height / 2)], axis=-1)
+    if not float(camera.aperture.radius):
+        direction = lens_directions(camera.lens, pixel)[:, None].repeat(len(lens), axis=1)
+        direction = direction[np.abs(direction).max(axis=(1, 2)) > 0]
+        return np.zeros_like(direction), direction
     u = np.stack([lens, np.full_like(lens, 0.5)], axis=-1)
     places = pixel.astype(np.float32), u.astype(np.float32)
     origin, direction = jax.device_get(_traced(_still(camera), *places))

@@ -1,5 +1,6 @@
 """Drawings of cameras and Gaussians from above and from the side."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -8,19 +9,22 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.camera.camera import Camera
-from gaussray.camera.trajectory import pose_at
+from gaussray.camera.lens import AbstractLens
 from gaussray.capture.capture import View
 from gaussray.color import srgb_encode
-from gaussray.geometry import rotation_matrix
+from gaussray.dataset.manifest import turn_and_place
 from gaussray.report.chart import color
 from gaussray.report.markup import Markup, escape, tag
 from gaussray.runtime.kept_programs import KeptProgram
+from gaussray.runtime.programs import quick_compilation
 from gaussray.scene.harmonics import C0
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segments_of
 
 
 _WIDTH, _HEIGHT, _EDGE = 480.0, 340.0, 16.0
+# Pixels whose directions one call of a program finds.
+_BLOCK = 32
 # Gaussians drawn per drawing, at most.
 DOTS = 2500
 # Frusta drawn of one moving camera, and of all cameras, at most.
@@ -59,16 +63,8 @@ def camera_views(
 
 def _pose(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Position and axes (columns right, down, forward) at the frame's time."""
-    place, turn = jax.device_get(_posed(camera.trajectory, camera.time))
+    turn, place = turn_and_place(camera)
     return np.asarray(place, float), np.asarray(turn, float)
-
-
-def _place_and_turn(trajectory, time):
-    pose = pose_at(trajectory, time)
-    return pose.translation, rotation_matrix(pose.quat)
-
-
-_posed = KeptProgram(_place_and_turn, ())
 
 
 def _basis(turn: Float[np.ndarray, "views 3 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -150,19 +146,30 @@ def edge_directions(camera: Camera) -> Float[np.ndarray, "4 3"]:
     middle = np.array([film.width, film.height]) / 2
     for side in ((-1, 0), (0, -1), (1, 0), (0, 1)):
         share = np.linspace(1, 0, 21)[:, None]
-        pixel = (middle + share * middle * np.array(side)).astype(np.float32)
-        sees, direction = jax.device_get(_directions(camera.lens, pixel))
-        good = np.asarray(sees) & np.isfinite(direction).all(axis=-1)
-        direction = np.asarray(direction)[np.argmax(good)] if good.any() else np.array([0, 0, 1.0])
+        direction = lens_directions(camera.lens, middle + share * middle * np.array(side))
+        good = np.any(direction != 0, axis=-1) & np.isfinite(direction).all(axis=-1)
+        direction = direction[np.argmax(good)] if good.any() else np.array([0, 0, 1.0])
         found.append(direction / np.linalg.norm(direction))
     return np.array(found)
 
 
-def _sight(lens, pixel):
-    return jax.vmap(lens.sees)(pixel), jax.vmap(lens.direction)(pixel)
+def lens_directions(
+    lens: AbstractLens, pixel: Float[np.ndarray, "pixels 2"]
+) -> Float[np.ndarray, "pixels 3"]:
+    """Unit directions of pixels, zero where the lens forms no ray, on the host."""
+    count = len(pixel)
+    # In whole blocks, so that one program serves all drawings.
+    padded = np.pad(pixel.astype(np.float32), ((0, -count % _BLOCK), (0, 0)), mode="edge")
+    return np.asarray(_directions()(lens, padded))[:count]
 
 
-_directions = KeptProgram(_sight, ())
+@functools.cache
+def _directions() -> KeptProgram:
+    return KeptProgram(_directions_of, (), quick_compilation())
+
+
+def _directions_of(lens, pixel):
+    return jax.vmap(lens.direction)(pixel)
 
 
 def _cloud(place: np.ndarray, tone: np.ndarray) -> list[Markup]:

@@ -1,6 +1,7 @@
 """What the user does wrong ends in one line that names key or file, and in exit code 2."""
 
 import json
+import subprocess
 import sys
 
 import numpy as np
@@ -70,6 +71,14 @@ def edited(capture, change):
     change(document)
     path.write_text(json.dumps(document))
     return capture
+
+
+@pytest.mark.parametrize(("word", "code"), [("--version", 0), ("nonsense", 2)])
+def test_the_process_of_a_command_ends_with_its_code(word, code):
+    words = [sys.executable, "-m", "gaussray", word]
+    done = subprocess.run(words, capture_output=True, text=True)
+    assert done.returncode == code
+    assert done.stdout.startswith("gaussray ") if code == 0 else done.stderr.count("\n") == 1
 
 
 def test_no_word_and_help_print_the_verbs(capsys):

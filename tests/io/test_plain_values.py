@@ -7,7 +7,7 @@ import pytest
 
 import gaussray
 from gaussray.capture.formats.paired import read_capture
-from gaussray.io.plain_values import number, rows, to_array, vector
+from gaussray.io.plain_values import number, rows, to_array, to_device, vector
 from gaussray.io.sample_data import sample
 
 
@@ -21,6 +21,16 @@ def test_numbers_and_lists_become_arrays_and_arrays_stay():
     assert rows("x", 3)([1, 2, 3]).shape == (1, 3)
     assert number("x")(np.int64(2)).dtype == jnp.result_type(float)
     assert number("x")(np.float32(2)).dtype == jnp.float32
+
+
+def test_numbers_reach_the_device_as_they_are():
+    given = np.arange(7.0, dtype=np.float32)
+    placed = to_device(given)
+    given[0] = 5
+    assert isinstance(placed, jax.Array) and placed.tolist() == list(range(7))
+    assert to_device([1, 2], jnp.float32).dtype == jnp.float32
+    assert to_device(jnp.ones(2), jnp.float32).dtype == jnp.float32
+    assert jax.jit(lambda x: x + to_device([1.0, 2.0], jnp.float32))(given[:2]).tolist() == [6, 3]
 
 
 @pytest.mark.parametrize("value", ["wide", None, [1, 2], [[1], [2]], {}])

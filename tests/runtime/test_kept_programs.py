@@ -1,6 +1,7 @@
 """Programs on disk give the same results in a process that has never traced them."""
 
 import os
+import pickle
 import subprocess
 import sys
 
@@ -51,6 +52,52 @@ def test_a_kept_program_is_not_traced_again(folder):
     for total, (double,) in seen:
         np.testing.assert_array_equal(total.value, [2, 3, 6])
         assert total.rest is None and total.power == 2 and float(double) == 4
+
+
+def test_expected_programs_are_traced_once_and_take_each_others_results(folder):
+    x, pair, traced = jnp.arange(3.0), {"y": np.float32(2)}, []
+
+    def both(known):
+        first, second = powers(2, known), KeptProgram(lambda total: total.value + 1, ("more",))
+        total, _ = first.expect(x, pair)
+        assert total.value.shape == (3,) and total.rest is None and total.power == 2
+        assert second.expect(total).dtype == x.dtype
+        later = second(first(x, pair)[0])
+        np.testing.assert_array_equal(later, [3, 4, 7])
+
+    both(traced)
+    assert traced == [2] and len(list(folder.iterdir())) == 2
+    both(traced)
+    assert traced == [2] and len(list(folder.iterdir())) == 2
+
+
+def test_an_expected_program_whose_file_is_damaged_is_compiled(folder):
+    x, pair, traced = jnp.arange(3.0), {"y": np.float32(2)}, []
+    powers(2, traced)(x, pair)
+    (path,) = folder.iterdir()
+    _, *others = pickle.loads(path.read_bytes())
+    path.write_bytes(pickle.dumps((b"no program", *others)))
+    path.chmod(0o600)
+    program = powers(2, traced)
+    program.expect(x, pair)
+    np.testing.assert_array_equal(program(x, pair)[0].value, [2, 3, 6])
+    assert traced == [2, 2]
+
+
+def test_what_is_not_kept_is_not_expected(monkeypatch, folder):
+    assert KeptProgram(jnp.sin, (object(),)).expect(jnp.ones(2)) is None
+    monkeypatch.setattr(kept_programs, "_folders", [])
+    assert KeptProgram(jnp.sin, ("sine",)).expect(jnp.ones(2)) is None
+
+
+def test_what_a_program_needs_is_there_before_it_is_read(folder):
+    calls = []
+    for expected in (False, False, True):
+        program = KeptProgram(jnp.sin, ("sine",), needs=lambda: calls.append(1))
+        if expected:
+            program.expect(jnp.ones(2))
+        program(jnp.ones(2))
+    assert calls == [1, 1]
 
 
 def test_a_program_that_others_may_write_to_is_not_loaded(folder):

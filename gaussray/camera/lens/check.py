@@ -1,5 +1,7 @@
 """Checks that a lens maps every pixel of a picture to a different direction."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,7 @@ from jaxtyping import Array, Bool, Float
 
 from gaussray.camera.lens.abstract import AbstractLens
 from gaussray.runtime.kept_programs import KeptProgram
+from gaussray.runtime.programs import quick_compilation
 
 
 def check_lens(lens: AbstractLens, width: int, height: int) -> None:
@@ -30,7 +33,7 @@ def check_lens(lens: AbstractLens, width: int, height: int) -> None:
     # One precision, which no number weakens: equal lenses share a program.
     dtype = jnp.result_type(*jax.tree.leaves(lens))
     whole, pixel = jax.tree.map(lambda x: np.asarray(x, dtype), (lens, pixel))
-    lit, back = map(np.asarray, _round_trip(whole, pixel))
+    lit, back = map(np.asarray, _round_trip()(whole, pixel))
     close = np.max(np.abs(back - pixel), axis=-1) < 0.1
     wrong = np.where(lit, ~close, lens.fills_picture)
     if wrong.any():
@@ -49,4 +52,6 @@ def _there_and_back(
     return jnp.any(direction != 0, axis=-1), jax.vmap(lens.project)(direction)
 
 
-_round_trip = KeptProgram(_there_and_back, ())
+@functools.cache
+def _round_trip() -> KeptProgram:
+    return KeptProgram(_there_and_back, (), quick_compilation())
