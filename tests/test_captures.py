@@ -42,6 +42,7 @@ def test_a_picture_in_which_nothing_moves_counts_as_a_whole_alone():
 
 
 def test_a_row_has_a_figure_for_each_heading(tmp_path):
-    keys = ("psnr", "moving", "pooled", "ssim", "between_psnr", "between_moving", "seconds")
+    keys = ("psnr", "moving", "pooled", "ssim", "between_psnr", "between_moving")
+    keys += ("training_psnr", "training_moving", "seconds")
     row = dict.fromkeys((*keys, "steps", "static", "moving_ones", "transient"), 1.0)
     assert line(tmp_path, "given", row).count("|") == len(HEAD) + 1

@@ -4,7 +4,8 @@
 
 Each fit prints one line: PSNR of whole pictures, of the pixels that move (mean over views; and from
 all their pixels together, as `gaussray evaluate`), SSIM; PSNR at held-out times, whole and moving;
-seconds (with compilation), steps, and Gaussians that are static, moving and transient.
+PSNR of some training pictures, whole and moving; seconds (with compilation), steps, and Gaussians
+that are static, moving and transient.
 """
 
 import argparse
@@ -31,6 +32,9 @@ from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.runtime.devices import DevicesOptions, begin as start_devices
 from gaussray.tracer.trace import TraceOptions
 
+
+# Of so many training pictures one is scored; no divisor of usual numbers of times.
+_TRAINING = 11
 
 # What fit=auto chooses for a capture of several times on this machine.
 BASE = ReconstructOptions(fit=FitOptions(auto=True))
@@ -60,6 +64,7 @@ VARIANTS: dict[str, Variant] = {
 
 HEAD = (
     *("capture", "variant", "PSNR", "moving", "moving, pooled", "SSIM", "times", "times, moving"),
+    *("training", "training, moving"),
     *("seconds", "steps", "static", "moving ones", "transient"),
 )
 
@@ -115,17 +120,22 @@ def fit(
     render = Renderer(
         made.scene, options=RenderOptions(samples=1), trace=TraceOptions(), devices=devices
     )
-    masks, known, between, images = masks_of(capture.views), [], [], {}
-    for view in held_out:
-        images[view.image] = codes(render(view.camera).color)
-        score = scored(view, images[view.image], masks[view.image])
-        (known if view.time in trained else between).append(score)
+    masks, images = masks_of(capture.views), {}
+
+    def scores(views: list[View]) -> dict[str, float]:
+        images.update({view.image: codes(render(view.camera).color) for view in views})
+        return mean_scores([scored(v, images[v.image], masks[v.image]) for v in views])
+
+    known = scores([view for view in held_out if view.time in trained])
+    between = scores([view for view in held_out if view.time not in trained])
+    learnt = scores([view for view in capture.views if view.split == "train"][::_TRAINING])
     if pictures is not None:
         shown = [held_out[len(held_out) // 6], held_out[len(held_out) * 5 // 6]]
         rows = [side_by_side(read_encoded(view), images[view.image], gain=3) for view in shown]
         write_image(pictures, np.concatenate(rows))
-    row = {"seconds": made.seconds, "steps": made.steps, **mean_scores(known)}
-    row |= {f"between_{name}": value for name, value in mean_scores(between).items()}
+    row = {"seconds": made.seconds, "steps": made.steps, **known}
+    row |= {f"between_{name}": value for name, value in between.items()}
+    row |= {f"training_{name}": value for name, value in learnt.items()}
     size = scene_size(made.scene)
     row |= {"transient": size.get("transient", 0), "moving_ones": size["moving"]}
     return row | {"static": size["gaussians"] - row["moving_ones"] - row["transient"]}
@@ -134,7 +144,8 @@ def fit(
 def line(folder: Path, name: str, row: dict[str, float]) -> str:
     """A row of the table."""
     figures = [f"{row[key]:.2f}" for key in ("psnr", "moving", "pooled")] + [f"{row['ssim']:.3f}"]
-    figures += [f"{row[key]:.2f}" for key in ("between_psnr", "between_moving")]
+    beside = ("between_psnr", "between_moving", "training_psnr", "training_moving")
+    figures += [f"{row[key]:.2f}" for key in beside]
     keys = ("seconds", "steps", "static", "moving_ones", "transient")
     figures += [f"{row[key]:.0f}" for key in keys]
     return f"| {' | '.join([folder.name, name, *figures])} |"
