@@ -16,7 +16,7 @@ def program() -> None:
     What the libraries load lives as long as the process. To look through it for garbage every 700
     objects, and to take it apart at the end, would take a second of processor time.
     """
-    gc.set_threshold(20_000, 20, 50)
+    gc.set_threshold(20_000)
     code = 1
 
     def end() -> None:
