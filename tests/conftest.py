@@ -222,6 +222,7 @@ def known_sizes():
     """Lists with room for every toy: nothing is measured, and scenes that differ in numbers alone
     share what is compiled. Where they are too short after all, they grow as ever."""
     from gaussray.reconstruct import loop
+    from gaussray.reconstruct.simplify import measure as simplify
     from gaussray.reconstruct.step_loss import BlockSizes
     from gaussray.render import renderer as render
     from gaussray.tracer.traverse import Capacity
@@ -233,10 +234,14 @@ def known_sizes():
     def of_picture(renderer, batch, part, trace):
         return room(trace, renderer.scenes[batch.views[0].segment].transient)
 
+    def of_candidate(motion, rays, *, options, headroom):
+        return room(options, motion.transient)
+
     def of_block(state, *_, options, mesh, keys, growth):
         return BlockSizes(room(options.trace, state.parameters.transient), mesh, keys)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(render.Renderer, "_measure", of_picture)
         patch.setattr(loop, "measure_sizes", of_block)
+        patch.setattr(simplify, "measure", of_candidate)
         yield
