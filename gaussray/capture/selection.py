@@ -168,25 +168,19 @@ def same_size(views: list[View]) -> list[View]:
 
 
 def _cropped(view: View, size: tuple[int, int], made: dict[Any, Any]) -> View:
-    """The middle of a view, without another change of scale."""
+    """The middle of a view; of a resized one, whole pixels of the file, resized nearly as much."""
     if (view.width, view.height) == size:
         return view
-    left, top = (view.width - size[0]) // 2, (view.height - size[1]) // 2
-    outer = view.window
-    if outer is None:
-        inner = Window((view.width, view.height), (left, top, *size))
-        return _windowed(view, inner, inner, size, made)
-    x, y, width, height = outer.box
+    outer = view.window or Window((view.width, view.height), (0, 0, view.width, view.height))
+    corner, sides = np.array(outer.box[:2]), np.array(outer.box[2:])
     # Pixels of the file for a pixel of the view.
-    fine = np.array([width / view.width, height / view.height])
-    if not np.allclose(fine, 1):
-        raise CaptureError(
-            f"{view.image}: pictures of different sizes cannot be scaled, got capture.scale below "
-            "1. Resize the pictures to one size, or leave capture.scale=1."
-        )
-    part = Window(outer.size, (x + left, y + top, *size))
-    inner = Window((view.width, view.height), (left, top, *size))
-    return _windowed(view, part, inner, size, made)
+    fine = sides / (view.width, view.height)
+    lead = np.round((np.array([view.width, view.height]) - size) // 2 * fine)
+    part = np.minimum(np.round(size * fine), sides - lead)
+    stored = (*(corner + lead).tolist(), *part.tolist())
+    seen = (*(lead / fine).tolist(), *(part / fine).tolist())
+    inner = Window((view.width, view.height), seen)
+    return _windowed(view, Window(outer.size, stored), inner, size, made)
 
 
 def _through(view: View, selection: Selection, made: dict[Any, Any]) -> View:

@@ -29,6 +29,9 @@ def program() -> None:
     try:
         main()
         code = 0
+    except KeyboardInterrupt:
+        code = 130
+        raise
     except SystemExit as exit:
         code = exit.code if isinstance(exit.code, int) else int(exit.code is not None)
         raise

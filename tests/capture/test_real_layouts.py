@@ -15,7 +15,7 @@ from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded, visible_pixels
 from gaussray.capture.open import format_of, open_capture
-from gaussray.capture.selection import Selection, same_size
+from gaussray.capture.selection import Selection, same_size, selected
 from gaussray.dataset.images import write_image
 from gaussray.evaluate.masks import moving_masks
 from gaussray.reconstruct.data.motion_mask import activity
@@ -253,18 +253,18 @@ def test_alpha_is_warned_of_once_with_a_count(tmp_path):
     ]
 
 
-def sizes(folder, *listed):
-    """Views of one scene whose pictures have these sizes; the axis is off their middle."""
+def capture_of_sizes(folder, *listed):
+    """A capture of one scene whose pictures have these sizes; the axis is off their middle."""
     frames = []
     for i, (w, h) in enumerate(listed):
         picture(folder / f"{i}/0.png", 100, (w, h))
         frames.append(frame(f"{i}/0.png", 0, time=0.0, w=w, h=h, cx=w / 2 + 0.5, cy=h / 2))
     (folder / "transforms.json").write_text(json.dumps({**LENS, "frames": frames}))
-    return read_capture(folder).views
+    return read_capture(folder)
 
 
 def test_pictures_of_nearly_one_size_are_cropped_to_it(tmp_path):
-    views = sizes(tmp_path, (24, 16), (26, 17), (25, 16))
+    views = capture_of_sizes(tmp_path, (24, 16), (26, 17), (25, 16)).views
     with pytest.warns(CaptureWarning, match=r"3 sizes \(24 x 16, .*cropped to 24 x 16"):
         cropped = same_size(views)
     pictures = footage(cropped, side=8)
@@ -277,9 +277,28 @@ def test_pictures_of_nearly_one_size_are_cropped_to_it(tmp_path):
         np.testing.assert_allclose(project(after.camera, point), moved, atol=PIXEL)
 
 
+def test_resized_pictures_of_nearly_one_size_are_cropped_to_it_too(tmp_path):
+    capture = capture_of_sizes(tmp_path, (48, 32), (53, 34), (50, 33))
+    small = selected(capture, Selection(scale=0.5))
+    with pytest.warns(CaptureWarning, match="cropped to 24 x 16"):
+        cropped = same_size(small.views)
+    pictures = footage(cropped, side=8)
+    assert (pictures.film.width, pictures.film.height) == (24, 16)
+    point = jnp.array([0.3, -0.2, -4.0])
+    for before, after in zip(capture.views, cropped, strict=True):
+        left, top, width, height = after.window.box
+        assert all(value == int(value) for value in after.window.box)
+        assert 0 <= left <= before.width - width and 0 <= top <= before.height - height
+        # Not all pictures are resized by one factor: each keeps whole pixels of its file.
+        assert abs(width - 48) <= 1 and abs(height - 32) <= 1
+        place = np.asarray(project(before.camera, point)) - [left, top]
+        moved = place * [24 / width, 16 / height]
+        np.testing.assert_allclose(project(after.camera, point), moved, atol=PIXEL)
+
+
 def test_pictures_of_quite_different_sizes_are_refused_with_the_remedy(tmp_path):
     with pytest.raises(CaptureError, match="must have nearly one size, got 2 sizes .*Resize"):
-        same_size(sizes(tmp_path, (24, 16), (16, 24)))
+        same_size(capture_of_sizes(tmp_path, (24, 16), (16, 24)).views)
 
 
 def test_a_capture_of_llff_is_pictures_with_every_eighth_held_out(tmp_path):
