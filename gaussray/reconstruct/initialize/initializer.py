@@ -15,6 +15,7 @@ from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.initialize.from_points import between, in_common_view, inliers, merged
 from gaussray.reconstruct.initialize.stereo.from_pictures import points_from_pictures, still_views
+from gaussray.reconstruct.initialize.stereo.guess import guessed_points
 from gaussray.reconstruct.initialize.stereo.uncovered import uncovered_points
 from gaussray.reconstruct.initialize.stereo.velocity import typical_gap
 from gaussray.reconstruct.options import FitOptions
@@ -59,12 +60,13 @@ def initial_points(
         return points_of_capture(filled_up(known, matched), options, footage)
     if len(matched.position) < FEWEST:
         warnings.warn(
-            f"stereo finds {len(matched.position)} points in the pictures: the start is random "
-            "ones. Pictures that overlap, of a textured scene, have thousands.",
+            f"stereo finds {len(matched.position)} points in the pictures: the start is points of "
+            "their colours at guessed distances. Pictures that overlap, of a textured scene, have "
+            "thousands.",
             CaptureWarning,
             stacklevel=2,
         )
-        return points_in_view(footage, options)
+        return points_at_guessed_distances(footage, options)
     return points_of_capture(matched, options, footage)
 
 
@@ -93,6 +95,15 @@ def points_in_view(footage: Footage, options: FitOptions) -> InitialPoints:
     axis = np.asarray(rotation_matrix(pose.quat[:, 0])[:, :, 2])
     points = in_common_view(origin, axis, count=options.points, seed=options.seed)
     return InitialPoints(*points, on_surfaces=False)
+
+
+def points_at_guessed_distances(footage: Footage, options: FitOptions) -> InitialPoints:
+    """Points of the pictures' colours where other pictures show these too (`guessed_points`);
+    random ones where the pictures show nothing."""
+    guessed = guessed_points(still_views(footage), count=options.points, seed=options.seed)
+    if not len(guessed.position):
+        return points_in_view(footage, options)
+    return InitialPoints(guessed.position, guessed.color, on_surfaces=False)
 
 
 def points_of_stereo(

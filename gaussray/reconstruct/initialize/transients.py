@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from gaussray.color import srgb_decode
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.initialize.from_points import appearance_of, discs
+from gaussray.reconstruct.initialize.from_points import appearance_of, discs, inliers
 from gaussray.reconstruct.initialize.stereo.from_pictures import (
     MovingPixels,
     MovingPoints,
@@ -21,6 +21,9 @@ from gaussray.scene.transient import Transients, interval_at
 _OPACITY, _FLAT = 0.5, 0.3
 # Residual of a registration above which a velocity is not believed, in gaps between points.
 _LOST = 2.0
+# Points of one time further from their neighbours than usual by more than this many standard
+# deviations are left out (`fit.outliers` for what stands still): they would begin as large as that.
+_STRAY = 5.0
 # Points of one time below which they are strays.
 _FEWEST = 8
 
@@ -88,9 +91,10 @@ def _on_cloud(cloud: MovingPoints, share: float, dice: np.random.Generator) -> t
     """Places, linear colours, velocities, instants, scales and axes on a share of the points of one
     time."""
     found = cloud.points
-    count = round(share * len(found.position))
+    kept = np.flatnonzero(inliers(found.position, _STRAY))
+    count = round(share * len(kept))
     # A few points have no neighbours that would tell their size.
-    rows = np.sort(dice.permutation(len(found.position))[: count if count > _FEWEST else 0])
+    rows = np.sort(dice.permutation(kept)[: count if count > _FEWEST else 0])
     position = found.position[rows]
     believed = (cloud.residual[rows] < _LOST)[:, None]
     velocity = np.where(believed, cloud.velocity[rows], 0)

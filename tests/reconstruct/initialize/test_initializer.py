@@ -12,7 +12,7 @@ from gaussray.reconstruct.initialize import initializer
 from gaussray.reconstruct.options import FitOptions
 
 
-GIVEN, MATCHED, RANDOM = 40, 300, 64
+GIVEN, MATCHED, RANDOM, GUESSED = 40, 300, 64, 48
 
 
 def cloud(count, seed):
@@ -24,12 +24,15 @@ def cloud(count, seed):
 def started(monkeypatch):
     """The points of a start, where stereo finds so many."""
 
-    def start(word, *, given=None, matched=MATCHED, points=RANDOM):
+    def start(word, *, given=None, matched=MATCHED, points=RANDOM, guessed=GUESSED):
         random = initializer.InitialPoints(np.zeros((points, 3)), np.zeros((points, 3)), False)
         monkeypatch.setattr(initializer, "points_in_view", lambda *_: random)
         monkeypatch.setattr(initializer, "points_of_stereo", lambda *_: cloud(matched, 1))
         monkeypatch.setattr(initializer, "still_views", lambda *_: None)
         monkeypatch.setattr(initializer, "uncovered_points", lambda *_, **__: cloud(0, 2))
+        monkeypatch.setattr(initializer, "guessed_points", lambda *_, **__: cloud(guessed, 3))
+        plain = inspect.unwrap(initializer.points_at_guessed_distances)
+        monkeypatch.setattr(initializer, "points_at_guessed_distances", plain)
         capture = SimpleNamespace(points=given)
         options = FitOptions(start=word, points=points, outliers=0.0)
         return inspect.unwrap(initializer.initial_points)(capture, None, options, None)
@@ -61,9 +64,15 @@ def test_few_given_points_stay_and_stereo_adds_to_them(started):
     assert GIVEN < len(points.position) <= GIVEN + MATCHED
 
 
-def test_where_stereo_finds_too_few_points_the_start_is_random_with_a_warning(started):
+def test_where_stereo_finds_too_few_points_they_are_guessed_with_a_warning(started):
     with pytest.warns(CaptureWarning, match="stereo finds 12 points"):
         points = started("auto", matched=12)
+    assert len(points.position) == GUESSED and not points.on_surfaces
+
+
+def test_where_nothing_can_be_guessed_the_start_is_random(started):
+    with pytest.warns(CaptureWarning, match="stereo finds 0 points"):
+        points = started("auto", matched=0, guessed=0)
     assert len(points.position) == RANDOM and not points.on_surfaces
 
 

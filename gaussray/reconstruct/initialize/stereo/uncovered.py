@@ -35,14 +35,14 @@ from gaussray.reconstruct.initialize.stereo.views import (
 # point, in these pixels.
 _PIXELS, _FINEST, _COARSEST = 33_000, 4, 16
 # Pictures that are looked at, at most.
-_VIEWS = 120
+VIEWS = 120
 # By how much distances differ from that of the nearest points, as a logarithm.
 _JITTER = 0.2
 # A colour is a backdrop's if at least this share of all pixels at the pictures' borders differs
 # from it by no more than so much (of 1, in each channel; what is as near to it is backdrop, too).
 _BACKDROP, _EVEN = 0.5, 0.012
 # Distance of a backdrop, in distances of the farthest points; colours below are black.
-_BEHIND, _BLACK = 3.0, 0.02
+_BEHIND, BLACK = 3.0, 0.02
 
 
 def uncovered_points(
@@ -57,7 +57,7 @@ def uncovered_points(
             pixels of a reduced picture wide.
         seed: of the choice of pixels and distances.
     """
-    seen = some_views(seen, _VIEWS)
+    seen = some_views(seen, VIEWS)
     factor = reduction(seen.pictures.shape[1:3], _PIXELS)
     views = stereo_views(seen.pictures, seen.cameras, seen.masks, factor=factor)
     plain = backdrop(views)
@@ -95,10 +95,10 @@ def uncovered_points(
         shown = mask & np.any(direction != 0, axis=1)
         along = distance[empty] * np.exp(dice.uniform(-_JITTER, _JITTER, len(y)))
         if plain is not None:
-            behind = _like(np.stack(channels, axis=1), plain)
+            behind = like_backdrop(np.stack(channels, axis=1), plain)
             farthest = np.quantile(away[inside], 0.98) if inside.any() else usual
             along = np.where(behind, _BEHIND * farthest, along)
-            shown &= ~(behind & (plain.max() < _BLACK))
+            shown &= ~(behind & (plain.max() < BLACK))
         place = np.asarray(views.origin[i]) + direction * along[:, None]
         number = int(shown.sum())
         every[filled : filled + number] = place[shown]
@@ -120,14 +120,14 @@ def backdrop(views: StereoViews) -> Float[np.ndarray, "3"] | None:
     if not len(color):
         return None
     middle = np.median(color, axis=0)
-    return middle if _like(color, middle).mean() >= _BACKDROP else None
+    return middle if like_backdrop(color, middle).mean() >= _BACKDROP else None
 
 
-def _like(
-    color: Float[np.ndarray, "pixels 3"], plain: Float[np.ndarray, "3"]
-) -> Bool[np.ndarray, " pixels"]:
+def like_backdrop(
+    color: Float[np.ndarray, "*pixels 3"], plain: Float[np.ndarray, "3"]
+) -> Bool[np.ndarray, "*pixels"]:
     """Which colours are those of a backdrop."""
-    return np.all(np.abs(color - plain) <= _EVEN, axis=1)
+    return np.all(np.abs(color - plain) <= _EVEN, axis=-1)
 
 
 @eqx.filter_jit
