@@ -10,12 +10,19 @@ from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize import relocation
-from gaussray.reconstruct.optimize.optimizer import Parameters, descend, rates, scene_of
+from gaussray.reconstruct.optimize.optimizer import (
+    Parameters,
+    descend,
+    rates,
+    scene_of,
+    with_costs_paid,
+)
 from gaussray.reconstruct.optimize.scale_bounds import scale_bounds, with_scale_bounds
 from gaussray.reconstruct.optimize.state import State, accumulated_statistics
 from gaussray.reconstruct.step_loss import (
     BlockSizes,
     StepOptions,
+    density_costs,
     loss_of,
     step_motion,
     step_rays,
@@ -88,9 +95,11 @@ def train_block(
 
     def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)
+        cost_slope = jax.grad(density_costs, has_aux=True)
         (_, details), gradient = slope(
             state.parameters, views, batch, cameras, state.step, options=options, sizes=sizes
         )
+        cost_gradient, costs = cost_slope(state.parameters, batch.time, cameras, options.density)
         rate = rates(
             state.parameters,
             state.step,
@@ -104,11 +113,13 @@ def train_block(
         )
         static, moving, transient = accumulated_statistics(state, gradient, details.origin)
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)
+        if options.density.relocates:
+            parameters = with_costs_paid(parameters, cost_gradient, adam, rate)
         parameters = _explored(parameters, cameras, schedule, state.step, options)
         parameters = with_scale_bounds(parameters, bounds)
         state = State(parameters, adam, static, moving, state.step + 1, transient)
         report = details.report
-        return state, (details.terms, details.error, report.needed, report.dropped)
+        return state, (details.terms | costs, details.error, report.needed, report.dropped)
 
     state, (terms, error, needed, dropped) = jax.lax.scan(step, state, batches)
     terms, needed = jax.tree.map(jnp.mean, terms), jnp.max(needed, axis=0)

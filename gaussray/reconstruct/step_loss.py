@@ -24,6 +24,7 @@ from gaussray.reconstruct.optimize.optimizer import (
     scene_of,
     transients_of,
 )
+from gaussray.reconstruct.optimize.relocation import Presence
 from gaussray.scene.scene import Scene
 from gaussray.scene.transient import squared_age
 from gaussray.tracer.motion import Motion, scene_motion
@@ -52,10 +53,7 @@ class StepOptions(eqx.Module):
 
     def weights(self) -> dict[str, float]:
         """The weight of every term of the loss, by the term's name."""
-        loss, density = self.loss, self.density
-        shared = {name: getattr(loss, name) for name in ("l1", "dssim", "space", "time", "one")}
-        costs = {"opacity_cost": density.opacity_cost, "scale_cost": density.scale_cost}
-        return shared | costs
+        return {name: getattr(self.loss, name) for name in ("l1", "dssim", "space", "time", "one")}
 
 
 class BlockSizes(eqx.Module):
@@ -99,7 +97,8 @@ def loss_of(
     options: StepOptions,
     sizes: BlockSizes,
 ) -> tuple[Float[Array, ""], LossDetails]:
-    """The loss of one step: the sum of its terms, each times its weight."""
+    """The loss of one step: the sum of its terms, each times its weight. What opacity and scale
+    cost is not part of it (`density_costs`)."""
     rays, gain = step_rays(parameters, views, batch, cameras, step, options)
     truth, weight = tile_colors(batch)
     scene = _dealt_out(scene_of(parameters, jnp.zeros(2), cameras.times), sizes.mesh)
@@ -121,7 +120,6 @@ def loss_of(
     )
     if parameters.deformation is not None:
         terms |= regularizer.plane_terms(parameters.deformation.planes)
-    terms |= density_terms(parameters, batch.time, cameras, options.density)
     weights = options.weights()
     total = jnp.asarray(sum(weights[name] * term for name, term in terms.items()))
     terms["mse"] = jnp.sum((image - truth) ** 2) / (3 * jnp.maximum(jnp.sum(weight), 1))
@@ -129,24 +127,24 @@ def loss_of(
     return total, LossDetails(terms, report, rays.origin.reshape(-1, 3), error)
 
 
-def density_terms(
+def density_costs(
     parameters: Parameters, time: Array, cameras: CameraSet, density: DensityOptions
-) -> dict[str, Float[Array, ""]]:
-    """The terms for opacity and scale where Gaussians are relocated, so that unused ones fade: the
-    mean over static Gaussians, plus that over moving ones, plus that over transient ones, which
-    count as far as they are there at the step's time."""
+) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
+    """What opacity and scale cost where Gaussians are relocated, so that unused ones fade: the sum
+    of both times their weights, and each unweighted (`relocation.costs`). Transient Gaussians count
+    as far as they are there at the step's time."""
     if not density.relocates:
-        return {}
-    parts = [
-        relocation.costs(free, cameras.extent) for free in (parameters.static, parameters.moving)
-    ]
+        return jnp.zeros(()), {}
+    kinds = [Presence(free) for free in (parameters.static, parameters.moving)]
     if parameters.transient is not None:
-        there = transients_of(parameters.transient, cameras.times)
-        faded = squared_age(time - there.instant, 1 / there.lifetime, there.plateau)
-        window = jax.lax.stop_gradient(jnp.exp(-0.5 * faded))
-        parts.append(relocation.costs(parameters.transient, cameras.extent, window))
+        transient = transients_of(parameters.transient, cameras.times)
+        age = squared_age(time - transient.instant, 1 / transient.lifetime, transient.plateau)
+        window = jax.lax.stop_gradient(jnp.exp(-0.5 * age))
+        kinds.append(Presence(parameters.transient, window))
     weights = {"opacity": density.opacity_cost, "scale": density.scale_cost}
-    return {f"{n}_cost": sum((p[n] for p in parts), jnp.zeros(())) for n, w in weights.items() if w}
+    costs = relocation.costs(kinds, cameras.extent)
+    total = sum((w * costs[name] for name, w in weights.items() if w), jnp.zeros(()))
+    return total, {f"{name}_cost": costs[name] for name, w in weights.items() if w}
 
 
 def step_rays(

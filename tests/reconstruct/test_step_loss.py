@@ -10,7 +10,7 @@ from gaussray.camera.array import camera_set
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.optimize.optimizer import OptimizerOptions, Parameters
-from gaussray.reconstruct.step_loss import StepOptions, density_terms
+from gaussray.reconstruct.step_loss import StepOptions, density_costs
 from gaussray.scene.gaussians import unconstrain
 from gaussray.tracer.trace import TraceOptions
 
@@ -35,25 +35,23 @@ def cameras():
     return camera_set(np.arange(1), stack, extent=EXTENT)
 
 
-def test_relocation_adds_mean_opacity_and_mean_scale_of_both_parts():
-    terms = density_terms(parameters(), TIMES, cameras(), RELOCATE)
-    np.testing.assert_allclose(terms["opacity_cost"], 0.3 + 0.5, rtol=CLOSE)
-    np.testing.assert_allclose(terms["scale_cost"], (0.1 + 0.4) / EXTENT, rtol=CLOSE)
+def test_opacity_and_scale_cost_their_means_over_the_gaussians_of_all_kinds():
+    total, costs = density_costs(parameters(), TIMES, cameras(), RELOCATE)
+    opacity = (0.2 + 0.4 + 0.25 + 0.5 + 0.75) / 5
+    scale = (2 * 0.1 + 3 * 0.4) / 5 / EXTENT
+    np.testing.assert_allclose(costs["opacity_cost"], opacity, rtol=CLOSE)
+    np.testing.assert_allclose(costs["scale_cost"], scale, rtol=CLOSE)
+    np.testing.assert_allclose(total, 0.01 * opacity + 0.02 * scale, rtol=CLOSE)
 
 
 def test_a_weight_of_zero_switches_a_cost_off_and_splitting_has_none():
     free = dataclasses.replace(RELOCATE, opacity_cost=0.0)
-    assert list(density_terms(parameters(), TIMES, cameras(), free)) == ["scale_cost"]
-    assert density_terms(parameters(), TIMES, cameras(), DensityOptions(interval=10)) == {}
+    assert list(density_costs(parameters(), TIMES, cameras(), free)[1]) == ["scale_cost"]
+    total, costs = density_costs(parameters(), TIMES, cameras(), DensityOptions(interval=10))
+    assert costs == {} and total == 0
 
 
 def test_every_term_has_the_weight_of_its_key():
-    options = StepOptions(
-        LossOptions(l1=0.8, dssim=0.2), OptimizerOptions(), TraceOptions(), density=RELOCATE
-    )
+    options = StepOptions(LossOptions(l1=0.8, dssim=0.2), OptimizerOptions(), TraceOptions())
     weights = options.weights()
     assert weights["l1"] == 0.8 and weights["dssim"] == 0.2
-    assert weights["opacity_cost"] == 0.01 and weights["scale_cost"] == 0.02
-    terms = density_terms(parameters(), TIMES, cameras(), RELOCATE)
-    total = sum(weights[name] * float(term) for name, term in terms.items())
-    np.testing.assert_allclose(total, 0.01 * 0.8 + 0.02 * 0.25, rtol=CLOSE)

@@ -41,8 +41,8 @@ class DensityOptions(eqx.Module):
         opacity: Gaussians below it are pruned or relocated (3DGRT: 0.005).
         growth: split: the largest number of Gaussians, in initial numbers.
         gaussians: relocate: the largest number of Gaussians; it grows by 5 % each time.
-        opacity_cost: relocate: weight of the mean opacity in the loss (MCMC: 0.01).
-        scale_cost: relocate: weight of the mean scale, in extents, in the loss (MCMC: 0.01).
+        opacity_cost: relocate: what the mean opacity of all Gaussians costs (MCMC: 0.01).
+        scale_cost: relocate: what their mean scale costs, in extents (MCMC: 0.01).
         noise: relocate: noise of the positions of faint Gaussians, times covariance over extent; it
             falls like the learning rates.
 

@@ -21,7 +21,8 @@ from gaussray.scene.transient import (
 
 
 # 3DGS's epsilon: gradients of single Gaussians are tiny and must not be damped.
-ADAM = optax.scale_by_adam(eps=1e-15)
+_SECOND_DECAY = 0.999
+ADAM = optax.scale_by_adam(b2=_SECOND_DECAY, eps=1e-15)
 
 
 _BODY_FIELDS = ("pivot", "radius", "time", "path", "turn")
@@ -269,3 +270,33 @@ def descend(
         nu=where_seen(moments.nu, adam.nu),  # type: ignore
     )
     return moved, kept
+
+
+def with_costs_paid(
+    parameters: Parameters,
+    gradient: Parameters,
+    adam: optax.ScaleByAdamState,
+    rate: Parameters,
+) -> Parameters:
+    """The parameters after a step down the `gradient` of what opacity and scale cost, which all
+    Gaussians pay in every step, seen or not.
+
+    The gradient is divided by the root of the second moment of the pictures' gradient, as Adam
+    divides that, so that both weigh as the loss says. It is not part of the moments: where a step
+    sees few Gaussians (large pictures, few rays), the cost alone would fill the moments of all
+    others, and Adam would let them fade at its full rate between two looks. What no step has seen
+    yet pays nothing, and nothing moves by more than its rate.
+    """
+    correction = 1 - _SECOND_DECAY**adam.count
+    second_moments: Parameters = adam.nu  # type: ignore[assignment]
+
+    def paid(value: Array, slope: Array, second: Array, own_rate: Array) -> Array:
+        size = jnp.sqrt(jnp.where(second > 0, second / correction, 1))
+        step = own_rate * jnp.clip(slope / size, -1, 1)
+        return jnp.where(second > 0, value - step, value).astype(value.dtype)
+
+    def priced(tree):
+        return [x for free in tree.kinds.values() for x in (free.logit_opacity, free.log_scale)]
+
+    rows = zip(*map(priced, (parameters, gradient, second_moments, rate)), strict=True)
+    return eqx.tree_at(priced, parameters, [paid(*row) for row in rows])

@@ -7,6 +7,7 @@ copies together look like the original. Noise on the positions of faint Gaussian
 All functions are pure, compiled, and deterministic for a key.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import equinox as eqx
@@ -199,23 +200,32 @@ def explore(
     return eqx.tree_at(lambda f: f.mean, free, free.mean + held[:, None] * step)
 
 
-def costs(
-    free: Unconstrained | UnconstrainedTransients,
-    extent: float | Float[Array, ""],
-    window: Float[Array, " rows"] | None = None,
-) -> dict[str, Float[Array, ""]]:
-    """Mean opacity, and mean scale in units of `extent`: what is of no use shall fade.
+class Presence(NamedTuple):
+    """The Gaussians of one kind, and how far each is there at the time of a step (None: fully)."""
 
-    A transient Gaussian costs what its `window` leaves of it at the time of the step (None: 1
-    everywhere), of the Gaussians of all times.
+    free: Unconstrained | UnconstrainedTransients
+    window: Float[Array, " rows"] | None = None
+
+
+def costs(
+    kinds: Sequence[Presence], extent: float | Float[Array, ""]
+) -> dict[str, Float[Array, ""]]:
+    """Mean opacity, and mean scale in units of `extent`, so that what is of no use fades.
+
+    The means are over the Gaussians of all kinds together: the same Gaussian costs the same, of
+    whatever kind it is and however few of its kind there are. A transient Gaussian costs what its
+    `window` leaves of it.
     """
-    opacity = jax.nn.sigmoid(free.logit_opacity)
-    counts = _held(free) & (opacity > _FAINT)
-    count, share = jnp.maximum(jnp.sum(counts), 1), counts.astype(opacity.dtype)
-    if window is not None:
-        share = jnp.where(counts & (opacity * window > _FAINT), window, 0)
-    scale = jnp.where(share[:, None] > 0, jnp.exp(free.log_scale), 0)
-    return {
-        "opacity": jnp.sum(share * opacity) / count,
-        "scale": jnp.sum(scale) / (3 * count * extent),
-    }
+    opacity_sum, scale_sum, count = jnp.zeros(()), jnp.zeros(()), jnp.zeros((), jnp.int32)
+    for free, window in kinds:
+        opacity = jax.nn.sigmoid(free.logit_opacity)
+        counts = _held(free) & (opacity > _FAINT)
+        share = counts.astype(opacity.dtype)
+        if window is not None:
+            share = jnp.where(counts & (opacity * window > _FAINT), window, 0)
+        scale = jnp.where(share[:, None] > 0, jnp.exp(free.log_scale), 0)
+        opacity_sum += jnp.sum(share * opacity)
+        scale_sum += jnp.sum(scale)
+        count += jnp.sum(counts)
+    count = jnp.maximum(count, 1)
+    return {"opacity": opacity_sum / count, "scale": scale_sum / (3 * count * extent)}

@@ -26,6 +26,7 @@ SCENE = ("static", "moving", "deformation")
 FIXED = ("lower", "upper", "begin", "end")
 
 rates, descend = eqx.filter_jit(optimizer.rates), eqx.filter_jit(optimizer.descend)
+with_costs_paid = eqx.filter_jit(optimizer.with_costs_paid)
 
 
 @pytest.fixture(scope="module")
@@ -274,3 +275,39 @@ def test_a_random_start_is_the_same_in_every_unit():
     at_once = np.zeros((3, 3), np.float32)
     place, _ = in_common_view(at_once, direction, count=20, seed=1)
     assert 0.1 < np.linalg.norm(place, axis=1).max() <= 1
+
+
+def seen_by_pictures(parameters, second):
+    """The state of Adam after one step in which the first Gaussian alone was seen."""
+    adam = begin_state(parameters).adam
+    first = jax.tree.map(lambda x: jnp.zeros_like(x).at[:1].set(second), parameters.static)
+    nu = eqx.tree_at(lambda p: p.static, adam.nu, first)
+    return adam._replace(count=jnp.asarray(1, jnp.int32), nu=nu)
+
+
+@pytest.mark.parametrize(("slope", "share"), [(0.5, 0.25), (-0.5, -0.25), (50.0, 1.0)])
+def test_costs_are_paid_by_the_size_of_the_pictures_gradient(parameters, slope, share):
+    # A second moment of 0.001 x 4 after one step is a gradient of 2.
+    parameters = Parameters(parameters.static, parameters.moving, None)
+    gradient = jax.tree.map(lambda x: jnp.full_like(x, slope), parameters)
+    rate, adam = rate_at(parameters, 0), seen_by_pictures(parameters, 4e-3)
+    paid = with_costs_paid(parameters, gradient, adam, rate).static
+    before = parameters.static
+    np.testing.assert_allclose(
+        paid.logit_opacity[0], before.logit_opacity[0] - OPTIONS.opacity * share, rtol=1e-3
+    )
+    np.testing.assert_allclose(
+        paid.log_scale[0], before.log_scale[0] - OPTIONS.scale * share, rtol=1e-3
+    )
+    np.testing.assert_array_equal(paid.mean, before.mean)
+
+
+def test_what_no_picture_has_shown_yet_pays_nothing(parameters):
+    parameters = Parameters(parameters.static, parameters.moving, None)
+    gradient = jax.tree.map(jnp.ones_like, parameters)
+    adam = seen_by_pictures(parameters, 4e-3)
+    paid = with_costs_paid(parameters, gradient, adam, rate_at(parameters, 0))
+    for name in ("logit_opacity", "log_scale"):
+        before, after = getattr(parameters.static, name), getattr(paid.static, name)
+        np.testing.assert_array_equal(after[1:], before[1:])
+        np.testing.assert_array_equal(getattr(paid.moving, name), getattr(parameters.moving, name))
