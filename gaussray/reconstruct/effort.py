@@ -6,6 +6,7 @@ and size of the training pictures and `fit.minutes`. What the user sets stays as
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
@@ -13,7 +14,7 @@ import equinox as eqx
 import jax
 import numpy as np
 
-from gaussray.capture.capture import Capture, viewpoints
+from gaussray.capture.capture import Capture, View, viewpoints
 from gaussray.capture.selection import Selection, selected
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.optimize.density import DensityOptions
@@ -96,7 +97,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     if still:
         chosen = _still(pixels, machine)
     elif names[:1] == ("deformation",):
-        chosen = _bodies(machine)
+        chosen = _bodies(machine) if _has_still_cameras(views) else _field(pixels, machine)
     else:
         chosen = _brief(pixels, machine)
     steps = options.fit.coarse, options.fit.fine
@@ -133,8 +134,7 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     fit, views = options.fit, training_views(capture)
     if fit.motion != "auto":
         return (fit.motion,)
-    _, pictures = np.unique(viewpoints(views), return_counts=True)
-    if int(np.sum(pictures >= 3)) >= 2:
+    if _has_still_cameras(views):
         points = capture.points if fit.start != "stereo" else None
         if points is None or len(points.position) < fit.points:
             return ("transient",)
@@ -142,6 +142,12 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     _, at_once = np.unique([view.time for view in views], return_counts=True)
     several = 2 * int(np.sum(at_once >= 2)) > len(at_once)
     return ("transient",) if several else ("deformation",)
+
+
+def _has_still_cameras(views: Sequence[View]) -> bool:
+    """Whether at least two cameras took three or more pictures from where they stand."""
+    _, pictures = np.unique(viewpoints(views), return_counts=True)
+    return int(np.sum(pictures >= 3)) >= 2
 
 
 def _still(pixels: float, machine: Machine) -> ReconstructOptions:
@@ -218,6 +224,15 @@ def _bodies(machine: Machine) -> ReconstructOptions:
         fit=_BODIES_GPU,
         density=DensityOptions(interval=100, growth=8.0),
         trace=TraceOptions(levels=0, transmittance_min=1e-3),
+    )
+
+
+def _field(pixels: float, machine: Machine) -> ReconstructOptions:
+    """For a camera that moves alone: a deformation field of Gaussians that all times share."""
+    brief = _brief(pixels, machine)
+    return replace(
+        brief,
+        fit=replace(brief.fit, motion="deformation", coarse=3000 if machine.gpu else 300),
     )
 
 
