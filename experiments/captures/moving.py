@@ -132,7 +132,8 @@ def fit(
     if pictures is not None:
         shown = [held_out[len(held_out) // 6], held_out[len(held_out) * 5 // 6]]
         rows = [side_by_side(read_encoded(view), images[view.image], gain=3) for view in shown]
-        write_image(pictures, np.concatenate(rows))
+        width = min(row.shape[1] for row in rows)  # cameras may differ in size
+        write_image(pictures, np.concatenate([row[:, :width] for row in rows]))
     row = {"seconds": made.seconds, "steps": made.steps, **known}
     row |= {f"between_{name}": value for name, value in between.items()}
     row |= {f"training_{name}": value for name, value in learnt.items()}
