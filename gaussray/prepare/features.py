@@ -46,8 +46,13 @@ def extract_features(
     sizes: dict[str, tuple[int, int]],
     options: PosesOptions,
 ) -> None:
-    """Features of all pictures; the pictures of a group share their intrinsics."""
+    """Features of all pictures; the pictures of a group share their intrinsics.
+
+    Pictures are listed before their features are found: listed by the threads that find them, they
+    would be numbered in the order in which these end, and poses would differ from run to run.
+    """
     colmap = pycolmap()
+    colmap.Database.open(database).close()
     extraction = colmap.FeatureExtractionOptions()
     extraction.sift.max_num_features = options.features
     done, progress = 0, Progress("features", sum(map(len, groups)), patience=2.0)
@@ -57,11 +62,13 @@ def extract_features(
         reader.camera_model = MODEL_OF_CHOICE[options.model]
         factor = start_focal(options.model, options.fov, width, height)
         reader.default_focal_length_factor = factor
+        files, mode = [picture.file for picture in group], colmap.CameraMode.SINGLE
+        colmap.import_images(database, folder, mode, files, reader)
         colmap.extract_features(
             database,
             folder,
-            [picture.file for picture in group],
-            camera_mode=colmap.CameraMode.SINGLE,
+            files,
+            camera_mode=mode,
             reader_options=reader,
             extraction_options=extraction,
         )
@@ -147,7 +154,8 @@ def read_keypoints(database: Path, pictures: Iterable[MatchingPicture]) -> dict[
 
 
 def verified_matches(database: Path) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]:
-    """Indices of the keypoints that match, by pairs of files; one geometry explains each pair."""
+    """Indices of the keypoints that match, by pairs of files (`_by_names`); one geometry explains
+    each pair."""
     with pycolmap().Database.open(database) as db:
         numbers, geometries = db.read_two_view_geometries()
         return _by_names(db, numbers, [geometry.inlier_matches for geometry in geometries])
@@ -162,11 +170,13 @@ def raw_matches(database: Path) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]
 def _by_names(
     db: Any, numbers: Sequence[int], matches: Sequence[Any]
 ) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]:
-    """Matches by the names of their two files, those of pairs that have any."""
+    """Matches by the names of their two files, those of pairs that have any, whatever the numbers
+    of the pictures: in the order of names, which is that of cameras and times."""
     names = {image.image_id: image.name for image in db.read_all_images()}
     found = {}
     for number, pairs in zip(numbers, matches, strict=True):
         if len(pairs):
-            a, b = pycolmap().pair_id_to_image_pair(number)
-            found[names[a], names[b]] = np.array(pairs, int).reshape(-1, 2)
-    return found
+            a, b = (names[k] for k in pycolmap().pair_id_to_image_pair(number))
+            rows = np.array(pairs, int).reshape(-1, 2)
+            found[min(a, b), max(a, b)] = rows if a < b else rows[:, ::-1]
+    return dict(sorted(found.items()))

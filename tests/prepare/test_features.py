@@ -1,0 +1,60 @@
+"""Features and matches do not depend on the numbers that COLMAP gives to pictures."""
+
+import numpy as np
+import pytest
+from quads import SIZE, arc, picture
+
+from gaussray.dataset.images import write_image
+from gaussray.prepare import features
+from gaussray.prepare.colmap import pycolmap, quiet_colmap
+from gaussray.prepare.features import MatchingPicture
+from gaussray.prepare.merging import stands_still
+from gaussray.prepare.options import PosesOptions
+
+
+pytest.importorskip("pycolmap")
+
+OPTIONS = PosesOptions(model="pinhole")
+
+
+def written(folder, levels):
+    """Pictures of one camera at following timestamps."""
+    for k, level in enumerate(levels):
+        write_image(folder / f"000/{k:04d}.png", level)
+    return [MatchingPicture(f"000/{k:04d}.png", "cam", k) for k in range(len(levels))]
+
+
+def extract(database, folder, pictures):
+    with quiet_colmap():
+        features.extract_features(database, folder, [pictures], {"cam": SIZE}, OPTIONS)
+
+
+@pytest.mark.parametrize("listed", [slice(None), slice(None, None, -1)])
+def test_a_camera_that_stands_still_does_so_whatever_its_pictures_numbers(
+    tmp_path, painted, listed
+):
+    level = picture(arc(3)[1], painted)
+    pictures, database = written(tmp_path, [level, level]), tmp_path / "features.db"
+    extract(database, tmp_path, pictures[listed])
+    first, last = (one.file for one in pictures)
+    with quiet_colmap():
+        features.match_features(database, [(first, last)], 0)
+        keypoints = features.read_keypoints(database, pictures)
+        for matches in (features.raw_matches(database), features.verified_matches(database)):
+            assert list(matches) == [(first, last)]
+            rows = matches[first, last]
+            assert len(rows) > 100
+            # The pictures are equal, so that matches are at one place: columns are not swapped.
+            assert np.allclose(keypoints[first].xy[rows[:, 0]], keypoints[last].xy[rows[:, 1]])
+            assert stands_still(keypoints[first], keypoints[last], rows, SIZE[0])
+
+
+def test_pictures_are_numbered_in_their_order_and_not_in_that_of_threads(tmp_path, painted):
+    # The features of the first picture take longest: other threads end before.
+    plain = np.full((*SIZE[::-1], 3), 128, np.uint8)
+    pictures = written(tmp_path, [picture(arc(3)[1], painted), *[plain] * 4])
+    database = tmp_path / "features.db"
+    extract(database, tmp_path, pictures)
+    with pycolmap().Database.open(database) as db:
+        numbers = {image.name: image.image_id for image in db.read_all_images()}
+    assert sorted(numbers, key=numbers.__getitem__) == [one.file for one in pictures]
