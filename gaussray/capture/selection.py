@@ -37,7 +37,7 @@ class Selection(eqx.Module):
     frames: tuple = eqx.field(static=True, default=())
     crop: tuple = eqx.field(static=True, default=())
     scale: float = eqx.field(static=True, default=1.0)
-    test: tuple = eqx.field(static=True, default=("auto",))
+    test: tuple[str, ...] = eqx.field(static=True, default=("auto",))
     missing: str = eqx.field(static=True, default="skip")
 
     def __check_init__(self):

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.config.compose import Configuration
-from gaussray.config.options import as_type, build_options
+from gaussray.config.options import as_type, build_options, field_value
 from gaussray.config.run_folder import begin_run_folder
 from gaussray.config.yaml_files import to_plain
 from gaussray.runtime.devices import DevicesOptions, begin, leads
@@ -38,12 +38,14 @@ def _capture(path: str, node: Configuration, label: str, prefix: str = "") -> An
     from gaussray.capture.open import open_capture
     from gaussray.capture.selection import Selection
 
-    def read(kind: type, name: str) -> Any:
-        return as_type(kind, to_plain(node[prefix + name]), f"{label}{name}")
+    def value(name: str) -> Any:
+        return to_plain(node[prefix + name])
 
     fields = Selection.__dataclass_fields__.items()
-    selection = Selection(**{name: read(type(field.default), name) for name, field in fields})
-    file_format, background = read(str, "format"), read(str, "background")
+    selection = Selection(**{n: field_value(f, value(n), f"{label}{n}") for n, f in fields})
+    file_format, background = (
+        as_type(str, value(name), f"{label}{name}") for name in ("format", "background")
+    )
     return open_capture(path, file_format, background, selection=selection)
 
 

@@ -17,7 +17,12 @@ from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from gaussray.config.messages import ALIASES, CONFIGURATION_ERRORS, configuration_error
+from gaussray.config.messages import (
+    ALIASES,
+    CONFIGURATION_ERRORS,
+    configuration_error,
+    quotes_remedy,
+)
 from gaussray.config.schema import conf_folder, keys
 from gaussray.config.suggest import did_you_mean
 from gaussray.config.yaml_files import preset_words
@@ -165,7 +170,18 @@ def resolve(command: str, cfg: Configuration) -> Configuration:
     for key, part in PARTS.items():
         if _value_at(cfg, key) == WORD and not Path(WORD).exists():
             OmegaConf.update(cfg, key, str(sample(part)))
+    _check_paths(command, cfg)
     return cfg
+
+
+def _check_paths(command: str, cfg: Configuration) -> None:
+    """Refuse numbers where the name of a file or folder stands: in keys that must be given, and in
+    out."""
+    for key in ("out", *(key for key, (default, _) in keys(command).items() if default == "???")):
+        value = _value_at(cfg, key)
+        if not isinstance(value, str):
+            remedy = quotes_remedy(value, f"{key}='NAME'")
+            raise ValueError(f"{key} must be the name of a file or folder, got {value!r}.{remedy}")
 
 
 def _refuse_resolvers(node: Any, key: str) -> None:

@@ -36,6 +36,20 @@ def configuration_error(command: str, error: Exception, words: Sequence[str] = (
     return ValueError(f"{problem} `gaussray {command} --help` lists the keys.")
 
 
+def quotes_remedy(value: object, example: str) -> str:
+    """What to do about a number that was meant as a name; empty for other values.
+
+    YAML reads 100_7105 as the number 1007105, so that nothing but quotes keeps such a name. A
+    shell takes these away unless the word stands in quotes of the other kind.
+    """
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return ""
+    return (
+        " A name that reads as a number, as 100_7 reads as 1007, needs quotes, and for the shell "
+        f'others around them: "{example}".'
+    )
+
+
 def _problem_of(command: str, word: str) -> str:
     """Why a command does not accept a word, with a suggestion; empty if it does."""
     name, equals, value = word.lstrip("+~").partition("=")

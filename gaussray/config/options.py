@@ -1,11 +1,13 @@
 """Builds typed options from the groups of a configuration."""
 
+import dataclasses
 from typing import Any, TypeVar, get_args
 
 import equinox as eqx
 from omegaconf import OmegaConf
 
 from gaussray.config.compose import Configuration
+from gaussray.config.messages import quotes_remedy
 from gaussray.config.suggest import did_you_mean
 
 
@@ -38,14 +40,27 @@ def build_options(kind: type[OptionsT], node: Configuration) -> OptionsT:
                 f"{group}.{name} is unknown; known are {', '.join(fields)}."
                 f"{did_you_mean(name, fields)}"
             )
-        default, types = fields[name].default, get_args(fields[name].type)
-        if isinstance(value, list) and float in types:
-            value = _numbers(value, f"{group}.{name}")
-        if default is None and value is not None:
-            values[name] = as_type(types[0], value, f"{group}.{name}")
-        else:
-            values[name] = as_type(type(default), value, f"{group}.{name}")
+        values[name] = field_value(fields[name], value, f"{group}.{name}")
     return kind(**values)
+
+
+def field_value(field: dataclasses.Field, value: Any, key: str) -> Any:
+    """A YAML value as the type of a field of an options class; a ValueError names the `key` if the
+    value, or what is in its list, is of another type."""
+    types = get_args(field.type)
+    if isinstance(value, list) and float in types:
+        value = _numbers(value, key)
+    if isinstance(value, list) and str in types:
+        _check_names(value, key)
+    if field.default is None and value is not None:
+        return as_type(types[0], value, key)
+    return as_type(type(field.default), value, key)
+
+
+def _check_names(values: list[Any], key: str) -> None:
+    for wrong in (x for x in values if not isinstance(x, str)):
+        remedy = quotes_remedy(wrong, f"{key}=['NAME']")
+        raise ValueError(f"{key} must be a list of names, got {wrong!r} in it.{remedy}")
 
 
 def _numbers(values: list[Any], key: str) -> list[Any]:
@@ -65,4 +80,6 @@ def as_type(kind: type, value: Any, key: str) -> Any:
     if type(value) is kind:
         return value
     remedy = f" Write {key}=[{value}]." if kind is tuple and value is not None else ""
+    if kind is str:
+        remedy = quotes_remedy(value, f"{key}='NAME'")
     raise ValueError(f"{key} must be {_TYPE_NAMES.get(kind, 'a text')}, got {value!r}.{remedy}")

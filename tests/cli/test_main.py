@@ -73,6 +73,31 @@ def edited(capture, change):
     return capture
 
 
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        ("reconstruct capture.path=CAPTURE capture.test=[100_7105]", "capture.test must be a list"),
+        ("evaluate scene=SCENE truth=CAPTURE truth_test=[100_7105]", "truth_test must be a list"),
+        ("reconstruct capture.path=100_7105", "capture.path must be the name of a file or folder"),
+        ("render scene=SCENE out=100_7105", "out must be the name of a file or folder"),
+        ("prepare videos=100_7105 out=new", "videos must be the name of a file or folder"),
+    ],
+)
+def test_a_name_that_reads_as_a_number_needs_quotes(fails, scene_file, original, words, named):
+    places = {"CAPTURE": str(original), "SCENE": str(scene_file)}
+    for word, place in places.items():
+        words = words.replace(word, place)
+    line, key = fails(*words.split()), named.split()[0]
+    assert named in line and "got 1007105" in line and "needs quotes" in line
+    quoted = f"{key}=['NAME']" if "list" in named else f"{key}='NAME'"
+    assert line.endswith(f'"{quoted}".')
+
+
+def test_quotes_keep_a_name_that_reads_as_a_number(fails, original):
+    line = fails("reconstruct", f"capture.path={original}", "capture.test=['100_7105']")
+    assert "must be a list of the capture's cameras" in line and "100_7105" in line
+
+
 @pytest.mark.parametrize(("word", "code"), [("--version", 0), ("nonsense", 2)])
 def test_the_process_of_a_command_ends_with_its_code(word, code):
     words = [sys.executable, "-m", "gaussray", word]

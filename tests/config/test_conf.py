@@ -175,7 +175,21 @@ def test_an_unknown_key_fails_and_is_named(override):
             "aperture.focus_distances=[1.5,far]",
             "aperture.focus_distances must be a list of numbers, got 'far' in it",
         ),
-        ("render", "lens.model=7", "lens.model must be a text, got 7"),
+        (
+            "render",
+            "lens.model=7",
+            "lens.model must be a text, got 7. A name that reads as a number",
+        ),
+        (
+            "render",
+            "camera.names=[100_7105]",
+            "camera.names must be a list of names, got 1007105 in it. A name that reads as a "
+            "number, as 100_7 reads as 1007, needs quotes, and for the shell others around them: "
+            "\"camera.names=['NAME']\".",
+        ),
+        ("render", "camera.names=[a,true]", "camera.names must be a list of names, got True in it"),
+        ("evaluate", "evaluate.effects=[1e5]", "evaluate.effects must be a list of names, got 1"),
+        ("demo", "limits.folders=[20_24]", "got 2024 in it. A name that reads as a number"),
         ("demo", "field.sides=[1]", "field.sides must hold"),
         ("demo", "density.start=0.9", "density.start and density.stop must satisfy"),
         ("demo", "devices.count=-1", "devices.count must be at least 0, got -1"),
