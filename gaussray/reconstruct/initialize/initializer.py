@@ -14,9 +14,13 @@ from gaussray.capture.points import Points
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.initialize.from_points import between, in_common_view, inliers, merged
-from gaussray.reconstruct.initialize.stereo.from_pictures import points_from_pictures, still_views
+from gaussray.reconstruct.initialize.stereo.from_pictures import (
+    first_views,
+    points_from_pictures,
+    still_views,
+)
 from gaussray.reconstruct.initialize.stereo.guess import guessed_points
-from gaussray.reconstruct.initialize.stereo.uncovered import uncovered_points
+from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, coverage, uncovered_points
 from gaussray.reconstruct.initialize.stereo.velocity import typical_gap
 from gaussray.reconstruct.options import FitOptions
 from gaussray.runtime.progress import Progress
@@ -24,6 +28,8 @@ from gaussray.runtime.progress import Progress
 
 # Points of stereo below which the pictures do not overlap.
 FEWEST = 100
+# Share of the pictures' cells in which given points lie, from which on they are enough.
+COVERED = 0.8
 
 
 class InitialPoints(NamedTuple):
@@ -47,13 +53,14 @@ def initial_points(
     capture: Capture, footage: Footage, options: FitOptions, bar: Bar
 ) -> InitialPoints:
     """The points that the first Gaussians stand on, by fit.start: those of the capture, those that
-    stereo finds in the pictures, or random ones. Where stereo finds too few, random ones. Stereo
-    leaves out what moves if transient Gaussians show it (fit.motion)."""
+    stereo finds in the pictures, or random ones. Where those of the capture leave much of the
+    pictures empty, both. Where stereo finds too few, random ones. Stereo leaves out what moves if
+    transient Gaussians show it (fit.motion)."""
     given, start = capture.points, options.start
     if start == "random" or (start == "given" and given is None):
         return points_in_view(footage, options)
     known = None if start == "stereo" else given
-    if known is not None and (start == "given" or len(known.position) >= options.points):
+    if known is not None and (start == "given" or covers(known, footage, options)):
         return points_of_capture(known, options)
     matched = points_of_stereo(footage, options, known, bar)
     if known is not None:
@@ -86,6 +93,13 @@ def points_of_capture(
     more = between(position, color, count=missing, seed=options.seed)
     place, light = (np.concatenate(x) for x in zip((position, color), more, strict=True))
     return InitialPoints(place, light, on_surfaces=True)
+
+
+def covers(known: Points, footage: Footage, options: FitOptions) -> bool:
+    """Whether points lie in most cells of the pictures, of which there are about fit.points: points
+    of a mesh do, those of COLMAP leave walls, ground and sky empty however many they are."""
+    seen = first_views(footage, VIEWS)
+    return coverage(seen, known.position, count=options.points) >= COVERED
 
 
 def points_in_view(footage: Footage, options: FitOptions) -> InitialPoints:

@@ -24,10 +24,13 @@ def cloud(count, seed):
 def started(monkeypatch):
     """The points of a start, where stereo finds so many."""
 
-    def start(word, *, given=None, matched=MATCHED, points=RANDOM, guessed=GUESSED):
+    def start(word, *, given=None, matched=MATCHED, points=RANDOM, guessed=GUESSED, covered=1.0):
         random = initializer.InitialPoints(np.zeros((points, 3)), np.zeros((points, 3)), False)
         monkeypatch.setattr(initializer, "points_in_view", lambda *_: random)
         monkeypatch.setattr(initializer, "points_of_stereo", lambda *_: cloud(matched, 1))
+        monkeypatch.setattr(initializer, "covers", inspect.unwrap(initializer.covers))
+        monkeypatch.setattr(initializer, "first_views", lambda *_: None)
+        monkeypatch.setattr(initializer, "coverage", lambda *_, **__: covered)
         monkeypatch.setattr(initializer, "still_views", lambda *_: None)
         monkeypatch.setattr(initializer, "uncovered_points", lambda *_, **__: cloud(0, 2))
         monkeypatch.setattr(initializer, "guessed_points", lambda *_, **__: cloud(guessed, 3))
@@ -57,11 +60,18 @@ def test_points_come_from_where_the_start_says(started, word, given, count, on_s
     assert len(points.position) == count and points.on_surfaces == on_surfaces
 
 
-def test_few_given_points_stay_and_stereo_adds_to_them(started):
-    given = cloud(GIVEN, 0)
-    points = started("auto", given=given)
-    np.testing.assert_array_equal(points.position[:GIVEN], given.position)
-    assert GIVEN < len(points.position) <= GIVEN + MATCHED
+@pytest.mark.parametrize("count", [GIVEN, 2 * RANDOM])
+def test_given_points_that_leave_much_empty_stay_and_stereo_adds_to_them(started, count):
+    given = cloud(count, 0)
+    points = started("auto", given=given, covered=0.5)
+    np.testing.assert_array_equal(points.position[:count], given.position)
+    assert count < len(points.position) <= count + MATCHED
+
+
+def test_given_points_that_lie_everywhere_are_enough_whatever_their_number(started):
+    points = started("auto", given=cloud(GIVEN, 0), covered=0.9)
+    # The missing ones are put between them.
+    assert len(points.position) == RANDOM
 
 
 def test_where_stereo_finds_too_few_points_they_are_guessed_with_a_warning(started):

@@ -189,6 +189,17 @@ def still_views(footage: Footage) -> StereoViewSet:
     return StereoViewSet(_stack(pictures, footage.scale), seen, cameras, chosen)
 
 
+def first_views(footage: Footage, most: int) -> StereoViewSet:
+    """The first picture of each camera that stands still, and all pictures of the others; an even
+    share of them if they are more than `most`."""
+    own = [frames[:1] if still else frames for frames, still in camera_frames(footage)]
+    chosen = np.sort(np.concatenate(own))
+    if len(chosen) > most:
+        chosen = chosen[np.linspace(0, len(chosen) - 1, most).round().astype(int)]
+    cameras = jax.tree.map(lambda x: x[chosen], footage.camera)
+    return StereoViewSet(footage.pictures(chosen), footage.masks(chosen), cameras, chosen)
+
+
 def moving_views(
     footage: Footage, time: float, moved: MovingPixels
 ) -> tuple[StereoViewSet, Bool[np.ndarray, "views h w"]] | None:

@@ -58,13 +58,9 @@ def uncovered_points(
         seed: of the choice of pixels and distances.
     """
     seen = some_views(seen, VIEWS)
-    factor = reduction(seen.pictures.shape[1:3], _PIXELS)
-    views = stereo_views(seen.pictures, seen.cameras, seen.masks, factor=factor)
+    views, side = _with_cells(seen, count)
     plain = backdrop(views)
-    h, w = views.size
-    side = np.sqrt(len(seen.frames) * h * w / max(count, 1))
-    side = int(np.clip(round(side), _FINEST, _COARSEST))
-    cells = h // side, w // side
+    cells = views.size[0] // side, views.size[1] // side
     most = len(seen.frames) * cells[0] * cells[1]
     # Rows for all points that may be added: one program does for all views.
     every = np.full((len(position) + most, 3), np.nan, np.float32)
@@ -75,10 +71,7 @@ def uncovered_points(
         column, row, away, inside, ray, pixel = jax.device_get(
             _looked_at(views, jnp.asarray(i), jnp.asarray(every))
         )
-        column, row = (x[inside].astype(int) // side for x in (column, row))
-        within = (row < cells[0]) & (column < cells[1])
-        nearest = np.full(cells, np.inf)
-        np.minimum.at(nearest, (row[within], column[within]), away[inside][within])
+        nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
         empty = ~np.isfinite(nearest)
         if not empty.any():
             continue
@@ -106,6 +99,57 @@ def uncovered_points(
         filled += number
     color = np.concatenate([np.zeros((0, 3)), *colors]).astype(np.float64)
     return Points(every[len(position) : filled], srgb_decode(color).astype(np.float32))
+
+
+def coverage(seen: StereoViewSet, position: Float[np.ndarray, "points 3"], *, count: int) -> float:
+    """In which share of the pictures' cells any of the points lies.
+
+    Cells are those of `uncovered_points`. Those that are masked, or show a plain backdrop, for the
+    most part do not count; without any others all is covered.
+    """
+    seen = some_views(seen, VIEWS)
+    views, side = _with_cells(seen, count)
+    plain = backdrop(views)
+    cells = views.size[0] // side, views.size[1] // side
+    held = total = 0
+    for i in range(len(seen.frames)):
+        column, row, away, inside, ray, pixel = jax.device_get(
+            _looked_at(views, jnp.asarray(i), jnp.asarray(position))
+        )
+        channels, mask = jax.device_get(unpacked(jnp.asarray(pixel), jnp.float32))
+        shown = mask & np.any(ray != 0, axis=0)
+        if plain is not None:
+            shown &= ~like_backdrop(np.stack(channels, axis=-1), plain)
+        whole = shown[: cells[0] * side, : cells[1] * side]
+        counts = whole.reshape(cells[0], side, cells[1], side).mean(axis=(1, 3)) >= 0.5
+        nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
+        held += int((counts & np.isfinite(nearest)).sum())
+        total += int(counts.sum())
+    return held / total if total else 1.0
+
+
+def _with_cells(seen: StereoViewSet, count: int) -> tuple[StereoViews, int]:
+    """Reduced pictures, and the side of cells of which all pictures have `count`, about."""
+    factor = reduction(seen.pictures.shape[1:3], _PIXELS)
+    views = stereo_views(seen.pictures, seen.cameras, seen.masks, factor=factor)
+    h, w = views.size
+    side = np.sqrt(len(seen.frames) * h * w / max(count, 1))
+    return views, min(int(np.clip(round(side), _FINEST, _COARSEST)), h, w)
+
+
+def _nearest(
+    column: Float[np.ndarray, " points"],
+    row: Float[np.ndarray, " points"],
+    away: Float[np.ndarray, " points"],
+    cells: tuple[int, int],
+    side: int,
+) -> Float[np.ndarray, "rows columns"]:
+    """Distance of the nearest point in each cell, infinite in those without any."""
+    column, row = column.astype(int) // side, row.astype(int) // side
+    within = (row < cells[0]) & (column < cells[1])
+    nearest = np.full(cells, np.inf)
+    np.minimum.at(nearest, (row[within], column[within]), away[within])
+    return nearest
 
 
 def backdrop(views: StereoViews) -> Float[np.ndarray, "3"] | None:

@@ -4,11 +4,16 @@ like that of the points beside it."""
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from textured_plane import PLACES, SIZE, perspective, rig, seen
 
 from gaussray.color import srgb_encode
 from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet
-from gaussray.reconstruct.initialize.stereo.uncovered import backdrop, uncovered_points
+from gaussray.reconstruct.initialize.stereo.uncovered import (
+    backdrop,
+    coverage,
+    uncovered_points,
+)
 from gaussray.reconstruct.initialize.stereo.views import seen_at, stereo_views
 
 
@@ -88,6 +93,30 @@ def test_nothing_is_added_where_all_is_covered():
     assert len(added_to(shown, jax.device_get(whole)).position) < 0.2 * len(whole)
 
 
+def covered_by(shown, position):
+    return coverage(shown, position, count=len(shown.frames) * (SIZE // CELL) ** 2)
+
+
+def test_coverage_is_the_share_of_cells_that_hold_a_point():
+    shown = pictures_of_plane()
+    for count in (20, 400):
+        held = cells_with_points(shown, on_plane(count)) > 0
+        assert covered_by(shown, on_plane(count)) == held.mean()
+    # More points of one half do not cover the other.
+    assert covered_by(shown, on_plane(20_000)) < 0.7
+    assert covered_by(shown, np.zeros((0, 3), np.float32)) == 0
+
+
+def test_what_is_masked_need_not_be_covered():
+    shown = pictures_of_plane(1)
+    x = np.flatnonzero((cells_with_points(shown, on_plane(4000)) > 0).all(axis=(0, 1)))
+    mask = np.zeros((1, SIZE, SIZE), bool)
+    mask[:, :, x.min() * CELL : (x.max() + 1) * CELL] = True
+    assert covered_by(shown, on_plane(4000)) < 0.7
+    assert covered_by(shown._replace(masks=mask), on_plane(4000)) == 1
+    assert covered_by(shown._replace(masks=mask & False), on_plane(4000)) == 1
+
+
 def before_a_backdrop(color):
     """Pictures of the plane's middle before a plain backdrop, and points on the plane."""
     shown = pictures_of_plane()
@@ -114,6 +143,16 @@ def test_another_backdrop_gets_points_far_behind():
     known = np.linalg.norm(position - origin, axis=1).max()
     assert plain.sum() > 20 and away[plain].min() > 2 * known
     assert not plain.all() and away[~plain].max() < 2 * known
+
+
+@pytest.mark.parametrize("color", [0.0, (0.9, 0.8, 0.7)])
+def test_a_backdrop_need_not_be_covered(color):
+    shown, _ = before_a_backdrop(color)
+    dice = np.random.default_rng(1)
+    middle = np.column_stack([dice.uniform(-0.6, 0.6, (4000, 2)), np.zeros(4000)])
+    middle = middle.astype(np.float32)
+    assert covered_by(pictures_of_plane(), middle) < 0.5
+    assert covered_by(shown, middle) > 0.9
 
 
 def test_textured_pictures_have_no_backdrop():
