@@ -8,9 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.camera.validate import known, require
 from gaussray.geometry import normalize
 from gaussray.io.plain_values import number, readable, to_device, vector
+from gaussray.io.validate import known, require
 
 
 FOCUS = ("plane", "sphere")

@@ -16,8 +16,8 @@ from gaussray.camera.lens import AbstractLens
 from gaussray.camera.rays import Rays
 from gaussray.camera.shutter import Shutter, sample_time
 from gaussray.camera.trajectory import Trajectory, pose_at
-from gaussray.camera.validate import require
 from gaussray.io.plain_values import number, optional, readable, to_device, vector
+from gaussray.io.validate import check_kind, require
 
 
 def _film(size: Any) -> Film:
@@ -45,7 +45,7 @@ class Camera(eqx.Module):
             (`chromatic.reference_pixel`); None is no chromatic aberration.
 
     Raises:
-        ValueError: If a magnification is not above 0.
+        ValueError: If a part is of another type, or a magnification is not above 0.
     """
 
     film: Film = eqx.field(converter=_film)
@@ -59,10 +59,13 @@ class Camera(eqx.Module):
     )
 
     def __check_init__(self):
-        if not isinstance(self.lens, AbstractLens):
-            raise ValueError(
-                f"camera.lens must be a lens, such as gaussray.Pinhole, got {self.lens!r}."
-            )
+        check_kind("camera.film", self.film, Film, "(width, height) or a gaussray.Film")
+        check_kind("camera.lens", self.lens, AbstractLens, "a lens, such as gaussray.Pinhole")
+        check_kind("camera.aperture", self.aperture, Aperture, "a gaussray.Aperture")
+        rule = "a gaussray.Shutter, such as gaussray.rolling_shutter(readout, rows)"
+        check_kind("camera.shutter", self.shutter, Shutter, rule)
+        rule = "a gaussray.Trajectory, such as gaussray.look_at(eye)"
+        check_kind("camera.trajectory", self.trajectory, Trajectory, rule)
         if self.chromatic is not None:
             rule = "above 0"
             require("chromatic", self.chromatic, lambda m: np.isfinite(m) & (m > 0), rule)

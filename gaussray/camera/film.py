@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.io.plain_values import readable
+from gaussray.io.plain_values import readable, whole_number
 
 
 FILTERS = ("box", "gaussian", "blackman_harris", "center")
@@ -31,8 +31,8 @@ class Film(eqx.Module):
         ValueError: If a value breaks its rule.
     """
 
-    width: int = eqx.field(static=True)
-    height: int = eqx.field(static=True)
+    width: int = eqx.field(static=True, converter=whole_number)
+    height: int = eqx.field(static=True, converter=whole_number)
     filter: str = eqx.field(static=True, default="blackman_harris")
     filter_width: float = eqx.field(static=True, default=3.0)
 

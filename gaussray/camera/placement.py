@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.camera.trajectory import Trajectory
-from gaussray.camera.validate import known, require
 from gaussray.geometry import multiply, normalize, product, quaternion, rotation_matrix, turning
 from gaussray.io.plain_values import vector
+from gaussray.io.validate import known, require
 
 
 # What the functions of this module accept as a point or a direction.

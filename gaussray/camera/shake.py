@@ -7,9 +7,9 @@ from jax.scipy.special import ndtri
 from jaxtyping import Array, Float
 
 from gaussray.camera.sampling import pcg_hash
-from gaussray.camera.validate import require
 from gaussray.geometry import RigidTransform, inlined, multiply, turning
 from gaussray.io.plain_values import number, readable
+from gaussray.io.validate import require
 
 
 # Waves of the process, and the largest seed, which single precision holds exactly.

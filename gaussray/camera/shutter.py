@@ -7,8 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Num
 
-from gaussray.camera.validate import require
 from gaussray.io.plain_values import number, optional, readable, to_device, vector
+from gaussray.io.validate import require
 
 
 DIRECTIONS = ("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left")
@@ -84,7 +84,12 @@ def rolling_shutter(
         rows: Number of rows (of columns, for a direction that reads columns).
         exposure: Exposure time of every row.
         direction: Order of readout, one of `DIRECTIONS`.
+
+    Raises:
+        ValueError: If there is no row, or another value breaks its rule.
     """
+    if rows < 1:
+        raise ValueError(f"rows must be a whole number from 1, got {rows}.")
     readout = number("shutter.readout")(readout)
     return Shutter(-readout / 2, readout / max(rows - 1, 1), exposure, direction=direction)
 

@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.shake import Shake, shaken
-from gaussray.camera.validate import require
 from gaussray.geometry import (
     RigidTransform,
     conjugate,
@@ -19,6 +18,7 @@ from gaussray.geometry import (
     turning,
 )
 from gaussray.io.plain_values import readable, rows, vector
+from gaussray.io.validate import require
 
 
 INTERPOLATIONS = ("linear", "spline")

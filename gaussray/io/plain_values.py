@@ -57,6 +57,11 @@ def optional(convert: Callable[[Any], Array]) -> Callable[[Any], Array | None]:
     return lambda value: None if value is None else convert(value)
 
 
+def whole_number(value: Any) -> Any:
+    """A converter of a field that holds a whole number: numpy's become Python's, all else stays."""
+    return int(value) if isinstance(value, np.integer) else value
+
+
 def to_device(values: Any, dtype: DTypeLike | None = None) -> Array:
     """Numbers of the host as an array on the device.
 

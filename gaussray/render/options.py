@@ -8,6 +8,8 @@ from typing import Any
 import equinox as eqx
 
 from gaussray.camera.sensor.sensor import SensorOptions
+from gaussray.io.plain_values import whole_number
+from gaussray.io.validate import check_kind
 
 
 # The standard error of a pixel is estimated from at least this many batches of samples.
@@ -38,16 +40,18 @@ class RenderOptions(eqx.Module):
     Gaussian's) show a model as the rasteriser that it was fitted through: 3DGS has 0.3 and center.
     """
 
-    samples: int = eqx.field(static=True, default=4)
-    keys: int = eqx.field(static=True, default=0)
-    chunk_rows: int = eqx.field(static=True, default=0)
+    samples: int = eqx.field(static=True, default=4, converter=whole_number)
+    keys: int = eqx.field(static=True, default=0, converter=whole_number)
+    chunk_rows: int = eqx.field(static=True, default=0, converter=whole_number)
     dilation: float = eqx.field(static=True, default=0.0)
     harmonics: str = eqx.field(static=True, default="ray")
     error: float = eqx.field(static=True, default=0.0)
-    samples_most: int = eqx.field(static=True, default=1024)
+    samples_most: int = eqx.field(static=True, default=1024, converter=whole_number)
     memory: float = eqx.field(static=True, default=8.0)
 
     def __check_init__(self):
+        for key in ("samples", "keys", "chunk_rows", "samples_most"):
+            check_kind(f"render.{key}", getattr(self, key), int, "a whole number")
         if self.samples < 1:
             raise ValueError(f"render.samples must be at least 1, got {self.samples}.")
         if self.keys not in (0, 2) and (self.keys < 3 or self.keys % 2 == 0):

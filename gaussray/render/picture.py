@@ -9,6 +9,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import random_samples, sobol_samples
 from gaussray.io.plain_values import readable
+from gaussray.io.validate import check_kind
 from gaussray.render.compiled import ProgramSettings, frame_span, part_values
 from gaussray.render.options import RenderOptions
 from gaussray.render.plan import (
@@ -88,9 +89,10 @@ def render(
         The picture, height x width, in linear light.
 
     Raises:
-        ValueError: Sizes are unknown inside `jit` or `vmap`, options are given beside a plan, the
-            scene is a clip, or the options need `Renderer`.
+        ValueError: An argument is of another type, sizes are unknown inside `jit` or `vmap`,
+            options are given beside a plan, the scene is a clip, or the options need `Renderer`.
     """
+    check_kind("camera", camera, Camera, "a gaussray.Camera")
     if plan is not None:
         _check_plan(plan, options, trace)
         return _camera_picture(scene, camera, key, plan)
@@ -118,6 +120,7 @@ def render_rays(
     Raises:
         ValueError: As for `render`.
     """
+    check_kind("rays", rays, Rays, "gaussray.Rays")
     if plan is not None:
         _check_plan(plan, None, trace)
         return _ray_picture(scene, rays, None, plan)

@@ -16,11 +16,12 @@ from jaxtyping import Array, Float
 from gaussray.camera.camera import Camera
 from gaussray.camera.rays import Rays
 from gaussray.camera.shutter import time_window
+from gaussray.io.validate import check_kind
 from gaussray.render.compiled import ProgramSettings, prepare_trace
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part, strip, strips, whole_picture
 from gaussray.scene.scene import Scene, key_count
-from gaussray.scene.segmented import Clip
+from gaussray.scene.segmented import SCENE_RULE, Clip
 from gaussray.tracer.motion import Motion, scene_motion
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.trace import enlarged_capacity, measure, span_of
@@ -94,6 +95,7 @@ def plan(
             `Renderer` does: `chunk_rows` or `error`.
     """
     options, trace = options or RenderOptions(), trace or TraceOptions()
+    check_kind("camera", camera, (Camera, Rays), "a gaussray.Camera or gaussray.Rays")
     check_single(scene, options)
     scene, camera = jax.tree.map(jax.lax.stop_gradient, (scene, camera))
     if any(isinstance(x, Tracer) for x in jax.tree.leaves((scene, camera))):
@@ -107,7 +109,10 @@ def plan(
 
 
 def check_single(scene: Scene, options: RenderOptions) -> None:
-    """Raise a ValueError for a clip, and for options that ask for several pictures."""
+    """Raise a ValueError for what is no scene or a clip, and for options that ask for several
+    pictures."""
+    check_kind("scene", scene, (Scene, Clip), SCENE_RULE)
+    check_kind("options", options, RenderOptions, "gaussray.RenderOptions(...)")
     if isinstance(scene, Clip):
         raise ValueError(
             f"scene must be one Scene, got a Clip of {len(scene.segments)} segments: use one of "

@@ -17,6 +17,7 @@ from jaxtyping import Array
 
 from gaussray.camera.camera import Camera
 from gaussray.io.plain_values import to_device
+from gaussray.io.validate import check_kind
 from gaussray.render.compiled import ProgramSettings, prepare_trace, render_frames, render_part
 from gaussray.render.frame import Frame as Frame, channels, joined, settled, united
 from gaussray.render.frame_batch import (
@@ -37,7 +38,7 @@ from gaussray.render.stages import (
 )
 from gaussray.render.views import FrameView, FrameViews, with_lone
 from gaussray.scene.scene import Scene
-from gaussray.scene.segmented import Clip, edges_of, segments_of
+from gaussray.scene.segmented import SCENE_RULE, Clip, edges_of, segments_of
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
@@ -59,6 +60,7 @@ class Renderer:
         trace: TraceOptions | None = None,
         devices: int | None = None,
     ):
+        check_kind("scene", scene, (Scene, Clip), SCENE_RULE)
         self.scene = scene
         self.scenes = segments_of(scene)
         self.options = options or RenderOptions()

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from gaussray.geometry import rotation_matrix
 from gaussray.io.plain_values import readable, rows, vector
+from gaussray.io.validate import require
 from gaussray.scene.harmonics import C0, constant
 
 
@@ -49,7 +50,8 @@ class Gaussians(eqx.Module):
             quat: Rotations (w, x, y, z), one or n x 4; None is none.
 
         Raises:
-            ValueError: The numbers are not as many as there are centres.
+            ValueError: The numbers are not as many as there are centres, a scale is not above 0, or
+                an opacity not from 0 to 1.
         """
         mean = rows("gaussians.mean", 3)(mean)
         count = mean.shape[0]
@@ -68,7 +70,10 @@ class Gaussians(eqx.Module):
 
         turn = each("quat", (1, 0, 0, 0) if quat is None else quat, 4)
         harmonics = constant(each("color", color, 3), 0)
-        return cls(mean, turn, each("scale", scale, 3), each("opacity", opacity), harmonics)
+        scale, opacity = each("scale", scale, 3), each("opacity", opacity)
+        require("gaussians.scale", scale, lambda s: s > 0, "above 0")
+        require("gaussians.opacity", opacity, lambda o: (o >= 0) & (o <= 1), "from 0 to 1")
+        return cls(mean, turn, scale, opacity, harmonics)
 
     def __repr__(self) -> str:
         # Trees of other things than arrays (shapes, specifications) have this type, too.

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float
 
 from gaussray.geometry import inlined
 from gaussray.io.plain_values import readable, value_text, vector
+from gaussray.io.validate import check_kind
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.residual_field import ResidualField
@@ -35,6 +36,7 @@ class Scene(eqx.Module):
     transient: Transients | None = None
 
     def __post_init__(self):
+        check_kind("scene.static", self.static, Gaussians, "gaussray.Gaussians")
         if self.moving is None:
             self.moving = jax.tree.map(lambda x: x[:0], self.static)
 

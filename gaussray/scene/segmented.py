@@ -8,6 +8,10 @@ from jaxtyping import Array, Float
 from gaussray.scene.scene import Scene
 
 
+# What a scene must be, where it is none, for messages.
+SCENE_RULE = "a gaussray.Scene or Clip, such as gaussray.load(path)"
+
+
 class Clip(eqx.Module):
     """Scenes of neighbouring intervals of time, in order; they share the instants where they meet.
 

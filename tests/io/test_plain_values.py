@@ -1,5 +1,8 @@
 """Plain numbers in, readable text out."""
 
+import subprocess
+import sys
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -66,9 +69,73 @@ def test_a_repr_tells_what_differs_from_the_default():
     assert "origin=float64[50, 3]" in repr(many)
 
 
-def test_the_lens_of_a_camera_must_be_one():
-    with pytest.raises((ValueError, TypeError), match="lens"):
-        gaussray.Camera((4, 4), 50.0)  # type: ignore[arg-type]
+# In a process of its own: here the type checker of the tests would answer first.
+WRONG_ARGUMENTS = """
+import gaussray as g
+film, lens = (4, 3), g.Pinhole(9, (2, 1.5))
+camera, scene = g.Camera(film, lens), g.Scene(g.Gaussians.colored([0, 0, 4], [1, 0, 0]))
+for call in (
+    lambda: g.Camera(film, 90),
+    lambda: g.Camera(96, lens),
+    lambda: g.Camera(film, lens, aperture=0.1),
+    lambda: g.Camera(film, lens, shutter=0.1),
+    lambda: g.Camera(film, lens, trajectory=[0, 0, 1]),
+    lambda: g.RenderOptions(samples=1.5),
+    lambda: g.Scene(3),
+    lambda: g.render(3, camera),
+    lambda: g.render(scene, 3),
+    lambda: g.render(scene, camera, options=3),
+    lambda: g.render_rays(scene, camera),
+    lambda: g.plan(scene, 3),
+    lambda: g.Renderer(3),
+    lambda: g.save(scene, "a.npz"),
+    lambda: g.save("a.npz", camera),
+):
+    try:
+        call()
+    except ValueError as error:
+        print(error)
+"""
+EXPECTED = """\
+camera.lens must be a lens, such as gaussray.Pinhole, got 90.
+camera.film must be (width, height) or a gaussray.Film, got 96.
+camera.aperture must be a gaussray.Aperture, got 0.1.
+camera.shutter must be a gaussray.Shutter, such as gaussray.rolling_shutter(readout, rows), got 0.1.
+camera.trajectory must be a gaussray.Trajectory, such as gaussray.look_at(eye), got [0, 0, 1].
+render.samples must be a whole number, got 1.5.
+scene.static must be gaussray.Gaussians, got 3.
+scene must be a gaussray.Scene or Clip, such as gaussray.load(path), got 3.
+camera must be a gaussray.Camera, got 3.
+options must be gaussray.RenderOptions(...), got 3.
+rays must be gaussray.Rays, got Camera(
+camera must be a gaussray.Camera or gaussray.Rays, got 3.
+scene must be a gaussray.Scene or Clip, such as gaussray.load(path), got 3.
+save(path, scene): path must be the name of a file, got Scene(1 static Gaussians, times (0, 1)).
+save(path, scene): scene must be a gaussray.Scene or Clip, such as gaussray.load(path), got Camera(
+"""
+
+
+def test_another_object_in_the_place_of_an_argument_is_refused_by_its_name():
+    command = [sys.executable, "-c", WRONG_ARGUMENTS]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    first_lines = [line for line in done.stdout.splitlines() if " must be " in line]
+    assert first_lines == EXPECTED.splitlines()
+
+
+def test_whole_numbers_may_be_those_of_numpy():
+    assert gaussray.Film(*np.array([4, 3])) == gaussray.Film(4, 3)
+    assert gaussray.RenderOptions(samples=np.int64(2)) == gaussray.RenderOptions(samples=2)
+    with pytest.raises(ValueError, match="rows must be a whole number from 1, got 0"):
+        gaussray.rolling_shutter(1.0, rows=0)
+
+
+def test_scales_are_above_zero_and_opacities_from_zero_to_one():
+    with pytest.raises(ValueError, match="gaussians.scale must be above 0, got"):
+        gaussray.Gaussians.colored([0, 0, 1], [1, 0, 0], scale=-1)
+    points = np.zeros((9, 3))
+    with pytest.raises(ValueError, match="opacity must be from 0 to 1, got 2 among 20 numbers"):
+        gaussray.Gaussians.colored(np.zeros((20, 3)), [1, 0, 0], opacity=2)
+    assert gaussray.Gaussians.colored(points, [1, 0, 0], scale=(1, 2, 3)).count == 9
 
 
 def test_gaussians_of_one_colour_are_as_many_as_their_centres():

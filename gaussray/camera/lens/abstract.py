@@ -14,9 +14,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaussray.camera.validate import known, require
 from gaussray.io.json_numbers import json_numbers
 from gaussray.io.plain_values import readable, to_device
+from gaussray.io.validate import known, require
 
 
 class LensRecord(NamedTuple):

@@ -22,10 +22,10 @@ from gaussray.camera.lens.model import (
 )
 from gaussray.camera.lens.radial import polar
 from gaussray.camera.roots import increasing_root
-from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
 from gaussray.io.plain_values import number, to_device, vector
+from gaussray.io.validate import require
 
 
 class FisheyePolynomial(CorrectableLens):

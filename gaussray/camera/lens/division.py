@@ -18,8 +18,8 @@ from gaussray.camera.lens.model import (
 )
 from gaussray.camera.lens.radial import RadialLens, root
 from gaussray.camera.roots import increasing_root
-from gaussray.camera.validate import require
 from gaussray.io.plain_values import number, to_device, vector
+from gaussray.io.validate import require
 
 
 class Division(RadialLens):

@@ -21,8 +21,8 @@ from gaussray.camera.lens.model import (
 )
 from gaussray.camera.lens.radial import RadialLens
 from gaussray.camera.roots import increasing_root
-from gaussray.camera.validate import require
 from gaussray.io.plain_values import number, to_device, vector
+from gaussray.io.validate import require
 
 
 # Which of NVIDIA's two polynomials the coefficients are: PIXELDIST_TO_ANGLE, ANGLE_TO_PIXELDIST.

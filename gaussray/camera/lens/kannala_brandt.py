@@ -12,9 +12,9 @@ from gaussray.camera.lens.abstract import LensRecord
 from gaussray.camera.lens.model import LensKeys, LensModel, LensOptions, coefficients_of
 from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_spanning
 from gaussray.camera.roots import increasing_root
-from gaussray.camera.validate import require
 from gaussray.io.json_numbers import json_numbers
 from gaussray.io.plain_values import number, vector
+from gaussray.io.validate import require
 
 
 class KannalaBrandt(RadialLens):

@@ -22,10 +22,10 @@ from gaussray.camera.lens.model import (
     focal_and_center,
     half_angle,
 )
-from gaussray.camera.validate import known, require
 from gaussray.geometry import normalize
 from gaussray.io.json_numbers import json_numbers
 from gaussray.io.plain_values import to_device, vector
+from gaussray.io.validate import known, require
 
 
 def _distortion(values: Any) -> Array:

@@ -21,10 +21,10 @@ from gaussray.camera.lens.model import (
     half_angle,
     half_crop,
 )
-from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
 from gaussray.io.plain_values import to_device
+from gaussray.io.validate import require
 
 
 class RadialLens(ParametricLens):

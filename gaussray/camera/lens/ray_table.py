@@ -13,11 +13,11 @@ from gaussray.camera.film import Film
 from gaussray.camera.lens.abstract import FocalLens, LensRecord
 from gaussray.camera.lens.model import LensKeys, LensModel, LensOptions
 from gaussray.camera.roots import plane_root
-from gaussray.camera.validate import require
 from gaussray.geometry import normalize, product
 from gaussray.io.json_numbers import json_numbers
 from gaussray.io.plain_values import to_device, vector
 from gaussray.io.ray_map import read_ray_map
+from gaussray.io.validate import require
 
 
 # Directions in a table, along each side: every frame of a capture carries its lens.

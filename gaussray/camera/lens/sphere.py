@@ -9,8 +9,8 @@ from gaussray.camera.film import Film
 from gaussray.camera.lens.abstract import LensRecord
 from gaussray.camera.lens.model import LensKeys, LensModel, LensOptions, coefficients_of
 from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_spanning, root
-from gaussray.camera.validate import require
 from gaussray.io.plain_values import number, vector
+from gaussray.io.validate import require
 
 
 class UnifiedSphere(RadialLens):

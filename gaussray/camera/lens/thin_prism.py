@@ -12,10 +12,10 @@ from gaussray.camera.lens.kannala_brandt import monotone_angle
 from gaussray.camera.lens.model import LensKeys, LensModel, focal_and_center
 from gaussray.camera.lens.radial import polar
 from gaussray.camera.roots import keeps_orientation, plane_root
-from gaussray.camera.validate import require
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
 from gaussray.io.plain_values import number, to_device, vector
+from gaussray.io.validate import require
 
 
 # The coefficients in COLMAP's order.

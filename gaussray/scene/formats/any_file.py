@@ -3,10 +3,11 @@
 from pathlib import Path
 
 from gaussray.io.sample_data import WORD, sample
+from gaussray.io.validate import check_kind
 from gaussray.scene.formats.convert import WRITERS, export_model, model_scene
 from gaussray.scene.formats.sog import META
 from gaussray.scene.scene import Scene
-from gaussray.scene.segmented import Clip
+from gaussray.scene.segmented import SCENE_RULE, Clip
 from gaussray.scene.store import load_scene, save_scene
 
 
@@ -59,9 +60,11 @@ def save(path: Path | str, scene: Scene | Clip) -> None:
         scene: The scene.
 
     Raises:
-        ValueError: The ending is neither, or the format cannot hold the scene.
+        ValueError: The ending is neither, there is no scene, or the format cannot hold the scene.
         OSError: The file cannot be written.
     """
+    check_kind("save(path, scene): path", path, (str, Path), "the name of a file")
+    check_kind("save(path, scene): scene", scene, (Scene, Clip), SCENE_RULE)
     ending = Path(path).suffix.lower()
     if ending[1:] in _WRITTEN:
         export_model(scene, path, file_format=ending[1:])

@@ -1,0 +1,48 @@
+"""Checks of parameter values on the host, with messages of one form."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from jax.core import Tracer
+
+
+# Numbers that a message shows; of more it shows the first wrong one.
+_SHOWN = 16
+
+
+def require(
+    key: str, value: Any, holds: Callable[[np.ndarray], Any], rule: str, remedy: str = ""
+) -> None:
+    """Raise `<key> must be <rule>, got <value>.` unless `holds` for every element.
+
+    Inside `jit`, `vmap` or `grad` the value is not known and nothing is checked: build cameras on
+    the host.
+    """
+    if isinstance(value, Tracer):
+        return
+    array = np.asarray(value)
+    good = holds(array)
+    if not np.all(good):
+        shown = str(array.tolist())
+        if array.size > _SHOWN and np.shape(good) == array.shape:
+            shown = f"{array[~good][0]:g} among {array.size:,} numbers"
+        raise ValueError(f"{key} must be {rule}, got {shown}. {remedy}".rstrip())
+
+
+def check_kind(key: str, value: Any, kind: type | tuple[type, ...], rule: str) -> None:
+    """Raise `<key> must be <rule>, got <value>.` unless the value is of a kind.
+
+    Args:
+        key: The name of the value in messages.
+        value: What was given.
+        kind: Its type, or the types that it may have.
+        rule: What the value must be, and how to make one.
+    """
+    if not isinstance(value, kind):
+        raise ValueError(f"{key} must be {rule}, got {value!r}.")
+
+
+def known(*values: Any) -> bool:
+    """Whether all values are numbers rather than traced placeholders."""
+    return not any(isinstance(value, Tracer) for value in values)
