@@ -221,15 +221,16 @@ def _import(cfg: Configuration, devices: int | None) -> None:
 
 
 def _export(cfg: Configuration, devices: int | None) -> None:
-    from gaussray.scene.formats.any_file import load
+    from gaussray.scene.formats.any_file import export_format, load
     from gaussray.scene.formats.convert import export_model
     from gaussray.scene.formats.export_transients import export_transients
     from gaussray.scene.formats.sequence import export_sequence
 
     time = None if cfg.time is None else as_type(float, cfg.time, "time")
     color, degree = as_type(str, cfg.color, "color"), as_type(int, cfg.degree, "degree")
-    kind, scene = as_type(str, cfg.format, "format"), load(cfg.scene)
+    chosen = None if cfg.format is None else as_type(str, cfg.format, "format")
     count = as_type(int, cfg.count, "count")
+    kind, scene = export_format(cfg.out, chosen, sequence=count > 0), load(cfg.scene)
     if count and time is not None:
         raise ValueError(
             f"time must be null with count={count}, got {time:g}. Leave one of them out."

@@ -4,7 +4,8 @@ from pathlib import Path
 
 from gaussray.io.sample_data import WORD, sample
 from gaussray.io.validate import check_kind
-from gaussray.scene.formats.convert import WRITERS, export_model, model_scene
+from gaussray.scene.formats.convert import export_model, model_scene
+from gaussray.scene.formats.export_transients import export_transients
 from gaussray.scene.formats.sog import META
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import SCENE_RULE, Clip
@@ -13,8 +14,16 @@ from gaussray.scene.store import load_scene, save_scene
 
 # Endings of the files of other programs, which `read_model` reads or refuses with a remedy.
 FOREIGN = (".ply", ".spz", ".splat", ".glb", ".gltf", ".ksplat", ".sog", ".usd", ".usda", ".usdc")
-# Endings that `save` writes, besides .npz.
-_WRITTEN = tuple(name for name in WRITERS if name != "spz4")
+# Formats of files by their endings, the longest first.
+FORMATS = {
+    ".ftgs.ply": "ftgs",
+    ".ply": "ply",
+    ".spz": "spz",
+    ".glb": "glb",
+    ".usd": "usd",
+    ".usda": "usd",
+    ".usdc": "usd",
+}
 
 
 def load(path: Path | str) -> Scene | Clip:
@@ -55,8 +64,9 @@ def save(path: Path | str, scene: Scene | Clip) -> None:
     """Write a scene to a file.
 
     Args:
-        path: A scene file (.npz), which keeps every bit, or a model of 3D Gaussian Splatting (.ply,
-            .spz, .glb) of a scene that stands still.
+        path: A scene file (.npz), which keeps every bit; a model of 3D Gaussian Splatting (.ply,
+            .spz, .glb, .usd, .usda, .usdc) of a scene that stands still; or .ftgs.ply, of one with
+            transient Gaussians.
         scene: The scene.
 
     Raises:
@@ -65,11 +75,46 @@ def save(path: Path | str, scene: Scene | Clip) -> None:
     """
     check_kind("save(path, scene): path", path, (str, Path), "the name of a file")
     check_kind("save(path, scene): scene", scene, (Scene, Clip), SCENE_RULE)
-    ending = Path(path).suffix.lower()
-    if ending[1:] in _WRITTEN:
-        export_model(scene, path, file_format=ending[1:])
-    elif ending == ".npz":
+    if str(path).lower().endswith(".npz"):
         save_scene(path, scene)
-    else:
-        known = ", ".join([".npz", *(f".{name}" for name in _WRITTEN)])
+        return
+    kind = named_format(path)
+    if kind is None:
+        known = ", ".join([".npz", *FORMATS])
         raise ValueError(f"save: the file must end in one of {known}, got {str(path)!r}.")
+    if kind == "ftgs":
+        export_transients(scene, path, color="srgb", degree=3)
+    else:
+        export_model(scene, path, file_format=kind)
+
+
+def named_format(path: Path | str) -> str | None:
+    """The format that the ending of a file's name stands for, None if it stands for none."""
+    name = Path(path).name.lower()
+    return next((kind for ending, kind in FORMATS.items() if name.endswith(ending)), None)
+
+
+def export_format(out: Path | str, chosen: str | None, *, sequence: bool) -> str:
+    """The format of an exported file: the chosen one, or that of the file's name.
+
+    Args:
+        out: The file; of a sequence the folder of its files, or one file of OpenUSD.
+        chosen: `format` of the command; None leaves it to the name.
+        sequence: Whether several timestamps are exported.
+
+    Raises:
+        ValueError: The name stands for no format or for another one than the chosen one.
+    """
+    named = named_format(out)
+    if chosen is None:
+        if named is None and not (sequence and not Path(out).suffix):
+            raise ValueError(
+                f"out must end in one of {', '.join(FORMATS)}, or format be given, got {out}."
+            )
+        return named or "ply"
+    if named is not None and named != chosen.removesuffix("4"):
+        raise ValueError(
+            f"out={out} names the format {named}, got format={chosen}. Leave out format, or change "
+            "the name."
+        )
+    return chosen

@@ -15,6 +15,7 @@ import toy
 from gaussray.cli.main import main
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.scene.formats.any_file import export_format
 from gaussray.scene.formats.convert import converted, export_model, import_model
 from gaussray.scene.formats.gaussian_ply import read_gaussians, write_gaussians
 from gaussray.scene.gaussians import Gaussians, folded
@@ -193,6 +194,32 @@ def test_codes_that_change_become_light_at_every_time(tmp_path):
     assert np.abs(expected - codes).max() > 0.1
 
 
+@pytest.mark.parametrize(
+    "out, chosen, sequence, expected",
+    [
+        ("a.ply", None, False, "ply"),
+        ("A.SPZ", None, False, "spz"),
+        ("a.spz", "spz4", False, "spz4"),
+        ("a.ftgs.ply", None, False, "ftgs"),
+        ("a.usdc", None, True, "usd"),
+        ("frames", None, True, "ply"),
+        ("frames", "glb", True, "glb"),
+        ("a.bin", "ply", False, "ply"),
+    ],
+)
+def test_the_name_of_an_exported_file_says_its_format(out, chosen, sequence, expected):
+    assert export_format(out, chosen, sequence=sequence) == expected
+
+
+def test_a_name_without_a_format_and_a_format_against_the_name_are_refused(tmp_path, capsys):
+    with pytest.raises(ValueError, match="names the format spz, got format=ply"):
+        export_format("a.spz", "ply", sequence=False)
+    with pytest.raises(SystemExit):
+        main(["export", "scene=sample", f"out={tmp_path}/a.foo", "time=0.5"])
+    assert "out must end in one of .ftgs.ply, .ply" in capsys.readouterr().err
+    assert not (tmp_path / "a.foo").exists()
+
+
 def test_codes_that_stay_become_light_once(tmp_path):
     scene, _, table = imported(tmp_path, no_dshs=True)
     assert not scene.deformation.encoded and scene.deformation.harmonics is None
@@ -217,7 +244,7 @@ def test_a_model_of_another_program_is_exported_to_another_format(tmp_path):
     write_gaussians(tmp_path / "a.ply", toy.gaussians([[1, 2, 3], [0, 1, 0]], 0.1, 0.5))
     for source, target in (("a.ply", "b.glb"), ("b.glb", "c.ply")):
         words = [f"scene={tmp_path / source}", f"out={tmp_path / target}", "degree=0"]
-        main(["export", *words, f"format={target[2:]}"])
+        main(["export", *words])
     found, expected = (read_gaussians(tmp_path / name) for name in ("c.ply", "a.ply"))
     for name in ("mean", "scale", "opacity", "harmonics"):
         np.testing.assert_allclose(getattr(found, name), getattr(expected, name), atol=SHADED)
