@@ -98,8 +98,8 @@ def read_takes(data: Path | str) -> Iterator[dict[str, Any]]:
         file = opened(path)
     except OSError as error:
         raise OSError(
-            f"{path}: cannot be read: {error} It is written with the first sample: continue with "
-            "`gaussray render`."
+            f"{path}: cannot be read: {error} Datasets of samples have one, from the first sample "
+            "on: `gaussray render ... sample=cameras factory.count=1000 out=DATA`."
         ) from error
     most, number = int(limits().text * 1e6), 0
     with file:

@@ -77,9 +77,11 @@ def check_used(options: RigOptions) -> None:
         _refuse("trajectory", _changed(trajectory), used, f"trajectory={trajectory.kind}", remedy)
     camera = options.camera
     if camera.kind in _CAMERA_KEYS:
-        remedy = "Choose camera=look_at, orbit, path or capture."
-        used = _CAMERA_KEYS[camera.kind]
-        _refuse("camera", _changed(camera), used, f"camera={camera.kind}", remedy)
+        changed, used = _changed(camera), _CAMERA_KEYS[camera.kind]
+        ignored = next((key for key in changed if key not in used), None)
+        kinds = [kind for kind, keys in _CAMERA_KEYS.items() if ignored in keys]
+        remedy = f"Choose camera={' or '.join(kinds)}."
+        _refuse("camera", changed, used, f"camera={camera.kind}", remedy)
 
 
 def _check_lens(options: RigOptions) -> None:

@@ -435,11 +435,11 @@ def test_cameras_side_by_side_have_the_mean_of_their_upward_axes():
         ),
         (
             {"camera": rig.CameraOptions(eye=(0.0, 0.0, 1.0))},
-            "camera.eye has no effect with camera=ca",
+            "camera.eye has no effect with camera=capture. Choose camera=look_at or orbit.",
         ),
         (
             {"camera": rig.CameraOptions("orbit", names=("a",))},
-            "camera.names has no effect with ca",
+            "camera.names has no effect with camera=orbit. Choose camera=capture.",
         ),
     ],
 )
