@@ -102,10 +102,10 @@ print(f"from {moments[0]:.3f} to {moments[-1]:.3f}")
 # Light becomes a picture in the sensor: lens edge, exposure, colour filters, noise, digits.
 
 # %%
-from gaussray.camera.sensor.noise import noisy
+from gaussray.camera.sensor.noise import add_noise
 
 
-counted = noisy(jax.random.key(0), jnp.asarray(plain.color), full_well=5000.0, read_noise=3.0)
+counted = add_noise(jax.random.key(0), jnp.asarray(plain.color), full_well=5000.0, read_noise=3.0)
 print(f"noise: {float(jnp.std(counted - plain.color)):.4f} of white")
 
 # %% [markdown]

@@ -12,7 +12,7 @@ from gaussray.camera.lens import (
     Pinhole,
     ThinPrismFisheye,
     UnifiedSphere,
-    limit_of,
+    limit_of_angle,
     ray_table,
 )
 
@@ -77,7 +77,7 @@ def zoo(width, height):
             "radius_of_angle",
         ),
         "angle_of_radius": FTheta(
-            scale, center, jnp.array(k), number(limit_of(k, HALF["angle_of_radius"], "")),
+            scale, center, jnp.array(k), number(limit_of_angle(k, HALF["angle_of_radius"], "")),
         ),
         "sphere": Equirectangular(size * jnp.array([0.5, 1.0]), size / 2),
         "part_of_the_sphere": Equirectangular(size * jnp.array([0.7, 1.4]), center),

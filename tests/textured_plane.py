@@ -9,7 +9,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.lens import Fisheye, pinhole
 from gaussray.camera.shutter import global_shutter
-from gaussray.camera.trajectory import fixed
+from gaussray.camera.trajectory import static_trajectory
 from gaussray.geometry import RigidTransform, quaternion
 from gaussray.reconstruct.initialize.stereo.options import StereoOptions
 
@@ -62,7 +62,7 @@ def rig(lens, places):
             lens,
             no_aperture(),
             shutter,
-            fixed(looking(np.asarray(place), np.zeros(3))),
+            static_trajectory(looking(np.asarray(place), np.zeros(3))),
             zero,
         )
         for place in places

@@ -35,7 +35,7 @@ def zoo():
     bent = jnp.asarray([-0.2, 0.05, 0.002, -0.001, -0.01, 0, 0, 0])
     prism = 0.05, -0.01, 0.003, -0.002, 0.001, -1e-4, 0.004, -0.003
     theta = jnp.asarray([0.0, 0.9, 0.02, -0.03, 0.004, 0.001])
-    limit = lenses.limit_of(theta.tolist(), 1.7, "")
+    limit = lenses.limit_of_angle(theta.tolist(), 1.7, "")
     found = {
         "pinhole, 170 degrees": (lenses.pinhole(focal, center), np.deg2rad(85)),
         "opencv": (lenses.Pinhole(focal, center, bent), 0.7),

@@ -12,7 +12,7 @@ import numpy as np
 
 from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
-from gaussray.camera.ideal_pinhole import sharp
+from gaussray.camera.ideal_pinhole import ideal_pinhole_of
 from gaussray.camera.shutter import Shutter
 from gaussray.dataset.images import contact_sheet, write_image
 from gaussray.render import Renderer, RenderOptions
@@ -71,7 +71,7 @@ def main(scene: str, out: Path, camera: str, frame: int) -> None:
         began = clock.monotonic()
         found = labeller(now, names, before=before, after=after)
     seconds = clock.monotonic() - began
-    pictures = {"picture": render(now).color, "sharp": render(sharp(now)).color}
+    pictures = {"picture": render(now).color, "sharp": render(ideal_pinhole_of(now)).color}
     pictures |= {name: shown(name, found[name]) for name in names}
     listed = list(pictures.items())
     rows = [listed[i : i + 6] for i in range(0, len(listed), 6)]

@@ -14,7 +14,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.camera.rolling_projection import place_at
+from gaussray.camera.rolling_projection import pixel_at
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
 from gaussray.dataset.images import codes
@@ -32,7 +32,7 @@ def lookers(cameras, points):
     """How many of the cameras have each point [n, 3] in their picture."""
     count = np.zeros(len(points), int)
     for camera in cameras:
-        place = np.asarray(jax.vmap(lambda p, c=camera: place_at(c, p, c.time))(points))
+        place = np.asarray(jax.vmap(lambda p, c=camera: pixel_at(c, p, c.time))(points))
         with np.errstate(invalid="ignore"):
             size = camera.film.width, camera.film.height
             count += np.all((place >= 0) & (place <= size), axis=1)

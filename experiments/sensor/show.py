@@ -17,7 +17,7 @@ from gaussray.camera.camera import Camera, with_chromatic
 from gaussray.camera.film import Film
 from gaussray.camera.lens import pinhole
 from gaussray.camera.sensor.noise import picture_key
-from gaussray.camera.sensor.sensor import SensorOptions, develop, encode, exposed
+from gaussray.camera.sensor.sensor import SensorOptions, apply_exposure, develop, encode
 from gaussray.dataset.images import codes, contact_sheet, write_image
 from gaussray.render import Renderer, RenderOptions
 from gaussray.render.rig.rig import cameras_of
@@ -82,7 +82,7 @@ def main(scene: str, out: Path, camera: str, time: float, size: int) -> None:
 def report(light: jax.Array, camera: Camera) -> None:
     """Noise of the dim picture before it is cut at white, and what a developed frame costs."""
     options = SensorOptions(**(DIM | {"white": 0.0}))
-    bright = options.gain * exposed(light, options.exposure)
+    bright = options.gain * apply_exposure(light, options.exposure)
     step = options.gain / options.full_well
     law = step**2 * (bright / step + options.read_noise**2)
     run = jax.jit(partial(develop, options=options))

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.array import CameraSet, camera_set
 from gaussray.camera.camera import Camera
-from gaussray.camera.corrections import Corrections, correctable, refined
+from gaussray.camera.corrections import Corrections, apply_corrections, require_correctable
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.lens.correctable import CorrectableLens
 from gaussray.geometry import product, rotation_matrix
@@ -61,9 +61,9 @@ def unknowns(
     """
     chosen = []
     if "focal" in kinds:
-        chosen.append(Unknown("focal", "focal", correctable(lens, _KEY).focal_unit, 0))
+        chosen.append(Unknown("focal", "focal", require_correctable(lens, _KEY).focal_unit, 0))
     if "lens" in kinds:
-        chosen += _lens_unknowns(correctable(lens, _KEY), named)
+        chosen += _lens_unknowns(require_correctable(lens, _KEY), named)
     if "shutter" in kinds:
         chosen.append(Unknown("shutter", "readout", unit, 0))
     if "pose" in kinds:
@@ -93,14 +93,14 @@ def prepared(lens: AbstractLens, named: Sequence[str]) -> AbstractLens:
     Raises:
         ValueError: If the lens has no coefficient of such a name.
     """
-    known = lens.possible_names if isinstance(lens, CorrectableLens) else ()
+    known = lens.possible_coefficients if isinstance(lens, CorrectableLens) else ()
     wrong = [name for name in named if name not in known]
     if wrong:
         raise ValueError(
             f"calibrate.coefficients must be among {', '.join(known) or 'none'}, those of a lens "
             f"of type {type(lens).__name__}, got {wrong[0]!r}."
         )
-    return lens.with_room(named) if isinstance(lens, CorrectableLens) else lens
+    return lens.with_named_coefficients(named) if isinstance(lens, CorrectableLens) else lens
 
 
 def units(camera: Camera) -> CameraSet:
@@ -138,9 +138,9 @@ def corrected_camera(
     lens = camera.lens
     if "lens" in rows:
         row = rows["lens"]
-        lens = correctable(lens, _KEY).corrected(jnp.exp(row[0]), row[1:3], row[3:])
+        lens = require_correctable(lens, _KEY).corrected(jnp.exp(row[0]), row[1:3], row[3:])
     gain = jnp.exp(rows.get("exposure", jnp.zeros(3, value.dtype)))
-    return dataclasses.replace(refined(camera, corrections, unit), lens=lens), gain
+    return dataclasses.replace(apply_corrections(camera, corrections, unit), lens=lens), gain
 
 
 def _rows(
@@ -149,7 +149,7 @@ def _rows(
     """The rows of `Corrections` that hold the unknowns, by field; other numbers are zero."""
     size = {"pose": 6, "exposure": 3, "shutter": 1, "offset": 1}
     if any(one.field == "lens" for one in parameters):
-        size["lens"] = 3 + correctable(lens, _KEY).coefficient_values.shape[-1]
+        size["lens"] = 3 + require_correctable(lens, _KEY).coefficient_values.shape[-1]
     rows = {}
     for field, count in size.items():
         index = [i for i, one in enumerate(parameters) if one.field == field]
@@ -179,11 +179,11 @@ def readings(
     def reading(one: Unknown, raw: Float[Array, ""]) -> Float[Array, ""]:
         match one.kind:
             case "focal":
-                return correctable(corrected.lens, _KEY).focal_length
+                return require_correctable(corrected.lens, _KEY).focal_length
             case "lens" if one.place < 3:
-                return correctable(corrected.lens, _KEY).principal_point[one.place - 1]
+                return require_correctable(corrected.lens, _KEY).principal_point[one.place - 1]
             case "lens":
-                return correctable(corrected.lens, _KEY).coefficient_values[one.place - 3]
+                return require_correctable(corrected.lens, _KEY).coefficient_values[one.place - 3]
             case "shutter":
                 return shutter.row_step * (rows - 1)
             case "exposure":

@@ -1,4 +1,4 @@
-"""The set of training cameras: owner of each frame, units of corrections, span of times."""
+"""The training cameras of a capture: index of each frame's camera, scales of corrections, times."""
 
 import equinox as eqx
 import jax
@@ -14,32 +14,33 @@ class CameraSet(eqx.Module):
     """The training cameras of a capture.
 
     Args:
-        owner: number of the camera of each frame.
-        place: mean position of each camera.
+        owner: index of the camera of each frame.
+        position: mean position of each camera, in scene units.
         pixel: angle between neighbouring pixels in the middle of each camera's picture, in radians.
-        extent: radius of the cameras' positions, the length unit of learning rates.
-        interval: time between two timestamps, the median.
+        extent: radius of the cameras' positions in scene units, the length unit of learning rates.
+        interval: median time between two timestamps, in the capture's unit.
         times: the timestamps, increasing.
-        free: projector onto the pose corrections of all cameras (`Corrections.pose`, flattened)
-            that are not a common similarity transform.
-        earlier: the longest time between a row's exposure and its frame's timestamp, before it.
-        later: the same after the timestamp, in the capture's unit of time.
+        pose_projector: projector onto the pose corrections of all cameras (`Corrections.pose`,
+            flattened) that are not a common similarity transform.
+        earlier: the longest time by which a row's exposure precedes its frame's timestamp, in the
+            capture's unit.
+        later: the longest time by which it follows the timestamp.
     """
 
     owner: Int[Array, " frames"]
-    place: Float[Array, "cameras 3"]
+    position: Float[Array, "cameras 3"]
     pixel: Float[Array, " cameras"]
     extent: Float[Array, ""]
     interval: Float[Array, ""]
     times: Float[Array, " times"]
-    free: Float[Array, "poses poses"]
+    pose_projector: Float[Array, "poses poses"]
     earlier: float = eqx.field(static=True)
     later: float = eqx.field(static=True)
 
     @property
     def count(self) -> int:
         """The number of cameras."""
-        return self.free.shape[0] // 6
+        return self.pose_projector.shape[0] // 6
 
 
 def camera_set(
@@ -49,18 +50,18 @@ def camera_set(
     extent: float,
     refine: tuple[str, ...] = (),
 ) -> CameraSet:
-    """The set of training cameras.
+    """Build the set of training cameras.
 
     Args:
-        owner: number of the camera of each frame.
+        owner: index of the camera of each frame.
         camera: the stacked cameras of the frames.
         extent: radius of the cameras' positions.
-        refine: what is refined of the cameras. With shutter or offset, `earlier` and `later` leave
-            room for it.
+        refine: what is refined of the cameras (`corrections.REFINABLE`). With shutter or offset,
+            `earlier` and `later` leave room for the corrections.
     """
     dtype, film = camera.time.dtype, camera.film
-    place = np.asarray(camera.trajectory.translation, np.float64).mean(axis=1)
-    place = np.stack([place[owner == i].mean(axis=0) for i in range(owner.max() + 1)])
+    position = np.asarray(camera.trajectory.translation, np.float64).mean(axis=1)
+    position = np.stack([position[owner == i].mean(axis=0) for i in range(owner.max() + 1)])
     _, first_frame = np.unique(owner, return_index=True)
     pixel = _pixel_angle(jax.tree.map(lambda x: x[first_frame], camera))
     times = np.unique(np.asarray(camera.time))
@@ -70,35 +71,45 @@ def camera_set(
     delay = interval / 2 if "offset" in refine else 0.0
     return CameraSet(
         jnp.asarray(owner, jnp.int32),
-        jnp.asarray(place, dtype),
+        jnp.asarray(position, dtype),
         pixel,
         jnp.asarray(extent, dtype),
         jnp.asarray(interval, dtype),
         jnp.asarray(times, dtype),
-        jnp.asarray(_free(place / extent), dtype),
+        jnp.asarray(_without_similarity(position / extent), dtype),
         earlier=delay - room * first,
         later=delay + room * last,
     )
 
 
-def resolved(cameras: CameraSet, mean: Float[Array, "gaussians 3"]) -> Float[Array, " gaussians"]:
-    """Distance of neighbouring pixels at each Gaussian, in the camera that resolves it best."""
-
-    def nearest(place: Float[Array, "3"]) -> Float[Array, ""]:
-        away = cameras.place - place[None]
-        return jnp.min(cameras.pixel * jnp.sqrt(jnp.sum(away * away, axis=-1)))
-
-    return jax.vmap(nearest)(mean)
-
-
-def nearest_camera(
+def pixel_spacing(
     cameras: CameraSet, mean: Float[Array, "gaussians 3"]
 ) -> Float[Array, " gaussians"]:
-    """Distance of each Gaussian from the camera that is nearest to it."""
+    """Distance of neighbouring pixels at each Gaussian, in the camera that resolves it best.
 
-    def nearest(place: Float[Array, "3"]) -> Float[Array, ""]:
-        away = cameras.place - place[None]
-        return jnp.sqrt(jnp.min(jnp.sum(away * away, axis=-1)))
+    Args:
+        cameras: the cameras.
+        mean: centres of the Gaussians, in scene units.
+
+    Returns:
+        Distances in scene units.
+    """
+
+    def smallest(point: Float[Array, "3"]) -> Float[Array, ""]:
+        difference = cameras.position - point[None]
+        return jnp.min(cameras.pixel * jnp.sqrt(jnp.sum(difference * difference, axis=-1)))
+
+    return jax.vmap(smallest)(mean)
+
+
+def nearest_camera_distance(
+    cameras: CameraSet, mean: Float[Array, "gaussians 3"]
+) -> Float[Array, " gaussians"]:
+    """Distance of each Gaussian from the camera nearest to it, in scene units."""
+
+    def nearest(point: Float[Array, "3"]) -> Float[Array, ""]:
+        difference = cameras.position - point[None]
+        return jnp.sqrt(jnp.min(jnp.sum(difference * difference, axis=-1)))
 
     return jax.vmap(nearest)(mean)
 
@@ -117,22 +128,24 @@ def _pixel_angle(cameras: Camera) -> Float[Array, " cameras"]:
     pair = jnp.asarray([[film.width / 2 + x, film.height / 2] for x in (-0.5, 0.5)], dtype)
 
     def one(camera: Camera) -> Float[Array, ""]:
-        left, right = (camera.lens.direction(place) for place in pair)
+        left, right = (camera.lens.direction(pixel) for pixel in pair)
         return jnp.sqrt(jnp.sum((right - left) ** 2))
 
     return jax.vmap(one)(cameras)
 
 
-def _free(place: Float[np.ndarray, "cameras 3"]) -> Float[np.ndarray, "poses poses"]:
+def _without_similarity(
+    position: Float[np.ndarray, "cameras 3"],
+) -> Float[np.ndarray, "poses poses"]:
     """Projector that removes small rotations, translations and scalings of the whole set."""
-    place = place - place.mean(axis=0, keepdims=True)
+    position = position - position.mean(axis=0, keepdims=True)
     axes = np.eye(3)
-    whole = np.zeros((len(place), 6, 7))
+    whole = np.zeros((len(position), 6, 7))
     for k in range(3):
         whole[:, k, k] = 1
-        whole[:, 3:, k] = np.cross(axes[k][None], place)
+        whole[:, 3:, k] = np.cross(axes[k][None], position)
         whole[:, 3 + k, 3 + k] = 1
-    whole[:, 3:, 6] = place
+    whole[:, 3:, 6] = position
     basis, size, _ = np.linalg.svd(whole.reshape(-1, 7), full_matrices=False)
     basis = basis[:, size > 1e-6 * size[0]]
     return np.eye(len(basis)) - basis @ basis.T

@@ -35,9 +35,9 @@ class Camera(eqx.Module):
     of a single colour channel.
 
     Args:
-        film: Size of the picture in pixels, and the pixel filter; (width, height) will do.
+        film: Size of the picture in pixels, and the pixel filter; or (width, height).
         lens: The map between pixels and viewing directions.
-        aperture: Aperture and focus in scene units; radius 0 is a pinhole.
+        aperture: Aperture radius and focus distance in scene units; radius 0 is a pinhole.
         shutter: Exposure and readout in the capture's unit of time.
         trajectory: world_from_camera over time.
         time: The frame's own time, in the capture's unit.
@@ -75,7 +75,12 @@ class Camera(eqx.Module):
 
 
 def with_chromatic(camera: Camera, magnification: Sequence[float]) -> Camera:
-    """The camera with these magnifications of red, green and blue; all 1 is no aberration."""
+    """The camera with chromatic aberration.
+
+    Args:
+        camera: The camera.
+        magnification: Magnifications of red, green and blue; all 1 is no aberration.
+    """
     none = all(m == 1 for m in magnification)
     chromatic = None if none else to_device(magnification, camera.time.dtype)
     return dataclasses.replace(camera, chromatic=chromatic)
@@ -119,15 +124,28 @@ def camera_rays(
     u: Float[Array, "rays 5"],
     magnification: Float[Array, ""] | None = None,
 ) -> Rays:
-    """`camera_ray` of many samples, all of one colour channel or of the lens itself."""
+    """The rays of many samples: `camera_ray` for each.
+
+    Args:
+        camera: The camera.
+        pixel: Indices of the pixels (column, row).
+        u: Film x, film y, lens x, lens y and shutter of each sample, in [0, 1).
+        magnification: Of one colour channel, for all samples; None is the lens itself.
+    """
     return jax.vmap(camera_ray, in_axes=(None, 0, 0, None))(camera, pixel, u, magnification)
 
 
 def project(camera: Camera, point: Float[Array, "3"]) -> Float[Array, "2"]:
-    """Pixel (column, row) of a point in world space, seen at the frame's own time.
+    """Pixel of a point in world space, seen at the frame's own time.
 
-    Rolling shutter (see `rolling_projection`), aperture and chromatic aberration are left out. NaN
-    where the lens does not image the point.
+    Rolling shutter (see `rolling_projection`), aperture and chromatic aberration are left out.
+
+    Args:
+        camera: The camera.
+        point: Position in scene units.
+
+    Returns:
+        Position (column, row), pixel centres at +0.5; NaN where the lens does not image the point.
     """
     world_from_camera = pose_at(camera.trajectory, camera.time)
     return camera.lens.project(world_from_camera.inverse_apply(point))

@@ -13,15 +13,23 @@ from gaussray.camera.camera import Camera
 def circle_of_confusion(
     camera: Camera, pixel: Float[Array, "2"], t: Float[Array, ""], time: Float[Array, ""]
 ) -> Float[Array, ""]:
-    """Diameter, in pixels, of the image of the point at the distance `t` along the chief ray of the
-    pixel with index (column, row), at a time: the focus may be pulled.
+    """Diameter of the image of a point, in pixels.
 
-    Light of a point P through the place o of the opening falls on the pixel of the direction
-    P + o (rho / f - 1), where rho is the depth of P (focus on a plane) or its distance (on a
-    sphere) and f that of focus. Under a pinhole lens of focal length F pixels that is a disc of
-    diameter 2 radius F |1/f - 1/rho|; elsewhere an ellipse, of which this is the longer axis, to
-    first order in radius / t. Blades count as the disc around them, and what a rim clips of the
-    opening counts too. NaN where there is no ray.
+    Light of a point P that passes the aperture at o falls on the pixel of the direction
+    P + o (rho / f - 1). Here rho is the depth of P (focus on a plane) or its distance (focus on a
+    sphere), and f the focus distance. Under a pinhole lens of focal length F pixels that is a disc
+    of diameter 2 radius F |1/f - 1/rho|; under other lenses an ellipse, of which this is the longer
+    axis, to first order in radius / t. The aperture counts as a full disc: blades and the rim of
+    optical vignetting make no difference.
+
+    Args:
+        camera: The camera.
+        pixel: Index (column, row) of the pixel, on whose chief ray the point lies.
+        t: Distance of the point from the camera, in scene units.
+        time: Time, in the capture's unit: a focus pull changes the focus distance.
+
+    Returns:
+        The diameter; NaN where the pixel has no ray.
     """
     direction = camera.lens.direction(pixel + 0.5)
     focus = focus_distance_at(camera.aperture, time)

@@ -22,7 +22,7 @@ REFINABLE = ("pose", "lens", "shutter", "exposure", "color_matrix", "offset")
 
 
 class Corrections(eqx.Module):
-    """Corrections of every training camera. Zero leaves a camera as recorded; None: not refined.
+    """Corrections of every training camera: 0 leaves a camera as recorded, None is not refined.
 
     Args:
         pose: rotation vector about the camera's position, in radians, and translation, in extents;
@@ -32,8 +32,8 @@ class Corrections(eqx.Module):
         shutter: logarithm of a factor of row step and row offset, one for all cameras: cameras of
             one kind have one readout, and a single camera determines it poorly.
         exposure: logarithm of exposure times white balance, per channel of linear light.
-        color_matrix: what a matrix of linear red, green and blue, before the exposure, has more
-            than the identity.
+        color_matrix: difference of a colour matrix from the identity; it acts on linear red, green
+            and blue, before the exposure.
         offset: delay of a camera, in intervals between timestamps.
     """
 
@@ -69,7 +69,7 @@ def no_corrections(refine: Sequence[str], count: int, camera: Camera) -> Correct
         )
     lens = 0
     if "lens" in refine:
-        lens = 3 + correctable(camera.lens).coefficient_values.shape[-1]
+        lens = 3 + require_correctable(camera.lens).coefficient_values.shape[-1]
     shape = {
         "pose": (count, 6),
         "lens": (count, lens),
@@ -86,7 +86,7 @@ def refined_kinds(corrections: Corrections | None) -> tuple[str, ...]:
     return tuple(kind for kind in REFINABLE if getattr(corrections, kind, None) is not None)
 
 
-def correctable(lens: AbstractLens, key: str = "fit.refine") -> CorrectableLens:
+def require_correctable(lens: AbstractLens, key: str = "fit.refine") -> CorrectableLens:
     """Check that a lens is a `CorrectableLens`, and return it.
 
     Raises:
@@ -100,19 +100,25 @@ def correctable(lens: AbstractLens, key: str = "fit.refine") -> CorrectableLens:
     return lens
 
 
-def gauge_fixed(corrections: Corrections, cameras: CameraSet) -> Corrections:
-    """The corrections with the gauge freedom removed, a row for every camera.
+def fix_gauge(corrections: Corrections, cameras: CameraSet) -> Corrections:
+    """Remove the gauge freedom of the corrections.
 
     A scene that is moved, turned, scaled, brightened or delayed together with all its cameras gives
-    the same pictures. So the similarity common to all poses is projected out, and the mean of
-    exposures, colour matrices and offsets is subtracted: the mean matrix is the identity. Held-out
-    cameras then keep their recorded values. The mean
-    over all cameras is subtracted, rather than fixing one camera, because it averages the errors of
-    the recording.
+    the same pictures. So the similarity transform common to all poses is projected out, and the
+    mean of exposures, colour matrices and offsets is subtracted: the mean matrix is the identity.
+    Held-out cameras then keep their recorded values. Subtracting the mean over all cameras, rather
+    than fixing one camera, averages the errors of the recording.
+
+    Args:
+        corrections: the corrections.
+        cameras: the set of training cameras.
+
+    Returns:
+        The corrections, with a leading axis of cameras.
     """
     pose, shutter = corrections.pose, corrections.shutter
     if pose is not None:
-        pose = product("ij,j->i", cameras.free, pose.reshape(-1)).reshape(pose.shape)
+        pose = product("ij,j->i", cameras.pose_projector, pose.reshape(-1)).reshape(pose.shape)
     if shutter is not None:
         shutter = jnp.broadcast_to(shutter, (cameras.count,))
 
@@ -129,11 +135,16 @@ def gauge_fixed(corrections: Corrections, cameras: CameraSet) -> Corrections:
     )
 
 
-def refined(camera: Camera, row: Corrections, cameras: CameraSet) -> Camera:
-    """A camera with its row of the `gauge_fixed` corrections applied.
+def apply_corrections(camera: Camera, row: Corrections, cameras: CameraSet) -> Camera:
+    """Apply corrections to a camera.
 
-    A camera has neither gain nor matrix of colours; the caller applies `row.exposure` and
+    A camera has neither gain nor colour matrix; the caller applies `row.exposure` and
     `row.color_matrix` (`color_response`).
+
+    Args:
+        camera: the recorded camera.
+        row: its row of the corrections, after `fix_gauge`.
+        cameras: the set of training cameras, whose extent and interval scale the corrections.
     """
     trajectory, shutter, lens = camera.trajectory, camera.shutter, camera.lens
     if row.pose is not None:
@@ -143,7 +154,7 @@ def refined(camera: Camera, row: Corrections, cameras: CameraSet) -> Camera:
         trajectory = dataclasses.replace(trajectory, quat=quat, translation=place)
     if row.lens is not None:
         # Coefficients that the capture leaves out stay zero.
-        lens = correctable(lens)
+        lens = require_correctable(lens)
         change = jnp.where(lens.coefficient_values != 0, row.lens[3:], 0)
         lens = lens.corrected(jnp.exp(row.lens[0]), row.lens[1:3], change)
     if row.shutter is not None:
@@ -153,8 +164,8 @@ def refined(camera: Camera, row: Corrections, cameras: CameraSet) -> Camera:
         scaled = jax.tree.map(lambda x: factor * x, times)
         shutter = dataclasses.replace(shutter, **scaled)
     if row.offset is not None:
-        late = shutter.row_offset + cameras.interval * row.offset
-        shutter = dataclasses.replace(shutter, row_offset=late)
+        row_offset = shutter.row_offset + cameras.interval * row.offset
+        shutter = dataclasses.replace(shutter, row_offset=row_offset)
     return dataclasses.replace(camera, lens=lens, shutter=shutter, trajectory=trajectory)
 
 
@@ -178,13 +189,13 @@ def refined_views(
     """
     if corrections is None:
         return views, None
-    rows = jax.tree.map(lambda x: x[owner], gauge_fixed(corrections, cameras))
-    views = jax.vmap(refined, in_axes=(0, 0, None))(views, rows, cameras)
+    rows = jax.tree.map(lambda x: x[owner], fix_gauge(corrections, cameras))
+    views = jax.vmap(apply_corrections, in_axes=(0, 0, None))(views, rows, cameras)
     return views, color_response(rows)
 
 
 def color_response(corrections: Corrections) -> Float[Array, "cameras 3 ..."] | None:
-    """What cameras make of linear light (`responded`), from `gauge_fixed` corrections.
+    """The colour response of cameras to linear light, of corrections after `fix_gauge`.
 
     Returns:
         A gain for each channel, or a matrix (output channel, input channel) where colour matrices
@@ -197,14 +208,19 @@ def color_response(corrections: Corrections) -> Float[Array, "cameras 3 ..."] | 
     return matrix if gain is None else gain[..., None] * matrix
 
 
-def responded(
+def apply_color_response(
     gain: Float[Array, "..."], light: Float[Array, "*pixels 3"]
 ) -> Float[Array, "*pixels 3"]:
-    """Linear light as cameras record it, by the gains or colour matrices of `color_response`."""
+    """Linear light as cameras record it.
+
+    Args:
+        gain: gains or colour matrices of `color_response`.
+        light: linear red, green and blue.
+    """
     return gain * light if gain.ndim == light.ndim else product("...ij,...j->...i", gain, light)
 
 
-_refined = jax.jit(refined)
+_apply_corrections = jax.jit(apply_corrections)
 
 
 def refined_frames(
@@ -224,19 +240,28 @@ def refined_frames(
     """
     if corrections is None:
         return [camera for _, camera in frames]
-    table = gauge_fixed(corrections, cameras)
+    table = fix_gauge(corrections, cameras)
     rows = {name: jax.tree.map(lambda x, i=i: x[i], table) for i, name in enumerate(names)}
     return [
-        _refined(camera, rows[name], cameras) if name in rows else camera for name, camera in frames
+        _apply_corrections(camera, rows[name], cameras) if name in rows else camera
+        for name, camera in frames
     ]
 
 
 def gains(
     corrections: Corrections | None, cameras: CameraSet, names: Sequence[str]
 ) -> dict[str, list[float]]:
-    """The gains of red, green and blue in linear light, by camera name; empty if exposures are not
-    refined."""
-    exposure = None if corrections is None else gauge_fixed(corrections, cameras).exposure
+    """Gains of red, green and blue in linear light.
+
+    Args:
+        corrections: the corrections; None for none.
+        cameras: the set of training cameras.
+        names: names of the cameras, in the order of the corrections.
+
+    Returns:
+        The gains by camera name; empty if exposures are not refined.
+    """
+    exposure = None if corrections is None else fix_gauge(corrections, cameras).exposure
     if exposure is None:
         return {}
     gain = np.exp(np.asarray(exposure, np.float64)).round(6)
@@ -246,9 +271,17 @@ def gains(
 def color_matrices(
     corrections: Corrections | None, cameras: CameraSet, names: Sequence[str]
 ) -> dict[str, list[list[float]]]:
-    """The matrices of linear red, green and blue (rows: output channels), by camera name; empty if
-    they are not refined."""
-    matrix = None if corrections is None else gauge_fixed(corrections, cameras).color_matrix
+    """Matrices of linear red, green and blue, rows are output channels.
+
+    Args:
+        corrections: the corrections; None for none.
+        cameras: the set of training cameras.
+        names: names of the cameras, in the order of the corrections.
+
+    Returns:
+        The matrices by camera name; empty if they are not refined.
+    """
+    matrix = None if corrections is None else fix_gauge(corrections, cameras).color_matrix
     if matrix is None:
         return {}
     values = (np.eye(3) + np.asarray(matrix, np.float64)).round(6)
@@ -260,9 +293,13 @@ def corrections_summary(
 ) -> str:
     """One line that sums up the corrections, for the log.
 
-    `shutter` is that of the training frames, stacked, and `unit` the capture's unit of time.
+    Args:
+        corrections: the corrections.
+        cameras: the set of training cameras.
+        shutter: the stacked shutters of the training frames.
+        unit: the capture's unit of time.
     """
-    c, parts = jax.tree.map(np.asarray, gauge_fixed(corrections, cameras)), []
+    c, parts = jax.tree.map(np.asarray, fix_gauge(corrections, cameras)), []
     if c.pose is not None:
         turn, shift = (np.linalg.norm(x, axis=1).max() for x in (c.pose[:, :3], c.pose[:, 3:]))
         distance = float(cameras.extent) * shift
@@ -285,6 +322,6 @@ def corrections_summary(
             f"colour matrices off the identity by up to {np.abs(c.color_matrix).max():.3f}"
         )
     if c.offset is not None:
-        late = float(cameras.interval) * c.offset
-        parts.append(f"offsets {late.min():.4g} to {late.max():.4g} ({unit})")
+        delay = float(cameras.interval) * c.offset
+        parts.append(f"offsets {delay.min():.4g} to {delay.max():.4g} ({unit})")
     return f"refined cameras: {'; '.join(parts)}"

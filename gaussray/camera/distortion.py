@@ -23,7 +23,7 @@ _RESIDUAL = 1e-4
 
 
 def distort(coefficients: Float[Array, " coefficients"], xy: Float[Array, "2"]) -> Array:
-    """Image point, in focal lengths, of the ideal image point `xy`.
+    """Distort an ideal image point, in focal lengths.
 
     With coefficients (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tau_x, tau_y), of which the
     first 8 or 12 do, and r^2 = x^2 + y^2:
@@ -60,10 +60,16 @@ def _tilted(tau: Float[Array, "2"], xy: Float[Array, "2"]) -> Float[Array, "2"]:
     return cy * cx * across / depth + jnp.stack([sy * cx, -sx])
 
 
-def unfolded(coefficients: Float[Array, " coefficients"], xy: Float[Array, "2"]) -> Bool[Array, ""]:
-    """Whether the distortion keeps the picture's orientation at the ideal point `xy`.
+def keeps_picture_orientation(
+    coefficients: Float[Array, " coefficients"], xy: Float[Array, "2"]
+) -> Bool[Array, ""]:
+    """Whether the distortion keeps the picture's orientation at an ideal image point.
 
     Strong coefficients fold the picture back onto itself far from the centre; no real lens does.
+
+    Args:
+        coefficients: 8, 12 or 14 coefficients in OpenCV's order.
+        xy: The ideal image point, in focal lengths.
     """
     return keeps_orientation(_bent, xy, coefficients)
 
@@ -71,7 +77,15 @@ def unfolded(coefficients: Float[Array, " coefficients"], xy: Float[Array, "2"])
 def undistort(
     coefficients: Float[Array, " coefficients"], target: Float[Array, "2"]
 ) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
-    """Ideal image point that `distort` takes to `target`, and whether there is one."""
+    """Undistort an image point: the inverse of `distort`, by Newton's method.
+
+    Args:
+        coefficients: 8, 12 or 14 coefficients in OpenCV's order.
+        target: The distorted image point, in focal lengths.
+
+    Returns:
+        The ideal image point, and whether there is one.
+    """
     start = jax.lax.stop_gradient(target)
     return plane_root(_bent, target, coefficients, start, steps=_NEWTON_STEPS, residual=_RESIDUAL)
 

@@ -54,20 +54,26 @@ class Film(eqx.Module):
 
 
 def sample_offset(film: Film, u: Float[Array, "2"]) -> Float[Array, "2"]:
-    """Offset from the pixel's centre, in pixels, distributed as the filter.
+    """Offset of a sample from the pixel's centre, distributed as the pixel filter.
 
     Importance sampling by the inverse cumulative distribution, so all samples have equal weight.
-    u in [0, 1); u = (1/2, 1/2) is the centre itself.
+
+    Args:
+        film: The film.
+        u: Two numbers in [0, 1); (1/2, 1/2) is the centre itself.
+
+    Returns:
+        Offset (x, y) in pixels.
     """
     if film.filter == "center":
         return jnp.zeros_like(u)
     if film.filter == "box":
         return film.filter_width * (u - 0.5)
     table = jnp.asarray(_inverse_distribution(film.filter), u.dtype)
-    place = jnp.clip(u, 0, 1) * CELLS
-    cell = jnp.clip(jnp.floor(place).astype(jnp.int32), 0, CELLS - 1)
+    position = jnp.clip(u, 0, 1) * CELLS
+    cell = jnp.clip(jnp.floor(position).astype(jnp.int32), 0, CELLS - 1)
     low, high = table[cell], table[cell + 1]
-    return film.filter_width * (low + (place - cell) * (high - low))
+    return film.filter_width * (low + (position - cell) * (high - low))
 
 
 @functools.cache

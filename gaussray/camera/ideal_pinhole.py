@@ -9,33 +9,35 @@ from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.lens import AbstractLens, Pinhole, pinhole
 from gaussray.camera.shutter import Shutter, time_window
-from gaussray.camera.trajectory import fixed, pose_at
+from gaussray.camera.trajectory import pose_at, static_trajectory
 
 
-# Degrees across that an ideal pinhole still shows: at 170 the edge is enlarged 130 times.
+# Largest field of view of an ideal pinhole, in degrees: at 170 the edge is enlarged 130 times.
 WIDEST = 170.0
 
 
-def sharp(camera: Camera) -> Camera:
-    """The camera without lens distortion, aperture, exposure and readout: an ideal pinhole that
-    takes all rows at the middle of the frame's rows, from the pose of that moment.
+def ideal_pinhole_of(camera: Camera) -> Camera:
+    """The camera without effects: an ideal pinhole with an instantaneous exposure (label `sharp`).
 
-    A perspective lens keeps its focal length and center. Another one becomes a pinhole of the same
-    horizontal field of view, the wider half of it on both sides; a ValueError where that is
-    beyond `WIDEST`. On the host.
+    All rows are exposed at the middle of the frame's readout, from the pose of that moment. A
+    perspective lens keeps its focal length and center. Another lens becomes a pinhole of the same
+    horizontal field of view, the wider half of it on both sides. On the host.
+
+    Raises:
+        ValueError: The field of view is wider than `WIDEST` degrees.
     """
     camera = jax.device_get(camera)
     dtype, film = camera.time.dtype, camera.film
     begin, end = time_window(camera.shutter, (film.width, film.height))
     time = jnp.asarray(camera.time + (begin + end) / 2, dtype)
     zero = jnp.zeros((), dtype)
-    none = jax.tree.map(lambda x: x.astype(dtype), no_aperture())
+    aperture = jax.tree.map(lambda x: x.astype(dtype), no_aperture())
     return Camera(
         film,
         _perspective(camera, dtype),
-        none,
+        aperture,
         Shutter(zero, zero, zero),
-        fixed(pose_at(jax.tree.map(jnp.asarray, camera.trajectory), time)),
+        static_trajectory(pose_at(jax.tree.map(jnp.asarray, camera.trajectory), time)),
         time,
     )
 
@@ -61,6 +63,6 @@ def _half_angle(lens: AbstractLens, width: int, height: int, dtype) -> float:
     column = np.linspace(0, width, 4 * width + 1)
     row = jnp.asarray(np.stack([column, np.full_like(column, height / 2)], axis=-1), dtype)
     direction: Float[Array, "places 3"] = jax.vmap(jax.tree.map(jnp.asarray, lens).direction)(row)
-    seen = np.asarray(direction, np.float64)
-    angle = np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2])
-    return float(np.max(angle, where=np.any(seen != 0, axis=-1), initial=0))
+    directions = np.asarray(direction, np.float64)
+    angle = np.arctan2(np.hypot(directions[:, 0], directions[:, 1]), directions[:, 2])
+    return float(np.max(angle, where=np.any(directions != 0, axis=-1), initial=0))

@@ -1,4 +1,4 @@
-"""What an inertial measurement unit on the camera feels along its path."""
+"""Measurements of an inertial measurement unit (IMU) on a moving camera."""
 
 import math
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from gaussray.geometry import conjugate, multiply, normalize_quaternion
 
 # Derivatives are taken this far (of the time between two poses) from a pose, where acceleration
 # jumps; noise of the second derivative there is 1e-10 of itself.
-_ASIDE = 1e-6
+_KNOT_OFFSET = 1e-6
 _TEXT = (
     "Render with trajectory.interpolation=spline, along which velocity and turn rate are continuous"
 )
@@ -101,8 +101,11 @@ def imu_samples(
 
     Args:
         trajectory: The camera's path, in scene units and the capture's unit of time.
-        time: When to sample, in seconds, in order.
+        time: Times of the samples, in seconds, increasing.
         options: The IMU.
+
+    Returns:
+        The measurements, and the true pose, velocity and biases.
 
     Raises:
         ValueError: The path has corners: three poses or more with linear interpolation.
@@ -116,16 +119,16 @@ def imu_samples(
         exact = jax.tree.map(lambda x: jnp.asarray(x, jnp.float64), trajectory)
         seconds = options.seconds_per_unit
         parts = _motion(exact, np.asarray(time, np.float64) / seconds)
-        place, quat, speed, turning, push = (np.asarray(x) for x in parts)
+        position, quat, velocity, turn_rate, acceleration = (np.asarray(x) for x in parts)
     metres = 1 / options.units_per_metre
-    free = push * metres / seconds**2 - np.array(options.gravity)
+    specific_force = acceleration * metres / seconds**2 - np.array(options.gravity)
     bias, noise = _errors(np.asarray(time), options)
     return ImuSamples(
-        gyroscope=turning / seconds + bias[0] + noise[0],
-        accelerometer=_in_camera(quat, free) + bias[1] + noise[1],
-        position=place * metres,
+        gyroscope=turn_rate / seconds + bias[0] + noise[0],
+        accelerometer=_in_camera(quat, specific_force) + bias[1] + noise[1],
+        position=position * metres,
         quat=quat,
-        velocity=speed * metres / seconds,
+        velocity=velocity * metres / seconds,
         gyroscope_bias=bias[0],
         accelerometer_bias=bias[1],
     )
@@ -140,31 +143,33 @@ def _double_precision() -> AbstractContextManager[None]:
 
 @jax.jit
 def _motion(trajectory: Trajectory, time: Float[Array, " samples"]) -> tuple[Array, ...]:
-    """Place, rotation, velocity, turn rate in the camera's axes, and acceleration, in scene units
-    and units of time."""
+    """Position, rotation, velocity, turn rate in the camera's axes, and acceleration, in scene
+    units and units of time."""
 
     def pose(t: Array) -> tuple[Array, Array]:
         at = pose_at(trajectory, t)
         return at.translation, normalize_quaternion(at.quat)
 
-    def moving(t: Array) -> tuple[Array, Array]:
+    def velocities(t: Array) -> tuple[Array, Array]:
         (_, quat), (velocity, change) = jax.jvp(pose, (t,), (jnp.ones_like(t),))
         return velocity, 2 * multiply(conjugate(quat), change)[1:]
 
     def one(t: Array) -> tuple[Array, ...]:
-        place, quat = pose(t)
-        (velocity, turn), (push, _) = jax.jvp(moving, (beside(t),), (jnp.ones_like(t),))
-        return place, quat, velocity, turn, push
+        position, quat = pose(t)
+        (velocity, turn_rate), (acceleration, _) = jax.jvp(
+            velocities, (off_knot(t),), (jnp.ones_like(t),)
+        )
+        return position, quat, velocity, turn_rate, acceleration
 
-    def beside(t: Array) -> Array:
+    def off_knot(t: Array) -> Array:
         """The time, moved away from a pose: after it, or before the last."""
         knots = trajectory.time
         if knots.shape[0] == 1:
             return t
-        aside = _ASIDE * jnp.min(jnp.diff(knots))
+        offset = _KNOT_OFFSET * jnp.min(jnp.diff(knots))
         nearest = knots[jnp.argmin(jnp.abs(knots - t))]
-        moved = jnp.where(nearest == knots[-1], nearest - aside, nearest + aside)
-        return jnp.where(jnp.abs(t - nearest) < aside, moved, t)
+        moved = jnp.where(nearest == knots[-1], nearest - offset, nearest + offset)
+        return jnp.where(jnp.abs(t - nearest) < offset, moved, t)
 
     return jax.vmap(one)(time)
 

@@ -72,14 +72,14 @@ def orbit(
         raise ValueError(f"orbit: times must increase, got {tuple(times)}.")
     first, middle, axis = _points(eye, target, up)
     axis = normalize(axis)
-    place, turn = _pose(first, middle, axis)
+    position, turn = _pose(first, middle, axis)
     count = max(round(abs(turns) * POSES_PER_TURN), 1) + 1
-    angle = jnp.linspace(0, 2 * jnp.pi * turns, count, dtype=place.dtype)
+    angle = jnp.linspace(0, 2 * jnp.pi * turns, count, dtype=position.dtype)
     turned = jax.vmap(lambda a: turning(a * axis))(angle)
-    away = product("nij,j->ni", rotation_matrix(turned), place - middle)
+    offset = product("nij,j->ni", rotation_matrix(turned), position - middle)
     quat = multiply(turned, jnp.broadcast_to(turn, turned.shape))
-    time = jnp.linspace(times[0], times[1], count, dtype=place.dtype)
-    return Trajectory(time, quat, middle[None] + away, "spline")
+    time = jnp.linspace(times[0], times[1], count, dtype=position.dtype)
+    return Trajectory(time, quat, middle[None] + offset, "spline")
 
 
 def _points(eye: Point, target: Point, up: Point) -> tuple[Array, Array, Array]:

@@ -8,7 +8,13 @@ from gaussray.camera.lens import AbstractLens
 
 
 def axis_of(lens: AbstractLens, dtype: DTypeLike) -> Float[Array, "2"]:
-    """Pixel (column, row) of what lies straight ahead, which may be outside the picture."""
+    """Pixel (column, row) of the optical axis, which may lie outside the picture; NaN where the
+    lens does not image it.
+
+    Args:
+        lens: The lens.
+        dtype: Precision of the result.
+    """
     return lens.project(jnp.asarray([0, 0, 1], dtype))
 
 

@@ -9,9 +9,12 @@ from gaussray.io.plain_values import optional, readable, rows, vector
 class Rays(eqx.Module):
     """Half-lines in world space, each with the time at which it sees the scene.
 
-    A ray of unit `direction` and any `origin`; `time` is in the capture's unit. A ray that a lens
-    cannot form (outside its field of view) has direction zero and meets nothing. `weight` is what
-    its light counts for (gaussray.camera.aperture.transmitted); None is 1.
+    Args:
+        origin: Start of each ray, in scene units.
+        direction: Unit vectors. A ray that a lens cannot form (outside its field of view) has
+            direction zero and hits nothing.
+        time: In the capture's unit.
+        weight: Factor of the light of each ray (gaussray.camera.aperture.transmitted); None is 1.
     """
 
     origin: Float[Array, "*rays 3"] = eqx.field(converter=rows("rays.origin", 3))

@@ -18,32 +18,48 @@ from gaussray.camera.trajectory import pose_at
 # The first step goes to what is read at the guess, those that follow are secants: one is exact for
 # a uniform motion on the picture, and each further one multiplies the last two errors.
 _SECANT_STEPS = 4
-# Share of a row's time by which the row found may miss, a twentieth of a pixel's motion by a pixel.
+# Accepted delay as a share of the time of a row.
 _ROW_TOLERANCE = 0.05
 
 
-def place_at(camera: Camera, point: Float[Array, "3"], time: Float[Array, ""]) -> Float[Array, "2"]:
-    """Pixel (column, row; centres at + 1/2) of a point of the world, seen from the camera's pose at
-    a time; NaN where it is not imaged. The aperture is left out."""
+def pixel_at(camera: Camera, point: Float[Array, "3"], time: Float[Array, ""]) -> Float[Array, "2"]:
+    """Pixel of a world point, seen from the camera's pose at a time. The aperture is left out.
+
+    Args:
+        camera: The camera.
+        point: Position in the world, in scene units.
+        time: Time of the pose, in the capture's unit.
+
+    Returns:
+        Position (column, row) with pixel centres at +1/2; NaN where the lens does not image it.
+    """
     return camera.lens.project(pose_at(camera.trajectory, time).inverse_apply(point))
 
 
-def reading_time(
-    camera: Camera, place: Float[Array, "2"], field: Int[Array, ""]
+def row_time_at(
+    camera: Camera, pixel: Float[Array, "2"], field: Int[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
-    """Middle of the exposure of a place in the picture, and the time from row to row there, in the
-    capture's unit. It is that of its row in the row's middle and even in between, so that what
-    lands between rows has a time of its own.
+    """Middle of the exposure at a position in the picture.
 
-    Where rows have times of their own, in between is between every second row, those of the `field`
-    (0: rows 0, 2, 4, ..., 1: the others): fields that are read one after the other stay apart.
+    In the middle of a row it is the row's own time. Between rows it is interpolated linearly, so
+    that a point which lands between two rows has a time of its own. Where `row_times` are given it
+    is interpolated between every second row, those of the `field`: two fields that are read one
+    after the other stay apart.
+
+    Args:
+        camera: The camera.
+        pixel: Position (column, row), pixel centres at +1/2.
+        field: 0 for rows 0, 2, 4, ...; 1 for the others.
+
+    Returns:
+        The time, and the time from one row to the next there, in the capture's unit.
     """
     size, shutter = (camera.film.width, camera.film.height), camera.shutter
     even = dataclasses.replace(shutter, row_times=None)
-    time = sample_time(even, place - 0.5, size, camera.time, jnp.full_like(place[0], 0.5))
+    time = sample_time(even, pixel - 0.5, size, camera.time, jnp.full_like(pixel[0], 0.5))
     if shutter.row_times is None:
         return time, shutter.row_step
-    table, row = shutter.row_times, row_number(shutter, place - 0.5, size)
+    table, row = shutter.row_times, row_number(shutter, pixel - 0.5, size)
     last = field + (table.shape[0] - 1 - field) // 2 * 2
     below = field + 2 * jnp.floor((row - field) / 2).astype(jnp.int32)
     below = jnp.clip(below, field, jnp.maximum(last - 2, field))
@@ -52,91 +68,107 @@ def reading_time(
     return time + table[below] + step * (row - below), shutter.row_step + step
 
 
-class Reading(NamedTuple):
-    """What a picture reads of a point at a time: its place in pixels, how much later that place is
-    read (`missed`, in the capture's unit), and the time from row to row there."""
+class RowTiming(NamedTuple):
+    """Pixel of a point at a time, and when the shutter reads that pixel.
 
-    place: Float[Array, "*points 2"]
-    missed: Float[Array, "*points"]
-    step: Float[Array, "*points"]
+    Args:
+        pixel: Position (column, row), pixel centres at +1/2; NaN where it is not imaged.
+        delay: How much later than the point's time the pixel is read, in the capture's unit.
+        row_step: Time from one row to the next there, in the capture's unit.
+    """
+
+    pixel: Float[Array, "*points 2"]
+    delay: Float[Array, "*points"]
+    row_step: Float[Array, "*points"]
 
 
-def reading(
+def row_timing(
     camera: Camera, point: Float[Array, "3"], time: Float[Array, ""], field: Int[Array, ""]
-) -> Reading:
-    """What a picture reads of a point of the world that is at `point` at a time."""
-    place = place_at(camera, point, time)
-    read, step = reading_time(camera, place, field)
-    return Reading(place, read - time, step)
+) -> RowTiming:
+    """Pixel and readout delay of a world point at a time.
+
+    Args:
+        camera: The camera.
+        point: Position of the point at `time`, in scene units.
+        time: Time, in the capture's unit.
+        field: See `row_time_at`.
+    """
+    pixel = pixel_at(camera, point, time)
+    row_time, row_step = row_time_at(camera, pixel, field)
+    return RowTiming(pixel, row_time - time, row_step)
 
 
-class Landing(NamedTuple):
-    """Place at which a picture sees points of the world, and whether it does: a point is imaged,
-    inside the picture, by a row that is read just then."""
+class PathProjection(NamedTuple):
+    """Pixels at which a picture shows moving points.
 
-    place: Float[Array, "*points 2"]
-    met: Bool[Array, "*points"]
+    Args:
+        pixel: Position (column, row), pixel centres at +1/2.
+        visible: Whether the point is imaged, inside the picture, by a row that is read just then.
+    """
+
+    pixel: Float[Array, "*points 2"]
+    visible: Bool[Array, "*points"]
 
 
-def landing(
+def project_paths(
     path: Callable[[Float[Array, "*points"]], Float[Array, "*points 3"]],
-    read: Callable[..., Reading],
+    timing: Callable[..., RowTiming],
     guess: Float[Array, "*points"],
     film: Film,
     *,
     fields: int = 1,
-) -> Landing:
-    """Where a picture sees points of the world that go along paths.
+) -> PathProjection:
+    """Project moving points through a rolling shutter.
 
-    The time solves t = reading_time(place_at(path(t), t)), by the secant method from `guess`. A
-    global shutter is met at once. What runs with the readout, as fast as it or faster, may be seen
-    more than once, or never: one landing is found, or none. Of two fields it is that in which is
-    read, at the guess, what is seen then.
+    The time t of each point solves t = row_time_at(pixel_at(path(t), t)), by the secant method from
+    `guess`. With a global shutter the first step is exact. A point that moves as fast as the
+    readout, or faster, may be seen more than once or never: one solution is found, or none. Of two
+    fields, the one that is read nearest to the guess is taken.
 
     Args:
-        path: Places at times.
-        read: `reading` of one camera for all points: of (place, time, field).
-        guess: Times to start from.
+        path: Positions of the points, in scene units, at their times.
+        timing: `row_timing` of one camera for all points: of (positions, times, fields).
+        guess: Times to start from, in the capture's unit.
         film: The camera's film.
-        fields: 2 where rows have times of their own, else 1.
+        fields: 2 where the shutter has `row_times`, else 1.
     """
     field = jnp.zeros(guess.shape, jnp.int32)
     if fields > 1:
-        late = [jnp.abs(read(path(guess), guess, field + i).missed) for i in range(fields)]
-        field = _least(jnp.stack(late))
+        delays = [jnp.abs(timing(path(guess), guess, field + i).delay) for i in range(fields)]
+        field = _nearest_field(jnp.stack(delays))
     search = guess, jnp.zeros_like(guess), guess
     for _ in range(_SECANT_STEPS):
         time = search[2]
-        search = _secant(search, read(path(time), time, field).missed)
+        search = _secant(search, timing(path(time), time, field).delay)
     time = search[2]
-    return _landed(read(path(time), time, field), time, guess, film)
+    return _accept(timing(path(time), time, field), time, guess, film)
 
 
 @jax.jit
-def _least(late: Float[Array, "fields devices points"]) -> Int[Array, "devices points"]:
-    return jnp.argmin(late, axis=0).astype(jnp.int32)
+def _nearest_field(delay: Float[Array, "fields devices points"]) -> Int[Array, "devices points"]:
+    return jnp.argmin(delay, axis=0).astype(jnp.int32)
 
 
 @jax.jit
 def _secant(
-    search: tuple[Array, Array, Array], missed: Float[Array, "*points"]
+    search: tuple[Array, Array, Array], delay: Float[Array, "*points"]
 ) -> tuple[Array, Array, Array]:
-    """The time tried last, by how much it was missed, and the time to try next, from the same one
-    step before and how much that time was missed."""
-    before, missed_before, time = search
-    tiny, change = jnp.finfo(time.dtype).eps, missed - missed_before
+    """One secant step: (previous time, its delay, time) -> (time, its delay, next time)."""
+    previous, previous_delay, time = search
+    tiny, change = jnp.finfo(time.dtype).eps, delay - previous_delay
     # At first, and where nothing changes (a global shutter, the root itself), to what is read.
-    flat = (before == time) | (change == 0) | (jnp.abs(missed) <= tiny * jnp.abs(time))
-    step = jnp.where(flat, missed, -missed * (time - before) / jnp.where(flat, 1, change))
-    return time, missed, time + step
+    flat = (previous == time) | (change == 0) | (jnp.abs(delay) <= tiny * jnp.abs(time))
+    step = jnp.where(flat, delay, -delay * (time - previous) / jnp.where(flat, 1, change))
+    return time, delay, time + step
 
 
 @partial(jax.jit, static_argnums=3)
-def _landed(found: Reading, time: Array, guess: Array, film: Film) -> Landing:
+def _accept(timing: RowTiming, time: Array, guess: Array, film: Film) -> PathProjection:
+    """Points whose row is read at their time, within the tolerance, and inside the picture."""
     rounding = 8 * jnp.finfo(time.dtype).eps * jnp.maximum(jnp.abs(time), jnp.abs(guess))
-    met = jnp.abs(found.missed) <= _ROW_TOLERANCE * jnp.abs(found.step) + rounding
+    on_time = jnp.abs(timing.delay) <= _ROW_TOLERANCE * jnp.abs(timing.row_step) + rounding
     inside = [
-        (found.place[..., i] >= 0) & (found.place[..., i] <= size)
+        (timing.pixel[..., i] >= 0) & (timing.pixel[..., i] <= size)
         for i, size in enumerate((film.width, film.height))
     ]
-    return Landing(found.place, met & inside[0] & inside[1])
+    return PathProjection(timing.pixel, on_time & inside[0] & inside[1])

@@ -97,10 +97,10 @@ def plane_root(
     for _ in range(steps):
         x = newton(x, *fixed)
     error = jnp.max(jnp.abs(function(x, fixed[1]) - fixed[0]))
-    found = (error < residual) & keeps_orientation(function, x, fixed[1])
+    is_root = (error < residual) & keeps_orientation(function, x, fixed[1])
     # Where Newton failed it may have run to infinity; the start keeps the gradients finite.
-    x = jnp.where(found, x, start)
-    return newton(jax.lax.stop_gradient(x), value, parameters), found
+    x = jnp.where(is_root, x, start)
+    return newton(jax.lax.stop_gradient(x), value, parameters), is_root
 
 
 def keeps_orientation(

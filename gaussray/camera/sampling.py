@@ -1,4 +1,4 @@
-"""Random numbers of a camera: Sobol points of film, lens and shutter, and an integer hash.
+"""Sample points of a camera: Sobol points over film, lens and shutter, and an integer hash.
 
 Every sample of a pixel is a point of the unit cube with the coordinates film x, film y, lens x,
 lens y and shutter. The points are well spread and repeatable: nothing here has a state.
@@ -54,22 +54,28 @@ def _steps(doublings: int) -> Int[np.ndarray, "doublings 5"]:
     """What each bit of a point's number adds to its coordinates, in units of 2^-doublings."""
     steps = np.empty((doublings, DIMENSIONS), np.int64)
     for dimension, (polynomial, odd) in enumerate(_DIRECTIONS):
-        degree, known = len(odd), list(odd) if odd else [1] * doublings
-        for bit in range(len(known), doublings):
-            new = known[bit - degree] ^ (known[bit - degree] << degree)
+        degree, numbers = len(odd), list(odd) if odd else [1] * doublings
+        for bit in range(len(numbers), doublings):
+            new = numbers[bit - degree] ^ (numbers[bit - degree] << degree)
             for k in range(1, degree):
                 if polynomial >> (degree - k) & 1:
-                    new ^= known[bit - k] << k
-            known.append(new)
-        steps[:, dimension] = [x << doublings - 1 - bit for bit, x in enumerate(known[:doublings])]
+                    new ^= numbers[bit - k] << k
+            numbers.append(new)
+        steps[:, dimension] = [
+            x << doublings - 1 - bit for bit, x in enumerate(numbers[:doublings])
+        ]
     return steps
 
 
 def shifted_samples(count: int, batch: Int[Array, ""]) -> Float[Array, "samples 5"]:
-    """`sobol_samples` shifted by a random vector that depends on the batch alone, modulo 1.
+    """`sobol_samples` shifted by a random vector of the batch, modulo 1.
 
     The mean over each batch is unbiased, and the errors of different batches are independent: their
     scatter is a standard error (randomised quasi-Monte Carlo, Cranley and Patterson 1976).
+
+    Args:
+        count: Number of samples.
+        batch: Index of the batch; the shift depends on it alone.
     """
     seed = pcg_hash(batch.astype(jnp.uint32))
     shift = pcg_hash(jnp.arange(DIMENSIONS, dtype=jnp.uint32) + seed)
@@ -77,16 +83,26 @@ def shifted_samples(count: int, batch: Int[Array, ""]) -> Float[Array, "samples 
 
 
 def random_samples(count: int, key: Array) -> Float[Array, "samples 5"]:
-    """`sobol_samples` shifted by a random vector of a `jax.random` key, modulo 1: the mean over
-    each key's samples is unbiased (Cranley and Patterson 1976)."""
+    """`sobol_samples` shifted by a random vector, modulo 1.
+
+    The mean over the samples of each key is unbiased (Cranley and Patterson 1976).
+
+    Args:
+        count: Number of samples.
+        key: A `jax.random` key, which gives the shift.
+    """
     return _shifted(sobol_samples(count), jax.random.bits(key, (DIMENSIONS,), jnp.uint32))
 
 
 def step_samples(count: int, step: Int[Array, ""]) -> Float[Array, "samples 5"]:
-    """`sobol_samples` shifted by a vector that depends on the step of a fit, modulo 1, so that
-    successive steps sample different points. A single sample stays the centre.
+    """`sobol_samples` shifted by a vector of the training step, modulo 1.
 
-    The shifts are multiples of the R sequence's vector (Roberts 2018), which fill the cube evenly.
+    Successive steps sample different points. The shifts are multiples of the R sequence's vector
+    (Roberts 2018), which fill the cube evenly. A single sample stays the centre.
+
+    Args:
+        count: Number of samples.
+        step: Number of the training step.
     """
     point = sobol_samples(count)
     if count == 1:

@@ -18,7 +18,7 @@ SHAKE_SEEDS = 2**24
 
 
 class Shake(eqx.Module):
-    """A stationary Gaussian process of turn and place, known at every time by its seed.
+    """Camera shake: a stationary Gaussian process of rotation and translation, fixed by its seed.
 
     Rotation vector (radians) and shift (scene units) along the camera's axes are six independent
     processes of mean 0, standard deviations `turn` and `move` per axis, and correlation
@@ -55,8 +55,8 @@ class Shake(eqx.Module):
 
 
 @inlined
-def wander(shake: Shake, time: Float[Array, ""]) -> Float[Array, "6"]:
-    """The processes at a time, in standard deviations.
+def unit_shake(shake: Shake, time: Float[Array, ""]) -> Float[Array, "6"]:
+    """Rotation (3) and translation (3) of the shake at a time, in standard deviations.
 
     x = sum_i (a_i cos(2 pi f_i t) + b_i sin(2 pi f_i t)) / sqrt(WAVES) with normal a, b of the
     seed: Gaussian at any times, correlated as mean_i cos(2 pi f_i s). The f_i are the middles of
@@ -75,8 +75,14 @@ def wander(shake: Shake, time: Float[Array, ""]) -> Float[Array, "6"]:
 
 
 @inlined
-def shaken(shake: Shake, pose: RigidTransform, time: Float[Array, ""]) -> RigidTransform:
-    """world_from_camera of a camera that shakes around a pose."""
-    x = wander(shake, time)
+def shake_pose(shake: Shake, pose: RigidTransform, time: Float[Array, ""]) -> RigidTransform:
+    """world_from_camera of a camera that shakes around a pose.
+
+    Args:
+        shake: The shake.
+        pose: world_from_camera without it.
+        time: In the capture's unit.
+    """
+    x = unit_shake(shake, time)
     turned = multiply(pose.quat, turning(shake.turn * x[:3]))
     return RigidTransform(turned, pose.apply(shake.move * x[3:]))

@@ -30,7 +30,8 @@ class Shutter(eqx.Module):
         direction: Order of readout; left_to_right and right_to_left read columns.
         row_times: Extra time of each row, for sensors that do not read in order; None is 0.
         trigger: Delay of this camera relative to the frame's time; None is 0.
-        reading: `direction` as numbers that a compiled program does not hold (`with_reading`).
+        readout_factors: `direction` as numbers that a compiled program does not hold
+            (`with_readout_factors`).
 
     Raises:
         ValueError: If a value breaks its rule; the message names the key.
@@ -46,7 +47,7 @@ class Shutter(eqx.Module):
     trigger: Float[Array, ""] | None = eqx.field(
         default=None, converter=optional(number("shutter.trigger"))
     )
-    reading: Float[Array, "3"] | None = None
+    readout_factors: Float[Array, "3"] | None = None
 
     def __check_init__(self):
         require("shutter.row_offset", self.row_offset, np.isfinite, "finite")
@@ -95,32 +96,65 @@ def rolling_shutter(
 
 
 def shutter_of_row(shutter: Shutter, resolution: tuple[int, int], row: int) -> Shutter:
-    """A global shutter of the same exposure, at the moment at which the shutter reads a row: 0 is
-    the row that is read first. On the host."""
+    """A global shutter that exposes the whole picture when a shutter exposes one of its rows.
+
+    Args:
+        shutter: The shutter, whose exposure time is kept.
+        resolution: Width and height of the picture in pixels.
+        row: Number of the row; 0 is read first.
+    """
     moment = to_device(row_moments(shutter, resolution)[row], shutter.row_offset.dtype)
     return Shutter(moment, jnp.zeros_like(moment), shutter.exposure, direction=shutter.direction)
 
 
-def interlaced(rows: int, field_time: float, first: str = "even") -> Float[np.ndarray, " rows"]:
-    """`row_times` of two fields that are read `field_time` one after the other, around the frame's
-    time: rows 0, 2, 4, ... first ("even"), or rows 1, 3, 5, ... ("odd")."""
+def interlaced_row_times(
+    rows: int, field_time: float, first: str = "even"
+) -> Float[np.ndarray, " rows"]:
+    """`row_times` of interlaced video: two fields, one after the other around the frame's time.
+
+    Args:
+        rows: Number of rows.
+        field_time: Time from the first field to the second, in the capture's unit.
+        first: The field that is read first: "even" (rows 0, 2, 4, ...) or "odd".
+
+    Raises:
+        ValueError: `first` is another word.
+    """
     if first not in FIELDS:
         raise ValueError(f"shutter.first_field must be one of {FIELDS}, got {first!r}.")
     return np.where(np.arange(rows) % 2 == FIELDS.index(first), -0.5, 0.5) * field_time
 
 
 def row_count(direction: str, resolution: tuple[int, int]) -> int:
-    """How many rows (columns, if it reads sideways) a shutter reads."""
+    """Number of rows that a shutter reads; of columns, if it reads sideways.
+
+    Args:
+        direction: Order of readout, one of `DIRECTIONS`.
+        resolution: Width and height of the picture in pixels.
+    """
     return resolution[0] if direction in SIDEWAYS else resolution[1]
 
 
-def step_of(readout: float, rows: int) -> float:
-    """Time from row to row of a readout, which lasts from the first to the last."""
+def row_step_of(readout: float, rows: int) -> float:
+    """Time from one row to the next.
+
+    Args:
+        readout: Time from the first row to the last.
+        rows: Number of rows.
+    """
     return readout / max(rows - 1, 1)
 
 
 def check_shutter(shutter: Shutter, resolution: tuple[int, int]) -> None:
-    """Raise a ValueError unless there is a time for each row of the picture."""
+    """Check that `row_times` has a time for each row of the picture.
+
+    Args:
+        shutter: The shutter.
+        resolution: Width and height of the picture in pixels.
+
+    Raises:
+        ValueError: The number of times is another.
+    """
     rows = row_count(shutter.direction, resolution)
     if shutter.row_times is not None and shutter.row_times.shape != (rows,):
         what = "column" if shutter.direction in SIDEWAYS else "row"
@@ -133,10 +167,19 @@ def check_shutter(shutter: Shutter, resolution: tuple[int, int]) -> None:
 def row_number(
     shutter: Shutter, pixel: Num[Array, "2"], resolution: tuple[int, int]
 ) -> Num[Array, ""]:
-    """How many rows (columns, if it reads sideways) the shutter has read before this pixel's."""
+    """Number of a pixel's row in the order of readout, counted from 0.
+
+    Of its column, if the shutter reads sideways.
+
+    Args:
+        shutter: The shutter.
+        pixel: Index (column, row) of the pixel.
+        resolution: Width and height of the picture in pixels.
+    """
     (column, row), (width, height) = pixel, resolution
-    if shutter.reading is not None:
-        return shutter.reading[0] + shutter.reading[1] * column + shutter.reading[2] * row
+    if shutter.readout_factors is not None:
+        constant, of_column, of_row = shutter.readout_factors
+        return constant + of_column * column + of_row * row
     if shutter.direction == "top_to_bottom":
         return row
     if shutter.direction == "bottom_to_top":
@@ -144,9 +187,16 @@ def row_number(
     return column if shutter.direction == "left_to_right" else width - 1 - column
 
 
-def with_reading(shutter: Shutter, resolution: tuple[int, int]) -> Shutter:
-    """The shutter with its direction as data, the factors of 1, column and row in `row_number`, so
-    that shutters of any direction share a compiled program. Times of single rows need it fixed."""
+def with_readout_factors(shutter: Shutter, resolution: tuple[int, int]) -> Shutter:
+    """The shutter with its direction as data, so that all directions share a compiled program.
+
+    The data are the factors of 1, column and row in `row_number`. A shutter with `row_times` is
+    returned as it is.
+
+    Args:
+        shutter: The shutter.
+        resolution: Width and height of the picture in pixels.
+    """
     if shutter.row_times is not None:
         return shutter
     width, height = resolution
@@ -156,12 +206,17 @@ def with_reading(shutter: Shutter, resolution: tuple[int, int]) -> Shutter:
         "left_to_right": (0, 1, 0),
         "right_to_left": (width - 1, -1, 0),
     }[shutter.direction]
-    reading = to_device(factors, shutter.row_step.dtype)
-    return dataclasses.replace(shutter, direction="top_to_bottom", reading=reading)
+    factors = to_device(factors, shutter.row_step.dtype)
+    return dataclasses.replace(shutter, direction="top_to_bottom", readout_factors=factors)
 
 
-def decisive_pixels(shutter: Shutter, resolution: tuple[int, int]) -> np.ndarray:
-    """Indices (column, row) of pixels, the earliest and the latest that are read among them."""
+def first_and_last_pixels(shutter: Shutter, resolution: tuple[int, int]) -> np.ndarray:
+    """Indices (column, row) of pixels that include the first and the last that the shutter reads.
+
+    Args:
+        shutter: The shutter; with `row_times`, one pixel of each row is returned.
+        resolution: Width and height of the picture in pixels.
+    """
     width, height = resolution
     if shutter.row_times is None:
         return np.array([(0, 0), (width - 1, height - 1)])
@@ -171,8 +226,12 @@ def decisive_pixels(shutter: Shutter, resolution: tuple[int, int]) -> np.ndarray
 
 
 def time_window(shutter: Shutter, resolution: tuple[int, int]) -> tuple[float, float]:
-    """Earliest and latest moment, counted from the frame's time, at which any row looks: of one
-    shutter, or of all of a stack. On the host."""
+    """Earliest and latest time at which any row is exposed, relative to the frame's time.
+
+    Args:
+        shutter: One shutter, or a stack of them (with leading axes).
+        resolution: Width and height of the picture in pixels.
+    """
     rows = np.arange(row_count(shutter.direction, resolution))
     middle = _moments(shutter, rows if shutter.row_times is not None else rows[[0, -1]])
     half = np.asarray(shutter.exposure, np.float64) / 2
@@ -180,14 +239,18 @@ def time_window(shutter: Shutter, resolution: tuple[int, int]) -> tuple[float, f
 
 
 def row_moments(shutter: Shutter, resolution: tuple[int, int]) -> Float[np.ndarray, " rows"]:
-    """Middle of the exposure of every row, as the shutter counts them, from the frame's time. On
-    the host."""
+    """Middle of the exposure of every row, in the order of readout, relative to the frame's time.
+
+    Args:
+        shutter: The shutter.
+        resolution: Width and height of the picture in pixels.
+    """
     return _moments(shutter, np.arange(row_count(shutter.direction, resolution)))
 
 
 def _moments(shutter: Shutter, rows: np.ndarray) -> Float[np.ndarray, "*stack rows"]:
-    told = shutter.row_offset, shutter.row_step, shutter.trigger, shutter.row_times
-    offset, step, trigger, table = (np.asarray(0 if x is None else x, np.float64) for x in told)
+    fields = shutter.row_offset, shutter.row_step, shutter.trigger, shutter.row_times
+    offset, step, trigger, table = (np.asarray(0 if x is None else x, np.float64) for x in fields)
     middle = (offset + trigger)[..., None] + step[..., None] * rows
     return middle if shutter.row_times is None else middle + table[..., rows]
 
@@ -199,10 +262,17 @@ def sample_time(
     time: Float[Array, ""],
     u: Float[Array, ""],
 ) -> Float[Array, ""]:
-    """Time at which a sample of the pixel with index (column, row) sees the scene.
+    """Time at which a sample of a pixel sees the scene.
 
-    `u` in [0, 1) picks an instant of the exposure: averaging over it is motion blur. All samples of
-    a pixel share its row's time, also those that its filter takes from the neighbouring rows.
+    All samples of a pixel share its row's time, also those that the pixel filter takes from the
+    neighbouring rows.
+
+    Args:
+        shutter: The shutter.
+        pixel: Index (column, row) of the pixel.
+        resolution: Width and height of the picture in pixels.
+        time: The frame's time, in the capture's unit.
+        u: A number in [0, 1): the instant within the exposure. The mean over u is motion blur.
     """
     i = row_number(shutter, pixel, resolution)
     time = time + shutter.row_offset + shutter.row_step * i + shutter.exposure * (u - 0.5)

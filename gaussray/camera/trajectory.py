@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from gaussray.camera.shake import Shake, shaken
+from gaussray.camera.shake import Shake, shake_pose
 from gaussray.geometry import (
     RigidTransform,
     conjugate,
@@ -82,8 +82,8 @@ class Trajectory(eqx.Module):
         return readable(self)
 
 
-def fixed(pose: RigidTransform) -> Trajectory:
-    """A camera that stays where it is."""
+def static_trajectory(pose: RigidTransform) -> Trajectory:
+    """The trajectory of a camera that does not move."""
     time = jnp.zeros(1, pose.translation.dtype)
     return Trajectory(time, pose.quat[None], pose.translation[None])
 
@@ -92,13 +92,17 @@ def fixed(pose: RigidTransform) -> Trajectory:
 def pose_at(trajectory: Trajectory, time: Float[Array, ""]) -> RigidTransform:
     """world_from_camera at a time.
 
-    "linear": straight and at constant turn rate between neighbouring poses. "spline": place and
-    rotation each on a cubic through the poses, velocity and turn rate continuous (see `_velocity`
-    and `_turned`). Before the first and after the last pose the camera stands still. A `shake` is
-    composed on top of either, at any time.
+    "linear" is straight and at constant turn rate between neighbouring poses. "spline" moves
+    position and rotation each on a cubic through the poses, velocity and turn rate continuous (see
+    `_velocity` and `_rotation_at`). Before the first and after the last pose the camera stands
+    still. A `shake` is composed on top of either, at any time.
+
+    Args:
+        trajectory: The trajectory.
+        time: In the capture's unit.
     """
     pose = _on_path(trajectory, time)
-    return pose if trajectory.shake is None else shaken(trajectory.shake, pose, time)
+    return pose if trajectory.shake is None else shake_pose(trajectory.shake, pose, time)
 
 
 def _on_path(trajectory: Trajectory, time: Float[Array, ""]) -> RigidTransform:
@@ -122,9 +126,9 @@ def _on_path(trajectory: Trajectory, time: Float[Array, ""]) -> RigidTransform:
     spin, spin_end = (step * _velocity(turns, steps, k) for k in (before, after))
     speed, speed_end = (step * _velocity(moves, steps, k) for k in (before, after))
     x = fraction
-    place = start + x * x * (3 - 2 * x) * (end - start)
-    place = place + x * (1 - x) * ((1 - x) * speed - x * speed_end)
-    return RigidTransform(_turned(quat[before], quat[after], spin, spin_end, x), place)
+    position = start + x * x * (3 - 2 * x) * (end - start)
+    position = position + x * (1 - x) * ((1 - x) * speed - x * speed_end)
+    return RigidTransform(_rotation_at(quat[before], quat[after], spin, spin_end, x), position)
 
 
 def _velocity(
@@ -143,7 +147,7 @@ def _velocity(
     return slope[left] + middle / ((a + b) / 2) * (slope[left + 1] - slope[left])
 
 
-def _turned(
+def _rotation_at(
     start: Float[Array, "4"],
     end: Float[Array, "4"],
     spin_start: Float[Array, "3"],

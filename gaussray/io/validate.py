@@ -14,10 +14,20 @@ _SHOWN = 16
 def require(
     key: str, value: Any, holds: Callable[[np.ndarray], Any], rule: str, remedy: str = ""
 ) -> None:
-    """Raise `<key> must be <rule>, got <value>.` unless `holds` for every element.
+    """Check a parameter: raise `<key> must be <rule>, got <value>. <remedy>` unless `holds`.
 
     Inside `jit`, `vmap` or `grad` the value is not known and nothing is checked: build cameras on
     the host.
+
+    Args:
+        key: Name of the parameter.
+        value: A number or an array.
+        holds: The rule, a function of the array.
+        rule: The rule in words.
+        remedy: What the user can do.
+
+    Raises:
+        ValueError: The rule does not hold for every element.
     """
     if isinstance(value, Tracer):
         return

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera
-from gaussray.camera.corrections import refined_views, responded
+from gaussray.camera.corrections import apply_color_response, refined_views
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import step_samples
 from gaussray.color import srgb_encode
@@ -111,7 +111,9 @@ def loss_of(
     )
     light = pixels.color if rays.weight is None else rays.weight[..., None] * pixels.color
     color = jnp.mean(light, axis=0)
-    image = losses.developed(srgb_encode(color if gain is None else responded(gain, color)), truth)
+    image = losses.developed(
+        srgb_encode(color if gain is None else apply_color_response(gain, color)), truth
+    )
     # Pixels for which the lens forms no ray do not count.
     weight = weight * jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
     image = jnp.where(weight[:, None] > 0, image, truth)

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.aperture import with_edges
 from gaussray.camera.camera import Camera
-from gaussray.camera.shutter import with_reading
+from gaussray.camera.shutter import with_readout_factors
 from gaussray.io.plain_values import to_device
 
 
@@ -40,7 +40,7 @@ def pack_camera(camera: Camera) -> tuple[Float[np.ndarray, " numbers"], CameraLa
     """
     size = camera.film.width, camera.film.height
     camera = jax.tree.map(to_device, camera)
-    aperture, shutter = with_edges(camera.aperture), with_reading(camera.shutter, size)
+    aperture, shutter = with_edges(camera.aperture), with_readout_factors(camera.shutter, size)
     camera = jax.device_get(dataclasses.replace(camera, aperture=aperture, shutter=shutter))
     leaves, structure = jax.tree.flatten(camera)
     layout = CameraLayout(structure, tuple(x.shape for x in leaves), tuple(x.dtype for x in leaves))

@@ -15,7 +15,7 @@ from jaxtyping import Array, Bool, Float
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import shifted_samples, sobol_samples
-from gaussray.camera.shutter import decisive_pixels, row_number
+from gaussray.camera.shutter import first_and_last_pixels, row_number
 from gaussray.render.camera_layout import CameraLayout
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part, samples_at_once
@@ -319,7 +319,7 @@ def spread_times(span: Float[Array, "2"], keys: int) -> Float[Array, " keys"]:
 def _decisive_times(camera: Camera, part: Part) -> Float[Array, " rays"]:
     """Times of rays among which are the first and the last of a frame."""
     dtype = camera.time.dtype
-    pixel = decisive_pixels(camera.shutter, (camera.film.width, camera.film.height))
+    pixel = first_and_last_pixels(camera.shutter, (camera.film.width, camera.film.height))
     place = jnp.asarray(np.repeat(pixel, 2, axis=0), dtype)
     u = np.full((len(place), 5), 0.5)
     u[:, 4] = np.tile([0, 1], len(pixel))

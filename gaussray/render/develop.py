@@ -9,7 +9,13 @@ import numpy as np
 from jaxtyping import Array, Float, UInt8
 
 from gaussray.camera.sensor.noise import picture_key
-from gaussray.camera.sensor.sensor import SensorOptions, amounts, develop_by, encode, steps_of
+from gaussray.camera.sensor.sensor import (
+    SensorOptions,
+    develop_with,
+    encode,
+    sensor_numbers,
+    sensor_steps,
+)
 from gaussray.dataset.images import codes, write_image
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.aov.files import SHARP
@@ -74,7 +80,7 @@ def sensor_values(
     key = picture_key(sensor.seed, str(Path(record.file_path).with_suffix("")))
     # Cameras of every kind share the program of a sensor that does not ask for them.
     camera = record.camera if sensor.falloff or any(sensor.vignetting) else None
-    return _develop(amounts(sensor), light, camera, key, steps=steps_of(sensor))
+    return _develop(sensor_numbers(sensor), light, camera, key, steps=sensor_steps(sensor))
 
 
-_develop = eqx.filter_jit(develop_by)
+_develop = eqx.filter_jit(develop_with)

@@ -10,8 +10,8 @@ from jaxtyping import Array, Float, PRNGKeyArray, UInt8
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.sensor.noise import picture_key
-from gaussray.camera.sensor.sensor import SensorOptions, amounts, develop_by, steps_of
-from gaussray.camera.sensor.tone import toned
+from gaussray.camera.sensor.sensor import SensorOptions, develop_with, sensor_numbers, sensor_steps
+from gaussray.camera.sensor.tone import apply_tone_curve
 from gaussray.render.job import RenderJob
 from gaussray.viewer.preview import Preview
 
@@ -38,9 +38,9 @@ def _settings(sensor: SensorOptions, name: str) -> tuple:
     """The sensor's steps, their numbers, its tone table, and the random key of the picture's noise,
     on the device."""
     # Exposure is always applied, also 0 stops, so that moving its slider compiles nothing.
-    steps = dataclasses.replace(steps_of(sensor), exposure=1.0)
+    steps = dataclasses.replace(sensor_steps(sensor), exposure=1.0)
     table = jnp.asarray(sensor.table, jnp.float32)
-    return steps, amounts(sensor), table, picture_key(sensor.seed, name)
+    return steps, sensor_numbers(sensor), table, picture_key(sensor.seed, name)
 
 
 @eqx.filter_jit
@@ -56,6 +56,6 @@ def _levels(
     size: tuple[int, int],
 ) -> UInt8[Array, "h w 3"]:
     light = values[:, :3].reshape(size[1], size[0], 3)
-    light = develop_by(numbers, light, camera, key, steps=steps)
-    shown = jnp.clip(toned(light, tone, table), 0, 1)
+    light = develop_with(numbers, light, camera, key, steps=steps)
+    shown = jnp.clip(apply_tone_curve(light, tone, table), 0, 1)
     return jnp.floor(255 * shown + 0.5).astype(jnp.uint8)

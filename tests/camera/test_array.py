@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import toy
 
-from gaussray.camera.array import camera_set, resolved
+from gaussray.camera.array import camera_set, pixel_spacing
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.scale_bounds import FLAT, scale_bounds, with_scale_bounds
 from gaussray.scene.gaussians import unconstrain
@@ -27,9 +27,9 @@ def rig(*angles):
 def test_pixels_are_as_far_apart_as_the_nearest_camera_sees_them():
     place = toy.single([[0, 0, 0], [0, 0, -2], [0, 0, 2]])
     # From in front and from behind: at 3, 1 and 1 focal lengths' worth of pixels.
-    both = resolved(rig(0.0, np.pi), place)
+    both = pixel_spacing(rig(0.0, np.pi), place)
     np.testing.assert_allclose(both, np.array([3, 1, 1]) / FOCAL, rtol=CLOSE)
-    front = resolved(rig(0.0), place)
+    front = pixel_spacing(rig(0.0), place)
     np.testing.assert_allclose(front, np.array([3, 1, 5]) / FOCAL, rtol=CLOSE)
 
 

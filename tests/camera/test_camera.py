@@ -13,7 +13,7 @@ from gaussray.camera.film import Film, pixel_grid
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, pinhole
 from gaussray.camera.sampling import sobol_samples
 from gaussray.camera.shutter import Shutter, global_shutter
-from gaussray.camera.trajectory import Trajectory, fixed
+from gaussray.camera.trajectory import Trajectory, static_trajectory
 from gaussray.geometry import BLENDER_AXES, RigidTransform, quaternion, rotation_matrix
 
 
@@ -62,7 +62,7 @@ def camera(name="pinhole", **parts):
         "lens": LENSES[name],
         "aperture": no_aperture(),
         "shutter": global_shutter(),
-        "trajectory": fixed(POSE),
+        "trajectory": static_trajectory(POSE),
         "time": number(0.0),
     }
     return Camera(**(given | parts))
@@ -96,7 +96,7 @@ def test_blenders_matrix_becomes_blenders_ray():
     """transform_matrix (camera to world, y up, looking down -z) and the ray of section a."""
     turn = rotation_matrix(jnp.array([0.3, -0.5, 0.1, 0.8]))
     pose = RigidTransform(quaternion(turn @ jnp.diag(jnp.array(BLENDER_AXES))), POSE.translation)
-    ray = shoot_one(camera(trajectory=fixed(pose)), jnp.array([2.0, 1.0]), HALF)
+    ray = shoot_one(camera(trajectory=static_trajectory(pose)), jnp.array([2.0, 1.0]), HALF)
     blender = np.array([(2.5 - 6.2) / 10, -(1.5 - 3.9) / 11, -1])
     expected = np.array(turn) @ blender / np.linalg.norm(blender)
     np.testing.assert_allclose(ray.direction, expected, atol=EXACT)
@@ -149,7 +149,7 @@ def test_moving_camera_and_world_together_changes_nothing_in_the_camera():
     """A rigid motion of the pose moves the rays by it."""
     motion = RigidTransform(jnp.array([0.5, 0.5, -0.1, 0.7]), jnp.array([3.0, 1.0, -4.0]))
     turned = quaternion(rotation_matrix(motion.quat) @ rotation_matrix(POSE.quat))
-    moved = fixed(RigidTransform(turned, motion.apply(POSE.translation)))
+    moved = static_trajectory(RigidTransform(turned, motion.apply(POSE.translation)))
     pixel, u = jnp.array([2.0, 6.0]), jnp.array([0.1, 0.8, 0.3, 0.9, 0.4])
     for lens in LENSES:
         before = shoot_one(camera(lens, aperture=wide()), pixel, u)

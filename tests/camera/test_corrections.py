@@ -11,17 +11,17 @@ from gaussray.camera.array import camera_set, rays_per_pixel
 from gaussray.camera.corrections import (
     REFINABLE,
     Corrections,
+    apply_color_response,
+    apply_corrections,
     color_matrices,
     color_response,
-    correctable,
     corrections_summary,
+    fix_gauge,
     gains,
-    gauge_fixed,
     no_corrections,
-    refined,
     refined_frames,
     refined_kinds,
-    responded,
+    require_correctable,
 )
 from gaussray.camera.lens import (
     DoubleSphere,
@@ -64,7 +64,7 @@ LENSES = {
 
 def bending(lens):
     """The coefficients of a lens."""
-    return correctable(lens).coefficient_values
+    return require_correctable(lens).coefficient_values
 
 
 def stack(cameras):
@@ -84,7 +84,7 @@ def cameras(filmed):
 
 def alone(cameras, **own):
     """A camera's own corrections, applied."""
-    return lambda camera: refined(camera, Corrections(**own), cameras)
+    return lambda camera: apply_corrections(camera, Corrections(**own), cameras)
 
 
 def through(lens):
@@ -178,8 +178,8 @@ def test_what_the_scene_can_make_up_for_is_taken_out(filmed, cameras):
         pose=toy.single(own), shutter=toy.single(0.1), exposure=toy.single(gain),
         offset=toy.single(late),
     )  # fmt: skip
-    kept = gauge_fixed(given, cameras)
-    same = gauge_fixed(
+    kept = fix_gauge(given, cameras)
+    same = fix_gauge(
         Corrections(
             pose=toy.single(own + alike), shutter=toy.single(0.1), exposure=toy.single(gain + 3),
             offset=toy.single(late - 2),
@@ -190,9 +190,9 @@ def test_what_the_scene_can_make_up_for_is_taken_out(filmed, cameras):
         np.testing.assert_allclose(getattr(same, name), getattr(kept, name), atol=SAME)
     np.testing.assert_array_equal(kept.shutter, np.full(4, np.float32(0.1)))
     # Seven of the poses' numbers are gone, the others stay.
-    free = np.asarray(cameras.free, np.float64)
+    free = np.asarray(cameras.pose_projector, np.float64)
     np.testing.assert_allclose(np.linalg.eigvalsh(free), np.repeat([0, 1], [7, 17]), atol=SAME)
-    np.testing.assert_allclose(kept.pose, gauge_fixed(kept, cameras).pose, atol=SAME)
+    np.testing.assert_allclose(kept.pose, fix_gauge(kept, cameras).pose, atol=SAME)
 
 
 def test_a_scene_that_moves_with_its_cameras_looks_the_same(filmed, cameras):
@@ -239,17 +239,17 @@ def test_the_mean_colour_matrix_is_the_identity_and_a_gain_follows_the_matrix(ca
     np.testing.assert_allclose(np.mean(list(told.values()), axis=0), np.eye(3), atol=SAME)
     assert color_matrices(None, cameras, NAMES) == {}
     light = toy.single(np.random.default_rng(4).uniform(size=(4, 3)))
-    fixed = gauge_fixed(given, cameras)
-    seen = responded(color_response(fixed), light)
+    fixed = fix_gauge(given, cameras)
+    seen = apply_color_response(color_response(fixed), light)
     np.testing.assert_allclose(seen, np.einsum("nij,nj->ni", expected, light), atol=SAME)
     gain = toy.single([[0.1, 0, -0.1], [0, 0, 0], [-0.1, 0, 0.1], [0, 0, 0]])
-    both = gauge_fixed(Corrections(exposure=gain, color_matrix=given.color_matrix), cameras)
+    both = fix_gauge(Corrections(exposure=gain, color_matrix=given.color_matrix), cameras)
     np.testing.assert_allclose(
-        responded(color_response(both), light), np.exp(gain) * seen, atol=SAME
+        apply_color_response(color_response(both), light), np.exp(gain) * seen, atol=SAME
     )
-    only = gauge_fixed(Corrections(exposure=gain), cameras)
+    only = fix_gauge(Corrections(exposure=gain), cameras)
     np.testing.assert_allclose(
-        responded(color_response(only), light), np.exp(gain) * light, atol=SAME
+        apply_color_response(color_response(only), light), np.exp(gain) * light, atol=SAME
     )
     assert color_response(Corrections()) is None
 

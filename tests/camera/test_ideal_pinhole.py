@@ -10,7 +10,7 @@ import pytest
 from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
-from gaussray.camera.ideal_pinhole import sharp
+from gaussray.camera.ideal_pinhole import ideal_pinhole_of
 from gaussray.camera.lens import KannalaBrandt, pinhole
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
@@ -34,7 +34,7 @@ def fisheye(focal, limit=1.5):
 
 def test_a_perspective_lens_loses_its_distortion_and_the_pose_is_that_of_the_middle_row():
     lens = pinhole(jnp.array([30.0, 31.0]), jnp.array([9.0, 6.0]), jnp.full(8, 1e-3))
-    twin = sharp(filmed(lens))
+    twin = ideal_pinhole_of(filmed(lens))
     np.testing.assert_array_equal(twin.lens.focal, lens.focal)
     np.testing.assert_array_equal(twin.lens.center, lens.center)
     assert not np.any(twin.lens.distortion) and float(twin.aperture.radius) == 0
@@ -45,19 +45,19 @@ def test_a_perspective_lens_loses_its_distortion_and_the_pose_is_that_of_the_mid
 
 def test_a_fisheye_becomes_the_pinhole_of_the_same_angle_across():
     # r = f theta: the edges, 10 pixels away, are seen at 10 / f.
-    twin = sharp(filmed(fisheye(12.5)))
+    twin = ideal_pinhole_of(filmed(fisheye(12.5)))
     edge = np.asarray(twin.lens.direction(jnp.array([20.0, 5.5])))
     np.testing.assert_allclose(np.arctan2(edge[0], edge[2]), 0.8, rtol=1e-12)
 
 
 def test_more_than_a_pinhole_shows_is_refused():
     with pytest.raises(ValueError, match="labels: sharp needs a picture of at most 170 degrees"):
-        sharp(filmed(fisheye(5.0, limit=1.6)))
+        ideal_pinhole_of(filmed(fisheye(5.0, limit=1.6)))
 
 
 def test_the_twin_of_a_twin_is_the_twin():
-    twin = sharp(filmed(fisheye(12.5)))
-    again = sharp(twin)
+    twin = ideal_pinhole_of(filmed(fisheye(12.5)))
+    again = ideal_pinhole_of(twin)
     for a, b in zip(jax.tree.leaves(twin), jax.tree.leaves(again), strict=True):
         np.testing.assert_allclose(a, b, atol=1e-12)
     assert dataclasses.replace(again, film=twin.film).film == twin.film

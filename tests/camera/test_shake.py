@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from gaussray.camera.shake import Shake, shaken, wander
+from gaussray.camera.shake import Shake, shake_pose, unit_shake
 from gaussray.geometry import RigidTransform, rotation_matrix
 
 
@@ -20,7 +20,7 @@ def shake(turn=0.1, move=0.2, correlation_time=0.5, seed=3):
     return Shake(*(jnp.array(float(x)) for x in (turn, move, correlation_time, seed)))
 
 
-hands = jax.jit(jax.vmap(jax.vmap(wander, in_axes=(None, 0)), in_axes=(0, None)))
+hands = jax.jit(jax.vmap(jax.vmap(unit_shake, in_axes=(None, 0)), in_axes=(0, None)))
 DELAY = jnp.array([0.0, 0.25, 0.5, 1.0, 2.0]) + 0.4
 
 
@@ -46,7 +46,7 @@ def test_correlation_falls_as_its_law_says_and_axes_are_independent(many):
 
 
 def test_time_and_seed_alone_decide():
-    one = jax.vmap(wander, in_axes=(None, 0))
+    one = jax.vmap(unit_shake, in_axes=(None, 0))
     same, other = one(shake(), DELAY), one(shake(seed=4), DELAY)
     np.testing.assert_array_equal(same[::-1], one(shake(), DELAY[::-1]))
     assert np.abs(same - other).max() > 0.5
@@ -56,20 +56,20 @@ def test_time_and_seed_alone_decide():
 
 def test_a_single_precision_camera_shakes_in_single_precision():
     number = [jnp.asarray(x, jnp.float32) for x in (0.02, 0.05, 0.3, 1.0, 0.7)]
-    assert wander(Shake(*number[:4]), number[4]).dtype == jnp.float32
+    assert unit_shake(Shake(*number[:4]), number[4]).dtype == jnp.float32
 
 
 def test_the_hand_turns_and_moves_the_camera_in_its_own_axes():
     quat = jnp.array([0.5, 0.5, -0.5, 0.5])
     pose = RigidTransform(quat, jnp.array([1.0, 2.0, 3.0]))
-    x = np.asarray(wander(shake(), jnp.array(0.7)))
-    found = shaken(shake(), pose, jnp.array(0.7))
+    x = np.asarray(unit_shake(shake(), jnp.array(0.7)))
+    found = shake_pose(shake(), pose, jnp.array(0.7))
     turn = rotation_matrix(quat)
     np.testing.assert_allclose(found.translation, pose.translation + turn @ (0.2 * x[3:]))
     relative = turn.T @ rotation_matrix(found.quat)
     angle = np.arccos((np.trace(relative) - 1) / 2)
     np.testing.assert_allclose(angle, 0.1 * np.linalg.norm(x[:3]), rtol=1e-9)
-    still = shaken(shake(0, 0), pose, jnp.array(0.7))
+    still = shake_pose(shake(0, 0), pose, jnp.array(0.7))
     np.testing.assert_array_equal(still.quat, quat)
     np.testing.assert_array_equal(still.translation, pose.translation)
 
@@ -80,7 +80,7 @@ def test_gradients_are_right_in_amplitudes_and_times():
     @jax.jit
     def seen(turn, move, correlation_time, time):
         hand = Shake(*map(jnp.asarray, (turn, move, correlation_time)), jnp.array(3.0))
-        return shaken(hand, pose, jnp.asarray(time)).apply(jnp.array([0.3, -1.0, 2.0]))
+        return shake_pose(hand, pose, jnp.asarray(time)).apply(jnp.array([0.3, -1.0, 2.0]))
 
     check_grads(seen, tuple(map(jnp.array, (0.1, 0.2, 0.5, 0.7))), order=1, modes=["rev"])
 

@@ -10,13 +10,13 @@ from gaussray.camera.shutter import (
     DIRECTIONS,
     Shutter,
     check_shutter,
-    decisive_pixels,
+    first_and_last_pixels,
     global_shutter,
-    interlaced,
+    interlaced_row_times,
     row_number,
     sample_time,
     time_window,
-    with_reading,
+    with_readout_factors,
 )
 
 
@@ -37,7 +37,7 @@ def time_of(shutter, column, row, u=0.5, time=3.0):
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_a_direction_as_data_reads_the_same_rows(direction):
     fixed = shutter(0.3, 0.1, direction=direction)
-    free = with_reading(fixed, RESOLUTION)
+    free = with_readout_factors(fixed, RESOLUTION)
     for place in ((0, 0), (7, 0), (0, 5), (3, 2)):
         assert row_number(free, jnp.array(place), RESOLUTION) == row_number(
             fixed, jnp.array(place), RESOLUTION
@@ -149,7 +149,7 @@ TABLE = jnp.array([0.3, -0.2, 0.0, 0.7, 0.1, 0.4])
 
 @pytest.mark.parametrize("first, early", [("even", 0), ("odd", 1)])
 def test_interlaced_fields_are_read_one_after_the_other(first, early):
-    table = interlaced(RESOLUTION[1], 0.4, first)
+    table = interlaced_row_times(RESOLUTION[1], 0.4, first)
     np.testing.assert_allclose(table[early::2], -0.2)
     np.testing.assert_allclose(table[1 - early :: 2], 0.2)
     video = shutter(-0.05, 0.02, row_times=jnp.asarray(table))
@@ -179,7 +179,7 @@ def test_window_and_decisive_pixels_of_a_table_are_those_of_all_its_rows(directi
     times = [float(time_of(read, *p, time=0.0)) for p in pixels]
     window = min(times) - 0.15, max(times) + 0.15
     np.testing.assert_allclose(time_window(read, RESOLUTION), window)
-    decisive = [float(time_of(read, *p, time=0.0)) for p in decisive_pixels(read, RESOLUTION)]
+    decisive = [float(time_of(read, *p, time=0.0)) for p in first_and_last_pixels(read, RESOLUTION)]
     np.testing.assert_allclose((min(decisive), max(decisive)), (min(times), max(times)))
     both = jax.tree.map(lambda *x: jnp.stack(x), read, read)
     np.testing.assert_allclose(time_window(both, RESOLUTION), window)
@@ -205,7 +205,7 @@ def test_gradients_reach_every_row_of_a_table_and_the_trigger():
             lambda: check_shutter(shutter(row_times=TABLE, direction="left_to_right"), RESOLUTION),
             "one time for each of the picture's 8 columns, got 6",
         ),
-        (lambda: interlaced(6, 0.1, "third"), "shutter.first_field must be one of"),
+        (lambda: interlaced_row_times(6, 0.1, "third"), "shutter.first_field must be one of"),
     ],
 )
 def test_what_no_table_or_trigger_can_be_is_refused_by_name(build, message):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from gaussray.camera.shake import Shake, shaken
-from gaussray.camera.trajectory import Trajectory, fixed, pose_at
+from gaussray.camera.shake import Shake, shake_pose
+from gaussray.camera.trajectory import Trajectory, pose_at, static_trajectory
 from gaussray.geometry import RigidTransform, multiply, normalize_quaternion, rotation_matrix
 
 
@@ -77,7 +77,7 @@ def test_outside_its_times_the_camera_stands_still():
 def test_one_pose_is_a_fixed_camera():
     pose = RigidTransform(jnp.array(turn((1, 0, 0), 0.3)), jnp.array([1.0, 2.0, 3.0]))
     for time in (-1.0, 0.0, 7.0):
-        still = pose_of(fixed(pose), jnp.array(time))
+        still = pose_of(static_trajectory(pose), jnp.array(time))
         np.testing.assert_array_equal(still.translation, pose.translation)
         np.testing.assert_array_equal(still.quat, pose.quat)
 
@@ -206,10 +206,10 @@ def test_gradients_of_a_spline_are_right_in_poses_and_time():
 
 def test_a_shake_is_composed_on_any_path():
     hand = Shake(*(jnp.array(x) for x in (0.02, 0.1, 0.3, 7.0)))
-    for path in (TRAJECTORY, wandering(), fixed(pose_of(TRAJECTORY, jnp.array(0.4)))):
+    for path in (TRAJECTORY, wandering(), static_trajectory(pose_of(TRAJECTORY, jnp.array(0.4)))):
         held = dataclasses.replace(path, shake=hand)
         for t in (-2.0, 0.4, 1.1):
-            expected = shaken(hand, pose_of(path, jnp.array(t)), jnp.array(t))
+            expected = shake_pose(hand, pose_of(path, jnp.array(t)), jnp.array(t))
             np.testing.assert_allclose(pose_of(held, jnp.array(t)).quat, expected.quat, atol=EXACT)
             found = pose_of(held, jnp.array(t)).translation
             np.testing.assert_allclose(found, expected.translation, atol=EXACT)

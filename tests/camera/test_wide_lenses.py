@@ -19,7 +19,7 @@ from gaussray.camera.lens import (
     ThinPrismFisheye,
     UnifiedSphere,
     check_lens,
-    limit_of,
+    limit_of_angle,
     pinhole,
 )
 
@@ -345,7 +345,7 @@ def radial(kind, k, half, *more):
         (radial(FTheta, [0.0, 1.0, -1.0], 0.6), "lens.k must be monotone: the polynomial may not"),
         (radial(FTheta, [0.0, 1.0], 4.0), "lens.fov must be <= 2 pi, got 8.0"),
         (
-            lambda: limit_of([0.0, 1.0, -1.0], 0.3, "angle_of_radius"),
+            lambda: limit_of_angle([0.0, 1.0, -1.0], 0.3, "angle_of_radius"),
             "lens.k must reach half of lens.fov (0.3 radians)",
         ),
         (

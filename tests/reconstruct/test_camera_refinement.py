@@ -13,7 +13,7 @@ import toy
 from gaussray.camera.aperture import Aperture
 from gaussray.camera.array import camera_set
 from gaussray.camera.camera import Camera, project
-from gaussray.camera.corrections import REFINABLE, gauge_fixed, no_corrections, refined_frames
+from gaussray.camera.corrections import REFINABLE, fix_gauge, no_corrections, refined_frames
 from gaussray.camera.film import Film
 from gaussray.camera.lens import KannalaBrandt, pinhole
 from gaussray.camera.shutter import Shutter
@@ -86,7 +86,7 @@ def misplaced():
     eye = np.asarray(camera.trajectory.translation[:, 0])
     extent = float(np.linalg.norm(np.ptp(eye, axis=0))) / 2
     owner = np.repeat(np.arange(3), len(TIMES))
-    free = np.asarray(camera_set(owner, camera, extent=extent).free, np.float64)
+    free = np.asarray(camera_set(owner, camera, extent=extent).pose_projector, np.float64)
     drawn = np.random.default_rng(1).choice([-1.0, 1.0], (3, 6)) * np.repeat([TURN, SHIFT], 3)
     pose = (free @ drawn.reshape(-1)).reshape(3, 2, 3) * [[[1.0], [extent]]]
     return dict(zip(ANGLES, pose, strict=True))
@@ -193,7 +193,7 @@ def assert_found(folder, pictures, kinds, steps=100):
     )
     state, _ = loop.run_stage(fit, "fine", known_scene(fit), RunProgress())
     corrections = state.parameters.corrections
-    found = gauge_fixed(corrections, fit.cameras)
+    found = fix_gauge(corrections, fit.cameras)
     if "exposure" in kinds:
         np.testing.assert_allclose(np.exp(found.exposure), list(GAIN.values()), rtol=FRACTION)
     if "color_matrix" in kinds:

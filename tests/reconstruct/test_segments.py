@@ -212,7 +212,7 @@ def test_a_later_segment_knows_all_cameras_and_learns_nothing_about_them(capture
     assert [fit.cameras.count for fit in fits] == [3, 3]
     np.testing.assert_array_equal(np.unique(fits[0].cameras.owner), [0, 1])
     np.testing.assert_array_equal(np.unique(fits[1].cameras.owner), [0, 1, 2])
-    np.testing.assert_array_equal(fits[0].cameras.place, fits[1].cameras.place)
+    np.testing.assert_array_equal(fits[0].cameras.position, fits[1].cameras.position)
     assert fits[0].extent == fits[1].extent
     assert [step_options(fit, "fine").refine for fit in fits] == [("exposure",), ()]
     assert [step_options(fit, "fine").formed for fit in fits] == [False, True]

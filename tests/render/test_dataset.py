@@ -14,7 +14,7 @@ from gaussray.camera.camera import camera_rays
 from gaussray.camera.sensor.sensor import SensorOptions
 from gaussray.camera.sensor.vignetting import transmission
 from gaussray.camera.shake import Shake
-from gaussray.camera.shutter import interlaced
+from gaussray.camera.shutter import interlaced_row_times
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.picture_file import read_stored
 from gaussray.color import srgb_decode
@@ -122,7 +122,7 @@ def test_sensors_labels_and_added_samples_go_together_and_read_back(tmp_path):
 
     def changed(record):
         camera = record.camera
-        table = number(interlaced(toy.SIZE, 0.1))
+        table = number(interlaced_row_times(toy.SIZE, 0.1))
         shutter = dataclasses.replace(camera.shutter, row_times=table, trigger=number(0.02))
         path = dataclasses.replace(camera.trajectory, shake=shake)
         camera = dataclasses.replace(camera, aperture=aperture, shutter=shutter, trajectory=path)
@@ -144,7 +144,7 @@ def test_sensors_labels_and_added_samples_go_together_and_read_back(tmp_path):
         path = tmp_path / record.file_path.replace("images", "labels")
         layers = read_layers(path.with_suffix(".exr"))
         assert np.isfinite(layers["flow_forward.x"]).any() == (record is records[0])
-        expected = float(ours.time) + 0.02 + interlaced(toy.SIZE, 0.1)
+        expected = float(ours.time) + 0.02 + interlaced_row_times(toy.SIZE, 0.1)
         np.testing.assert_allclose(layers["time"], np.tile(expected[:, None], toy.SIZE), atol=1e-6)
 
 

@@ -13,7 +13,7 @@ from gaussray.camera.camera import Camera, with_chromatic
 from gaussray.camera.film import Film, pixel_grid
 from gaussray.camera.lens import KannalaBrandt
 from gaussray.camera.sampling import sobol_samples
-from gaussray.camera.shutter import Shutter, interlaced
+from gaussray.camera.shutter import Shutter, interlaced_row_times
 from gaussray.camera.trajectory import Trajectory
 from gaussray.render import parts
 from gaussray.render.parts import (
@@ -124,7 +124,7 @@ def test_states_at_key_times_agree_with_a_state_for_every_row(scene, render):
 @pytest.mark.slow
 def test_interlaced_rows_agree_with_a_state_for_every_row(scene):
     camera = toy.camera(time=0.5)
-    table = toy.single(interlaced(toy.SIZE, 0.4))
+    table = toy.single(interlaced_row_times(toy.SIZE, 0.4))
     camera = dataclasses.replace(
         camera, shutter=dataclasses.replace(camera.shutter, row_times=table)
     )

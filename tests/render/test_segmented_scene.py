@@ -9,7 +9,7 @@ import pytest
 import toy
 
 from gaussray.camera.aperture import Aperture, Rim
-from gaussray.camera.shutter import interlaced
+from gaussray.camera.shutter import interlaced_row_times
 from gaussray.evaluate.pipeline import scene_size
 from gaussray.render.dataset import render_dataset
 from gaussray.render.options import DatasetOptions
@@ -93,7 +93,9 @@ def test_fields_on_either_side_of_the_edge_are_those_of_their_times(chunk_rows):
     scene = Clip((toy.carried(0.0, EDGE), toy.carried(EDGE, 1.0, light=0.5)))
     camera, late = toy.camera(time=EDGE), 0.01
     shutter = dataclasses.replace(
-        camera.shutter, row_times=toy.single(interlaced(toy.SIZE, 0.2)), trigger=toy.single(late)
+        camera.shutter,
+        row_times=toy.single(interlaced_row_times(toy.SIZE, 0.2)),
+        trigger=toy.single(late),
     )
     options = RenderOptions(samples=1, chunk_rows=chunk_rows)
     found = filmer(scene, options)(dataclasses.replace(camera, shutter=shutter))

@@ -8,7 +8,7 @@ import pytest
 import toy
 
 from gaussray.camera.sampling import shifted_samples, sobol_samples
-from gaussray.camera.shutter import DIRECTIONS, Shutter, interlaced
+from gaussray.camera.shutter import DIRECTIONS, Shutter, interlaced_row_times
 from gaussray.render.segments import LEAST, shares
 
 
@@ -52,7 +52,7 @@ def test_every_sample_of_every_row_is_of_the_segment_that_shows_its_time(
 
 
 def test_fields_triggers_and_batches_of_samples_have_times_of_their_own():
-    table, late = interlaced(5, 0.06), 0.02
+    table, late = interlaced_row_times(5, 0.06), 0.02
     more = {"row_times": toy.single(table), "trigger": toy.single(late)}
     camera = filmed(-0.02, 0.01, 0.05, time=0.44, **more)
     for batch in (None, 0, 3):

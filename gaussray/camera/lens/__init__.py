@@ -10,7 +10,7 @@ from gaussray.camera.lens.equirectangular import Equirectangular as Equirectangu
 from gaussray.camera.lens.f_theta import (
     POLYNOMIALS as POLYNOMIALS,
     FTheta as FTheta,
-    limit_of as limit_of,
+    limit_of_angle as limit_of_angle,
 )
 from gaussray.camera.lens.fisheye import PROJECTIONS as PROJECTIONS, Fisheye as Fisheye
 from gaussray.camera.lens.kannala_brandt import KannalaBrandt as KannalaBrandt

@@ -22,8 +22,9 @@ from gaussray.io.validate import known, require
 class LensRecord(NamedTuple):
     """A lens as a manifest holds it.
 
-    `keys` are the keys of a frame from which `LensModel.from_keys` builds the same lens bit by bit,
-    and `tables` the arrays that they name, by file name.
+    Args:
+        keys: Keys of a frame, from which `LensModel.from_keys` builds the same lens bit by bit.
+        tables: The arrays that the keys name, by file name.
     """
 
     keys: dict[str, Any]

@@ -20,7 +20,7 @@ from gaussray.camera.lens.model import (
     half_angle,
     half_crop,
 )
-from gaussray.camera.lens.radial import polar
+from gaussray.camera.lens.radial import axis_angle
 from gaussray.camera.roots import increasing_root
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
@@ -125,7 +125,7 @@ class FisheyePolynomial(CorrectableLens):
         return jnp.where(lit, jnp.append(stretch * xy, forward), 0)
 
     def project(self, point: Float[Array, "3"]) -> Float[Array, "2"]:
-        angle, axial, off_axis = polar(point)
+        angle, axial, off_axis = axis_angle(point)
         reach = self._reach()
         # Mirroring polynomials have theta < 0: solve for |theta|, then take the other side.
         ends = self._angle(jnp.stack([jnp.zeros_like(reach), reach]), self.coefficients)
@@ -195,18 +195,18 @@ def _from_options(film: Film, options: LensOptions) -> FisheyePolynomial:
 
 def _sensor_radius(k: Float[np.ndarray, "5"], half: float) -> float:
     """The smallest distance on the sensor, in mm, at which |theta| reaches an angle in radians."""
-    found = [
+    radii = [
         root.real
         for side in (-1, 1)
         for root in np.polynomial.polynomial.polyroots([k[0] + side * half, *k[1:].astype(float)])
         if abs(root.imag) < 1e-9 * abs(root) and root.real > 0
     ]
-    if not found:
+    if not radii:
         raise ValueError(
             f"lens.k must reach half of lens.fov ({half:.6g} radians), got {k.tolist()}, whose "
             "theta(r) turns back before. Lower lens.fov, or give lens.sensor."
         )
-    return min(found)
+    return min(radii)
 
 
 def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> FisheyePolynomial:

@@ -20,7 +20,7 @@ class CorrectableLens(AbstractLens):
     # Units in which calibration reports the focal length and the principal point.
     focal_unit: ClassVar[str] = "px"
     center_unit: ClassVar[str] = "px"
-    # Index of the coefficient that is the focal length and so none of its own; None if there is no.
+    # Index of a coefficient that the focal length determines; None if there is none.
     linear_coefficient: ClassVar[int | None] = None
 
     @property
@@ -44,12 +44,12 @@ class CorrectableLens(AbstractLens):
         """The principal point that calibration reports."""
 
     @property
-    def possible_names(self) -> tuple[str, ...]:
-        """Names of the coefficients that `with_room` can give the lens."""
+    def possible_coefficients(self) -> tuple[str, ...]:
+        """Names of all coefficients that a lens of this type can have."""
         return self.coefficient_names
 
-    def with_room(self, names: Sequence[str]) -> "CorrectableLens":
-        """The same lens with these coefficients (among `possible_names`), new ones zero."""
+    def with_named_coefficients(self, names: Sequence[str]) -> "CorrectableLens":
+        """The same lens with these coefficients, of `possible_coefficients`; new ones are zero."""
         return self
 
     @abc.abstractmethod

@@ -16,7 +16,7 @@ from gaussray.camera.lens.model import (
     focal_and_center,
     half_angle,
 )
-from gaussray.camera.lens.radial import RadialLens, root
+from gaussray.camera.lens.radial import RadialLens, safe_sqrt
 from gaussray.camera.roots import increasing_root
 from gaussray.io.plain_values import number, to_device, vector
 from gaussray.io.validate import require
@@ -65,7 +65,7 @@ class Division(RadialLens):
         # cancellation and without a pole of the tangent.
         sine, cosine = jnp.sin(theta), jnp.cos(theta)
         square = cosine * cosine - 4 * self.coefficients[0] * sine * sine
-        return 2 * sine / (cosine + root(square))
+        return 2 * sine / (cosine + safe_sqrt(square))
 
     def angle(self, r: Float[Array, ""]) -> Float[Array, ""]:
         return _angle(r, self.coefficients)
@@ -93,8 +93,10 @@ class Division(RadialLens):
 
 
 def fold_radius(k: Float[np.ndarray, " coefficients"]) -> float:
-    """The distance r_d at which theta(r_d) turns back, infinity if it never does: the smallest
-    positive root of 1 - lambda1 r^2 - 3 lambda2 r^4."""
+    """The distance r_d at which theta(r_d) turns back, infinity if it never does.
+
+    It is the smallest positive root of 1 - lambda1 r^2 - 3 lambda2 r^4.
+    """
     squares = np.polynomial.polynomial.polyroots([1, *np.multiply(k, -np.array([1, 3])[: len(k)])])
     real = [x.real for x in squares if abs(x.imag) < 1e-9 * abs(x) and x.real > 0]
     return float(np.sqrt(min(real))) if real else np.inf

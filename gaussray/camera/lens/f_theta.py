@@ -35,9 +35,9 @@ class FTheta(RadialLens):
     files.
 
     The lowest coefficient comes first, k0 must be 0, the degree is 1 to 6, and `limit` is the r or
-    theta at the rim of the picture (`limit_of`). NVIDIA's files hold both polynomials and name the
-    one that counts (reference_poly); here the other direction is its root, by bisection and Newton.
-    Their linear_cde = (c, 0, 0) is focal = (c, 1); a shear (d, e) is left out.
+    theta at the rim of the picture (`limit_of_angle`). NVIDIA's files hold both polynomials and
+    name the one that counts (reference_poly); here the other direction is its root, by bisection
+    and Newton. Their linear_cde = (c, 0, 0) is focal = (c, 1); a shear (d, e) is left out.
     """
 
     focal: Float[Array, "2"] = eqx.field(converter=vector("lens.focal", 2, spread=True))
@@ -102,10 +102,16 @@ class FTheta(RadialLens):
         require("lens.fov", 2 * self.max_angle, lambda a: a <= 2 * np.pi * (1 + 1e-6), "<= 2 pi")
 
 
-def limit_of(k: tuple[float, ...] | list[float], max_angle: float, polynomial: str) -> float:
+def limit_of_angle(k: tuple[float, ...] | list[float], max_angle: float, polynomial: str) -> float:
     """`FTheta.limit` of a half angle of view: the angle itself, or the first radius that has it.
 
-    ValueError where the angle is not reached by an increasing theta(r).
+    Args:
+        k: Coefficients, the lowest first.
+        max_angle: Half angle of view, in radians.
+        polynomial: One of `POLYNOMIALS`.
+
+    Raises:
+        ValueError: An increasing theta(r) does not reach the angle.
     """
     if polynomial == "radius_of_angle":
         return max_angle
@@ -131,11 +137,11 @@ def _from_options(film: Film, options: LensOptions) -> FTheta:
     if kind not in POLYNOMIALS:
         raise ValueError(f"lens.polynomial must be one of {', '.join(POLYNOMIALS)}, got {kind!r}.")
     k = coefficients_of(options, *range(2, 8))
-    limit = to_device(limit_of(k.tolist(), half_crop(options), kind), jnp.float32)
+    limit = to_device(limit_of_angle(k.tolist(), half_crop(options), kind), jnp.float32)
     focal = 1.0
     if options.fov is not None:
         half = half_angle(options)
-        rim = limit_of(k.tolist(), half, kind)
+        rim = limit_of_angle(k.tolist(), half, kind)
         if kind == "radius_of_angle":
             rim = float(np.polynomial.polynomial.polyval(half, k))
         focal = float(film_size(film).min()) / 2 / rim
@@ -150,7 +156,7 @@ def _from_options(film: Film, options: LensOptions) -> FTheta:
 
 def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> FTheta:
     kind, k = block.choice("polynomial", POLYNOMIALS), block.numbers("k")
-    limit = block.number("limit", 0.0) or limit_of(k, block.number("fov") / 2, kind)
+    limit = block.number("limit", 0.0) or limit_of_angle(k, block.number("fov") / 2, kind)
     focal, center = focal_and_center(keys, dtype)
     return FTheta(
         focal=focal,

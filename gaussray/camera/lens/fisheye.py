@@ -10,7 +10,7 @@ from jaxtyping import Array, DTypeLike, Float
 from gaussray.camera.film import Film
 from gaussray.camera.lens.abstract import LensRecord
 from gaussray.camera.lens.model import LensKeys, LensModel, LensOptions, coefficients_of
-from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_spanning, root
+from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_of_options, safe_sqrt
 from gaussray.io.plain_values import number, vector
 
 
@@ -62,11 +62,11 @@ class Fisheye(RadialLens):
         match self.projection:
             case "equisolid":
                 # Squares of differences, not differences of squares: exact up to the rim.
-                return 2 * jnp.arctan2(r / 2, root((1 - r / 2) * (1 + r / 2)))
+                return 2 * jnp.arctan2(r / 2, safe_sqrt((1 - r / 2) * (1 + r / 2)))
             case "stereographic":
                 return 2 * jnp.arctan2(r, jnp.full_like(r, 2))
             case "orthographic":
-                return jnp.arctan2(r, root((1 - r) * (1 + r)))
+                return jnp.arctan2(r, safe_sqrt((1 - r) * (1 + r)))
             case _:
                 return r
 
@@ -87,7 +87,7 @@ class Fisheye(RadialLens):
 def _from_options(film: Film, options: LensOptions) -> Fisheye:
     coefficients_of(options, 0)
     lens = functools.partial(Fisheye, projection=options.model)
-    return lens_spanning(film, options, lens, widest=np.rad2deg(PROJECTIONS[options.model]))
+    return lens_of_options(film, options, lens, widest=np.rad2deg(PROJECTIONS[options.model]))
 
 
 def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> Fisheye:

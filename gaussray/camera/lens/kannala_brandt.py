@@ -10,7 +10,7 @@ from jaxtyping import Array, DTypeLike, Float
 from gaussray.camera.film import Film
 from gaussray.camera.lens.abstract import LensRecord
 from gaussray.camera.lens.model import LensKeys, LensModel, LensOptions, coefficients_of
-from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_spanning
+from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_of_options
 from gaussray.camera.roots import increasing_root
 from gaussray.io.json_numbers import json_numbers
 from gaussray.io.plain_values import number, vector
@@ -58,8 +58,10 @@ class KannalaBrandt(RadialLens):
 
 
 def monotone_angle(k: Sequence[float]) -> float:
-    """Half angle (radians, at most pi) up to which theta (1 + k1 theta^2 + ... + k4 theta^8)
-    increases: the field of view of a file that names none."""
+    """Half angle, in radians, up to which theta (1 + k1 theta^2 + ... + k4 theta^8) increases.
+
+    It is at most pi, and serves as the field of view of a file that names none.
+    """
     theta = np.linspace(0, np.pi, 4097)
     slope = np.polynomial.polynomial.polyval(theta**2, [1, *np.multiply(k, (3, 5, 7, 9))])
     falls = slope <= 1e-3
@@ -72,7 +74,7 @@ def _radius(theta: Float[Array, ""], k: Float[Array, "4"]) -> Float[Array, ""]:
 
 
 def _from_options(film: Film, options: LensOptions) -> KannalaBrandt:
-    return lens_spanning(film, options, KannalaBrandt, coefficients_of(options, 4))
+    return lens_of_options(film, options, KannalaBrandt, coefficients_of(options, 4))
 
 
 def _from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> KannalaBrandt:

@@ -1,4 +1,4 @@
-"""What a lens file declares: the names of its models and how each is built from user input."""
+"""The declaration of a lens model: its names, and how it is built from user input."""
 
 import dataclasses
 from collections.abc import Callable, Sequence
@@ -21,8 +21,8 @@ class LensOptions(eqx.Module):
         model: `keep` (the capture's lens) or the name of a `LensModel`.
         fov: Field of view in degrees, which sets the focal length. Perspective models and
             equirectangular: across the width of the picture. Others: across its smaller side.
-        crop: Field of view in degrees beyond which a fisheye's picture is black, as if a rim cut
-            it; None is `fov`. It leaves the focal length as it is.
+        crop: Field of view in degrees beyond which a fisheye's picture is black; None is `fov`. It
+            does not change the focal length.
         k: Coefficients of the model.
         sensor: Width and height of the sensor in mm, on which a fisheye_polynomial has its focal
             length (its smaller side is the picture's, its shape follows the picture's); empty is
@@ -46,8 +46,8 @@ class LensOptions(eqx.Module):
 class LensKeys(Protocol):
     """Access to the keys of a frame, or of its `lens` block, in a capture's JSON.
 
-    Every method raises an error that names file, frame, key and rule where the value is not what
-    was asked for. A key without default is required.
+    Every method raises an error that names file, frame, key and rule if the value has the wrong
+    type or range. A key without default is required.
     """
 
     def has(self, key: str) -> bool: ...
@@ -79,8 +79,8 @@ class LensModel:
         from_keys: Builds the lens from the keys of a frame, those of its `lens` block and a dtype.
         frame_keys: Keys of a frame that belong to the model (`fl_x fl_y cx cy` go without saying).
         block_keys: Keys of its `lens` block.
-        perspective: The model images a plane in front of the camera: `fov` goes across the width,
-            focus is on a plane, and without coefficients it shows no effect.
+        perspective: Whether the lens is a pinhole with distortion: `fov` is that of the width,
+            focus is on a plane, and without coefficients there is no effect.
         widest: Largest `fov`, in degrees, with the coefficients of its config file.
         any_size: A config file of the model suits pictures of any size and names no file.
         option_keys: Keys of `LensOptions` that `from_options` reads; all others are refused.
@@ -107,7 +107,12 @@ class LensModel:
 def focal_and_center(
     keys: LensKeys, dtype: DTypeLike
 ) -> tuple[Float[Array, "2"], Float[Array, "2"]]:
-    """Focal lengths and principal point of a frame's keys, in pixels."""
+    """Focal lengths and principal point of a frame's keys, in pixels.
+
+    Args:
+        keys: The keys of the frame.
+        dtype: Precision of the arrays.
+    """
     remedy = ""
     if keys.has("camera_angle_x") and not keys.has("fl_x"):
         focal = keys.count("w") / 2 / np.tan(keys.number("camera_angle_x") / 2)
@@ -122,12 +127,28 @@ def film_size(film: Film) -> Float[np.ndarray, "2"]:
 
 
 def half_angle(options: LensOptions, widest: float = 180.0) -> float:
-    """Half of `lens.fov` in radians, which may be at most `widest` degrees."""
+    """Half of `lens.fov`, in radians.
+
+    Args:
+        options: The lens options.
+        widest: Largest half angle of the model, in degrees.
+
+    Raises:
+        ValueError: `lens.fov` is missing or too wide.
+    """
     return _half_of("fov", options.fov, options.model, widest)
 
 
 def half_crop(options: LensOptions, widest: float = 180.0) -> float:
-    """Half of `lens.crop` in radians: the angle from the axis beyond which a picture is black."""
+    """Half of `lens.crop`, in radians: the angle from the axis beyond which a picture is black.
+
+    Args:
+        options: The lens options; without `crop`, `fov` counts.
+        widest: Largest half angle of the model, in degrees.
+
+    Raises:
+        ValueError: The angle is missing or too wide.
+    """
     crop = options.fov if options.crop is None else options.crop
     return _half_of("crop", crop, options.model, widest)
 
@@ -139,7 +160,15 @@ def _half_of(key: str, degrees: float | None, model: str, widest: float) -> floa
 
 
 def coefficients_of(options: LensOptions, *counts: int) -> Float[np.ndarray, " coefficients"]:
-    """`lens.k`, which must hold one of these numbers of coefficients."""
+    """The coefficients `lens.k`.
+
+    Args:
+        options: The lens options.
+        counts: Allowed numbers of coefficients.
+
+    Raises:
+        ValueError: `lens.k` holds another number of them.
+    """
     if len(options.k) not in counts:
         rule = " or ".join(str(count) for count in counts)
         raise ValueError(

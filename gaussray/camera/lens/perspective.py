@@ -86,15 +86,15 @@ class Pinhole(ParametricLens):
         return opencv.COEFFICIENTS[: self.coefficient_values.shape[-1]]
 
     @property
-    def possible_names(self) -> tuple[str, ...]:
+    def possible_coefficients(self) -> tuple[str, ...]:
         return opencv.COEFFICIENTS
 
-    def with_room(self, names: Sequence[str]) -> "Pinhole":
+    def with_named_coefficients(self, names: Sequence[str]) -> "Pinhole":
         if not names:
             return self
-        needed = 1 + max(opencv.COEFFICIENTS.index(name) for name in names)
+        required = 1 + max(opencv.COEFFICIENTS.index(name) for name in names)
         present = self.distortion.shape[-1]
-        count = next(n for n in opencv.COUNTS if n >= max(needed, present))
+        count = next(n for n in opencv.COUNTS if n >= max(required, present))
         padded = jnp.pad(self.distortion, (0, count - present))
         return Pinhole(self.focal, self.center, padded)
 
@@ -110,14 +110,14 @@ class Pinhole(ParametricLens):
     def ray(self, xy: Float[Array, "2"]) -> Float[Array, "3"]:
         if not self.distorted:
             return normalize(jnp.append(xy, 1))
-        xy, found = opencv.undistort(self.distortion, xy)
-        return jnp.where(found, normalize(jnp.append(xy, 1)), 0)
+        xy, has_ray = opencv.undistort(self.distortion, xy)
+        return jnp.where(has_ray, normalize(jnp.append(xy, 1)), 0)
 
     def image(self, point: Float[Array, "3"]) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
         imaged = point[2] > 0
         xy = point[:2] / jnp.where(imaged, point[2], 1)
         if self.distorted:
-            imaged &= opencv.unfolded(self.distortion, xy)
+            imaged &= opencv.keeps_picture_orientation(self.distortion, xy)
             xy = opencv.distort(self.distortion, xy)
         return xy, imaged
 
@@ -140,7 +140,13 @@ def pinhole(
     center: Float[Array, "2"],
     distortion: Float[Array, " coefficients"] | None = None,
 ) -> Pinhole:
-    """Perspective lens that pays for distortion only if there is some (or if it is traced)."""
+    """A perspective lens that computes distortion only if a coefficient is not zero, or traced.
+
+    Args:
+        focal: Focal lengths in pixels.
+        center: Principal point in pixels.
+        distortion: 8, 12 or 14 coefficients in OpenCV's order; None is no distortion.
+    """
     if distortion is None:
         return Pinhole(focal, center, to_device(np.zeros(8), focal.dtype), distorted=False)
     if known(distortion) and not np.any(distortion):

@@ -60,7 +60,12 @@ class RadialLens(ParametricLens):
         return self.slope()
 
     def block_record(self, model: str, values: Mapping[str, Any]) -> LensRecord:
-        """The record of a lens whose `lens` block holds these values, in this order."""
+        """The record of a lens with a `lens` block.
+
+        Args:
+            model: `model` of the block.
+            values: Its other values, in this order.
+        """
         numbers = {key: x if isinstance(x, str) else json_numbers(x) for key, x in values.items()}
         return LensRecord({**self.intrinsics(), "lens": {"model": model, **numbers}})
 
@@ -74,7 +79,7 @@ class RadialLens(ParametricLens):
         return jnp.where(lit, jnp.append(stretch * xy, jnp.cos(theta)), 0)
 
     def image(self, point: Float[Array, "3"]) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
-        theta, axial, off_axis = polar(point)
+        theta, axial, off_axis = axis_angle(point)
         # What lies straight behind has no side of the picture.
         imaged = (theta <= self.max_angle) & (off_axis | (point[2] > 0))
         r = self.radius(jnp.where(imaged, theta, 0))
@@ -82,8 +87,15 @@ class RadialLens(ParametricLens):
         return jnp.where(off_axis, r / axial, limit) * point[:2], imaged
 
     def check_radial(self, widest: float = np.pi, key: str = "lens.k") -> None:
-        """Raise unless `max_angle` is at most `widest` and r(theta) increases up to it; `key` is
-        what to blame if it does not."""
+        """Check that `max_angle` is at most `widest` and that r(theta) increases up to it.
+
+        Args:
+            widest: Largest half angle of view, in radians.
+            key: The parameter that the message names if r(theta) turns back.
+
+        Raises:
+            ValueError: One of both does not hold.
+        """
         angle = self.max_angle
         rule = "in (0, pi]" if widest == np.pi else f"in (0, {widest:.7g}]"
         # Half angles come in single precision.
@@ -104,34 +116,38 @@ class RadialLens(ParametricLens):
 _Radial = TypeVar("_Radial", bound=RadialLens)
 
 
-def polar(
+def axis_angle(
     point: Float[Array, "3"],
 ) -> tuple[Float[Array, ""], Float[Array, ""], Bool[Array, ""]]:
     """Angle of a point from the optical axis, its distance from the axis (1 on it), and whether it
-    lies off it."""
-    away = safe_norm(point[:2])
-    off_axis = away > 0
-    axial = jnp.where(off_axis, away, 1)
+    lies off the axis."""
+    distance = safe_norm(point[:2])
+    off_axis = distance > 0
+    axial = jnp.where(off_axis, distance, 1)
     on_axis_angle = jnp.where(point[2] < 0, jnp.pi, 0).astype(point.dtype)
     return jnp.where(off_axis, jnp.arctan2(axial, point[2]), on_axis_angle), axial, off_axis
 
 
-def root(square: Float[Array, ""]) -> Float[Array, ""]:
-    """Square root of what is at least 0 but for rounding; at 0, the rim of a lens, its gradient is
-    0 instead of infinite."""
+def safe_sqrt(square: Float[Array, ""]) -> Float[Array, ""]:
+    """Square root that is 0, with gradient 0, for numbers of at most 0.
+
+    Rounding can make such a number negative at the rim of a lens, where the gradient of the plain
+    square root is infinite.
+    """
     positive = square > 0
     return jnp.where(positive, jnp.sqrt(jnp.where(positive, square, 1)), 0)
 
 
-def lens_spanning(
+def lens_of_options(
     film: Film,
     options: LensOptions,
     lens: Callable[..., _Radial],
     *parameters: Float[np.ndarray, " coefficients"],
     widest: float = 180.0,
 ) -> _Radial:
-    """The radial lens whose `lens.fov` spans the smaller side of the film and which is black beyond
-    `lens.crop`.
+    """A radial lens of the user's options.
+
+    `lens.fov` spans the smaller side of the film; beyond `lens.crop` the picture is black.
 
     Args:
         film: Size of the picture.
@@ -156,7 +172,13 @@ def lens_of_keys(
     dtype: DTypeLike,
     *parameters: float | Sequence[float],
 ) -> _Radial:
-    """A lens from the focal lengths and principal point of a frame's keys and `parameters`, of
-    which the last is the half angle of view in radians."""
+    """A radial lens of a frame's keys.
+
+    Args:
+        lens: Builds the lens from focal lengths, principal point and `parameters`.
+        keys: Keys of the frame, with focal lengths and principal point.
+        dtype: Precision of the arrays.
+        parameters: Further numbers of the lens; the last is the half angle of view in radians.
+    """
     arrays = (to_device(values, dtype) for values in parameters)
     return lens(*focal_and_center(keys, dtype), *arrays)

@@ -72,12 +72,12 @@ class RayTable(FocalLens):
         nearest = jnp.argmax(jnp.sum(some * toward[None, None], axis=-1))
         row, column = jnp.unravel_index(nearest, some.shape[:2])
         start = jnp.stack([column * skip[1], row * skip[0]]).astype(point.dtype)
-        xy, found = plane_root(
+        xy, has_ray = plane_root(
             _aside, jnp.zeros_like(start), (self.rays, across), start,
             steps=_NEWTON_STEPS, residual=_RESIDUAL,
         )  # fmt: skip
         ahead = jnp.sum(_between(xy, self.rays) * toward) > 0
-        return xy, found & ahead & self._lit(xy) & jnp.any(point != 0)
+        return xy, has_ray & ahead & self._lit(xy) & jnp.any(point != 0)
 
     def check_image(self) -> None:
         rays = np.asarray(self.rays, np.float64)

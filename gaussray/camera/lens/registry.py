@@ -1,7 +1,7 @@
 """All lens models, found in the modules of `camera/lens/`.
 
 A new lens is one new file: its module lists its `LensModel`s as `MODELS`. Captures, manifests,
-configuration, viewer and calibration read what is here and name no lens.
+configuration, viewer and calibration read this registry and name no lens themselves.
 """
 
 import functools

@@ -8,7 +8,7 @@ from jaxtyping import Array, DTypeLike, Float
 from gaussray.camera.film import Film
 from gaussray.camera.lens.abstract import LensRecord
 from gaussray.camera.lens.model import LensKeys, LensModel, LensOptions, coefficients_of
-from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_spanning, root
+from gaussray.camera.lens.radial import RadialLens, lens_of_keys, lens_of_options, safe_sqrt
 from gaussray.io.plain_values import number, vector
 from gaussray.io.validate import require
 
@@ -36,7 +36,7 @@ class UnifiedSphere(RadialLens):
         alpha, beta = self.coefficients
         square = beta * r * r
         above = 1 - alpha * alpha * square
-        below = alpha * root(1 - (2 * alpha - 1) * square) + 1 - alpha
+        below = alpha * safe_sqrt(1 - (2 * alpha - 1) * square) + 1 - alpha
         # above / below is z at distance r from the axis; below is 0 only for alpha = 1 at the rim.
         return jnp.arctan2(r * below, above)
 
@@ -74,17 +74,17 @@ class DoubleSphere(RadialLens):
     def radius(self, theta: Float[Array, ""]) -> Float[Array, ""]:
         xi, alpha = self.coefficients
         sine, z = jnp.sin(theta), xi + jnp.cos(theta)
-        return sine / (alpha * root(sine * sine + z * z) + (1 - alpha) * z)
+        return sine / (alpha * safe_sqrt(sine * sine + z * z) + (1 - alpha) * z)
 
     def angle(self, r: Float[Array, ""]) -> Float[Array, ""]:
         xi, alpha = self.coefficients
         square = r * r
         # The ray from the second sphere's centre is (r below, above), scaled.
         above = 1 - alpha * alpha * square
-        below = alpha * root(1 - (2 * alpha - 1) * square) + 1 - alpha
+        below = alpha * safe_sqrt(1 - (2 * alpha - 1) * square) + 1 - alpha
         across = r * below
         length = above * above + across * across
-        reach = above * xi + root(above * above + (1 - xi * xi) * across * across)
+        reach = above * xi + safe_sqrt(above * above + (1 - xi * xi) * across * across)
         return jnp.arctan2(reach * across, reach * above - xi * length)
 
     def slope(self) -> Float[Array, ""]:
@@ -110,7 +110,7 @@ def _unified_from_options(film: Film, options: LensOptions) -> UnifiedSphere:
         k = np.append(coefficients_of(options, 1), 1)
     else:
         k = coefficients_of(options, 2)
-    return lens_spanning(film, options, UnifiedSphere, k)
+    return lens_of_options(film, options, UnifiedSphere, k)
 
 
 def _unified_from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> UnifiedSphere:
@@ -120,7 +120,7 @@ def _unified_from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> Uni
 
 
 def _double_from_options(film: Film, options: LensOptions) -> DoubleSphere:
-    return lens_spanning(film, options, DoubleSphere, coefficients_of(options, 2))
+    return lens_of_options(film, options, DoubleSphere, coefficients_of(options, 2))
 
 
 def _double_from_keys(keys: LensKeys, block: LensKeys, dtype: DTypeLike) -> DoubleSphere:

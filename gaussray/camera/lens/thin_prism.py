@@ -10,7 +10,7 @@ from gaussray.camera.lens.abstract import LensRecord
 from gaussray.camera.lens.correctable import ParametricLens
 from gaussray.camera.lens.kannala_brandt import monotone_angle
 from gaussray.camera.lens.model import LensKeys, LensModel, focal_and_center
-from gaussray.camera.lens.radial import polar
+from gaussray.camera.lens.radial import axis_angle
 from gaussray.camera.roots import keeps_orientation, plane_root
 from gaussray.geometry import safe_norm
 from gaussray.io.json_numbers import json_numbers
@@ -53,15 +53,15 @@ class ThinPrismFisheye(ParametricLens):
 
     def ray(self, xy: Float[Array, "2"]) -> Float[Array, "3"]:
         start = jax.lax.stop_gradient(xy)
-        plain, found = plane_root(
+        plain, has_ray = plane_root(
             _distorted, xy, self.coefficients, start, steps=_STEPS, residual=_RESIDUAL
         )
         theta = safe_norm(plain)
-        found &= theta <= self.max_angle
-        return jnp.where(found, jnp.append(jnp.sinc(theta / jnp.pi) * plain, jnp.cos(theta)), 0)
+        has_ray &= theta <= self.max_angle
+        return jnp.where(has_ray, jnp.append(jnp.sinc(theta / jnp.pi) * plain, jnp.cos(theta)), 0)
 
     def image(self, point: Float[Array, "3"]) -> tuple[Float[Array, "2"], Bool[Array, ""]]:
-        theta, axial, off_axis = polar(point)
+        theta, axial, off_axis = axis_angle(point)
         imaged = (theta <= self.max_angle) & (off_axis | (point[2] > 0))
         limit = 1 / jnp.where(off_axis | (point[2] == 0), 1, point[2])
         stretch = jnp.where(off_axis, theta / axial, limit)

@@ -11,26 +11,45 @@ PATTERNS = ("RGGB", "BGGR", "GRBG", "GBRG")
 _NEAR = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]])
 
 
-def filters(pattern: str, height: int, width: int) -> Bool[np.ndarray, "h w 3"]:
-    """Which of red, green and blue each photosite sees."""
+def filter_mask(pattern: str, height: int, width: int) -> Bool[np.ndarray, "h w 3"]:
+    """The colour channel of each pixel's filter, as a mask of red, green and blue.
+
+    Args:
+        pattern: One of `PATTERNS`.
+        height: Height of the picture in pixels.
+        width: Width of the picture in pixels.
+    """
     row, column = np.mgrid[:height, :width]
     channel = np.array(["RGB".index(letter) for letter in pattern])
     return np.arange(3) == channel[2 * (row % 2) + column % 2][..., None]
 
 
 def mosaic(light: Float[Array, "h w 3"], pattern: str) -> Float[Array, "h w 3"]:
-    """Light behind the filters: each pixel has one channel, the others are 0, so that the sum of
-    the channels is the raw picture."""
-    return jnp.where(filters(pattern, *light.shape[:2]), light, 0)
+    """Light behind the colour filters: each pixel keeps one channel, the others are 0.
+
+    The sum of the channels is the raw picture.
+
+    Args:
+        light: Linear red, green and blue.
+        pattern: One of `PATTERNS`.
+    """
+    return jnp.where(filter_mask(pattern, *light.shape[:2]), light, 0)
 
 
 def demosaic(raw: Float[Array, "h w 3"], pattern: str) -> Float[Array, "h w 3"]:
-    """Bilinear colours: what a pixel's filter kept out is the mean of the nearest photosites that
-    saw it, the two or four at distance 1 or else the four at sqrt 2 (fewer at the border)."""
-    seen = filters(pattern, *raw.shape[:2])
+    """Bilinear demosaicing.
+
+    A missing channel is the mean of the nearest pixels that have it: the two or four at distance 1,
+    or else the four at distance sqrt 2 (fewer at the border).
+
+    Args:
+        raw: The mosaic, each pixel with its own channel and 0 elsewhere.
+        pattern: One of `PATTERNS`.
+    """
+    filtered = filter_mask(pattern, *raw.shape[:2])
     total = _blurred(jnp, raw)
-    weight = _blurred(np, seen.astype(float))
-    return jnp.where(seen, raw, total / np.maximum(weight, 1).astype(raw.dtype))
+    weight = _blurred(np, filtered.astype(float))
+    return jnp.where(filtered, raw, total / np.maximum(weight, 1).astype(raw.dtype))
 
 
 def _blurred(xp, picture):

@@ -9,26 +9,37 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 
 def picture_key(seed: int, name: str) -> PRNGKeyArray:
-    """The key of a picture's noise: that of the seed and the name alone, whatever else is taken
-    and in which order (64 bits of the name's SHA-256, folded into the key)."""
+    """Random key of a picture's noise.
+
+    It depends on the seed and the name alone, not on other pictures or their order: 64 bits of the
+    name's SHA-256 are folded into the key.
+
+    Args:
+        seed: `sensor.seed`.
+        name: Name of the picture.
+    """
     key = jax.random.key(seed)
     for word in np.frombuffer(hashlib.sha256(name.encode()).digest()[:8], "<u4"):
         key = jax.random.fold_in(key, word)
     return key
 
 
-def noisy(
+def add_noise(
     key: PRNGKeyArray,
     light: Float[Array, "*n"],
     full_well: Float[Array, ""] | float,
     read_noise: Float[Array, ""] | float,
 ) -> Float[Array, "*n"]:
-    """(Poisson(full_well light) + Gaussian(read_noise)) / full_well: light as photosites count it,
-    each on its own.
+    """Add shot noise and read noise: (Poisson(full_well light) + Gaussian(read_noise)) / full_well.
 
-    `full_well` electrons stand for light 1, `read_noise` is the standard deviation in electrons.
-    The variance is (full_well light + read_noise^2) / full_well^2. Light below 0 is none, reading
-    may be below it. The gradient is that of the mean: none of the chance.
+    The variance is (full_well light + read_noise^2) / full_well^2. Light below 0 counts as 0; the
+    result may be negative. The gradient is that of the mean.
+
+    Args:
+        key: Random key.
+        light: Linear light, 1 is `full_well` electrons.
+        full_well: Electrons, above 0.
+        read_noise: Standard deviation of the read noise, in electrons.
     """
     shot, read = jax.random.split(key)
     mean = full_well * jnp.maximum(light, 0)

@@ -11,9 +11,9 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from gaussray.camera.camera import Camera
 from gaussray.camera.principal_point import require_axis
 from gaussray.camera.sensor.mosaic import PATTERNS, demosaic, mosaic
-from gaussray.camera.sensor.noise import noisy
-from gaussray.camera.sensor.tone import TONE_CURVES, toned
-from gaussray.camera.sensor.vignetting import darkest, transmission
+from gaussray.camera.sensor.noise import add_noise
+from gaussray.camera.sensor.tone import TONE_CURVES, apply_tone_curve
+from gaussray.camera.sensor.vignetting import least_transmission, transmission
 
 
 # Electrons up to which single precision draws Poisson's law: the variance of 10^6 draws is as near
@@ -61,33 +61,33 @@ class SensorOptions(eqx.Module):
     seed: int = eqx.field(static=True, default=0)
 
     def __check_init__(self):
-        _demand(self, "chromatic", _numbers(self.chromatic, 3, above=0.0), "3 numbers above 0")
-        _demand(self, "vignetting", _numbers(self.vignetting, 3), "3 numbers")
-        _demand(
+        _require(self, "chromatic", _numbers(self.chromatic, 3, above=0.0), "3 numbers above 0")
+        _require(self, "vignetting", _numbers(self.vignetting, 3), "3 numbers")
+        _require(
             self,
             "vignetting",
-            darkest(self.vignetting) >= 0,
+            least_transmission(self.vignetting) >= 0,
             "a1, a2, a3 with 1 + a1 r^2 + a2 r^4 + a3 r^6 at least 0 for r up to 1",
         )
-        _demand(
+        _require(
             self,
             "full_well",
             0 <= self.full_well <= MOST_ELECTRONS,
             f"in 0 ... {MOST_ELECTRONS} electrons",
         )
         for key in ("falloff", "read_noise", "white"):
-            _demand(self, key, 0 <= getattr(self, key) < math.inf, "at least 0")
-        _demand(self, "exposure", math.isfinite(self.exposure), "finite")
-        _demand(self, "gain", 1 <= self.gain < math.inf, "at least 1")
-        _demand(self, "bits", 0 <= self.bits <= 16, "in 0 ... 16")
-        _demand(self, "bayer", self.bayer in ("none", *PATTERNS), f"none or one of {PATTERNS}")
-        _demand(self, "demosaic", self.demosaic in ("bilinear", "none"), "bilinear or none")
-        _demand(self, "tone", self.tone in TONE_CURVES, f"one of {TONE_CURVES}")
-        _demand(self, "seed", 0 <= self.seed < 2**32, "in 0 ... 2^32 - 1")
+            _require(self, key, 0 <= getattr(self, key) < math.inf, "at least 0")
+        _require(self, "exposure", math.isfinite(self.exposure), "finite")
+        _require(self, "gain", 1 <= self.gain < math.inf, "at least 1")
+        _require(self, "bits", 0 <= self.bits <= 16, "in 0 ... 16")
+        _require(self, "bayer", self.bayer in ("none", *PATTERNS), f"none or one of {PATTERNS}")
+        _require(self, "demosaic", self.demosaic in ("bilinear", "none"), "bilinear or none")
+        _require(self, "tone", self.tone in TONE_CURVES, f"one of {TONE_CURVES}")
+        _require(self, "seed", 0 <= self.seed < 2**32, "in 0 ... 2^32 - 1")
         if self.tone == "table":
             rising = all(a <= b for a, b in zip(self.table, self.table[1:], strict=False))
-            good = _numbers(self.table, len(self.table)) and len(self.table) > 1 and rising
-            _demand(self, "table", good, "at least 2 numbers that never fall")
+            valid = _numbers(self.table, len(self.table)) and len(self.table) > 1 and rising
+            _require(self, "table", valid, "at least 2 numbers that never fall")
         elif self.table:
             raise ValueError(f"sensor.table needs sensor.tone=table, got {self.tone!r}.")
         for key, needed in (("read_noise", "full_well"), ("bits", "white")):
@@ -98,7 +98,16 @@ class SensorOptions(eqx.Module):
 
 
 def check_sensor(options: SensorOptions, camera: Camera, format: str) -> None:
-    """Raise a ValueError unless a camera can have this sensor and a file of this format hold it."""
+    """Check that a camera can have this sensor, and a file format can hold its values.
+
+    Args:
+        options: The sensor.
+        camera: The camera.
+        format: "png" or "exr".
+
+    Raises:
+        ValueError: A key does not fit; the message names it.
+    """
     if format == "exr" and options.tone != "srgb":
         raise ValueError(
             f"sensor.tone must be srgb with format=exr, which holds linear light, got "
@@ -112,14 +121,22 @@ def check_sensor(options: SensorOptions, camera: Camera, format: str) -> None:
 def develop(
     light: Float[Array, "h w 3"], camera: Camera, key: PRNGKeyArray, *, options: SensorOptions
 ) -> Float[Array, "h w 3"]:
-    """The sensor's linear values of the light on the film, in the order of the physics: lens edge,
-    exposure, electrons, amplifier, colour filters, saturation, digits, colours. Differentiable up
-    to the digits.
+    """Develop a picture: the sensor's linear values of the light on the film.
+
+    The steps are those of the physics, in their order: vignetting, exposure, noise of the
+    electrons, gain, colour filters, saturation, quantisation, demosaicing. Differentiable up to the
+    quantisation.
+
+    Args:
+        light: Linear light, 1 is white.
+        camera: The camera, for the vignetting.
+        key: Random key of the noise (`picture_key`).
+        options: The sensor.
     """
-    return develop_by(amounts(options), light, camera, key, steps=options)
+    return develop_with(sensor_numbers(options), light, camera, key, steps=options)
 
 
-def develop_by(
+def develop_with(
     amounts: Mapping[str, Float[Array, "..."]],
     light: Float[Array, "h w 3"],
     camera: Camera | None,
@@ -127,18 +144,25 @@ def develop_by(
     *,
     steps: SensorOptions,
 ) -> Float[Array, "h w 3"]:
-    """`develop` by numbers that a compiled program does not hold; `steps` says which it takes. Only
-    light that falls off towards the edges asks for the camera."""
+    """`develop` with the sensor's numbers as data, which a compiled program does not hold.
+
+    Args:
+        amounts: Numbers of the sensor (`sensor_numbers`).
+        light: Linear light, 1 is white.
+        camera: The camera; only vignetting needs it.
+        key: Random key of the noise.
+        steps: Which steps the sensor takes (`sensor_steps`).
+    """
     n = {name: x.astype(light.dtype) for name, x in amounts.items()}
     if steps.falloff or any(steps.vignetting):
         assert camera is not None
         edge = transmission(camera.lens, camera.film, n["falloff"], n["vignetting"])
         light = light * edge[..., None]
     if steps.exposure:
-        light = exposed(light, n["exposure"])
+        light = apply_exposure(light, n["exposure"])
     white = n["white"] if steps.white else jnp.ones((), light.dtype)
     if steps.full_well:
-        light = white * noisy(key, light / white, n["full_well"], n["read_noise"])
+        light = white * add_noise(key, light / white, n["full_well"], n["read_noise"])
     if steps.gain != 1:
         light = n["gain"] * light
     if steps.bayer != "none":
@@ -146,52 +170,54 @@ def develop_by(
     if steps.white:
         light = jnp.clip(light, 0, white)
     if steps.bits:
-        light = white * digital(light / white, steps.bits)
+        light = white * quantize(light / white, steps.bits)
     if steps.bayer != "none" and steps.demosaic == "bilinear":
         light = demosaic(light, steps.bayer)
     return light
 
 
-# A number for every step that a sensor takes, for all that take it.
-_TAKEN = {"falloff": 1.0, "vignetting": (-0.5, 0.0, 0.0), "exposure": 1.0, "full_well": 1.0,
+# A number that stands for each step, whatever the sensor's own number is.
+_STEP_NUMBERS = {"falloff": 1.0, "vignetting": (-0.5, 0.0, 0.0), "exposure": 1.0, "full_well": 1.0,
           "read_noise": 1.0, "gain": 2.0, "white": 1.0}  # fmt: skip
 
 
-def amounts(options: SensorOptions) -> dict[str, Float[Array, "..."]]:
-    """The numbers of a sensor that may differ from picture to picture."""
-    return {name: jnp.asarray(getattr(options, name), float) for name in _TAKEN}
+def sensor_numbers(options: SensorOptions) -> dict[str, Float[Array, "..."]]:
+    """The numbers of a sensor that may differ from picture to picture, by key."""
+    return {name: jnp.asarray(getattr(options, name), float) for name in _STEP_NUMBERS}
 
 
-def steps_of(options: SensorOptions) -> SensorOptions:
-    """A sensor that stands for all that take the same steps, whatever their numbers: one program
-    develops the pictures of them all."""
-    none = SensorOptions()
-    taken = {k: v for k, v in _TAKEN.items() if getattr(options, k) != getattr(none, k)}
-    kept = {name: getattr(options, name) for name in ("bits", "bayer", "demosaic")}
-    return SensorOptions(**taken, **kept)
+def sensor_steps(options: SensorOptions) -> SensorOptions:
+    """A sensor that stands for all with the same steps, whatever their numbers: they share a
+    compiled program."""
+    off = SensorOptions()
+    numbers = {k: v for k, v in _STEP_NUMBERS.items() if getattr(options, k) != getattr(off, k)}
+    structure = {name: getattr(options, name) for name in ("bits", "bayer", "demosaic")}
+    return SensorOptions(**numbers, **structure)
 
 
 def encode(light: Float[Array, "h w 3"], *, options: SensorOptions) -> Float[Array, "h w 3"]:
-    """What a PNG stores of the sensor's values."""
-    return toned(light, options.tone, jnp.asarray(options.table, light.dtype))
+    """The values that a PNG stores: the sensor's tone curve applied to its linear values."""
+    return apply_tone_curve(light, options.tone, jnp.asarray(options.table, light.dtype))
 
 
-def exposed(light: Float[Array, "*n"], stops: Float[Array, ""] | float) -> Float[Array, "*n"]:
-    """Light after an exposure longer by a factor of 2^stops."""
+def apply_exposure(
+    light: Float[Array, "*n"], stops: Float[Array, ""] | float
+) -> Float[Array, "*n"]:
+    """Light times 2^stops."""
     return light * 2.0**stops
 
 
-def digital(value: Float[Array, "*n"], bits: int) -> Float[Array, "*n"]:
-    """The nearest of the 2^bits numbers that count evenly from 0 to 1."""
+def quantize(value: Float[Array, "*n"], bits: int) -> Float[Array, "*n"]:
+    """Round to the nearest of 2^bits even levels from 0 to 1."""
     steps = 2**bits - 1
     return jnp.round(value * steps) / steps
 
 
 def sensor_record(options: SensorOptions) -> Mapping[str, Any]:
-    """The sensor as a manifest records it, with how its noise can be had again."""
-    told = {name: getattr(options, name) for name in options.__dataclass_fields__}
+    """The sensor as a manifest records it, with the formula of its noise key."""
+    record = {name: getattr(options, name) for name in options.__dataclass_fields__}
     key = "jax.random.key(seed), then fold_in of the first two little-endian 32-bit words of "
-    return told | {"noise_key": key + "sha256(file_path without suffix)"}
+    return record | {"noise_key": key + "sha256(file_path without suffix)"}
 
 
 def _numbers(values: tuple[Any, ...], count: int, above: float = -math.inf) -> bool:
@@ -199,6 +225,6 @@ def _numbers(values: tuple[Any, ...], count: int, above: float = -math.inf) -> b
     return len(values) == count == len(numbers)
 
 
-def _demand(options: SensorOptions, key: str, holds: bool, rule: str) -> None:
+def _require(options: SensorOptions, key: str, holds: bool, rule: str) -> None:
     if not holds:
         raise ValueError(f"sensor.{key} must be {rule}, got {getattr(options, key)!r}.")

@@ -9,16 +9,23 @@ from gaussray.color import srgb_encode
 TONE_CURVES = ("srgb", "linear", "filmic", "table")
 
 
-def toned(
+def apply_tone_curve(
     light: Float[Array, "*n"], curve: str, table: Float[Array, " knots"]
 ) -> Float[Array, "*n"]:
-    """Stored values in [0, 1], up to where the curve itself goes beyond.
+    """Apply a tone curve.
 
-    `srgb` is the standard curve (IEC 61966-2-1), `linear` stores the light itself. Of the others
-    neither is a standard: `filmic` rolls highlights off, the rational fit of Narkowicz (2015) to
-    the look of ACES, x (2.51 x + 0.03) / (x (2.43 x + 0.59) + 0.14), then encoded as sRGB (for
-    ACES' own exposure let 0.6 of the light in); `table` is a camera's own response, stored values
-    at even steps of light from 0 to 1, straight between.
+    `srgb` is the standard curve (IEC 61966-2-1). `linear` stores the light itself. `filmic` rolls
+    highlights off: the rational fit of Narkowicz (2015) to the look of ACES,
+    x (2.51 x + 0.03) / (x (2.43 x + 0.59) + 0.14), then encoded as sRGB (for the exposure of ACES,
+    multiply the light by 0.6). `table` is the response of a camera.
+
+    Args:
+        light: Linear light.
+        curve: One of `TONE_CURVES`.
+        table: Stored values at even steps of light from 0 to 1, for `table`; linear in between.
+
+    Returns:
+        Stored values, in [0, 1] for light in [0, 1].
     """
     if curve == "linear":
         return light

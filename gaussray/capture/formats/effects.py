@@ -10,7 +10,7 @@ from jaxtyping import Array, DTypeLike, Float
 from gaussray.camera.aperture import EASES, FOCUS, Aperture, FocusPull, Rim
 from gaussray.camera.film import FILTERS, Film
 from gaussray.camera.shake import Shake
-from gaussray.camera.shutter import DIRECTIONS, Shutter, check_shutter, row_count, step_of
+from gaussray.camera.shutter import DIRECTIONS, Shutter, check_shutter, row_count, row_step_of
 from gaussray.camera.trajectory import INTERPOLATIONS, Trajectory
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.geometry import BLENDER_AXES, quaternion
@@ -99,7 +99,7 @@ def read_shutter(keys: Keys, dtype: DTypeLike) -> Shutter:
         if block.has("row_step"):
             raise block.error("readout", "left out where there is a row_step")
         readout = block.number("readout")
-        step = step_of(readout, row_count(direction, size))
+        step = row_step_of(readout, row_count(direction, size))
         offset = block.number("row_offset", -readout / 2)
     table = to_device(block.numbers("row_times"), dtype) if block.has("row_times") else None
     shutter = Shutter(

@@ -6,7 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from gaussray.camera.array import CameraSet, nearest_camera, resolved
+from gaussray.camera.array import CameraSet, nearest_camera_distance, pixel_spacing
 from gaussray.reconstruct.optimize.optimizer import Parameters
 
 
@@ -39,10 +39,10 @@ def scale_bounds(
     """
 
     def of_kind(mean: Float[Array, "gaussians 3"]) -> ScaleBounds:
-        largest = jnp.log(jnp.maximum(nearest_camera(cameras, mean), cameras.extent))
+        largest = jnp.log(jnp.maximum(nearest_camera_distance(cameras, mean), cameras.extent))
         if not footprint:
             return ScaleBounds(jnp.full_like(largest, -jnp.inf), largest)
-        return ScaleBounds(jnp.log(footprint * resolved(cameras, mean) + 1e-30), largest)
+        return ScaleBounds(jnp.log(footprint * pixel_spacing(cameras, mean) + 1e-30), largest)
 
     return {kind: of_kind(free.mean) for kind, free in parameters.kinds.items()}
 

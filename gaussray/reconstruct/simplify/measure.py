@@ -13,7 +13,7 @@ from jax.sharding import Mesh
 from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
-from gaussray.camera.corrections import responded
+from gaussray.camera.corrections import apply_color_response
 from gaussray.camera.rays import Rays
 from gaussray.color import LEAST_MSE, psnr_from_mse, srgb_encode
 from gaussray.reconstruct.data.batches import gather, tile_colors, tile_rays
@@ -220,7 +220,10 @@ def _error(
     pixels, report = trace_sharded(
         motion, view.rays, options=tracing.options, capacity=capacity, mesh=tracing.mesh
     )
-    error = developed(srgb_encode(responded(view.gain, pixels.color)), view.truth) - view.truth
+    error = (
+        developed(srgb_encode(apply_color_response(view.gain, pixels.color)), view.truth)
+        - view.truth
+    )
     return jnp.sum(view.weight[:, None] * error * error), report.needed, report.dropped
 
 

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.camera.camera import Camera
-from gaussray.camera.ideal_pinhole import sharp
+from gaussray.camera.ideal_pinhole import ideal_pinhole_of
 from gaussray.camera.shutter import row_count, shutter_of_row
 from gaussray.dataset.layers import write_codes, write_layers
 from gaussray.dataset.manifest import FrameRecord
@@ -157,7 +157,7 @@ def _global_camera(camera: Camera, share: float) -> Camera:
 
 # The camera of each ground truth picture.
 _TRUTHS: dict[str, Callable[[Camera], Camera]] = {
-    SHARP: sharp,
+    SHARP: ideal_pinhole_of,
     "global_first": partial(_global_camera, share=0.0),
     "global_middle": partial(_global_camera, share=0.5),
 }

@@ -15,7 +15,7 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.circle_of_confusion import circle_of_confusion
 from gaussray.camera.rays import Rays
-from gaussray.camera.rolling_projection import Reading, reading
+from gaussray.camera.rolling_projection import RowTiming, row_timing
 from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import normalize, safe_norm
 from gaussray.render.camera_layout import CameraLayout
@@ -72,12 +72,12 @@ def lens_program(layout: CameraLayout, confusion: bool) -> Callable[..., dict[st
 
 
 @ProgramCache(48)
-def reading_program(layout: CameraLayout) -> Callable[..., Reading]:
+def reading_program(layout: CameraLayout) -> Callable[..., RowTiming]:
     """(numbers of a camera, places, times, fields) -> what its picture reads of each."""
 
-    def run(row: Array, point: Array, time: Array, field: Array) -> Reading:
+    def run(row: Array, point: Array, time: Array, field: Array) -> RowTiming:
         camera = layout.camera(row)
-        return _mapped(lambda x: reading(camera, *x), (point, time, field))
+        return _mapped(lambda x: row_timing(camera, *x), (point, time, field))
 
     return on_devices(run, None, (layout,))
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.rays import Rays
-from gaussray.camera.rolling_projection import landing
+from gaussray.camera.rolling_projection import project_paths
 from gaussray.render.aov.programs import (
     identity_program,
     lens_program,
@@ -182,14 +182,14 @@ def _motions(
         guess = jnp.asarray(time + np.asarray(other.time - cameras.camera.time), time.dtype)
         read = partial(reading_program(layout), row[None])
         fields = 1 if other.shutter.row_times is None else 2
-        return offsets(*landing(path, read, guess, other.film, fields=fields), pixel)[0]
+        return offsets(*project_paths(path, read, guess, other.film, fields=fields), pixel)[0]
 
     def blur() -> np.ndarray:
         row, layout = pack_camera(cameras.camera)
         read, half = reading_program(layout), float(cameras.camera.shutter.exposure) / 2
         field, all_met = np.zeros(time.shape, np.int32), np.ones(time.shape, bool)
         moments = [np.asarray(time + side * half, time.dtype) for side in (-1, 1)]
-        places = [read(row[None], path(moment), moment, field).place for moment in moments]
+        places = [read(row[None], path(moment), moment, field).pixel for moment in moments]
         before, after = (np.asarray(offsets(place, all_met, pixel)[1]) for place in places)
         return before + after
 

@@ -13,9 +13,9 @@ from gaussray.camera.shutter import (
     Shutter,
     check_shutter,
     global_shutter,
-    interlaced,
+    interlaced_row_times,
     row_count,
-    step_of,
+    row_step_of,
 )
 from gaussray.io.plain_values import to_device
 
@@ -87,10 +87,10 @@ def _new_shutter(film: Film, options: ShutterOptions) -> Shutter:
     readout = options.readout or options.row_step * (rows - 1)
     table = {"rolling": None, "table": options.row_times}.get(options.kind)
     if options.kind == "interlaced":
-        table = interlaced(rows, options.field_time, options.first_field)
+        table = interlaced_row_times(rows, options.field_time, options.first_field)
     shutter = Shutter(
         _float32(-readout / 2),
-        _float32(options.row_step or step_of(readout, rows)),
+        _float32(options.row_step or row_step_of(readout, rows)),
         exposure,
         direction=options.direction,
         row_times=None if table is None else _float32(table),

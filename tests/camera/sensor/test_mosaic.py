@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaussray.camera.sensor.mosaic import PATTERNS, demosaic, filters, mosaic
+from gaussray.camera.sensor.mosaic import PATTERNS, demosaic, filter_mask, mosaic
 
 
 # Means of up to eight numbers in double precision.
@@ -29,13 +29,13 @@ def brute_force(raw, seen):
 
 @pytest.mark.parametrize("pattern", PATTERNS)
 def test_a_pattern_names_the_filters_of_two_rows(pattern):
-    seen = filters(pattern, 5, 6)
+    seen = filter_mask(pattern, 5, 6)
     np.testing.assert_array_equal(seen.sum(-1), 1)
     letters = np.array(list("RGB"))[seen.argmax(-1)]
     assert "".join(letters[:2, :2].ravel()) == pattern
     np.testing.assert_array_equal(letters[2:4, 2:4], letters[:2, :2])
     raw = mosaic(LIGHT, pattern)
-    channel = filters(pattern, 7, 6).argmax(-1)[..., None]
+    channel = filter_mask(pattern, 7, 6).argmax(-1)[..., None]
     kept = np.take_along_axis(np.asarray(LIGHT), channel, -1)[..., 0]
     np.testing.assert_array_equal(raw.sum(-1), kept)
 
@@ -44,7 +44,7 @@ def test_a_pattern_names_the_filters_of_two_rows(pattern):
 def test_colours_are_means_of_the_nearest_that_saw_them(pattern):
     raw = mosaic(LIGHT, pattern)
     found = jax.jit(demosaic, static_argnums=1)(raw, pattern)
-    expected = brute_force(np.asarray(raw), filters(pattern, 7, 6))
+    expected = brute_force(np.asarray(raw), filter_mask(pattern, 7, 6))
     np.testing.assert_allclose(found, expected, atol=EXACT)
 
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from gaussray.camera.sensor.noise import noisy, picture_key
+from gaussray.camera.sensor.noise import add_noise, picture_key
 
 
 COUNT = 40_000
@@ -14,7 +14,7 @@ WELL = 4000.0
 SIGMAS = 5
 
 
-count = jax.jit(noisy)
+count = jax.jit(add_noise)
 
 
 def electrons(mean, read_noise=0.0, name="a", seed=0, dtype=jnp.float64):
@@ -70,7 +70,7 @@ def test_exposures_add():
 
 def test_photosites_and_pictures_are_independent():
     light = jnp.full((100, 100, 3), 0.01)
-    one, other = (noisy(picture_key(0, n), light, WELL, 2.0) - light for n in ("a", "b"))
+    one, other = (add_noise(picture_key(0, n), light, WELL, 2.0) - light for n in ("a", "b"))
     pairs = ((one[1:], one[:-1]), (one[:, 1:], one[:, :-1]), (one[..., 1:], one[..., :-1]))
     for a, b in (*pairs, (one, other)):
         correlation = np.corrcoef(np.ravel(a), np.ravel(b))[0, 1]
@@ -86,11 +86,13 @@ def test_the_noise_of_a_picture_is_that_of_its_seed_and_name():
 
 def test_darker_than_black_is_black():
     light = jnp.array([-0.5, 0.0])
-    np.testing.assert_array_equal(noisy(picture_key(0, "a"), light, WELL, 0.0), 0)
+    np.testing.assert_array_equal(add_noise(picture_key(0, "a"), light, WELL, 0.0), 0)
 
 
 def test_the_gradient_is_that_of_the_mean():
     light = jnp.array([0.001, 0.3, 0.9])
     for read_noise in (0.0, 3.0):
-        slope = jax.grad(lambda x, r=read_noise: jnp.sum(noisy(picture_key(0, "a"), x, WELL, r)))
+        slope = jax.grad(
+            lambda x, r=read_noise: jnp.sum(add_noise(picture_key(0, "a"), x, WELL, r))
+        )
         np.testing.assert_allclose(slope(light), 1, rtol=1e-12)

@@ -11,18 +11,18 @@ import toy
 from jax.test_util import check_grads
 
 from gaussray.camera.sensor.mosaic import demosaic, mosaic
-from gaussray.camera.sensor.noise import noisy, picture_key
+from gaussray.camera.sensor.noise import add_noise, picture_key
 from gaussray.camera.sensor.sensor import (
     SensorOptions,
-    amounts,
+    apply_exposure,
     check_sensor,
     develop,
-    develop_by,
-    digital,
+    develop_with,
     encode,
-    exposed,
+    quantize,
+    sensor_numbers,
     sensor_record,
-    steps_of,
+    sensor_steps,
 )
 from gaussray.camera.sensor.vignetting import transmission
 
@@ -49,11 +49,11 @@ def test_by_default_light_stays_what_it_is():
 def test_stops_double_light_and_add():
     np.testing.assert_allclose(developed(exposure=1.0), 2 * LIGHT, rtol=EXACT)
     np.testing.assert_allclose(developed(exposure=-0.5, gain=2.0), 2**0.5 * LIGHT, rtol=EXACT)
-    twice = exposed(exposed(LIGHT, 0.7), -1.9)
-    np.testing.assert_allclose(twice, exposed(LIGHT, -1.2), rtol=EXACT)
+    twice = apply_exposure(apply_exposure(LIGHT, 0.7), -1.9)
+    np.testing.assert_allclose(twice, apply_exposure(LIGHT, -1.2), rtol=EXACT)
     # Light of two exposures, and of one that lasts as long as both.
-    both = exposed(LIGHT, 0.7) + exposed(LIGHT, -1.9)
-    np.testing.assert_allclose(both, exposed(LIGHT, np.log2(2**0.7 + 2**-1.9)), rtol=EXACT)
+    both = apply_exposure(LIGHT, 0.7) + apply_exposure(LIGHT, -1.9)
+    np.testing.assert_allclose(both, apply_exposure(LIGHT, np.log2(2**0.7 + 2**-1.9)), rtol=EXACT)
 
 
 def test_values_end_at_white_and_count_evenly_up_to_it():
@@ -63,7 +63,7 @@ def test_values_end_at_white_and_count_evenly_up_to_it():
     np.testing.assert_allclose(counted, np.round(counted), atol=1e-9)
     assert set(np.round(counted).ravel()) == set(range(8))
     assert np.abs(counted / 7 * 0.8 - cut).max() <= 0.8 / 14 + EXACT
-    assert digital(jnp.array([0.0, 0.5, 1.0]), 1).tolist() == [0, 0, 1]  # ties to even
+    assert quantize(jnp.array([0.0, 0.5, 1.0]), 1).tolist() == [0, 0, 1]  # ties to even
 
 
 def test_the_parts_come_in_the_order_of_the_physics():
@@ -80,7 +80,7 @@ def test_the_parts_come_in_the_order_of_the_physics():
     }
     edge = jnp.array(4.0), jnp.array([-0.2, 0.0, 0.0])
     x = LIGHT * transmission(CAMERA.lens, CAMERA.film, *edge)[..., None] / 2
-    x = 4 * 2 * noisy(KEY, x / 2, 900.0, 2.0)
+    x = 4 * 2 * add_noise(KEY, x / 2, 900.0, 2.0)
     x = jnp.clip(mosaic(x, "GRBG"), 0, 2)
     x = demosaic(jnp.round(x / 2 * 31) / 31 * 2, "GRBG")
     np.testing.assert_allclose(developed(**chosen), x, atol=EXACT)
@@ -129,7 +129,12 @@ def test_gradients_reach_the_light_through_all_that_is_smooth():
     light = jnp.asarray(np.random.default_rng(1).uniform(0.1, 0.6, (4, 6, 3)))
     check_grads(stored, (light,), 1, ("rev",), GRADIENT, GRADIENT)
     check_grads(
-        lambda s: exposed(light, jnp.asarray(s)), (jnp.array(0.3),), 1, ("rev",), GRADIENT, GRADIENT
+        lambda s: apply_exposure(light, jnp.asarray(s)),
+        (jnp.array(0.3),),
+        1,
+        ("rev",),
+        GRADIENT,
+        GRADIENT,
     )
 
 
@@ -181,17 +186,17 @@ def test_sensors_of_the_same_steps_are_one_program_and_each_keeps_its_numbers():
     @eqx.filter_jit
     def compiled(amounts, light, *, steps):
         traces.append(steps)
-        return develop_by(amounts, light, CAMERA, KEY, steps=steps)
+        return develop_with(amounts, light, CAMERA, KEY, steps=steps)
 
     for exposure, gain, seed in ((1.0, 2.0, 0), (-0.5, 4.0, 7)):
         chosen = SensorOptions(
             vignetting=(-0.2, 0.0, 0.1), exposure=exposure, full_well=500.0, read_noise=3.0,
             gain=gain, white=1.5, bits=10, bayer="RGGB", seed=seed,
         )  # fmt: skip
-        found = compiled(amounts(chosen), LIGHT, steps=steps_of(chosen))
+        found = compiled(sensor_numbers(chosen), LIGHT, steps=sensor_steps(chosen))
         # One of 1023 steps: what is compiled as one may be rounded to the other side of a half.
         expected = develop(LIGHT, CAMERA, KEY, options=chosen)
         assert np.mean(np.abs(found - expected) > 1e-6) < 0.01
         assert np.max(np.abs(found - expected)) < 1.001 * 1.5 / 1023
     assert len(traces) == 1
-    assert steps_of(SensorOptions(seed=3, chromatic=(1.0, 1.1, 1.0))) == SensorOptions()
+    assert sensor_steps(SensorOptions(seed=3, chromatic=(1.0, 1.1, 1.0))) == SensorOptions()

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from gaussray.camera.sensor.tone import TONE_CURVES, toned
+from gaussray.camera.sensor.tone import TONE_CURVES, apply_tone_curve
 from gaussray.color import srgb_encode
 
 
@@ -17,7 +17,7 @@ LIGHT = jnp.linspace(0, 1, 33)
 
 
 def one(light, curve):
-    return float(toned(jnp.array([float(light)]), curve, TABLE)[0])
+    return float(apply_tone_curve(jnp.array([float(light)]), curve, TABLE)[0])
 
 
 def test_the_standard_curve():
@@ -27,7 +27,7 @@ def test_the_standard_curve():
 
 
 def test_linear_stores_the_light():
-    np.testing.assert_array_equal(toned(LIGHT, "linear", TABLE), LIGHT)
+    np.testing.assert_array_equal(apply_tone_curve(LIGHT, "linear", TABLE), LIGHT)
 
 
 def test_a_table_is_straight_between_its_values():
@@ -46,7 +46,7 @@ def test_the_filmic_curve_rolls_highlights_off():
 
 @pytest.mark.parametrize("curve", TONE_CURVES)
 def test_more_light_never_stores_less(curve):
-    stored = np.asarray(toned(jnp.linspace(-0.1, 9, 500), curve, TABLE))
+    stored = np.asarray(apply_tone_curve(jnp.linspace(-0.1, 9, 500), curve, TABLE))
     assert np.all(np.diff(stored) >= 0)
 
 
@@ -55,6 +55,6 @@ def test_gradients(curve):
     inside = jnp.array([0.001, 0.13, 0.4, 0.61, 0.9])
 
     def stored(light):
-        return toned(jnp.asarray(light), curve, TABLE)
+        return apply_tone_curve(jnp.asarray(light), curve, TABLE)
 
     check_grads(stored, (inside,), 1, ("rev",), GRADIENT, GRADIENT)

@@ -9,7 +9,7 @@ from jax.test_util import check_grads
 
 from gaussray.camera.film import Film
 from gaussray.camera.lens import KannalaBrandt, pinhole
-from gaussray.camera.sensor.vignetting import darkest, transmission
+from gaussray.camera.sensor.vignetting import least_transmission, transmission
 
 
 # Products of a few factors in double precision.
@@ -89,6 +89,6 @@ def test_gradients():
 
 
 def test_the_least_share_is_found_between_axis_and_corner():
-    assert darkest((-0.5, 0.0, 0.0)) == 0.5 and darkest((0.2, 0.0, 0.0)) == 1
+    assert least_transmission((-0.5, 0.0, 0.0)) == 0.5 and least_transmission((0.2, 0.0, 0.0)) == 1
     # 1 - 4 s + 4 s^2 = (1 - 2 s)^2 touches 0 in the middle.
-    assert darkest((-4.0, 4.0, 0.0)) == pytest.approx(0, abs=EXACT)
+    assert least_transmission((-4.0, 4.0, 0.0)) == pytest.approx(0, abs=EXACT)

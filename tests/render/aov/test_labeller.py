@@ -9,7 +9,7 @@ import toy
 
 from gaussray.camera.aperture import Aperture, FocusPull, Rim
 from gaussray.camera.lens.division import Division
-from gaussray.camera.shutter import interlaced
+from gaussray.camera.shutter import interlaced_row_times
 from gaussray.render import stages
 from gaussray.render.aov import labeller as labels_of_frames, programs
 from gaussray.render.aov.labeller import LABELS, PICTURE_LABELS, Labeller, check_labels
@@ -153,7 +153,7 @@ def test_flow_of_a_plate_that_glides(fisheye, readout):
 
 def fields(made, apart, late):
     """The same camera, interlaced and released late."""
-    table = toy.single(interlaced(plates.SIDE, apart))
+    table = toy.single(interlaced_row_times(plates.SIDE, apart))
     shutter = dataclasses.replace(made.shutter, row_times=table, trigger=toy.single(late))
     return dataclasses.replace(made, shutter=shutter)
 
@@ -169,7 +169,9 @@ def test_flow_of_a_plate_that_glides_goes_from_field_to_field():
     )
     found = labels(scene, now, ["flow_forward", "time"], after=then)
     world = World(readout=READOUT)
-    read = world.read(NOW, world.pixel) + late[0] + interlaced(plates.SIDE, apart)[:, None]
+    read = (
+        world.read(NOW, world.pixel) + late[0] + interlaced_row_times(plates.SIDE, apart)[:, None]
+    )
     np.testing.assert_allclose(found["time"], read, atol=1e-6)
     speed = world.focal * velocity[:2] / plates.AWAY
     gap = NEXT - NOW + late[1] - late[0]
