@@ -20,7 +20,7 @@ from gaussray.geometry import quaternion
 from gaussray.scene.bodies import Bodies
 from gaussray.scene.deformation import Deformation, Layer, initial_deformation
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import constant
+from gaussray.scene.harmonics import constant_harmonics
 from gaussray.scene.planes import initial_planes
 from gaussray.scene.scene import Scene
 
@@ -71,7 +71,7 @@ def room(count: int, seed: int = 0) -> Gaussians:
         opacity,
     )
     color = jnp.asarray(dice.random((count, 3)), jnp.float32)
-    return Gaussians(*(jnp.asarray(x, jnp.float32) for x in arrays), constant(color, 0))
+    return Gaussians(*(jnp.asarray(x, jnp.float32) for x in arrays), constant_harmonics(color, 0))
 
 
 def room_rays(side: int, order: np.ndarray) -> Rays:
@@ -124,7 +124,7 @@ def _on_spheres(count: int, center: np.ndarray, radius: np.ndarray, dice) -> Gau
         _single(np.concatenate([1 + normal[:, 2:], turn], axis=1)),
         _single(scale),
         _single(opacity),
-        constant(_single(dice.random((count, 3))), 0),
+        constant_harmonics(_single(dice.random((count, 3))), 0),
     )
 
 

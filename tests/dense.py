@@ -7,7 +7,7 @@ import numpy as np
 import gaussray
 from gaussray.camera.camera import camera_rays
 from gaussray.camera.film import pixel_grid
-from gaussray.scene.gaussians import whitening
+from gaussray.scene.gaussians import whitening_matrix
 
 
 _rays = jax.jit(camera_rays)
@@ -32,7 +32,7 @@ def frozen_picture(scene, camera):
     which the rays of this `camera` meet them."""
     g = scene.static
     color = 0.5 + 0.28209479177387814 * np.asarray(g.harmonics[:, 0])
-    white = np.asarray(whitening(g.quat, g.scale))
+    white = np.asarray(whitening_matrix(g.quat, g.scale))
 
     def responses(camera):
         pixel = pixel_grid(camera.film).reshape(-1, 2)

@@ -14,7 +14,7 @@ from gaussray.camera.trajectory import Trajectory
 from gaussray.scene.bodies import Bodies
 from gaussray.scene.deformation import initial_deformation
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import constant
+from gaussray.scene.harmonics import constant_harmonics
 from gaussray.scene.planes import initial_planes
 from gaussray.scene.scene import Scene
 
@@ -34,7 +34,7 @@ def plate(half: float, *, z: float = AWAY, x: float = 0.0, spacing: float = 0.2)
     scale = jnp.broadcast_to(toy.single([0.75 * spacing, 0.75 * spacing, 0.01]), (count, 3))
     quat = jnp.broadcast_to(toy.single([1, 0, 0, 0]), (count, 4))
     opacity = jnp.full(count, 0.9, jnp.float32)
-    return Gaussians(place, quat, scale, opacity, constant(jnp.full((count, 3), 0.5), 0))
+    return Gaussians(place, quat, scale, opacity, constant_harmonics(jnp.full((count, 3), 0.5), 0))
 
 
 def moved(plate: Gaussians, *, velocity=(0, 0, 0), rate: float = 0.0, still=NOTHING) -> Scene:

@@ -23,10 +23,10 @@ from gaussray.reconstruct.pipeline import ReconstructOptions
 from gaussray.reconstruct.simplify.prune import NeedOptions
 from gaussray.render.dataset import render_dataset
 from gaussray.render.renderer import Renderer, RenderOptions
-from gaussray.scene.bodies import resting
+from gaussray.scene.bodies import bodies_at_rest
 from gaussray.scene.deformation import Deformation, FieldOptions, Layer, deform, initial_deformation
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import C0, constant
+from gaussray.scene.harmonics import C0, constant_harmonics
 from gaussray.scene.planes import initial_planes
 from gaussray.scene.scene import Scene, at
 from gaussray.tracer.trace import TraceOptions
@@ -66,7 +66,7 @@ def gaussians(mean, scale, color, opacity=0.9) -> Gaussians:
     color = np.broadcast_to(np.float32(color), (count, 3))
     opacity = np.full(count, opacity, np.float32)
     parts = (single(x) for x in (mean, quat, scale, opacity))
-    return Gaussians(*parts, constant(single(color), 0))
+    return Gaussians(*parts, constant_harmonics(single(color), 0))
 
 
 def deformation(*, seed: int = 0, speed: float = 0.0, instants: int = 3) -> Deformation:
@@ -77,7 +77,7 @@ def deformation(*, seed: int = 0, speed: float = 0.0, instants: int = 3) -> Defo
         sides=(4,), instants=instants, channels=4,
     )  # fmt: skip
     times = jnp.linspace(0, 1, instants, dtype=jnp.float32)
-    bodies = resting(jnp.zeros((1, 3), jnp.float32), jnp.ones(1, jnp.float32), times)
+    bodies = bodies_at_rest(jnp.zeros((1, 3), jnp.float32), jnp.ones(1, jnp.float32), times)
     field = initial_deformation(jax.random.key(seed + 1), planes, bodies, width=8)
     if not speed:
         return field
@@ -110,7 +110,7 @@ def carried(begin: float, end: float, *, speed: float = 0.8, light: float = 1.0)
     `begin` to `end` alone."""
     still = scene(speed=0)
     times = np.linspace(begin, end, 3)
-    bodies = resting(single([[0, 0, 0]]), single([0.7]), single(times))
+    bodies = bodies_at_rest(single([[0, 0, 0]]), single([0.7]), single(times))
     path = single(np.stack([speed * (times - 0.5), 0 * times, 0 * times], axis=-1)[None])
     field = eqx.tree_at(
         lambda d: (d.bodies, d.mean, d.rotation, d.scale, d.tint),

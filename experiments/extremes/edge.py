@@ -6,7 +6,7 @@ import numpy as np
 from benchmarks.problem import room, room_rays
 from gaussray.camera.rays import Rays
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import constant
+from gaussray.scene.harmonics import constant_harmonics
 from gaussray.tracer.bundle import morton_tiles
 
 
@@ -25,7 +25,7 @@ def gaussians(mean, scale, opacity, dice) -> Gaussians:
     opacity = np.broadcast_to(opacity, count)
     return Gaussians(
         single(mean), single(dice.normal(size=(count, 4))), single(scale), single(opacity),
-        constant(color, 0),
+        constant_harmonics(color, 0),
     )  # fmt: skip
 
 

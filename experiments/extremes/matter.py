@@ -11,7 +11,7 @@ from experiments.extremes.sweep import Sweep, decades
 from gaussray import geometry
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.reconstruct.optimize import loss, regularizer
-from gaussray.scene.bodies import resting
+from gaussray.scene.bodies import bodies_at_rest
 from gaussray.scene.deformation import Layer, deform, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 from gaussray.scene.harmonics import C0, radiance
@@ -104,7 +104,9 @@ def _deformed(unit_of_length):
     planes = initial_planes(
         jax.random.key(0), lower, -lower, (0.0, 1.0), sides=(8,), instants=4, channels=4
     )
-    bodies = resting(jnp.zeros((1, 3)), jnp.full(1, 10 * unit_of_length), jnp.linspace(0, 1, 4))
+    bodies = bodies_at_rest(
+        jnp.zeros((1, 3)), jnp.full(1, 10 * unit_of_length), jnp.linspace(0, 1, 4)
+    )
     field = initial_deformation(jax.random.key(1), planes, bodies, width=8)
     dice = np.random.default_rng(3)
     heads = {"mean": 0.1 * unit_of_length, "rotation": 0.1, "scale": 0.1, "tint": 0.1}

@@ -6,7 +6,7 @@ import numpy as np
 from experiments.extremes.matter import unit
 from experiments.extremes.sweep import Sweep, decades
 from gaussray import geometry
-from gaussray.scene.gaussians import Gaussians, whitening
+from gaussray.scene.gaussians import Gaussians, whitening_matrix
 from gaussray.tracer.composite import composite
 from gaussray.tracer.grid import around
 from gaussray.tracer.motion import Motion, control_points, control_weights
@@ -41,7 +41,7 @@ class Meeting:
 
 
 def _met(quat, scale, mean, origin, direction):
-    rows = whitening(quat, scale).reshape(9)
+    rows = whitening_matrix(quat, scale).reshape(9)
     return response(list(rows), list(mean), origin, direction)
 
 

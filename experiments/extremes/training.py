@@ -41,7 +41,7 @@ from gaussray.render import Renderer, RenderOptions
 from gaussray.reconstruct.simplify.prune import NeedOptions
 from gaussray.scene.deformation import FieldOptions
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import constant
+from gaussray.scene.harmonics import constant_harmonics
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
@@ -118,7 +118,7 @@ def matter(moment: float) -> Gaussians:
     color = single(dice.uniform(size=(200, 3)))
     return Gaussians(
         single(np.concatenate([wall, ball])), single(np.tile([1.0, 0, 0, 0], (200, 1))),
-        single(np.full((200, 3), 0.12)), single(np.full(200, 0.9)), constant(color, 0),
+        single(np.full((200, 3), 0.12)), single(np.full(200, 0.9)), constant_harmonics(color, 0),
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ from gaussray.camera.shutter import global_shutter
 from gaussray.camera.trajectory import Trajectory
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import constant
+from gaussray.scene.harmonics import constant_harmonics
 from gaussray.scene.scene import Scene
 from gaussray.scene.store import save_scene
 
@@ -52,7 +52,7 @@ def write_scene(folder: Path) -> None:
     mean = chance.uniform(-1, 1, (GAUSSIANS, 3))
     scale, color = chance.uniform(0.05, 0.3, (GAUSSIANS, 3)), chance.uniform(0, 1, (GAUSSIANS, 3))
     parts = mean, chance.normal(size=(GAUSSIANS, 4)), scale, np.full(GAUSSIANS, 0.9)
-    still = Gaussians(*(_single(x) for x in parts), constant(_single(color), 0))
+    still = Gaussians(*(_single(x) for x in parts), constant_harmonics(_single(color), 0))
     nothing = Gaussians(*(x[:0] for x in (still.mean, still.quat, still.scale, still.opacity)),
                         still.harmonics[:0])  # fmt: skip
     save_scene(folder / "scene.npz", Scene(still, nothing, None, _single([0, 1])))

@@ -22,7 +22,7 @@ from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.render import Renderer, RenderOptions
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import constant
+from gaussray.scene.harmonics import constant_harmonics
 from gaussray.scene.scene import Scene
 from gaussray.scene.store import save_scene
 
@@ -52,7 +52,7 @@ def scene_of(count: int, seed: int = 0) -> Scene:
     scale = chance.uniform(0.05, 0.3, (count, 3)) * min((60 / count) ** (1 / 3), 1)
     color = chance.uniform(0, 1, (count, 3))
     parts = mean, chance.normal(size=(count, 4)), scale, np.full(count, 0.9)
-    still = Gaussians(*(single(x) for x in parts), constant(single(color), 0))
+    still = Gaussians(*(single(x) for x in parts), constant_harmonics(single(color), 0))
     parts = (x[:0] for x in (still.mean, still.quat, still.scale, still.opacity))
     return Scene(still, Gaussians(*parts, still.harmonics[:0]), None, single([0, 1]))
 

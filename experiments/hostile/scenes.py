@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).parents[2] / "tests"))
 def _scenes() -> list[Files]:
     import jax
 
-    from gaussray.scene.bodies import resting
+    from gaussray.scene.bodies import bodies_at_rest
     from gaussray.scene.deformation import initial_deformation
     from gaussray.scene.formats.gaussian_folder import read_model
     from gaussray.scene.gaussians import Gaussians
@@ -32,7 +32,7 @@ def _scenes() -> list[Files]:
 
     key, zero = jax.random.key(0), jax.numpy.zeros(3)
     planes = initial_planes(key, zero - 1, zero + 1, (0.0, 1.0), sides=(2,), instants=2, channels=2)
-    bodies = resting(zero[None], jax.numpy.ones(1), jax.numpy.asarray([0.0, 1.0]))
+    bodies = bodies_at_rest(zero[None], jax.numpy.ones(1), jax.numpy.asarray([0.0, 1.0]))
     field = initial_deformation(key, planes, bodies, width=2)
     times = jax.numpy.asarray
     with tempfile.TemporaryDirectory(dir="/dev/shm") as folder:

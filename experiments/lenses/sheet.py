@@ -33,7 +33,7 @@ BALLS = [
 def room():
     """Tiled walls and balls all around, as Gaussians that lie flat on them."""
     from gaussray.scene.gaussians import Gaussians
-    from gaussray.scene.harmonics import constant
+    from gaussray.scene.harmonics import constant_harmonics
 
     place, normal, spread, color = [], [], [], []
     step = (np.arange(DENSE) + 0.5) / DENSE * 2 - 1
@@ -64,7 +64,7 @@ def room():
     scale = np.stack([spread, spread, 0.05 * spread], -1)
     arrays = place, quat, scale, np.full(len(place), 0.97)
     arrays = (jnp.asarray(x, jnp.float32) for x in arrays)
-    return Gaussians(*arrays, constant(jnp.asarray(color, jnp.float32), 0))
+    return Gaussians(*arrays, constant_harmonics(jnp.asarray(color, jnp.float32), 0))
 
 
 def views():

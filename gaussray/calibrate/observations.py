@@ -16,7 +16,7 @@ from gaussray.capture.capture import Capture, View
 from gaussray.capture.frames import read_encoded, read_mask
 from gaussray.color import srgb_decode
 from gaussray.scene.scene import Scene, key_count
-from gaussray.scene.segmented import Clip, edges_of, segments_of
+from gaussray.scene.segmented import Clip, segment_edges, segments_of
 
 
 def selected_views(capture: Capture, options: CalibrateOptions) -> tuple[str, list[View]]:
@@ -83,7 +83,7 @@ def read_observation(
     scene: Scene | Clip, view: View, lens: AbstractLens, camera_index: int
 ) -> Observation:
     """The view's picture in linear light, its camera with this lens, and the scene it shows."""
-    film, shutter, edges = view.camera.film, view.camera.shutter, edges_of(scene)
+    film, shutter, edges = view.camera.film, view.camera.shutter, segment_edges(scene)
     first, last = time_window(shutter, (film.width, film.height))
     index = np.searchsorted(edges, [view.time + first, view.time + last], side="right")
     if index[0] != index[1]:

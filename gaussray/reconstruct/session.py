@@ -30,7 +30,7 @@ from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
 from gaussray.runtime.progress import Progress
 from gaussray.scene.bodies import body_pose_at
 from gaussray.scene.deformation import Deformation
-from gaussray.scene.gaussians import constrain, folded, unconstrain
+from gaussray.scene.gaussians import constrain, fold_tint, unconstrain
 from gaussray.scene.scene import Scene, key_count, persistent_at
 from gaussray.tracer.bundle import FAN
 from gaussray.tracer.shard import mesh_of_hosts
@@ -190,7 +190,7 @@ def hand_over(session: Session, state: State, progress: RunProgress) -> tuple[St
         bodies = scene.deformation.bodies
         pivot = np.asarray(bodies.pivot + body_pose_at(bodies, last)[0])
         known = KnownBodies(pivot, np.asarray(bodies.radius))
-    static = unconstrain(folded(eqx.filter_jit(persistent_at)(scene, last)))
+    static = unconstrain(fold_tint(eqx.filter_jit(persistent_at)(scene, last)))
     moving = jax.tree.map(lambda x: x[:0], static)
     progress = replace(
         progress,

@@ -28,7 +28,7 @@ from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.runtime.devices import agreed
 from gaussray.runtime.progress import Progress
-from gaussray.scene.bodies import Bodies, body_of, reaching
+from gaussray.scene.bodies import Bodies, body_of, extrapolate_bodies
 from gaussray.scene.deformation import Deformation, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 from gaussray.scene.harmonics import C0
@@ -257,4 +257,4 @@ def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodi
     # Tracking finds a body where it is in the middle of a readout.
     half = (session.cameras.earlier + session.cameras.later) / 2
     middle = tracked.time + jnp.asarray(session.cameras.later - half, tracked.time.dtype)
-    return reaching(eqx.tree_at(lambda b: b.time, tracked, middle), half, half)
+    return extrapolate_bodies(eqx.tree_at(lambda b: b.time, tracked, middle), half, half)

@@ -38,7 +38,7 @@ from gaussray.render.stages import (
 )
 from gaussray.render.views import FrameView, FrameViews, with_lone
 from gaussray.scene.scene import Scene
-from gaussray.scene.segmented import SCENE_RULE, Clip, edges_of, segments_of
+from gaussray.scene.segmented import SCENE_RULE, Clip, segment_edges, segments_of
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
@@ -73,7 +73,7 @@ class Renderer:
         self._parts: dict[tuple, PlacedPart] = {}
         self._ready: set = set()
         self._repairing = threading.Lock()
-        self._views = FrameViews(self.scenes, edges_of(scene), self.options)
+        self._views = FrameViews(self.scenes, segment_edges(scene), self.options)
 
     def __call__(self, camera: Camera) -> Frame:
         """One frame, its rays spread over the devices."""

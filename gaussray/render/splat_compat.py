@@ -11,7 +11,7 @@ from gaussray.camera.lens import Pinhole
 from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import normalize, safe_norm
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import constant, radiance
+from gaussray.scene.harmonics import constant_harmonics, radiance
 
 
 def dilated(gaussians: Gaussians, camera: Camera, variance: float) -> Gaussians:
@@ -35,7 +35,7 @@ def seen_from_center(
     eye = pose_at(camera.trajectory, camera.time).translation
     direction = jax.vmap(normalize)(mean - eye[None])
     color = radiance(jnp.moveaxis(gaussians.harmonics, 0, -1), direction.T).T
-    return dataclasses.replace(gaussians, harmonics=constant(color, 0))
+    return dataclasses.replace(gaussians, harmonics=constant_harmonics(color, 0))
 
 
 def _distance(mean: Float[Array, "*times n 3"], camera: Camera) -> Float[Array, "*times n"]:

@@ -16,7 +16,7 @@ def write_arrays(
     header: dict[str, Any],
     array: dict[str, np.ndarray],
     *,
-    deflated: bool = False,
+    compress: bool = False,
 ) -> None:
     """Write a header and arrays to an .npz file, which appears whole or not at all.
 
@@ -24,9 +24,9 @@ def write_arrays(
         path: the file.
         header: what JSON can hold, with the keys `format` and `version`.
         array: the arrays by name.
-        deflated: whether the arrays are compressed by deflate.
+        compress: whether the arrays are compressed by deflate.
     """
-    save = np.savez_compressed if deflated else np.savez
+    save = np.savez_compressed if compress else np.savez
     with whole(path) as partial:
         with open(partial, "wb") as file:
             save(file, **{"header": np.array(json.dumps(header)), **array})  # type: ignore[arg-type]
@@ -42,6 +42,9 @@ def read_arrays(
         path: the file.
         kind: the `format` that its header must name.
         versions: the `version`s that its header may name.
+
+    Returns:
+        The header, and the arrays by name.
 
     Raises:
         FileNotFoundError: there is no such file.
@@ -63,9 +66,9 @@ def read_arrays(
     if header.get("format") != kind:
         raise ValueError(f"{path}: is a {header.get('format')!r:.80} file, not a {kind} file.")
     if header.get("version") not in versions:
-        known = " and ".join(str(version) for version in versions)
+        readable = " and ".join(str(version) for version in versions)
         raise ValueError(
-            f"{path}: is of version {header.get('version')!s:.80}, this gaussray reads {known}. "
+            f"{path}: is of version {header.get('version')!s:.80}, this gaussray reads {readable}. "
             "Reconstruct the scene again or read it with the gaussray that wrote it."
         )
     return header, array

@@ -1,4 +1,4 @@
-"""Bodies that move as one: a path and a turn for each, before anything bends."""
+"""Rigid bodies: a translation and a rotation over time for each."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,11 +8,17 @@ from gaussray.geometry import inlined, normalize_quaternion, product
 
 
 class Bodies(eqx.Module):
-    """Poses of rigid bodies at the instants of a capture.
+    """Poses of rigid bodies at the timestamps of a capture.
 
-    A body holds the Gaussians within `radius` of its `pivot` (the nearest pivot, where several are
-    in reach). At time[i] it has moved by `path`[:, i] and turned about its pivot by the quaternion
-    `turn`[:, i] of any non-zero length. Gaussians of no body stay where they are.
+    A body holds the Gaussians within `radius` of its `pivot` (of several bodies in reach, the one
+    with the nearest pivot). Gaussians of no body do not move.
+
+    Args:
+        pivot: Centre of rotation of each body, in scene units.
+        radius: Radius of each body, in scene units.
+        time: The timestamps.
+        path: Translation of each body at each timestamp, in scene units.
+        turn: Rotation about the pivot (w, x, y, z) at each timestamp, of any non-zero length.
     """
 
     pivot: Float[Array, "bodies 3"]
@@ -22,20 +28,33 @@ class Bodies(eqx.Module):
     turn: Float[Array, "bodies instants 4"]
 
 
-def resting(
+def bodies_at_rest(
     pivot: Float[Array, "bodies 3"],
     radius: Float[Array, " bodies"],
     time: Float[Array, " instants"],
 ) -> Bodies:
-    """Bodies that have not moved yet."""
+    """Bodies whose poses are the identity at all timestamps.
+
+    Args:
+        pivot: Centre of rotation of each body, in scene units.
+        radius: Radius of each body, in scene units.
+        time: The timestamps.
+    """
     count, instants = pivot.shape[0], time.shape[0]
     turn = jnp.zeros((count, instants, 4), pivot.dtype).at[..., 0].set(1)
     return Bodies(pivot, radius, time, jnp.zeros((count, instants, 3), pivot.dtype), turn)
 
 
-def reaching(bodies: Bodies, earlier: float, later: float) -> Bodies:
-    """The same bodies with one more pose so much `earlier` than the first instant, and one so much
-    `later` than the last (0 is none): on the way there they go on at steady speed."""
+def extrapolate_bodies(bodies: Bodies, earlier: float, later: float) -> Bodies:
+    """The same bodies with one more pose before the first timestamp and one after the last.
+
+    There they move on at constant speed.
+
+    Args:
+        bodies: The bodies; with a single timestamp they are returned as they are.
+        earlier: Time of the new first pose before the first timestamp; 0 adds none.
+        later: Time of the new last pose after the last timestamp; 0 adds none.
+    """
     values = bodies.time[None], bodies.path, bodies.turn
     if values[0].shape[1] < 2:
         return bodies
@@ -50,11 +69,16 @@ def reaching(bodies: Bodies, earlier: float, later: float) -> Bodies:
 
 
 @inlined
-def body_of(bodies: Bodies, place: Float[Array, "gaussians 3"]) -> Int[Array, " gaussians"]:
-    """Index of the body that holds each place, or the number of bodies where none does."""
+def body_of(bodies: Bodies, position: Float[Array, "gaussians 3"]) -> Int[Array, " gaussians"]:
+    """Index of the body that holds each Gaussian, or the number of bodies where none does.
+
+    Args:
+        bodies: The bodies.
+        position: Centres of the Gaussians, in scene units.
+    """
     if not bodies.pivot.shape[0]:
-        return jnp.zeros(place.shape[0], jnp.int32)
-    difference = place[:, None] - bodies.pivot[None]
+        return jnp.zeros(position.shape[0], jnp.int32)
+    difference = position[:, None] - bodies.pivot[None]
     square = jnp.sum(difference * difference, axis=-1)
     square = jnp.where(square <= bodies.radius[None] ** 2, square, jnp.inf)
     held = jnp.isfinite(jnp.min(square, axis=1))
@@ -65,18 +89,25 @@ def body_of(bodies: Bodies, place: Float[Array, "gaussians 3"]) -> Int[Array, " 
 def body_pose_at(
     bodies: Bodies, time: Float[Array, ""]
 ) -> tuple[Float[Array, "bodies 3"], Float[Array, "bodies 4"]]:
-    """Displacement and unit turn of every body at a time; rests before and after the instants.
+    """Translation and rotation (a unit quaternion) of every body at a time.
 
-    Cubic through the poses (Catmull-Rom, for uneven instants by finite differences): smooth between
-    them, so that rows read between two instants see the body on its way.
+    Cubic through the poses (Catmull-Rom, by finite differences for uneven timestamps), constant
+    before the first and after the last. The motion is smooth between timestamps, so that rows that
+    are read there see the body on its way.
+
+    Args:
+        bodies: The bodies.
+        time: In the capture's unit.
     """
-    share = _shares(bodies.time, time)
+    share = _pose_weights(bodies.time, time)
     path = product("t,btc->bc", share, bodies.path)
     turn = product("t,btc->bc", share, bodies.turn)
     return path, normalize_quaternion(turn)
 
 
-def _shares(knots: Float[Array, " instants"], time: Float[Array, ""]) -> Float[Array, " instants"]:
+def _pose_weights(
+    knots: Float[Array, " instants"], time: Float[Array, ""]
+) -> Float[Array, " instants"]:
     """Weight of every instant's pose: cubic Hermite with difference quotients as slopes."""
     count = knots.shape[0]
     if count == 1:

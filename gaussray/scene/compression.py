@@ -1,10 +1,10 @@
-"""Arrays as whole numbers of a step: a scene in a quarter of its bytes, off by what the file says.
+"""Quantised arrays: a scene in about a quarter of its bytes.
 
-Every array that is worth it goes through a curve on which equal steps look alike and is rounded
-there to multiples of a power of two. These are exact in floating point, so a scene that was read is
-written again without another loss. Gaussians come in Morton order, where neighbours are alike; the
-numbers, or what they differ by from their neighbours if that is shorter, are cut into planes of
-bytes, the low ones apart from the high ones, for the deflation of the file.
+Every large array passes a curve on which equal steps look alike, and is rounded there to multiples
+of a power of two. These are exact in floating point, so a scene that was read is written again
+without another loss. Gaussians are sorted in Morton order, where neighbours are similar. The
+integers, or their differences to their neighbours if these are smaller, are split into planes of
+bytes, low bytes apart from high bytes, which deflate well.
 
     array            curve                                  step
     mean             x                                      1/16 to 1/32 of the least extent of all
@@ -52,8 +52,15 @@ _MEAN, THIN = -4, 0.05
 
 
 class Code(NamedTuple):
-    """How an array became bytes: curve, logarithm of the step to base 2, axis along which
-    neighbours were subtracted (None for none), shape and type."""
+    """How an array was quantised.
+
+    Args:
+        curve: Name of the curve, of `CURVES`.
+        exponent: Logarithm of the step to base 2.
+        difference: Axis along which neighbours were subtracted; None for none.
+        shape: Shape of the array.
+        dtype: Its type.
+    """
 
     curve: str
     exponent: int
@@ -79,17 +86,26 @@ CURVES: dict[str, tuple[Callable, Callable]] = {
 }
 
 
-def compressed(
+def compress_arrays(
     array: dict[str, np.ndarray],
 ) -> tuple[dict[str, dict[str, Any]], dict[str, np.ndarray]]:
-    """The named arrays of a scene (`named_arrays`) as they are kept: fields of the `Code` of those
-    that became bytes, and all arrays, Gaussians in Morton order. ValueError where one is not
-    finite."""
+    """Quantise the arrays of a scene.
+
+    Args:
+        array: The arrays by name (`named_arrays`).
+
+    Returns:
+        The fields of the `Code` of each quantised array, by name; and all arrays, the quantised
+        ones as bytes, Gaussians in Morton order.
+
+    Raises:
+        ValueError: An array is not finite.
+    """
     array, numbers, steps = dict(array), {}, {}
     for name, (curve, exponent) in _steps(array).items():
         if not np.isfinite(array[name]).all():
             raise ValueError(f"the array '{name}' must be finite to be kept compactly.")
-        x = CURVES[curve][0](_unit(name, array[name].astype(np.float64)))
+        x = CURVES[curve][0](_unit_quaternions(name, array[name].astype(np.float64)))
         numbers[name] = np.rint(np.ldexp(x, -exponent)).astype(np.int64)
         steps[name] = curve, exponent
     for prefix in _kinds(array):
@@ -101,26 +117,35 @@ def compressed(
     codes = {}
     for name, x in numbers.items():
         dtype = array[name].dtype.name
-        array[name], difference = _packed(x)
+        array[name], difference = _pack(x)
         curve, exponent = steps[name]
         codes[name] = Code(curve, exponent, difference, list(x.shape), dtype)._asdict()
     return codes, array
 
 
-def restored(
+def restore_arrays(
     codes: dict[str, Any], array: dict[str, np.ndarray], path: Path
 ) -> dict[str, np.ndarray]:
-    """The named arrays from what is kept. ValueError where code and bytes do not fit."""
-    found = dict(array)
+    """The inverse of `compress_arrays`.
+
+    Args:
+        codes: The codes of quantised arrays, by name.
+        array: All arrays.
+        path: The file, for messages.
+
+    Raises:
+        ValueError: A code does not fit its bytes.
+    """
+    arrays = dict(array)
     for name, code in codes.items():
         try:
-            found[name] = _restored(Code(**code), array[name])
+            arrays[name] = _restore_array(Code(**code), array[name])
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise ValueError(f"{path}: the code of '{name:.80}' is damaged ({error}).") from error
-    return found
+    return arrays
 
 
-def _restored(code: Code, planes: np.ndarray) -> np.ndarray:
+def _restore_array(code: Code, planes: np.ndarray) -> np.ndarray:
     curve, dtype = CURVES[code.curve][1], {"float32": np.float32, "float64": np.float64}[code.dtype]
     if planes.dtype != np.uint8 or planes.ndim != 2 or not 0 < len(planes) <= 8:
         raise ValueError(f"bytes of type {planes.dtype} and shape {planes.shape}")
@@ -149,7 +174,7 @@ def _steps(array: dict[str, np.ndarray]) -> dict[str, tuple[str, int]]:
     residual = "deformation.encoded" in array
     for prefix in _kinds(array):
         scale = array[f"{prefix}.scale"]
-        steps[f"{prefix}.mean"] = "linear", _MEAN + _thin(scale)
+        steps[f"{prefix}.mean"] = "linear", _MEAN + _thin_extent(scale)
         steps[f"{prefix}.scale"] = "log2", _SCALE
         steps[f"{prefix}.opacity"] = "linear", OPACITY
         steps[f"{prefix}.harmonics"] = "color", _COLOR
@@ -162,13 +187,13 @@ def _steps(array: dict[str, np.ndarray]) -> dict[str, tuple[str, int]]:
         steps["transient.velocity"] = "linear", steps["transient.mean"][1] - long - 3
     for name, x in array.items():
         if name.startswith(("deformation.planes.space.", "deformation.planes.time.")):
-            steps[name] = "linear", PLANES + _largest(x)
+            steps[name] = "linear", PLANES + _largest_exponent(x)
         elif name.endswith((".weight", ".bias")):
-            steps[name] = "linear", NETWORK + _largest(x)
+            steps[name] = "linear", NETWORK + _largest_exponent(x)
     return steps
 
 
-def _thin(scale: np.ndarray) -> int:
+def _thin_extent(scale: np.ndarray) -> int:
     """Logarithm of the extent that a share THIN of the Gaussians does not have, rounded down.
 
     Of extents that are rounded already, so that it comes out the same the next time.
@@ -179,7 +204,7 @@ def _thin(scale: np.ndarray) -> int:
 
 def _lifetime(lifetime: np.ndarray, share: float) -> int:
     """Logarithm of the lifetime that a share of the transient Gaussians do not reach, rounded down:
-    of lifetimes that are rounded already, as in `_thin`."""
+    of lifetimes that are rounded already, as in `_thin_extent`."""
     rounded = np.sort(np.rint(np.ldexp(CURVES["log2"][0](lifetime.astype(np.float64)), -_SCALE)))
     if not len(rounded):
         return 0
@@ -191,13 +216,13 @@ def _kinds(array: dict[str, np.ndarray]) -> list[str]:
     return [prefix for prefix in ("static", "moving", "transient") if f"{prefix}.mean" in array]
 
 
-def _largest(x: np.ndarray) -> int:
+def _largest_exponent(x: np.ndarray) -> int:
     """Logarithm of the largest number, rounded up."""
     largest = float(np.abs(x).max(initial=0))
     return math.ceil(math.log2(largest)) if largest else 0
 
 
-def _unit(name: str, x: np.ndarray) -> np.ndarray:
+def _unit_quaternions(name: str, x: np.ndarray) -> np.ndarray:
     """Quaternions of unit length; rounded ones, whose length is nearly 1, stay as they are."""
     if not name.endswith(".quat"):
         return x
@@ -220,21 +245,21 @@ def _morton(number: np.ndarray) -> np.ndarray:
     return np.argsort(key, kind="stable")
 
 
-def _packed(number: np.ndarray) -> tuple[np.ndarray, int | None]:
-    """Planes of bytes, the lowest first, and the axis of the differences that deflate best."""
-    tried = []
+def _pack(number: np.ndarray) -> tuple[np.ndarray, int | None]:
+    """Planes of bytes, lowest first, and the axis of the differences that deflate best."""
+    choices = []
     for axis in (None, *range(number.ndim)):
         x = number if axis is None else np.diff(number, axis=axis, prepend=0)
         # The sign goes into the lowest bit: small numbers have empty high bytes.
         folded = (x.T.reshape(-1) << 1 ^ x.T.reshape(-1) >> 63).astype(np.uint64)
         count = max((int(folded.max(initial=0)).bit_length() + 7) // 8, 1)
         planes = np.stack([(folded >> np.uint64(8 * i)).astype(np.uint8) for i in range(count)])
-        tried.append((_deflated(planes), planes, axis))
-    _, planes, axis = min(tried, key=lambda found: found[0])
+        choices.append((_deflated_size(planes), planes, axis))
+    _, planes, axis = min(choices, key=lambda choice: choice[0])
     return planes, axis
 
 
-def _deflated(planes: np.ndarray) -> float:
+def _deflated_size(planes: np.ndarray) -> float:
     """About how many bytes planes deflate to: judged by a piece from the middle of each, since
     deflating millions of numbers for every choice would take longer than writing the file."""
     first = max(planes.shape[1] - _PIECE, 0) // 2

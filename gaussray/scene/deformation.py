@@ -1,4 +1,4 @@
-"""How Gaussians move: features of place and time become residuals of mean, rotation and scale."""
+"""The deformation field: features of position and time become residuals of the Gaussians."""
 
 import equinox as eqx
 import jax
@@ -8,7 +8,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 from gaussray.geometry import multiply, normalize_quaternion, product, rotation_matrix
 from gaussray.scene.bodies import Bodies, body_of, body_pose_at
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import basis
+from gaussray.scene.harmonics import harmonic_basis
 from gaussray.scene.planes import Planes, features
 
 
@@ -24,9 +24,14 @@ HEADS = ("mean", "rotation", "scale", "tint")
 class FieldOptions(eqx.Module):
     """Size of the deformation field (4D-GRT: planes 128 times 1, 2, 4, 8, width 128).
 
-    `sides` are the resolutions of the spatial planes, one per scale; `instants` the rows of the
-    time planes (0 = one per instant of the capture), `channels` the features per scale, `width`
-    that of the network's layers.
+    Args:
+        sides: Resolutions of the spatial planes, one per scale.
+        instants: Rows of the time planes; 0 is one per timestamp of the capture.
+        channels: Features per scale.
+        width: Width of the network's layers.
+
+    Raises:
+        ValueError: A value is too small.
     """
 
     sides: tuple[int, ...] = eqx.field(static=True, default=(16, 32))
@@ -55,8 +60,18 @@ class Layer(eqx.Module):
 
 
 class Deformation(eqx.Module):
-    """Rigid bodies first, then what bends: planes, one hidden layer, and a two-layer head per
-    residual (4DGaussians, 4D-GRT). A head that is None adds nothing."""
+    """A deformation field (4DGaussians, 4D-GRT): rigid bodies, then residuals of a network.
+
+    Args:
+        bodies: Rigid bodies, which move first.
+        planes: Feature planes over space and time.
+        trunk: The hidden layer of the network.
+        mean: Two-layer head of the translation; a head that is None adds nothing.
+        rotation: Head of the quaternion.
+        scale: Head of the log scale.
+        tint: Head of the logarithm of the colour.
+        light: Spherical harmonics of degree 2 of the light on a surface, by its normal.
+    """
 
     bodies: Bodies
     planes: Planes
@@ -69,7 +84,7 @@ class Deformation(eqx.Module):
 
     @property
     def instants(self) -> Float[Array, " instants"]:
-        """The times between which the motion was sampled."""
+        """The timestamps at which the motion was sampled."""
         return self.bodies.time
 
     def __call__(self, gaussians: Gaussians, time: Float[Array, ""]) -> Gaussians:
@@ -80,7 +95,12 @@ class Deformation(eqx.Module):
 def head_output(
     head: tuple[Layer, Layer], hidden: Float[Array, "gaussians width"]
 ) -> Float[Array, "gaussians outputs"]:
-    """What a head makes of the trunk's features."""
+    """Output of a head.
+
+    Args:
+        head: The two layers.
+        hidden: Features of the trunk.
+    """
     first, last = head
     return last(jax.nn.relu(first(jax.nn.relu(hidden))))
 
@@ -88,7 +108,14 @@ def head_output(
 def initial_deformation(
     key: PRNGKeyArray, planes: Planes, bodies: Bodies, *, width: int
 ) -> Deformation:
-    """Weights uniform as Xavier's, last layers zero: the identity at every time."""
+    """A deformation field that is the identity: Xavier's uniform weights, last layers zero.
+
+    Args:
+        key: Random key of the weights.
+        planes: The feature planes.
+        bodies: The rigid bodies.
+        width: Width of the network's layers.
+    """
     keys = iter(jax.random.split(key, 5))
     dtype = planes.lower.dtype
 
@@ -107,33 +134,39 @@ def initial_deformation(
 
 
 def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""]) -> Gaussians:
-    """The Gaussians at a time.
+    """Deform Gaussians: their state at a time.
 
-    Each turns about its body's pivot and goes the body's path; the heads then add to mean, unit
-    quaternion and log scale what the body's rigid motion leaves. Paths are few numbers that all
-    pixels of a body agree on: a field alone, which HexPlane would use, loses a body that moves by
-    its own size and turns between two instants.
+    Each Gaussian first moves with its rigid body; the heads then add residuals to mean, unit
+    quaternion and log scale. A body's pose is a few numbers that all pixels of the body determine:
+    a field alone, as in HexPlane, loses a body that moves by its own size and turns between two
+    timestamps.
+
+    Args:
+        gaussians: The Gaussians before deformation.
+        deformation: The deformation field.
+        time: In the capture's unit.
     """
-    # A Gaussian shall not wander through the field to find a better motion: it carries its own.
-    place = jax.lax.stop_gradient(gaussians.mean)
-    hidden = deformation.trunk(features(deformation.planes, place, time))
+    # No gradient reaches the mean through the field: a Gaussian must not move to another one's
+    # place there to find a better motion.
+    position = jax.lax.stop_gradient(gaussians.mean)
+    hidden = deformation.trunk(features(deformation.planes, position, time))
 
     def residual(head: tuple[Layer, Layer] | None) -> Array:
         return jnp.zeros((), hidden.dtype) if head is None else head_output(head, hidden)
 
-    pivot, path, turn = _carried(deformation.bodies, place, time)
+    pivot, path, turn = _body_motion(deformation.bodies, position, time)
     arm = product("nij,nj->ni", rotation_matrix(turn), gaussians.mean - pivot)
-    carried = multiply(turn, normalize_quaternion(gaussians.quat))
-    # The disc's axis, outwards: the light on a surface depends on where it faces.
-    facing = rotation_matrix(jax.lax.stop_gradient(gaussians.quat))[:, :, 2]
-    inward = jnp.sum(facing * (place - pivot), axis=-1, keepdims=True) < 0
-    facing = product("nij,nj->ni", rotation_matrix(jax.lax.stop_gradient(turn)), facing)
-    facing = jnp.where(inward, -facing, facing)
-    shade = product("nh,hc->nc", jnp.stack(basis(facing.T, 9), axis=-1), deformation.light)
+    rotated = multiply(turn, normalize_quaternion(gaussians.quat))
+    # The disc's axis, outwards: the light on a surface depends on its normal.
+    normal = rotation_matrix(jax.lax.stop_gradient(gaussians.quat))[:, :, 2]
+    inward = jnp.sum(normal * (position - pivot), axis=-1, keepdims=True) < 0
+    normal = product("nij,nj->ni", rotation_matrix(jax.lax.stop_gradient(turn)), normal)
+    normal = jnp.where(inward, -normal, normal)
+    shade = product("nh,hc->nc", jnp.stack(harmonic_basis(normal.T, 9), axis=-1), deformation.light)
     stretch = STRETCH * jnp.tanh(residual(deformation.scale) / STRETCH)
     return Gaussians(
         mean=pivot + path + arm + residual(deformation.mean),
-        quat=carried + residual(deformation.rotation),
+        quat=rotated + residual(deformation.rotation),
         scale=gaussians.scale * jnp.exp(stretch),
         opacity=gaussians.opacity,
         harmonics=gaussians.harmonics,
@@ -141,11 +174,11 @@ def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""
     )
 
 
-def _carried(bodies: Bodies, place: Array, time: Array) -> tuple[Array, Array, Array]:
+def _body_motion(bodies: Bodies, position: Array, time: Array) -> tuple[Array, Array, Array]:
     """Pivot, path and turn of each Gaussian's body; those of no body rest."""
     path, turn = body_pose_at(bodies, time)
     zero = jnp.zeros((1, 3), path.dtype)
     identity = jnp.zeros((1, 4), turn.dtype).at[:, 0].set(1)
-    body = body_of(bodies, place)
+    body = body_of(bodies, position)
     pivot = jnp.concatenate([bodies.pivot, zero])[body]
     return pivot, jnp.concatenate([path, zero])[body], jnp.concatenate([turn, identity])[body]

@@ -11,17 +11,19 @@ from jaxtyping import Array, Float
 from gaussray.geometry import rotation_matrix
 from gaussray.io.plain_values import readable, rows, vector
 from gaussray.io.validate import require
-from gaussray.scene.harmonics import C0, constant
+from gaussray.scene.harmonics import C0, constant_harmonics
 
 
 class Gaussians(eqx.Module):
     """Gaussians in physical values, a structure of arrays.
 
-    `mean` and `scale` (standard deviations along the Gaussian's own axes, > 0) are in scene units,
-    `quat` takes those axes to the world and has any non-zero length, `opacity` is the peak alpha in
-    [0, 1], `harmonics` holds (L+1)^2 spherical-harmonics coefficients of linear-light colour.
-    `tint` multiplies the colour, per channel: what turns in the light or is shaded changes by it;
-    None (1 everywhere) costs nothing.
+    Args:
+        mean: Centres, in scene units.
+        quat: Rotations (w, x, y, z) from the principal axes to the world, of any non-zero length.
+        scale: Standard deviations along the principal axes, above 0, in scene units.
+        opacity: Peak alpha in [0, 1].
+        harmonics: (L+1)^2 spherical-harmonics coefficients of linear colour.
+        tint: Factor of the colour, per channel, for shading that changes over time; None is 1.
     """
 
     mean: Float[Array, "*keys gaussians 3"] = eqx.field(converter=rows("gaussians.mean", 3))
@@ -69,7 +71,7 @@ class Gaussians(eqx.Module):
                 ) from None
 
         turn = each("quat", (1, 0, 0, 0) if quat is None else quat, 4)
-        harmonics = constant(each("color", color, 3), 0)
+        harmonics = constant_harmonics(each("color", color, 3), 0)
         scale, opacity = each("scale", scale, 3), each("opacity", opacity)
         require("gaussians.scale", scale, lambda s: s > 0, "above 0")
         require("gaussians.opacity", opacity, lambda o: (o >= 0) & (o <= 1), "from 0 to 1")
@@ -85,7 +87,7 @@ class Gaussians(eqx.Module):
 
 
 class Unconstrained(eqx.Module):
-    """The same Gaussians as an optimiser may move them freely: log scale, logit opacity."""
+    """Gaussians in the unconstrained values of the optimiser: log scale, logit of opacity."""
 
     mean: Float[Array, "gaussians 3"]
     quat: Float[Array, "gaussians 4"]
@@ -149,11 +151,12 @@ def _pad(harmonics: Array, coefficients: int) -> Array:
     return jnp.pad(harmonics, ((0, 0), (0, missing), (0, 0)))
 
 
-def folded(gaussians: Gaussians) -> Gaussians:
-    """The same colours without a tint.
+def fold_tint(gaussians: Gaussians) -> Gaussians:
+    """Fold the tint into the harmonics: the same colours without a tint.
 
-    (1/2 + sum c_i Y_i) tint is 1/2 + sum c'_i Y_i with c'_i = tint c_i, and in the constant one
-    another (tint - 1) / (2 Y_0); a tint is positive, so the clamp at black stays where it was.
+    (1/2 + sum c_i Y_i) tint is 1/2 + sum c'_i Y_i with c'_i = tint c_i, and the constant one
+    also gains (tint - 1) / (2 Y_0). A tint is positive, so colours that were clamped at black stay
+    black.
     """
     if gaussians.tint is None:
         return gaussians
@@ -163,14 +166,14 @@ def folded(gaussians: Gaussians) -> Gaussians:
     return Gaussians(*parts, harmonics)
 
 
-def whitening(
+def whitening_matrix(
     quat: Float[Array, "*batch 4"], scale: Float[Array, "*batch 3"]
 ) -> Float[Array, "*batch 3 3"]:
     """A = S^-1 R^T: takes a world vector to the frame in which the Gaussian is the unit sphere."""
     return jnp.swapaxes(rotation_matrix(quat), -1, -2) / scale[..., :, None]
 
 
-def axes(
+def principal_axes(
     quat: Float[Array, "*batch 4"], scale: Float[Array, "*batch 3"]
 ) -> Float[Array, "*batch 3 3"]:
     """F = R S: the principal axes as columns, one standard deviation long; F F^T = covariance."""

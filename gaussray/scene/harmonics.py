@@ -20,10 +20,17 @@ C3 = (
 )
 
 
-def basis(direction: Float[Array, " 3 *rays"], coefficients: int) -> list[Float[Array, "*rays"]]:
-    """The first 1, 4, 9 or 16 real harmonics Y(direction), in the order and sign of 3DGS.
+def harmonic_basis(
+    direction: Float[Array, " 3 *rays"], coefficients: int
+) -> list[Float[Array, "*rays"]]:
+    """The first real spherical harmonics Y(direction), in the order and sign of 3DGS.
 
-    Components come first, so everything is elementwise over the trailing axes.
+    Args:
+        direction: Unit vectors, components first.
+        coefficients: Number of harmonics: 1, 4, 9 or 16.
+
+    Returns:
+        One array per harmonic, elementwise over the rays.
     """
     x, y, z = direction[0], direction[1], direction[2]
     values = [jnp.full_like(x, C0)]
@@ -55,11 +62,15 @@ def basis(direction: Float[Array, " 3 *rays"], coefficients: int) -> list[Float[
 def radiance(
     harmonics: Float[Array, "coefficients 3 *hits"], direction: Float[Array, " 3 *rays"]
 ) -> Float[Array, " 3 *hits"]:
-    """Linear-light colour seen along a unit direction: max(0, 1/2 + sum_i c_i Y_i(direction)).
+    """Linear colour along a direction: max(0, 1/2 + sum_i c_i Y_i(direction)).
 
     As in 3DGRT the direction is the ray's own, not the one from the camera to the Gaussian's mean.
+
+    Args:
+        harmonics: Coefficients c_i of red, green and blue.
+        direction: Unit vectors, components first.
     """
-    terms = basis(direction, harmonics.shape[0])
+    terms = harmonic_basis(direction, harmonics.shape[0])
     total = terms[0][None] * harmonics[0]
     for i in range(1, len(terms)):
         total = total + terms[i][None] * harmonics[i]
@@ -67,8 +78,15 @@ def radiance(
 
 
 @functools.partial(jax.jit, static_argnames="degree", inline=True)
-def constant(color: Float[Array, "*batch 3"], degree: int) -> Float[Array, "*batch coefficients 3"]:
-    """Coefficients of a colour that is the same from everywhere."""
+def constant_harmonics(
+    color: Float[Array, "*batch 3"], degree: int
+) -> Float[Array, "*batch coefficients 3"]:
+    """Coefficients of a colour that does not depend on the direction.
+
+    Args:
+        color: Linear red, green and blue.
+        degree: Degree of the harmonics.
+    """
     first = (color - 0.5) / C0
     rest = jnp.zeros((*color.shape[:-1], (degree + 1) ** 2 - 1, 3), color.dtype)
     return jnp.concatenate([first[..., None, :], rest], axis=-2)

@@ -17,7 +17,7 @@ from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.planes import Planes
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene
-from gaussray.scene.shape_check import misfit
+from gaussray.scene.shape_check import shape_error
 from gaussray.scene.transient import Transients
 
 
@@ -82,7 +82,7 @@ def scene_from(
     static, moving = (_gaussians(array, prefix, path) for prefix in ("static", "moving"))
     transient = _transients(array, path)
     scene = Scene(static, moving, deformation, time_range, transient)
-    wrong = misfit(scene)
+    wrong = shape_error(scene)
     if wrong:
         raise ValueError(f"{path}: its arrays do not fit together ({wrong}); the scene is damaged.")
     return scene
@@ -144,12 +144,12 @@ def _rows(
     rows = {field: value.shape[:1] for field, value in values.items()}
     if len(set(rows.values())) != 1:
         raise ValueError(f"{path}: the arrays of '{prefix}' differ in length: {rows}.")
-    wanted = shapes | {"harmonics": (*values["harmonics"].shape[1:2], 3)}
+    expected = shapes | {"harmonics": (*values["harmonics"].shape[1:2], 3)}
     for field, value in values.items():
-        if value.shape[1:] != wanted[field]:
+        if value.shape[1:] != expected[field]:
             raise ValueError(
                 f"{path}: the array '{prefix}.{field}' has the shape {value.shape} instead of "
-                f"{value.shape[:1] + wanted[field]}; the scene is damaged."
+                f"{value.shape[:1] + expected[field]}; the scene is damaged."
             )
     return values
 

@@ -1,4 +1,4 @@
-"""Which way the surface faces that a Gaussian is a piece of."""
+"""Surface normals of Gaussians."""
 
 import jax
 import jax.numpy as jnp
@@ -9,16 +9,20 @@ from gaussray.scene.gaussians import Gaussians
 
 
 def normals(gaussians: Gaussians, eye: Float[Array, "3"]) -> Float[Array, "*keys n 3"]:
-    """Unit normal of every Gaussian in the world: its shortest axis, turned to the place `eye`.
+    """Unit normal of every Gaussian: its shortest principal axis, on the side of the camera.
 
-    A disc has one, a ball has none that means anything. With key states, axis and side are those
-    of the middle one, so that the normal goes on smoothly from key to key.
+    It is meaningful for flat Gaussians only. With key states, axis and side are those of the middle
+    one, so that the normal changes smoothly from key to key.
+
+    Args:
+        gaussians: The Gaussians.
+        eye: Position of the camera, in scene units.
     """
 
-    def then(x: Array) -> Array:
+    def middle(x: Array) -> Array:
         return x[x.shape[0] // 2] if x.ndim == 3 else x
 
-    axis = jax.nn.one_hot(jnp.argmin(then(gaussians.scale), axis=-1), 3, dtype=eye.dtype)
+    axis = jax.nn.one_hot(jnp.argmin(middle(gaussians.scale), axis=-1), 3, dtype=eye.dtype)
     normal = product("...nij,nj->...ni", rotation_matrix(gaussians.quat), axis)
-    away = jnp.sum(then(normal) * (eye[None] - then(gaussians.mean)), axis=-1) < 0
-    return product("...ni,n->...ni", normal, jnp.where(away, -1, 1).astype(eye.dtype))
+    turned_away = jnp.sum(middle(normal) * (eye[None] - middle(gaussians.mean)), axis=-1) < 0
+    return product("...ni,n->...ni", normal, jnp.where(turned_away, -1, 1).astype(eye.dtype))

@@ -13,9 +13,15 @@ SPACE_PAIRS = ((0, 1), (0, 2), (1, 2))
 class Planes(eqx.Module):
     """Feature planes xy, xz, yz and xt, yt, zt at several resolutions.
 
-    `space[s]` holds the three spatial planes of scale s, indexed [second axis, first axis];
-    `time[s]` the three of (time, axis). Positions are taken relative to the box `lower`..`upper`,
-    times to `begin`..`end`; beyond them the border value holds.
+    Beyond the box and the time interval, the border value holds.
+
+    Args:
+        space: For each scale the planes xy, xz, yz, indexed [second axis, first axis].
+        time: For each scale the planes xt, yt, zt, indexed [time, axis].
+        lower: Lower corner of the box, in scene units.
+        upper: Upper corner of the box, in scene units.
+        begin: First time, in the capture's unit.
+        end: Last time.
     """
 
     space: tuple[Float[Array, "3 _ _ channels"], ...]
@@ -41,8 +47,19 @@ def initial_planes(
     instants: int,
     channels: int,
 ) -> Planes:
-    """Spatial planes uniform around 1, time planes 1: a field that is the
-    same at all times."""
+    """Feature planes of a field that is the same at all times.
+
+    Spatial planes are uniform in 0.7 ... 1.3, time planes are 1.
+
+    Args:
+        key: Random key.
+        lower: Lower corner of the box, in scene units.
+        upper: Upper corner of the box, in scene units.
+        time_range: First and last time, in the capture's unit.
+        sides: Resolutions of the spatial planes, one per scale.
+        instants: Rows of the time planes.
+        channels: Features per scale.
+    """
     keys = jax.random.split(key, len(sides))
     dtype = lower.dtype
     return Planes(
@@ -61,9 +78,14 @@ def initial_planes(
 def features(
     planes: Planes, position: Float[Array, "gaussians 3"], time: Float[Array, ""]
 ) -> Float[Array, "gaussians features"]:
-    """Product of the six bilinear samples, scales side by side; of no scale, nothing.
+    """Features at positions and one time: the product of the six planes, scale by scale.
 
     The time is the same for all positions, so each time plane is first reduced to a line.
+
+    Args:
+        planes: The feature planes.
+        position: Positions in scene units.
+        time: In the capture's unit.
     """
     size = planes.upper - planes.lower
     # Where a box is flat (one place, so far away that a margin is lost) all of it is its border.

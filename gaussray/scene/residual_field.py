@@ -1,4 +1,4 @@
-"""How Gaussians of 4DGaussians (Wu et al. 2024) move: residuals of what their optimiser moves."""
+"""The deformation field of 4DGaussians (Wu et al. 2024): residuals of unconstrained values."""
 
 import equinox as eqx
 import jax
@@ -8,20 +8,29 @@ from jaxtyping import Array, Float
 from gaussray.scene.deformation import Layer, head_output
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.planes import Planes, features
-from gaussray.scene.srgb_harmonics import decoded
+from gaussray.scene.srgb_harmonics import decode_harmonics
 
 
 Head = tuple[Layer, Layer]
 
 
 class ResidualField(eqx.Module):
-    """Features of place and time become residuals of mean, quaternion, log scale, logit of opacity,
-    and harmonics; a head that is None leaves its own as it is at rest.
+    """A deformation field: features of position and time become residuals of the Gaussians.
 
-    Times run from 0 to 1; beyond them everything rests. `logit_opacity` is that at rest, which the
-    opacity of a Gaussian near 1 no longer tells; None without a head. If the field is `encoded`,
-    the harmonics at rest and their residuals are those of sRGB values, and their sum is decoded to
-    linear light at every time (`codes.decoded`).
+    Times run from 0 to 1; before and after nothing moves.
+
+    Args:
+        planes: Feature planes over space and time.
+        trunk: Hidden layers of the network.
+        mean: Head of the translation; a head that is None adds nothing.
+        rotation: Head of the quaternion.
+        scale: Head of the log scale.
+        opacity: Head of the logit of opacity.
+        harmonics: Head of the harmonics.
+        logit_opacity: Logits of the undeformed opacities, which an opacity near 1 does not
+            determine; None without the head `opacity`.
+        encoded: Whether harmonics and their residuals are those of sRGB values, whose sum is
+            converted to linear light at every time (`srgb_harmonics.decode_harmonics`).
     """
 
     planes: Planes
@@ -42,12 +51,12 @@ class ResidualField(eqx.Module):
 
     @property
     def instants(self) -> Float[Array, " instants"]:
-        """The times between which features are linear."""
+        """The times of the rows of the time planes, between which features are linear."""
         planes = self.planes
         return jnp.linspace(planes.begin, planes.end, max(len(x[0]) for x in planes.time))
 
     def __call__(self, gaussians: Gaussians, time: Float[Array, ""]) -> Gaussians:
-        """The Gaussians at a time, from those at rest."""
+        """The Gaussians at a time, of the undeformed ones."""
         hidden = features(self.planes, gaussians.mean, jnp.clip(time, 0, 1))
         for i, layer in enumerate(self.trunk):
             hidden = layer(jax.nn.relu(hidden) if i else hidden)
@@ -66,5 +75,5 @@ class ResidualField(eqx.Module):
             quat=moved(gaussians.quat, self.rotation),
             scale=scale,
             opacity=opacity,
-            harmonics=decoded(harmonics) if self.encoded else harmonics,
+            harmonics=decode_harmonics(harmonics) if self.encoded else harmonics,
         )

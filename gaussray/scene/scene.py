@@ -1,4 +1,4 @@
-"""A scene in space and time: what stands still, what moves, what is there for a short time."""
+"""A dynamic scene: static Gaussians, deformed Gaussians and transient Gaussians."""
 
 import math
 
@@ -18,13 +18,16 @@ from gaussray.scene.transient import Transients, transients_at
 
 
 class Scene(eqx.Module):
-    """Gaussians that stand still, Gaussians that a deformation moves, and transient Gaussians.
+    """A dynamic scene of three kinds of Gaussians.
 
-    Only the moving ones pay for the deformation; a scene in which nothing moves has
-    `deformation = None`. A deformation of either kind is a function of the moving Gaussians and a
-    time, and has the `instants` between which it was sampled. `transient` are Gaussians that live
-    for a short time and move along straight lines (None: there are none). `time_range` is the
-    interval of the capture, in the capture's own unit; before and after it the scene rests.
+    Args:
+        static: Gaussians that do not move.
+        moving: Gaussians that the deformation moves; by default none.
+        deformation: A function of the moving Gaussians and a time; None if nothing moves.
+        time_range: First and last time of the capture, in the capture's unit; before and after it
+            nothing moves.
+        transient: Gaussians that live for a short time and move along straight lines; None for
+            none.
     """
 
     static: Gaussians
@@ -54,12 +57,12 @@ class Scene(eqx.Module):
 
     @property
     def count(self) -> int:
-        """How many Gaussians there are of all kinds."""
+        """Number of Gaussians of all kinds."""
         return self.static.count + self.moving.count + transient_count(self)
 
 
 def transient_count(scene: Scene) -> int:
-    """How many transient Gaussians a scene has."""
+    """Number of transient Gaussians of a scene."""
     return 0 if scene.transient is None else scene.transient.count
 
 
@@ -70,8 +73,8 @@ def at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
     The opacity of a transient one is its opacity at this time, 0 or nearly 0 for most.
 
     Args:
-        scene: the scene.
-        time: in the unit of `scene.time_range`.
+        scene: The scene.
+        time: In the unit of `scene.time_range`.
     """
     gaussians = persistent_at(scene, time)
     if scene.transient is None:
@@ -81,17 +84,29 @@ def at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
 
 
 def persistent_at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
-    """The Gaussians of a scene that are there all the time: static ones first, then moving ones."""
+    """The static and the moving Gaussians of a scene at a time, in this order.
+
+    Args:
+        scene: The scene.
+        time: In the unit of `scene.time_range`.
+    """
     if scene.deformation is None:
         return concatenate(scene.static, scene.moving)
     return concatenate(scene.static, scene.deformation(scene.moving, time))
 
 
 def moving_at(scene: Scene, time: Float[Array, " keys"]) -> Gaussians:
-    """The Gaussians that move at several times: mean, quat, scale and tint gain a leading axis.
+    """The moving Gaussians at several times: mean, quat, scale and tint gain a leading axis.
 
-    Opacity and harmonics, which have none, are those in the middle between the first time and the
-    last: exact unless the deformation changes them, and then for a single time.
+    Opacity and harmonics are those in the middle between the first and the last time. This is exact
+    unless the deformation changes them.
+
+    Args:
+        scene: The scene.
+        time: Increasing times, in the unit of `scene.time_range`.
+
+    Raises:
+        ValueError: The scene has no deformation.
     """
     deformation = scene.deformation
     if deformation is None:
@@ -102,11 +117,14 @@ def moving_at(scene: Scene, time: Float[Array, " keys"]) -> Gaussians:
 
 
 def key_count(scene: Scene, span: float) -> int:
-    """Number of key states of the deformation for a frame that lasts for `span`.
+    """Number of key states of the deformation for one frame.
 
-    Three for every interval between the capture's instants that the frame may touch, so that each
-    arc is as short as the motion was sampled. Transient Gaussians need none: their motion is known
-    at every time.
+    There are three for every interval between timestamps that the frame may touch, so that each arc
+    is as short as the motion was sampled. Transient Gaussians need none.
+
+    Args:
+        scene: The scene.
+        span: Time from the first to the last ray of the frame, in the capture's unit.
     """
     if scene.deformation is None:
         return 1

@@ -13,11 +13,16 @@ SCENE_RULE = "a gaussray.Scene or Clip, such as gaussray.load(path)"
 
 
 class Clip(eqx.Module):
-    """Scenes of neighbouring intervals of time, in order; they share the instants where they meet.
+    """A long scene: scenes of consecutive time intervals.
 
-    A segment shows the times from its first instant until before the next one's; the first one also
-    what was before, the last one what comes after. ValueError if there is none, or if one does not
-    begin where the one before ends.
+    A segment shows the times from its own first time until that of the next; the first segment also
+    all earlier times, the last one all later times.
+
+    Args:
+        segments: The scenes, in order; each begins where the one before ends.
+
+    Raises:
+        ValueError: There is no segment, or the intervals do not meet.
     """
 
     segments: tuple[Scene, ...]
@@ -26,11 +31,12 @@ class Clip(eqx.Module):
         if not self.segments:
             raise ValueError("a clip must have at least one segment, got none.")
         ranges = [np.asarray(scene.time_range) for scene in self.segments]
-        for i, (before, own) in enumerate(zip(ranges, ranges[1:], strict=False), 2):
-            if not before[0] < before[1] == own[0] < own[1]:
+        for i, (previous, current) in enumerate(zip(ranges, ranges[1:], strict=False), 2):
+            if not previous[0] < previous[1] == current[0] < current[1]:
                 raise ValueError(
                     f"segment {i} of a clip must begin where the one before ends, got the times "
-                    f"{own[0]:g} ... {own[1]:g} after {before[0]:g} ... {before[1]:g}."
+                    f"{current[0]:g} ... {current[1]:g} after {previous[0]:g} ... "
+                    f"{previous[1]:g}."
                 )
 
     @property
@@ -40,15 +46,15 @@ class Clip(eqx.Module):
 
 
 def segments_of(scene: Scene | Clip) -> tuple[Scene, ...]:
-    """The segments of a clip; any other scene is its only one."""
+    """The segments of a clip; a single scene is its own segment."""
     return scene.segments if isinstance(scene, Clip) else (scene,)
 
 
-def edges_of(scene: Scene | Clip) -> Float[np.ndarray, " edges"]:
-    """The instants where segments meet, on the host."""
+def segment_edges(scene: Scene | Clip) -> Float[np.ndarray, " edges"]:
+    """The times at which segments meet."""
     return np.array([float(part.time_range[0]) for part in segments_of(scene)[1:]])
 
 
 def segment_at(scene: Scene | Clip, time: float) -> Scene:
-    """The segment that shows a time."""
-    return segments_of(scene)[int(np.searchsorted(edges_of(scene), time, side="right"))]
+    """The segment that shows a time, in the capture's unit."""
+    return segments_of(scene)[int(np.searchsorted(segment_edges(scene), time, side="right"))]

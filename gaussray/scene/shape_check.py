@@ -1,4 +1,4 @@
-"""Whether the arrays of a scene that was read fit one another."""
+"""Checks that the arrays of a scene file fit one another."""
 
 import dataclasses
 import functools
@@ -13,39 +13,41 @@ from gaussray.runtime.kept_programs import kept_text
 from gaussray.scene.scene import Scene, at
 
 
-def misfit(scene: Scene) -> str:
-    """Why arrays of these shapes make no Gaussians, nothing if they do: the scene at a time is
-    traced, not computed."""
-    wrong = next(_unlike(scene, ""), "")
+def shape_error(scene: Scene) -> str:
+    """What is wrong with the shapes of a scene's arrays; empty if they fit.
+
+    The scene at a time is traced, not computed.
+    """
+    wrong = next(_wrong_arrays(scene, ""), "")
     if wrong:
         return wrong
     leaves, tree = jax.tree.flatten(scene)
     arrays = tuple((x.shape, x.dtype) for x in leaves)
-    return kept_text(("misfit", tree, arrays), lambda: _traced(tree, arrays))
+    return kept_text(("misfit", tree, arrays), lambda: _trace_error(tree, arrays))
 
 
-def _unlike(node: Any, name: str, kind: Any = None) -> Iterator[str]:
+def _wrong_arrays(node: Any, name: str, kind: Any = None) -> Iterator[str]:
     """Each array that has other axes than its module says; so much is known without a trace, which
     takes a thousand times as long."""
     if isinstance(node, eqx.Module):
         for field in dataclasses.fields(node):
-            own = f"{name}.{field.name}" if name else field.name
-            yield from _unlike(getattr(node, field.name), own, field.type)
+            path = f"{name}.{field.name}" if name else field.name
+            yield from _wrong_arrays(getattr(node, field.name), path, field.type)
     elif isinstance(node, tuple):
         for i, x in enumerate(node):
-            yield from _unlike(x, f"{name}.{i}", next(iter(get_args(kind)), None))
+            yield from _wrong_arrays(x, f"{name}.{i}", next(iter(get_args(kind)), None))
     elif hasattr(node, "shape"):
         kinds = [x for x in (kind, *get_args(kind)) if hasattr(x, "dim_str")]
         # In a context of its own, where axes of the same name in other arrays are not remembered.
         with jaxtyped("context"):
             like = not kinds or isinstance(node, kinds[0])
         if not like:
-            told = kinds[0].dim_str.strip() or "none"
-            yield f"'{name}' holds {node.dtype} of shape {node.shape} instead of the axes '{told}'"
+            axes = kinds[0].dim_str.strip() or "none"
+            yield f"'{name}' holds {node.dtype} of shape {node.shape} instead of the axes '{axes}'"
 
 
 @functools.lru_cache(maxsize=64)
-def _traced(tree: Any, leaves: tuple) -> str:
+def _trace_error(tree: Any, leaves: tuple) -> str:
     scene = jax.tree.unflatten(tree, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
     parts = [x for x in (scene.static, scene.moving, scene.transient) if x is not None]
     coefficients = {part.harmonics.shape[1] for part in parts}

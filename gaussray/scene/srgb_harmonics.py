@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 
 from gaussray.color import srgb_decode
 from gaussray.geometry import product
-from gaussray.scene.harmonics import basis
+from gaussray.scene.harmonics import harmonic_basis
 
 
 # Rings of directions: with twice as many on each, polynomials of degree 11 are summed exactly.
@@ -16,7 +16,9 @@ RINGS = 6
 BLOCK = 1 << 13
 
 
-def directions() -> tuple[Float[np.ndarray, "directions 3"], Float[np.ndarray, " directions"]]:
+def sphere_directions() -> tuple[
+    Float[np.ndarray, "directions 3"], Float[np.ndarray, " directions"]
+]:
     """Directions all around and their shares of the sphere: Gauss-Legendre in z, even rings."""
     z, share = np.polynomial.legendre.leggauss(RINGS)
     angle = np.pi * np.arange(2 * RINGS) / RINGS
@@ -26,25 +28,25 @@ def directions() -> tuple[Float[np.ndarray, "directions 3"], Float[np.ndarray, "
     return way, np.repeat(share / 2, 2 * RINGS) / (2 * RINGS)
 
 
-def projection(
+def harmonic_projection(
     coefficients: int,
 ) -> tuple[Float[Array, "directions coefficients"], Float[Array, "directions coefficients"]]:
     """The harmonics Y in all directions, and 4 pi Y times the directions' shares: sums with these
     are a function's coefficients."""
-    way, weight = directions()
-    values = jnp.stack(basis(jnp.asarray(way.T), coefficients), axis=-1)
+    way, weight = sphere_directions()
+    values = jnp.stack(harmonic_basis(jnp.asarray(way.T), coefficients), axis=-1)
     return values, jnp.asarray(4 * np.pi * weight)[:, None] * values
 
 
-def decoded(
+def decode_harmonics(
     harmonics: Float[Array, "gaussians coefficients 3"],
 ) -> Float[Array, "gaussians coefficients 3"]:
-    """Harmonics of the linear light of colours given as harmonics of sRGB values.
+    """Convert harmonics of sRGB values to harmonics of linear light.
 
     The values max(0, 1/2 + sum c_i Y_i) are decoded in directions all around and projected onto the
     same harmonics, which is exact for a colour that does not depend on the direction.
     """
-    values, weights = (x.astype(harmonics.dtype) for x in projection(harmonics.shape[1]))
+    values, weights = (x.astype(harmonics.dtype) for x in harmonic_projection(harmonics.shape[1]))
 
     def one(row: Float[Array, "coefficients 3"]) -> Float[Array, "coefficients 3"]:
         codes = jnp.maximum(product("dc,ck->dk", values, row) + 0.5, 0)

@@ -32,7 +32,7 @@ from typing import Any
 import numpy as np
 
 from gaussray.scene.array_file import read_arrays, write_arrays
-from gaussray.scene.compression import compressed, restored
+from gaussray.scene.compression import compress_arrays, restore_arrays
 from gaussray.scene.deformation import HEADS
 from gaussray.scene.named_arrays import named_arrays, scene_from
 from gaussray.scene.residual_field import ResidualField
@@ -80,7 +80,7 @@ def save_scene(
             for part, _ in contents
         ]
         array = {f"{i}.{k}": x for i, (_, part) in enumerate(contents) for k, x in part.items()}
-    write_arrays(path, header, array, deflated="compact" in precisions)
+    write_arrays(path, header, array, compress="compact" in precisions)
 
 
 def load_scene(path: Path | str) -> Scene | Clip:
@@ -124,7 +124,7 @@ def _contents(
         raise ValueError(f"precision must be one of {', '.join(PRECISIONS)}, got {precision!r}.")
     array, codes = named_arrays(scene), {}
     if precision == "compact":
-        codes, array = compressed(array)
+        codes, array = compress_arrays(array)
     header: dict[str, Any] = {"format": FORMAT, "version": _version(scene), "info": info}
     if codes or header["version"] in (LISTED, TRANSIENT):
         version = TRANSIENT if header["version"] == TRANSIENT else LISTED
@@ -148,32 +148,32 @@ def _scene(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> 
     """The scene in a file."""
     if header["version"] not in (LISTED, TRANSIENT):
         return scene_from(array, path, residuals=header["version"] == RESIDUALS)
-    listed, codes = header.get("arrays"), header.get("codes")
-    if not isinstance(listed, list) or not isinstance(codes, dict):
+    entries, codes = header.get("arrays"), header.get("codes")
+    if not isinstance(entries, list) or not isinstance(codes, dict):
         raise ValueError(f"{path}: the header does not list its arrays; the scene is damaged.")
-    for name in listed:
+    for name in entries:
         # The type first: a list among the names could not be looked up in a dict.
         if not isinstance(name, str) or name not in array:
             raise ValueError(f"{path}: the array '{name!s:.80}' is missing; the file is not whole.")
-    array = restored(codes, array, path)
+    array = restore_arrays(codes, array, path)
     residuals = "deformation.encoded" in array
     return scene_from(array, path, residuals=residuals, required_heads=())
 
 
 def _clip(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> Clip:
     """The clip in a file."""
-    listed = header.get("segments")
+    entries = header.get("segments")
     versions = _VERSION, RESIDUALS, LISTED, TRANSIENT
-    if not isinstance(listed, list) or not all(
-        isinstance(part, dict) and part.get("version") in versions for part in listed
+    if not isinstance(entries, list) or not all(
+        isinstance(part, dict) and part.get("version") in versions for part in entries
     ):
         raise ValueError(f"{path}: the header does not list its segments; the scene is damaged.")
 
     def segment(i: int) -> Scene:
         part = {k.removeprefix(f"{i}."): x for k, x in array.items() if k.startswith(f"{i}.")}
-        return _scene(listed[i], part, path / f"segment {i + 1}")
+        return _scene(entries[i], part, path / f"segment {i + 1}")
 
-    scenes = tuple(segment(i) for i in range(len(listed)))
+    scenes = tuple(segment(i) for i in range(len(entries)))
     try:
         return Clip(scenes)
     except ValueError as error:

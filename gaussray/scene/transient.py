@@ -115,11 +115,11 @@ def unconstrain_transients(
 def interval_at(
     times: Float[Array, " times"], instant: Float[Array, "*instants"]
 ) -> Float[Array, "*instants"]:
-    """The longer of the two intervals beside the timestamp that is nearest to each instant: next to
-    a picture that is missing, the whole gap.
+    """Interval between timestamps at each instant.
 
-    It is at most twice the upper quartile of all intervals: of a long pause nothing is known, and
-    what lives throughout it would be seen at many timestamps before and after.
+    It is the longer of the two intervals beside the nearest timestamp: next to a missing picture,
+    the whole gap. It is at most twice the upper quartile of all intervals: what lives throughout a
+    long pause would be visible at many timestamps before and after.
 
     Args:
         times: timestamps, increasing. A single one has intervals of 1.
@@ -138,7 +138,7 @@ def squared_age(
     rate: Float[Array, "*gaussians"],
     plateau: Float[Array, "*gaussians"],
 ) -> Float[Array, "*both"]:
-    """Squared distance in time, s^2: the window is exp(-s^2 / 2).
+    """Squared distance in time, s^2; the window is exp(-s^2 / 2).
 
     Along a ray it adds to the squared distance in space: alpha = opacity exp(-(q + s^2) / 2), so
     that a transient is an ellipsoid in space and time. Smooth where plateau and flank meet.
@@ -153,7 +153,12 @@ def squared_age(
 
 
 def transients_at(transients: Transients, time: Float[Array, ""]) -> Gaussians:
-    """The Gaussians at one time: moved, with the window multiplied into the opacity."""
+    """The transient Gaussians at a time: moved, with the window multiplied into the opacity.
+
+    Args:
+        transients: The Gaussians.
+        time: In the capture's unit.
+    """
     age = time - transients.instant
     faded = squared_age(age, 1 / transients.lifetime, transients.plateau)
     return Gaussians(

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from gaussray.scene.gaussians import Gaussians, axes, whitening
+from gaussray.scene.gaussians import Gaussians, principal_axes, whitening_matrix
 from gaussray.scene.transient import Transients
 from gaussray.tracer.grid import OCCUPANCY, around, place
 from gaussray.tracer.motion import (
@@ -95,11 +95,11 @@ def _resting(g: Gaussians, form: _Form):
     mean, quat, scale = g.mean[0], g.quat[0], g.scale[0]
     radius = reach(jax.lax.stop_gradient(g.opacity), form.alpha_min)
     kept = fine & (radius > 0)
-    support = jax.lax.stop_gradient(axes(quat, scale)) * radius[:, None, None]
+    support = jax.lax.stop_gradient(principal_axes(quat, scale)) * radius[:, None, None]
     extent = jnp.concatenate([support.reshape(-1, 9), mean], axis=1)
     state = jnp.concatenate(
         [
-            whitening(quat, scale).reshape(-1, 9),
+            whitening_matrix(quat, scale).reshape(-1, 9),
             mean,
             _ends(g.opacity, radius, kept, jnp.full_like(radius, -1)),
         ],

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
-from gaussray.scene.gaussians import Gaussians, axes, concatenate
+from gaussray.scene.gaussians import Gaussians, concatenate, principal_axes
 from gaussray.scene.scene import Scene, moving_at, persistent_at
 from gaussray.scene.transient import Transients
 
@@ -118,7 +118,7 @@ def control_points(
     (M - (1-f)^2 A - f^2 B) / (2 f (1-f)): 2 M - (A + B) / 2 in the middle of the ends A and B.
     """
     g = motion.gaussians
-    return _controls(motion.time, g.mean), _controls(motion.time, axes(g.quat, g.scale))
+    return _controls(motion.time, g.mean), _controls(motion.time, principal_axes(g.quat, g.scale))
 
 
 def _controls(time: Array, x: Array) -> Array:

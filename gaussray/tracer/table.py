@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from gaussray.scene.gaussians import whitening
+from gaussray.scene.gaussians import whitening_matrix
 from gaussray.scene.transient import squared_age
 from gaussray.tracer.motion import Motion, control_points, ordinary, padded, tint_controls, usable
 from gaussray.tracer.response import response
@@ -70,7 +70,7 @@ def gaussian_table(motion: Motion) -> Float[Array, "rows columns"]:
     gaussians, window = all_states(motion)
     g = ordinary(padded(gaussians), jnp.pad(usable(gaussians), (0, 1)))
     if motion.keys == 1:
-        mean, matrix = g.mean, whitening(g.quat, g.scale)
+        mean, matrix = g.mean, whitening_matrix(g.quat, g.scale)
     else:
         mean, matrix = control_points(Motion(motion.time, g))
     state = jnp.concatenate([matrix.reshape(*matrix.shape[:2], 9), mean], axis=-1)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import constant
+from gaussray.scene.harmonics import constant_harmonics
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion
 
@@ -24,10 +24,12 @@ def painted(
     def paint(gaussians: Gaussians) -> Gaussians:
         color = vector(gaussians) + 2 * largest
         if color.ndim == 2:
-            return dataclasses.replace(gaussians, harmonics=constant(color, 0), tint=None)
+            return dataclasses.replace(gaussians, harmonics=constant_harmonics(color, 0), tint=None)
         if color.shape[0] == 1:
-            return dataclasses.replace(gaussians, harmonics=constant(color[0], 0), tint=None)
-        white = constant(jnp.ones_like(color[0]), 0)
+            return dataclasses.replace(
+                gaussians, harmonics=constant_harmonics(color[0], 0), tint=None
+            )
+        white = constant_harmonics(jnp.ones_like(color[0]), 0)
         return dataclasses.replace(gaussians, harmonics=white, tint=color)
 
     rest, transient = motion.rest, motion.transient

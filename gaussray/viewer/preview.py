@@ -29,7 +29,7 @@ from gaussray.render.stages import (
     usual_capacity,
 )
 from gaussray.scene.scene import Scene
-from gaussray.scene.segmented import Clip, edges_of, segments_of
+from gaussray.scene.segmented import Clip, segment_edges, segments_of
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
@@ -94,7 +94,7 @@ class PreviewRenderer:
     def __init__(
         self, scene: Scene | Clip, *, options: RenderOptions, trace: TraceOptions, keys: int
     ):
-        self._edges, self.trace, self.keys = edges_of(scene), trace, keys
+        self._edges, self.trace, self.keys = segment_edges(scene), trace, keys
         self._like = dataclasses.replace(options, chunk_rows=0, error=0.0)
         self.scenes = segments_of(scene)
         self._staged = in_stages(self._like, trace)

@@ -7,7 +7,7 @@ from jax.test_util import check_grads
 
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.initialize.from_points import bodies as found_bodies
-from gaussray.scene.bodies import body_of, body_pose_at, reaching, resting
+from gaussray.scene.bodies import bodies_at_rest, body_of, body_pose_at, extrapolate_bodies
 
 
 # Rounding of float64 sums of a few terms.
@@ -18,13 +18,13 @@ TIMES = jnp.asarray([0.0, 0.2, 0.5, 1.0])
 def thrown():
     """Two bodies; the first on a parabola, sampled at even instants."""
     times = jnp.linspace(0.0, 1.0, 5)
-    body = resting(jnp.asarray([[0.0, 0, 0], [5, 0, 0]]), jnp.asarray([1.0, 2.0]), times)
+    body = bodies_at_rest(jnp.asarray([[0.0, 0, 0], [5, 0, 0]]), jnp.asarray([1.0, 2.0]), times)
     path = jnp.stack([times, 2 * times - 4 * times**2, jnp.zeros(5)], axis=-1)
     return body.__class__(body.pivot, body.radius, times, body.path.at[0].set(path), body.turn)
 
 
 def test_a_resting_body_is_the_identity_at_all_times():
-    body = resting(jnp.ones((2, 3)), jnp.ones(2), TIMES)
+    body = bodies_at_rest(jnp.ones((2, 3)), jnp.ones(2), TIMES)
     for time in (-1.0, 0.0, 0.3, 2.0):
         path, turn = body_pose_at(body, jnp.asarray(time))
         assert np.abs(path).max() == 0
@@ -46,7 +46,7 @@ def test_a_parabola_is_followed_exactly_between_inner_instants():
 
 def test_bodies_that_reach_further_go_on_at_steady_speed():
     body = thrown()
-    further = reaching(body, 0.1, 0.2)
+    further = extrapolate_bodies(body, 0.1, 0.2)
     assert np.allclose(further.time, [-0.1, *body.time, 1.2], atol=EXACT)
     # The first and the last quarter's speeds are (1, 1) and (1, -5).
     for time, place in ((-0.1, [-0.1, -0.1, 0]), (1.2, [1.2, -2 - 1, 0])):
@@ -54,7 +54,7 @@ def test_bodies_that_reach_further_go_on_at_steady_speed():
         assert np.allclose(path, [place, [0, 0, 0]], atol=EXACT)
         assert np.allclose(rotation_matrix(turn), np.eye(3), atol=EXACT)
     assert np.allclose(further.path[:, 1:-1], body.path, atol=EXACT)
-    same = reaching(body, 0.0, 0.0)
+    same = extrapolate_bodies(body, 0.0, 0.0)
     assert np.array_equal(same.time, body.time) and np.array_equal(same.path, body.path)
 
 
@@ -64,7 +64,7 @@ def test_gaussians_belong_to_the_nearest_body_in_reach():
 
 
 def test_without_bodies_everything_is_its_own():
-    none = resting(jnp.zeros((0, 3)), jnp.zeros(0), TIMES)
+    none = bodies_at_rest(jnp.zeros((0, 3)), jnp.zeros(0), TIMES)
     assert body_of(none, jnp.ones((2, 3))).tolist() == [0, 0]
     path, turn = body_pose_at(none, jnp.asarray(0.3))
     assert path.shape == (0, 3) and turn.shape == (0, 4)

@@ -14,7 +14,7 @@ import toy
 
 from gaussray.color import srgb_encode
 from gaussray.scene.array_file import read_arrays, write_arrays
-from gaussray.scene.compression import CURVES, compressed, restored
+from gaussray.scene.compression import CURVES, compress_arrays, restore_arrays
 from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0
@@ -72,8 +72,8 @@ def in_order(array, wanted):
 
 def test_every_value_is_within_half_a_step_on_its_curve(scene):
     wanted = named_arrays(scene)
-    codes, kept = compressed(wanted)
-    found = in_order(restored(codes, kept, Path("a file")), wanted)
+    codes, kept = compress_arrays(wanted)
+    found = in_order(restore_arrays(codes, kept, Path("a file")), wanted)
     assert {"static.mean", "moving.quat", "deformation.trunk.bias"} <= set(codes)
     for name, x in found.items():
         assert x.dtype == wanted[name].dtype and x.shape == wanted[name].shape
@@ -91,7 +91,7 @@ def test_every_value_is_within_half_a_step_on_its_curve(scene):
 
 def test_steps_are_those_that_are_told(scene):
     wanted = named_arrays(scene)
-    codes, _ = compressed(wanted)
+    codes, _ = compress_arrays(wanted)
     exponent = {name: code["exponent"] for name, code in codes.items()}
     assert exponent["static.quat"] == exponent["moving.quat"] == -10
     assert exponent["static.scale"] == -6 and exponent["static.opacity"] == -7

@@ -9,11 +9,11 @@ import reference
 from gaussray.scene.gaussians import (
     Gaussians,
     Unconstrained,
-    axes,
     concatenate,
     constrain,
+    principal_axes,
     unconstrain,
-    whitening,
+    whitening_matrix,
 )
 
 
@@ -62,10 +62,10 @@ def test_opacities_of_zero_and_one_stay_finite(dtype):
 
 def test_whitening_undoes_axes_and_axes_give_the_covariance():
     g = some(20)
-    matrix = np.asarray(axes(g.quat, g.scale))
+    matrix = np.asarray(principal_axes(g.quat, g.scale))
     expected = reference.rotation(g.quat) * np.asarray(g.scale)[:, None, :]
     np.testing.assert_allclose(matrix, expected, atol=EXACT)
-    unit = np.asarray(whitening(g.quat, g.scale)) @ matrix
+    unit = np.asarray(whitening_matrix(g.quat, g.scale)) @ matrix
     np.testing.assert_allclose(unit, np.tile(np.eye(3), (20, 1, 1)), atol=EXACT)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import reference
 
-from gaussray.scene.harmonics import C0, basis, constant, radiance
+from gaussray.scene.harmonics import C0, constant_harmonics, harmonic_basis, radiance
 
 
 EXACT = 1e-12
@@ -21,7 +21,7 @@ def directions(count=50, seed=0):
 @pytest.mark.parametrize("degree", range(4))
 def test_basis_is_that_of_legendre_polynomials(degree):
     way = directions()
-    found = np.stack(basis(jnp.asarray(way.T), (degree + 1) ** 2), axis=-1)
+    found = np.stack(harmonic_basis(jnp.asarray(way.T), (degree + 1) ** 2), axis=-1)
     expected = [
         reference.harmonic(level, order, way)
         for level in range(degree + 1)
@@ -36,7 +36,7 @@ def test_basis_is_orthonormal_over_the_sphere():
     azimuth = 2 * np.pi * np.arange(16) / 16
     r = np.sqrt(1 - z**2)[:, None]
     way = np.stack([r * np.cos(azimuth), r * np.sin(azimuth), np.broadcast_to(z[:, None], (8, 16))])
-    values = np.stack(basis(jnp.asarray(way), 16))
+    values = np.stack(harmonic_basis(jnp.asarray(way), 16))
     product = np.einsum("aij,bij,i->ab", values, values, weight) * 2 * np.pi / 16
     np.testing.assert_allclose(product, np.eye(16), atol=EXACT)
 
@@ -53,7 +53,7 @@ def test_radiance_is_clamped_at_black_and_starts_at_a_half():
 def test_constant_colour_is_the_same_from_everywhere(degree):
     color = jnp.array([0.1, 0.5, 2.0])
     way = jnp.asarray(directions(5).T)
-    harmonics = constant(color, degree)
+    harmonics = constant_harmonics(color, degree)
     assert harmonics.shape == ((degree + 1) ** 2, 3)
     seen = jax.jit(radiance)(jnp.broadcast_to(harmonics[..., None], (*harmonics.shape, 11)), way)
     expected = np.broadcast_to(np.asarray(color)[:, None], (3, 11))

@@ -8,7 +8,7 @@ import pytest
 import toy
 
 from gaussray.scene.array_file import read_arrays, write_arrays
-from gaussray.scene.segmented import Clip, edges_of, segment_at, segments_of
+from gaussray.scene.segmented import Clip, segment_at, segment_edges, segments_of
 from gaussray.scene.store import load_scene, save_scene, scene_info
 
 
@@ -35,7 +35,7 @@ def same(one, two):
 
 
 def test_every_time_has_its_segment(clip):
-    np.testing.assert_array_equal(edges_of(clip), [0.25, 0.5])
+    np.testing.assert_array_equal(segment_edges(clip), [0.25, 0.5])
     np.testing.assert_array_equal(clip.time_range, [0, 1])
     shown = [segment_at(clip, time) for time in (-1.0, 0.0, 0.2, 0.25, 0.4, 0.5, 1.0, 2.0)]
     expected = [clip.segments[i] for i in (0, 0, 0, 1, 1, 2, 2, 2)]
@@ -44,7 +44,7 @@ def test_every_time_has_its_segment(clip):
 
 def test_a_scene_is_its_own_segment():
     scene = toy.scene()
-    assert segments_of(scene) == (scene,) and not len(edges_of(scene))
+    assert segments_of(scene) == (scene,) and not len(segment_edges(scene))
     assert segment_at(scene, 0.7) is scene
 
 

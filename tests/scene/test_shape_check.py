@@ -8,18 +8,18 @@ import pytest
 import toy
 
 from gaussray.scene import shape_check as of
-from gaussray.scene.shape_check import misfit
+from gaussray.scene.shape_check import shape_error
 
 
 @pytest.fixture
 def untraced(monkeypatch):
     """A trace fails the test."""
-    monkeypatch.setattr(of, "_traced", lambda *_: pytest.fail("traced"))
+    monkeypatch.setattr(of, "_trace_error", lambda *_: pytest.fail("traced"))
 
 
 @pytest.mark.parametrize("speed", [0.4, 0.0])
 def test_arrays_that_fit_are_fine(speed):
-    assert misfit(toy.scene(speed=speed)) == ""
+    assert shape_error(toy.scene(speed=speed)) == ""
 
 
 @pytest.mark.parametrize(
@@ -36,15 +36,15 @@ def test_arrays_that_fit_are_fine(speed):
 )
 def test_an_array_of_other_axes_is_named_without_a_trace(untraced, where, shape, says):
     scene = eqx.tree_at(where, toy.scene(), jnp.zeros(shape, jnp.float32))
-    assert re.search(says, misfit(scene))
+    assert re.search(says, shape_error(scene))
 
 
 def test_numbers_of_another_kind_are_named(untraced):
     scene = eqx.tree_at(lambda s: s.deformation.light, toy.scene(), jnp.zeros((9, 3), bool))
-    assert "'deformation.light' holds bool" in misfit(scene)
+    assert "'deformation.light' holds bool" in shape_error(scene)
 
 
 def test_arrays_that_fit_alone_and_not_together_are_found_by_a_trace():
     wide = jnp.zeros((3, 8), jnp.float32)
     scene = eqx.tree_at(lambda s: s.deformation.trunk.weight, toy.scene(), wide)
-    assert misfit(scene)
+    assert shape_error(scene)

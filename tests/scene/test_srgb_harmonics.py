@@ -15,7 +15,7 @@ CLOSE = 1e-12
 # 72 directions instead of 3200: the curve and the clamp at black are no polynomials.
 NET = 0.03
 
-decoded = jax.jit(codes.decoded)
+decoded = jax.jit(codes.decode_harmonics)
 
 
 def harmonics(coefficients, count=5, spread=0.3, seed=0):
@@ -24,11 +24,11 @@ def harmonics(coefficients, count=5, spread=0.3, seed=0):
 
 
 def test_the_directions_sum_products_of_harmonics_exactly():
-    way, share = codes.directions()
+    way, share = codes.sphere_directions()
     np.testing.assert_allclose(np.linalg.norm(way, axis=1), 1, rtol=CLOSE)
     pairs = [(degree, m) for degree in range(4) for m in range(-degree, degree + 1)]
     values = np.stack([reference.harmonic(*pair, way) for pair in pairs], axis=-1)
-    ours, sums = codes.projection(16)
+    ours, sums = codes.harmonic_projection(16)
     np.testing.assert_allclose(ours, values, atol=CLOSE)
     np.testing.assert_allclose(sums.T @ values, np.eye(16), atol=CLOSE)
     np.testing.assert_allclose(share.sum(), 1, rtol=CLOSE)
@@ -37,7 +37,7 @@ def test_the_directions_sum_products_of_harmonics_exactly():
 @pytest.mark.parametrize("coefficients", [1, 4, 16])
 def test_a_colour_that_is_the_same_from_everywhere_is_exact_also_below_black(coefficients):
     given = harmonics(coefficients, spread=3.0).at[:, 1:].set(0)
-    way = codes.directions()[0][:3]
+    way = codes.sphere_directions()[0][:3]
     expected = srgb_decode(reference.light(np.asarray(given), way))
     assert (expected == 0).any() and (expected > 1).any()
     np.testing.assert_allclose(
@@ -66,9 +66,9 @@ def test_the_coefficients_are_those_of_the_decoded_colour():
 @pytest.mark.parametrize("block", [1, 2, 3, 5, 8])
 def test_blocks_do_not_matter(monkeypatch, block):
     given = harmonics(4)
-    whole = codes.decoded(given)
+    whole = codes.decode_harmonics(given)
     monkeypatch.setattr(codes, "BLOCK", block)
-    np.testing.assert_allclose(codes.decoded(given), whole, atol=CLOSE)
+    np.testing.assert_allclose(codes.decode_harmonics(given), whole, atol=CLOSE)
 
 
 def test_precision_follows_the_data():

@@ -12,7 +12,7 @@ from jax.test_util import check_grads
 from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.formats.convert import export_model
 from gaussray.scene.formats.gaussian_ply import read_gaussians
-from gaussray.scene.point_tracks import FREE, carried, group_of
+from gaussray.scene.point_tracks import FREE, group_of, point_path
 from gaussray.scene.scene import Scene, at, key_count, transient_count
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import as_stored, load_scene, save_scene
@@ -140,10 +140,10 @@ def test_a_point_on_one_travels_at_its_velocity_and_belongs_to_what_moves():
     first = whole.static.count + whole.moving.count
     point = toy.single([1.0, 2.0, 3.0])
     for part in (whole, Scene(whole.static, whole.moving, None, whole.time_range, crowd())):
-        path = carried(part, jnp.asarray(first + 2), point, time)
+        path = point_path(part, jnp.asarray(first + 2), point, time)
         expected = point + 0.3 * whole.transient.velocity[2]
         np.testing.assert_allclose(path(toy.single(0.7)), expected, rtol=ROUNDING)
-    still = carried(whole, jnp.asarray(0), point, time)
+    still = point_path(whole, jnp.asarray(0), point, time)
     np.testing.assert_array_equal(still(toy.single(0.7)), point)
     groups = np.asarray(group_of(whole))
     assert len(groups) == whole.count and (groups[first:] == FREE).all()

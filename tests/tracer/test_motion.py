@@ -9,7 +9,7 @@ import reference
 from jax.test_util import check_grads
 from scenes import gaussians, moving, resting, wandering
 
-from gaussray.scene.gaussians import Gaussians, whitening
+from gaussray.scene.gaussians import Gaussians, whitening_matrix
 from gaussray.tracer.motion import (
     Motion,
     active_controls,
@@ -187,7 +187,7 @@ def test_a_resting_scene_keeps_the_whitening_of_its_gaussians():
     matrix, mean = state_at(list(rows[:5].T), jnp.ones((1, 5)))
     g = motion.gaussians
     np.testing.assert_allclose(
-        np.stack(matrix, -1).reshape(5, 3, 3), whitening(g.quat, g.scale)[0], rtol=EXACT
+        np.stack(matrix, -1).reshape(5, 3, 3), whitening_matrix(g.quat, g.scale)[0], rtol=EXACT
     )
     np.testing.assert_allclose(np.stack(mean, -1), g.mean[0], atol=EXACT)
 

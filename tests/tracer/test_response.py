@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from jax.test_util import check_grads
 
-from gaussray.scene.gaussians import whitening
+from gaussray.scene.gaussians import whitening_matrix
 from gaussray.tracer.response import opacity_on_ray, reach, response
 
 
@@ -17,7 +17,7 @@ GRADIENT = 1e-6
 
 @jax.jit
 def meet(mean, quat, scale, origin, direction):
-    frame = whitening(quat, scale).reshape(9)
+    frame = whitening_matrix(quat, scale).reshape(9)
     return response(list(frame), list(mean), origin, direction)
 
 

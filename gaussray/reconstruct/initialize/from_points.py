@@ -11,9 +11,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from gaussray.geometry import quaternion
-from gaussray.scene.bodies import Bodies, body_of, resting
+from gaussray.scene.bodies import Bodies, bodies_at_rest, body_of
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import constant
+from gaussray.scene.harmonics import constant_harmonics
 
 
 # Neighbours by which a point is judged, and the least spread of the logarithm of their distance: in
@@ -92,7 +92,7 @@ def appearance_of(
     axes: Float[Array, "points 3 3"], color: Float[Array, "points 3"], degree: int
 ) -> tuple[Float[Array, "points 4"], Float[Array, "points coefficients 3"]]:
     """Rotations of discs with these axes, and harmonics of one linear colour; one program."""
-    return jax.vmap(quaternion)(axes), constant(color, degree)
+    return jax.vmap(quaternion)(axes), constant_harmonics(color, degree)
 
 
 def discs(
@@ -194,7 +194,7 @@ def bodies(
 
 
 def _resting(pivot: np.ndarray, radius: np.ndarray, times: np.ndarray) -> Bodies:
-    return resting(*(jnp.asarray(x, jnp.float32) for x in (pivot, radius, times)))
+    return bodies_at_rest(*(jnp.asarray(x, jnp.float32) for x in (pivot, radius, times)))
 
 
 def _groups(

@@ -17,7 +17,7 @@ from jaxtyping import Array, Bool, Float, Int, Key
 
 from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic
 from gaussray.reconstruct.optimize.rows import EMPTY, Kind
-from gaussray.scene.gaussians import Unconstrained, axes
+from gaussray.scene.gaussians import Unconstrained, principal_axes
 from gaussray.scene.transient import UnconstrainedTransients
 
 
@@ -191,7 +191,7 @@ def explore(
     opacity = jax.nn.sigmoid(free.logit_opacity)
     faint = jax.nn.sigmoid(_SHARP * (_NOISY - opacity)) * _held(free)
     scale = jnp.exp(free.log_scale)
-    frame = axes(free.quat, scale)
+    frame = principal_axes(free.quat, scale)
     dice = jax.random.normal(key, free.mean.shape, free.mean.dtype)
     along = jnp.sum(frame * dice[:, :, None], axis=1)
     step = size * jnp.sum(frame * along[:, None, :], axis=2) / extent

@@ -10,7 +10,7 @@ from gaussray.geometry import normalize_quaternion, product
 from gaussray.reconstruct.optimize.rows import EMPTY, take_rows
 from gaussray.scene.bodies import body_of
 from gaussray.scene.deformation import HEADS, Deformation, Layer
-from gaussray.scene.gaussians import Gaussians, axes, concatenate, folded
+from gaussray.scene.gaussians import Gaussians, concatenate, fold_tint, principal_axes
 from gaussray.scene.planes import Planes, features
 from gaussray.scene.scene import Scene
 
@@ -63,15 +63,15 @@ def _rest(scene: Scene, times: Float[Array, " instants"]) -> tuple[Gaussians, Ar
     def length(x: Array, trailing: int) -> Array:
         return jnp.sqrt(jnp.sum(x * x, axis=tuple(range(-trailing, 0))))
 
-    own = axes(quat, scale)
+    own = principal_axes(quat, scale)
     changes = (
         length(states.mean - mean[None], 1) / jnp.max(scale, axis=-1)[None],
-        length(axes(states.quat, states.scale) - own[None], 2) / length(own, 2)[None],
+        length(principal_axes(states.quat, states.scale) - own[None], 2) / length(own, 2)[None],
         jnp.max(jnp.abs(light - tint[None]), axis=-1),
     )
     moving = scene.moving
     rest = Gaussians(mean, quat, scale, moving.opacity, moving.harmonics, jnp.exp(tint))
-    return folded(rest), jnp.max(jnp.stack(changes), axis=(0, 1))
+    return fold_tint(rest), jnp.max(jnp.stack(changes), axis=(0, 1))
 
 
 def _moved(scene: Scene, time: Float[Array, ""]) -> Gaussians:

@@ -24,7 +24,7 @@ from gaussray.render.parts import Part
 from gaussray.render.stages import on_devices
 from gaussray.runtime.programs import ProgramCache
 from gaussray.scene.normals import normals
-from gaussray.scene.point_tracks import STATIC, carried, group_of
+from gaussray.scene.point_tracks import STATIC, group_of, point_path
 from gaussray.tracer.dominant import dominant
 from gaussray.tracer.prepare import Prepared
 from gaussray.tracer.trace import TraceOptions, march_for, march_lists, trace
@@ -162,7 +162,7 @@ def path_program(structure: PyTreeDef) -> Callable[..., Float[Array, "devices pi
 
         def one(given: tuple[Array, Array, Array, Array]) -> Array:
             index, point, time, other = given
-            return carried(scene, index, point, time)(other)
+            return point_path(scene, index, point, time)(other)
 
         return _mapped(one, (index, point, time, other))
 

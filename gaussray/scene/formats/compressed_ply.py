@@ -44,19 +44,21 @@ def read_compressed_ply(path: Path | str) -> Gaussians:
             f"{path}: a compressed PLY file must have a row of the element chunk for every {CHUNK} "
             "Gaussians, and at least one Gaussian. Export it again."
         )
-    _demand(path, vertex, _WORDS, "u4")
-    own = np.arange(len(vertex)) // CHUNK
+    _require_columns(path, vertex, _WORDS, "u4")
+    chunk_index = np.arange(len(vertex)) // CHUNK
     place, turn, size, color = (vertex[name].astype(np.uint32) for name in _WORDS)
-    mean = _between(path, chunk, ("x", "y", "z"), own, _three(place))
-    log_scale = _between(path, chunk, ("scale_x", "scale_y", "scale_z"), own, _three(size))
+    mean = _between(path, chunk, ("x", "y", "z"), chunk_index, _unpack_three(place))
+    log_scale = _between(
+        path, chunk, ("scale_x", "scale_y", "scale_z"), chunk_index, _unpack_three(size)
+    )
     levels = np.stack([color >> shift & 255 for shift in (24, 16, 8, 0)], axis=1) / 255
-    shown = levels[:, :3]
+    rgb = levels[:, :3]
     if "min_r" in (chunk.dtype.names or ()):
-        shown = _between(path, chunk, ("r", "g", "b"), own, shown)
-    first = ((shown - 0.5) / C0)[:, None]
-    rest = _rest(path, tables.get("sh"), len(vertex))
+        rgb = _between(path, chunk, ("r", "g", "b"), chunk_index, rgb)
+    first = ((rgb - 0.5) / C0)[:, None]
+    rest = _higher_harmonics(path, tables.get("sh"), len(vertex))
     values = (
-        *(mean, _turns(turn), np.exp(log_scale)),
+        *(mean, _quaternions(turn), np.exp(log_scale)),
         # A level of 0 or 255 stands for half a step inside: opacities are neither 0 nor 1.
         np.clip(levels[:, 3], 0.5 / 255, 1 - 0.5 / 255),
         np.concatenate([first, rest], axis=1),
@@ -71,7 +73,9 @@ def read_compressed_ply(path: Path | str) -> Gaussians:
     return Gaussians(*(jnp.asarray(value, jnp.float32) for value in values))
 
 
-def _demand(path: Path | str, table: np.ndarray, names: tuple[str, ...], kind: str) -> None:
+def _require_columns(
+    path: Path | str, table: np.ndarray, names: tuple[str, ...], kind: str
+) -> None:
     """Raise a ValueError unless the table has these columns, of this type."""
     dtype = table.dtype
     for name in names:
@@ -82,7 +86,7 @@ def _demand(path: Path | str, table: np.ndarray, names: tuple[str, ...], kind: s
             )
 
 
-def _three(word: np.ndarray) -> Float[np.ndarray, "gaussians 3"]:
+def _unpack_three(word: np.ndarray) -> Float[np.ndarray, "gaussians 3"]:
     """Shares of 11, 10 and 11 bits."""
     parts = (word >> 21 & 2047, word >> 11 & 1023, word & 2047)
     return np.stack(parts, axis=1) / [2047, 1023, 2047]
@@ -92,19 +96,21 @@ def _between(
     path: Path | str,
     chunk: np.ndarray,
     names: tuple[str, ...],
-    own: np.ndarray,
+    chunk_index: np.ndarray,
     share: Float[np.ndarray, "gaussians 3"],
 ) -> Float[np.ndarray, "gaussians 3"]:
     """Values at these shares between the bounds of each Gaussian's chunk."""
     bounds = []
     for end in ("min", "max"):
         columns = tuple(f"{end}_{name}" for name in names)
-        _demand(path, chunk, columns, "f4")
-        bounds.append(np.stack([chunk[name][own] for name in columns], axis=1).astype(np.float64))
+        _require_columns(path, chunk, columns, "f4")
+        bounds.append(
+            np.stack([chunk[name][chunk_index] for name in columns], axis=1).astype(np.float64)
+        )
     return bounds[0] * (1 - share) + bounds[1] * share
 
 
-def _turns(word: np.ndarray) -> Float[np.ndarray, "gaussians 4"]:
+def _quaternions(word: np.ndarray) -> Float[np.ndarray, "gaussians 4"]:
     """Unit quaternions w x y z; the largest component is positive."""
     largest = (word >> 30).astype(int)
     three = np.stack([word >> shift & 1023 for shift in (20, 10, 0)], axis=1)
@@ -114,7 +120,12 @@ def _turns(word: np.ndarray) -> Float[np.ndarray, "gaussians 4"]:
 def smallest_three(
     largest: np.ndarray, three: Float[np.ndarray, "gaussians 3"]
 ) -> Float[np.ndarray, "gaussians 4"]:
-    """Unit quaternions from the position of the largest component and the three others in order."""
+    """Unit quaternions of which three components are given.
+
+    Args:
+        largest: Index of the missing component, the largest.
+        three: The other components, in order.
+    """
     quat, rows = np.empty((len(three), 4)), np.arange(len(three))
     # The places of the others: 0 1 2 without the largest, shifted behind it.
     for k in range(3):
@@ -124,7 +135,7 @@ def smallest_three(
     return quat / np.linalg.norm(quat, axis=1, keepdims=True)
 
 
-def _rest(
+def _higher_harmonics(
     path: Path | str, table: np.ndarray | None, count: int
 ) -> Float[np.ndarray, "gaussians rest 3"]:
     """The harmonics above the constant one."""
@@ -136,7 +147,7 @@ def _rest(
             f"{path}: the element sh must hold 9, 24 or 45 numbers for each of {count} Gaussians, "
             f"got {len(names)} for each of {len(table)}. Export it again."
         )
-    _demand(path, table, names, "u1")
+    _require_columns(path, table, names, "u1")
     level = np.stack([table[name] for name in names], axis=1).astype(np.float64)
     # The outermost levels are the ends of the range, the others the middles of 256 equal parts.
     share = np.where(level == 0, 0, np.where(level == 255, 1, (level + 0.5) / 256))

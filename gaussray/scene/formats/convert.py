@@ -1,4 +1,4 @@
-"""Imports models of other programs as scenes, and exports scenes as PLY, SPZ and glTF files."""
+"""Imports models of other programs as scenes, and exports scenes as files of other programs."""
 
 import math
 from collections.abc import Callable
@@ -18,11 +18,11 @@ from gaussray.scene.formats.gaussian_ply import write_gaussians
 from gaussray.scene.formats.gltf import write_gltf
 from gaussray.scene.formats.spz import write_spz
 from gaussray.scene.formats.usd import write_usd
-from gaussray.scene.gaussians import Gaussians, folded
+from gaussray.scene.gaussians import Gaussians, fold_tint
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene, at, transient_count
 from gaussray.scene.segmented import Clip, segment_at
-from gaussray.scene.srgb_harmonics import directions, projection
+from gaussray.scene.srgb_harmonics import harmonic_projection, sphere_directions
 from gaussray.scene.store import save_scene
 
 
@@ -52,9 +52,10 @@ def import_model(
             moving one), or the folder of a model of 4DGaussians or of one of its iterations
             (`read_model`).
         out: folder of the scene.
-        color: colours of the model: `srgb`, the values of the 8-bit pictures that it was fitted to,
-            which are converted to linear light (`converted`; at every time if they change), or
-            `linear`, taken as they are. GLB and USD files say which, and this is ignored.
+        color: colours of the model: `srgb`, values of 8-bit pictures that it was fitted to,
+            which are converted to linear light (`convert_harmonics`; at every time if they
+            change), or `linear`, taken as they are. GLB and USD files state their colour space, and
+            `color` is ignored.
         iteration: iteration of a model's folder; None for the latest.
 
     Returns:
@@ -75,43 +76,53 @@ def import_model(
     if leads():
         info = {"source": file.name, "color": color}
         save_scene(out / "scene.npz", scene, info=info)
-    return scene, _assumed(file, _moves(scene), _colors(color, error, stated is not None))
+    return scene, _import_report(
+        file, _motion_text(scene), _color_text(color, error, stated is not None)
+    )
 
 
 def model_scene(
     source: Path | str, *, color: str = "srgb", iteration: int | None = None
 ) -> tuple[Scene, Path, float]:
-    """A trained model of others as a scene (`import_model`), the file that it was read from, and
-    the error of its colours (`converted`)."""
+    """Read a trained model of another program as a scene.
+
+    Args:
+        source: As for `import_model`.
+        color: As for `import_model`.
+        iteration: As for `import_model`.
+
+    Returns:
+        The scene, the file that it was read from, and the error of its colours
+        (`convert_harmonics`).
+    """
     check_color(color)
     color = stated_color(source) or color
     if iteration is None and is_ftgs(source):
         transients, error = read_ftgs(source), 0.0
         if color == "srgb":
-            harmonics, error = converted(transients.harmonics, encode=False)
+            harmonics, error = convert_harmonics(transients.harmonics, encode=False)
             transients = replace(transients, harmonics=harmonics)
         none = jax.tree.map(lambda x: x[:0], transients.gaussians)
         return Scene(none, none, transient=transients), Path(source), error
     gaussians, field, file = read_model(source, iteration)
     error = 0.0
     if color == "srgb":
-        gaussians, field, error = _decoded(gaussians, field)
+        gaussians, field, error = _to_linear(gaussians, field)
     none = jax.tree.map(lambda x: x[:0], gaussians)
     static, moving = (gaussians, none) if field is None else (none, gaussians)
     return Scene(static, moving, field, jnp.asarray([0, 1], jnp.float32)), file, error
 
 
-def _decoded(
+def _to_linear(
     gaussians: Gaussians, field: ResidualField | None
 ) -> tuple[Gaussians, ResidualField | None, float]:
-    """The Gaussians in linear light, and the error of their harmonics (`converted`), at time 0 if
-    they change."""
+    """The Gaussians in linear light, and the error of their harmonics, at time 0 if they change."""
     if field is None or field.harmonics is None:
-        harmonics, error = converted(gaussians.harmonics, encode=False)
+        harmonics, error = convert_harmonics(gaussians.harmonics, encode=False)
         return _with_harmonics(gaussians, harmonics), field, error
     zero = jnp.zeros((), gaussians.mean.dtype)
     first = jax.jit(lambda field, rest, time: field(rest, time))(field, gaussians, zero)
-    _, error = converted(first.harmonics, encode=False)
+    _, error = convert_harmonics(first.harmonics, encode=False)
     return gaussians, replace(field, encoded=True), error
 
 
@@ -126,15 +137,16 @@ def export_model(
 ) -> tuple[Gaussians, str]:
     """Export a scene's Gaussians at one time as a file of 3D Gaussian Splatting.
 
-    Tints, which the format does not have, are folded into the harmonics (`folded`, exact), and the
-    windows of transient Gaussians into their opacity. Transient Gaussians that are not alive at
+    Tints, which the format does not have, are folded into the harmonics (`fold_tint`, exact), and
+    the windows of transient Gaussians into their opacity. Transient Gaussians that are not alive at
     that time are left out.
 
     Args:
         scene: the scene.
         out: the file.
         time: in the unit of the scene's time range; may be None for a static scene.
-        color: `srgb`, which other viewers expect (`converted`), or `linear`, as in the scene.
+        color: `srgb`, which other viewers expect (`convert_harmonics`), or `linear`, as in the
+            scene.
         degree: degree of the file's harmonics, at least the scene's; some viewers require 3.
         file_format: `ply`, `spz` (a tenth of the size, quantised; `spz4` is its version 4), `glb`
             (glTF with KHR_gaussian_splatting, which states the colour space) or `usd` (OpenUSD).
@@ -161,27 +173,36 @@ def check_export(file_format: str) -> None:
 def gaussians_at(
     scene: Scene | Clip, time: float | None, *, color: str, degree: int
 ) -> tuple[Gaussians, str]:
-    """The Gaussians of a scene at one time as files hold them, and words on their colours
-    (`export_model`)."""
+    """The Gaussians of a scene at one time, as files hold them.
+
+    Args:
+        scene: The scene.
+        time: In the unit of the scene's time range; may be None for a static scene.
+        color: As for `export_model`.
+        degree: As for `export_model`.
+
+    Returns:
+        The Gaussians, and a text about their colours.
+    """
     check_color(color)
-    instant = _instant(scene, time)
+    instant = _export_time(scene, time)
     scene = segment_at(scene, instant)
-    gaussians = folded(at(scene, jnp.asarray(instant, scene.time_range.dtype)))
+    gaussians = fold_tint(at(scene, jnp.asarray(instant, scene.time_range.dtype)))
     if transient_count(scene):
-        gaussians = _without_dead(gaussians, scene.static.count + scene.moving.count)
+        gaussians = _drop_faint(gaussians, scene.static.count + scene.moving.count)
     coefficients = gaussians.harmonics.shape[1]
-    own = math.isqrt(coefficients) - 1
-    if not own <= degree <= 3:
-        raise ValueError(f"degree must be in {own} ... 3 for this scene, got {degree}.")
+    scene_degree = math.isqrt(coefficients) - 1
+    if not scene_degree <= degree <= 3:
+        raise ValueError(f"degree must be in {scene_degree} ... 3 for this scene, got {degree}.")
     missing = (degree + 1) ** 2 - coefficients
     harmonics, error = jnp.pad(gaussians.harmonics, ((0, 0), (0, missing), (0, 0))), 0.0
     if color == "srgb":
-        harmonics, error = converted(harmonics, encode=True)
-    kept = f"sRGB values, {_off(error)}" if color == "srgb" else "linear light"
-    return _with_harmonics(gaussians, harmonics), f"colours as {kept}"
+        harmonics, error = convert_harmonics(harmonics, encode=True)
+    space = f"sRGB values, {_error_text(error)}" if color == "srgb" else "linear light"
+    return _with_harmonics(gaussians, harmonics), f"colours as {space}"
 
 
-def converted(
+def convert_harmonics(
     harmonics: Float[Array, "gaussians coefficients 3"], *, encode: bool
 ) -> tuple[Float[Array, "gaussians coefficients 3"], float]:
     """Convert the harmonics of colours between linear light and sRGB values.
@@ -199,22 +220,22 @@ def converted(
         channels and Gaussians, in sRGB values 0 to 1.
     """
     count, coefficients, _ = harmonics.shape
-    _, weight = directions()
-    values, sums = (np.asarray(x, np.float32) for x in projection(coefficients))
+    _, weight = sphere_directions()
+    values, sums = (np.asarray(x, np.float32) for x in harmonic_projection(coefficients))
     result, square = np.empty(harmonics.shape, np.float32), 0.0
     for begin in range(0, count, CONVERSION_BLOCK):
         part = np.asarray(harmonics[begin : begin + CONVERSION_BLOCK], np.float32)
-        seen = _seen(values, part)
-        wanted = srgb_encode(seen) if encode else srgb_decode(seen)
-        fitted = np.einsum("dc,dnk->nck", sums, wanted - 0.5, optimize=True)
+        before = _colors_in_directions(values, part)
+        target = srgb_encode(before) if encode else srgb_decode(before)
+        fitted = np.einsum("dc,dnk->nck", sums, target - 0.5, optimize=True)
         result[begin : begin + CONVERSION_BLOCK] = fitted
-        shown = _seen(values, fitted)
-        off = shown - wanted if encode else srgb_encode(shown) - seen
+        after = _colors_in_directions(values, fitted)
+        off = after - target if encode else srgb_encode(after) - before
         square += float(np.einsum("d,dnk->", weight, np.square(off, dtype=np.float64)))
     return jnp.asarray(result, harmonics.dtype), math.sqrt(square / max(3 * count, 1))
 
 
-def _seen(
+def _colors_in_directions(
     values: Float[np.ndarray, "directions coefficients"],
     harmonics: Float[np.ndarray, "gaussians coefficients 3"],
 ) -> Float[np.ndarray, "directions gaussians 3"]:
@@ -226,7 +247,7 @@ def _with_harmonics(gaussians: Gaussians, harmonics: Array) -> Gaussians:
     return Gaussians(gaussians.mean, gaussians.quat, gaussians.scale, gaussians.opacity, harmonics)
 
 
-def _without_dead(gaussians: Gaussians, persistent: int) -> Gaussians:
+def _drop_faint(gaussians: Gaussians, persistent: int) -> Gaussians:
     """The Gaussians without the transient ones (all behind the first `persistent`) that are too
     faint to be shown."""
     opacity = np.asarray(gaussians.opacity)
@@ -234,7 +255,7 @@ def _without_dead(gaussians: Gaussians, persistent: int) -> Gaussians:
     return jax.tree.map(lambda x: x[np.flatnonzero(alive)], gaussians)
 
 
-def _instant(scene: Scene | Clip, time: float | None) -> float:
+def _export_time(scene: Scene | Clip, time: float | None) -> float:
     begin, end = (float(x) for x in scene.time_range)
     if time is None:
         if isinstance(scene, Clip) or scene.deformation is not None or transient_count(scene):
@@ -254,18 +275,22 @@ def check_color(color: str) -> None:
         raise ValueError(f"color must be one of {', '.join(COLORS)}, got {color!r}.")
 
 
-def _off(error: float) -> str:
+def _error_text(error: float) -> str:
     return f"off by {255 * error:.2g} of 255 (root mean square) for the degree of the harmonics"
 
 
-def _colors(color: str, error: float, stated: bool) -> str:
+def _color_text(color: str, error: float, stated: bool) -> str:
     """The words on the colours of a model, which its file states or not."""
-    light = f"sRGB values, now linear light, {_off(error)}" if color == "srgb" else "linear light"
+    light = (
+        f"sRGB values, now linear light, {_error_text(error)}"
+        if color == "srgb"
+        else "linear light"
+    )
     said = "as the file says" if stated else "assumed, as the file does not say"
     return f"{said}: colours are {light}"
 
 
-def _assumed(file: Path, motion: str, colors: str) -> str:
+def _import_report(file: Path, motion: str, colors: str) -> str:
     return (
         f"{file}: {motion}\n"
         f"{colors}; light is blended linearly; "
@@ -276,7 +301,7 @@ def _assumed(file: Path, motion: str, colors: str) -> str:
     )
 
 
-def _moves(scene: Scene) -> str:
+def _motion_text(scene: Scene) -> str:
     field = scene.deformation
     if transient_count(scene):
         return "transient Gaussians over the times 0 to 1."

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.runtime.devices import leads
-from gaussray.scene.formats.convert import check_color, converted
+from gaussray.scene.formats.convert import check_color, convert_harmonics
 from gaussray.scene.formats.ftgs import write_ftgs
-from gaussray.scene.gaussians import Gaussians, folded
+from gaussray.scene.gaussians import Gaussians, fold_tint
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 from gaussray.scene.transient import Transients
@@ -49,18 +49,18 @@ def export_transients(scene: Scene | Clip, out: Path | str, *, color: str, degre
         )
     begin, end = (float(x) for x in scene.time_range)
     span = (end - begin) or 1.0
-    parts = [_resting(folded(scene.static))]
+    parts = [_static_transients(fold_tint(scene.static))]
     approximated = 0
     if scene.transient is not None:
-        parts.append(_scaled(scene.transient, begin, span))
+        parts.append(_to_file_time(scene.transient, begin, span))
         approximated = int(np.count_nonzero(np.asarray(scene.transient.plateau)))
     most = max(part.harmonics.shape[1] for part in parts)
     if not math.isqrt(most) - 1 <= degree <= 3:
         raise ValueError(f"degree must be in {math.isqrt(most) - 1} ... 3 for this scene.")
-    parts = [_padded(part, (degree + 1) ** 2) for part in parts]
+    parts = [_pad_harmonics(part, (degree + 1) ** 2) for part in parts]
     whole = jax.tree.map(lambda *x: jnp.concatenate(x), *parts)
     if color == "srgb":
-        harmonics, _ = converted(whole.harmonics, encode=True)
+        harmonics, _ = convert_harmonics(whole.harmonics, encode=True)
         whole = dataclasses.replace(whole, harmonics=harmonics)
     if leads():
         write_ftgs(out, whole)
@@ -68,7 +68,7 @@ def export_transients(scene: Scene | Clip, out: Path | str, *, color: str, degre
     return words + (f"; {approximated} plateaus became Gaussian windows." if approximated else ".")
 
 
-def _resting(gaussians: Gaussians) -> Transients:
+def _static_transients(gaussians: Gaussians) -> Transients:
     """Gaussians that stand still, as transient ones in the middle of the sequence."""
     count, like = gaussians.count, gaussians.mean.dtype
     return Transients(
@@ -84,7 +84,7 @@ def _resting(gaussians: Gaussians) -> Transients:
     )
 
 
-def _scaled(transients: Transients, begin: float, span: float) -> Transients:
+def _to_file_time(transients: Transients, begin: float, span: float) -> Transients:
     """The Gaussians in the time of the file, without plateaus."""
     wider = transients.lifetime + 2 * transients.plateau / _AREA
     return dataclasses.replace(
@@ -96,7 +96,7 @@ def _scaled(transients: Transients, begin: float, span: float) -> Transients:
     )
 
 
-def _padded(transients: Transients, coefficients: int) -> Transients:
+def _pad_harmonics(transients: Transients, coefficients: int) -> Transients:
     missing = coefficients - transients.harmonics.shape[1]
     harmonics = jnp.pad(transients.harmonics, ((0, 0), (0, missing), (0, 0)))
     return dataclasses.replace(transients, harmonics=harmonics)

@@ -33,14 +33,14 @@ def read_ftgs(path: Path | str) -> Transients:
     Raises:
         ValueError: The version is not 1, or as `read_gaussians`.
     """
-    said = comments_of(path)
-    if said.get("ftgs_version") != "1":
+    comments = comments_of(path)
+    if comments.get("ftgs_version") != "1":
         raise ValueError(
-            f"{path}: ftgs_version must be 1, got {said.get('ftgs_version')!s:.80}. Export the "
+            f"{path}: ftgs_version must be 1, got {comments.get('ftgs_version')!s:.80}. Export the "
             "model again."
         )
     mean, quat, log_scale, logit, harmonics, more = model_columns(path, _TIMES)
-    velocity = more[:, 2:] * (said.get("use_velocity", "1") != "0")
+    velocity = more[:, 2:] * (comments.get("use_velocity", "1") != "0")
     with np.errstate(over="ignore"):
         values = {
             "mean": mean,
@@ -57,7 +57,11 @@ def read_ftgs(path: Path | str) -> Transients:
 
 
 def write_ftgs(path: Path | str, transients: Transients) -> None:
-    """Write transient Gaussians without plateaus, whose times are 0 to 1, as a `.ftgs.ply` file.
+    """Write transient Gaussians as a `.ftgs.ply` file.
+
+    Args:
+        path: The file.
+        transients: Gaussians without plateaus, whose times are 0 to 1.
 
     Raises:
         ValueError: A Gaussian has a plateau, or a value is not finite.

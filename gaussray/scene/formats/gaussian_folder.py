@@ -126,10 +126,10 @@ def _iteration_folder(source: Path, iteration: int | None) -> Path | None:
         if iteration is None and iterations:
             return iterations[max(iterations)]
         if iteration not in iterations:
-            listed = ", ".join(str(n) for n in sorted(iterations)) or "none"
+            available = ", ".join(str(n) for n in sorted(iterations)) or "none"
             raise ValueError(
                 f"{source}: iteration must be one of those in {clouds.name}, got "
-                f"{iteration} of {listed}. To import a coarse stage name its folder as the source."
+                f"{iteration} of {available}. To import a coarse stage, give its folder as source."
             )
         return iterations[iteration]
     if iteration is not None:

@@ -107,7 +107,9 @@ class _Network:
         """A plane, indexed [second axis, first axis, channel]."""
         grid = self._tensor(f"grid.grids.{scale}.{pair}", 1, None, None, None)[0]
         if min(grid.shape[1:]) < 2:
-            raise self._misfit(f"grid.grids.{scale}.{pair}", "at least 2 x 2", (1, *grid.shape))
+            raise self._shape_error(
+                f"grid.grids.{scale}.{pair}", "at least 2 x 2", (1, *grid.shape)
+            )
         return np.moveaxis(grid, 0, -1)
 
     def _stack(self, scale: int, grids: list[np.ndarray]) -> np.ndarray:
@@ -132,18 +134,18 @@ class _Network:
                 f"{self.path}: the tensor '{full}' is missing. A model of 4DGaussians has it: copy "
                 "the file again."
             )
-        found = self.tensors[full]
-        fits = len(found.shape) == len(shape) and all(
-            wanted in (None, got) for wanted, got in zip(shape, found.shape, strict=True)
+        tensor = self.tensors[full]
+        fits = len(tensor.shape) == len(shape) and all(
+            wanted in (None, got) for wanted, got in zip(shape, tensor.shape, strict=True)
         )
-        if not fits or 0 in found.shape:
+        if not fits or 0 in tensor.shape:
             wanted = " x ".join("any" if n is None else str(n) for n in shape)
-            raise self._misfit(name, wanted, found.shape)
-        if not np.isfinite(found).all():
+            raise self._shape_error(name, wanted, tensor.shape)
+        if not np.isfinite(tensor).all():
             raise ValueError(f"{self.path}: '{full}' must be finite, got NaN or infinity.")
-        return found.astype(np.float32)
+        return tensor.astype(np.float32)
 
-    def _misfit(self, name: str, wanted: str, got: tuple[int, ...]) -> ValueError:
+    def _shape_error(self, name: str, wanted: str, got: tuple[int, ...]) -> ValueError:
         return ValueError(
             f"{self.path}: the tensor 'deformation_net.{name}' must be {wanted}, got "
             f"{' x '.join(str(n) for n in got)}. Such a network is not understood."

@@ -61,8 +61,15 @@ def read_unconstrained(path: Path | str) -> Unconstrained:
 
 
 def model_columns(path: Path | str, more: tuple[str, ...] = ()) -> tuple[np.ndarray, ...]:
-    """Columns of the valid Gaussians: mean, quaternion, log scale, logit of opacity, harmonics, and
-    the properties `more` [gaussians, properties].
+    """Columns of the valid Gaussians of a PLY file.
+
+    Args:
+        path: The file.
+        more: Names of further properties.
+
+    Returns:
+        Mean, quaternion, log scale, logit of opacity, harmonics, and the further properties
+        [gaussians, properties].
 
     Raises:
         ValueError: As `read_gaussians`.
@@ -86,11 +93,11 @@ def model_columns(path: Path | str, more: tuple[str, ...] = ()) -> tuple[np.ndar
     # Scales beyond the range of single precision become infinite, and are counted as invalid.
     with np.errstate(over="ignore", under="ignore"):
         size = np.exp(scale).astype(np.float32)
-    good = (size.min(axis=1) >= _FLOAT.tiny) & np.isfinite(size).all(axis=1)
+    valid = (size.min(axis=1) >= _FLOAT.tiny) & np.isfinite(size).all(axis=1)
     for part in parts:
-        good &= np.isfinite(part).all(axis=tuple(range(1, part.ndim)))
-    _demand_some(path, good)
-    return tuple(part[good] for part in parts)
+        valid &= np.isfinite(part).all(axis=tuple(range(1, part.ndim)))
+    _check_valid(path, valid)
+    return tuple(part[valid] for part in parts)
 
 
 def write_gaussians(
@@ -126,7 +133,7 @@ def write_gaussians(
     coefficients = gaussians.harmonics.shape[1]
     if 3 * (coefficients - 1) not in RESTS:
         raise ValueError(f"{path}: harmonics must be 1, 4, 9 or 16, got {coefficients}.")
-    values = _stored(gaussians)
+    values = _file_columns(gaussians)
     values |= {name: np.asarray(column)[:, None] for name, column in (more or {}).items()}
     for name, value in values.items():
         if not np.isfinite(value).all():
@@ -145,7 +152,7 @@ def write_gaussians(
         raise OSError(f"{path}: cannot be written: {error}") from error
 
 
-def _stored(gaussians: Gaussians) -> dict[str, Float[np.ndarray, "gaussians _"]]:
+def _file_columns(gaussians: Gaussians) -> dict[str, Float[np.ndarray, "gaussians _"]]:
     """The columns of the file in their order, by quantity."""
     mean, quat, scale, opacity, harmonics = (
         np.asarray(x, np.float64)
@@ -192,16 +199,16 @@ def _columns(
     return columns
 
 
-def _demand_some(path: Path, good: np.ndarray) -> None:
-    bad = int((~good).sum())
-    if bad == len(good):
+def _check_valid(path: Path, valid: np.ndarray) -> None:
+    bad = int((~valid).sum())
+    if bad == len(valid):
         raise ValueError(
-            f"{path}: at least one Gaussian must be finite, got none of {len(good)}. Export the "
+            f"{path}: at least one Gaussian must be finite, got none of {len(valid)}. Export the "
             "model again."
         )
     if bad:
         warnings.warn(
-            f"{path}: {bad} of {len(good)} Gaussians are not finite in single precision and are "
+            f"{path}: {bad} of {len(valid)} Gaussians are not finite in single precision and are "
             "dropped.",
             stacklevel=4,
         )

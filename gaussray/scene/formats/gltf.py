@@ -18,7 +18,7 @@ from jaxtyping import Float
 from gaussray.color import srgb_decode
 from gaussray.scene.formats.glb_file import Glb, read_glb, write_glb
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import C0, basis
+from gaussray.scene.harmonics import C0, harmonic_basis
 
 
 EXTENSION = "KHR_gaussian_splatting"
@@ -104,8 +104,8 @@ def upright_columns(gaussians: Gaussians) -> tuple[np.ndarray, ...]:
 
 def _points(constant: np.ndarray, opacity: np.ndarray, color: str) -> np.ndarray:
     """Bytes of linear red, green, blue and opacity."""
-    shown = np.clip(C0 * constant + 0.5, 0, 1)
-    light = srgb_decode(shown) if color == "srgb" else shown
+    rgb = np.clip(C0 * constant + 0.5, 0, 1)
+    light = srgb_decode(rgb) if color == "srgb" else rgb
     return np.round(255 * np.concatenate([light, opacity], axis=1)).astype(np.uint8)
 
 
@@ -171,30 +171,30 @@ def _primitive(
     if not isinstance(attributes, dict):
         raise glb.refuse("have attributes")
     harmonics = [name for name in _names(16) if name in attributes]
-    needed = ["POSITION", *(f"{EXTENSION}:{x}" for x in ("ROTATION", "SCALE", "OPACITY"))]
-    missing = [name for name in needed if name not in attributes]
+    required = ["POSITION", *(f"{EXTENSION}:{x}" for x in ("ROTATION", "SCALE", "OPACITY"))]
+    missing = [name for name in required if name not in attributes]
     if missing or harmonics not in [_names(n) for n in (1, 4, 9, 16)]:
         raise glb.refuse(f"have {', '.join(missing) or 'all harmonics of each degree'}")
-    columns = [glb.accessor(attributes[name]) for name in [*needed, *harmonics]]
+    columns = [glb.accessor(attributes[name]) for name in [*required, *harmonics]]
     widths = [3, 4, 3, 1, *[3] * len(harmonics)]
     if [x.shape for x in columns] != [(len(columns[0]), width) for width in widths]:
         raise glb.refuse(f"have attributes of {EXTENSION} of one length and the right types")
     mean, quat, scale, opacity, *rest = columns
-    return space, *_placed(glb, (mean, quat, scale, np.stack(rest, axis=1)), opacity, matrix)
+    return space, *_world_columns(glb, (mean, quat, scale, np.stack(rest, axis=1)), opacity, matrix)
 
 
-def _placed(
+def _world_columns(
     glb: Glb, columns: tuple[np.ndarray, ...], opacity: np.ndarray, matrix: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, Any, Any]:
     """The columns of a primitive in the axes of PLY files, after its node's transform."""
-    found = placed_columns(columns, matrix)
-    if found is None:
+    world_columns = transform_columns(columns, matrix)
+    if world_columns is None:
         raise glb.refuse("have nodes that scale all axes alike, without mirrors; apply the others")
-    mean, quat, scale, harmonics = found
+    mean, quat, scale, harmonics = world_columns
     return mean, quat, scale, np.clip(opacity[:, 0], 0, 1), harmonics
 
 
-def placed_columns(
+def transform_columns(
     columns: tuple[np.ndarray, ...], matrix: Float[np.ndarray, "4 4"]
 ) -> tuple[np.ndarray, ...] | None:
     """Gaussians after a transform to a world whose y is up, in the axes of PLY files.
@@ -227,15 +227,22 @@ def placed_columns(
 def rotated_harmonics(
     turn: Float[np.ndarray, "3 3"], coefficients: int
 ) -> Float[np.ndarray, "coefficients coefficients"]:
-    """The matrix that takes harmonics c to those of the turned colour, c'(d) = c(turn^T d).
+    """The matrix that rotates harmonics: c'(d) = c(turn^T d).
 
     Every degree is closed under rotations, so least squares over more directions than coefficients
     is exact.
+
+    Args:
+        turn: Rotation matrix.
+        coefficients: Number of harmonics.
     """
     direction = np.random.default_rng(0).normal(size=(3, 64))
     direction /= np.linalg.norm(direction, axis=0)
     here, there = (
-        np.stack([np.asarray(x, np.float64) for x in basis(jnp.asarray(d), coefficients)], axis=1)
+        np.stack(
+            [np.asarray(x, np.float64) for x in harmonic_basis(jnp.asarray(d), coefficients)],
+            axis=1,
+        )
         for d in (direction, turn.T @ direction)
     )
     return np.linalg.lstsq(here, there, rcond=None)[0]
@@ -244,18 +251,18 @@ def rotated_harmonics(
 def _nodes(glb: Glb) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
     """The nodes of the scene that have a mesh, each with its matrix to the world."""
     scene = glb.entry("scenes", glb.document.get("scene", 0))
-    level, seen = [(index, np.eye(4)) for index in _list(scene.get("nodes"))], 0
+    level, count = [(index, np.eye(4)) for index in _list(scene.get("nodes"))], 0
     for _ in range(_DEEPEST):
         below = []
         for index, parent in level:
             node = glb.entry("nodes", index)
-            seen += 1
+            count += 1
             matrix = parent @ _matrix(glb, node)
             if "mesh" in node:
                 yield node, matrix
             below += [(child, matrix) for child in _list(node.get("children"))]
         level = below
-        if seen > len(glb.document["nodes"]):
+        if count > len(glb.document["nodes"]):
             break
     if level:
         raise glb.refuse("have nodes in a tree, where each is the child of one")

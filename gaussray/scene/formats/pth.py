@@ -138,7 +138,7 @@ class _Reader:
         try:
             for code, argument, _ in pickletools.genops(data):
                 if code.name not in _STEPS:
-                    raise self._refused(f"the step {code.name}")
+                    raise self._refusal(f"the step {code.name}")
                 _STEPS[code.name](self, argument)
             result = self.stack.pop()
         except _Refused:
@@ -147,10 +147,10 @@ class _Reader:
         except Exception as error:
             raise ValueError(f"{self.path}: the pickle is damaged ({str(error)[:200]}).") from error
         if not isinstance(result, dict):
-            raise self._refused(f"a {_kind(result)}")
+            raise self._refusal(f"a {_kind(result)}")
         for name, value in result.items():
             if not isinstance(value, _Tensor):
-                raise self._refused(f"{name!r}, a {_kind(value)}")
+                raise self._refusal(f"{name!r}, a {_kind(value)}")
         return result
 
     def push(self, value: Any) -> None:
@@ -171,7 +171,7 @@ class _Reader:
     def name(self, module: Any, name: Any) -> None:
         """Push a global name; names that dictionaries of tensors do not use are refused."""
         if (module, name) not in _NAMES and not (module == "torch" and name in _KINDS):
-            raise self._refused(f"{module}.{name}")
+            raise self._refusal(f"{module}.{name}")
         self.push(_Name(name))
 
     def global_name(self) -> None:
@@ -189,7 +189,7 @@ class _Reader:
             case "OrderedDict" if arguments == ():
                 self.push({})
             case "_rebuild_tensor_v2":
-                self.push(_described(*arguments))
+                self.push(_describe_tensor(*arguments))
             case "_rebuild_parameter" if arguments and isinstance(arguments[0], _Tensor):
                 self.push(arguments[0])
             case _:
@@ -198,11 +198,11 @@ class _Reader:
     def storage(self) -> None:
         reference = self.stack.pop()
         if not (isinstance(reference, tuple) and len(reference) == 5 and reference[0] == "storage"):
-            raise self._refused("another reference than to a storage")
+            raise self._refusal("another reference than to a storage")
         _, kind, key, _, count = reference
-        known = isinstance(kind, _Name) and kind.word in _KINDS and isinstance(key, str)
-        if not (known and type(count) is int):
-            raise self._refused("a reference to an unknown storage")
+        is_storage = isinstance(kind, _Name) and kind.word in _KINDS and isinstance(key, str)
+        if not (is_storage and type(count) is int):
+            raise self._refusal("a reference to an unknown storage")
         self.push(_Storage(key, _KINDS[kind.word], count))
 
     def fill(self, pairs: tuple[Any, ...]) -> None:
@@ -212,7 +212,7 @@ class _Reader:
         for name, value in zip(pairs[::2], pairs[1::2], strict=True):
             # Checked before it is hashed: hashing nested tuples can take forever.
             if not isinstance(name, str):
-                raise self._refused(f"a {_kind(name)} as a name")
+                raise self._refusal(f"a {_kind(name)} as a name")
             table[name] = value
 
     def annotate(self) -> None:
@@ -221,7 +221,7 @@ class _Reader:
         if not isinstance(self.stack[-1], dict) or not isinstance(note, dict):
             raise TypeError("a note for what is no dictionary")
 
-    def _refused(self, what: str) -> "_Refused":
+    def _refusal(self, what: str) -> "_Refused":
         return _Refused(
             f"{self.path}: must hold a dictionary of tensors and nothing else, got {what:.200}, "
             "which is refused: it could run a program. Save the state_dict() of the model alone."
@@ -275,7 +275,7 @@ class _Refused(ValueError):
     """The pickle holds something else than a dictionary of tensors."""
 
 
-def _described(storage: Any, first: Any, shape: Any, strides: Any, *_: Any) -> _Tensor:
+def _describe_tensor(storage: Any, first: Any, shape: Any, strides: Any, *_: Any) -> _Tensor:
     numbers = (*shape, *strides, first) if type(shape) is type(strides) is tuple else (None,)
     if not isinstance(storage, _Storage) or any(type(n) is not int for n in numbers):
         raise TypeError("a tensor without storage, shape or strides")

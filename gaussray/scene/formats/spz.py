@@ -52,13 +52,13 @@ def read_spz(path: Path | str) -> Gaussians:
     """
     with opened(path) as file:
         plain = file.read(4) == MAGIC
-    data = _whole(path) if plain else _unpacked(path)
+    data = _whole(path) if plain else _gunzip(path)
     if len(data) < _HEADER.itemsize or data[:4] != MAGIC:
         raise ValueError(f"{path}: must be an SPZ file (magic NGSP), got {data[:4]!r}.")
     head = np.frombuffer(data, _HEADER, 1)[0]
     version, count, degree = int(head["version"]), int(head["count"]), int(head["degree"])
-    known = (4,) if plain else (2, 3)
-    if version not in known or degree > 3:
+    versions = (4,) if plain else (2, 3)
+    if version not in versions or degree > 3:
         raise ValueError(
             f"{path}: must be SPZ of version 2, 3 or 4 and degree 0 to 3, got version {version} "
             f"and degree {degree}. Export it again for version 3."
@@ -66,14 +66,16 @@ def read_spz(path: Path | str) -> Gaussians:
     within(path, "the millions of Gaussians", count, "points", 1e6)
     rest = (degree + 1) ** 2 - 1
     sizes = [count * width for width in (9, 1, 3, 3, 3 if version == 2 else 4, 3 * rest)]
-    parts = _streams(path, data, sizes) if plain else _cut(data[_HEADER.itemsize :], sizes)
+    parts = (
+        _streams(path, data, sizes) if plain else _split_columns(data[_HEADER.itemsize :], sizes)
+    )
     if not count or [len(part) for part in parts] != sizes:
         raise ValueError(f"{path}: must hold {count} Gaussians, at least one; it is cut off.")
     columns = [np.frombuffer(part, np.uint8).reshape(count, len(part) // count) for part in parts]
     return _gaussians(columns, int(head["bits"]), version, rest)
 
 
-def _cut(data: bytes, sizes: Sequence[int]) -> list[bytes]:
+def _split_columns(data: bytes, sizes: Sequence[int]) -> list[bytes]:
     """Parts of these sizes, and what is left over if there is more."""
     ends = np.cumsum(sizes).tolist()
     parts = [data[end - size : end] for size, end in zip(sizes, ends, strict=True)]
@@ -139,6 +141,11 @@ def write_spz(path: Path | str, gaussians: Gaussians, version: int = 3) -> None:
 
     Positions are kept to 2^-12 of a unit, scales to 3 %, colours and opacities to a 255th.
 
+    Args:
+        path: The file.
+        gaussians: The Gaussians.
+        version: 3 (gzip) or 4 (Zstandard).
+
     Raises:
         ValueError: A position lies beyond 2048 units, for which the format has no room; or the
             package zstandard is not installed, for version 4.
@@ -157,7 +164,7 @@ def write_spz(path: Path | str, gaussians: Gaussians, version: int = 3) -> None:
         255 * np.asarray(gaussians.opacity)[:, None],
         255 * (harmonics[:, 0] * _COLOR + 0.5),
         16 * (np.log(np.asarray(gaussians.scale)) + 10),
-        _packed_turns(np.asarray(gaussians.quat, np.float64)),
+        _pack_quaternions(np.asarray(gaussians.quat, np.float64)),
         128 * (harmonics[:, 1:] * _ODD[:rest, None]).reshape(len(mean), 3 * rest) + 128,
     ]
     levels = [np.clip(np.round(p), 0, 255).astype(np.uint8).tobytes() for p in parts]
@@ -183,7 +190,7 @@ def _whole(path: Path | str) -> bytes:
         return file.read()
 
 
-def _unpacked(path: Path | str) -> bytes:
+def _gunzip(path: Path | str) -> bytes:
     """The bytes of a gzip file, of at most limits.arrays."""
     packed, unpacker = _whole(path), zlib.decompressobj(wbits=31)
     try:
@@ -202,7 +209,7 @@ def _gaussians(columns: list[np.ndarray], bits: int, version: int, rest: int) ->
     parts = place.reshape(-1, 3, 3).astype(np.int32)
     fixed = parts[..., 0] | parts[..., 1] << 8 | parts[..., 2] << 16
     mean = np.where(fixed >= 1 << 23, fixed - (1 << 24), fixed) / 2.0**bits * _FLIP
-    quat = _small_turns(turn) if version == 2 else _smallest_three(turn)
+    quat = _three_component_quaternions(turn) if version == 2 else _unpack_quaternions(turn)
     first = ((color / 255.0 - 0.5) / _COLOR)[:, None]
     more = (others.reshape(len(others), rest, 3).astype(np.float64) - 128) / 128 * _ODD[:rest, None]
     values = (
@@ -213,14 +220,14 @@ def _gaussians(columns: list[np.ndarray], bits: int, version: int, rest: int) ->
     return Gaussians(*(jnp.asarray(value, jnp.float32) for value in values))
 
 
-def _small_turns(levels: np.ndarray) -> np.ndarray:
+def _three_component_quaternions(levels: np.ndarray) -> np.ndarray:
     """Quaternions wxyz in PLY axes of version 2: x y z as bytes, w not negative."""
     xyz = (levels / 127.5 - 1) * _FLIP
     w = np.sqrt(np.maximum(1 - (xyz**2).sum(axis=1, keepdims=True), 0))
     return np.concatenate([w, xyz], axis=1)
 
 
-def _smallest_three(levels: np.ndarray) -> np.ndarray:
+def _unpack_quaternions(levels: np.ndarray) -> np.ndarray:
     """Quaternions wxyz in PLY axes of version 3: the index of the largest of x y z w in two bits,
     then the others, each a sign and nine bits in steps of sqrt(1/2) / 511."""
     word = np.ascontiguousarray(levels).view("<u4")[:, 0].astype(np.int64)
@@ -236,8 +243,8 @@ def _smallest_three(levels: np.ndarray) -> np.ndarray:
     return quat[:, [3, 0, 1, 2]]
 
 
-def _packed_turns(quat: np.ndarray) -> np.ndarray:
-    """The bytes of `_smallest_three`."""
+def _pack_quaternions(quat: np.ndarray) -> np.ndarray:
+    """The bytes that `_unpack_quaternions` reads."""
     unit = quat / np.linalg.norm(quat, axis=1, keepdims=True)
     xyzw = unit[:, [1, 2, 3, 0]] * np.append(_FLIP, 1)
     largest, rows = np.abs(xyzw).argmax(axis=1), np.arange(len(quat))

@@ -18,7 +18,7 @@ import numpy as np
 
 from gaussray.io.atomic import whole
 from gaussray.io.safe.limits import within
-from gaussray.scene.formats.gltf import placed_columns, upright_columns
+from gaussray.scene.formats.gltf import transform_columns, upright_columns
 from gaussray.scene.gaussians import Gaussians
 
 
@@ -87,7 +87,7 @@ def read_usd(path: Path | str) -> tuple[Gaussians, str | None]:
         first = _first_time(path, prim, Usd)
         matrix = np.array(UsdGeom.XformCache(first).GetLocalToWorldTransform(prim)).T
         *columns, opacity, space = _columns(path, prim, first)
-        placed = placed_columns(tuple(columns), world @ matrix)
+        placed = transform_columns(tuple(columns), world @ matrix)
         if placed is None:
             raise ValueError(
                 f"{path}: {prim.GetPath()} must have transforms that scale all axes alike, without "
@@ -121,10 +121,12 @@ def _columns(path: Path, prim: Any, when: Any) -> tuple[Any, ...]:
     def column(name: str, width: int) -> np.ndarray:
         # Attributes of half precision end in h.
         values = [prim.GetAttribute(x).Get(when) for x in (name, f"{name}h")]
-        found = next((np.array(x, np.float64) for x in values if x is not None and len(x)), None)
-        if found is None:
+        column_values = next(
+            (np.array(x, np.float64) for x in values if x is not None and len(x)), None
+        )
+        if column_values is None:
             raise ValueError(f"{path}: {prim.GetPath()} must have the attribute {name}.")
-        return found.reshape(-1, width)
+        return column_values.reshape(-1, width)
 
     mean = column("positions", 3)
     within(path, "the millions of Gaussians", len(mean), "points", 1e6)

@@ -11,9 +11,9 @@ from gaussray.color import srgb_encode
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, TrackOptions, track
 from gaussray.render.renderer import Renderer, RenderOptions
-from gaussray.scene.bodies import resting
+from gaussray.scene.bodies import bodies_at_rest
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import constant
+from gaussray.scene.harmonics import constant_harmonics
 from gaussray.scene.scene import Scene
 
 
@@ -54,7 +54,7 @@ def filmed(light=(1.0, 1.0, 1.0), path=PATH, turn=TURN):
         scale = np.full((len(mean), 3), 0.06, np.float32)
         quat = np.tile(np.float32([1, 0, 0, 0]), (len(mean), 1))
         parts = [toy.single(x) for x in (mean, quat, scale, np.full(len(mean), 0.95))]
-        moving = Gaussians(*parts, constant(toy.single(color * light[i]), 0))
+        moving = Gaussians(*parts, constant_harmonics(toy.single(color * light[i]), 0))
         render = Renderer(
             Scene(wall, moving, None, toy.single([0, 1])),
             options=RenderOptions(samples=1),
@@ -73,7 +73,7 @@ def tracked(picture, camera, mask=None, **options):
     place, normal, color = ball()
     # The first pixel of every picture shows the wall.
     moved = np.abs(picture / 255.0 - picture[:, :1, :1] / 255.0).max(-1) > 0.1
-    body = resting(jnp.zeros((1, 3)), jnp.ones(1), jnp.asarray(TIMES))
+    body = bodies_at_rest(jnp.zeros((1, 3)), jnp.ones(1), jnp.asarray(TIMES))
     sign = np.where(np.arange(len(normal)) % 2, 1, -1)[:, None]
     parts = {name: getattr(OPTIONS, name) for name in OPTIONS.__dataclass_fields__}
     return track(
@@ -187,7 +187,7 @@ def test_two_grey_boxes_that_occlude_one_another_are_found():
     assert abs(NEAR[1] - FAR[1])[0] < BOX
     moved = np.abs(picture / 255.0 - picture[:, :1, :1] / 255.0).max(-1) > 0.1
     pivots = jnp.asarray(np.stack([NEAR[0], FAR[0]]), jnp.float32)
-    bodies = resting(pivots, jnp.full(2, 2 * BOX), jnp.asarray(TIMES))
+    bodies = bodies_at_rest(pivots, jnp.full(2, 2 * BOX), jnp.asarray(TIMES))
     found = track(
         bodies,
         MovingGaussians(

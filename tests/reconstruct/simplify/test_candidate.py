@@ -21,7 +21,7 @@ from gaussray.reconstruct.simplify.candidate import (
 )
 from gaussray.scene.bodies import Bodies
 from gaussray.scene.deformation import initial_deformation
-from gaussray.scene.harmonics import constant
+from gaussray.scene.harmonics import constant_harmonics
 from gaussray.scene.planes import features, initial_planes
 from gaussray.scene.scene import Scene, at
 
@@ -57,7 +57,7 @@ def scene():
     field = eqx.tree_at(lambda d: d.planes.time, field, time)
     field = dataclasses.replace(field, **dict(zip(names, heads, strict=True)))
     one = toy.scene(speed=1.0)
-    color = constant(one.moving.harmonics[:, 0] * 0.1 + 0.5, 1)
+    color = constant_harmonics(one.moving.harmonics[:, 0] * 0.1 + 0.5, 1)
     moving = dataclasses.replace(one.moving, harmonics=color.at[:, 1:].set(0.2))
     return Scene(one.static, moving, field, one.time_range)
 

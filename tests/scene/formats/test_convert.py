@@ -16,9 +16,9 @@ from gaussray.cli.main import main
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.formats.any_file import export_format
-from gaussray.scene.formats.convert import converted, export_model, import_model
+from gaussray.scene.formats.convert import convert_harmonics, export_model, import_model
 from gaussray.scene.formats.gaussian_ply import read_gaussians, write_gaussians
-from gaussray.scene.gaussians import Gaussians, folded
+from gaussray.scene.gaussians import Gaussians, fold_tint
 from gaussray.scene.scene import at
 from gaussray.scene.store import load_scene, save_scene
 
@@ -101,10 +101,10 @@ def moving(tmp_path):
 def test_a_folded_tint_looks_the_same_from_everywhere_also_where_black_is_clamped():
     plain = random_gaussians(spread=1.0)
     assert np.mean(colors(plain) == 0) > 0.1
-    np.testing.assert_allclose(colors(folded(plain)), colors(plain), atol=20 * SINGLE)
-    assert folded(plain).tint is None
+    np.testing.assert_allclose(colors(fold_tint(plain)), colors(plain), atol=20 * SINGLE)
+    assert fold_tint(plain).tint is None
     untinted = random_gaussians(tint=False)
-    assert folded(untinted) is untinted
+    assert fold_tint(untinted) is untinted
 
 
 @pytest.mark.parametrize("encode", [True, False])
@@ -112,7 +112,7 @@ def test_a_folded_tint_looks_the_same_from_everywhere_also_where_black_is_clampe
 def test_a_colour_that_is_the_same_from_everywhere_is_converted_exactly(encode, coefficients):
     harmonics = jnp.zeros((50, coefficients, 3), jnp.float32)
     harmonics = harmonics.at[:, 0].set(random_gaussians(1, 50, spread=2.0).harmonics[:, 0])
-    result, error = converted(harmonics, encode=encode)
+    result, error = convert_harmonics(harmonics, encode=encode)
     plain = np.maximum(0.5 + np.asarray(harmonics[:, 0], np.float64) / (2 * math.sqrt(math.pi)), 0)
     expected = srgb_encode(plain) if encode else srgb_decode(plain)
     seen = reference.light(np.asarray(result, np.float64), directions())
@@ -125,7 +125,7 @@ def test_the_error_of_a_smooth_colour_is_small_and_of_second_order(encode):
     errors = []
     for spread in (0.03, 0.015):
         plain = random_gaussians(16, 30, tint=False, spread=spread)
-        result, error = converted(plain.harmonics, encode=encode)
+        result, error = convert_harmonics(plain.harmonics, encode=encode)
         before, after = colors(plain), colors(eqx.tree_at(lambda g: g.harmonics, plain, result))
         off = after - srgb_encode(before) if encode else srgb_encode(after) - before
         np.testing.assert_allclose(error, np.sqrt(np.mean(off**2)), rtol=CHANCE)
@@ -136,9 +136,9 @@ def test_the_error_of_a_smooth_colour_is_small_and_of_second_order(encode):
 
 def test_the_conversion_does_not_depend_on_the_blocks(monkeypatch):
     harmonics = random_gaussians(9, 20).harmonics
-    whole, error = converted(harmonics, encode=True)
+    whole, error = convert_harmonics(harmonics, encode=True)
     monkeypatch.setattr("gaussray.scene.formats.convert.CONVERSION_BLOCK", 7)
-    parts, again = converted(harmonics, encode=True)
+    parts, again = convert_harmonics(harmonics, encode=True)
     np.testing.assert_allclose(parts, whole, atol=SINGLE)
     assert math.isclose(error, again, rel_tol=SINGLE)
 
@@ -188,7 +188,7 @@ def test_codes_that_change_become_light_at_every_time(tmp_path):
     assert scene.deformation.encoded
     for time in MODEL_TIMES:
         codes = toy.single(foreign.forward(tensors, table, time)["harmonics"])
-        expected, _ = converted(codes, encode=False)
+        expected, _ = convert_harmonics(codes, encode=False)
         # The curve's slope reaches 4 where the codes reach 2.
         np.testing.assert_allclose(at(scene, toy.single(time)).harmonics, expected, atol=4 * LAYERS)
     assert np.abs(expected - codes).max() > 0.1
@@ -223,7 +223,7 @@ def test_a_name_without_a_format_and_a_format_against_the_name_are_refused(tmp_p
 def test_codes_that_stay_become_light_once(tmp_path):
     scene, _, table = imported(tmp_path, no_dshs=True)
     assert not scene.deformation.encoded and scene.deformation.harmonics is None
-    expected, _ = converted(toy.single(foreign.columns(table)["shs"]), encode=False)
+    expected, _ = convert_harmonics(toy.single(foreign.columns(table)["shs"]), encode=False)
     for time in MODEL_TIMES:
         np.testing.assert_array_equal(at(scene, toy.single(time)).harmonics, expected)
 

@@ -19,7 +19,7 @@ from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.formats.gaussian_ply import write_gaussians
 from gaussray.scene.formats.glb_file import read_glb
 from gaussray.scene.formats.gltf import EXTENSION, read_gltf, rotated_harmonics, write_gltf
-from gaussray.scene.harmonics import basis
+from gaussray.scene.harmonics import harmonic_basis
 
 
 # Rounding of single precision, relative; and of harmonics after a rotation.
@@ -94,7 +94,7 @@ def covariances(g):
 
 
 def colors(g, direction):
-    values = np.stack(basis(jnp.asarray(direction), g.harmonics.shape[1]))
+    values = np.stack(harmonic_basis(jnp.asarray(direction), g.harmonics.shape[1]))
     return np.einsum("c,nck->nk", values, np.asarray(g.harmonics))
 
 

@@ -9,7 +9,7 @@ from gaussray.scene.formats.convert import model_scene
 from gaussray.scene.formats.gaussian_folder import read_model, stated_color
 from gaussray.scene.formats.usd import read_usd, write_usd
 from gaussray.scene.gaussians import Gaussians
-from gaussray.scene.harmonics import basis
+from gaussray.scene.harmonics import harmonic_basis
 
 
 pytest.importorskip("pxr", reason="an extra")
@@ -20,7 +20,7 @@ SINGLE, HALF = 1e-5, 4e-3
 
 def shown(harmonics, direction):
     """The colour in a direction, before it is clipped."""
-    terms = basis(jnp.asarray(direction, jnp.float32), len(harmonics))
+    terms = harmonic_basis(jnp.asarray(direction, jnp.float32), len(harmonics))
     return 0.5 + np.stack([np.asarray(x) for x in terms]) @ np.asarray(harmonics)
 
 
