@@ -20,9 +20,9 @@ from gaussray.scene.scene import Scene, at, moving_at
 from gaussray.tracer import kernel
 from gaussray.tracer.bundle import morton_tiles
 from gaussray.tracer.grid import build_grid
-from gaussray.tracer.kernel_layout import boxes_of, rows_of
-from gaussray.tracer.motion import Motion, still, with_rest
-from gaussray.tracer.trace import TraceOptions, find, measure, span_of
+from gaussray.tracer.kernel_layout import gaussian_rows, grid_boxes
+from gaussray.tracer.motion import Motion, merge_rest, still
+from gaussray.tracer.trace import TraceOptions, find_candidates, measure, time_span
 from gaussray.tracer.traverse import Capacity
 
 
@@ -84,23 +84,23 @@ def stages(motion: Motion, rays: Rays, options: TraceOptions):
 
 def _arrays(options: TraceOptions, capacity: Capacity):
     def order(motion, rays):
-        return build_grid(with_rest(motion), alpha_min=options.alpha_min)
+        return build_grid(merge_rest(motion), alpha_min=options.alpha_min)
 
     def lists(motion, rays):
-        return find(with_rest(motion), rays, options=options, capacity=capacity)
+        return find_candidates(merge_rest(motion), rays, options=options, capacity=capacity)
 
     return order, lists, lambda result: int(result[0].dropped)
 
 
 def _kernel(options: TraceOptions, capacity: Capacity):
     def order(motion, rays):
-        motion = with_rest(motion) if motion.keys == 1 else motion
-        made, box, kept, _ = rows_of(motion, options.alpha_min, span_of(rays))
-        return made, boxes_of(box, kept)
+        motion = merge_rest(motion) if motion.keys == 1 else motion
+        made, box, kept, _ = gaussian_rows(motion, options.alpha_min, time_span(rays))
+        return made, grid_boxes(box, kept)
 
     def lists(motion, rays):
         stage, strips = kernel.stage_and_strips(
-            motion, rays, span_of(rays), options=options, slots=capacity.slots
+            motion, rays, time_span(rays), options=options, slots=capacity.slots
         )
         # The lists of one strip: all there are, unless the picture is very large.
         return kernel.candidate_lists(stage, jax.tree.map(lambda x: x[0], strips))

@@ -20,7 +20,7 @@ from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.transient import Transients, transients_at
 from gaussray.tracer.bundle import morton_tiles
 from gaussray.tracer.motion import Motion, still
-from gaussray.tracer.trace import TraceOptions, measure, prepare, span_of, trace
+from gaussray.tracer.trace import TraceOptions, measure, prepare, time_span, trace
 
 
 # When the picture is taken; the clip lasts from 0 to 1.
@@ -51,7 +51,7 @@ def scenes(count: int, share: float, rays, options: TraceOptions) -> dict[str, M
     every = transients(room(count), share)
     motion = replace(nothing, transient=every)
     capacity = measure(motion, rays, options=options)
-    chosen = prepare(motion, span_of(rays), options=options, capacity=capacity).living
+    chosen = prepare(motion, time_span(rays), options=options, capacity=capacity).living
     index = np.asarray(chosen.index) if chosen else np.arange(0)
     alive = jax.tree.map(lambda x: x[index[index >= 0]], every)
     return {

@@ -8,7 +8,7 @@ import toy
 
 from gaussray.camera.camera import camera_rays
 from gaussray.scene.scene import at
-from gaussray.tracer.bundle import bound
+from gaussray.tracer.bundle import bound_bundles
 
 
 # Directions are of length one: a few roundings of single precision.
@@ -42,7 +42,7 @@ PROGRAMS = {
     "gradient": lambda: jax.make_jaxpr(
         jax.grad(lambda scene: jnp.sum(at(scene, toy.single(0.3)).mean))
     )(toy.scene()),
-    "bounds": lambda: jax.make_jaxpr(lambda rays: bound(rays, toy.single([0])))(
+    "bounds": lambda: jax.make_jaxpr(lambda rays: bound_bundles(rays, toy.single([0])))(
         jax.tree.map(lambda x: x[None], look(toy.camera()))
     ),
 }

@@ -8,9 +8,9 @@ from experiments.extremes.sweep import Sweep, decades
 from gaussray import geometry
 from gaussray.scene.gaussians import Gaussians, whitening_matrix
 from gaussray.tracer.composite import composite
-from gaussray.tracer.grid import around
+from gaussray.tracer.grid import ellipsoid_boxes
 from gaussray.tracer.motion import Motion, control_points, control_weights
-from gaussray.tracer.response import opacity_on_ray, reach, response
+from gaussray.tracer.response import opacity_on_ray, reach_radius, response
 from gaussray.tracer.table import gaussian_table, state_at
 
 
@@ -90,7 +90,7 @@ def _arc(share, mean):
 
 
 def _boxed(mean, support):
-    lower, upper = around(mean, support)
+    lower, upper = ellipsoid_boxes(mean, support)
     return upper - mean, lower - mean
 
 
@@ -118,7 +118,7 @@ def tracer_sweeps():
     yield Sweep(
         "tracer", "reach", "opacity / alpha_min - 1", above,
         lambda p, d: (np.asarray(np.float32(ALPHA_MIN) * (1 + p * d.uniform(0.9, 1))),),
-        lambda x: reach(x, float(np.float32(ALPHA_MIN))),
+        lambda x: reach_radius(x, float(np.float32(ALPHA_MIN))),
     )  # fmt: skip
     yield Sweep(
         "tracer", "around (boxes)", "place / size", far,

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from gaussray.color import srgb_encode
-from gaussray.tracer.bundle import morton_tiles, padding_filled
+from gaussray.tracer.bundle import fill_padding, morton_tiles
 
 
 # Rays along the side of a block, at most, and ray tiles that are traced together: with fixed sizes
@@ -56,7 +56,7 @@ def pixel_blocks(
 
     order = morton_tiles(across * side, down * side, bundle, 0)
     inside = (order >= 0).reshape(-1, bundle**2)
-    y, x = np.divmod(padding_filled(order).reshape(-1, bundle**2), across * side)
+    y, x = np.divmod(fill_padding(order).reshape(-1, bundle**2), across * side)
     place = ((np.arange(side) + 0.5) * factor / side).astype(int)
     row, column = (v // side * factor + place[v % side] for v in (y, x))
     weight = weight_of[row, column] * inside

@@ -26,7 +26,7 @@ from gaussray.scene.transient import Transients, transients_at
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, scene_motion
 from gaussray.tracer.shard import trace_sharded
-from gaussray.tracer.trace import Report, TraceOptions, over, prepare
+from gaussray.tracer.trace import Report, TraceOptions, map_leading, prepare
 from gaussray.tracer.traverse import Capacity
 
 
@@ -141,7 +141,7 @@ def part_values(
         def channel(magnification: Float[Array, ""]) -> tuple[tuple[Pixels, Array | None], Report]:
             return _traced(motion, camera, u, part, settings, magnification)
 
-        seen, reports = over(channel, camera.chromatic)
+        seen, reports = map_leading(channel, camera.chromatic)
         report = merged_reports(reports)
     else:
         seen, report = _traced(motion, camera, u, part, settings)
@@ -205,7 +205,7 @@ def _traced(
         return jax.tree.map(lambda x: jnp.mean(x, axis=0), (pixels, weight)), report
 
     groups = jax.tree.map(lambda x: x.reshape(-1, shared, x.shape[1]), (u, mine))
-    seen, reports = over(trace_some, groups)
+    seen, reports = map_leading(trace_some, groups)
     seen = jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], seen)
     return seen, merged_reports(reports)
 

@@ -13,7 +13,7 @@ from gaussray.camera.film import Film
 from gaussray.io.plain_values import to_device
 from gaussray.render.options import RenderOptions
 from gaussray.render.segments import Share
-from gaussray.tracer.bundle import FAN, morton_tiles, padding_filled
+from gaussray.tracer.bundle import FAN, fill_padding, morton_tiles
 from gaussray.tracer.grid import OCCUPANCY
 from gaussray.tracer.trace import TraceOptions, on_kernel
 
@@ -131,7 +131,7 @@ def part_of(
         trace = dataclasses.replace(trace, levels=0)
     inside = np.flatnonzero(order >= 0)
     slot = inside[np.argsort(order[inside])].astype(np.int32)
-    index = padding_filled(order)
+    index = fill_padding(order)
     pixel = np.stack([index % film.width, index // film.width], axis=-1)
     middle = top + (len(inside) // film.width - 1) / 2
     place = to_device(pixel, jnp.float32), to_device(slot), to_device(middle, jnp.float32)

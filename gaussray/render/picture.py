@@ -27,7 +27,7 @@ from gaussray.render.plan import (
 from gaussray.scene.scene import Scene
 from gaussray.tracer.bundle import coherent_order
 from gaussray.tracer.options import TraceOptions
-from gaussray.tracer.trace import span_of, trace as trace_rays
+from gaussray.tracer.trace import time_span, trace as trace_rays
 
 
 class Picture(eqx.Module):
@@ -194,7 +194,7 @@ def _camera_picture(scene: Scene, camera: Camera, key: Array | None, plan: Plan)
 @eqx.filter_jit
 def _ray_picture(scene: Scene, rays: Rays, key: None, plan: Plan) -> Picture:
     shape, rays = rays.time.shape, flat_rays(rays)
-    motion = motion_between(scene, span_of(rays), plan.keys)
+    motion = motion_between(scene, time_span(rays), plan.keys)
     order = coherent_order(rays)
     ordered = jax.tree.map(lambda x: x[order], rays)
     pixels, report = trace_rays(motion, ordered, options=plan.trace, capacity=plan.capacity)

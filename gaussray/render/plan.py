@@ -24,7 +24,7 @@ from gaussray.scene.scene import Scene, key_count
 from gaussray.scene.segmented import SCENE_RULE, Clip
 from gaussray.tracer.motion import Motion, scene_motion
 from gaussray.tracer.options import TraceOptions
-from gaussray.tracer.trace import enlarged_capacity, measure, span_of
+from gaussray.tracer.trace import enlarged_capacity, measure, time_span
 from gaussray.tracer.traverse import Capacity
 
 
@@ -150,7 +150,7 @@ def _plan_of_camera(
 
 def _plan_of_rays(scene: Scene, rays: Rays, options: RenderOptions, trace: TraceOptions) -> Plan:
     rays = flat_rays(rays)
-    span = span_of(rays)
+    span = time_span(rays)
     keys = _keys(scene, float(span[1] - span[0]), options)
     trace = dataclasses.replace(trace, levels=0)
     motion = eqx.filter_jit(motion_between)(scene, span, keys)

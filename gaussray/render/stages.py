@@ -43,8 +43,8 @@ from gaussray.tracer.trace import (
     Prepared,
     Report,
     enlarged_capacity,
-    find,
-    march_for,
+    find_candidates,
+    march_function,
     march_lists,
     prepare,
 )
@@ -237,7 +237,7 @@ def lists_program(
     """(scene, rays) -> the Gaussians that every bundle may meet; how many are not finite."""
 
     def run(scene: Prepared, rays: Rays) -> tuple[Candidates, Array]:
-        return find(scene, rays, options=trace, capacity=capacity)
+        return find_candidates(scene, rays, options=trace, capacity=capacity)
 
     return on_devices(run, mesh, (trace, capacity), quick=quick)
 
@@ -253,7 +253,7 @@ def _march_program(trace: TraceOptions, slots: int, mesh: Mesh | None) -> Callab
         return Seen(pixels, rays.weight, Report(lists.needed, lists.dropped, skipped, hits))
 
     known, kind = (
-        functools.partial(march_for, trace, jnp.float32),
+        functools.partial(march_function, trace, jnp.float32),
         on_cpu_kernel(trace, jnp.float32),
     )
     return on_devices(run, mesh, (trace, slots, kind), needs=known)

@@ -1,4 +1,4 @@
-"""Coherent groups of rays and what surely contains them."""
+"""Bundles of coherent rays and conservative bounds around them."""
 
 import equinox as eqx
 import jax
@@ -13,17 +13,23 @@ from gaussray.tracer.motion import active_controls
 
 # Bundles of one level share a bundle of the next coarser level, FAN neighbours at a time.
 FAN = 16
-# Below this cosine to the axis a bundle is too wide for planes: it is then tested as everywhere.
+# Below this cosine to the axis a bundle is too wide for half-spaces: it is then unbounded.
 _WIDEST = 0.05
 
 
 class Bundles(eqx.Module):
-    """Half-spaces n.x >= offset that hold every ray of a bundle, the control points of the motion
-    that its times touch, and the earliest and the latest of these times.
+    """Conservative bounds of ray bundles: five half-spaces n.x >= offset and a time interval.
 
-    Four sides and a near plane. They are taken from the rays themselves, so lens radius, a moving
-    camera and any lens are bounded without being known. A bundle without rays holds nothing; rays
-    that are not finite are none.
+    The half-spaces, four sides and a near plane, follow from the rays themselves, so any lens,
+    aperture and camera motion is bounded. A bundle without rays contains nothing; rays that are not
+    finite do not count.
+
+    Args:
+        normal: Unit normals n of the half-spaces.
+        offset: Their offsets, in scene units.
+        active: The control points of the motion that the bundle's times touch.
+        earliest: Earliest time of the rays, in the capture's unit.
+        latest: Latest time of the rays.
     """
 
     normal: Float[Array, "*bundles 5 3"]
@@ -33,12 +39,17 @@ class Bundles(eqx.Module):
     latest: Float[Array, "*bundles"]
 
 
-def bound(rays: Rays, key_time: Float[Array, " keys"]) -> Bundles:
-    """Bounds of bundles of rays (shape bundles x rays of one bundle)."""
-    return jax.vmap(_bound_one, in_axes=(0, None))(jax.lax.stop_gradient(rays), key_time)
+def bound_bundles(rays: Rays, key_time: Float[Array, " keys"]) -> Bundles:
+    """Bound bundles of rays. No gradient.
+
+    Args:
+        rays: Rays of the shape (bundles, rays of one bundle).
+        key_time: Key times of the motion.
+    """
+    return jax.vmap(_bound_bundle, in_axes=(0, None))(jax.lax.stop_gradient(rays), key_time)
 
 
-def _bound_one(rays: Rays, key_time: Array) -> Bundles:
+def _bound_bundle(rays: Rays, key_time: Array) -> Bundles:
     d, o = rays.direction, rays.origin
     real = jnp.any(d != 0, axis=-1) & jnp.isfinite(rays.time)
     real = real & jnp.all(jnp.isfinite(d) & jnp.isfinite(o), axis=-1)
@@ -81,10 +92,18 @@ def _row_end(count: int) -> int:
 
 
 def morton_tiles(width: int, height: int, side: int, levels: int) -> Int[np.ndarray, " slots"]:
-    """Pixel index (row-major) of every slot when a picture is cut in tiles of `side` x `side`.
+    """Order of pixels by square tiles along the Morton curve.
 
-    Tiles follow the Morton curve, so that FAN consecutive tiles are a 4 x 4 block, and so on for
-    `levels` coarser levels. Slots beyond the picture hold -1.
+    FAN consecutive tiles are a 4 x 4 block, and so on for coarser levels.
+
+    Args:
+        width: Width of the picture in pixels.
+        height: Height of the picture in pixels.
+        side: Side of a tile in pixels.
+        levels: Number of coarser levels.
+
+    Returns:
+        Row-major index of the pixel of every slot; -1 beyond the picture.
     """
     span = 4**levels
     columns = -(-width // side)
@@ -102,12 +121,12 @@ def morton_tiles(width: int, height: int, side: int, levels: int) -> Int[np.ndar
     return np.where(inside, py * width + px, -1).ravel().astype(np.int32)
 
 
-def padding_filled(order: Int[np.ndarray, " slots"]) -> Int[np.ndarray, " slots"]:
-    """The pixels of `morton_tiles` with each -1 replaced by the pixel before it.
+def fill_padding(order: Int[np.ndarray, " slots"]) -> Int[np.ndarray, " slots"]:
+    """The slots of `morton_tiles` with each -1 replaced by the pixel before it.
 
-    That pixel is in the same bundle, and in the same coarser bundle, where these have any. A far
-    one would widen what bounds their rays: a picture whose sides are no multiples of a bundle would
-    list nearly all Gaussians along its borders.
+    That pixel is in the same bundle, and in the same coarser bundle, if these have any pixel. A
+    distant pixel would widen the bounds of a bundle: bundles at the border of the picture would
+    list nearly all Gaussians.
     """
     last = np.maximum.accumulate(np.where(order >= 0, np.arange(len(order)), 0))
     return np.maximum(order[last], 0)

@@ -26,8 +26,10 @@ def split_into_groups(tree, lists, options):
     order = jnp.pad(order, (0, groups * width - bundles), constant_values=-1)
 
     def split(x):
-        picked = jnp.where((order >= 0).reshape((1,) * (x.ndim - 2) + (-1, 1)), x[..., order, :], 0)
-        parts = picked.reshape(*x.shape[:-2], groups, width, x.shape[-1])
+        ordered = jnp.where(
+            (order >= 0).reshape((1,) * (x.ndim - 2) + (-1, 1)), x[..., order, :], 0
+        )
+        parts = ordered.reshape(*x.shape[:-2], groups, width, x.shape[-1])
         return jnp.moveaxis(parts, -3, 0)
 
     return jax.tree.map(split, tree)

@@ -1,4 +1,4 @@
-"""Hits along a ray become what the ray sees."""
+"""Alpha compositing of the hits along rays."""
 
 import equinox as eqx
 import jax
@@ -7,8 +7,13 @@ from jaxtyping import Array, Float
 
 
 class Pixels(eqx.Module):
-    """What rays see: linear-light `color`, `transmittance` left behind the last hit, and `depth` =
-    sum of weight x t (divide by 1 - transmittance for the mean distance)."""
+    """The results of traced rays.
+
+    Args:
+        color: Linear red, green and blue.
+        transmittance: Share of light that passes all hits.
+        depth: Sum of weight x t, in scene units; divide by 1 - transmittance for the mean distance.
+    """
 
     color: Float[Array, "*rays 3"]
     transmittance: Float[Array, "*rays"]
@@ -20,14 +25,21 @@ def composite(
     t: Float[Array, " k *rays"],
     payload: Float[Array, "channels k *rays"],
 ) -> tuple[Float[Array, " channels *rays"], Float[Array, "*rays"]]:
-    """Front to back: sum_i weight_i payload_i and the transmittance, for hits in any order.
+    """Composite hits front to back: sum_i weight_i payload_i, and the transmittance.
 
     weight_i = alpha_i prod_{j before i} (1 - alpha_j), where `before` compares the exact distances
     (ties by slot): the k^2 comparisons cost less than sorting the payload. The product is the
     exponential of a sum of logarithms, taken in a scan, because XLA would otherwise evaluate
     response and logarithm anew for each comparison; the payload is summed in another, four times
     as fast as XLA's reduction on a CPU. An empty slot has alpha = 0 and no effect.
-    Elementwise over the trailing axes.
+
+    Args:
+        alpha: Alphas of k hits in any order.
+        t: Their distances along the ray.
+        payload: What is blended, such as red, green, blue and t.
+
+    Returns:
+        The blended payload and the transmittance, elementwise over the rays.
     """
     k = alpha.shape[0]
     slot = jnp.arange(k).reshape(k, *(1,) * (alpha.ndim - 1))

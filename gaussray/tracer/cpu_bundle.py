@@ -9,7 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gaussray.tracer.cpu_call import flat_floats, floats, integers, machine_code, operand
-from gaussray.tracer.cpu_hit import Layout, flank, harmonics_of, inverse_of, meet_ray, nine
+from gaussray.tracer.cpu_hit import (
+    Layout,
+    harmonics_of,
+    inverse_of,
+    matrix_of,
+    meet_ray,
+    time_distance,
+)
 
 
 _ZERO = np.float32(0)
@@ -25,10 +32,22 @@ class RayArrays(NamedTuple):
     time: Any
 
 
-class March(NamedTuple):
-    """What a march reads: the rows, their squared reaches, the rays of all bundles in turn, lists
-    (Gaussians; first place and length of every bundle's), layout, rays of a bundle, the longest
-    list, the largest alpha, and the transmittance at which a ray ends."""
+class MarchInputs(NamedTuple):
+    """Inputs of a march.
+
+    Args:
+        table: Rows of the Gaussians (`table.gaussian_table`).
+        squared: Squared reach of each Gaussian, in standard deviations.
+        rays: The rays of all bundles, one bundle after the other.
+        index: Gaussians of all lists.
+        start: Start of each bundle's list.
+        count: Length of each bundle's list.
+        layout: Columns of the rows.
+        each: Rays of a bundle.
+        longest: Length of the longest list.
+        alpha_max: Largest alpha of a hit.
+        transmittance_min: Transmittance at which a ray ends.
+    """
 
     table: Any
     squared: Any
@@ -43,11 +62,19 @@ class March(NamedTuple):
     transmittance_min: float
 
 
-class Room(NamedTuple):
-    """Where a thread notes the hits of a bundle: distance and squared distance of every entry on
-    every ray, the heap of every ray and its length; matrix and mean of one entry, blended for
-    every ray, and which key states any ray has a weight of; of one ray the weights and the
-    harmonics of its direction."""
+class HitBuffers(NamedTuple):
+    """Buffers of a thread for the hits of one bundle.
+
+    Args:
+        t: Distance of every list entry on every ray.
+        q: Squared distance of every list entry from every ray, in standard deviations.
+        heap: Hits of every ray, the nearest first.
+        length: Number of hits of every ray.
+        blended: Matrix and mean of one entry, blended for every ray.
+        used: Whether any ray has a weight of each key state.
+        weights: Weights of the control points of one ray.
+        harmonics: Harmonics of the direction of one ray.
+    """
 
     t: Any
     q: Any
@@ -60,8 +87,8 @@ class Room(NamedTuple):
 
 
 @machine_code
-def march_of(frame):
-    """The first operands of a call."""
+def march_inputs(frame):
+    """The inputs of a march, of the operands of a call."""
     rays = RayArrays(
         floats(operand(frame, 2)),
         floats(operand(frame, 3)),
@@ -77,7 +104,7 @@ def march_of(frame):
     each = rays.origin.shape[1] // len(start)
     longest = min(longest, number[6])
     index = integers(operand(frame, 6))
-    return March(
+    return MarchInputs(
         floats(operand(frame, 0)),
         flat_floats(operand(frame, 1)),
         rays,
@@ -93,9 +120,9 @@ def march_of(frame):
 
 
 @machine_code
-def room_for(march):
-    """Room for the bundle with the longest list."""
-    return Room(
+def hit_buffers(march):
+    """Buffers for the longest list."""
+    return HitBuffers(
         np.empty((march.longest, march.each), np.float32),
         np.empty((march.longest, march.each), np.float32),
         np.empty((march.each, march.longest), np.uint64),
@@ -108,31 +135,31 @@ def room_for(march):
 
 
 @machine_code
-def entries(march, bundle):
-    """Where a bundle's list begins and ends."""
+def list_range(march, bundle):
+    """Begin and end of a bundle's list."""
     first = march.start[bundle]
     last = min(first + min(march.count[bundle], march.longest), len(march.index))
     return first, last
 
 
 @machine_code
-def find_hits(march, room, bundle):
-    """Let the entries of a bundle's list meet its rays, and note the hits."""
-    first, last = entries(march, bundle)
+def find_hits(march, buffers, bundle):
+    """Intersect the rays of a bundle with its list, and store the hits."""
+    first, last = list_range(march, bundle)
     begin, layout, rays = bundle * march.each, march.layout, march.rays
-    bits = room.t.view(np.uint32)
-    room.length[:] = 0
+    bits = buffers.t.view(np.uint32)
+    buffers.length[:] = 0
     for k in range(layout.keys):
-        room.used[k] = 0
+        buffers.used[k] = 0
         for r in range(march.each):
-            room.used[k] |= rays.weights[k, begin + r] != _ZERO
+            buffers.used[k] |= rays.weights[k, begin + r] != _ZERO
     for e in range(last - first):
         number = march.index[first + e]
         if number < 0:
             continue
-        row, t, q = march.table[number], room.t[e], room.q[e]
+        row, t, q = march.table[number], buffers.t[e], buffers.q[e]
         if layout.keys == 1:
-            a, m = nine(row), (row[9], row[10], row[11])
+            a, m = matrix_of(row), (row[9], row[10], row[11])
             if layout.window < 0:
                 for r in range(march.each):
                     i = begin + r
@@ -151,16 +178,18 @@ def find_hits(march, room, bundle):
                         rays.origin[2, i] - age * v[2],
                     )
                     d = (rays.direction[0, i], rays.direction[1, i], rays.direction[2, i])
-                    s = flank(age, row[w + 4], row[w + 5])
+                    s = time_distance(age, row[w + 4], row[w + 5])
                     t[r], space = meet_ray(a, m, o, d)
                     q[r] = space + s * s
         else:
-            _meet_blended(row, march, room, begin, t, q)
+            _meet_blended(row, march, buffers, begin, t, q)
         limit = march.squared[number]
         for r in range(march.each):
             if q[r] < limit and t[r] > _ZERO:
-                room.heap[r, room.length[r]] = np.uint64(bits[e, r]) << np.uint64(32) | np.uint64(e)
-                room.length[r] += 1
+                buffers.heap[r, buffers.length[r]] = np.uint64(bits[e, r]) << np.uint64(
+                    32
+                ) | np.uint64(e)
+                buffers.length[r] += 1
 
 
 @machine_code
@@ -174,19 +203,19 @@ def _ray(rays, i):
 
 
 @machine_code
-def _note_weights(march, room, i):
-    """Note the weights of a ray."""
+def _store_weights(march, buffers, i):
+    """Store the weights of a ray."""
     for k in range(march.layout.keys):
-        room.weights[k] = march.rays.weights[k, i]
+        buffers.weights[k] = march.rays.weights[k, i]
 
 
 @machine_code
-def _meet_blended(row, march, room, begin, t, q):
-    """Let the rays of a bundle meet a Gaussian with key states; t and q are written."""
-    layout, rays, f = march.layout, march.rays, room.blended
+def _meet_blended(row, march, buffers, begin, t, q):
+    """Intersect the rays of a bundle with a Gaussian that has key states; t and q are written."""
+    layout, rays, f = march.layout, march.rays, buffers.blended
     f[:] = _ZERO
     for k in range(layout.keys):
-        if room.used[k]:
+        if buffers.used[k]:
             weights = rays.weights[k, begin : begin + march.each]
             for c in range(12):
                 value, column = row[12 * k + c], f[c]
@@ -200,7 +229,7 @@ def _meet_blended(row, march, room, begin, t, q):
         if w >= 0:
             age = rays.time[0, i] - row[w + 3]
             x, y, z = x + age * row[w], y + age * row[w + 1], z + age * row[w + 2]
-            s = flank(age, row[w + 4], row[w + 5])
+            s = time_distance(age, row[w + 4], row[w + 5])
         o = (rays.origin[0, i], rays.origin[1, i], rays.origin[2, i])
         d = (rays.direction[0, i], rays.direction[1, i], rays.direction[2, i])
         t[r], space = meet_ray(inverse_of(matrix), (x, y, z), o, d)
@@ -208,8 +237,8 @@ def _meet_blended(row, march, room, begin, t, q):
 
 
 @machine_code
-def _sink(heap, length, at):
-    """Let an entry of a heap (the smallest first) sink to its place."""
+def _sift_down(heap, length, at):
+    """Sift an entry of a binary heap (the smallest first) down to its place."""
     value = heap[at]
     while True:
         child = 2 * at + 1
@@ -225,28 +254,32 @@ def _sink(heap, length, at):
 
 
 @machine_code
-def _order(heap, length):
-    """Make a heap of what was noted in any order."""
+def _heapify(heap, length):
+    """Order entries as a binary heap."""
     for at in range(length // 2 - 1, -1, -1):
-        _sink(heap, length, at)
+        _sift_down(heap, length, at)
 
 
 @machine_code
-def begin_ray(march, room, bundle, r):
-    """Number of a ray, and the ray. Its hits become a heap; its weights and the harmonics of its
-    direction are noted."""
+def begin_ray(march, buffers, bundle, r):
+    """Prepare a ray: order its hits as a heap, and store its weights and the harmonics of its
+    direction.
+
+    Returns:
+        The index of the ray, and the ray.
+    """
     i = bundle * march.each + r
     ray = _ray(march.rays, i)
-    _order(room.heap[r], room.length[r])
-    _note_weights(march, room, i)
-    harmonics_of(ray[1], march.layout.coefficients, room.harmonics)
+    _heapify(buffers.heap[r], buffers.length[r])
+    _store_weights(march, buffers, i)
+    harmonics_of(ray[1], march.layout.coefficients, buffers.harmonics)
     return i, ray
 
 
 @machine_code
 def pop_nearest(heap, length):
-    """Entry of the nearest hit of a heap, which loses it."""
+    """Remove the nearest hit of a heap, and return its list entry."""
     entry = np.int64(heap[0] & np.uint64(0xFFFFFFFF))
     heap[0] = heap[length - 1]
-    _sink(heap, length - 1, 0)
+    _sift_down(heap, length - 1, 0)
     return entry

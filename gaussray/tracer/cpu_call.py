@@ -2,7 +2,7 @@
 
 XLA hands over one pointer, to a call frame (struct XLA_FFI_CallFrame of xla/ffi/api/c_api.h, whose
 layout is stable). `operand` and `result` find the arrays behind it. Threads that a call starts
-take pieces of its work (`taken`) until none is left.
+take pieces of its work (`next_piece`) until none is left.
 """
 
 import ctypes
@@ -170,15 +170,15 @@ def integers(buffer):
 
 
 @intrinsic
-def own_address(_):
+def entry_address(_):
     """The address of the `entry` that asks for it."""
 
     def code(context, builder, signature, arguments):
         kind = ir.FunctionType(ir.IntType(64), [ir.IntType(64)])
         # Numba's name for what C calls.
         name = f"cfunc.{builder.function.name}"
-        own = cgutils.get_or_insert_function(builder.module, kind, name)
-        return builder.ptrtoint(own, ir.IntType(64))
+        function = cgutils.get_or_insert_function(builder.module, kind, name)
+        return builder.ptrtoint(function, ir.IntType(64))
 
     return types.int64(), code
 
@@ -204,8 +204,8 @@ def is_execution(frame):
 
 
 @machine_code
-def work(frame):
-    """What the threads of a call share: how much of the work is taken, and the frame."""
+def shared_state(frame):
+    """The shared state of the threads of a call: the number of pieces taken, and the frame."""
     shared = np.zeros(2, np.int64)
     shared[1] = frame
     return shared
@@ -213,26 +213,29 @@ def work(frame):
 
 @machine_code
 def call_frame(shared):
-    """The frame, of the address of what threads share."""
+    """The call frame, of the address of the shared state."""
     return _word(shared + 8)
 
 
 @machine_code
-def taken(shared):
-    """The number of the next piece of work that no thread has taken yet."""
+def next_piece(shared):
+    """Take the next piece of work: its number."""
     return _next(shared)
 
 
 @machine_code
-def shared_of(argument):
-    """The address of what threads share, of an entry's argument; 0 where XLA calls."""
+def shared_address(argument):
+    """The address of the shared state, of an entry's argument; 0 if XLA calls."""
     return argument - 1 if argument & 1 else 0
 
 
 @machine_code
-def started(entry, shared, threads):
-    """Threads (their identifiers) that run the entry at this address, for the work at another. No
-    address is odd, which tells their calls from XLA's."""
+def start_threads(entry, shared, threads):
+    """Start threads that run an entry, and return their identifiers.
+
+    They call it with the address of the shared state plus 1: no address is odd, which distinguishes
+    their calls from XLA's.
+    """
     identifiers = np.zeros(max(threads, 1), np.int64)
     count = 0
     if _POSIX:
@@ -245,9 +248,9 @@ def started(entry, shared, threads):
 
 
 @machine_code
-def finish(identifiers, shared):
-    """Wait for threads. What they share must live until then: Numba frees arrays after their last
-    use, and does not see that of their addresses."""
+def join_threads(identifiers, shared):
+    """Wait for threads. The shared state must live until then: Numba frees arrays after their last
+    use, and does not see the use of their addresses."""
     if _POSIX:
         for identifier in identifiers:
             _join(identifier, 0)

@@ -7,7 +7,7 @@ import numpy as np
 
 from gaussray.scene.harmonics import C1, C2, C3
 from gaussray.tracer.cpu_call import inlined_code, machine_code
-from gaussray.tracer.cpu_hit import color_of, cross, dot, positive, state_on_ray
+from gaussray.tracer.cpu_hit import clamp_positive, color_of, cross, dot, state_on_ray
 
 
 _ZERO, _ONE, _TWO, _THREE = (np.float32(x) for x in (0, 1, 2, 3))
@@ -47,7 +47,7 @@ def add_color_gradient(row, d_row, layout, w, d_ray, y, d_y, g):
     """Add the gradients of a hit's colour, of the gradient g of what is seen of it: to its row, to
     the ray's, and to those of the harmonics y of its direction."""
     color, tint = color_of(row, layout, w, y)
-    cut = positive(tint)
+    cut = clamp_positive(tint)
     red = g[0] * cut[0] if color[0] > _ZERO else _ZERO
     green = g[1] * cut[1] if color[1] > _ZERO else _ZERO
     blue = g[2] * cut[2] if color[2] > _ZERO else _ZERO
@@ -59,10 +59,10 @@ def add_color_gradient(row, d_row, layout, w, d_ray, y, d_y, g):
         d_y[k] += row[at] * red + row[at + 1] * green + row[at + 2] * blue
         at += 3
     if layout.tint >= 0:
-        seen = positive(color)
+        radiance = clamp_positive(color)
         for c in range(3):
             if tint[c] > _ZERO:
-                d_tint = g[c] * seen[c]
+                d_tint = g[c] * radiance[c]
                 for k in range(layout.keys):
                     at = layout.tint + 3 * k + c
                     d_row[at] += w[k] * d_tint

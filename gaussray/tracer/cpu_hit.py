@@ -23,8 +23,16 @@ _C3A, _C3B, _C3C, _C3D, _C3E = (np.float32(x) for x in C3)
 
 
 class Layout(NamedTuple):
-    """Numbers of key states and of harmonics per channel, and the columns at which window (-1:
-    none), opacity, harmonics and tint (-1: none) begin."""
+    """Columns of a row of `gaussian_table`.
+
+    Args:
+        keys: Number of key states.
+        coefficients: Number of harmonics per channel.
+        window: First column of the time window; -1 without one.
+        opacity: Column of the opacity.
+        harmonics: First column of the harmonics.
+        tint: First column of the tint; -1 without one.
+    """
 
     keys: int
     coefficients: int
@@ -56,14 +64,14 @@ def meet_ray(a, m, o, d):
 
 
 @machine_code
-def flank(age, rate, plateau):
+def time_distance(age, rate, plateau):
     """Distance in time from the plateau of a transient Gaussian, in lifetimes."""
     beyond = abs(age) - plateau
     return (beyond if beyond > _ZERO else _ZERO) * rate
 
 
 @machine_code
-def _matrix(row, layout, w):
+def _blend_matrix(row, layout, w):
     """The nine entries at the beginning of a row, blended for a ray."""
     total = _NINE
     for k in range(layout.keys):
@@ -83,7 +91,7 @@ def _matrix(row, layout, w):
 
 
 @machine_code
-def _three(row, layout, w, first, step):
+def _blend_three(row, layout, w, first, step):
     """Three columns of every key state, from `first` on and `step` apart, blended for a ray."""
     x, y, z = _ZERO, _ZERO, _ZERO
     for k in range(layout.keys):
@@ -129,12 +137,12 @@ def dot(a, b):
 
 @machine_code
 def cross(a, b):
-    """Outer product of two vectors."""
+    """Cross product of two vectors."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 @machine_code
-def nine(row):
+def matrix_of(row):
     """The matrix of a row with one key state."""
     return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8]
 
@@ -144,9 +152,9 @@ def state_on_ray(row, layout, w, time):
     """Matrix A and mean of a Gaussian for a ray, and its age at the ray's time (0 without a
     window)."""
     if layout.keys == 1:
-        a, m = nine(row), (row[9], row[10], row[11])
+        a, m = matrix_of(row), (row[9], row[10], row[11])
     else:
-        a, m = inverse_of(_matrix(row, layout, w)), _three(row, layout, w, 9, 12)
+        a, m = inverse_of(_blend_matrix(row, layout, w)), _blend_three(row, layout, w, 9, 12)
     age = _ZERO
     if layout.window >= 0:
         at = layout.window
@@ -187,11 +195,11 @@ def color_of(row, layout, w, y):
         at += 3
     tint = (_ONE, _ONE, _ONE)
     if layout.tint >= 0:
-        tint = _three(row, layout, w, layout.tint, 3)
+        tint = _blend_three(row, layout, w, layout.tint, 3)
     return (r, g, b), tint
 
 
 @machine_code
-def positive(v):
-    """A vector with what is below 0 cut off."""
+def clamp_positive(v):
+    """A vector with negative components set to 0."""
     return max(v[0], _ZERO), max(v[1], _ZERO), max(v[2], _ZERO)

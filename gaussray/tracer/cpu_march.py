@@ -10,25 +10,25 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from gaussray.runtime.devices import cores
-from gaussray.tracer.cpu_bundle import entries, march_of
+from gaussray.tracer.cpu_bundle import list_range, march_inputs
 from gaussray.tracer.cpu_call import (
     entry,
-    finish,
+    entry_address,
     flat_floats,
     floats,
     is_execution,
+    join_threads,
     machine_code,
     operand,
-    own_address,
     register,
     result,
-    shared_of,
-    started,
-    work,
+    shared_address,
+    shared_state,
+    start_threads,
 )
 from gaussray.tracer.cpu_kernel import backward_bundles, forward_bundles
 from gaussray.tracer.options import TraceOptions
-from gaussray.tracer.response import reach
+from gaussray.tracer.response import reach_radius
 from gaussray.tracer.table import Columns, Lanes
 
 
@@ -39,51 +39,51 @@ _registering = threading.Lock()
 
 
 @machine_code
-def _others(frame):
+def _extra_threads(frame):
     """Threads to start beside the caller's: each has a few bundles at least."""
     most = np.int64(flat_floats(operand(frame, 10))[2])
-    return max(min(most, march_of(frame).start.shape[0] // 4), 1) - 1
+    return max(min(most, march_inputs(frame).start.shape[0] // 4), 1) - 1
 
 
 def _forward(argument):
-    shared = shared_of(argument)
+    shared = shared_address(argument)
     if shared:
         forward_bundles(shared)
     elif is_execution(argument):
-        common = work(argument)
+        common = shared_state(argument)
         address = np.int64(common.ctypes.data)
-        others = started(own_address(), address, _others(argument))
+        others = start_threads(entry_address(), address, _extra_threads(argument))
         forward_bundles(address)
-        finish(others, common)
+        join_threads(others, common)
     return 0
 
 
 def _backward(argument):
-    shared = shared_of(argument)
+    shared = shared_address(argument)
     if shared:
         backward_bundles(shared)
     elif is_execution(argument):
-        common = work(argument)
+        common = shared_state(argument)
         address = np.int64(common.ctypes.data)
-        others = started(own_address(), address, _others(argument))
+        others = start_threads(entry_address(), address, _extra_threads(argument))
         backward_bundles(address)
-        finish(others, common)
-        _add_up(argument)
+        join_threads(others, common)
+        _sum_gradients(argument)
     return 0
 
 
 @machine_code
-def _add_up(frame):
+def _sum_gradients(frame):
     """The gradient of the table: those of all entries, in the order of the lists."""
-    march, part, table = march_of(frame), floats(result(frame, 5)), floats(result(frame, 0))
+    march, part, table = march_inputs(frame), floats(result(frame, 5)), floats(result(frame, 0))
     table[:] = _ZERO
     for bundle in range(len(march.start)):
-        first, last = entries(march, bundle)
+        first, last = list_range(march, bundle)
         for place in range(first, last):
             if march.index[place] >= 0:
-                row, own = table[march.index[place]], part[place]
-                for c in range(len(own)):
-                    row[c] += own[c]
+                row, gradient = table[march.index[place]], part[place]
+                for c in range(len(gradient)):
+                    row[c] += gradient[c]
 
 
 def register_forward() -> None:
@@ -109,9 +109,9 @@ def _threads() -> int:
     return max(1, cores() // jax.local_device_count("cpu"))
 
 
-def _operands(table, lanes, lists, options, columns, room):
+def _operands(table, lanes, lists, options, columns, slots):
     """The first operands of both calls."""
-    squared = reach(jax.lax.stop_gradient(table[:, columns.opacity]), options.alpha_min) ** 2
+    squared = reach_radius(jax.lax.stop_gradient(table[:, columns.opacity]), options.alpha_min) ** 2
     time = jnp.zeros_like(lanes.origin[:1]) if lanes.time is None else lanes.time
     numbers = (
         columns.keys,
@@ -120,7 +120,7 @@ def _operands(table, lanes, lists, options, columns, room):
         columns.opacity,
         columns.harmonics.start,
         columns.tint.start if columns.tinted else -1,
-        room,
+        slots,
     )
     limits = options.alpha_max, options.transmittance_min, _threads()
     return (
@@ -142,7 +142,7 @@ def _march_on_cpu(
     lists: tuple[Int[Array, " pairs"], Int[Array, " bundles"], Int[Array, " bundles"]],
     options: TraceOptions,
     columns: Columns,
-    room: int,
+    slots: int,
 ) -> tuple[Array, Array, Array]:
     """Channels (red, green, blue, depth), transmittance and number of hits of every ray."""
     register_forward()
@@ -156,20 +156,20 @@ def _march_on_cpu(
         ),
         vmap_method="sequential",
     )
-    channels, end, hits = call(*_operands(table, lanes, lists, options, columns, room))
+    channels, end, hits = call(*_operands(table, lanes, lists, options, columns, slots))
     return channels, end, hits
 
 
-def _march_forward(table, lanes, lists, options, columns, room):
-    out = _march_on_cpu(table, lanes, lists, options, columns, room)
+def _march_forward(table, lanes, lists, options, columns, slots):
+    out = _march_on_cpu(table, lanes, lists, options, columns, slots)
     return out, (table, lanes, lists, out[0], out[1])
 
 
-def _march_backward(options, columns, room, saved, cotangent):
+def _march_backward(options, columns, slots, saved, cotangent):
     register_backward()
     table, lanes, lists, total, end = saved
     g_total, g_end, _ = cotangent
-    operands = _operands(table, lanes, lists, options, columns, room)
+    operands = _operands(table, lanes, lists, options, columns, slots)
     like = table, *operands[2:6]
     results = [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in like]
     parts = jax.ShapeDtypeStruct((lists[0].shape[0], table.shape[1]), table.dtype)

@@ -29,11 +29,13 @@ def _nvrtc() -> ctypes.CDLL | None:
     """CUDA's run-time compiler: it comes with JAX's CUDA wheels, or with the toolkit."""
 
     def version(path: str) -> int:
-        found = re.search(r"\.so\.(\d+)", path)
-        return int(found.group(1)) if found else 0
+        match = re.search(r"\.so\.(\d+)", path)
+        return int(match.group(1)) if match else 0
 
-    own = [path for place in sys.path for path in glob.glob(f"{place}/nvidia/*/lib/libnvrtc.so*")]
-    for path in [*sorted(own, key=version, reverse=True), "libnvrtc.so.13", "libnvrtc.so.12"]:
+    libraries = [
+        path for place in sys.path for path in glob.glob(f"{place}/nvidia/*/lib/libnvrtc.so*")
+    ]
+    for path in [*sorted(libraries, key=version, reverse=True), "libnvrtc.so.13", "libnvrtc.so.12"]:
         try:
             return ctypes.CDLL(path)
         except OSError:
@@ -104,13 +106,13 @@ def launch(
     wrong = [x.dtype for x in (*operands, *sums, *results) if x.dtype not in (np.float32, np.int32)]
     if wrong:
         raise TypeError(f"{name}: kernels take float32 and int32 arrays, got {wrong[0]}.")
-    given, made = len(operands), len(results)
+    operand_count, result_count = len(operands), len(results)
     call = jax.ffi.ffi_call(
         _TARGET,
         (*results, *(jax.ShapeDtypeStruct(x.shape, x.dtype) for x in sums)),
-        input_output_aliases={given + i: made + i for i in range(len(sums))},
+        input_output_aliases={operand_count + i: result_count + i for i in range(len(sums))},
     )
-    total = given + len(sums)
+    total = operand_count + len(sums)
     out = call(
         *operands,
         *sums,
@@ -124,6 +126,6 @@ def launch(
         block_y=np.int32(1),
         block_z=np.int32(1),
         shared_mem_bytes=np.int32(0),
-        output_indices=tuple(range(total, total + made + len(sums))),
+        output_indices=tuple(range(total, total + result_count + len(sums))),
     )
     return tuple(out)

@@ -1,4 +1,4 @@
-"""Which Gaussian a ray sees most of."""
+"""The Gaussian with the largest blending weight on each ray."""
 
 from functools import partial
 from typing import NamedTuple
@@ -9,16 +9,21 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.tracer.k_nearest import nearest_hits, slot_mask, sort_key
-from gaussray.tracer.response import opacity_on_ray, reach
-from gaussray.tracer.table import Columns, Lanes, columns, gaussian_table, meet
-from gaussray.tracer.trace import Prepared, TraceOptions, in_bundles, lanes_of
+from gaussray.tracer.response import opacity_on_ray, reach_radius
+from gaussray.tracer.table import Columns, Lanes, table_columns, gaussian_table, ray_response
+from gaussray.tracer.trace import Prepared, TraceOptions, ray_lanes, split_into_bundles
 from gaussray.tracer.traverse import Candidates
 
 
 class Dominant(NamedTuple):
-    """The Gaussian of the largest blending weight on every ray, static ones first and transient
-    ones last (-1: nothing is hit), and that `weight`; `needed` sizes and entries `dropped` as in
-    `trace.Report`."""
+    """The Gaussian of the largest blending weight on every ray.
+
+    Args:
+        index: Its index, in the order of `scene.at`; -1 if nothing is hit.
+        weight: Its blending weight.
+        needed: List sizes, as in `trace.Report`.
+        dropped: Dropped entries, as in `trace.Report`.
+    """
 
     index: Int[Array, " rays"]
     weight: Float[Array, " rays"]
@@ -37,23 +42,23 @@ class _Bundle(NamedTuple):
 def dominant(
     scene: Prepared, rays: Rays, lists: Candidates, *, options: TraceOptions, slots: int
 ) -> Dominant:
-    """The first of the largest weights alpha_i prod_{j before i} (1 - alpha_j) of every ray.
+    """Find the largest blending weight alpha_i prod_{j before i} (1 - alpha_j) of every ray.
 
-    A largest weight is no sum, so no blend can tell it: bundles walk through their candidates as
-    the array backend does, on any device and in any precision, up to k hits a round, until a ray
-    has less light left than the best has weight. Integers only: no gradient.
+    Bundles march through their candidates as in the array backend, on any device and in any
+    precision, k hits per round, until the transmittance of a ray is below the largest weight. Of
+    equal weights the nearest hit counts. No gradient.
 
     Args:
         scene: prepared for trace.backend=array.
         rays: in a coherent order, as for `trace`.
-        lists: the candidates of their bundles (`find`).
+        lists: the candidates of their bundles (`find_candidates`).
         options: how to trace.
         slots: the most candidates of a bundle.
     """
     count = rays.time.shape[0]
-    layout = columns(scene.motion)
+    layout = table_columns(scene.motion)
     rows = gaussian_table(scene.motion)[:, : layout.opacity + 1]
-    lanes = lanes_of(scene.motion, in_bundles(rays, options))
+    lanes = ray_lanes(scene.motion, split_into_bundles(rays, options))
     # Bundles come first, and a ray meets several Gaussians at once.
     lanes = jax.tree.map(lambda x: jnp.moveaxis(x, 1, 0)[:, :, None], lanes)
     walk = partial(_walk, rows, layout, lists.index, options=options, slots=slots)
@@ -61,11 +66,11 @@ def dominant(
     bundles = _Bundle(lanes, lists.start, lists.count)
     index, weight = jax.lax.map(walk, bundles, batch_size=together)
     index, weight = index.reshape(-1)[:count], weight.reshape(-1)[:count]
-    return Dominant(_among_all(scene, index), weight, lists.needed, lists.dropped)
+    return Dominant(_scene_index(scene, index), weight, lists.needed, lists.dropped)
 
 
-def _among_all(scene: Prepared, index: Int[Array, " rays"]) -> Int[Array, " rays"]:
-    """Numbers among all Gaussians of those among the ones that are alive."""
+def _scene_index(scene: Prepared, index: Int[Array, " rays"]) -> Int[Array, " rays"]:
+    """Indices among all Gaussians, of indices among those that are alive."""
     if scene.living is None:
         return index
     first, number = scene.motion.gaussians.count, scene.living.index
@@ -82,12 +87,12 @@ def _walk(rows, layout: Columns, index, bundle: _Bundle, *, options: TraceOption
 
     def met(gaussian: Int[Array, "hits _"]) -> tuple[Array, Array]:
         """Distance and alpha of Gaussians on the rays; alpha is 0 where they are not met."""
-        found = rows[gaussian]
-        row = [found[..., i] for i in range(found.shape[-1])]
-        t, q = meet(row, bundle.lanes, layout)
+        weights = rows[gaussian]
+        row = [weights[..., i] for i in range(weights.shape[-1])]
+        t, q = ray_response(row, bundle.lanes, layout)
         opacity = jnp.broadcast_to(row[layout.opacity], q.shape)
         alpha = opacity_on_ray(opacity, q, alpha_max=options.alpha_max)
-        return t, jnp.where((q < reach(opacity, options.alpha_min) ** 2) & (t > 0), alpha, 0)
+        return t, jnp.where((q < reach_radius(opacity, options.alpha_min) ** 2) & (t > 0), alpha, 0)
 
     lanes = jnp.arange(options.chunk, dtype=jnp.int32)
     chunks = -(-bundle.count // options.chunk)
@@ -118,10 +123,10 @@ def _walk(rows, layout: Columns, index, bundle: _Bundle, *, options: TraceOption
         clear = jnp.log1p(-alpha)
         share = light[None] * alpha * jnp.exp(jnp.cumsum(clear, axis=0) - clear)
         top = jnp.argmax(share, axis=0)[None]
-        found = jnp.take_along_axis(share, top, axis=0)[0]
-        better = found > weight
+        weights = jnp.take_along_axis(share, top, axis=0)[0]
+        better = weights > weight
         best = jnp.where(better, jnp.take_along_axis(gaussian, top, axis=0)[0], best)
-        weight = jnp.where(better, found, weight)
+        weight = jnp.where(better, weights, weight)
         light = light * jnp.prod(1 - alpha, axis=0)
         going = there[-1] & (light > jnp.maximum(weight, options.transmittance_min))
         return best, weight, light, jnp.where(going, kept[-1], end), jnp.any(going)

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.tracer.bundle import morton
-from gaussray.tracer.motion import Motion, clipped_time, control_points, usable
-from gaussray.tracer.response import reach
+from gaussray.tracer.motion import Motion, clipped_time, control_points, is_valid
+from gaussray.tracer.response import reach_radius
 from gaussray.tracer.window import Sweep, TimeWindow, all_states, swept_between, swept_box
 
 
@@ -22,8 +22,8 @@ class Grid(eqx.Module):
     from small ones (size classes a factor 16 apart), so that one huge Gaussian does not inflate the
     box of a crowd of tiny ones. Equal runs instead of equal cubes: a cell holds the same number
     however they crowd, so everything in one cube costs no more than an even spread, and nothing
-    needs a capacity. `index` is padded with -1; `dropped` counts Gaussians that are not `usable`.
-    Where some Gaussians are transient, `fading` says when and where to (None: none are).
+    needs a capacity. `index` is padded with -1; `dropped` counts invalid Gaussians (`is_valid`).
+    `fading` holds the time windows of transient Gaussians (None: there are none).
     """
 
     index: Int[Array, "cells occupancy"]
@@ -36,8 +36,13 @@ class Grid(eqx.Module):
 
 
 class Fading(eqx.Module):
-    """Windows of the Gaussians of a grid, their reach at full opacity in standard deviations, and
-    the times beyond which they rest."""
+    """Time windows of the Gaussians of a grid.
+
+    Args:
+        window: The windows.
+        radius: Reach at full opacity, in standard deviations.
+        time_range: Times beyond which transient Gaussians rest; None for no limits.
+    """
 
     window: TimeWindow
     radius: Float[Array, "*gaussians"]
@@ -46,7 +51,12 @@ class Fading(eqx.Module):
     def between(
         self, earliest: Float[Array, "*windows"], latest: Float[Array, "*windows"]
     ) -> Sweep:
-        """What the Gaussians do between two times."""
+        """Displacement and shrinking of the Gaussians between two times.
+
+        Args:
+            earliest: First time.
+            latest: Last time.
+        """
         earliest, latest = (clipped_time(self.time_range, x) for x in (earliest, latest))
         return swept_between(self.window, self.radius, earliest, latest)
 
@@ -54,30 +64,36 @@ class Fading(eqx.Module):
 def build_grid(motion: Motion, *, alpha_min: float, span: Float[Array, "2"] | None = None) -> Grid:
     """Sort the Gaussians into cells and bound each cell over all control points of the motion.
 
-    The ellipsoids reach to where alpha = `alpha_min` (`response.reach`); Gaussians that never rise
-    above it are left out, and so are transient ones that do not within the `span` of time that the
-    grid is for. ValueError if there are transient ones and no span.
+    Args:
+        motion: The Gaussians at their key times.
+        alpha_min: Alpha at which ellipsoids end (`response.reach_radius`). Gaussians that stay
+            below it are left out.
+        span: First and last time of the rays. Transient Gaussians that are not alive in it are left
+            out.
+
+    Raises:
+        ValueError: There are transient Gaussians and no span.
     """
     motion = jax.lax.stop_gradient(motion)
     g, window = all_states(motion)
     mean, frame = control_points(Motion(motion.time, g))
-    radius = reach(g.opacity, alpha_min)
+    radius = reach_radius(g.opacity, alpha_min)
     support = frame * radius[None, :, None, None]
-    lower, upper = around(mean, support)
+    lower, upper = ellipsoid_boxes(mean, support)
     lower, upper = jnp.min(lower, axis=0), jnp.max(upper, axis=0)
-    fine = usable(g)
-    kept, fading = fine & (radius > 0), None
+    fine = is_valid(g)
+    included, fading = fine & (radius > 0), None
     if window is not None:
         if span is None:
             raise ValueError("a grid over transient Gaussians needs a span of time, got none.")
         fading = Fading(window, radius, motion.time_range)
         swept = fading.between(span[0], span[1])
-        kept = kept & (swept.shrink > 0)
+        included = included & (swept.shrink > 0)
         lower, upper = swept_box(lower, upper, swept)
-    order = jnp.argsort(place(lower, upper, kept))
+    order = jnp.argsort(grid_key(lower, upper, included))
     cells = max(-(-g.count // OCCUPANCY), 1)
     padding = cells * OCCUPANCY - g.count
-    index = jnp.where(kept[order], order.astype(jnp.int32), -1)
+    index = jnp.where(included[order], order.astype(jnp.int32), -1)
     index = jnp.pad(index, (0, padding), constant_values=-1).reshape(cells, OCCUPANCY)
     there = (index >= 0)[..., None]
     take = jnp.maximum(index, 0)
@@ -100,30 +116,40 @@ def build_grid(motion: Motion, *, alpha_min: float, span: Float[Array, "2"] | No
     )
 
 
-def around(
+def ellipsoid_boxes(
     mean: Float[Array, "*gaussians 3"], support: Float[Array, "*gaussians 3 3"]
 ) -> tuple[Float[Array, "*gaussians 3"], Float[Array, "*gaussians 3"]]:
-    """Corners of the boxes around ellipsoids. Slack for rounding in the axes themselves, relative
-    to the Gaussian and to its place."""
+    """Lower and upper corners of the boxes around ellipsoids, widened for rounding errors.
+
+    Args:
+        mean: Centres.
+        support: Principal axes as columns, as long as the semi-axes.
+    """
     eps = jnp.finfo(mean.dtype).eps
     half = jnp.sqrt(jnp.sum(support * support, axis=-1)) * (1 + 8 * eps) + 4 * eps * jnp.abs(mean)
     return mean - half, mean + half
 
 
-def place(
+def grid_key(
     lower: Float[Array, "gaussians 3"],
     upper: Float[Array, "gaussians 3"],
-    kept: Bool[Array, " gaussians"],
+    included: Bool[Array, " gaussians"],
 ) -> Int[Array, " gaussians"]:
-    """Sort key: size class, then the grid cell of the centre on the Morton curve."""
+    """Sort key of Gaussians: size class, then the grid cell of the centre on the Morton curve.
+
+    Args:
+        lower: Lower corners of the boxes around the Gaussians.
+        upper: Upper corners.
+        included: The Gaussians that enter the grid; the others come last.
+    """
     center = 0.5 * (lower + upper)
-    low = jnp.min(jnp.where(kept[:, None], center, jnp.inf), axis=0, initial=jnp.inf)
-    high = jnp.max(jnp.where(kept[:, None], center, -jnp.inf), axis=0, initial=-jnp.inf)
+    low = jnp.min(jnp.where(included[:, None], center, jnp.inf), axis=0, initial=jnp.inf)
+    high = jnp.max(jnp.where(included[:, None], center, -jnp.inf), axis=0, initial=-jnp.inf)
     span = jnp.maximum(jnp.max(high - low), jnp.finfo(center.dtype).tiny)
     cell = jnp.clip((center - low[None]) / span * 511, 0, 511)
-    cell = jnp.where(kept[:, None], cell, 0).astype(jnp.int32)
+    cell = jnp.where(included[:, None], cell, 0).astype(jnp.int32)
     # Classes a factor 16 apart around the typical size: within a class the order is spatial.
-    octave = jnp.log2(jnp.where(kept, jnp.max(upper - lower, axis=-1), 1))
-    typical = jnp.sum(jnp.where(kept, octave, 0)) / jnp.maximum(jnp.sum(kept), 1)
+    octave = jnp.log2(jnp.where(included, jnp.max(upper - lower, axis=-1), 1))
+    typical = jnp.sum(jnp.where(included, octave, 0)) / jnp.maximum(jnp.sum(included), 1)
     size = jnp.clip(jnp.round((octave - typical) / 4) + 3, 0, 7).astype(jnp.int32)
-    return jnp.where(kept, (size << 27) | morton(cell), jnp.iinfo(jnp.int32).max)
+    return jnp.where(included, (size << 27) | morton(cell), jnp.iinfo(jnp.int32).max)

@@ -7,8 +7,8 @@ import jax.numpy as jnp
 from jaxtyping import Array
 
 from gaussray.tracer.k_nearest import nearest_hits, sort_key
-from gaussray.tracer.response import opacity_on_ray, reach
-from gaussray.tracer.table import Lanes, meet
+from gaussray.tracer.response import opacity_on_ray, reach_radius
+from gaussray.tracer.table import Lanes, ray_response
 
 
 # The sort key behind all hits.
@@ -16,10 +16,10 @@ LAST_KEY = {jnp.dtype("int32"): 2**31 - 1, jnp.dtype("int64"): 2**63 - 1}
 
 
 def hit_geometry(table, columns, options):
-    """The columns of the table that hits depend on: frame and mean at each key state, opacity; and
-    the squared reach."""
+    """Columns of the table that determine hits: axes and mean at each key state, opacity, and the
+    squared reach."""
     state = table[:, : columns.opacity + 1]
-    squared = reach(state[:, -1:], options.alpha_min) ** 2
+    squared = reach_radius(state[:, -1:], options.alpha_min) ** 2
     return jax.lax.stop_gradient(jnp.concatenate([state, squared], axis=1))
 
 
@@ -48,26 +48,36 @@ class HitList(NamedTuple):
         return self.key, self.t, self.alpha
 
 
-def hit_list_room(groups, options, room):
-    """Arrays for the hits of one group.
+def hit_list_buffers(groups, options, slots):
+    """Buffers for the hits of one group.
 
-    They are allocated once, because clearing them takes as long as filling them where lists are
-    short.
+    They are allocated once, because clearing them takes as long as filling them if lists are short.
+
+    Args:
+        groups: Arrays of all groups (`bundle_groups`).
+        options: Options of the tracer.
+        slots: Length of the longest list.
     """
     origin = groups["lanes"].origin
     rays, dtype = origin.shape[2:], origin.dtype
     kind = jnp.int64 if dtype == jnp.float64 else jnp.int32
-    shape = (-(-room // options.chunk), options.chunk, *rays)
+    shape = (-(-slots // options.chunk), options.chunk, *rays)
     return tuple(jnp.zeros(shape, x) for x in (kind, dtype, dtype))
 
 
 def hit_list(space, geometry, one, index, options, columns) -> HitList:
-    """The hits of a group, written into the arrays `space`.
+    """Intersect the rays of a group with its lists.
 
-    `index` holds the Gaussian of every list entry.
+    Args:
+        space: Arrays of `hit_list_buffers`, which are overwritten.
+        geometry: Columns of `hit_geometry`.
+        one: Arrays of the group (`bundle_groups`).
+        index: The Gaussian of every list entry.
+        options: Options of the tracer.
+        columns: Columns of the table.
     """
     lanes = jnp.arange(options.chunk, dtype=jnp.int32)
-    rays = with_entries(one["lanes"])
+    rays = with_entry_axis(one["lanes"])
     kind, shape = space[0].dtype, space[0].shape
 
     def fill(i, kept):
@@ -75,9 +85,9 @@ def hit_list(space, geometry, one, index, options, columns) -> HitList:
         place = one["start"][None, :] + slot[:, None]
         rows = geometry[jnp.maximum(index.at[place].get(mode="clip"), 0)]
         row = [rows[..., i, None] for i in range(rows.shape[-1])]
-        listed = slot[:, None] < one["count"][None, :]
-        t, q = meet(row, rays, columns)
-        met = listed[..., None] & (q < row[-1]) & (t > 0)
+        in_list = slot[:, None] < one["count"][None, :]
+        t, q = ray_response(row, rays, columns)
+        met = in_list[..., None] & (q < row[-1]) & (t > 0)
         alpha = opacity_on_ray(row[columns.opacity], q, alpha_max=options.alpha_max)
         order = jnp.where(met, jax.lax.bitcast_convert_type(t, kind), end)
         return jax.tree.map(lambda x, new: x.at[i].set(new), kept, (order, t, alpha))
@@ -102,13 +112,20 @@ def hit_list(space, geometry, one, index, options, columns) -> HitList:
     return HitList(jax.lax.fori_loop(0, chunks, finish, orders), t, alpha, chunks)
 
 
-def next_hits(listed, one, index, after, options):
+def next_hits(hit_table, one, index, after, options):
     """The k nearest hits of every ray behind the key `after`.
+
+    Args:
+        hit_table: Hits of the group (`hit_list`).
+        one: Arrays of the group (`bundle_groups`).
+        index: The Gaussian of every list entry.
+        after: Key of the last hit that was blended.
+        options: Options of the tracer.
 
     Returns:
         ((Gaussian indices, -1 where there is no hit; the last key), slots of the hits in the list).
     """
-    kept = nearest_hits(listed.key, listed.chunks, after, k=options.k)
+    kept = nearest_hits(hit_table.key, hit_table.chunks, after, k=options.k)
     there = kept != LAST_KEY[kept.dtype]
     slot = jnp.where(there, kept & one["mask"].astype(kept.dtype)[None], 0).astype(jnp.int32)
     place = one["start"][None, :, None] + slot
@@ -116,13 +133,13 @@ def next_hits(listed, one, index, after, options):
     return (jnp.where(there, index.at[place].get(mode="clip"), -1), kept[-1]), slot
 
 
-def hits_at(listed, slot, there):
+def hits_at(hit_table, slot, there):
     """Distance and alpha of hits; 0 where there is none."""
     rays = jnp.arange(slot[0].size, dtype=jnp.int32).reshape(slot.shape[1:])
     place = slot * slot[0].size + rays[None]
-    return (jnp.where(there, x.reshape(-1)[place], 0) for x in (listed.t, listed.alpha))
+    return (jnp.where(there, x.reshape(-1)[place], 0) for x in (hit_table.t, hit_table.alpha))
 
 
-def with_entries(lanes: Lanes) -> Lanes:
+def with_entry_axis(lanes: Lanes) -> Lanes:
     """Rays with an axis for the entries that they meet."""
     return jax.tree.map(lambda x: x[:, None], lanes)

@@ -1,4 +1,4 @@
-"""Which hits come next along each ray.
+"""Selection of the k nearest hits along each ray.
 
 Integers only: nothing here is differentiated.
 """
@@ -15,10 +15,19 @@ def nearest_hits(
     *,
     k: int,
 ) -> Int[Array, " k *rays"]:
-    """The k smallest keys beyond `after` on every ray, smallest first; none left = the largest int.
+    """The k smallest keys beyond `after` on every ray.
 
-    The first `chunks` chunks of the keys are inserted one by one:
-    kb[i] <- min(max(x, kb[i-1]), kb[i]), two integer operations a slot.
+    Keys are inserted one by one: kb[i] <- min(max(x, kb[i-1]), kb[i]), two integer operations a
+    slot.
+
+    Args:
+        keys: Sort keys of all list entries.
+        chunks: Number of chunks that are filled.
+        after: Key behind which hits count.
+        k: Number of hits.
+
+    Returns:
+        The keys, smallest first; the largest integer where none is left.
     """
     none = jnp.iinfo(after.dtype).max
     lowest = jnp.full((1, *after.shape), jnp.iinfo(after.dtype).min, after.dtype)
@@ -35,10 +44,10 @@ def nearest_hits(
 
 
 def slot_mask(count: Int[Array, "*lists"]) -> Int[Array, "*lists"]:
-    """The low bits that tell the slots of so many entries apart.
+    """Bit mask that holds every slot of a list of `count` entries.
 
-    From the list itself, not from the room that there is for it: what rays see must not depend on
-    which frame or step the room was measured with.
+    It depends on the list itself, not on the allocated length: results must not depend on the frame
+    or step for which the length was measured.
     """
     most = jnp.maximum(count - 1, 1)
     # The position of the highest bit, twice that, and all bits below.
@@ -52,13 +61,19 @@ def sort_key(
     high: Int[Array, "*rays"],
     mask: Int[Array, "*lists"],
 ) -> Int[Array, "*hits"]:
-    """One integer that sorts by distance and remembers the slot in the low bits of the `mask`.
+    """An integer that sorts by distance and holds the slot in its low bits.
 
-    `order` holds the float bits of t > 0, which sort as t does, between `low` and `high` on this
-    ray. Their difference is stretched over all the bits there are before the low ones are given to
-    the slot, so distances are told apart to about (high - low) mask 2^-29 in float32, however
-    far away they lie. Closer ones are ordered by slot; shading restores their exact order within a
-    round.
+    The difference of `order` and `low` is scaled to all available bits, before its low bits are
+    replaced by the slot. So the resolution of distances is about (high - low) mask 2^-29 in
+    float32, however far away they are. Closer hits are ordered by slot; shading restores their
+    exact order within a round.
+
+    Args:
+        order: Float bits of the distances t > 0, which sort as t does.
+        slot: Slot of each hit in its list.
+        low: Smallest `order` on the ray.
+        high: Largest `order` on the ray.
+        mask: `slot_mask` of the list.
     """
     # Two bits stay free: the sign, and one that keeps every key below the largest integer.
     shift = jnp.maximum(jax.lax.clz(jnp.maximum(high - low, 0)) - 2, 0)

@@ -36,8 +36,8 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.tracer.cuda import launch, ptx
-from gaussray.tracer.kernel_layout import Rows, boxes_of, coefficients, is_tinted, rows_of
-from gaussray.tracer.motion import Motion, arc_weights, clipped_time, with_rest
+from gaussray.tracer.kernel_layout import Rows, harmonic_count, gaussian_rows, grid_boxes, is_tinted
+from gaussray.tracer.motion import Motion, arc_weights, clipped_time, merge_rest
 
 
 _SOURCE = Path(__file__).with_suffix(".cu")
@@ -158,14 +158,14 @@ def stage_and_strips(
 
     All times of the rays are in the span.
     """
-    motion = with_rest(motion) if motion.keys == 1 else motion
-    rows, box, kept, fine = rows_of(motion, options.alpha_min, span)
+    motion = merge_rest(motion) if motion.keys == 1 else motion
+    rows, box, kept, fine = gaussian_rows(motion, options.alpha_min, span)
     group = options.bundle**2 * (_BUNDLES if options.levels else 1)
     samples, count = rays.time.shape
     groups = max(-(-count // group), 1)
     strips = min(-(-groups * slots * 4 * (4 + samples) // _MEMORY), groups)
     groups = -(-groups // strips)
-    boxes = boxes_of(box, kept)
+    boxes = grid_boxes(box, kept)
     program = Program(
         rays=groups * group,
         samples=samples,
@@ -174,7 +174,7 @@ def stage_and_strips(
         slots=slots,
         supers=boxes[2].shape[0],
         keys=motion.keys,
-        harmonics=coefficients(motion),
+        harmonics=harmonic_count(motion),
         tinted=int(is_tinted(motion)),
         columns=rows.color.shape[1],
         k=options.k,

@@ -8,18 +8,18 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.scene.gaussians import Gaussians, principal_axes, whitening_matrix
 from gaussray.scene.transient import Transients
-from gaussray.tracer.grid import OCCUPANCY, around, place
+from gaussray.tracer.grid import OCCUPANCY, ellipsoid_boxes, grid_key
 from gaussray.tracer.motion import (
     Motion,
     clipped_time,
     control_points,
-    ordinary,
+    is_valid,
+    replace_invalid,
     still,
     tint_controls,
-    usable,
 )
-from gaussray.tracer.response import reach
-from gaussray.tracer.window import swept_between, swept_box, window_of
+from gaussray.tracer.response import reach_radius
+from gaussray.tracer.window import swept_between, swept_box, time_window_of
 
 
 # Cells in a box of the coarser grid, one for each thread of a warp.
@@ -43,7 +43,7 @@ class Rows(NamedTuple):
     window: Float[Array, "transients 8"]
 
 
-def coefficients(motion: Motion) -> int:
+def harmonic_count(motion: Motion) -> int:
     """Harmonics per channel of the Gaussians, the most that any of them has."""
     parts = (motion.gaussians, motion.rest, motion.transient)
     return max(g.harmonics.shape[1] for g in parts if g is not None)
@@ -55,12 +55,21 @@ def is_tinted(motion: Motion) -> bool:
     return any(g is not None and g.tint is not None for g in parts)
 
 
-def rows_of(
+def gaussian_rows(
     motion: Motion, alpha_min: float, span: Float[Array, "2"]
 ) -> tuple[Rows, Float[Array, "gaussians 6"], Bool[Array, " gaussians"], Bool[Array, " gaussians"]]:
-    """Rows, boxes (lower and upper corner) around all there is within the span of time, which
-    Gaussians can be met at all, and which are usable."""
-    form = _Form(alpha_min, is_tinted(motion), coefficients(motion))
+    """The Gaussians as the kernels read them.
+
+    Args:
+        motion: The Gaussians at their key times.
+        alpha_min: Alpha below which a Gaussian has no effect.
+        span: First and last time of the rays.
+
+    Returns:
+        The rows, boxes around the Gaussians within the span (lower and upper corners), which
+        Gaussians can be hit, and which are valid.
+    """
+    form = _RowFormat(alpha_min, is_tinted(motion), harmonic_count(motion))
     if motion.keys == 1:
         parts = [_resting(motion.gaussians, form)]
         keyed = jnp.zeros((1, 1, 16), motion.gaussians.mean.dtype)
@@ -79,7 +88,7 @@ def rows_of(
     return Rows(jax.lax.stop_gradient(extent), state, keyed, color, window), box, kept, fine
 
 
-class _Form(NamedTuple):
+class _RowFormat(NamedTuple):
     """What all rows share: where Gaussians end, whether colours are tinted, and the number of
     harmonics per channel."""
 
@@ -88,12 +97,12 @@ class _Form(NamedTuple):
     coefficients: int
 
 
-def _resting(g: Gaussians, form: _Form):
-    """Extent, state, colour, box, kept and usable of Gaussians at one key."""
-    fine = usable(g)
-    g = ordinary(g, fine)
+def _resting(g: Gaussians, form: _RowFormat):
+    """Extent, state, colour, box, whether hit and whether valid, of Gaussians at one key."""
+    fine = is_valid(g)
+    g = replace_invalid(g, fine)
     mean, quat, scale = g.mean[0], g.quat[0], g.scale[0]
-    radius = reach(jax.lax.stop_gradient(g.opacity), form.alpha_min)
+    radius = reach_radius(jax.lax.stop_gradient(g.opacity), form.alpha_min)
     kept = fine & (radius > 0)
     support = jax.lax.stop_gradient(principal_axes(quat, scale)) * radius[:, None, None]
     extent = jnp.concatenate([support.reshape(-1, 9), mean], axis=1)
@@ -101,39 +110,41 @@ def _resting(g: Gaussians, form: _Form):
         [
             whitening_matrix(quat, scale).reshape(-1, 9),
             mean,
-            _ends(g.opacity, radius, kept, jnp.full_like(radius, -1)),
+            _state_tail(g.opacity, radius, kept, jnp.full_like(radius, -1)),
         ],
         axis=1,
     )
     tint = None if not form.tinted else jnp.ones_like(mean) if g.tint is None else g.tint[0]
-    lower, upper = around(jax.lax.stop_gradient(mean), support)
+    lower, upper = ellipsoid_boxes(jax.lax.stop_gradient(mean), support)
     box = jnp.concatenate([lower, upper], axis=1)
     return extent, state, _colors(g.harmonics, tint, form), box, kept, fine
 
 
-def _moving(motion: Motion, form: _Form):
+def _moving(motion: Motion, form: _RowFormat):
     """The same for Gaussians with key states, and the rows of their control points."""
-    fine = usable(motion.gaussians)
-    g = ordinary(motion.gaussians, fine)
+    fine = is_valid(motion.gaussians)
+    g = replace_invalid(motion.gaussians, fine)
     motion = Motion(motion.time, g)
     mean, frame = control_points(motion)
-    radius = reach(jax.lax.stop_gradient(g.opacity), form.alpha_min)
+    radius = reach_radius(jax.lax.stop_gradient(g.opacity), form.alpha_min)
     kept = fine & (radius > 0)
     tint = tint_controls(motion)
     keyed = [frame.reshape(*frame.shape[:2], 9), mean, tint, jnp.zeros_like(mean[..., :1])]
     keyed = jnp.moveaxis(jnp.concatenate(keyed, axis=-1), 0, 1)
     number = jnp.arange(g.count, dtype=mean.dtype)
     blank = jnp.zeros((g.count, 12), mean.dtype)
-    state = jnp.concatenate([blank, _ends(g.opacity, radius, kept, number)], axis=1)
-    lower, upper = around(*jax.lax.stop_gradient((mean, frame * radius[None, :, None, None])))
+    state = jnp.concatenate([blank, _state_tail(g.opacity, radius, kept, number)], axis=1)
+    lower, upper = ellipsoid_boxes(
+        *jax.lax.stop_gradient((mean, frame * radius[None, :, None, None]))
+    )
     box = jnp.concatenate([jnp.min(lower, axis=0), jnp.max(upper, axis=0)], axis=1)
     white = jnp.ones((g.count, 3), mean.dtype) if form.tinted else None
     return (blank, state, _colors(g.harmonics, white, form), box, kept, fine), keyed
 
 
-def _transient(transients: Transients, span: Float[Array, "2"], form: _Form):
+def _transient(transients: Transients, span: Float[Array, "2"], form: _RowFormat):
     """The same for transient Gaussians, and the rows of their windows."""
-    window, gaussians = window_of(transients), still(transients.gaussians).gaussians
+    window, gaussians = time_window_of(transients), still(transients.gaussians).gaussians
     extent, state, color, box, kept, fine = _resting(gaussians, form)
     number = -2 - jnp.arange(kept.shape[0], dtype=state.dtype)
     radius = jnp.sqrt(jnp.maximum(jax.lax.stop_gradient(state[:, 13]), 0))
@@ -147,13 +158,13 @@ def _transient(transients: Transients, span: Float[Array, "2"], form: _Form):
     return (extent, state, color, box, kept, fine), rows
 
 
-def _ends(opacity: Array, radius: Array, kept: Array, number: Array) -> Array:
+def _state_tail(opacity: Array, radius: Array, kept: Array, number: Array) -> Array:
     """The last four columns of a state."""
     squared = jnp.where(kept, radius * radius, -1)
     return jnp.stack([opacity, squared, number, jnp.zeros_like(radius)], axis=1)
 
 
-def _colors(harmonics: Array, tint: Array | None, form: _Form) -> Array:
+def _colors(harmonics: Array, tint: Array | None, form: _RowFormat) -> Array:
     """Harmonics and tint in one row, a multiple of four floats."""
     missing = form.coefficients - harmonics.shape[1]
     harmonics = jnp.pad(harmonics, ((0, 0), (0, missing), (0, 0)))
@@ -162,7 +173,7 @@ def _colors(harmonics: Array, tint: Array | None, form: _Form) -> Array:
     return jnp.pad(row, ((0, 0), (0, -row.shape[1] % 4)))
 
 
-def boxes_of(
+def grid_boxes(
     box: Float[Array, "gaussians 6"], kept: Bool[Array, " gaussians"]
 ) -> tuple[Int[Array, " padded"], Float[Array, "cells 6"], Float[Array, "supers 6"]]:
     """Order of the Gaussians along the grid (-1 pads), boxes of cells and of _CELLS cells.
@@ -173,7 +184,7 @@ def boxes_of(
     lower, upper = box[:, :3], box[:, 3:]
     count = kept.shape[0]
     padding = max(-(-count // (OCCUPANCY * _CELLS)), 1) * OCCUPANCY * _CELLS - count
-    order = jnp.argsort(place(lower, upper, kept).astype(jnp.uint32)).astype(jnp.int32)
+    order = jnp.argsort(grid_key(lower, upper, kept).astype(jnp.uint32)).astype(jnp.int32)
     order = jnp.pad(order, (0, padding), constant_values=-1)
     signed = jnp.where(kept[:, None], jnp.concatenate([lower, -upper], axis=1), jnp.inf)
     signed = jnp.concatenate([signed, jnp.full((1, 6), jnp.inf, box.dtype)])[order]

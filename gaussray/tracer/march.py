@@ -1,4 +1,4 @@
-"""Marches ray bundles through their lists: the nearest hits round by round, and their colour."""
+"""Marches ray bundles through their lists: the nearest hits, round by round, are blended."""
 
 import jax
 import jax.numpy as jnp
@@ -11,70 +11,70 @@ from gaussray.tracer.hit_list import (
     LAST_KEY,
     hit_geometry,
     hit_list,
-    hit_list_room,
+    hit_list_buffers,
     hits_at,
     next_hits,
-    with_entries,
+    with_entry_axis,
 )
 from gaussray.tracer.response import opacity_on_ray
-from gaussray.tracer.table import meet, tint_at
+from gaussray.tracer.table import ray_response, tint_at
 
 
-def _march(table, lanes, lists, options, columns, room) -> tuple[Array, Array, Array]:
+def _march(table, lanes, lists, options, columns, slots) -> tuple[Array, Array, Array]:
     """Channels (red, green, blue, depth), transmittance and number of hits of every ray.
 
     Bundles march in groups of similar list length. The gradient is custom, because the number of
-    rounds is only known at run time, and because only the result and the nearest `_KEPT` hits of a
-    ray are stored, which mostly are all. The backward pass walks the rounds again, front to back.
+    rounds is only known at run time, and because only the result and the nearest `_STORED` hits of
+    a ray are stored, which mostly are all. The backward pass repeats the rounds, front to back.
     Round r contributes T_r L_r to the sum, and T_{r+1} = T_r tau_r. Hence dL_r = T_r g and
     dtau_r = (g . (total - sum up to r) + g_T T_end) / tau_r. JAX differentiates the shading.
     """
-    return _forward(table, lanes, lists, options, columns, room)[0]
+    return _forward(table, lanes, lists, options, columns, slots)[0]
 
 
-def _forward(table, lanes, lists, options, columns, room):
+def _forward(table, lanes, lists, options, columns, slots):
     groups, restore = bundle_groups(lanes, lists, options)
     geometry, paint = hit_geometry(table, columns, options), table[:, columns.opacity + 1 :]
 
     def group(space, one):
-        listed = hit_list(space, geometry, one, lists[0], options, columns)
+        hit_table = hit_list(space, geometry, one, lists[0], options, columns)
 
         def body(state):
-            (channels, transmittance, after, hits, _), r, kept = state
-            found, slot = next_hits(listed, one, lists[0], after, options)
-            index, last = found
+            (channels, transmittance, after, hits, _), r, stored = state
+            nearest, slot = next_hits(hit_table, one, lists[0], after, options)
+            index, last = nearest
             there = index >= 0
-            t, alpha = hits_at(listed, slot, there)
+            t, alpha = hits_at(hit_table, slot, there)
             rows = _components(paint, index)
-            local, tau = _blended(rows, t, alpha, one["lanes"], columns)
+            local, tau = _blend_hits(rows, t, alpha, one["lanes"], columns)
             channels = channels + transmittance[None] * local
             transmittance = transmittance * tau
-            going = there[-1] & (transmittance > options.transmittance_min)
-            after = jnp.where(going, last, LAST_KEY[last.dtype])
-            kept = jax.tree.map(lambda x, new: x.at[r].set(new, mode="drop"), kept, found)
+            active = there[-1] & (transmittance > options.transmittance_min)
+            after = jnp.where(active, last, LAST_KEY[last.dtype])
+            stored = jax.tree.map(lambda x, new: x.at[r].set(new, mode="drop"), stored, nearest)
             hits = hits + jnp.sum(there, axis=0, dtype=jnp.int32)
-            return (channels, transmittance, after, hits, jnp.any(going)), r + 1, kept
+            return (channels, transmittance, after, hits, jnp.any(active)), r + 1, stored
 
         start = _start(one, table.dtype)
-        rounds, after = _kept_rounds(options), start[2]
-        kept = (
+        rounds, after = _stored_rounds(options), start[2]
+        stored = (
             jnp.full((rounds, options.k, *after.shape), -1, jnp.int32),
             jnp.zeros((rounds, *after.shape), after.dtype),
         )
-        final, _, kept = jax.lax.while_loop(lambda s: s[0][4], body, (start, 0, kept))
-        return listed.space, ((final[0], final[1], final[3]), kept)
+        final, _, stored = jax.lax.while_loop(lambda s: s[0][4], body, (start, 0, stored))
+        return hit_table.space, ((final[0], final[1], final[3]), stored)
 
-    _, (results, kept) = jax.lax.scan(group, hit_list_room(groups, options, room), groups)
-    return restore(results), kept
-
-
-def _march_forward(table, lanes, lists, options, columns, room):
-    out, kept = _forward(table, lanes, lists, options, columns, room)
-    return out, (table, lanes, lists, out[0], out[1], kept)
+    _, (results, stored) = jax.lax.scan(group, hit_list_buffers(groups, options, slots), groups)
+    return restore(results), stored
 
 
-def _march_backward(options, columns, room, saved, cotangent):
-    table, lanes, lists, total, end, kept = saved
+def _march_forward(table, lanes, lists, options, columns, slots):
+    out, stored = _forward(table, lanes, lists, options, columns, slots)
+    return out, (table, lanes, lists, out[0], out[1], stored)
+
+
+def _march_backward(options, columns, slots, saved, cotangent):
+    table, lanes, lists, total, end, stored = saved
     g_channels, g_end, _ = cotangent
     groups, restore = bundle_groups(lanes, lists, options)
     geometry = hit_geometry(table, columns, options)
@@ -83,11 +83,11 @@ def _march_backward(options, columns, room, saved, cotangent):
     )
 
     def group(d_table, one):
-        one, more, kept = one
+        one, more, stored = one
 
-        def shade_back(state, found):
+        def shade_backward(state, nearest):
             channels, transmittance, _, d_table, d_rays, _ = state
-            index, last = found
+            index, last = nearest
             there = index >= 0
             rows = _components(table, index)
             (local, tau), pull = jax.vjp(
@@ -106,33 +106,33 @@ def _march_backward(options, columns, room, saved, cotangent):
             d_table = d_table.at[index.reshape(-1)].add(d_rows.reshape(-1, d_rows.shape[-1]))
             d_rays = jax.tree.map(jnp.add, d_rays, d_lanes)
             transmittance = transmittance * tau
-            going = there[-1] & (transmittance > options.transmittance_min)
-            after = jnp.where(going, last, LAST_KEY[last.dtype])
-            return channels, transmittance, after, d_table, d_rays, jnp.any(going)
+            active = there[-1] & (transmittance > options.transmittance_min)
+            after = jnp.where(active, last, LAST_KEY[last.dtype])
+            return channels, transmittance, after, d_table, d_rays, jnp.any(active)
 
-        def kept_round(state):
+        def stored_round(state):
             state, r = state
-            return shade_back(state, jax.tree.map(lambda x: x[r], kept)), r + 1
+            return shade_backward(state, jax.tree.map(lambda x: x[r], stored)), r + 1
 
-        def further_rounds(state):
-            space = hit_list_room(groups, options, room)
-            listed = hit_list(space, geometry, one, lists[0], options, columns)
+        def searched_rounds(state):
+            space = hit_list_buffers(groups, options, slots)
+            hit_table = hit_list(space, geometry, one, lists[0], options, columns)
 
             def body(state):
-                found, _ = next_hits(listed, one, lists[0], state[2], options)
-                return shade_back(state, found)
+                nearest, _ = next_hits(hit_table, one, lists[0], state[2], options)
+                return shade_backward(state, nearest)
 
             return jax.lax.while_loop(lambda s: s[5], body, state)
 
-        channels, transmittance, after, _, going = _start(one, table.dtype)
+        channels, transmittance, after, _, active = _start(one, table.dtype)
         zeros = jax.tree.map(jnp.zeros_like, one["lanes"])
-        state = (channels, transmittance, after, d_table, zeros, going)
-        rounds = _kept_rounds(options)
-        state, _ = jax.lax.while_loop(lambda s: s[0][5] & (s[1] < rounds), kept_round, (state, 0))
-        final = jax.lax.cond(state[5], further_rounds, lambda state: state, state)
+        state = (channels, transmittance, after, d_table, zeros, active)
+        rounds = _stored_rounds(options)
+        state, _ = jax.lax.while_loop(lambda s: s[0][5] & (s[1] < rounds), stored_round, (state, 0))
+        final = jax.lax.cond(state[5], searched_rounds, lambda state: state, state)
         return final[3], final[4]
 
-    d_table, d_rays = jax.lax.scan(group, jnp.zeros_like(table), (groups, extra, kept))
+    d_table, d_rays = jax.lax.scan(group, jnp.zeros_like(table), (groups, extra, stored))
     return d_table, restore(d_rays), None
 
 
@@ -141,11 +141,11 @@ march.defvjp(_march_forward, _march_backward)
 
 # Hits of a ray that are stored for the backward pass, in whole rounds; further ones are searched
 # again.
-_KEPT = 64
+_STORED = 64
 
 
-def _kept_rounds(options):
-    return max(_KEPT // options.k, 1)
+def _stored_rounds(options):
+    return max(_STORED // options.k, 1)
 
 
 def _start(one, dtype):
@@ -168,16 +168,16 @@ def _components(table, index):
 
 def _shade(rows, lanes, there, columns, options):
     """Channels and transmittance of one round of hits; `rows` are columns (k, bundles, rays)."""
-    t, q = meet(rows, with_entries(lanes), columns)
+    t, q = ray_response(rows, with_entry_axis(lanes), columns)
     alpha = opacity_on_ray(rows[columns.opacity], q, alpha_max=options.alpha_max)
     alpha = jnp.where(there, alpha, 0)
-    return _blended(rows[columns.opacity + 1 :], t, alpha, lanes, columns)
+    return _blend_hits(rows[columns.opacity + 1 :], t, alpha, lanes, columns)
 
 
-def _blended(paint, t, alpha, lanes, columns):
+def _blend_hits(paint, t, alpha, lanes, columns):
     """Channels and transmittance of hits whose distance and alpha are known; `paint` holds the
     columns of colour."""
-    lanes = with_entries(lanes)
+    lanes = with_entry_axis(lanes)
     harmonics = jnp.stack(paint[: 3 * columns.coefficients])
     harmonics = harmonics.reshape(-1, 3, *harmonics.shape[1:])
     color = radiance(harmonics, lanes.direction)

@@ -1,4 +1,4 @@
-"""Gaussians at the key times of a frame: between the keys everything moves along parabolas."""
+"""Motion of Gaussians within a frame: parabolas between key times."""
 
 from collections.abc import Callable
 
@@ -39,7 +39,7 @@ class Motion(eqx.Module):
 
     @property
     def keys(self) -> int:
-        """How many key states there are, and as many control points."""
+        """Number of key states, and of control points."""
         return self.time.shape[0]
 
     def __check_init__(self):
@@ -55,7 +55,7 @@ def still(
     transient: Transients | None = None,
     time_range: Float[Array, "2"] | None = None,
 ) -> Motion:
-    """A scene whose persistent Gaussians do not move within the frame.
+    """The motion of a scene whose static and deformed Gaussians do not move within the frame.
 
     Args:
         gaussians: Gaussians without key states.
@@ -77,7 +77,7 @@ def still(
 def scene_motion(
     scene: Scene, key_time: Float[Array, " keys"], time_range: Float[Array, "2"] | None = None
 ) -> Motion:
-    """A scene across the key times of a frame; one key time is a deformation that stands still.
+    """The motion of a scene within a frame; with one key time the deformation is constant.
 
     Args:
         scene: the scene.
@@ -92,8 +92,8 @@ def scene_motion(
     return Motion(key_time, moving_at(scene, key_time), rest, transient, limits)
 
 
-def with_rest(motion: Motion) -> Motion:
-    """The same with the resting Gaussians repeated at every key."""
+def merge_rest(motion: Motion) -> Motion:
+    """The same motion with the Gaussians without key states repeated at every key."""
     if motion.rest is None:
         return motion
     every = concatenate(motion.rest, motion.gaussians)
@@ -103,7 +103,12 @@ def with_rest(motion: Motion) -> Motion:
 def clipped_time(
     time_range: Float[Array, "2"] | None, time: Float[Array, "*times"]
 ) -> Float[Array, "*times"]:
-    """Times as transient Gaussians see them: not before the range begins, nor after it ends."""
+    """Times clipped to the range of transient Gaussians.
+
+    Args:
+        time_range: First and last time; None for no limits.
+        time: Times, in the capture's unit.
+    """
     if time_range is None:
         return time
     return jnp.clip(time, *jax.lax.stop_gradient((time_range[0], time_range[1])))
@@ -134,9 +139,13 @@ def _controls(time: Array, x: Array) -> Array:
 def control_weights(
     key_time: Float[Array, " keys"], time: Float[Array, ""]
 ) -> Float[Array, " keys"]:
-    """Share of every control point at a time: Bernstein polynomials of the time within its arc.
+    """Weight of every control point at a time: Bernstein polynomials of the time within its arc.
 
-    Smooth within an arc, so gradients reach shutter and trigger times.
+    They are smooth within an arc, so gradients reach shutter and trigger times.
+
+    Args:
+        key_time: Key times, increasing.
+        time: In the capture's unit.
     """
     keys = key_time.shape[0]
     if keys == 1:
@@ -154,8 +163,15 @@ def control_weights(
 def arc_weights(
     key_time: Float[Array, " keys"], time: Float[Array, "*rays"]
 ) -> tuple[Float[Array, "*rays 3"], Int[Array, "*rays"]]:
-    """The control points that share a time, three in a row, and the first of them: what of
-    `control_weights` is not zero, for two keys or more (the third share of two keys is zero)."""
+    """The nonzero weights of `control_weights`: those of three consecutive control points.
+
+    Args:
+        key_time: Key times, increasing, at least two; of two, the third weight is 0.
+        time: In the capture's unit.
+
+    Returns:
+        The three weights, and the index of the first control point.
+    """
     knot = _knots(key_time)
     inner = knot[1:-1].reshape(*(1,) * time.ndim, -1)
     after = jnp.sum(time[..., None] >= inner, axis=-1, dtype=jnp.int32)
@@ -175,7 +191,13 @@ def tint_controls(motion: Motion) -> Float[Array, "keys gaussians 3"]:
 def active_controls(
     key_time: Float[Array, " keys"], earliest: Float[Array, ""], latest: Float[Array, ""]
 ) -> Bool[Array, " keys"]:
-    """Which control points have a share in some time of the window [earliest, latest]."""
+    """The control points with a weight at some time of an interval.
+
+    Args:
+        key_time: Key times, increasing.
+        earliest: First time of the interval.
+        latest: Last time of the interval.
+    """
     knot = _knots(key_time)
     infinite = jnp.full_like(knot[:1], jnp.inf)
     before = jnp.concatenate([-infinite, knot[:-1]])
@@ -192,8 +214,8 @@ def _knots(key_time: Array) -> Array:
     return key_time if key_time.shape[0] < 3 else key_time[::2]
 
 
-def usable(gaussians: Gaussians) -> Bool[Array, " gaussians"]:
-    """Which Gaussians can be traced: all values finite at all keys, and scales whose inverse is."""
+def is_valid(gaussians: Gaussians) -> Bool[Array, " gaussians"]:
+    """Whether each Gaussian can be traced: all values, and inverses of scales, are finite."""
     g = gaussians
     per_key = jnp.concatenate([g.mean, g.quat, g.scale, 1 / g.scale], axis=-1)
     fine = jnp.all(jnp.isfinite(per_key), axis=(0, -1)) & jnp.all(g.scale > 0, axis=(0, -1))
@@ -202,26 +224,31 @@ def usable(gaussians: Gaussians) -> Bool[Array, " gaussians"]:
     return fine & jnp.isfinite(g.opacity) & jnp.all(jnp.isfinite(g.harmonics), axis=(1, 2))
 
 
-def ordinary(g: Gaussians, fine: Bool[Array, " gaussians"]) -> Gaussians:
-    """Gaussians with key states; all values of those that are not fine become 1."""
+def replace_invalid(g: Gaussians, fine: Bool[Array, " gaussians"]) -> Gaussians:
+    """Replace the values of invalid Gaussians by 1.
+
+    Args:
+        g: Gaussians with key states.
+        fine: Which of them are valid.
+    """
 
     def replace(x: Array, axis: int) -> Array:
         shape = [-1 if i == axis else 1 for i in range(x.ndim)]
         return jnp.where(fine.reshape(shape), x, 1)
 
-    return _each(replace, g)
+    return _map_arrays(replace, g)
 
 
-def padded(g: Gaussians) -> Gaussians:
-    """Gaussians with key states and one more, all of whose values are 0."""
+def pad_gaussians(g: Gaussians) -> Gaussians:
+    """Append a Gaussian of zeros to Gaussians with key states."""
 
     def pad(x: Array, axis: int) -> Array:
         return jnp.pad(x, [(0, 1) if i == axis else (0, 0) for i in range(x.ndim)])
 
-    return _each(pad, g)
+    return _map_arrays(pad, g)
 
 
-def _each(change: Callable[[Array, int], Array], g: Gaussians) -> Gaussians:
+def _map_arrays(change: Callable[[Array, int], Array], g: Gaussians) -> Gaussians:
     """A change of every array; `change` gets the array and the axis of the Gaussians."""
     return Gaussians(
         mean=change(g.mean, 1),

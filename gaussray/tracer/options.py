@@ -1,4 +1,4 @@
-"""How rays are traced, and which backend traces them."""
+"""Options of the tracer, and the choice of its backend."""
 
 import equinox as eqx
 import jax
@@ -13,16 +13,25 @@ BACKENDS = ("auto", "array", "kernel")
 
 
 class TraceOptions(eqx.Module):
-    """Everything static about a trace; changing a field recompiles.
+    """Options of the tracer. All are static: changing one recompiles.
 
-    `k` hits are taken per round; rounds go on until the transmittance falls to `transmittance_min`
-    or nothing is left, so k is a matter of speed alone. `bundle` is the side of a square bundle in
-    pixels, `levels` the number of coarser bundle levels (0 for bundles that are not neighbours;
-    pictures of millions of Gaussians get more than asked for), `group` how many bundles march
-    together (0: 4 on a CPU, whose caches they fill, 16 on a GPU), `chunk` how many list entries are
-    read at once. `backend` is "array" (runs everywhere, in any
-    precision), "kernel" (single precision: CUDA on a GPU, see kernel.py, or Numba on a CPU, see
-    cpu_kernel.py) or "auto": the kernel where it runs.
+    Args:
+        k: Hits per round. Rounds continue until the transmittance falls to `transmittance_min` or
+            no hit is left, so k affects speed only.
+        alpha_min: Alpha below which a Gaussian has no effect.
+        alpha_max: Largest alpha of a hit.
+        transmittance_min: Transmittance at which a ray ends.
+        bundle: Side of a square bundle of rays, in pixels.
+        levels: Number of coarser bundle levels; 0 for bundles that are not neighbours. Scenes of
+            millions of Gaussians get more levels.
+        group: Bundles that march together; 0 is 4 on a CPU, whose caches they fill, and 16 on a
+            GPU.
+        chunk: List entries that are read at once.
+        backend: "array" runs everywhere in any precision; "kernel" is single precision, by CUDA on
+            a GPU (kernel.py) or Numba on a CPU (cpu_kernel.py); "auto" is the kernel where it runs.
+
+    Raises:
+        ValueError: A value breaks its rule; the message names the key.
     """
 
     k: int = eqx.field(static=True, default=16)
@@ -59,7 +68,11 @@ class TraceOptions(eqx.Module):
 
 
 def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
-    """Whether the CUDA kernel traces rays of this precision.
+    """Whether the CUDA kernel traces rays of a precision.
+
+    Args:
+        options: Options of the tracer.
+        dtype: Precision of the rays.
 
     Raises:
         ValueError: the kernel is asked for and runs neither on a GPU nor on a CPU.
@@ -79,9 +92,14 @@ def on_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
 
 
 def on_cpu_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
-    """Whether bundles of rays of this precision march in machine code on a CPU (cpu_march.py).
+    """Whether bundles of rays of a precision march in machine code on a CPU (cpu_march.py).
 
-    Their lists are those of the arrays."""
+    Their lists are those of the array backend.
+
+    Args:
+        options: Options of the tracer.
+        dtype: Precision of the rays.
+    """
     single = jnp.dtype(dtype) == jnp.float32
     on_cpu = jax.default_backend() == "cpu"
     return options.backend != "array" and single and on_cpu and has_machine_code()

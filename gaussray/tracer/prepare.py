@@ -1,4 +1,4 @@
-"""What all traces of the same scene within a span of time share."""
+"""Preparation of a scene for several traces within a time span: alive Gaussians and their grid."""
 
 from dataclasses import replace
 
@@ -9,40 +9,52 @@ from jaxtyping import Array, Float
 
 from gaussray.camera.rays import Rays
 from gaussray.tracer.grid import Grid, build_grid
-from gaussray.tracer.motion import Motion, clipped_time, with_rest
+from gaussray.tracer.motion import Motion, clipped_time, merge_rest
 from gaussray.tracer.options import TraceOptions, on_kernel
 from gaussray.tracer.traverse import Capacity
-from gaussray.tracer.window import Living, living
+from gaussray.tracer.window import AliveTransients, alive_transients
 
 
 class Prepared(eqx.Module):
-    """A motion as all rays within a `span` of time may meet it.
+    """A motion, prepared for rays within a span of time.
 
-    `motion` holds of the transient Gaussians those that are `living` in the span (None: there are
-    no transient ones). `grid` is the one over them (None where the CUDA kernels trace).
+    Args:
+        motion: The motion, with the transient Gaussians that are alive in the span.
+        grid: The grid over its Gaussians; None if the CUDA kernels trace.
+        span: First and last time of the rays.
+        living: The transient Gaussians that are alive; None if there are none.
     """
 
     motion: Motion
     grid: Grid | None
     span: Float[Array, "2"]
-    living: Living | None = None
+    living: AliveTransients | None = None
 
-    def extended(self, needed: Array, dropped: Array) -> tuple[Array, Array]:
-        """List sizes with the number of living transients, and entries without a place."""
+    def with_transient_count(self, needed: Array, dropped: Array) -> tuple[Array, Array]:
+        """List sizes and dropped entries, including those of transient Gaussians.
+
+        Args:
+            needed: List sizes of a trace.
+            dropped: Entries that it dropped.
+        """
         if self.living is None:
             return needed, dropped
         lost = jnp.maximum(self.living.needed - self.living.index.shape[0], 0)
         return jnp.append(needed, self.living.needed), dropped + lost
 
-    def skipped(self, others: Array) -> Array:
-        """How many Gaussians are not finite, given how many of the `others` are not."""
+    def skipped_count(self, others: Array) -> Array:
+        """Number of Gaussians that are not finite.
+
+        Args:
+            others: Number of those among the Gaussians of `motion`.
+        """
         return others if self.living is None else others + self.living.unusable
 
 
 def prepare(
     motion: Motion, span: Float[Array, "2"], *, options: TraceOptions, capacity: Capacity
 ) -> Prepared:
-    """What all traces of rays within a span of time share: worth it for several traces.
+    """Prepare a motion for several traces within a span of time.
 
     Args:
         motion: the scene.
@@ -50,33 +62,40 @@ def prepare(
         options: how it will be traced.
         capacity: that of the traces.
     """
-    chosen, transient = None, motion.transient
+    alive, transient = None, motion.transient
     span = jax.lax.stop_gradient(span)
     if transient is not None:
         # At least one place: an array of nothing is no operand of a kernel.
-        places, seen = max(capacity.transient, 1), clipped_time(motion.time_range, span)
+        slots, span_in_range = max(capacity.transient, 1), clipped_time(motion.time_range, span)
         if transient.count:
-            chosen = living(transient, seen, places, options.alpha_min)
-        motion = replace(motion, transient=None if chosen is None else chosen.transients)
+            alive = alive_transients(transient, span_in_range, slots, options.alpha_min)
+        motion = replace(motion, transient=None if alive is None else alive.transients)
     grid = None
     if not on_kernel(options, motion.gaussians.mean.dtype):
-        motion = with_rest(motion)
+        motion = merge_rest(motion)
         fixed = jax.lax.stop_gradient(motion)
         grid = build_grid(fixed, alpha_min=options.alpha_min, span=span)
-    return Prepared(motion, grid, span, chosen)
+    return Prepared(motion, grid, span, alive)
 
 
-def prepared_for(
+def prepare_for_rays(
     motion: Motion | Prepared, rays: Rays, options: TraceOptions, capacity: Capacity
 ) -> Prepared:
-    """A motion prepared for these rays, unless it is prepared already."""
+    """Prepare a motion for rays, unless it is prepared already.
+
+    Args:
+        motion: The motion.
+        rays: The rays.
+        options: Options of the tracer.
+        capacity: Capacity of the traces.
+    """
     if isinstance(motion, Prepared):
         return motion
-    return prepare(motion, span_of(rays), options=options, capacity=capacity)
+    return prepare(motion, time_span(rays), options=options, capacity=capacity)
 
 
-def span_of(rays: Rays) -> Float[Array, "2"]:
-    """The earliest and the latest time of rays; times that are not finite do not count."""
+def time_span(rays: Rays) -> Float[Array, "2"]:
+    """First and last time of rays; times that are not finite do not count."""
     time = jax.lax.stop_gradient(rays.time)
     real = jnp.isfinite(time)
     low = jnp.min(jnp.where(real, time, jnp.inf), initial=jnp.inf)

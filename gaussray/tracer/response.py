@@ -1,4 +1,4 @@
-"""One ray meets one Gaussian."""
+"""The response of one Gaussian on one ray."""
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +26,15 @@ def response(
     a unit away (measured: mean colour error 6e-4, a tenth of what that rounding does). Sizes
     are from 1e-17 to 1e17 units, and from 1e-12 to 1e12 where t is differentiated: squares and
     cubes of them and of their inverses must be numbers.
+
+    Args:
+        whiten: Entries of A, row by row.
+        mean: Centre of the Gaussian, by component.
+        origin: Origin of the ray.
+        direction: Unit direction of the ray.
+
+    Returns:
+        t and q.
     """
     x, y, z = (origin[i] - mean[i] for i in range(3))
     dx, dy, dz = direction[0], direction[1], direction[2]
@@ -55,10 +64,19 @@ def _reciprocal_jvp(primals, tangents):
     return inverse, -(tangents[0] * inverse) * inverse
 
 
-def reach(opacity: Float[Array, "*batch"], alpha_min: float) -> Float[Array, "*batch"]:
-    """Radius, in standard deviations, at which alpha falls to `alpha_min`; 0 where it never rises
-    above it: sqrt(2 ln(opacity / alpha_min)), by the difference of the two, which is exact where
-    they are nearly equal."""
+def reach_radius(opacity: Float[Array, "*batch"], alpha_min: float) -> Float[Array, "*batch"]:
+    """Radius, in standard deviations, at which alpha falls to `alpha_min`.
+
+    It is sqrt(2 ln(opacity / alpha_min)), computed from the difference of both, which is exact
+    where they are nearly equal.
+
+    Args:
+        opacity: Peak alphas.
+        alpha_min: Alpha at the radius.
+
+    Returns:
+        The radius; 0 if the opacity is below `alpha_min`.
+    """
     visible = opacity > alpha_min
     above = jnp.where(visible, opacity - alpha_min, 0) / alpha_min
     squared = 2 * jnp.log1p(above)
@@ -68,5 +86,11 @@ def reach(opacity: Float[Array, "*batch"], alpha_min: float) -> Float[Array, "*b
 def opacity_on_ray(
     opacity: Float[Array, "*gaussians"], q: Float[Array, "*both"], *, alpha_max: float
 ) -> Float[Array, "*both"]:
-    """alpha = min(alpha_max, opacity exp(-q/2))."""
+    """alpha = min(alpha_max, opacity exp(-q/2)).
+
+    Args:
+        opacity: Peak alphas.
+        q: Squared distances from the Gaussian on the ray, in standard deviations (`response`).
+        alpha_max: Largest alpha.
+    """
     return jnp.minimum(opacity * jnp.exp(-0.5 * q), alpha_max)

@@ -16,16 +16,16 @@ from gaussray.tracer.traverse import Capacity
 
 
 def mesh(devices: int | None = None) -> Mesh:
-    """The first `devices` local devices (all of them by default)."""
+    """A mesh of the first `devices` local devices (all of them by default)."""
     return Mesh(np.array(jax.local_devices()[:devices]), ("rays",))
 
 
 def mesh_of_hosts(devices: int | None = None) -> Mesh:
-    """The first `devices` devices of every host, in the same order for all of them."""
+    """A mesh of the first `devices` devices of every host, in the same order on all hosts."""
     hosts: dict[int, list[jax.Device]] = {}
     for device in jax.devices():
         hosts.setdefault(device.process_index, []).append(device)
-    return Mesh(np.array([d for own in hosts.values() for d in own[:devices]]), ("rays",))
+    return Mesh(np.array([d for local in hosts.values() for d in local[:devices]]), ("rays",))
 
 
 def trace_sharded(
@@ -36,11 +36,19 @@ def trace_sharded(
     capacity: Capacity,
     mesh: Mesh | None,
 ) -> tuple[Pixels, Report]:
-    """`trace` with the rays dealt out to the devices and the scene on each; same result.
+    """`trace` with the rays divided among devices; each device has the whole scene. Same result.
 
-    Neighbouring blocks of bundles go to different devices, so that the work is even. `capacity` is
-    that of one device; `needed` in the report is the largest of all, the counts are sums. Without
-    a mesh it is `trace`.
+    Neighbouring blocks of bundles go to different devices, so that the work is even.
+
+    Args:
+        motion: As for `trace`.
+        rays: As for `trace`.
+        options: As for `trace`.
+        capacity: List sizes of one device.
+        mesh: The devices; None or a single one is `trace` itself.
+
+    Returns:
+        The pixels, and a report: `needed` is the largest of all devices, counts are sums.
     """
     if mesh is None or mesh.size == 1:
         return trace(motion, rays, options=options, capacity=capacity)

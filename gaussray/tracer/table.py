@@ -1,4 +1,4 @@
-"""All that shading needs of every Gaussian, in one row of a table, and its state along a ray."""
+"""The table of Gaussians, one row each, and the state of a Gaussian on a ray."""
 
 from typing import NamedTuple
 
@@ -8,14 +8,28 @@ from jaxtyping import Array, Float
 
 from gaussray.scene.gaussians import whitening_matrix
 from gaussray.scene.transient import squared_age
-from gaussray.tracer.motion import Motion, control_points, ordinary, padded, tint_controls, usable
+from gaussray.tracer.motion import (
+    Motion,
+    control_points,
+    is_valid,
+    pad_gaussians,
+    replace_invalid,
+    tint_controls,
+)
 from gaussray.tracer.response import response
 from gaussray.tracer.window import TimeWindow, all_states
 
 
 class Columns(NamedTuple):
-    """What stands where in a row of the `gaussian_table`: keys x (9 + 3), six of the `TimeWindow`
-    if any Gaussian is `transient`, opacity, harmonics, and keys x 3 if Gaussians are `tinted`."""
+    """Columns of the `gaussian_table`: keys x (9 + 3), six of the `TimeWindow`, opacity, harmonics,
+    and keys x 3 of the tint.
+
+    Args:
+        keys: Number of key states.
+        coefficients: Number of harmonics per channel.
+        tinted: Whether there are columns of the tint.
+        transient: Whether there are columns of the time window.
+    """
 
     keys: int
     coefficients: int
@@ -44,8 +58,14 @@ class Columns(NamedTuple):
 
 
 class Lanes(NamedTuple):
-    """Rays with their components first: origin, direction, weights of the control points, and the
-    time, which only transient Gaussians ask for (None: there are none)."""
+    """Rays with their components first.
+
+    Args:
+        origin: Origins, in scene units.
+        direction: Unit directions.
+        weights: Weights of the control points of the motion.
+        time: Times, in the capture's unit; None if there are no transient Gaussians.
+    """
 
     origin: Float[Array, " 3 *rays"]
     direction: Float[Array, " 3 *rays"]
@@ -53,22 +73,22 @@ class Lanes(NamedTuple):
     time: Float[Array, " 1 *rays"] | None = None
 
 
-def columns(motion: Motion) -> Columns:
-    """How the rows of the `gaussian_table` of a motion are laid out."""
+def table_columns(motion: Motion) -> Columns:
+    """The columns of the `gaussian_table` of a motion."""
     g, window = jax.eval_shape(all_states, motion)
     return Columns(motion.keys, g.harmonics.shape[1], g.tint is not None, window is not None)
 
 
 def gaussian_table(motion: Motion) -> Float[Array, "rows columns"]:
-    """All that shading needs of a Gaussian in one row (`Columns`): control points, opacity, colour.
+    """The table of Gaussians: a row (`Columns`) of control points, opacity and colour for each.
 
     A single key stores A = S^-1 R^T (nothing to invert later); several store F = R S of the control
     points, whose blend is inverted per ray. A last row, of an ordinary Gaussian, is for slots
-    without a hit; Gaussians that are not `usable` become such too, so that neither their values nor
-    their gradients spread.
+    without a hit; invalid Gaussians (`motion.is_valid`) are replaced by it, so that neither their
+    values nor their gradients spread.
     """
     gaussians, window = all_states(motion)
-    g = ordinary(padded(gaussians), jnp.pad(usable(gaussians), (0, 1)))
+    g = replace_invalid(pad_gaussians(gaussians), jnp.pad(is_valid(gaussians), (0, 1)))
     if motion.keys == 1:
         mean, matrix = g.mean, whitening_matrix(g.quat, g.scale)
     else:
@@ -91,13 +111,18 @@ def _by_row(x: Float[Array, "keys gaussians n"]) -> Float[Array, "gaussians colu
     return jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1)
 
 
-def meet(
+def ray_response(
     row: list[Float[Array, "*hits"]], lanes: Lanes, columns: Columns
 ) -> tuple[Float[Array, "*both"], Float[Array, "*both"]]:
     """Distance t of the peak along every ray, and the squared distance there (`response`).
 
-    A row of `gaussian_table`, column by column, meets rays at their own times. The squared
-    distance of a transient Gaussian is that in space and time, q + s^2 (`squared_age`).
+    The squared distance of a transient Gaussian is that in space and time, q + s^2
+    (`squared_age`).
+
+    Args:
+        row: A row of `gaussian_table`, column by column.
+        lanes: The rays, which meet it at their own times.
+        columns: Columns of the row.
     """
     whiten, mean = state_at(row, lanes.weights)
     if lanes.time is None:
@@ -112,8 +137,12 @@ def meet(
 def state_at(
     row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
 ) -> tuple[list[Float[Array, "*both"]], list[Float[Array, "*both"]]]:
-    """Gaussians (a row of `gaussian_table`, column by column) blended for their rays with
-    `control_weights`: the nine entries of A, row by row, and the mean."""
+    """State of a Gaussian on rays: the nine entries of A, row by row, and the mean.
+
+    Args:
+        row: A row of `gaussian_table`, column by column.
+        weights: Weights of the control points (`control_weights`).
+    """
     keys = weights.shape[0]
     if keys == 1:
         return [row[i] for i in range(9)], [row[i] for i in range(9, 12)]
@@ -130,7 +159,12 @@ def state_at(
 def tint_at(
     row: list[Float[Array, "*hits"]], weights: Float[Array, " keys *rays"]
 ) -> Float[Array, " 3 *both"]:
-    """Tints (the `tint` columns of a row) blended for their rays; overshoot is cut off at 0."""
+    """Tint of a Gaussian on rays; negative values are set to 0.
+
+    Args:
+        row: The `tint` columns of a row.
+        weights: Weights of the control points (`control_weights`).
+    """
 
     def blend(channel: int) -> Array:
         total = weights[0] * row[channel]

@@ -1,4 +1,4 @@
-"""Rays through Gaussians: candidates, then the march of the bundles; and what it costs."""
+"""The tracer: candidates of ray bundles, then the march of the bundles; and its list sizes."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.tracer import kernel
-from gaussray.tracer.bundle import FAN, bound
+from gaussray.tracer.bundle import FAN, bound_bundles
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.grid import build_grid
 from gaussray.tracer.march import march
@@ -26,18 +26,23 @@ from gaussray.tracer.options import (
 from gaussray.tracer.prepare import (
     Prepared as Prepared,
     prepare as prepare,
-    prepared_for,
-    span_of as span_of,
+    prepare_for_rays,
+    time_span as time_span,
 )
-from gaussray.tracer.table import Lanes, columns, gaussian_table
+from gaussray.tracer.table import Lanes, table_columns, gaussian_table
 from gaussray.tracer.traverse import Candidates, Capacity, candidates
 
 
 class Report(eqx.Module):
-    """What a trace cost and whether it was whole: `needed` sizes in the order of `Capacity` (that
-    of transient Gaussians if there are any), entries `dropped` for lack of capacity, Gaussians
-    `skipped` because they were not finite, `hits` of all rays together, which may be more than 32
-    bits count: exact up to 2^24, then rounded."""
+    """Cost and completeness of a trace.
+
+    Args:
+        needed: Needed list sizes, in the order of `Capacity` (that of transient Gaussians if there
+            are any).
+        dropped: Entries that were dropped for lack of capacity; 0 if the result is complete.
+        skipped: Gaussians that were skipped because they were not finite.
+        hits: Hits of all rays together, in single precision: exact up to 2^24, then rounded.
+    """
 
     needed: Int[Array, " sizes"]
     dropped: Int[Array, ""]
@@ -52,28 +57,28 @@ def trace(
     options: TraceOptions,
     capacity: Capacity,
 ) -> tuple[Pixels, Report]:
-    """What rays see of a moving scene, with gradients to scene, rays and times.
+    """Trace rays through a moving scene, with gradients to scene, rays and times.
 
     Every `bundle`^2 consecutive rays form a bundle, so rays should come in a coherent order
     (`bundle.morton_tiles` for pictures, `bundle.coherent_order` for others). Their number need not
     divide evenly. A leading axis holds samples of the same rays (of an aperture, of an exposure):
-    they share what their bundle may meet, which is looked for once. Hits at exactly one distance
-    come in the order of the grid (arrays), or in that in which the reach of their Gaussians begins
-    before the neighbouring rays, and else of the Gaussians (kernels): always the same.
+    they share the candidates of their bundle. Hits at exactly one distance are blended in a fixed
+    order: that of the grid (array backend), or that in which the reach of the Gaussians begins on
+    the neighbouring rays, then that of the Gaussians (kernels).
 
     Args:
-        motion: the scene across the times of the rays, or what `prepare` makes of it.
+        motion: the scene across the times of the rays, or the result of `prepare`.
         rays: origin, direction (unit) and time of every ray; zero directions meet nothing.
         options: how to trace.
         capacity: sizes of the lists, from `measure`.
 
     Returns:
-        Pixels of every ray, and the report on list sizes and entries that found no place.
+        Pixels of every ray, and the report on list sizes and dropped entries.
     """
     if rays.time.ndim == 1:
-        pixels, report = trace(motion, _sampled(rays), options=options, capacity=capacity)
+        pixels, report = trace(motion, _with_sample_axis(rays), options=options, capacity=capacity)
         return jax.tree.map(lambda x: x[0], pixels), report
-    scene = prepared_for(motion, rays, options, capacity)
+    scene = prepare_for_rays(motion, rays, options, capacity)
     if on_kernel(options, rays.time.dtype):
         return _trace_kernel(scene, rays, options=options, capacity=capacity)
     return _trace_arrays(scene, rays, options=options, capacity=capacity)
@@ -90,30 +95,35 @@ def _trace_kernel(
     def one(strip: kernel.Strip):
         lists = kernel.candidate_lists(stage, strip)
         sums, transmittance, hits = kernel.march_kernel(stage.program, stage.rows, strip, lists)
-        needed, dropped = _wants(lists.count, options, capacity)
+        needed, dropped = _slot_needs(lists.count, options, capacity)
         return sums, transmittance, needed, dropped, total_hits(hits)
 
-    sums, transmittance, needed, dropped, hits = over(one, strips)
+    sums, transmittance, needed, dropped, hits = map_leading(one, strips)
     sums = jnp.moveaxis(sums, 0, 1).reshape(samples, -1, 4)[:, :count]
     transmittance = jnp.moveaxis(transmittance, 0, 1).reshape(samples, -1)[:, :count]
-    needed, dropped = scene.extended(jnp.max(needed, axis=0), jnp.sum(dropped))
-    report = Report(needed, dropped, scene.skipped(stage.skipped), jnp.sum(hits))
+    needed, dropped = scene.with_transient_count(jnp.max(needed, axis=0), jnp.sum(dropped))
+    report = Report(needed, dropped, scene.skipped_count(stage.skipped), jnp.sum(hits))
     return Pixels(sums[..., :3], transmittance, sums[..., 3]), report
 
 
 def total_hits(hits: Int[Array, "..."]) -> Float[Array, ""]:
-    """All together, in single precision: they may be more than 32 bits count."""
+    """Sum of the hits, in single precision: the sum may exceed 32 bits."""
     return jnp.sum(hits, dtype=jnp.float32)
 
 
-def over(function: Callable, tree):
-    """`lax.map` along the first axis, without its loop where there is but one."""
+def map_leading(function: Callable, tree):
+    """`lax.map` along the first axis, without a loop if its length is 1.
+
+    Args:
+        function: The function of one element.
+        tree: A tree of arrays with a common first axis.
+    """
     if jax.tree.leaves(tree)[0].shape[0] > 1:
         return jax.lax.map(function, tree)
     return jax.tree.map(lambda x: x[None], function(jax.tree.map(lambda x: x[0], tree)))
 
 
-def _wants(count: Array, options: TraceOptions, capacity: Capacity) -> tuple[Array, Array]:
+def _slot_needs(count: Array, options: TraceOptions, capacity: Capacity) -> tuple[Array, Array]:
     """`needed` and `dropped` of lists that only have `slots`."""
     none = jnp.zeros(options.levels + 2, jnp.int32)
     needed = jnp.append(none, jnp.max(count))
@@ -123,7 +133,7 @@ def _wants(count: Array, options: TraceOptions, capacity: Capacity) -> tuple[Arr
 def _trace_arrays(
     scene: Prepared, rays: Rays, *, options: TraceOptions, capacity: Capacity
 ) -> tuple[Pixels, Report]:
-    lists, skipped = find(scene, rays, options=options, capacity=capacity)
+    lists, skipped = find_candidates(scene, rays, options=options, capacity=capacity)
     pixels, hits = march_lists(scene.motion, rays, lists, options=options, slots=capacity.slots)
     return pixels, Report(lists.needed, lists.dropped, skipped, hits)
 
@@ -131,23 +141,26 @@ def _trace_arrays(
 def march_lists(
     motion: Motion, rays: Rays, lists: Candidates, *, options: TraceOptions, slots: int
 ) -> tuple[Pixels, Float[Array, ""]]:
-    """What rays see of the Gaussians in the lists of their bundles, and all their hits.
+    """Trace rays through the Gaussians in the lists of their bundles.
 
     Args:
         motion: the scene, as `prepare` leaves it.
         rays: samples of the same rays, with a leading axis.
-        lists: from `find`.
+        lists: from `find_candidates`.
         options: how to trace.
-        slots: length of the longest list that there is room for.
+        slots: largest length of a list.
+
+    Returns:
+        The pixels, and the number of hits of all rays.
     """
     count = rays.time.shape[1]
-    rows, layout = gaussian_table(motion), columns(motion)
-    marched = march_for(options, rows.dtype)
+    rows, layout = gaussian_table(motion), table_columns(motion)
+    march_bundles = march_function(options, rows.dtype)
 
     def one(rays: Rays):
-        channels, transmittance, hits = marched(
+        channels, transmittance, hits = march_bundles(
             rows,
-            lanes_of(motion, in_bundles(rays, options)),
+            ray_lanes(motion, split_into_bundles(rays, options)),
             (lists.index, lists.start, lists.count),
             options,
             layout,
@@ -157,13 +170,19 @@ def march_lists(
         pixels = Pixels(flat[:3].T, transmittance.reshape(-1)[:count], flat[3])
         return pixels, total_hits(hits)
 
-    pixels, hits = over(one, rays)
+    pixels, hits = map_leading(one, rays)
     return pixels, jnp.sum(hits)
 
 
-def march_for(options: TraceOptions, dtype: DTypeLike) -> Callable:
-    """How bundles march: in machine code where that runs on a CPU, which is compiled by now or read
-    from disk; else in arrays."""
+def march_function(options: TraceOptions, dtype: DTypeLike) -> Callable:
+    """The function that marches bundles: machine code on a CPU if available, else arrays.
+
+    Machine code is compiled here, or read from disk.
+
+    Args:
+        options: Options of the tracer.
+        dtype: Precision of the rays.
+    """
     if not on_cpu_kernel(options, dtype):
         return march
     # Numba takes as long to import as a small picture to render.
@@ -173,8 +192,13 @@ def march_for(options: TraceOptions, dtype: DTypeLike) -> Callable:
     return march_on_cpu
 
 
-def lanes_of(motion: Motion, bundled: Rays) -> Lanes:
-    """Bundles of rays with their components first, and what the motion asks of their times."""
+def ray_lanes(motion: Motion, bundled: Rays) -> Lanes:
+    """Bundles of rays with their components first, with weights of the motion's control points.
+
+    Args:
+        motion: The motion.
+        bundled: Rays of the shape (bundles, rays of one bundle).
+    """
     leading = partial(jnp.moveaxis, source=-1, destination=0)
     weights = jax.vmap(jax.vmap(partial(control_weights, motion.time)))(bundled.time)
     time = None
@@ -185,62 +209,74 @@ def lanes_of(motion: Motion, bundled: Rays) -> Lanes:
     return Lanes(leading(bundled.origin), leading(bundled.direction), leading(weights), time)
 
 
-def find(
+def find_candidates(
     motion: Motion | Prepared,
     rays: Rays,
     *,
     options: TraceOptions,
     capacity: Capacity,
 ) -> tuple[Candidates, Int[Array, ""]]:
-    """Lists of every bundle over all samples, and the number of Gaussians that were not finite."""
+    """Find the candidates of every bundle, over all samples. No gradient.
+
+    Args:
+        motion: As for `trace`.
+        rays: As for `trace`.
+        options: As for `trace`.
+        capacity: As for `trace`.
+
+    Returns:
+        The lists, and the number of Gaussians that are not finite.
+    """
     motion, rays = jax.lax.stop_gradient((motion, rays))
-    scene = prepared_for(motion, rays, replace(options, backend="array"), capacity)
+    scene = prepare_for_rays(motion, rays, replace(options, backend="array"), capacity)
     motion, grid = scene.motion, scene.grid
     if grid is None:
         grid = build_grid(motion, alpha_min=options.alpha_min, span=scene.span)
-    each = jax.vmap(lambda one: in_bundles(one, options))(_sampled(rays))
+    each = jax.vmap(lambda one: split_into_bundles(one, options))(_with_sample_axis(rays))
     bundled = jax.tree.map(
         lambda x: jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1, *x.shape[3:]), each
     )
-    levels = [bound(bundled, motion.time)]
+    levels = [bound_bundles(bundled, motion.time)]
     for _ in range(options.levels):
         bundled = jax.tree.map(
             lambda x: x.reshape(x.shape[0] // FAN, FAN * x.shape[1], *x.shape[2:]), bundled
         )
-        levels.insert(0, bound(bundled, motion.time))
+        levels.insert(0, bound_bundles(bundled, motion.time))
     lists = candidates(grid, levels, capacity=capacity)
-    needed, dropped = scene.extended(lists.needed, lists.dropped)
+    needed, dropped = scene.with_transient_count(lists.needed, lists.dropped)
     lists = replace(lists, needed=needed, dropped=dropped)
-    return lists, scene.skipped(grid.dropped)
+    return lists, scene.skipped_count(grid.dropped)
 
 
-def _sampled(rays: Rays) -> Rays:
+def _with_sample_axis(rays: Rays) -> Rays:
     return rays if rays.time.ndim == 2 else jax.tree.map(lambda x: x[None], rays)
 
 
-def _sizes(motion, rays, *, options, capacity) -> tuple[Int[Array, " sizes"], Int[Array, ""]]:
+def _needed_sizes(
+    motion, rays, *, options, capacity
+) -> tuple[Int[Array, " sizes"], Int[Array, ""]]:
     """The list sizes that scene and rays want, and how many entries find no place."""
     if on_kernel(options, rays.time.dtype):
-        rays = _sampled(rays)
-        scene = prepared_for(motion, rays, options, capacity)
+        rays = _with_sample_axis(rays)
+        scene = prepare_for_rays(motion, rays, options, capacity)
         stage, strips = kernel.stage_and_strips(
             scene.motion, rays, scene.span, options=options, slots=capacity.slots
         )
-        counts = over(lambda strip: kernel.candidate_lists(stage, strip).count, strips)
-        return scene.extended(*_wants(counts, options, capacity))
-    lists, _ = find(motion, rays, options=options, capacity=capacity)
+        counts = map_leading(lambda strip: kernel.candidate_lists(stage, strip).count, strips)
+        return scene.with_transient_count(*_slot_needs(counts, options, capacity))
+    lists, _ = find_candidates(motion, rays, options=options, capacity=capacity)
     return lists.needed, lists.dropped
 
 
 def _alive_count(motion: Motion, rays: Rays, options: TraceOptions) -> Int[Array, ""]:
     """How many transient Gaussians some ray may meet."""
     none = Capacity((), 0, 0)
-    scene = prepare(motion, span_of(rays), options=options, capacity=none)
+    scene = prepare(motion, time_span(rays), options=options, capacity=none)
     return jnp.zeros((), jnp.int32) if scene.living is None else scene.living.needed
 
 
-# Compiled once for all who measure alike.
-_search = eqx.filter_jit(_sizes)
+# Compiled once for all measurements with the same options.
+_search = eqx.filter_jit(_needed_sizes)
 _count_alive = eqx.filter_jit(_alive_count)
 
 
@@ -252,9 +288,16 @@ def measure(
     capacity: Capacity | None = None,
     headroom: float = 1.3,
 ) -> Capacity:
-    """Capacity with head-room for scenes and rays like these. On the host, outside jit.
+    """Measure the list sizes of a trace. On the host, outside jit.
 
-    Starts from a small guess (or from `capacity`) and grows whatever overflowed until nothing does.
+    Starts from a small guess (or from `capacity`) and enlarges sizes that overflow until none does.
+
+    Args:
+        motion: The scene across the times of the rays.
+        rays: The rays.
+        options: Options of the tracer.
+        capacity: Sizes to start from.
+        headroom: Factor of the needed sizes, for other frames and steps.
     """
     trial = capacity
     if trial is None:
@@ -275,14 +318,18 @@ def measure(
 
 
 def enlarged_capacity(capacity: Capacity, needed: list[int], *, headroom: float = 1.3) -> Capacity:
-    """The capacity with every size that `needed` exceeds, or nearly (0.8 of it), raised, with
-    head-room: where lists grow, one new compilation serves them all.
+    """Enlarge every size that is exceeded, or used to more than 0.8.
 
-    Sizes are rounded up to an eighth of a power of two, so that growth recompiles rarely; slots to
-    a power of two, which is room enough.
+    Enlarging all of them at once saves compilations. Sizes are rounded up to an eighth of a power
+    of two, so that growth recompiles rarely; slots to a power of two.
+
+    Args:
+        capacity: The sizes.
+        needed: The needed sizes (`Report.needed`).
+        headroom: Factor of the needed sizes.
     """
 
-    def size(present: int, wanted: int, near: float = 0.8) -> int:
+    def grown(present: int, wanted: int, near: float = 0.8) -> int:
         if wanted <= near * present:
             return present
         target = max(int(wanted * headroom), 16)
@@ -292,16 +339,22 @@ def enlarged_capacity(capacity: Capacity, needed: list[int], *, headroom: float 
     levels = len(capacity.cells)
     cells, (pairs, slots, *transient) = needed[:levels], needed[levels:]
     return Capacity(
-        cells=tuple(size(h, w) for h, w in zip(capacity.cells, cells, strict=True)),
-        pairs=size(capacity.pairs, pairs),
-        slots=1 << max(size(capacity.slots, slots, near=1.0) - 1, 1).bit_length(),
-        transient=size(capacity.transient, *transient) if transient else capacity.transient,
+        cells=tuple(grown(h, w) for h, w in zip(capacity.cells, cells, strict=True)),
+        pairs=grown(capacity.pairs, pairs),
+        slots=1 << max(grown(capacity.slots, slots, near=1.0) - 1, 1).bit_length(),
+        transient=grown(capacity.transient, *transient) if transient else capacity.transient,
     )
 
 
-def in_bundles(rays: Rays, options: TraceOptions) -> Rays:
-    """Rays as bundles x rays of one bundle; what is missing is filled with rays that meet
-    nothing (direction zero)."""
+def split_into_bundles(rays: Rays, options: TraceOptions) -> Rays:
+    """Split rays into bundles: the shape (bundles, rays of one bundle).
+
+    The last bundle is padded with rays of direction zero, which hit nothing.
+
+    Args:
+        rays: Rays in a coherent order.
+        options: Options of the tracer.
+    """
     each = options.bundle**2
     block = each * FAN**options.levels
     count = rays.time.shape[0]

@@ -1,4 +1,4 @@
-"""Lists of the Gaussians that each bundle of rays may meet.
+"""Candidate lists: the Gaussians that each bundle of rays may hit.
 
 Integers only: nothing here is differentiated.
 """
@@ -52,8 +52,9 @@ class Candidates(eqx.Module):
 
 
 def candidates(grid: Grid, levels: list[Bundles], *, capacity: Capacity) -> Candidates:
-    """The lists of all bundles, from coarse to fine: each level tests the pairs that its parent
-    kept.
+    """Find the candidate lists of all bundles, from coarse to fine.
+
+    Each level tests the pairs that its parent level found.
 
     Pairs are tested in blocks, as many as there are pairs, so that unused capacity costs no time
     and a block's intermediate arrays stay small.
@@ -63,12 +64,12 @@ def candidates(grid: Grid, levels: list[Bundles], *, capacity: Capacity) -> Cand
         levels: bundles from the coarsest level to the finest, FAN children per parent.
         capacity: sizes of the lists.
     """
-    pairs, wanted = _meetings(grid, levels[0], capacity.cells[0])
+    pairs, wanted = _coarse_pairs(grid, levels[0], capacity.cells[0])
     needed = [wanted]
     for bounds, size in zip(levels[1:], capacity.cells[1:], strict=True):
-        pairs, wanted = _refined(grid, bounds, pairs, size)
+        pairs, wanted = _refine_pairs(grid, bounds, pairs, size)
         needed.append(wanted)
-    return _gathered(grid, levels[-1], pairs, needed, capacity)
+    return _gather_gaussians(grid, levels[-1], pairs, needed, capacity)
 
 
 class _Pairs(NamedTuple):
@@ -86,14 +87,14 @@ class _Pairs(NamedTuple):
         return one, other, first + jnp.arange(size, dtype=jnp.int32) < self.count
 
 
-def _meetings(grid: Grid, bounds: Bundles, size: int) -> tuple[_Pairs, Int[Array, ""]]:
+def _coarse_pairs(grid: Grid, bounds: Bundles, size: int) -> tuple[_Pairs, Int[Array, ""]]:
     """Test all bundles of a level against all cells, a few bundles at a time.
 
     Returns:
         The pairs that fit, and the number of all pairs.
     """
     bundles, cells = bounds.offset.shape[0], grid.lower.shape[0]
-    rows = min(max(_at_once() // cells, 1), bundles)
+    rows = min(max(_block_size() // cells, 1), bundles)
     filled = grid.lower[:, 0] <= grid.upper[:, 0]
     cell = jnp.broadcast_to(jnp.arange(cells, dtype=jnp.int32), (rows, cells))
 
@@ -104,13 +105,15 @@ def _meetings(grid: Grid, bounds: Bundles, size: int) -> tuple[_Pairs, Int[Array
         some = jax.tree.map(lambda x: jax.lax.dynamic_slice_in_dim(x, begin, rows), bounds)
         touched = jax.vmap(lambda b: _touches_box(b, grid.lower, grid.upper))(some)
         touched = touched & filled[None] & (bundle >= first)[:, None]
-        return _appended(state, touched, jnp.broadcast_to(bundle[:, None], cell.shape), cell, size)
+        return _append_pairs(
+            state, touched, jnp.broadcast_to(bundle[:, None], cell.shape), cell, size
+        )
 
-    start = _no_pairs(size), jnp.zeros((), jnp.int32)
+    start = _empty_pairs(size), jnp.zeros((), jnp.int32)
     return _blocks(bundles, rows, step, start)
 
 
-def _refined(
+def _refine_pairs(
     grid: Grid, bounds: Bundles, pairs: _Pairs, size: int
 ) -> tuple[_Pairs, Int[Array, ""]]:
     """(parent, cell) pairs -> (child, cell) pairs, ordered by child without sorting.
@@ -118,7 +121,7 @@ def _refined(
     The first pass finds the children of each pair, as bits, and the number of pairs of each child.
     The second pass writes every pair to the next place of its child.
     """
-    block, bundles = min(_at_once(), pairs.cell.shape[0]), bounds.offset.shape[0]
+    block, bundles = min(_block_size(), pairs.cell.shape[0]), bounds.offset.shape[0]
     fan = jnp.arange(FAN, dtype=jnp.int32)
 
     def ask(first: Array, state: tuple[Array, Array]) -> tuple[Array, Array]:
@@ -150,20 +153,20 @@ def _refined(
         place = jnp.where((touched > 0) & (place < size), place, kept.cell.shape[0])
         child = parent[:, None] * FAN + fan[None]
         return (
-            _put(kept, place, child, jnp.broadcast_to(cell[:, None], child.shape)),
+            _write_pairs(kept, place, child, jnp.broadcast_to(cell[:, None], child.shape)),
             following.at[parent].add(touched),
         )
 
-    start = _no_pairs(size), ends.reshape(count.shape) - count
+    start = _empty_pairs(size), ends.reshape(count.shape) - count
     kept, _ = _blocks(pairs.count, block, put, start)
     return kept._replace(count=jnp.minimum(ends[-1], size)), ends[-1]
 
 
-def _gathered(
+def _gather_gaussians(
     grid: Grid, bounds: Bundles, pairs: _Pairs, needed: list[Array], capacity: Capacity
 ) -> Candidates:
     """(bundle, cell) pairs -> the list of Gaussians of every bundle."""
-    block, bundles = min(_at_once(), pairs.cell.shape[0]), bounds.offset.shape[0]
+    block, bundles = min(_block_size(), pairs.cell.shape[0]), bounds.offset.shape[0]
     # Components first, Gaussians last, so that the Gaussians of a cell are contiguous.
     center = jnp.moveaxis(grid.center, (1, 3, 0), (0, 1, 2))
     axes = jnp.moveaxis(grid.axes, (1, 3, 4, 0), (0, 1, 2, 3))
@@ -174,7 +177,7 @@ def _gathered(
         bundle, cell, filled = pairs.block(first, block)
         side = jax.tree.map(lambda x: x[bundle], bounds)
         index_of_cell = grid.index[cell]
-        swept = None if fading is None else _swept(fading, cell, side)
+        swept = None if fading is None else _cell_sweep(fading, cell, side)
         mask = _touches_ellipsoid(side, center[cell], axes[cell], swept)
         mask = mask & filled[:, None] & (index_of_cell >= 0)
         rank = jnp.cumsum(mask.reshape(-1), dtype=jnp.int32)
@@ -196,7 +199,7 @@ def _gathered(
     return Candidates(index, start, fits, sizes, lost.astype(jnp.int32))
 
 
-def _at_once() -> int:
+def _block_size() -> int:
     """Number of pairs in a block: on a CPU as many as its caches hold."""
     return 1 << (11 if jax.default_backend() == "cpu" else 18)
 
@@ -207,25 +210,25 @@ def _blocks(count: int | Int[Array, ""], size: int, step: Callable, state):
     return jax.lax.fori_loop(0, blocks, lambda i, state: step(i * size, state), state)
 
 
-def _no_pairs(size: int) -> _Pairs:
+def _empty_pairs(size: int) -> _Pairs:
     """Empty pairs with room for `size`, in whole blocks."""
-    block = min(_at_once(), size)
+    block = min(_block_size(), size)
     nothing = jnp.zeros(-(-size // block) * block, jnp.int32)
     return _Pairs(nothing, nothing, jnp.zeros((), jnp.int32))
 
 
-def _appended(
+def _append_pairs(
     state: tuple[_Pairs, Array], mask: Array, bundle: Array, cell: Array, size: int
 ) -> tuple[_Pairs, Array]:
     """Append the pairs under the mask, in order, as far as they fit; also the number of all."""
     kept, total = state
     rank = total + jnp.cumsum(mask.reshape(-1), dtype=jnp.int32)
     place = jnp.where(mask.reshape(-1) & (rank <= size), rank - 1, kept.cell.shape[0])
-    kept = _put(kept, place, bundle.reshape(-1), cell.reshape(-1))
+    kept = _write_pairs(kept, place, bundle.reshape(-1), cell.reshape(-1))
     return kept._replace(count=jnp.minimum(rank[-1], size)), rank[-1]
 
 
-def _put(pairs: _Pairs, place: Array, bundle: Array, cell: Array) -> _Pairs:
+def _write_pairs(pairs: _Pairs, place: Array, bundle: Array, cell: Array) -> _Pairs:
     """Write pairs to their places; places beyond the last are dropped."""
     return pairs._replace(
         bundle=pairs.bundle.at[place].set(bundle, mode="drop"),
@@ -248,7 +251,7 @@ def _touches_box(
     return inside
 
 
-def _swept(fading: Fading, cell: Int[Array, " pairs"], bundle: Bundles) -> Sweep:
+def _cell_sweep(fading: Fading, cell: Int[Array, " pairs"], bundle: Bundles) -> Sweep:
     """Motion and fading of the Gaussians of a cell during the time of its bundle."""
     of_cell = Fading(
         jax.tree.map(lambda x: x[cell], fading.window), fading.radius[cell], fading.time_range

@@ -1,4 +1,4 @@
-"""Any vector of the Gaussians, blended along rays as if it were their colour."""
+"""Blends vectors of Gaussians, such as normals, along rays in place of their colours."""
 
 import dataclasses
 from collections.abc import Callable
@@ -12,13 +12,18 @@ from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion
 
 
-def painted(
+def color_by_vector(
     motion: Motion, vector: Callable[[Gaussians], Float[Array, "*keys n 3"]], largest: float
 ) -> Motion:
-    """The scene with `vector` of its Gaussians, which may differ from key to key, as their colours.
+    """Replace the colours of a scene's Gaussians by vectors.
 
-    Light is not negative: colours are vector + 2 `largest`, a bound of the vector's components and
-    of how far a parabola may swing beyond those of its keys. `blended` takes that out again.
+    Light is not negative: colours are vector + 2 `largest`, which also bounds the overshoot of
+    parabolas between key states. `blended_vector` subtracts it again.
+
+    Args:
+        motion: The scene.
+        vector: The vector of Gaussians; it may differ from key to key.
+        largest: Bound of the absolute value of its components.
     """
 
     def paint(gaussians: Gaussians) -> Gaussians:
@@ -44,6 +49,11 @@ def painted(
     )
 
 
-def blended(pixels: Pixels, largest: float) -> Float[Array, "*rays 3"]:
-    """Sum of blending weight x vector on every ray of a `painted` scene."""
+def blended_vector(pixels: Pixels, largest: float) -> Float[Array, "*rays 3"]:
+    """Sum of blending weight x vector on every ray.
+
+    Args:
+        pixels: Traced rays of a scene from `color_by_vector`.
+        largest: The same bound.
+    """
     return pixels.color - 2 * largest * (1 - pixels.transmittance)[..., None]

@@ -1,4 +1,4 @@
-"""Which transient Gaussians are alive while some rays look, and how far they get."""
+"""Transient Gaussians within a time span: which are alive, and how far they move."""
 
 import equinox as eqx
 import jax
@@ -7,8 +7,8 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.transient import Transients, squared_age
-from gaussray.tracer.motion import Motion, still, usable, with_rest
-from gaussray.tracer.response import reach
+from gaussray.tracer.motion import Motion, is_valid, merge_rest, still
+from gaussray.tracer.response import reach_radius
 
 
 class TimeWindow(eqx.Module):
@@ -22,30 +22,39 @@ class TimeWindow(eqx.Module):
 
 
 class Sweep(eqx.Module):
-    """What a Gaussian does while a window of time passes: its displacement from its mean when it is
-    first and last alive, and by how much its ellipsoid is smaller than at full opacity (0: it is
-    not alive)."""
+    """Motion and fading of Gaussians within a time span.
+
+    Args:
+        first: Displacement from the mean when the Gaussian is first alive, in scene units.
+        last: Displacement when it is last alive.
+        shrink: Largest size of its ellipsoid, relative to that at full opacity; 0 if it is not
+            alive.
+    """
 
     first: Float[Array, "*gaussians 3"]
     last: Float[Array, "*gaussians 3"]
     shrink: Float[Array, "*gaussians"]
 
 
-def window_of(transients: Transients) -> TimeWindow:
+def time_window_of(transients: Transients) -> TimeWindow:
     """The window of every transient Gaussian."""
     t = transients
     return TimeWindow(t.velocity, t.instant, 1 / t.lifetime, t.plateau)
 
 
 def all_states(motion: Motion) -> tuple[Gaussians, TimeWindow | None]:
-    """All Gaussians of a motion at its keys: resting, moving, then transient ones, which are as at
-    their own instants; and their windows (None: no Gaussian is transient)."""
-    persistent, transient = with_rest(motion).gaussians, motion.transient
+    """All Gaussians of a motion at its keys, and their time windows.
+
+    Returns:
+        Gaussians without key states, moving ones, then transient ones as at their own instants; and
+        the windows, None if no Gaussian is transient.
+    """
+    persistent, transient = merge_rest(motion).gaussians, motion.transient
     if transient is None:
         return persistent, None
     none = jnp.zeros(persistent.count, persistent.mean.dtype)
     steady = TimeWindow(jnp.zeros((persistent.count, 3), none.dtype), none, none, none)
-    window = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), steady, window_of(transient))
+    window = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), steady, time_window_of(transient))
     return concatenate(persistent, transient.gaussians), window
 
 
@@ -55,11 +64,17 @@ def swept_between(
     earliest: Float[Array, "*windows"],
     latest: Float[Array, "*windows"],
 ) -> Sweep:
-    """What Gaussians do between two times.
+    """Displacement and shrinking of Gaussians between two times.
 
     A transient Gaussian is alive while its window leaves it more than alpha_min: s < `radius`, its
     reach in standard deviations at full opacity. Its ellipsoid then reaches to
     sqrt(radius^2 - s^2), at most to that at the time nearest to its instant.
+
+    Args:
+        window: The time windows.
+        radius: Reach at full opacity, in standard deviations.
+        earliest: First time, in the capture's unit.
+        latest: Last time.
     """
     first, last = earliest - window.instant, latest - window.instant
     nearest = jnp.maximum(jnp.maximum(first, -last), 0)
@@ -79,8 +94,13 @@ def swept_between(
 def swept_box(
     lower: Float[Array, "gaussians 3"], upper: Float[Array, "gaussians 3"], swept: Sweep
 ) -> tuple[Float[Array, "gaussians 3"], Float[Array, "gaussians 3"]]:
-    """Corners of the boxes around all that Gaussians sweep, given their boxes at full opacity at
-    their own instants."""
+    """Lower and upper corners of the boxes that contain Gaussians during a time span.
+
+    Args:
+        lower: Lower corners at full opacity at their own instants.
+        upper: Upper corners.
+        swept: Their motion during the span.
+    """
     center = 0.5 * (lower + upper)
     least, most = jnp.minimum(swept.first, swept.last), jnp.maximum(swept.first, swept.last)
     # With slack for the rounding of the way itself.
@@ -89,12 +109,15 @@ def swept_box(
     return center - half + least, center + half + most
 
 
-class Living(eqx.Module):
-    """The transient Gaussians that some ray within a span of time may meet.
+class AliveTransients(eqx.Module):
+    """The transient Gaussians that are alive within a time span.
 
-    `index` tells which ones of all they are (-1: an empty place, which holds a Gaussian of opacity
-    0), `needed` how many places they want, and `unusable` how many Gaussians are not finite: all
-    those whose windows are not, and of the others the ones that are alive.
+    Args:
+        transients: The Gaussians, in a fixed number of places; an empty place has opacity 0.
+        index: Their indices among all transient Gaussians; -1 for an empty place.
+        needed: Number of places that they need.
+        unusable: Number of Gaussians that are not finite: those whose windows are not, and the
+            alive ones with other values that are not.
     """
 
     transients: Transients
@@ -103,32 +126,38 @@ class Living(eqx.Module):
     unusable: Int[Array, ""]
 
 
-def living(
+def alive_transients(
     transients: Transients, span: Float[Array, "2"], places: int, alpha_min: float
-) -> Living:
-    """Picks the transient Gaussians that are alive, the first of them if there are too many.
+) -> AliveTransients:
+    """Select the transient Gaussians that are alive; the first of them if there are too many.
 
-    Only windows and opacities of all Gaussians are looked at, so that a trace costs hardly more
-    than what is alive. Gradients go back to where the Gaussians came from.
+    Only windows and opacities of all Gaussians are read, so that a trace costs hardly more than
+    that of the alive ones. Gradients reach the selected Gaussians.
+
+    Args:
+        transients: All transient Gaussians.
+        span: First and last time of the rays.
+        places: Number of places.
+        alpha_min: Alpha below which a Gaussian has no effect.
     """
     fixed = jax.lax.stop_gradient(transients)
-    window = window_of(fixed)
+    window = time_window_of(fixed)
     windows = jnp.stack([window.instant, window.rate, window.plateau, fixed.opacity])
     finite = jnp.all(jnp.isfinite(windows), axis=0) & (window.rate >= 0)
-    swept = swept_between(window, reach(fixed.opacity, alpha_min), span[0], span[1])
+    swept = swept_between(window, reach_radius(fixed.opacity, alpha_min), span[0], span[1])
     lit = finite & (swept.shrink > 0)
     index = jnp.nonzero(lit, size=places, fill_value=transients.count)[0].astype(jnp.int32)
     picked = jax.tree.map(lambda x: x.at[index].get(mode="fill", fill_value=1), transients)
     there = index < transients.count
-    fine = usable(still(picked.gaussians).gaussians)
+    fine = is_valid(still(picked.gaussians).gaussians)
     fine = fine & jnp.all(jnp.isfinite(picked.velocity), axis=1)
 
-    def replaced(x: Array) -> Array:
+    def fill_missing(x: Array) -> Array:
         return jnp.where(fine.reshape(-1, *(1,) * (x.ndim - 1)), x, 1)
 
-    picked = jax.tree.map(replaced, picked)
+    picked = jax.tree.map(fill_missing, picked)
     opacity = jnp.where(there & fine, picked.opacity, 0)
-    return Living(
+    return AliveTransients(
         transients=eqx.tree_at(lambda t: t.opacity, picked, opacity),
         index=jnp.where(there, index, -1),
         needed=jnp.sum(lit, dtype=jnp.int32),

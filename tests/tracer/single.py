@@ -27,7 +27,7 @@ from scenes import (
 
 from gaussray.camera.rays import Rays
 from gaussray.scene.gaussians import Gaussians
-from gaussray.tracer.motion import Motion, with_rest
+from gaussray.tracer.motion import Motion, merge_rest
 from gaussray.tracer.traverse import Capacity
 
 
@@ -70,7 +70,7 @@ def errors_on_device(motion, lines, options=OPTIONS):
     pixels, report, gradient = pull(motion, shot(lines), weight, options=options, capacity=capacity)
     assert int(report.dropped) == 0 and int(report.hits) > 0
     assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves((pixels, gradient)))
-    repeated, pull_back = jax.vjp(with_rest, motion)
+    repeated, pull_back = jax.vjp(merge_rest, motion)
     host = on_host(jax.tree.map(lambda x: np.asarray(x, np.float64), (repeated, shot(lines))))
     slope = pull_dense(*host, on_host(weight.astype(np.float64)))
     expected = stacked(reference.trace(*host))

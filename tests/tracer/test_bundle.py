@@ -8,11 +8,11 @@ from scenes import Lines, rays, shot
 
 from gaussray.tracer.bundle import (
     FAN,
-    bound,
+    bound_bundles,
     coherent_order,
+    fill_padding,
     morton,
     morton_tiles,
-    padding_filled,
 )
 
 
@@ -44,7 +44,7 @@ def test_padding_is_in_the_bundle_that_it_fills(picture):
     """A far pixel would widen the bounds of its bundle over half the picture."""
     width, height, side, levels = picture
     order = morton_tiles(width, height, side, levels)
-    filled = padding_filled(order)
+    filled = fill_padding(order)
     np.testing.assert_array_equal(filled[order >= 0], order[order >= 0])
     for level in range(levels + 1):
         across = side * 4**level
@@ -66,7 +66,7 @@ def holds(bundles, lines, distance):
 @pytest.mark.parametrize("jitter", [0.0, 1.0])
 def test_every_point_of_every_ray_is_inside(spread, jitter):
     lines = Lines(*(x.reshape(4, 16, *x.shape[1:]) for x in rays(spread=spread, jitter=jitter)))
-    bundles = jax.jit(bound)(shot(lines), jnp.zeros(1, jnp.float32))
+    bundles = jax.jit(bound_bundles)(shot(lines), jnp.zeros(1, jnp.float32))
     assert all(holds(bundles, lines, distance) for distance in (0.0, 1e-3, 1.0, 1e4))
     if spread < 1:
         assert np.all(np.any(np.asarray(bundles.normal) != 0, axis=-1))
@@ -78,7 +78,7 @@ def test_a_bundle_without_rays_holds_nothing_and_broken_rays_do_not_count():
     lines.origin[1, 3] = np.nan
     lines.direction[2, :8] = 0
     lines.time[3, 5] = np.inf
-    bundles = jax.jit(bound)(shot(lines), jnp.array([0.0, 0.5, 1.0], jnp.float32))
+    bundles = jax.jit(bound_bundles)(shot(lines), jnp.array([0.0, 0.5, 1.0], jnp.float32))
     assert np.all(np.isposinf(bundles.offset[0]))
     assert np.all(np.isfinite(bundles.offset[1:])) and np.all(np.isfinite(bundles.normal))
     good = Lines(*(x[2:3, 8:] for x in lines))

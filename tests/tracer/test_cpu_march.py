@@ -36,7 +36,14 @@ from single import COLOR, GRADIENT, SINGLE, errors_on_device, mixed, pile, roomy
 from gaussray.tracer import cpu_march, options as tracer_options
 from gaussray.tracer.march import march
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
-from gaussray.tracer.trace import find, march_for, march_lists, measure, prepare, span_of
+from gaussray.tracer.trace import (
+    find_candidates,
+    march_function,
+    march_lists,
+    measure,
+    prepare,
+    time_span,
+)
 
 
 SIZES = {"size": (0.1, 0.5)}
@@ -52,14 +59,14 @@ def test_single_precision_chooses_machine_code_and_other_choices_the_arrays():
     assert on_cpu_kernel(TraceOptions(), jnp.float32)
     assert not on_cpu_kernel(TraceOptions(), jnp.float64)
     assert not on_cpu_kernel(TraceOptions(backend="array"), jnp.float32)
-    assert march_for(TraceOptions(), jnp.float32) is cpu_march.march_on_cpu
-    assert march_for(TraceOptions(backend="array"), jnp.float32) is march
+    assert march_function(TraceOptions(), jnp.float32) is cpu_march.march_on_cpu
+    assert march_function(TraceOptions(backend="array"), jnp.float32) is march
     assert not on_kernel(TraceOptions(backend="kernel"), jnp.float32)
 
 
 def test_without_numba_the_arrays_march_and_the_kernel_is_refused(monkeypatch):
     monkeypatch.setattr(tracer_options, "has_machine_code", lambda: False)
-    assert march_for(TraceOptions(), jnp.float32) is march
+    assert march_function(TraceOptions(), jnp.float32) is march
     with pytest.raises(ValueError, match="trace.backend=kernel needs a CUDA device.* Numba"):
         on_kernel(TraceOptions(backend="kernel"), jnp.float32)
 
@@ -127,8 +134,8 @@ def test_threads_change_not_a_bit(monkeypatch):
 
     @jax.jit
     def listed(motion):
-        scene = prepare(motion, span_of(lines), options=OPTIONS, capacity=CAPACITY)
-        return scene.motion, find(scene, lines, options=OPTIONS, capacity=CAPACITY)[0]
+        scene = prepare(motion, time_span(lines), options=OPTIONS, capacity=CAPACITY)
+        return scene.motion, find_candidates(scene, lines, options=OPTIONS, capacity=CAPACITY)[0]
 
     def loss(motion, lines, lists):
         pixels, hits = march_lists(motion, lines, lists, options=OPTIONS, slots=CAPACITY.slots)

@@ -45,7 +45,7 @@ from single import (
 )
 
 from gaussray.tracer import cuda, kernel, options
-from gaussray.tracer.motion import with_rest
+from gaussray.tracer.motion import merge_rest
 from gaussray.tracer.trace import TraceOptions, measure, trace
 from gaussray.tracer.traverse import Capacity
 
@@ -117,7 +117,7 @@ def test_without_a_device_the_kernel_is_refused_and_auto_is_the_arrays(monkeypat
 def test_resting_gaussians_are_those_repeated_at_every_key():
     motion, lines = mixed(), shot(rays())
     apart, _ = look(motion, lines, options=OPTIONS, capacity=roomy(OPTIONS))
-    together, _ = look(with_rest(motion), lines, options=OPTIONS, capacity=roomy(OPTIONS))
+    together, _ = look(merge_rest(motion), lines, options=OPTIONS, capacity=roomy(OPTIONS))
     np.testing.assert_allclose(stacked(apart), stacked(together), atol=SAME)
 
 

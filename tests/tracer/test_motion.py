@@ -16,7 +16,7 @@ from gaussray.tracer.motion import (
     arc_weights,
     control_points,
     control_weights,
-    usable,
+    is_valid,
 )
 from gaussray.tracer.table import gaussian_table, state_at
 
@@ -221,6 +221,6 @@ def test_what_is_not_finite_or_has_no_extent_is_not_usable():
     matter.opacity[4] = np.nan
     matter.harmonics[5, 3, 1] = np.inf
     motion = resting(matter)
-    np.testing.assert_array_equal(usable(motion.gaussians), np.arange(7) == 6)
+    np.testing.assert_array_equal(is_valid(motion.gaussians), np.arange(7) == 6)
     rows = np.asarray(rows_of(motion))
     assert rows.shape[0] == 8 and np.all(np.isfinite(rows))

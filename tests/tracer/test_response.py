@@ -7,7 +7,7 @@ import pytest
 from jax.test_util import check_grads
 
 from gaussray.scene.gaussians import whitening_matrix
-from gaussray.tracer.response import opacity_on_ray, reach, response
+from gaussray.tracer.response import opacity_on_ray, reach_radius, response
 
 
 EXACT = 1e-12
@@ -75,14 +75,14 @@ def test_gradients_are_the_finite_differences():
 
 @pytest.mark.parametrize("opacity", [0.004, 0.1, 1.0])
 def test_at_its_reach_alpha_is_at_the_cut_off(opacity):
-    radius = reach(jnp.array(opacity), 1 / 255)
+    radius = reach_radius(jnp.array(opacity), 1 / 255)
     alpha = opacity_on_ray(jnp.array(opacity), radius**2, alpha_max=0.99)
     np.testing.assert_allclose(alpha, 1 / 255, atol=EXACT)
 
 
 def test_what_never_rises_above_the_cut_off_has_no_reach_and_no_gradient():
     for opacity in (0.0, 1e-3, 1 / 255):
-        value, slope = jax.value_and_grad(reach)(jnp.array(opacity), 1 / 255)
+        value, slope = jax.value_and_grad(reach_radius)(jnp.array(opacity), 1 / 255)
         assert value == 0 and slope == 0
 
 
@@ -126,4 +126,4 @@ def test_the_reach_keeps_its_digits_just_above_the_cut():
     least = np.float32(1 / 255)
     opacity = least * (1 + np.float32([1e-6, 1e-4, 1e-2, 1]))
     truth = np.sqrt(2 * np.log(opacity.astype(float) / float(least)))
-    np.testing.assert_allclose(reach(jnp.asarray(opacity), float(least)), truth, rtol=1e-6)
+    np.testing.assert_allclose(reach_radius(jnp.asarray(opacity), float(least)), truth, rtol=1e-6)

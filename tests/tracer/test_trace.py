@@ -110,7 +110,7 @@ def test_a_tint_of_one_changes_nothing(plain):
 
 
 def test_hits_that_were_not_kept_are_found_again_for_the_gradients(monkeypatch):
-    monkeypatch.setattr(march, "_KEPT", 8)
+    monkeypatch.setattr(march, "_STORED", 8)
     # A chunk that no other test has, so that this is compiled anew.
     options = replace(OPTIONS, chunk=6)
     motion, lines = resting(gaussians(COUNT, size=(0.1, 0.5))), rays()

@@ -36,7 +36,7 @@ from scenes import (
 
 from gaussray.scene.transient import Transients
 from gaussray.tracer.motion import Motion
-from gaussray.tracer.trace import measure, prepare, span_of, trace
+from gaussray.tracer.trace import measure, prepare, time_span, trace
 
 
 # Of single precision: mean absolute colour, and gradients relative to the largest.
@@ -285,7 +285,7 @@ def test_without_transients_no_size_is_reported_for_them():
     _, report = look(motion, lines, options=OPTIONS, capacity=CAPACITY)
     assert len(report.needed) == len(CAPACITY.cells) + 2
     prepared = jax.eval_shape(
-        lambda m, r: prepare(m, span_of(r), options=OPTIONS, capacity=CAPACITY), motion, lines
+        lambda m, r: prepare(m, time_span(r), options=OPTIONS, capacity=CAPACITY), motion, lines
     )
     assert prepared.living is None
     empty = beside(motion, fleeting(0))

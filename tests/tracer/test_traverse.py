@@ -12,7 +12,7 @@ from pictures import seen_through
 from scenes import OPTIONS, RAYS, moving, rays, shot, wandering
 
 from gaussray.tracer import traverse
-from gaussray.tracer.trace import enlarged_capacity, find, measure
+from gaussray.tracer.trace import enlarged_capacity, find_candidates, measure
 from gaussray.tracer.traverse import Capacity
 
 
@@ -22,7 +22,7 @@ COUNT = 400
 WHOLE = Capacity((50, 800), 6400, 400)
 EACH = OPTIONS.bundle**2
 
-search = eqx.filter_jit(find)
+search = eqx.filter_jit(find_candidates)
 
 
 def scene(size=(0.02, 0.2)):
@@ -72,8 +72,8 @@ def test_blocks_are_of_any_size(monkeypatch, levels, capacity):
     options = dataclasses.replace(OPTIONS, levels=levels)
     found = []
     for at_once in (1 << 18, 7):  # everything, and what divides no list
-        monkeypatch.setattr(traverse, "_at_once", lambda at_once=at_once: at_once)
-        one = jax.jit(lambda *seen: find(*seen, options=options, capacity=size))
+        monkeypatch.setattr(traverse, "_block_size", lambda at_once=at_once: at_once)
+        one = jax.jit(lambda *seen: find_candidates(*seen, options=options, capacity=size))
         found.append(one(motion, lines))
     for a, b in zip(*map(jax.tree.leaves, found), strict=True):
         np.testing.assert_array_equal(a, b)

@@ -24,7 +24,7 @@ from gaussray.reconstruct.data.tiles import cut, tile_pixels
 from gaussray.reconstruct.initialize.stereo.matching import reduction
 from gaussray.reconstruct.initialize.stereo.views import StereoViews, rays, stereo_views, unpacked
 from gaussray.scene.gaussians import Gaussians
-from gaussray.tracer.bundle import morton_tiles, padding_filled
+from gaussray.tracer.bundle import fill_padding, morton_tiles
 from gaussray.tracer.motion import Motion, still as resting
 from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure, trace
 from gaussray.tracer.traverse import Capacity
@@ -128,7 +128,7 @@ def _order(size: tuple[int, int], bundle: int) -> Int[np.ndarray, " slots"]:
 def _bundled_rays(view: StereoViews, bundle: int) -> Rays:
     """The rays of a view in the order in which they are traced."""
     direction = rays(view.lens, view.world_from_camera, view.size, view.factor)
-    direction = direction.reshape(3, -1).T[padding_filled(_order(view.size, bundle))]
+    direction = direction.reshape(3, -1).T[fill_padding(_order(view.size, bundle))]
     origin = jnp.broadcast_to(view.origin, direction.shape)
     return Rays(origin, direction, jnp.zeros(len(direction), direction.dtype))
 

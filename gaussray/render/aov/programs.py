@@ -27,9 +27,9 @@ from gaussray.scene.normals import normals
 from gaussray.scene.point_tracks import STATIC, group_of, point_path
 from gaussray.tracer.dominant import dominant
 from gaussray.tracer.prepare import Prepared
-from gaussray.tracer.trace import TraceOptions, march_for, march_lists, trace
+from gaussray.tracer.trace import TraceOptions, march_function, march_lists, trace
 from gaussray.tracer.traverse import Candidates, Capacity
-from gaussray.tracer.vector_blend import blended, painted
+from gaussray.tracer.vector_blend import blended_vector, color_by_vector
 
 
 # Coverage from which a surface counts as visible.
@@ -91,7 +91,7 @@ def surface_program(trace_options: TraceOptions, capacity: Capacity) -> Callable
     def run(
         scene: Prepared, rays: Rays, lists: Candidates | None, eye: Array, slot: Array
     ) -> tuple[dict[str, Array], tuple[Array, Array] | None]:
-        facing = painted(scene.motion, partial(normals, eye=eye), 1.0)
+        facing = color_by_vector(scene.motion, partial(normals, eye=eye), 1.0)
         report = None
         if lists is None:
             ready = dataclasses.replace(scene, motion=facing)
@@ -109,7 +109,7 @@ def surface_program(trace_options: TraceOptions, capacity: Capacity) -> Callable
         labels = {
             "alpha": alpha,
             "depth": depth,
-            "normal": normalize(blended(pixels, 1.0)),
+            "normal": normalize(blended_vector(pixels, 1.0)),
             "valid": visible.astype(jnp.uint8),
             "time": chief.time,
             "distance": distance,
@@ -118,7 +118,7 @@ def surface_program(trace_options: TraceOptions, capacity: Capacity) -> Callable
         return labels, report
 
     # A program of machine code is read from disk only after that has been made known to XLA.
-    kind = march_for(trace_options, jnp.float32).__name__
+    kind = march_function(trace_options, jnp.float32).__name__
     return on_devices(run, None, (trace_options, capacity, kind))
 
 
