@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 
 from gaussray import at, load_scene
-from gaussray.render.rig.rig import cameras_of
+from gaussray.render.rig.rig import read_views
 from gaussray.io.sample_data import sample
 
 
@@ -47,7 +47,7 @@ print(now.mean.shape, now.quat.shape, now.scale.shape, now.opacity.shape, now.ha
 from gaussray.camera.film import Film
 
 
-camera = next(v.camera for v in cameras_of(sample("scene"), None) if v.camera_name == "cam13")
+camera = next(v.camera for v in read_views(sample("scene"), None) if v.camera_name == "cam13")
 camera = dataclasses.replace(camera, film=Film(64, 64), time=jnp.float32(0.4))
 
 # %% [markdown]
@@ -55,11 +55,11 @@ camera = dataclasses.replace(camera, film=Film(64, 64), time=jnp.float32(0.4))
 # film, by the keys that the command has.
 
 # %%
-from gaussray.render.rig.lens import LensOptions, mounted
+from gaussray.render.rig.lens import LensOptions, build_lens
 
 
-pinhole = mounted(camera.film, LensOptions("pinhole", fov=65.0))
-fisheye = mounted(camera.film, LensOptions("equisolid", fov=180.0))
+pinhole = build_lens(camera.film, LensOptions("pinhole", fov=65.0))
+fisheye = build_lens(camera.film, LensOptions("equisolid", fov=180.0))
 print(fisheye.direction(jnp.array([60.0, 32.0])), pinhole.direction(jnp.array([60.0, 32.0])))
 
 # %% [markdown]

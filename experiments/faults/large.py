@@ -23,7 +23,7 @@ from gaussray.camera.lens import pinhole
 from gaussray.render import Renderer, RenderOptions
 from gaussray.render.compiled import ProgramSettings, render_part
 from gaussray.render.frame_batch import FrameBatch
-from gaussray.render.parts import strips
+from gaussray.render.parts import strip_plan
 from gaussray.runtime.jit_cache import compiled
 from gaussray.scene.scene import Scene
 from gaussray.tracer.trace import TraceOptions
@@ -55,7 +55,7 @@ def count(renderer: Renderer, camera: Camera) -> float:
     (view,) = renderer._views.views([camera])
     film = camera.film
     count = sum(scene.count for scene in renderer.scenes)
-    rows, trace = strips(film, renderer.options, renderer.trace, count)
+    rows, trace = strip_plan(film, renderer.options, renderer.trace, count)
     batch = FrameBatch([view], True, rows, trace)
     part, trace = renderer._part(0, batch)
     capacity = renderer._measure(batch, part, trace)
@@ -71,7 +71,9 @@ def strip(scene: Scene, chosen: argparse.Namespace) -> None:
     """A strip of the frame, and what the frame would take."""
     side, trace = chosen.side, TraceOptions()
     options = RenderOptions(samples=chosen.samples, memory=chosen.memory)
-    rows = chosen.rows or strips(Film(side, side, "center"), options, trace, chosen.gaussians)[0]
+    rows = (
+        chosen.rows or strip_plan(Film(side, side, "center"), options, trace, chosen.gaussians)[0]
+    )
     renderer = Renderer(scene, options=options, trace=trace, devices=1)
     if chosen.count:
         asked = count(renderer, camera_of(side, rows))

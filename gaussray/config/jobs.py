@@ -29,8 +29,8 @@ from gaussray.render.randomize.generate import Distributions, MakeJob, generate_
 from gaussray.render.randomize.options import FactoryOptions
 from gaussray.render.rig import physical_units as physical, rig as rigs
 from gaussray.render.rig.placed import placed_views
-from gaussray.render.rig.used_keys import check_used, switched_on
-from gaussray.render.rig.validate import check_possible
+from gaussray.render.rig.used_keys import apply_implied_choices, check_used_keys
+from gaussray.render.rig.validate import check_cameras
 from gaussray.runtime.devices import DevicesOptions, begin, together
 from gaussray.scene.formats.any_file import is_foreign, load
 from gaussray.scene.scene import Scene
@@ -75,7 +75,7 @@ def rig_options(cfg: Configuration) -> rigs.RigOptions:
 def render_job(
     cfg: Configuration,
     load: Callable = load,
-    cameras: Callable = rigs.cameras_of,
+    cameras: Callable = rigs.read_views,
     note: Callable[[str], Any] = lambda line: None,
 ) -> RenderJob:
     """The render job of a configuration.
@@ -89,7 +89,7 @@ def render_job(
     Raises:
         ValueError: A value is impossible; the message names its key and its rule.
     """
-    rig, notes = switched_on(rig_options(cfg))
+    rig, notes = apply_implied_choices(rig_options(cfg))
     for line in notes:
         note(line)
     units = build_options(physical.PhysicalOptions, cfg.physical)
@@ -106,7 +106,7 @@ def render_job(
     scene = load(cfg.scene)
     views = chosen_views(cfg, scene, rig.camera, cameras)
     in_scene_units = physical.apply_units(rig, units)
-    check_used(in_scene_units)
+    check_used_keys(in_scene_units)
     records = rigs.frame_records(
         views,
         options=in_scene_units,
@@ -114,7 +114,7 @@ def render_job(
         format=as_type(str, cfg.format, "format"),
     )
     physical.check_shape(units, (record.camera.film for record in records))
-    check_possible(in_scene_units, records)
+    check_cameras(in_scene_units, records)
     interval = frame_interval(views)
     labels = _possible_labels(labels, records, interval, note)
     info = physical.units_record(rig, units)
@@ -244,7 +244,7 @@ def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
     """The distributions and jobs of a configuration of `gaussray render`, composed from
     `overrides`. The scene and the cameras are read once for all samples."""
     variations = Variations("render", overrides)
-    read, cameras = functools.lru_cache(2)(load), functools.lru_cache(2)(rigs.cameras_of)
+    read, cameras = functools.lru_cache(2)(load), functools.lru_cache(2)(rigs.read_views)
 
     def make_job(values: Mapping[str, Any]) -> tuple[dict[str, Any], RenderJob]:
         varied = variations.with_values(values)

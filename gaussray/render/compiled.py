@@ -1,4 +1,4 @@
-"""One picture, compiled: rays, the scene at their times, the trace, the film."""
+"""The compiled program of a picture: rays, the scene at their times, the trace, the film."""
 
 import dataclasses
 import functools
@@ -19,7 +19,7 @@ from gaussray.camera.shutter import first_and_last_pixels, row_number
 from gaussray.render.camera_layout import CameraLayout
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part, samples_at_once
-from gaussray.render.splat_compat import dilated, seen_from_center
+from gaussray.render.splat_compat import colors_from_center, dilate
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene
 from gaussray.scene.transient import Transients, transients_at
@@ -31,9 +31,16 @@ from gaussray.tracer.traverse import Capacity
 
 
 class ProgramSettings(eqx.Module):
-    """What a program is compiled for: list sizes, key states (0: one, at the time of the row of the
-    part), options, the devices that share the rays (None: one device), and whether the programs of
-    stages are compiled in half the time where they then may run a tenth slower (`quick`)."""
+    """Static settings of a program.
+
+    Args:
+        capacity: List sizes of the tracer.
+        keys: Number of key states; 0 is one, at the time of the part's row.
+        options: How the picture is sampled.
+        trace: Options of the tracer.
+        mesh: Devices that share the rays; None is one device.
+        quick: Whether programs are compiled in half the time, and may run a tenth slower.
+    """
 
     capacity: Capacity
     keys: int = eqx.field(static=True)
@@ -47,10 +54,18 @@ class ProgramSettings(eqx.Module):
 def render_part(
     structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings
 ) -> Callable[..., tuple[Array, Report]]:
-    """A compiled function of (leaves of a scene of this structure, row of a camera, part): red,
-    green, blue, coverage and mean distance of the part's pixels, the rays spread over the devices.
+    """The program of a part of a picture, whose rays are divided among the devices.
 
-    Made once for each settings, so that a frame costs the host as little as can be.
+    It is cached, so that a frame costs the host little.
+
+    Args:
+        structure: Structure of the scene.
+        layout: Layout of the camera's row of numbers.
+        settings: Static settings.
+
+    Returns:
+        A function of (leaves of the scene, row of the camera, part): red, green, blue, coverage and
+        mean distance of the pixels; and a report.
     """
 
     @jax.jit
@@ -66,7 +81,13 @@ def render_part(
 def render_frames(
     structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings
 ) -> Callable[..., tuple[Array, Report]]:
-    """The same for as many cameras (a row each) as there are devices, a frame on each."""
+    """`render_part` for several frames: each device renders the frame of one camera.
+
+    Args:
+        structure: Structure of the scene.
+        layout: Layout of the camera's row of numbers; each device has a row.
+        settings: Static settings.
+    """
     return _on_each(structure, layout, settings, of_each=("row",))
 
 
@@ -74,9 +95,14 @@ def render_frames(
 def render_pieces(
     structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings
 ) -> Callable[..., tuple[Array, Report]]:
-    """The same for a part of one frame on each device (`parts.interleaved`).
+    """`render_part` for one frame, of which each device renders a part (`parts.interleaved_parts`).
 
     No device waits for another, so that programs may share the devices.
+
+    Args:
+        structure: Structure of the scene.
+        layout: Layout of the camera's row of numbers.
+        settings: Static settings.
     """
     return _on_each(structure, layout, settings, of_each=("part",))
 
@@ -90,20 +116,19 @@ def _on_each(
     names, split = ("leaves", "row", "part"), PartitionSpec("rays")
     specs = tuple(split if name in of_each else PartitionSpec() for name in names)
     placed = [NamedSharding(settings.mesh, spec) for spec in specs]
-    alone = ProgramSettings(
+    single = ProgramSettings(
         settings.capacity, settings.keys, settings.options, settings.trace, None
     )
 
-    def one_device(*given):
-        own = (
+    def one_device(*arguments):
+        leaves, row, part = (
             jax.tree.map(lambda x: x[0], x) if name in of_each else x
-            for name, x in zip(names, given, strict=True)
+            for name, x in zip(names, arguments, strict=True)
         )
-        leaves, row, part = own
         scene, camera = jax.tree.unflatten(structure, leaves), layout.camera(row)
         u = sample_points(part, settings.options.samples)
-        seen = part_values(scene, camera, u, part, alone)
-        return jax.tree.map(lambda x: x[None], seen)
+        values = part_values(scene, camera, u, part, single)
+        return jax.tree.map(lambda x: x[None], values)
 
     return jax.jit(
         jax.shard_map(
@@ -121,7 +146,7 @@ def part_values(
     settings: ProgramSettings,
     key_time: Float[Array, " keys"] | None = None,
 ) -> tuple[Float[Array, "pixels 5"], Report]:
-    """Red, green, blue, coverage and mean distance of a part of a picture, and what they cost.
+    """Red, green, blue, coverage and mean distance of a part of a picture, and the trace's report.
 
     Pure and differentiable in the scene, the camera and the key times.
 
@@ -139,14 +164,14 @@ def part_values(
     if camera.chromatic is not None:
 
         def channel(magnification: Float[Array, ""]) -> tuple[tuple[Pixels, Array | None], Report]:
-            return _traced(motion, camera, u, part, settings, magnification)
+            return _trace_part(motion, camera, u, part, settings, magnification)
 
-        seen, reports = map_leading(channel, camera.chromatic)
-        report = merged_reports(reports)
+        traced, reports = map_leading(channel, camera.chromatic)
+        report = merge_reports(reports)
     else:
-        seen, report = _traced(motion, camera, u, part, settings)
-        seen = jax.tree.map(lambda x: x[None], seen)
-    return picture_values(*seen), report
+        traced, report = _trace_part(motion, camera, u, part, settings)
+        traced = jax.tree.map(lambda x: x[None], traced)
+    return picture_values(*traced), report
 
 
 def picture_values(
@@ -159,7 +184,7 @@ def picture_values(
         weight: Mean weights of the rays, which have multiplied the samples; None is 1.
     """
     if weight is not None:
-        pixels = _vignetted(pixels, weight)
+        pixels = _unweight(pixels, weight)
     color, transmittance, depth = pixels.color[0], pixels.transmittance[0], pixels.depth[0]
     if len(pixels.color) == 3:
         color = jnp.stack([pixels.color[i, :, i] for i in range(3)], axis=-1)
@@ -172,7 +197,7 @@ def picture_values(
     return jnp.concatenate([color, alpha[:, None], depth[:, None]], axis=1)
 
 
-def _traced(
+def _trace_part(
     motion: Motion,
     camera: Camera,
     u: Float[Array, "samples 5"],
@@ -183,15 +208,15 @@ def _traced(
     """The part's pixels and the weights of their rays, each the mean of its samples;
     `magnification` is that of one colour."""
     shared = samples_at_once(settings.options, settings.trace)
-    mine = None if part.share is None else part.share.seen
+    mask = None if part.share is None else part.share.mask
     # Once for all samples.
     span = frame_span(camera, part)
     scene = prepare(motion, span, options=settings.trace, capacity=settings.capacity)
 
-    def trace_some(
-        some: tuple[Array, Array | None],
+    def trace_group(
+        group: tuple[Array, Array | None],
     ) -> tuple[tuple[Pixels, Array | None], Report]:
-        rays = sample_rays(camera, part.pixel, *some, magnification)
+        rays = sample_rays(camera, part.pixel, *group, magnification)
         pixels, report = trace_sharded(
             scene,
             rays,
@@ -201,43 +226,52 @@ def _traced(
         )
         weight = rays.weight
         if weight is not None:
-            pixels = weighted(pixels, weight)
+            pixels = apply_weight(pixels, weight)
         return jax.tree.map(lambda x: jnp.mean(x, axis=0), (pixels, weight)), report
 
-    groups = jax.tree.map(lambda x: x.reshape(-1, shared, x.shape[1]), (u, mine))
-    seen, reports = map_leading(trace_some, groups)
-    seen = jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], seen)
-    return seen, merged_reports(reports)
+    groups = jax.tree.map(lambda x: x.reshape(-1, shared, x.shape[1]), (u, mask))
+    means, reports = map_leading(trace_group, groups)
+    means = jax.tree.map(lambda x: jnp.mean(x, axis=0)[part.slot], means)
+    return means, merge_reports(reports)
 
 
-def weighted(pixels: Pixels, weight: Float[Array, "*rays"]) -> Pixels:
-    """What rays see, times the weight of each."""
-    return jax.tree.map(lambda x: x * _like(weight, x), pixels)
+def apply_weight(pixels: Pixels, weight: Float[Array, "*rays"]) -> Pixels:
+    """Multiply traced rays by their weights.
+
+    Args:
+        pixels: Traced rays.
+        weight: Weight of each ray.
+    """
+    return jax.tree.map(lambda x: x * _broadcast_weight(weight, x), pixels)
 
 
 def sample_points(part: Part, count: int) -> Float[Array, "samples 5"]:
-    """The samples of every pixel: the plain ones, or those of the part's batch."""
+    """Samples of every pixel: the same for all pictures, or those of the part's batch.
+
+    Args:
+        part: The pixels.
+        count: Number of samples.
+    """
     u = sobol_samples(count) if part.batch is None else shifted_samples(count, part.batch)
     return u.astype(part.pixel.dtype)
 
 
-def _vignetted(pixels: Pixels, weight: Array) -> Pixels:
-    """Means of weight times value: light that is lost stays dark, and what else is told becomes the
-    mean over the light that is not."""
+def _unweight(pixels: Pixels, weight: Array) -> Pixels:
+    """Divide means of weight x value by the mean weight, except colours: lost light stays dark."""
     some = weight > 0
     whole = jnp.where(some, weight, 1)
-    told = jax.tree.map(lambda x: x / _like(whole, x), pixels)
-    clear = jnp.where(some, told.transmittance, 1)
-    return dataclasses.replace(told, color=pixels.color, transmittance=clear)
+    mean = jax.tree.map(lambda x: x / _broadcast_weight(whole, x), pixels)
+    clear = jnp.where(some, mean.transmittance, 1)
+    return dataclasses.replace(mean, color=pixels.color, transmittance=clear)
 
 
-def _like(weight: Array, value: Array) -> Array:
+def _broadcast_weight(weight: Array, value: Array) -> Array:
     """Weights of rays beside what those see, which may have channels."""
     return weight.reshape(weight.shape + (1,) * (value.ndim - weight.ndim))
 
 
-def merged_reports(reports: Report) -> Report:
-    """One report from several, which are stacked."""
+def merge_reports(reports: Report) -> Report:
+    """Merge stacked reports into one."""
     return Report(
         needed=jnp.max(reports.needed, axis=0),
         dropped=jnp.sum(reports.dropped),
@@ -250,39 +284,48 @@ def sample_rays(
     camera: Camera,
     pixel: Array,
     u: Float[Array, "samples 5"],
-    seen: Bool[Array, "samples rows"] | None,
+    mask: Bool[Array, "samples rows"] | None,
     magnification: Float[Array, ""] | None = None,
 ) -> Rays:
-    """Rays of all samples; those that another segment traces have no direction."""
+    """Rays of all samples of pixels.
+
+    Args:
+        camera: The camera.
+        pixel: Indices (column, row) of the pixels.
+        u: The samples (`camera.camera_ray`).
+        mask: Samples and rows that this segment traces; the other rays get no direction. None is
+            all of them.
+        magnification: Of one colour channel; None is the lens itself.
+    """
     size = camera.film.width, camera.film.height
 
-    def sample(one: Float[Array, "5"], seen: Bool[Array, " rows"] | None) -> Rays:
-        points = jnp.broadcast_to(one, (pixel.shape[0], 5))
+    def sample(point: Float[Array, "5"], mask: Bool[Array, " rows"] | None) -> Rays:
+        points = jnp.broadcast_to(point, (pixel.shape[0], 5))
         rays = camera_rays(camera, pixel, points, magnification)
-        if seen is None:
+        if mask is None:
             return rays
         row = jax.vmap(lambda p: row_number(camera.shutter, p, size))(pixel).astype(jnp.int32)
-        direction = jnp.where(seen[row][:, None], rays.direction, 0)
+        direction = jnp.where(mask[row][:, None], rays.direction, 0)
         return dataclasses.replace(rays, direction=direction)
 
-    return jax.vmap(sample)(u, seen)
+    return jax.vmap(sample)(u, mask)
 
 
 def _motion(
     scene: Scene, camera: Camera, key_time: Float[Array, " keys"], options: RenderOptions
 ) -> Motion:
-    def shown(gaussians: Gaussians) -> Gaussians:
+    def as_rasterised(gaussians: Gaussians) -> Gaussians:
         if options.dilation:
-            gaussians = dilated(gaussians, camera, options.dilation)
+            gaussians = dilate(gaussians, camera, options.dilation)
         if options.harmonics == "center":
             mean = gaussians.mean
             mean = mean if mean.ndim == 2 else mean[mean.shape[0] // 2]
-            gaussians = seen_from_center(gaussians, camera, mean)
+            gaussians = colors_from_center(gaussians, camera, mean)
         return gaussians
 
-    def shown_transients(transients: Transients) -> Transients:
-        seen = shown(transients_at(transients, (key_time[0] + key_time[-1]) / 2))
-        return dataclasses.replace(transients, scale=seen.scale, harmonics=seen.harmonics)
+    def rasterised_transients(transients: Transients) -> Transients:
+        middle = as_rasterised(transients_at(transients, (key_time[0] + key_time[-1]) / 2))
+        return dataclasses.replace(transients, scale=middle.scale, harmonics=middle.harmonics)
 
     motion = scene_motion(scene, key_time, scene.time_range)
     if not options.dilation and options.harmonics == "ray":
@@ -290,43 +333,59 @@ def _motion(
     rest, transient = motion.rest, motion.transient
     return dataclasses.replace(
         motion,
-        gaussians=shown(motion.gaussians),
-        rest=None if rest is None else shown(rest),
-        transient=None if transient is None else shown_transients(transient),
+        gaussians=as_rasterised(motion.gaussians),
+        rest=None if rest is None else as_rasterised(rest),
+        transient=None if transient is None else rasterised_transients(transient),
     )
 
 
 def frame_span(camera: Camera, part: Part) -> Float[Array, "2"]:
-    """The earliest and the latest time at which a frame looks."""
-    time = _decisive_times(camera, part)
+    """First and last time of the rays of a frame, in the capture's unit.
+
+    Args:
+        camera: The camera.
+        part: The pixels, with the segment that they show.
+    """
+    time = _extreme_times(camera, part)
     return jnp.stack([jnp.min(time), jnp.max(time)])
 
 
 def key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
-    """Times of the key states of a frame; with 0 the time of the row of the part."""
+    """Times of the key states of a frame, in the capture's unit.
+
+    Args:
+        camera: The camera.
+        part: The pixels.
+        keys: Number of key states; 0 is one, at the time of the part's row.
+    """
     if not keys:
         place = jnp.stack([jnp.zeros_like(part.row), part.row])
         u = jnp.full((1, 5), 0.5, camera.time.dtype)
-        return jnp.clip(camera_rays(camera, place[None], u).time, *_bounds(part))
-    return spread_times(frame_span(camera, part), keys)
+        return jnp.clip(camera_rays(camera, place[None], u).time, *_time_limits(part))
+    return even_key_times(frame_span(camera, part), keys)
 
 
-def spread_times(span: Float[Array, "2"], keys: int) -> Float[Array, " keys"]:
-    """Key times, evenly from the first to the last time of a frame."""
+def even_key_times(span: Float[Array, "2"], keys: int) -> Float[Array, " keys"]:
+    """Key times at even intervals.
+
+    Args:
+        span: First and last time of a frame.
+        keys: Number of key times; a single one is the first time.
+    """
     return jnp.linspace(span[0], span[1], keys, dtype=span.dtype) if keys > 1 else span[:1]
 
 
-def _decisive_times(camera: Camera, part: Part) -> Float[Array, " rays"]:
+def _extreme_times(camera: Camera, part: Part) -> Float[Array, " rays"]:
     """Times of rays among which are the first and the last of a frame."""
     dtype = camera.time.dtype
     pixel = first_and_last_pixels(camera.shutter, (camera.film.width, camera.film.height))
     place = jnp.asarray(np.repeat(pixel, 2, axis=0), dtype)
     u = np.full((len(place), 5), 0.5)
     u[:, 4] = np.tile([0, 1], len(pixel))
-    return jnp.clip(camera_rays(camera, place, jnp.asarray(u, dtype)).time, *_bounds(part))
+    return jnp.clip(camera_rays(camera, place, jnp.asarray(u, dtype)).time, *_time_limits(part))
 
 
-def _bounds(part: Part) -> tuple[Array | None, Array | None]:
+def _time_limits(part: Part) -> tuple[Array | None, Array | None]:
     """The times between which a segment shows the frame; None where it shows all of it."""
     return (None, None) if part.share is None else (part.share.span[0], part.share.span[1])
 
@@ -335,9 +394,16 @@ def _bounds(part: Part) -> tuple[Array | None, Array | None]:
 def prepare_trace(
     scene: Scene, camera: Camera, part: Part, *, settings: ProgramSettings
 ) -> tuple[Motion, Rays]:
-    """What is traced at once, to measure list sizes with."""
-    some = samples_at_once(settings.options, settings.trace)
+    """Motion and rays of the samples that are traced at once, for `measure`.
+
+    Args:
+        scene: The scene.
+        camera: The camera.
+        part: The pixels.
+        settings: Key states and options.
+    """
+    count = samples_at_once(settings.options, settings.trace)
     u = sample_points(part, settings.options.samples)
     motion = _motion(scene, camera, key_times(camera, part, settings.keys), settings.options)
-    seen = None if part.share is None else part.share.seen[:some]
-    return motion, sample_rays(camera, part.pixel, u[:some], seen)
+    mask = None if part.share is None else part.share.mask[:count]
+    return motion, sample_rays(camera, part.pixel, u[:count], mask)

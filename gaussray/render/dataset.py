@@ -1,4 +1,4 @@
-"""Renders a dataset: the pictures that cameras see of a scene, as a paired capture in a folder."""
+"""Renders a dataset: pictures of a scene, as a paired capture in a folder."""
 
 import dataclasses
 import os
@@ -19,7 +19,7 @@ from gaussray.render.aov.labeller import Labeller
 from gaussray.render.dataset_files import (
     Videos,
     claim_folder,
-    demand_files,
+    require_files,
     video_name,
     write_manifests,
     write_sample_count,
@@ -74,7 +74,7 @@ def render_dataset(
     """
     options = options or DatasetOptions()
     out, scene, records = Path(out), renderer.scene, with_label_files(records, options.labels)
-    check_frames(scene, records, options)
+    check_dataset(scene, records, options)
     claim_folder(out, scene, records, _settings(renderer, options))
     if leads():
         sweep(out, deep=True)
@@ -91,7 +91,9 @@ def render_dataset(
     progress = Progress("render", len(assigned), quiet=quiet or not leads())
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         videos = Videos(out, records, options.fps, pool)
-        for done, record in enumerate(_written(out, assigned, frames, options.sensor, pool), 1):
+        for done, record in enumerate(
+            _write_pictures(out, assigned, frames, options.sensor, pool), 1
+        ):
             progress.report(done, record.effect)
             finished(record)
             remaining[video_name(record)] -= 1
@@ -102,17 +104,26 @@ def render_dataset(
             _write_labels(out, renderer, records, options, quiet=quiet)
         wait("pictures")
         if leads():
-            demand_files(out, records)
+            require_files(out, records)
             write_manifests(out, records, options)
             videos.finish()
     wait("videos")
     return out
 
 
-def check_frames(
+def check_dataset(
     scene: Scene | Clip, records: Sequence[FrameRecord], options: DatasetOptions
 ) -> None:
-    """Raise a ValueError unless labels and sensor are possible for these frames."""
+    """Check that labels and sensor are possible for frames.
+
+    Args:
+        scene: The scene.
+        records: The frames.
+        options: Labels and sensor.
+
+    Raises:
+        ValueError: They are not; the message names the key.
+    """
     if options.labels and isinstance(scene, Clip):
         raise ValueError(
             f"labels need a scene of one segment, got {len(scene.segments)} segments: reconstruct "
@@ -135,7 +146,7 @@ def _settings(renderer: Renderer, options: DatasetOptions) -> tuple[Any, ...]:
     return (*settings, tuple(options.labels)) if options.labels else settings
 
 
-def _written(
+def _write_pictures(
     out: Path,
     records: Sequence[FrameRecord],
     frames: Iterator[Frame],
@@ -152,12 +163,12 @@ def _written(
         writing = pool.submit(write_picture, path, record, frame.color, sensor_of(record, sensor))
         waiting.append((record, writing))
         while len(waiting) > min(2 * cores, BACKLOG // frame.color.nbytes):
-            yield _finished(waiting)
+            yield _next_written(waiting)
     while waiting:
-        yield _finished(waiting)
+        yield _next_written(waiting)
 
 
-def _finished(waiting: deque[tuple[FrameRecord, Future[None]]]) -> FrameRecord:
+def _next_written(waiting: deque[tuple[FrameRecord, Future[None]]]) -> FrameRecord:
     """The record of the oldest picture, when it is written."""
     record, writing = waiting.popleft()
     writing.result()

@@ -40,6 +40,12 @@ def claim_folder(
 ) -> None:
     """Record the inputs of a dataset in its folder, as the SHA-256 of scene, cameras and settings.
 
+    Args:
+        out: The folder.
+        scene: The scene.
+        records: The frames.
+        settings: Further settings that the pictures depend on.
+
     Raises:
         ValueError: The folder records other inputs, so its pictures are of something else.
         OSError: The folder cannot be written.
@@ -62,9 +68,18 @@ def claim_folder(
         raise OSError(f"out={out}: cannot be written: {error.strerror or error}") from error
 
 
-def demand_files(out: Path, records: Sequence[FrameRecord]) -> None:
-    """Raise an OSError unless all pictures and labels are there. Files that other hosts have
-    written may appear late in a shared folder, and are waited for."""
+def require_files(out: Path, records: Sequence[FrameRecord]) -> None:
+    """Check that all pictures and labels exist.
+
+    Files of other hosts may appear late in a shared folder, and are waited for.
+
+    Args:
+        out: Folder of the dataset.
+        records: The frames.
+
+    Raises:
+        OSError: A file is missing.
+    """
     files = [path for r in records for path in (r.file_path, *(r.labels or {}).values())]
     if not together():
         demand(out, files)
@@ -79,7 +94,13 @@ def demand_files(out: Path, records: Sequence[FrameRecord]) -> None:
 
 
 def write_manifests(out: Path, records: Sequence[FrameRecord], options: DatasetOptions) -> None:
-    """Write one manifest per effect, with the sensor, the labels and the `info` of its frames."""
+    """Write one manifest per effect, with sensor, labels and `info`.
+
+    Args:
+        out: Folder of the dataset.
+        records: The frames.
+        options: Sensor, labels and info.
+    """
     records = [_with_samples(out, record) for record in records]
     for effect in dict.fromkeys(record.effect for record in records):
         name = "transforms" if effect == "pinhole" else effect
@@ -98,8 +119,13 @@ def write_manifests(out: Path, records: Sequence[FrameRecord], options: DatasetO
 
 
 def write_sample_count(picture: Path, samples: int, error: Float[np.ndarray, "h w"]) -> None:
-    """Write beside a picture how many rays per pixel `render.error` needed, and the standard error
-    that they reached."""
+    """Write the rays per pixel that `render.error` needed, beside a picture.
+
+    Args:
+        picture: The picture.
+        samples: Rays per pixel.
+        error: Standard error of each pixel.
+    """
     values = {"samples": samples, "error": float(np.quantile(error, SHARE))}
     with whole(picture.with_suffix(".json")) as partial:
         partial.write_text(json.dumps(values) + "\n")

@@ -22,12 +22,17 @@ from gaussray.render.aov.files import SHARP
 from gaussray.render.options import NO_SENSOR
 
 
-# A half float keeps this many bits of the numbers that a sensor tells apart.
+# Bits of a sensor's levels that a half float can distinguish.
 HALF_BITS = 10
 
 
 def sensor_of(record: FrameRecord, sensor: SensorOptions) -> SensorOptions:
-    """The sensor of a picture: none for the ground truth without effects (label `sharp`)."""
+    """The sensor of a picture; none for the ground truth without effects (label `sharp`).
+
+    Args:
+        record: The frame.
+        sensor: The sensor of all other frames.
+    """
     return NO_SENSOR if record.effect == SHARP else sensor
 
 
@@ -43,7 +48,14 @@ def without_unused_seed(sensor: SensorOptions) -> SensorOptions:
 def write_picture(
     path: Path, record: FrameRecord, light: Float[np.ndarray, "h w 3"], sensor: SensorOptions
 ) -> None:
-    """Write linear light, developed by the sensor, as PNG or EXR, whichever the path ends in."""
+    """Develop a picture by the sensor and write it.
+
+    Args:
+        path: The file, `.png` or `.exr`.
+        record: The frame.
+        light: Linear light.
+        sensor: The sensor.
+    """
     if path.suffix != ".exr":
         write_image(path, picture_levels(record, light, sensor))
     elif sensor == NO_SENSOR:
@@ -56,7 +68,13 @@ def write_picture(
 def picture_levels(
     record: FrameRecord, light: Float[np.ndarray, "h w 3"], sensor: SensorOptions
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """The 8-bit levels that a PNG stores for the linear light of a frame."""
+    """The 8-bit levels that a PNG stores.
+
+    Args:
+        record: The frame.
+        light: Linear light.
+        sensor: The sensor.
+    """
     if sensor == NO_SENSOR:
         return codes(light)
     light = _sensor_values(record, light, sensor)
@@ -74,9 +92,16 @@ def _sensor_values(
 def sensor_values(
     record: FrameRecord, light: Float[Array, "h w 3"], sensor: SensorOptions
 ) -> Float[Array, "h w 3"]:
-    """The sensor's linear values of a frame, on the device of the light. The noise follows from the
-    seed and the file's name without its suffix, so that it does not depend on the other frames or
-    on the format."""
+    """The sensor's linear values of a frame, on the device of the light.
+
+    The noise depends on the seed and the file's name without its suffix, not on other frames or the
+    format.
+
+    Args:
+        record: The frame.
+        light: Linear light.
+        sensor: The sensor.
+    """
     key = picture_key(sensor.seed, str(Path(record.file_path).with_suffix("")))
     # Cameras of every kind share the program of a sensor that does not ask for them.
     camera = record.camera if sensor.falloff or any(sensor.vignetting) else None

@@ -1,4 +1,4 @@
-"""A finished picture, and pictures made of pictures: of rows, segments and batches of samples."""
+"""Rendered frames, and their assembly from strips of rows, segments and batches of samples."""
 
 from collections.abc import Iterator, Sequence
 from itertools import count as numbers
@@ -11,14 +11,24 @@ from gaussray.camera.film import Film
 from gaussray.render.options import BATCHES, RenderOptions
 
 
-# Share of the pixels whose standard error is to be reached.
+# Share of the pixels whose standard error must be at most `render.error`.
 SHARE = 0.95
 
 
 class Frame(eqx.Module):
-    """A finished picture: linear light, coverage (1 - transmittance) and mean distance t of what is
-    seen, with what it cost: `samples` rays per pixel. With `render.error`, `error` is the standard
-    error of each pixel's colour, the worst of three channels."""
+    """A rendered frame, on the host.
+
+    Args:
+        color: Linear light; 1 is white.
+        alpha: Coverage, 1 - transmittance.
+        depth: Mean distance along the ray, in scene units.
+        seconds: Time that the frame took.
+        hits: Hits of all rays.
+        compiled: Whether a program was compiled for it.
+        samples: Rays per pixel.
+        error: With `render.error`, the standard error of each pixel's colour, the largest of three
+            channels.
+    """
 
     color: Float[np.ndarray, "h w 3"]
     alpha: Float[np.ndarray, "h w"]
@@ -30,16 +40,16 @@ class Frame(eqx.Module):
     error: Float[np.ndarray, "h w"] | None = None
 
 
-def united(parts: Sequence[Frame]) -> Frame:
-    """A frame from what every segment shows of it: where one sees nothing, it adds nothing."""
+def merge_segments(parts: Sequence[Frame]) -> Frame:
+    """Merge the frames of several segments, each without the rays of the others."""
     if len(parts) == 1:
         return parts[0]
     alpha = sum(part.alpha for part in parts)
-    way = sum(part.alpha * part.depth for part in parts)
+    weighted_depth = sum(part.alpha * part.depth for part in parts)
     return Frame(
         np.sum([part.color for part in parts], axis=0),
         np.asarray(alpha),
-        way / np.maximum(alpha, 1e-6),
+        weighted_depth / np.maximum(alpha, 1e-6),
         sum(part.seconds for part in parts),
         sum(part.hits for part in parts),
         any(part.compiled for part in parts),
@@ -47,33 +57,44 @@ def united(parts: Sequence[Frame]) -> Frame:
     )
 
 
-def settled(batches: Iterator[Frame], options: RenderOptions) -> Frame:
-    """The mean of as many of the batches as `render.error` takes: running means, and sums of
-    squares about them (Welford 1962)."""
+def mean_until_error(batches: Iterator[Frame], options: RenderOptions) -> Frame:
+    """The mean of as many batches of samples as `render.error` needs.
+
+    Running means, and sums of squares about them (Welford 1962).
+
+    Args:
+        batches: Frames of the batches.
+        options: `error`, `samples` and `samples_most`.
+    """
     most = options.samples_most // options.samples
-    mean = spread = error = np.zeros(())
+    mean = squares = error = np.zeros(())
     seconds, hits, compiled = 0.0, 0, False
     for count in numbers(1):
         frame = next(batches)
         seconds, hits = seconds + frame.seconds, hits + frame.hits
         compiled |= frame.compiled
         depth = frame.depth * frame.alpha
-        told = np.dstack([frame.color, frame.alpha, depth]).astype(np.float64)
-        away = told - mean
-        mean = mean + away / count
-        spread = spread + (away * (told - mean))[..., :3]
+        values = np.dstack([frame.color, frame.alpha, depth]).astype(np.float64)
+        difference = values - mean
+        mean = mean + difference / count
+        squares = squares + (difference * (values - mean))[..., :3]
         if count >= BATCHES:
-            error = np.sqrt(spread.max(axis=-1) / (count * (count - 1)))
+            error = np.sqrt(squares.max(axis=-1) / (count * (count - 1)))
             if count == most or np.quantile(error, SHARE) <= options.error:
                 break
-    told = np.dstack([mean[..., :4], mean[..., 4] / np.maximum(mean[..., 3], 1e-6)])
-    color, alpha, depth = channels(told.astype(np.float32))
+    values = np.dstack([mean[..., :4], mean[..., 4] / np.maximum(mean[..., 3], 1e-6)])
+    color, alpha, depth = channels(values.astype(np.float32))
     used = count * options.samples
     return Frame(color, alpha, depth, seconds, hits, compiled, used, error.astype(np.float32))
 
 
-def joined(film: Film, pieces: Sequence[tuple[int, np.ndarray]]) -> np.ndarray:
-    """A picture from chunks of rows, each with its first row, which may overlap."""
+def join_rows(film: Film, pieces: Sequence[tuple[int, np.ndarray]]) -> np.ndarray:
+    """Assemble a picture from strips of rows, which may overlap.
+
+    Args:
+        film: Size of the picture.
+        pieces: First row and values of each strip.
+    """
     if len(pieces) == 1:
         return pieces[0][1]
     first = pieces[0][1]

@@ -19,8 +19,14 @@ MOST_IN_FLIGHT, _BYTES = 8, 2 * 1024**3
 
 
 class PlacedPart(NamedTuple):
-    """A part of a picture on the devices, how it is traced, and the place of each pixel among the
-    slots of all devices (None: every device has whole pictures)."""
+    """A part of a picture on the devices.
+
+    Args:
+        part: The pixels.
+        trace: Options of the tracer.
+        slots: Place of each pixel among the slots of all devices; None if every device has whole
+            pictures.
+    """
 
     part: Part
     trace: TraceOptions
@@ -28,7 +34,14 @@ class PlacedPart(NamedTuple):
 
 
 class TracedPart(NamedTuple):
-    """A part that starts at row `top`, with its values and the report on its lists, under way."""
+    """A part that is being rendered.
+
+    Args:
+        top: Its first row.
+        place: The part on the devices.
+        values: Values of its pixels.
+        report: The trace's report.
+    """
 
     top: int
     place: PlacedPart
@@ -64,8 +77,14 @@ class FrameBatch:
         return min(max(_BYTES // size, 1), MOST_IN_FLIGHT)
 
 
-def fetched_pictures(values: Array, place: PlacedPart, count: int) -> list[np.ndarray]:
-    """The frames of a batch, one from each device, as they came: nothing is copied once more."""
+def fetch_pictures(values: Array, place: PlacedPart, count: int) -> list[np.ndarray]:
+    """Fetch the frames of a batch, one from each device, without a further copy.
+
+    Args:
+        values: Values on the devices.
+        place: The part on the devices.
+        count: Number of frames.
+    """
     if values.ndim == 2:
         return [np.asarray(values)]
     if place.slots is not None:

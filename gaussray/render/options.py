@@ -21,23 +21,27 @@ NO_SENSOR = SensorOptions()
 class RenderOptions(eqx.Module):
     """How a picture is sampled.
 
-    `samples` rays per pixel over film, lens and exposure. `keys` states of the scene across the
-    times of one frame, between which each ray moves the Gaussians to its own time; 0 takes three
-    for every interval between the capture's instants (they share their ends), and a frame whose
-    rays share one time needs and takes only one. `chunk_rows` > 0 is the paper's way instead: one
-    state for so many rows (1 = a state for every row).
+    Args:
+        samples: Rays per pixel, over pixel filter, aperture and exposure.
+        keys: States of the scene across the times of one frame; each ray moves the Gaussians
+            between them to its own time. 0 is three for every interval between the capture's
+            timestamps (neighbouring intervals share a state), and one for a frame whose rays share
+            one time.
+        chunk_rows: Above 0, the method of the paper instead: one state for so many rows (1 is a
+            state for every row).
+        dilation: Square pixels added to each Gaussian on the screen. A model shows as in the
+            rasteriser that it was fitted with: 3DGS has 0.3.
+        harmonics: Direction of the harmonics: "ray", or "center" from the camera's center to the
+            Gaussian's, as 3DGS has it.
+        error: Above 0, batches of `samples` are added until the standard error of the mean of 95 %
+            of the pixels is at most that (linear light, the largest of three channels).
+        samples_most: Largest number of rays per pixel with `error`.
+        memory: Gigabytes that the rays of a frame may take. A larger frame is traced in strips of
+            rows (`parts.strip_rows`), with the same result. The scene itself comes on top, and 4
+            bytes for each Gaussian in a bundle's list. Labels are cut likewise.
 
-    With an `error` above 0, batches of `samples` are added until the standard error of the mean of
-    95 % of the pixels (linear light, the worst of three channels) is at most that, or until the
-    next batch would take more than `samples_most` rays per pixel.
-
-    A frame whose rays would take more than `memory` gigabytes at once (`strip_rows`) is traced in
-    strips of rows, one after another: the same picture, and each strip looks anew for what its rays
-    meet. What the scene itself takes comes on top, and of the lists of millions of Gaussians 4
-    bytes for each that a bundle may meet. Labels are cut likewise.
-
-    `dilation` (square pixels) and `harmonics` (along each ray, or from the camera's center to a
-    Gaussian's) show a model as the rasteriser that it was fitted through: 3DGS has 0.3 and center.
+    Raises:
+        ValueError: A value breaks its rule; the message names the key.
     """
 
     samples: int = eqx.field(static=True, default=4, converter=whole_number)
@@ -80,10 +84,13 @@ class RenderOptions(eqx.Module):
 class DatasetOptions:
     """What a dataset stores of every frame.
 
-    `sensor` develops the light before it is written. `labels` are names of `aov.labeller.LABELS`,
-    which are written beside the pictures. Videos have `fps` frames per second. `info` is copied
-    into the manifests. `interval` is the time to the next frame that flow labels of a lone frame
-    point to; 0 if there is none.
+    Args:
+        sensor: The sensor that develops the light.
+        labels: Names of `aov.labeller.LABELS`, which are written beside the pictures.
+        fps: Frames per second of the videos.
+        info: Facts that are copied into the manifests.
+        interval: Time to the next frame, for flow labels of a single frame, in the capture's unit;
+            0 if there is none.
     """
 
     sensor: SensorOptions = NO_SENSOR

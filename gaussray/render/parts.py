@@ -1,4 +1,4 @@
-"""Parts of a picture: the pixels that are traced at once, and how they are cut and ordered."""
+"""Parts of a picture: the pixels that are traced at once, in the order of ray bundles."""
 
 import dataclasses
 import math
@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 from gaussray.camera.film import Film
 from gaussray.io.plain_values import to_device
 from gaussray.render.options import RenderOptions
-from gaussray.render.segments import Share
+from gaussray.render.segments import SegmentRays
 from gaussray.tracer.bundle import FAN, fill_padding, morton_tiles
 from gaussray.tracer.grid import OCCUPANCY
 from gaussray.tracer.trace import TraceOptions, on_kernel
@@ -32,37 +32,56 @@ RAY, RAY_OF_KERNEL, SAMPLE, PIXEL = 520, 100, 20, 60
 
 
 class Part(eqx.Module):
-    """The pixels that are traced at once.
+    """The pixels that are traced at once. Parts of several devices may be stacked.
 
-    `pixel` are indices (column, row) in the order of the ray bundles; padding repeats a pixel;
-    `slot` is the place of each pixel in that order. `row` is the row whose time a chunk of rows
-    uses. `share` are the rays of one segment where several segments of a clip show a frame. `batch`
-    is the number of a batch of samples, None if there is only one. Parts of several devices may be
-    stacked.
+    Args:
+        pixel: Indices (column, row) in the order of the ray bundles; padding repeats a pixel.
+        slot: Place of each pixel in that order.
+        row: Row whose time a chunk of rows uses.
+        share: The rays of one segment, where several segments of a clip show a frame; None is all.
+        batch: Number of a batch of samples; None if there is only one.
     """
 
     pixel: Float[Array, "*devices slots 2"]
     slot: Int[Array, "*devices pixels"]
     row: Float[Array, "*devices"]
-    share: Share | None = None
+    share: SegmentRays | None = None
     batch: Int[Array, "*devices"] | None = None
 
 
 def whole_picture(film: Film, trace: TraceOptions) -> tuple[Part, TraceOptions]:
-    """All pixels of a picture as one part, and its trace options: a small picture needs no coarser
-    bundles."""
+    """All pixels of a picture as one part, and its trace options.
+
+    A small picture needs no coarser bundles.
+
+    Args:
+        film: Size of the picture.
+        trace: Options of the tracer.
+    """
     order = morton_tiles(film.width, film.height, trace.bundle, trace.levels)
-    return part_of(film, order, trace)
+    return pixels_part(film, order, trace)
 
 
 def samples_at_once(options: RenderOptions, trace: TraceOptions) -> int:
-    """The number of samples of a pixel that are traced at once."""
+    """Number of samples of a pixel that are traced at once.
+
+    Args:
+        options: How the picture is sampled.
+        trace: Options of the tracer.
+    """
     return math.gcd(options.samples, _SAMPLES_AT_ONCE) if on_kernel(trace, jnp.float32) else 1
 
 
 def strip_rows(film: Film, options: RenderOptions, trace: TraceOptions) -> int:
-    """The rows of a picture that are traced at once: all of them, or whole tiles, as many as
-    `render.memory` allows for, and at least one."""
+    """Number of rows of a picture that are traced at once.
+
+    These are all rows, or as many whole tiles as `render.memory` allows, at least one.
+
+    Args:
+        film: Size of the picture.
+        options: How the picture is sampled.
+        trace: Options of the tracer.
+    """
     ray, group = (
         RAY_OF_KERNEL if on_kernel(trace, jnp.float32) else RAY,
         samples_at_once(options, trace),
@@ -76,11 +95,19 @@ def strip_rows(film: Film, options: RenderOptions, trace: TraceOptions) -> int:
     return min(max(most // step, 1) * step, film.height)
 
 
-def strips(
+def strip_plan(
     film: Film, options: RenderOptions, trace: TraceOptions, gaussians: int
 ) -> tuple[int, TraceOptions]:
-    """The rows of a picture that are traced at once (`strip_rows`), and how: the more Gaussians,
-    the coarser the bundles that all of their cells are tested against first."""
+    """Number of rows that are traced at once (`strip_rows`), and the trace options for them.
+
+    The more Gaussians there are, the more coarser levels of bundles.
+
+    Args:
+        film: Size of the picture.
+        options: How the picture is sampled.
+        trace: Options of the tracer.
+        gaussians: Number of Gaussians.
+    """
     rows = strip_rows(film, options, trace)
     cells, levels = -(-gaussians // OCCUPANCY), trace.levels
 
@@ -99,34 +126,58 @@ def strips(
     return rows, dataclasses.replace(trace, levels=levels)
 
 
-def strip(film: Film, rows: int, trace: TraceOptions, top: int) -> tuple[Part, TraceOptions]:
-    """The strip of so many rows from `top` on as a part."""
+def strip_part(film: Film, rows: int, trace: TraceOptions, top: int) -> tuple[Part, TraceOptions]:
+    """A strip of rows as a part, and its trace options.
+
+    Args:
+        film: Size of the picture.
+        rows: Number of rows.
+        trace: Options of the tracer.
+        top: First row.
+    """
     order = morton_tiles(film.width, rows, trace.bundle, trace.levels)
-    return part_of(film, np.where(order < 0, order, order + top * film.width), trace, top)
+    return pixels_part(film, np.where(order < 0, order, order + top * film.width), trace, top)
 
 
-def interleaved(
+def interleaved_parts(
     film: Film, trace: TraceOptions, devices: int, rows: int = 0, top: int = 0
 ) -> tuple[Part, TraceOptions, Array]:
-    """A strip of so many rows from `top` on (0: the whole picture) as one part per device, stacked,
-    of interleaved blocks of tiles, for even work; its trace options; and the place of each pixel
-    among the slots of all parts."""
+    """A strip of rows as one part per device, of interleaved blocks of tiles, for even work.
+
+    Args:
+        film: Size of the picture.
+        trace: Options of the tracer.
+        devices: Number of devices.
+        rows: Number of rows; 0 is the whole picture.
+        top: First row.
+
+    Returns:
+        The stacked parts, the trace options, and the place of each pixel among the slots of all
+        parts.
+    """
     block, rows = trace.bundle**2 * FAN**trace.levels, rows or film.height
     order = morton_tiles(film.width, rows, trace.bundle, trace.levels).reshape(-1, block)
     order = np.where(order < 0, order, order + top * film.width)
     order = np.pad(order, ((0, -len(order) % devices), (0, 0)), constant_values=-1)
     order = order.reshape(-1, devices, block).swapaxes(0, 1).reshape(devices, -1)
-    whole, trace = part_of(film, order.reshape(-1), trace, top)
+    whole, trace = pixels_part(film, order.reshape(-1), trace, top)
     slots = jnp.arange(order.shape[1], dtype=jnp.int32)
     each = [Part(x, slots, whole.row) for x in whole.pixel.reshape(*order.shape, 2)]
     return jax.tree.map(lambda *x: jnp.stack(x), *each), trace, whole.slot
 
 
-def part_of(
+def pixels_part(
     film: Film, order: Int[np.ndarray, " slots"], trace: TraceOptions, top: int = 0
 ) -> tuple[Part, TraceOptions]:
-    """The pixels of `order` (row-major indices, whole rows from `top` on; -1 is padding, which
-    repeats the pixel before it and is in no one's slot) as a part."""
+    """Pixels in the order of ray bundles as a part, and its trace options.
+
+    Args:
+        film: Size of the picture.
+        order: Row-major indices of the pixels of whole rows; -1 is padding, which repeats the pixel
+            before it.
+        trace: Options of the tracer.
+        top: First row.
+    """
     if len(order) < trace.bundle**2 * 256:
         trace = dataclasses.replace(trace, levels=0)
     inside = np.flatnonzero(order >= 0)

@@ -15,13 +15,13 @@ from gaussray.render.options import RenderOptions
 from gaussray.render.plan import (
     Plan,
     PlanCache,
-    check_single,
+    check_renderable,
     flat_rays,
-    motion_between,
-    moved_part,
+    picture_key_times,
+    picture_motion,
     plan as measured_plan,
     plan_key,
-    spread_keys,
+    shift_part,
     strip_tops,
 )
 from gaussray.scene.scene import Scene
@@ -31,14 +31,14 @@ from gaussray.tracer.trace import time_span, trace as trace_rays
 
 
 class Picture(eqx.Module):
-    """What a camera or rays see of a scene.
+    """A picture: the values of pixels or rays.
 
     Args:
         color: Linear light; 1 is white.
         alpha: Coverage, 1 - transmittance.
         depth: Mean distance along the ray of what is seen, in scene units.
-        dropped: List entries without a place: 0 says that nothing is missing. Otherwise the plan
-            was too small: `plan.enlarged(picture.needed)`.
+        dropped: List entries that were dropped: 0 if the picture is complete. Otherwise the plan
+            was too small: use `plan.enlarged(picture.needed)`.
         needed: List sizes that the picture needs, in the order of `Capacity`.
     """
 
@@ -61,12 +61,12 @@ def render(
     trace: TraceOptions | None = None,
     plan: Plan | None = None,
 ) -> Picture:
-    """The picture that a camera takes of a scene.
+    """Render the picture that a camera takes of a scene.
 
     A pure function for `jit`, `grad` and `vmap`, differentiable in Gaussians, deformation, lens,
     pose, aperture, focus, shutter and times. Without a plan it measures list sizes when it is
-    called with numbers (also below `grad` alone) and keeps them; inside `jit` and `vmap` it uses
-    those of the last such call with arguments of the same shapes, or the `plan`.
+    called with numbers (also inside `grad` alone) and caches them. Inside `jit` and `vmap` it uses
+    the cached sizes of arguments of the same shapes, or the `plan`.
 
     The derivative is that of the picture with the hits of every ray and their order held fixed.
     It leaves out what a change of the order itself adds: where the centres of two overlapping
@@ -106,7 +106,7 @@ def render_rays(
     trace: TraceOptions | None = None,
     plan: Plan | None = None,
 ) -> Picture:
-    """What rays see of a scene, each at its own time; pure and differentiable like `render`.
+    """Render rays, each at its own time; pure and differentiable like `render`.
 
     Args:
         scene: The scene; of a clip, one of its segments.
@@ -134,7 +134,7 @@ def _with_plan(draw, scene, camera, key, options, trace) -> Picture:
     """A picture with list sizes that are long enough, if the arguments are numbers; otherwise with
     those of the last picture of such arguments."""
     options, trace = options or RenderOptions(), trace or TraceOptions()
-    check_single(scene, options)
+    check_renderable(scene, options)
     shapes = plan_key(scene, camera, options, trace)
     plan = _plans.get(shapes)
     try:
@@ -170,10 +170,10 @@ def _camera_picture(scene: Scene, camera: Camera, key: Array | None, plan: Plan)
     u = sobol_samples(count) if key is None else random_samples(count, key)
     u = u.astype(part.pixel.dtype)
     settings = ProgramSettings(plan.capacity, plan.keys, plan.options, plan.trace, None)
-    key_time = spread_keys(scene, frame_span(camera, part), plan.keys)
+    key_time = picture_key_times(scene, frame_span(camera, part), plan.keys)
 
     def strip_values(top):
-        return part_values(scene, camera, u, moved_part(part, top), settings, key_time)
+        return part_values(scene, camera, u, shift_part(part, top), settings, key_time)
 
     tops = strip_tops(film.height, plan.rows)
     if len(tops) == 1:
@@ -194,7 +194,7 @@ def _camera_picture(scene: Scene, camera: Camera, key: Array | None, plan: Plan)
 @eqx.filter_jit
 def _ray_picture(scene: Scene, rays: Rays, key: None, plan: Plan) -> Picture:
     shape, rays = rays.time.shape, flat_rays(rays)
-    motion = motion_between(scene, time_span(rays), plan.keys)
+    motion = picture_motion(scene, time_span(rays), plan.keys)
     order = coherent_order(rays)
     ordered = jax.tree.map(lambda x: x[order], rays)
     pixels, report = trace_rays(motion, ordered, options=plan.trace, capacity=plan.capacity)

@@ -1,4 +1,4 @@
-"""What a differentiable picture needs to know before it is traced: list sizes and key states."""
+"""The static sizes of a differentiable picture: list sizes and key states."""
 
 import dataclasses
 import functools
@@ -19,7 +19,7 @@ from gaussray.camera.shutter import time_window
 from gaussray.io.validate import check_kind
 from gaussray.render.compiled import ProgramSettings, prepare_trace
 from gaussray.render.options import RenderOptions
-from gaussray.render.parts import Part, strip, strips, whole_picture
+from gaussray.render.parts import Part, strip_part, strip_plan, whole_picture
 from gaussray.scene.scene import Scene, key_count
 from gaussray.scene.segmented import SCENE_RULE, Clip
 from gaussray.tracer.motion import Motion, scene_motion
@@ -55,9 +55,9 @@ class Plan(eqx.Module):
     trace: TraceOptions
 
     def enlarged(self, needed: Array) -> "Plan":
-        """The plan with lists for what a picture needed (`Picture.needed`)."""
-        wanted = [int(n) for n in np.asarray(needed)]
-        capacity = enlarged_capacity(self.capacity, wanted, headroom=HEADROOM)
+        """The plan with list sizes for a picture that needed more (`Picture.needed`)."""
+        sizes = [int(n) for n in np.asarray(needed)]
+        capacity = enlarged_capacity(self.capacity, sizes, headroom=HEADROOM)
         return dataclasses.replace(self, capacity=capacity)
 
     def part(self, camera: Camera) -> Part:
@@ -67,7 +67,7 @@ class Plan(eqx.Module):
         if self.rows == film.height:
             part, _ = whole_picture(film, self.trace)
         else:
-            part, _ = strip(film, self.rows, self.trace, 0)
+            part, _ = strip_part(film, self.rows, self.trace, 0)
         dtype = jnp.result_type(*jax.tree.leaves(camera))
         return dataclasses.replace(part, pixel=part.pixel.astype(dtype))
 
@@ -79,10 +79,10 @@ def plan(
     options: RenderOptions | None = None,
     trace: TraceOptions | None = None,
 ) -> Plan:
-    """Measure what `render` (for a camera) or `render_rays` (for rays) needs.
+    """Measure the static sizes of `render` (for a camera) or `render_rays` (for rays).
 
-    The sizes have room for scenes, cameras and rays that need up to 1.5 times as much; a picture
-    that needs more says so (`Picture.dropped`).
+    Other scenes, cameras and rays may need 1.5 times as much; a picture that needs more reports it
+    (`Picture.dropped`).
 
     Args:
         scene: The scene; a clip's segments are scenes.
@@ -96,7 +96,7 @@ def plan(
     """
     options, trace = options or RenderOptions(), trace or TraceOptions()
     check_kind("camera", camera, (Camera, Rays), "a gaussray.Camera or gaussray.Rays")
-    check_single(scene, options)
+    check_renderable(scene, options)
     scene, camera = jax.tree.map(jax.lax.stop_gradient, (scene, camera))
     if any(isinstance(x, Tracer) for x in jax.tree.leaves((scene, camera))):
         raise ValueError(
@@ -108,9 +108,16 @@ def plan(
     return _plan_of_camera(scene, camera, options, trace)
 
 
-def check_single(scene: Scene, options: RenderOptions) -> None:
-    """Raise a ValueError for what is no scene or a clip, and for options that ask for several
-    pictures."""
+def check_renderable(scene: Scene, options: RenderOptions) -> None:
+    """Check that a scene and options can be rendered by one program.
+
+    Args:
+        scene: The scene.
+        options: How the picture is sampled.
+
+    Raises:
+        ValueError: The scene is none or a clip, or the options need several programs.
+    """
     check_kind("scene", scene, (Scene, Clip), SCENE_RULE)
     check_kind("options", options, RenderOptions, "gaussray.RenderOptions(...)")
     if isinstance(scene, Clip):
@@ -132,14 +139,14 @@ def _plan_of_camera(
     film = camera.film
     first, last = time_window(camera.shutter, (film.width, film.height))
     keys = _keys(scene, last - first, options)
-    rows, trace = strips(film, options, trace, scene.count)
-    make = functools.partial(strip, rows=rows, top=0) if rows < film.height else whole_picture
+    rows, trace = strip_plan(film, options, trace, scene.count)
+    make = functools.partial(strip_part, rows=rows, top=0) if rows < film.height else whole_picture
     _, trace = make(film, trace=trace)
     unknown = Plan(Capacity((), 0, 0), keys, rows, options, trace)
     settings = ProgramSettings(unknown.capacity, keys if last > first else 1, options, trace, None)
     sizes = [
         measure(
-            *prepare_trace(scene, camera, moved_part(unknown.part(camera), top), settings=settings),
+            *prepare_trace(scene, camera, shift_part(unknown.part(camera), top), settings=settings),
             options=trace,
             headroom=HEADROOM,
         )
@@ -153,19 +160,32 @@ def _plan_of_rays(scene: Scene, rays: Rays, options: RenderOptions, trace: Trace
     span = time_span(rays)
     keys = _keys(scene, float(span[1] - span[0]), options)
     trace = dataclasses.replace(trace, levels=0)
-    motion = eqx.filter_jit(motion_between)(scene, span, keys)
+    motion = eqx.filter_jit(picture_motion)(scene, span, keys)
     capacity = measure(motion, rays, options=trace, headroom=HEADROOM)
     return Plan(capacity, keys, 0, options, trace)
 
 
-def motion_between(scene: Scene, span: Float[Array, "2"], keys: int) -> Motion:
-    """A scene across the times of a picture, between `keys` states."""
-    return scene_motion(scene, spread_keys(scene, span, keys), scene.time_range)
+def picture_motion(scene: Scene, span: Float[Array, "2"], keys: int) -> Motion:
+    """The motion of a scene across the times of a picture.
+
+    Args:
+        scene: The scene.
+        span: First and last time of the picture.
+        keys: Number of key states.
+    """
+    return scene_motion(scene, picture_key_times(scene, span, keys), scene.time_range)
 
 
-def spread_keys(scene: Scene, span: Float[Array, "2"], keys: int) -> Float[Array, " keys"]:
-    """Times of the key states of a picture between its first and its last time, at least
-    `LEAST_SPAN` of the scene's times apart."""
+def picture_key_times(scene: Scene, span: Float[Array, "2"], keys: int) -> Float[Array, " keys"]:
+    """Times of the key states of a picture.
+
+    They span at least `LEAST_SPAN` of the scene's times, so that derivatives by a time exist.
+
+    Args:
+        scene: The scene.
+        span: First and last time of the picture.
+        keys: Number of key states.
+    """
     if keys == 1:
         return span[:1]
     least = LEAST_SPAN * (scene.time_range[1] - scene.time_range[0])
@@ -185,14 +205,24 @@ def flat_rays(rays: Rays) -> Rays:
 
 
 def strip_tops(height: int, rows: int) -> list[int]:
-    """First rows of the strips of a picture; the last one may overlap the one before."""
+    """First rows of the strips of a picture; the last one may overlap the one before.
+
+    Args:
+        height: Rows of the picture.
+        rows: Rows of a strip.
+    """
     return [min(y, height - rows) for y in range(0, height, rows)]
 
 
-def moved_part(part: Part, top: Array | int) -> Part:
-    """The pixels of a part, so many rows further down."""
-    below = jnp.stack([jnp.zeros((), part.pixel.dtype), jnp.asarray(top, part.pixel.dtype)])
-    return dataclasses.replace(part, pixel=part.pixel + below[None], row=part.row + top)
+def shift_part(part: Part, top: Array | int) -> Part:
+    """Shift the pixels of a part down.
+
+    Args:
+        part: The pixels.
+        top: Number of rows.
+    """
+    shift = jnp.stack([jnp.zeros((), part.pixel.dtype), jnp.asarray(top, part.pixel.dtype)])
+    return dataclasses.replace(part, pixel=part.pixel + shift[None], row=part.row + top)
 
 
 def _keys(scene: Scene, span: float, options: RenderOptions) -> int:
@@ -209,7 +239,7 @@ def _largest(sizes: Sequence[Capacity]) -> Capacity:
 
 
 class PlanCache:
-    """Plans by the structure of what they were measured for, the latest ones."""
+    """The latest plans, by structure and shapes of the arguments that they were measured for."""
 
     def __init__(self):
         self._plans: OrderedDict[Hashable, Plan] = OrderedDict()
@@ -218,15 +248,15 @@ class PlanCache:
         """The plan of a key; None if there is none."""
         return self._plans.get(key)
 
-    def put(self, key: Hashable, known: Plan) -> None:
+    def put(self, key: Hashable, plan: Plan) -> None:
         """Keep a plan and forget the oldest beyond `_MOST_PLANS`."""
-        self._plans[key] = known
+        self._plans[key] = plan
         self._plans.move_to_end(key)
         if len(self._plans) > _MOST_PLANS:
             self._plans.popitem(last=False)
 
 
 def plan_key(*arguments: Any) -> Hashable:
-    """What two calls share that can use one plan: structure, shapes and options."""
+    """Key of a plan: structure, shapes and types of the arguments."""
     leaves, structure = jax.tree.flatten(arguments)
     return structure, tuple((x.shape, jnp.result_type(x)) for x in leaves)

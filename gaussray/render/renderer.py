@@ -1,4 +1,4 @@
-"""Stage 2: a scene and a camera in, pictures out."""
+"""Stage 2: renders pictures of a scene, frame after frame."""
 
 import itertools
 import threading
@@ -19,24 +19,37 @@ from gaussray.camera.camera import Camera
 from gaussray.io.plain_values import to_device
 from gaussray.io.validate import check_kind
 from gaussray.render.compiled import ProgramSettings, prepare_trace, render_frames, render_part
-from gaussray.render.frame import Frame as Frame, channels, joined, settled, united
+from gaussray.render.frame import (
+    Frame as Frame,
+    channels,
+    join_rows,
+    mean_until_error,
+    merge_segments,
+)
 from gaussray.render.frame_batch import (
     MOST_IN_FLIGHT,
     FrameBatch,
     PlacedPart,
     TracedPart,
-    fetched_pictures,
+    fetch_pictures,
 )
 from gaussray.render.options import RenderOptions as RenderOptions
-from gaussray.render.parts import Part, interleaved, part_of, strip, strips, whole_picture
-from gaussray.render.stages import (
-    enlarged_stages,
-    in_stages,
-    staged_needs,
-    staged_values,
-    usual_capacity,
+from gaussray.render.parts import (
+    Part,
+    interleaved_parts,
+    pixels_part,
+    strip_part,
+    strip_plan,
+    whole_picture,
 )
-from gaussray.render.views import FrameView, FrameViews, with_lone
+from gaussray.render.stages import (
+    default_capacity,
+    enlarge_staged_capacity,
+    measure_staged,
+    render_staged,
+    uses_stages,
+)
+from gaussray.render.views import FrameView, FrameViews, mark_single_batch
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import SCENE_RULE, Clip, segment_edges, segments_of
 from gaussray.tracer.shard import mesh as device_mesh
@@ -45,11 +58,16 @@ from gaussray.tracer.traverse import Capacity
 
 
 class Renderer:
-    """Renders frame after frame of one scene; list sizes are measured once and kept.
+    """Renders frames of one scene. List sizes are measured once and kept.
 
-    An overflow is caught, the sizes are raised, and the frame is rendered again: nothing is lost.
-    Of a clip, every ray sees the segment that shows its time: a frame that looks into several costs
-    as many.
+    If a list overflows, its size is raised and the frame is rendered again. Of a clip, every ray
+    sees the segment that shows its time; a frame across several segments is rendered once for each.
+
+    Args:
+        scene: The scene.
+        options: How pictures are sampled; default `RenderOptions()`, 4 rays a pixel.
+        trace: How rays are traced; default `TraceOptions()`.
+        devices: Number of devices; None is all.
     """
 
     def __init__(
@@ -67,47 +85,55 @@ class Renderer:
         self.trace = trace or TraceOptions()
         self.mesh = device_mesh(devices)
         flat = [jax.tree.flatten(one) for one in self.scenes]
-        self._flat = [(self._everywhere(leaves), structure) for leaves, structure in flat]
+        self._flat = [(self._on_all_devices(leaves), structure) for leaves, structure in flat]
         self._capacity: dict[tuple, Capacity] = {}
-        self._staged = in_stages(self.options, self.trace)
+        self._staged = uses_stages(self.options, self.trace)
         self._parts: dict[tuple, PlacedPart] = {}
         self._ready: set = set()
         self._repairing = threading.Lock()
         self._views = FrameViews(self.scenes, segment_edges(scene), self.options)
 
     def __call__(self, camera: Camera) -> Frame:
-        """One frame, its rays spread over the devices."""
+        """Render one frame, its rays divided among the devices."""
         if self.options.error:
-            return settled(map(partial(self._alone, camera), itertools.count()), self.options)
-        return self._alone(camera)
+            return mean_until_error(
+                map(partial(self._render_one, camera), itertools.count()), self.options
+            )
+        return self._render_one(camera)
 
-    def _alone(self, camera: Camera, batch: int | None = None) -> Frame:
+    def _render_one(self, camera: Camera, batch: int | None = None) -> Frame:
         """One frame, of the plain samples or of a batch of them."""
         views = self._views.views([camera], batch)
-        return united([self._finish(self._begin([view], alone=True))[0] for view in views])
+        return merge_segments([self._finish(self._begin([view], alone=True))[0] for view in views])
 
     def film(self, cameras: Iterable[Camera]) -> Iterator[Frame]:
-        """Frame after frame, one on each device, begun before the last ones are finished. A frame's
-        `seconds` are those since it was begun.
+        """Render many frames: each device renders one, and the next is begun before it is fetched.
 
-        Threads fetch the pictures: pages of memory for a picture take the host longer than a GPU
-        takes to make it. With `render.error` one frame is finished before the next is begun.
+        Threads fetch the pictures, because allocating memory for a picture takes the host longer
+        than a GPU takes to render it. With `render.error` one frame is finished before the next is
+        begun.
+
+        Args:
+            cameras: The cameras.
+
+        Yields:
+            A frame for each camera, in order; `Frame.seconds` counts from its beginning.
         """
         if self.options.error:
             yield from map(self, cameras)
             return
         parts: list[Frame] = []
-        for view, part in self._filmed(cameras):
+        for view, part in self._segment_frames(cameras):
             parts.append(part)
             if view.last:
-                yield united(parts)
+                yield merge_segments(parts)
                 parts = []
 
-    def _filmed(self, cameras: Iterable[Camera]) -> Iterator[tuple[FrameView, Frame]]:
+    def _segment_frames(self, cameras: Iterable[Camera]) -> Iterator[tuple[FrameView, Frame]]:
         """What every segment shows of every frame."""
         waiting: deque[tuple[list[FrameView], Future[list[Frame]]]] = deque()
         with ThreadPoolExecutor(MOST_IN_FLIGHT) as pool:
-            for views, lone in with_lone(
+            for views, lone in mark_single_batch(
                 self._views.batches(self._views.views(cameras), self.mesh.size)
             ):
                 batch = self._begin(views, alone=self.mesh.size == 1 or lone)
@@ -124,7 +150,7 @@ class Renderer:
         film = views[0].camera.film
         if views[0].keys:
             scene = self.scenes[views[0].segment]
-            rows, trace = strips(film, self.options, self.trace, scene.count)
+            rows, trace = strip_plan(film, self.options, self.trace, scene.count)
         else:
             rows, trace = min(self.options.chunk_rows, film.height), self.trace
         layout = None if self._staged else views[0].layout
@@ -150,7 +176,7 @@ class Renderer:
         leaves, structure = self._flat[batch.views[0].segment]
         rows = self._rows(batch)
         if self._staged:
-            return place, *staged_values(structure, layout, settings, (leaves, rows, place.part))
+            return place, *render_staged(structure, layout, settings, (leaves, rows, place.part))
         program = render_part if batch.alone else render_frames
         return place, *program(structure, layout, settings)(leaves, rows, place.part)
 
@@ -174,20 +200,23 @@ class Renderer:
         for top, place, values, report in batch.parts:
             while np.asarray(report.dropped).any():
                 needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1])
-                wanted = [int(n) for n in needed.max(axis=0)]
+                sizes = [int(n) for n in needed.max(axis=0)]
                 with self._repairing:
-                    known = self._capacity[batch.size]
-                    self._capacity[batch.size] = self._enlarged(known, wanted)
+                    current = self._capacity[batch.size]
+                    self._capacity[batch.size] = self._enlarged(current, sizes)
                     _, values, report = self._launch(batch, top)
-            seen = [
-                x.reshape(batch.rows, film.width, 5) for x in fetched_pictures(values, place, count)
+            pictures = [
+                x.reshape(batch.rows, film.width, 5) for x in fetch_pictures(values, place, count)
             ]
-            pieces.append((top, seen))
+            pieces.append((top, pictures))
             hits += int(np.asarray(report.hits).sum())
         seconds = (clock.monotonic() - batch.began) / count
         return [
             Frame(*channels(x), seconds, hits // count, batch.compiled, self.options.samples)
-            for x in (joined(film, [(top, seen[i]) for top, seen in pieces]) for i in range(count))
+            for x in (
+                join_rows(film, [(top, pictures[i]) for top, pictures in pieces])
+                for i in range(count)
+            )
         ]
 
     def _part(self, top: int, batch: FrameBatch) -> PlacedPart:
@@ -195,31 +224,31 @@ class Renderer:
         film, trace = batch.film, batch.trace
         key = film.width, film.height, top, batch.rows, batch.keys == 0, trace.levels, batch.alone
         if key not in self._parts:
-            self._parts[key] = self._placed(top, batch)
+            self._parts[key] = self._make_part(top, batch)
         place, view = self._parts[key], batch.views[0]
         number = None if view.number is None else to_device(view.number, jnp.int32)
         share, number = self._by_device((view.share, number))
         return place._replace(part=replace(place.part, share=share, batch=number))
 
-    def _placed(self, top: int, batch: FrameBatch) -> PlacedPart:
+    def _make_part(self, top: int, batch: FrameBatch) -> PlacedPart:
         film, trace, slots = batch.film, batch.trace, None
         if not batch.keys:
             y, x = np.mgrid[top : top + batch.rows, : film.width]
-            part, trace = part_of(film, (y * film.width + x).T.reshape(-1), trace, top)
+            part, trace = pixels_part(film, (y * film.width + x).T.reshape(-1), trace, top)
         elif self._staged and batch.alone and self.mesh.size > 1:
-            part, trace, slots = interleaved(film, trace, self.mesh.size, batch.rows, top)
+            part, trace, slots = interleaved_parts(film, trace, self.mesh.size, batch.rows, top)
             part, slots = jax.device_put(part, self._split()), np.asarray(slots)
             return PlacedPart(part, trace, slots)
         elif batch.rows == film.height:
             part, trace = whole_picture(film, trace)
         else:
-            part, trace = strip(film, batch.rows, trace, top)
+            part, trace = strip_part(film, batch.rows, trace, top)
         return PlacedPart(self._by_device(part), trace)
 
     def _by_device(self, tree):
         """Arrays that are the same for every device, as the programs take them."""
         if not self._staged:
-            return self._everywhere(tree)
+            return self._on_all_devices(tree)
         # On the host: on the device it would take a program for every shape.
         tree = jax.tree.map(lambda x: np.stack([np.asarray(x)] * self.mesh.size), tree)
         tree = jax.tree.map(to_device, tree)
@@ -229,7 +258,7 @@ class Renderer:
         """Arrays with a leading axis of devices."""
         return NamedSharding(self.mesh, PartitionSpec("rays"))
 
-    def _everywhere(self, tree):
+    def _on_all_devices(self, tree):
         """On every device, once for all frames."""
         if self.mesh.size == 1:
             return tree
@@ -243,27 +272,27 @@ class Renderer:
         part = jax.device_get(part)
         camera = batch.views[0].camera
         motion, rays = prepare_trace(scene, camera, part, settings=unknown)
-        found = measure(motion, rays, options=trace, headroom=1.5)
+        capacity = measure(motion, rays, options=trace, headroom=1.5)
         # A device sees its share of the bundles, but any one device may get the fullest.
         share = self.mesh.size if batch.alone else 1
         return Capacity(
-            tuple(max(-(-c * 5 // (4 * share)), 64) for c in found.cells),
-            max(-(-found.pairs * 5 // (4 * share)), 64),
-            found.slots,
-            found.transient,
+            tuple(max(-(-c * 5 // (4 * share)), 64) for c in capacity.cells),
+            max(-(-capacity.pairs * 5 // (4 * share)), 64),
+            capacity.slots,
+            capacity.transient,
         )
 
     def _first_sizes(self, batch: FrameBatch, place: PlacedPart, scene: Scene) -> Capacity:
         """Sizes that the first sample of a batch fits into, at least those of an ordinary scene."""
-        usual = usual_capacity(place.part, place.trace, scene)
+        usual = default_capacity(place.part, place.trace, scene)
         settings = self._settings(batch, place, usual)
         leaves, structure = self._flat[batch.views[0].segment]
         arguments = leaves, self._rows(batch), place.part
-        needed = staged_needs(structure, batch.views[0].layout, settings, arguments)
-        return enlarged_stages(usual, needed)
+        needed = measure_staged(structure, batch.views[0].layout, settings, arguments)
+        return enlarge_staged_capacity(usual, needed)
 
     def _enlarged(self, capacity: Capacity, needed: list[int]) -> Capacity:
         """Sizes with room for what is needed."""
         if self._staged:
-            return enlarged_stages(capacity, needed)
+            return enlarge_staged_capacity(capacity, needed)
         return enlarged_capacity(capacity, needed, headroom=1.5)

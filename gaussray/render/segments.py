@@ -1,4 +1,4 @@
-"""Which rays of a frame belong to which segment of a clip."""
+"""Assigns the rays of a frame to the segments of a clip."""
 
 import functools
 from collections.abc import Sequence
@@ -14,28 +14,39 @@ from gaussray.camera.shutter import row_moments, time_window
 from gaussray.io.plain_values import to_device
 
 
-# The least part of a frame's times that key states span: a row alone has no time to move in.
+# Least span of key states, as a share of the frame's times.
 LEAST = 1e-3
 
 
-class Share(eqx.Module):
-    """What a segment shows of a frame: the rays of the samples and rows that are `seen` (rows as
-    the shutter counts them), whose times are in `span`."""
+class SegmentRays(eqx.Module):
+    """The rays of a frame that one segment shows.
 
-    seen: Bool[Array, "samples rows"]
+    Args:
+        mask: Samples and rows that it shows; rows in the order of readout.
+        span: First and last time of these rays, in the capture's unit.
+    """
+
+    mask: Bool[Array, "samples rows"]
     span: Float[Array, "2"]
 
 
-def shares(
+def segment_rays(
     camera: Camera, edges: Float[np.ndarray, " edges"], count: int, batch: int | None = None
-) -> Sequence[tuple[int, Share | None]]:
-    """The segments that a frame of `count` samples looks into, each with its share; None is all of
-    it. `camera` is on the host; segments meet at the `edges`. The samples are those of this `batch`
-    (`sampling.shifted_samples`), None is the plain ones.
+) -> Sequence[tuple[int, SegmentRays | None]]:
+    """The segments of a clip that a frame shows, with the rays of each.
 
     Every ray belongs to the one segment that shows its time. That is decided here, for all segments
-    together: programs that each computed the times again might round them to either side of an
-    edge, and a ray would be seen twice or not at all.
+    together: programs that computed the times again could round them to either side of an edge, and
+    a ray would be traced twice or not at all.
+
+    Args:
+        camera: The camera, on the host.
+        edges: Times at which segments meet.
+        count: Number of samples.
+        batch: Batch of the samples (`sampling.shifted_samples`); None is `sobol_samples`.
+
+    Returns:
+        Index and rays of each segment; None is all rays.
     """
     if not len(edges):
         return [(0, None)]
@@ -46,12 +57,12 @@ def shares(
     if touched[0] == touched[1]:
         return [(int(touched[0]), None)]
     middle = float(camera.time) + row_moments(shutter, (film.width, film.height))
-    time = middle + float(shutter.exposure) * _moments(count, batch)
+    time = middle + float(shutter.exposure) * _sample_offsets(count, batch)
     owner = np.searchsorted(edges, time, side="right")
-    found = [int(i) for i in np.unique(owner)]
-    if len(found) == 1:
-        return [(found[0], None)]
-    return [(i, Share(to_device(owner == i), _span(edges, i, first, last))) for i in found]
+    segments = [int(i) for i in np.unique(owner)]
+    if len(segments) == 1:
+        return [(segments[0], None)]
+    return [(i, SegmentRays(to_device(owner == i), _span(edges, i, first, last))) for i in segments]
 
 
 def _span(edges: np.ndarray, segment: int, first: float, last: float) -> Float[Array, "2"]:
@@ -66,7 +77,7 @@ def _span(edges: np.ndarray, segment: int, first: float, last: float) -> Float[A
 
 
 @functools.lru_cache
-def _moments(count: int, batch: int | None) -> Float[np.ndarray, "samples 1"]:
-    """When in the exposure every sample looks, from its middle."""
+def _sample_offsets(count: int, batch: int | None) -> Float[np.ndarray, "samples 1"]:
+    """Time of every sample relative to the middle of the exposure, in exposures."""
     u = sobol_samples(count) if batch is None else shifted_samples(count, jnp.asarray(batch))
     return np.asarray(u, np.float64)[:, 4:] - 0.5

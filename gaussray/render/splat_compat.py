@@ -1,4 +1,4 @@
-"""What rasterisers of Gaussians do to a picture and rays do not, for models fitted through them."""
+"""Effects of Gaussian rasterisers, for models that were fitted with one."""
 
 import dataclasses
 
@@ -14,24 +14,35 @@ from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import constant_harmonics, radiance
 
 
-def dilated(gaussians: Gaussians, camera: Camera, variance: float) -> Gaussians:
-    """Gaussians that are wider on the screen by a `variance` in square pixels (3DGS: 0.3).
+def dilate(gaussians: Gaussians, camera: Camera, variance: float) -> Gaussians:
+    """Widen Gaussians on the screen (3DGS adds 0.3 square pixels).
 
     scale' = sqrt(scale^2 + variance w^2) on every axis, w the width of a pixel at the Gaussian's
     distance: the depth along the axis for a pinhole, else the distance to the lens, times the angle
-    of the middle pixel. What 3DGS adds on the screen, to first order in the Gaussian's size over
-    its distance; as there, opacities stay. Scales [..., n, 3] may have leading axes of times.
+    of the middle pixel. This equals what 3DGS adds on the screen, to first order in the Gaussian's
+    size over its distance; opacities are unchanged, as there.
+
+    Args:
+        gaussians: The Gaussians; scales may have leading axes of times.
+        camera: The camera.
+        variance: In square pixels.
     """
     width = _distance(gaussians.mean, camera) * _pixel_angle(camera)
     wider = jnp.sqrt(gaussians.scale**2 + variance * width[..., None] ** 2)
     return dataclasses.replace(gaussians, scale=wider)
 
 
-def seen_from_center(
+def colors_from_center(
     gaussians: Gaussians, camera: Camera, mean: Float[Array, "gaussians 3"]
 ) -> Gaussians:
-    """Gaussians of one colour each: that in the direction from the camera's place, at the frame's
-    own time, to their `mean`, as 3DGS evaluates harmonics."""
+    """Gaussians of one colour each, evaluated as in 3DGS: in the direction from the camera to their
+    centres, at the frame's own time.
+
+    Args:
+        gaussians: The Gaussians.
+        camera: The camera.
+        mean: Centres of the Gaussians, in scene units.
+    """
     eye = pose_at(camera.trajectory, camera.time).translation
     direction = jax.vmap(normalize)(mean - eye[None])
     color = radiance(jnp.moveaxis(gaussians.harmonics, 0, -1), direction.T).T
@@ -42,8 +53,8 @@ def _distance(mean: Float[Array, "*times n 3"], camera: Camera) -> Float[Array, 
     pose = pose_at(camera.trajectory, camera.time)
 
     def distance(one: Float[Array, "3"]) -> Array:
-        seen = pose.inverse_apply(one)
-        return jnp.abs(seen[2]) if isinstance(camera.lens, Pinhole) else safe_norm(seen)
+        point = pose.inverse_apply(one)
+        return jnp.abs(point[2]) if isinstance(camera.lens, Pinhole) else safe_norm(point)
 
     return jnp.vectorize(distance, signature="(k)->()")(mean)
 

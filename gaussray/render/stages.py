@@ -22,14 +22,14 @@ from gaussray.camera.rays import Rays
 from gaussray.render.camera_layout import CameraLayout
 from gaussray.render.compiled import (
     ProgramSettings,
+    apply_weight,
+    even_key_times,
     frame_span,
     key_times,
-    merged_reports,
+    merge_reports,
     picture_values,
     sample_points,
     sample_rays,
-    spread_times,
-    weighted,
 )
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part
@@ -53,63 +53,82 @@ from gaussray.tracer.traverse import Candidates, Capacity
 
 # Leaves of a scene; with a leading axis of devices the numbers of a camera and a part of a picture.
 StageArguments = tuple[list[Any], np.ndarray, Part]
-# Lists that were too short become this many times as long as needed.
+# Factor of the needed list sizes.
 _HEADROOM = 1.5
 
 
-class Seen(eqx.Module):
-    """What some samples see, summed: pixels by lens (one, or one for each colour channel), each
-    times the weight of its ray (None: all weights are 1), and what that cost."""
+class SampleSums(eqx.Module):
+    """Sums over samples.
+
+    Args:
+        pixels: Traced rays by lens (one, or one per colour channel), times the weights of the rays.
+        weight: Weights of the rays; None is 1.
+        report: The trace's report.
+    """
 
     pixels: Pixels
     weight: Float[Array, "lenses slots"] | None
     report: Report
 
 
-def in_stages(options: RenderOptions, trace: TraceOptions) -> bool:
+def uses_stages(options: RenderOptions, trace: TraceOptions) -> bool:
     """Whether pictures are rendered in stages: by the array tracer, of Gaussians that do not depend
-    on the camera."""
+    on the camera.
+
+    Args:
+        options: How pictures are sampled.
+        trace: Options of the tracer.
+    """
     plain = not options.dilation and options.harmonics == "ray"
     return plain and not on_kernel(trace, jnp.float32)
 
 
-def usual_capacity(part: Part, trace: TraceOptions, scene: Scene) -> Capacity:
-    """List sizes of an ordinary picture of this part, which has a leading axis of devices."""
+def default_capacity(part: Part, trace: TraceOptions, scene: Scene) -> Capacity:
+    """List sizes to start from.
+
+    Args:
+        part: The pixels, with a leading axis of devices.
+        trace: Options of the tracer.
+        scene: The scene.
+    """
     bundles = -(-part.pixel.shape[-2] // trace.bundle**2)
     transient = 0 if scene.transient is None else scene.transient.count
     alive = min(transient, max(64, transient // 16))
     sizes = Capacity((256 * bundles,) * (trace.levels + 1), 512 * bundles, 1024, alive)
-    return rounded_capacity(sizes)
+    return round_capacity(sizes)
 
 
-def enlarged_stages(capacity: Capacity, needed: list[int]) -> Capacity:
-    """List sizes with room for what is needed; powers of two, so that few sets of programs serve
-    all cameras."""
-    return rounded_capacity(enlarged_capacity(capacity, needed, headroom=_HEADROOM))
+def enlarge_staged_capacity(capacity: Capacity, needed: list[int]) -> Capacity:
+    """Enlarge list sizes; they are powers of two, so that few sets of programs serve all cameras.
+
+    Args:
+        capacity: The sizes.
+        needed: The needed sizes (`Report.needed`).
+    """
+    return round_capacity(enlarged_capacity(capacity, needed, headroom=_HEADROOM))
 
 
-def rounded_capacity(capacity: Capacity) -> Capacity:
+def round_capacity(capacity: Capacity) -> Capacity:
     """List sizes rounded up to powers of two."""
 
-    def rounded(size: int) -> int:
+    def round_size(size: int) -> int:
         return 1 << max(size - 1, 0).bit_length() if size else 0
 
     return Capacity(
-        tuple(map(rounded, capacity.cells)),
-        rounded(capacity.pairs),
-        rounded(capacity.slots),
-        rounded(capacity.transient),
+        tuple(map(round_size, capacity.cells)),
+        round_size(capacity.pairs),
+        round_size(capacity.slots),
+        round_size(capacity.transient),
     )
 
 
-def staged_values(
+def render_staged(
     structure: PyTreeDef,
     layout: CameraLayout,
     settings: ProgramSettings,
     arguments: StageArguments,
 ) -> tuple[Array, Report]:
-    """Red, green, blue, coverage and mean distance of a part's pixels, and what they cost, on every
-    device.
+    """Render a part on every device: red, green, blue, coverage and mean distance, and a report.
 
     Args:
         structure: Structure of the scene.
@@ -119,24 +138,30 @@ def staged_values(
     """
     stages = _Stages(structure, layout, settings)
     leaves, row, part = arguments
-    motion, seen = None, None
+    motion, sums = None, None
     for sample in range(settings.options.samples):
         rays, times = stages.camera(row, part, np.int32(sample))
         motion = stages.motion(leaves, times) if motion is None else motion
         lists, skipped = stages.lists(motion, rays)
-        one = stages.march(motion, rays, lists, skipped)
-        seen = one if seen is None else stages.add(seen, one)
-    return stages.mean(seen, part.slot, np.float32(settings.options.samples))
+        sample_sums = stages.march(motion, rays, lists, skipped)
+        sums = sample_sums if sums is None else stages.add(sums, sample_sums)
+    return stages.mean(sums, part.slot, np.float32(settings.options.samples))
 
 
-def staged_needs(
+def measure_staged(
     structure: PyTreeDef,
     layout: CameraLayout,
     settings: ProgramSettings,
     arguments: StageArguments,
 ) -> list[int]:
-    """The list sizes that the first sample needs, searched with those of the settings or longer
-    ones; the arguments are those of `staged_values`."""
+    """Measure the list sizes that the first sample of a part needs.
+
+    Args:
+        structure: As for `render_staged`.
+        layout: As for `render_staged`.
+        settings: As for `render_staged`; its list sizes are the first that are tried.
+        arguments: As for `render_staged`.
+    """
     leaves, row, part = arguments
     while True:
         stages = _Stages(structure, layout, settings)
@@ -147,7 +172,7 @@ def staged_needs(
         needed = [int(n) for n in needed.reshape(-1, needed.shape[-1]).max(axis=0)]
         if not np.asarray(lists.dropped).any():
             return needed
-        capacity = enlarged_stages(settings.capacity, needed)
+        capacity = enlarge_staged_capacity(settings.capacity, needed)
         settings = dataclasses.replace(settings, capacity=capacity)
 
 
@@ -179,10 +204,10 @@ class _Stages:
         rays, times = camera
         motion = self.motion.expect(leaves, times)
         lists, skipped = self.lists.expect(motion, rays)
-        seen = self.march.expect(motion, rays, lists, skipped)
+        sums = self.march.expect(motion, rays, lists, skipped)
         if self._samples > 1:
-            self.add.expect(seen, seen)
-        self.mean.expect(seen, part.slot, np.float32(self._samples))
+            self.add.expect(sums, sums)
+        self.mean.expect(sums, part.slot, np.float32(self._samples))
 
 
 @ProgramCache(48)
@@ -195,12 +220,12 @@ def camera_program(
     def run(row: Array, part: Part, sample: Int[Array, ""]):
         camera = layout.camera(row)
         u = jax.lax.dynamic_slice_in_dim(sample_points(part, samples), sample, 1)
-        seen = None
+        mask = None
         if part.share is not None:
-            seen = jax.lax.dynamic_slice_in_dim(part.share.seen, sample, 1)
+            mask = jax.lax.dynamic_slice_in_dim(part.share.mask, sample, 1)
         colors = camera.chromatic
         lenses = [None] if colors is None else [colors[0], colors[1], colors[2]]
-        rays = [sample_rays(camera, part.pixel, u, seen, lens) for lens in lenses]
+        rays = [sample_rays(camera, part.pixel, u, mask, lens) for lens in lenses]
         rays = jax.tree.map(lambda *x: jnp.concatenate(x), *rays)
         return rays, (key_times(camera, part, 0), frame_span(camera, part))
 
@@ -223,7 +248,7 @@ def motion_program(
     def run(leaves: list[Array], times: tuple[Array, Array]) -> Prepared:
         scene, (key_time, span) = jax.tree.unflatten(structure, leaves), times
         if keys:
-            key_time = spread_times(span, keys)
+            key_time = even_key_times(span, keys)
         motion = scene_motion(scene, key_time, scene.time_range)
         return prepare(motion, span, options=trace, capacity=capacity)
 
@@ -243,29 +268,29 @@ def lists_program(
 
 
 @ProgramCache(12)
-def _march_program(trace: TraceOptions, slots: int, mesh: Mesh | None) -> Callable[..., Seen]:
+def _march_program(trace: TraceOptions, slots: int, mesh: Mesh | None) -> Callable[..., SampleSums]:
     """(scene, rays, lists, Gaussians that are not finite) -> what the rays see."""
 
-    def run(scene: Prepared, rays: Rays, lists: Candidates, skipped: Array) -> Seen:
+    def run(scene: Prepared, rays: Rays, lists: Candidates, skipped: Array) -> SampleSums:
         pixels, hits = march_lists(scene.motion, rays, lists, options=trace, slots=slots)
         if rays.weight is not None:
-            pixels = weighted(pixels, rays.weight)
-        return Seen(pixels, rays.weight, Report(lists.needed, lists.dropped, skipped, hits))
+            pixels = apply_weight(pixels, rays.weight)
+        return SampleSums(pixels, rays.weight, Report(lists.needed, lists.dropped, skipped, hits))
 
-    known, kind = (
+    compile_march, kind = (
         functools.partial(march_function, trace, jnp.float32),
         on_cpu_kernel(trace, jnp.float32),
     )
-    return on_devices(run, mesh, (trace, slots, kind), needs=known)
+    return on_devices(run, mesh, (trace, slots, kind), needs=compile_march)
 
 
 @ProgramCache(4)
-def _add_program(mesh: Mesh | None) -> Callable[[Seen, Seen], Seen]:
-    def run(one: Seen, other: Seen) -> Seen:
+def _add_program(mesh: Mesh | None) -> Callable[[SampleSums, SampleSums], SampleSums]:
+    def run(one: SampleSums, other: SampleSums) -> SampleSums:
         reports = jax.tree.map(lambda *x: jnp.stack(x), one.report, other.report)
         sums = (one.pixels, one.weight), (other.pixels, other.weight)
         pixels, weight = jax.tree.map(jnp.add, *sums)
-        return Seen(pixels, weight, merged_reports(reports))
+        return SampleSums(pixels, weight, merge_reports(reports))
 
     return on_devices(run, mesh, ())
 
@@ -274,10 +299,10 @@ def _add_program(mesh: Mesh | None) -> Callable[[Seen, Seen], Seen]:
 def _mean_program(mesh: Mesh | None) -> Callable[..., tuple[Array, Report]]:
     """(sums, slots of the pixels, number of samples) -> values of the pixels, report."""
 
-    def run(seen: Seen, slot: Array, samples: Float[Array, ""]) -> tuple[Array, Report]:
-        sums = seen.pixels, seen.weight
+    def run(sums: SampleSums, slot: Array, samples: Float[Array, ""]) -> tuple[Array, Report]:
+        sums = sums.pixels, sums.weight
         pixels, weight = jax.tree.map(lambda x: (x / samples.astype(x.dtype))[:, slot], sums)
-        return picture_values(pixels, weight), seen.report
+        return picture_values(pixels, weight), sums.report
 
     return on_devices(run, mesh, (), common=(2,))
 
@@ -290,30 +315,37 @@ def on_devices(
     quick: bool = False,
     needs: Callable[[], Any] = lambda: None,
 ) -> KeptProgram:
-    """A compiled function that every device of a mesh runs on its own arguments, which have a
-    leading axis of devices; those at the places `common` are the same for all. `key` is what the
-    function is made for. `quick` is for one that takes long to compile and a small part of the time
-    of a picture. `needs` is that of `KeptProgram`."""
+    """Compile a function that every device of a mesh runs on its own arguments.
+
+    Args:
+        function: The function.
+        mesh: The devices; None is one device.
+        key: What the function was made for.
+        common: Positions of the arguments that are the same for all devices; the others have a
+            leading axis of devices.
+        quick: Whether it is compiled quickly; it may then run a tenth slower.
+        needs: As for `KeptProgram`.
+    """
     compiler = quick_compilation() if quick else None
     key = (function.__qualname__, *key, mesh)
 
     def one_device(*arguments):
-        own = (
+        local = (
             x if i in common else jax.tree.map(lambda leaf: leaf[0], x)
             for i, x in enumerate(arguments)
         )
-        return jax.tree.map(lambda x: x[None], function(*own))
+        return jax.tree.map(lambda x: x[None], function(*local))
 
     if mesh is None or mesh.size == 1:
         return KeptProgram(one_device, key, compiler, needs)
 
     split = PartitionSpec(mesh.axis_names[0])
 
-    def everywhere(*arguments):
+    def on_all_devices(*arguments):
         specs = tuple(PartitionSpec() if i in common else split for i in range(len(arguments)))
         spread: Callable = jax.shard_map(
             one_device, mesh=mesh, in_specs=specs, out_specs=split, check_vma=False
         )
         return spread(*arguments)
 
-    return KeptProgram(everywhere, key, compiler, needs)
+    return KeptProgram(on_all_devices, key, compiler, needs)

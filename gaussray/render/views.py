@@ -12,7 +12,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import SIDEWAYS, time_window
 from gaussray.render.camera_layout import CameraLayout, pack_camera
 from gaussray.render.options import RenderOptions
-from gaussray.render.segments import Share, shares
+from gaussray.render.segments import SegmentRays, segment_rays
 from gaussray.scene.scene import Scene, key_count
 
 
@@ -21,17 +21,17 @@ _FETCHED = 64
 
 
 class FrameView(NamedTuple):
-    """What one segment of a scene shows of one frame.
+    """One frame of one segment of a scene.
 
     Args:
         camera: The camera, on the host.
         row: All numbers of the camera.
-        layout: How the row holds them.
-        keys: Number of key states; 0 takes chunks of rows.
+        layout: Layout of the row.
+        keys: Number of key states; 0 is chunks of rows.
         segment: The segment of the scene.
         share: The rays that the segment shows; None is all of them.
-        last: Whether no other segment shows more of the frame.
-        number: The batch of samples; None is the plain ones.
+        last: Whether this is the frame's last segment.
+        number: The batch of samples; None is `sobol_samples`.
     """
 
     camera: Camera
@@ -39,7 +39,7 @@ class FrameView(NamedTuple):
     layout: CameraLayout
     keys: int
     segment: int = 0
-    share: Share | None = None
+    share: SegmentRays | None = None
     last: bool = True
     number: int | None = None
 
@@ -61,23 +61,28 @@ class FrameViews:
         self._counts: dict[tuple[int, float], int] = {}
 
     def views(self, cameras: Iterable[Camera], number: int | None = None) -> Iterator[FrameView]:
-        """The views of frames: one for every segment that a frame looks into.
+        """The views of frames: one for every segment that a frame shows.
 
         Args:
             cameras: The cameras, which are fetched from the device many at a time.
-            number: The batch of samples; None is the plain ones.
+            number: The batch of samples; None is `sobol_samples`.
         """
         cameras = iter(cameras)
         while some := list(itertools.islice(cameras, _FETCHED)):
             for camera in jax.device_get(some):
                 row, layout = pack_camera(camera)
-                segments = shares(camera, self.edges, self.options.samples, number)
+                segments = segment_rays(camera, self.edges, self.options.samples, number)
                 for segment, share in segments:
                     keys, last = self._keys(camera, segment, share), segment == segments[-1][0]
                     yield FrameView(camera, row, layout, keys, segment, share, last, number)
 
     def batches(self, views: Iterable[FrameView], devices: int) -> Iterator[list[FrameView]]:
-        """Neighbours that can be compiled as one, as many as there are devices."""
+        """Group consecutive views that one program can render, at most one per device.
+
+        Args:
+            views: The views.
+            devices: Number of devices.
+        """
         batch: list[FrameView] = []
         for view in views:
             if batch and (len(batch) == devices or not batch[0].is_like(view)):
@@ -87,17 +92,17 @@ class FrameViews:
         if batch:
             yield batch
 
-    def _keys(self, camera: Camera, segment: int, share: Share | None) -> int:
+    def _keys(self, camera: Camera, segment: int, share: SegmentRays | None) -> int:
         """Key states for what a segment shows of a frame; 0 where chunks of rows are called for."""
         span = _time_span(camera) if share is None else float(share.span[1] - share.span[0])
         if span == 0:
             return 1
         if not self.options.chunk_rows:
-            known = segment, span
-            if known not in self._counts:
-                counted = self.options.keys or key_count(self.scenes[segment], span)
-                self._counts[known] = counted
-            return self._counts[known]
+            key = segment, span
+            if key not in self._counts:
+                count = self.options.keys or key_count(self.scenes[segment], span)
+                self._counts[key] = count
+            return self._counts[key]
         if camera.shutter.direction in SIDEWAYS:
             raise ValueError(
                 "render.chunk_rows must be 0 for a shutter that reads columns, as "
@@ -111,8 +116,8 @@ class FrameViews:
         return 0
 
 
-def with_lone(batches: Iterable[list[FrameView]]) -> Iterator[tuple[list[FrameView], bool]]:
-    """Batches, each with whether it is a single frame and there is no other batch."""
+def mark_single_batch(batches: Iterable[list[FrameView]]) -> Iterator[tuple[list[FrameView], bool]]:
+    """Batches, each with whether it is the only one and holds a single frame."""
     batches = iter(batches)
     first, second = next(batches, None), next(batches, None)
     if first is not None:

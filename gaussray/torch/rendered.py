@@ -19,7 +19,7 @@ from gaussray.dataset.manifest import FrameRecord, camera_to_world
 from gaussray.dataset.takes import row_exposure_times
 from gaussray.render.aov.files import neighbour_cameras, with_label_files
 from gaussray.render.aov.labeller import INTEGER_LABELS, PICTURE_LABELS, Labeller
-from gaussray.render.dataset import check_frames
+from gaussray.render.dataset import check_dataset
 from gaussray.render.develop import sensor_of, sensor_values
 from gaussray.render.job import RenderJob
 from gaussray.render.options import NO_SENSOR
@@ -114,7 +114,7 @@ class RenderedFrames(IterableDataset[Item]):
         sample = draw_sample(index, source.distributions, source.make_job, options=source.options)
         job = sample.job
         records = with_label_files(job.records, job.dataset.labels)
-        check_frames(job.scene, records, job.dataset)
+        check_dataset(job.scene, records, job.dataset)
         frames, count = records[: len(job.records)], len(job.records)
         near = neighbour_cameras(frames, job.dataset.interval)
         for i, record in enumerate(frames):

@@ -36,7 +36,7 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.tracer.cuda import launch, ptx
-from gaussray.tracer.kernel_layout import Rows, harmonic_count, gaussian_rows, grid_boxes, is_tinted
+from gaussray.tracer.kernel_layout import Rows, gaussian_rows, grid_boxes, harmonic_count, is_tinted
 from gaussray.tracer.motion import Motion, arc_weights, clipped_time, merge_rest
 
 

@@ -29,7 +29,7 @@ from gaussray.tracer.prepare import (
     prepare_for_rays,
     time_span as time_span,
 )
-from gaussray.tracer.table import Lanes, table_columns, gaussian_table
+from gaussray.tracer.table import Lanes, gaussian_table, table_columns
 from gaussray.tracer.traverse import Candidates, Capacity, candidates
 
 

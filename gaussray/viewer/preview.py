@@ -18,15 +18,15 @@ from gaussray.camera.shutter import time_window
 from gaussray.render.camera_layout import CameraLayout, pack_camera
 from gaussray.render.compiled import ProgramSettings, prepare_trace, render_part, render_pieces
 from gaussray.render.options import RenderOptions
-from gaussray.render.parts import Part, interleaved, part_of, whole_picture
+from gaussray.render.parts import Part, interleaved_parts, pixels_part, whole_picture
 from gaussray.render.stages import (
     StageArguments,
-    enlarged_stages,
-    in_stages,
-    rounded_capacity,
-    staged_needs,
-    staged_values,
-    usual_capacity,
+    default_capacity,
+    enlarge_staged_capacity,
+    measure_staged,
+    render_staged,
+    round_capacity,
+    uses_stages,
 )
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segment_edges, segments_of
@@ -97,7 +97,7 @@ class PreviewRenderer:
         self._edges, self.trace, self.keys = segment_edges(scene), trace, keys
         self._like = dataclasses.replace(options, chunk_rows=0, error=0.0)
         self.scenes = segments_of(scene)
-        self._staged = in_stages(self._like, trace)
+        self._staged = uses_stages(self._like, trace)
         self._mesh = device_mesh(None if jax.default_backend() == "cpu" else 1)
         self._flat = [jax.tree.flatten(jax.tree.map(jax.numpy.asarray, s)) for s in self.scenes]
         alone = self._mesh.size == 1
@@ -138,7 +138,7 @@ class PreviewRenderer:
         if key not in self._programs:
             self._build(key, camera)
         at = np.array([pixel[1] * key.size[0] + pixel[0]])
-        pixel_only = self._alone(*part_of(camera.film, at, self.trace))
+        pixel_only = self._alone(*pixels_part(camera.film, at, self.trace))
         while True:
             program = self._programs[key]._replace(picture=pixel_only)
             values, report = self._run(program, key, row)
@@ -209,7 +209,7 @@ class PreviewRenderer:
         ratio = max(ratio, 1)
         cells = tuple(math.ceil(ratio * count) for count in whole.cells)
         scaled = Capacity(cells, math.ceil(ratio * whole.pairs), whole.slots, whole.transient)
-        return rounded_capacity(scaled) if self._staged else scaled
+        return round_capacity(scaled) if self._staged else scaled
 
     def _await(self, key: _Key) -> None:
         """Wait for a program that is being compiled."""
@@ -249,7 +249,7 @@ class PreviewRenderer:
         """A function of the leaves of the scene, the numbers of a camera, and the part."""
         structure, settings = self._flat[key.segment][1], self._settings(key, picture, capacity)
         if self._staged:
-            return lambda *arguments: staged_values(structure, key.layout, settings, arguments)
+            return lambda *arguments: render_staged(structure, key.layout, settings, arguments)
         make = render_part if picture.place is None else render_pieces
         return make(structure, key.layout, settings)
 
@@ -257,12 +257,12 @@ class PreviewRenderer:
         """The list capacity that a camera needs."""
         scene, place = self.scenes[key.segment], picture.place
         if self._staged:
-            usual = usual_capacity(picture.part, picture.trace, scene)
+            usual = default_capacity(picture.part, picture.trace, scene)
             settings = self._settings(key, picture, usual)
             row = pack_camera(jax.device_get(camera))[0]
             arguments = self._arguments(key, picture, row)
-            needed = staged_needs(self._flat[key.segment][1], key.layout, settings, arguments)
-            return enlarged_stages(usual, needed)
+            needed = measure_staged(self._flat[key.segment][1], key.layout, settings, arguments)
+            return enlarge_staged_capacity(usual, needed)
         settings = dataclasses.replace(self._settings(key, picture, _NO_LISTS), mesh=None)
         part = picture.part
         if place is not None:
@@ -279,10 +279,10 @@ class PreviewRenderer:
         """What a program traces."""
         if key.probe:
             middle = key.size[1] // 2 * key.size[0] + key.size[0] // 2
-            return self._alone(*part_of(camera.film, np.array([middle]), self.trace))
+            return self._alone(*pixels_part(camera.film, np.array([middle]), self.trace))
         if self._mesh.size == 1:
             return self._alone(*whole_picture(camera.film, self.trace))
-        part, trace, place = interleaved(camera.film, self.trace, self._mesh.size)
+        part, trace, place = interleaved_parts(camera.film, self.trace, self._mesh.size)
         shared = jax.device_put(part, NamedSharding(self._mesh, PartitionSpec("rays")))
         return _Picture(shared, trace, np.asarray(place))
 
@@ -295,4 +295,4 @@ def _longer(program: _Program, report: Report) -> Capacity:
     """List capacity enlarged to what a picture needed."""
     needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1]).max(axis=0)
     longer = enlarged_capacity(program.capacity, [int(n) for n in needed], headroom=_HEADROOM)
-    return rounded_capacity(longer)
+    return round_capacity(longer)

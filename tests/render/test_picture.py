@@ -14,7 +14,7 @@ import gaussray
 from gaussray.camera.camera import camera_rays
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.sampling import sobol_samples
-from gaussray.render.plan import motion_between
+from gaussray.render.plan import picture_motion
 from gaussray.tracer.motion import merge_rest
 
 
@@ -154,7 +154,7 @@ def test_the_picture_is_the_renderers_and_that_of_brute_force(shot):
     def seen_by(scene, camera, u):
         middle = rays_at(jnp.full(5, 0.5)).time
         span = jnp.stack([jnp.min(middle), jnp.max(middle)]) + jnp.array([-0.05, 0.05])
-        return merge_rest(motion_between(scene, span, 3)), [rays_at(x) for x in u]
+        return merge_rest(picture_motion(scene, span, 3)), [rays_at(x) for x in u]
 
     def rays_at(u):
         return camera_rays(camera, pixel, jnp.broadcast_to(u, (len(pixel), 5)))

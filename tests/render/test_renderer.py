@@ -21,10 +21,10 @@ from gaussray.render.parts import (
     RAY,
     RAY_OF_KERNEL,
     SAMPLE,
-    interleaved,
+    interleaved_parts,
     samples_at_once,
+    strip_plan,
     strip_rows,
-    strips,
 )
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.scene import Scene, key_count
@@ -293,7 +293,7 @@ def test_strips_are_whole_tiles_that_fit_and_at_least_one():
 @pytest.mark.parametrize("devices", [1, 2, 3])
 def test_every_pixel_of_a_dealt_picture_has_one_place(devices):
     film, trace = Film(44, 20, "center"), TraceOptions(bundle=4, levels=1)
-    part, how, place = interleaved(film, trace, devices)
+    part, how, place = interleaved_parts(film, trace, devices)
     assert part.pixel.shape[0] == len(part.row) == devices and how.levels == 0
     y, x = np.mgrid[:20, :44]
     there = np.asarray(part.pixel).reshape(-1, 2)[np.asarray(place)]
@@ -305,15 +305,15 @@ def test_every_pixel_of_a_dealt_picture_has_one_place(devices):
 
 def test_many_gaussians_are_met_by_coarser_bundles_first():
     film, options, trace = Film(4096, 4096, "center"), RenderOptions(samples=64), TraceOptions()
-    few, plain = strips(film, options, trace, 1000)
+    few, plain = strip_plan(film, options, trace, 1000)
     assert few == strip_rows(film, options, trace) and plain == trace
-    rows, coarse = strips(film, options, trace, 5_000_000)
+    rows, coarse = strip_plan(film, options, trace, 5_000_000)
     side = 8 * 4**coarse.levels
     assert few - side < rows <= few and rows % side == 0
     assert rows // side * (4096 // side) * 5_000_000 // OCCUPANCY <= 2**26
     # Bundles as high as a strip are as coarse as can be.
     low = dataclasses.replace(options, memory=0.1)
-    assert strips(film, low, trace, 5_000_000) == (strip_rows(film, low, trace), trace)
+    assert strip_plan(film, low, trace, 5_000_000) == (strip_rows(film, low, trace), trace)
 
 
 def test_strips_of_a_kernel_are_larger_also_where_samples_are_traced_one_by_one(monkeypatch):

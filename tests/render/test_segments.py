@@ -9,7 +9,7 @@ import toy
 
 from gaussray.camera.sampling import shifted_samples, sobol_samples
 from gaussray.camera.shutter import DIRECTIONS, Shutter, interlaced_row_times
-from gaussray.render.segments import LEAST, shares
+from gaussray.render.segments import LEAST, segment_rays
 
 
 EDGES = np.array([0.4, 0.5])
@@ -42,7 +42,7 @@ def test_every_sample_of_every_row_is_of_the_segment_that_shows_its_time(
     direction, count, exposure, step
 ):
     camera = filmed(-2 * step, step, exposure, direction)
-    found = shares(camera, EDGES, count)
+    found = segment_rays(camera, EDGES, count)
     assert [i for i, _ in found] == [0, 1, 2]
     seen = np.array([share.seen for _, share in found])
     assert (seen.sum(axis=0) == 1).all()
@@ -61,21 +61,21 @@ def test_fields_triggers_and_batches_of_samples_have_times_of_their_own():
         u = np.asarray(u, np.float64)[:, 4:]
         time = 0.44 + late - 0.02 + 0.01 * np.arange(5) + table + 0.05 * (u - 0.5)
         owner = np.searchsorted(EDGES, time, side="right")
-        found = shares(camera, EDGES, 8, batch)
+        found = segment_rays(camera, EDGES, 8, batch)
         assert [i for i, _ in found] == np.unique(owner).tolist() == [0, 1, 2]
         for i, share in found:
             np.testing.assert_array_equal(share.seen, owner == i)
 
 
 def test_a_segment_spans_the_times_between_its_edges_and_the_frames_ends():
-    found = shares(filmed(-0.1, 0.05), EDGES, 1)
+    found = segment_rays(filmed(-0.1, 0.05), EDGES, 1)
     spans = [np.asarray(share.span) for _, share in found]
     np.testing.assert_allclose(spans, [[0.35, 0.4], [0.4, 0.5], [0.5, 0.55]], atol=SINGLE)
 
 
 def test_a_span_is_never_of_no_length_and_lies_inside():
     # The last row is right at the edge.
-    (_, before), (_, after) = shares(filmed(-0.1, 0.025, time=0.5), EDGES[1:], 1)
+    (_, before), (_, after) = segment_rays(filmed(-0.1, 0.025, time=0.5), EDGES[1:], 1)
     assert before.span[0] == pytest.approx(0.4, abs=SINGLE)
     assert after.span[0] == 0.5 and after.span[1] - after.span[0] == pytest.approx(
         LEAST * 0.1, abs=SINGLE
@@ -85,12 +85,12 @@ def test_a_span_is_never_of_no_length_and_lies_inside():
 
 @pytest.mark.parametrize(("time", "segment"), [(0.1, 0), (0.4, 1), (0.45, 1), (0.5, 2), (9.0, 2)])
 def test_a_frame_of_one_time_is_of_one_segment(time, segment):
-    assert shares(filmed(0.0, 0.0, time=time), EDGES, 4) == [(segment, None)]
+    assert segment_rays(filmed(0.0, 0.0, time=time), EDGES, 4) == [(segment, None)]
 
 
 def test_an_exposure_that_only_touches_an_edge_is_of_one_segment():
-    assert shares(filmed(0.0, 0.0, 0.1, time=0.45), EDGES, 4) == [(1, None)]
+    assert segment_rays(filmed(0.0, 0.0, 0.1, time=0.45), EDGES, 4) == [(1, None)]
 
 
 def test_without_segments_a_frame_is_whole():
-    assert shares(filmed(-0.1, 0.05), np.zeros(0), 4) == [(0, None)]
+    assert segment_rays(filmed(-0.1, 0.05), np.zeros(0), 4) == [(0, None)]

@@ -10,7 +10,7 @@ import toy
 
 from gaussray.camera.lens import KannalaBrandt
 from gaussray.render.renderer import Renderer, RenderOptions
-from gaussray.render.splat_compat import dilated, seen_from_center
+from gaussray.render.splat_compat import colors_from_center, dilate
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0
 from gaussray.scene.scene import Scene
@@ -54,7 +54,7 @@ def some(count=50, coefficients=4):
 def test_a_pinhole_widens_by_the_variance_times_the_squared_pixel_at_the_depth():
     own, ahead = some()
     focal = float(camera().lens.focal[0])
-    wide = dilated(own, camera(), 0.3)
+    wide = dilate(own, camera(), 0.3)
     expected = np.asarray(own.scale, np.float64) ** 2 + 0.3 * (ahead[:, 2:] / focal) ** 2
     # The middle pixel's angle is 1 / focal to second order.
     np.testing.assert_allclose(np.asarray(wide.scale) ** 2, expected, rtol=1e-3)
@@ -68,7 +68,7 @@ def test_a_fisheye_widens_by_the_distance():
     film, focal = own_camera.film, 20.0
     middle = jnp.asarray([film.width / 2, film.height / 2])
     lens = KannalaBrandt(jnp.asarray([focal, focal]), middle, jnp.zeros(4), jnp.asarray(3.0))
-    wide = dilated(own, dataclasses.replace(own_camera, lens=lens), 0.3)
+    wide = dilate(own, dataclasses.replace(own_camera, lens=lens), 0.3)
     distance = np.linalg.norm(ahead, axis=1, keepdims=True)
     expected = np.asarray(own.scale, np.float64) ** 2 + 0.3 * (distance / focal) ** 2
     np.testing.assert_allclose(np.asarray(wide.scale) ** 2, expected, rtol=1e-3)
@@ -83,16 +83,16 @@ def test_key_states_widen_each_by_their_own_distance():
         quat=jnp.stack([own.quat, own.quat]),
         scale=jnp.stack([own.scale, own.scale]),
     )
-    both = dilated(keys, camera(), 0.3)
+    both = dilate(keys, camera(), 0.3)
     for k, mean in enumerate(keys.mean):
-        alone = dilated(dataclasses.replace(own, mean=mean), camera(), 0.3)
+        alone = dilate(dataclasses.replace(own, mean=mean), camera(), 0.3)
         np.testing.assert_allclose(both.scale[k], alone.scale, rtol=ROUND)
 
 
 def test_colours_are_those_towards_the_mean():
     own, ahead = some()
     turn, _ = pose()
-    flat = seen_from_center(own, camera(), own.mean)
+    flat = colors_from_center(own, camera(), own.mean)
     assert flat.harmonics.shape == (50, 1, 3)
     d = (ahead / np.linalg.norm(ahead, axis=1, keepdims=True)) @ turn.T
     c = np.asarray(own.harmonics, np.float64)

@@ -197,9 +197,9 @@ def test_pictures_that_another_host_keeps_to_itself_are_missed(tmp_path, monkeyp
     monkeypatch.setattr(dataset_files, "_NETWORK_DELAY", 0.0)
     monkeypatch.setattr(dataset_files, "together", lambda: True)
     with pytest.raises(OSError, match="12 files .* Choose a folder that all hosts share"):
-        dataset_files.demand_files(tmp_path, toy.records())
+        dataset_files.require_files(tmp_path, toy.records())
 
 
 def test_pictures_that_vanish_from_a_host_of_its_own_are_missed_at_once(tmp_path):
     with pytest.raises(OSError, match="12 of 12 files have gone .* The same command"):
-        dataset_files.demand_files(tmp_path, toy.records())
+        dataset_files.require_files(tmp_path, toy.records())

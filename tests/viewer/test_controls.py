@@ -6,7 +6,7 @@ import pytest
 
 from gaussray.camera.film import Film
 from gaussray.config.compose import compose_config
-from gaussray.render.rig.lens import LensOptions, mounted
+from gaussray.render.rig.lens import LensOptions, build_lens
 from gaussray.viewer.controls import (
     GROUPS,
     choice_values,
@@ -75,7 +75,7 @@ def test_every_lens_that_is_offered_is_one_up_to_its_widest_field(name):
         told = {**values, "lens.fov": field}
         block = {k.split(".")[1]: v for k, v in told.items() if k.startswith("lens.")}
         block = {k: tuple(v) if isinstance(v, list) else v for k, v in block.items()}
-        assert mounted(Film(64, 48), LensOptions(**block))
+        assert build_lens(Film(64, 48), LensOptions(**block))
 
 
 def test_wide_lenses_focus_on_a_sphere():

@@ -57,18 +57,18 @@ def neighbour_cameras(
     sequences: dict[tuple[str, str], list[FrameRecord]] = {}
     for record in records:
         sequences.setdefault((record.effect, record.camera_name), []).append(record)
-    found = {}
+    neighbours = {}
     for frames in sequences.values():
         frames = sorted(frames, key=lambda record: float(record.camera.time))
         cameras = [None, *(record.camera for record in frames), None]
         if len(frames) == 1 and interval > 0:
-            cameras = [_delayed(frames[0].camera, i * interval) for i in (-1, 0, 1)]
+            cameras = [_delay(frames[0].camera, i * interval) for i in (-1, 0, 1)]
         for i, record in enumerate(frames):
-            found[record.file_path] = cameras[i], cameras[i + 2]
-    return found
+            neighbours[record.file_path] = cameras[i], cameras[i + 2]
+    return neighbours
 
 
-def _delayed(camera: Camera, delay: float) -> Camera:
+def _delay(camera: Camera, delay: float) -> Camera:
     """The camera of another frame, so much later."""
     return dataclasses.replace(camera, time=camera.time + jnp.asarray(delay, camera.time.dtype))
 
@@ -100,9 +100,9 @@ def write_labels(
             values = labeller(record.camera, labels, before=before, after=after)
             waiting.append((record, pool.submit(_write, out, record, values)))
             while len(waiting) > cores:
-                yield _written(waiting)
+                yield _next_written(waiting)
         while waiting:
-            yield _written(waiting)
+            yield _next_written(waiting)
 
 
 def label_units(labels: Sequence[str]) -> dict[str, str]:
@@ -110,7 +110,7 @@ def label_units(labels: Sequence[str]) -> dict[str, str]:
     return {name: text for name, text in LABELS.items() if name in labels}
 
 
-def _written(waiting: deque[tuple[FrameRecord, Future[None]]]) -> FrameRecord:
+def _next_written(waiting: deque[tuple[FrameRecord, Future[None]]]) -> FrameRecord:
     record, writing = waiting.popleft()
     writing.result()
     return record

@@ -12,10 +12,10 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
 from gaussray.render.aov.trace import FlatScene, FrameCameras, LabelSettings, trace_labels
-from gaussray.render.frame import joined
+from gaussray.render.frame import join_rows
 from gaussray.render.options import RenderOptions
-from gaussray.render.parts import strip, strips, whole_picture
-from gaussray.render.stages import usual_capacity
+from gaussray.render.parts import strip_part, strip_plan, whole_picture
+from gaussray.render.stages import default_capacity
 from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
@@ -104,16 +104,19 @@ class Labeller:
         names = tuple(name for name in LABELS if name in names and name not in PICTURE_LABELS)
         if not names:
             return {}
-        camera = _geometric(camera)
-        before, after = (one and _geometric(one) for one in (before, after))
+        camera = _without_effects(camera)
+        before, after = (one and _without_effects(one) for one in (before, after))
         film = camera.film
         # The search for the largest weight uses arrays on every device, which need more memory.
         arrays = replace(self.trace, backend="array")
-        rows, trace = strips(film, self.options, arrays, self.scene.count)
+        rows, trace = strip_plan(film, self.options, arrays, self.scene.count)
         strip_of = partial(self._strip, FrameCameras(camera, before, after), names, rows)
         tops = (min(y, film.height - rows) for y in range(0, film.height, rows))
         pieces = [(top, strip_of(top, replace(trace, backend=self.trace.backend))) for top in tops]
-        return {name: joined(film, [(top, seen[name]) for top, seen in pieces]) for name in names}
+        return {
+            name: join_rows(film, [(top, strip_labels[name]) for top, strip_labels in pieces])
+            for name in names
+        }
 
     def _strip(
         self,
@@ -129,22 +132,22 @@ class Labeller:
         if rows == film.height:
             part, trace = whole_picture(film, trace)
         else:
-            part, trace = strip(film, rows, trace, top)
+            part, trace = strip_part(film, rows, trace, top)
         begin, end = time_window(jax.device_get(camera.shutter), (film.width, film.height))
         keys = (self.options.keys or key_count(self.scene, end - begin)) if end > begin else 1
         key = film.width, rows, keys
         if key not in self._capacity:
             stacked = jax.tree.map(lambda x: np.asarray(x)[None], part)
-            self._capacity[key] = usual_capacity(stacked, trace, self.scene)
+            self._capacity[key] = default_capacity(stacked, trace, self.scene)
         settings = LabelSettings(trace, keys, self._capacity[key])
         pixel = np.asarray(pixel_grid(film))[top : top + rows].reshape(-1, 2)
-        seen, self._capacity[key] = trace_labels(
+        strip_labels, self._capacity[key] = trace_labels(
             self._flat, cameras, part, pixel, names, settings=settings
         )
-        return {k: x.reshape(rows, film.width, *x.shape[1:]) for k, x in seen.items()}
+        return {k: x.reshape(rows, film.width, *x.shape[1:]) for k, x in strip_labels.items()}
 
 
-def _geometric(camera: Camera) -> Camera:
+def _without_effects(camera: Camera) -> Camera:
     """The camera without the rim, which changes light but no geometry, and for the lens itself, of
     no single colour."""
     return replace(camera, aperture=replace(camera.aperture, rim=None), chromatic=None)

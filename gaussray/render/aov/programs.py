@@ -59,25 +59,25 @@ def lens_program(layout: CameraLayout, confusion: bool) -> Callable[..., dict[st
     def run(row: Array, pixel: Array, distance: Array, time: Array) -> dict[str, Array]:
         camera = layout.camera(row)
 
-        def one(given: tuple[Array, Array, Array]) -> dict[str, Array]:
-            pixel, t, time = given
+        def one(arguments: tuple[Array, Array, Array]) -> dict[str, Array]:
+            pixel, t, time = arguments
             found = {"z": t * camera.lens.direction(pixel + 0.5)[2]}
             if confusion:
                 found["confusion"] = circle_of_confusion(camera, pixel, t, time)
             return found
 
-        return _mapped(one, (pixel, distance, time))
+        return _map_pixels(one, (pixel, distance, time))
 
     return on_devices(run, None, (layout, confusion))
 
 
 @ProgramCache(48)
-def reading_program(layout: CameraLayout) -> Callable[..., RowTiming]:
+def timing_program(layout: CameraLayout) -> Callable[..., RowTiming]:
     """(numbers of a camera, places, times, fields) -> what its picture reads of each."""
 
     def run(row: Array, point: Array, time: Array, field: Array) -> RowTiming:
         camera = layout.camera(row)
-        return _mapped(lambda x: row_timing(camera, *x), (point, time, field))
+        return _map_pixels(lambda x: row_timing(camera, *x), (point, time, field))
 
     return on_devices(run, None, (layout,))
 
@@ -160,11 +160,11 @@ def path_program(structure: PyTreeDef) -> Callable[..., Float[Array, "devices pi
     def run(leaves: list[Array], index: Array, point: Array, time: Array, other: Array) -> Array:
         scene = jax.tree.unflatten(structure, leaves)
 
-        def one(given: tuple[Array, Array, Array, Array]) -> Array:
-            index, point, time, other = given
+        def one(arguments: tuple[Array, Array, Array, Array]) -> Array:
+            index, point, time, other = arguments
             return point_path(scene, index, point, time)(other)
 
-        return _mapped(one, (index, point, time, other))
+        return _map_pixels(one, (index, point, time, other))
 
     return on_devices(run, None, (structure,), common=(0,))
 
@@ -181,7 +181,7 @@ def offset_program() -> Callable[..., tuple[Array, Array]]:
     return on_devices(run, None, ())
 
 
-def _mapped(function: Callable, pixels: tuple[Array, ...]):
+def _map_pixels(function: Callable, pixels: tuple[Array, ...]):
     """A function of one pixel for all of them, so many at once that memory is bounded."""
     return jax.lax.map(function, pixels, batch_size=min(_PIXELS, pixels[0].shape[0]))
 

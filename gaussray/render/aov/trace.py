@@ -19,13 +19,13 @@ from gaussray.render.aov.programs import (
     offset_program,
     on_host,
     path_program,
-    reading_program,
     surface_program,
+    timing_program,
     view_program,
 )
 from gaussray.render.camera_layout import pack_camera
 from gaussray.render.parts import Part
-from gaussray.render.stages import enlarged_stages, lists_program, motion_program
+from gaussray.render.stages import enlarge_staged_capacity, lists_program, motion_program
 from gaussray.tracer.options import on_kernel
 from gaussray.tracer.prepare import Prepared
 from gaussray.tracer.trace import TraceOptions
@@ -62,7 +62,7 @@ class LabelSettings(NamedTuple):
     capacity: Capacity
 
 
-class _Found(NamedTuple):
+class _Surfaces(NamedTuple):
     """What is known of a part, with a leading axis of one device: labels of surfaces, rays, the
     scene for arrays and its lists."""
 
@@ -102,38 +102,40 @@ def trace_labels(
     of_rays = {name: getattr(chief, name)[0][slot[0]] for name in OF_RAYS}
     if set(names) <= set(OF_RAYS):
         return {name: of_rays[name] for name in names}, settings.capacity
-    found, capacity = _surfaces(scene, settings, (rays, times, eye), slot, names)
-    labels, pixel = found.labels, np.asarray(pixel, row.dtype)[None]
+    surfaces, capacity = _surfaces(scene, settings, (rays, times, eye), slot, names)
+    labels, pixel = surfaces.labels, np.asarray(pixel, row.dtype)[None]
     if {"z", "confusion"} & set(names):
         lens = lens_program(layout, "confusion" in names)
         labels |= lens(row[None], pixel, labels["distance"], labels["time"])
     if set(names) & set(_OF_DOMINANT):
-        identify = identity_program(scene.structure, _arrays(settings.trace), capacity.slots)
-        inputs = found.scene, found.rays, found.lists, slot, labels["valid"]
+        identify = identity_program(scene.structure, _array_options(settings.trace), capacity.slots)
+        inputs = surfaces.scene, surfaces.rays, surfaces.lists, slot, labels["valid"]
         identity, index = identify(scene.leaves, *inputs)
         labels |= identity
     else:
         index = np.zeros(labels["valid"].shape, np.int32)
-    labels |= _motions(scene, cameras, (pixel, index), labels, names)
-    seen = of_rays | on_host({name: labels[name] for name in names if name not in OF_RAYS})
+    labels |= _motion_labels(scene, cameras, (pixel, index), labels, names)
+    result = of_rays | on_host({name: labels[name] for name in names if name not in OF_RAYS})
     hidden = on_host(labels["valid"]) == 0
     for name in set(_SURFACE) & set(names):
-        seen[name] = np.where(hidden.reshape(-1, *(1,) * (seen[name].ndim - 1)), np.nan, seen[name])
-    return {name: seen[name] for name in names}, capacity
+        result[name] = np.where(
+            hidden.reshape(-1, *(1,) * (result[name].ndim - 1)), np.nan, result[name]
+        )
+    return {name: result[name] for name in names}, capacity
 
 
-def _arrays(trace: TraceOptions) -> TraceOptions:
+def _array_options(trace: TraceOptions) -> TraceOptions:
     """The same, where lists are those of arrays."""
     return replace(trace, backend="array") if on_kernel(trace, jnp.float32) else trace
 
 
 def _surfaces(
     scene: FlatScene, settings: LabelSettings, view: tuple, slot: np.ndarray, names: tuple[str, ...]
-) -> tuple[_Found, Capacity]:
+) -> tuple[_Surfaces, Capacity]:
     """What the rays of a view meet, and the list sizes that were enough for it."""
     rays, times, eye = view
     trace, keys, capacity = settings
-    kernel, arrays = on_kernel(trace, jnp.float32), _arrays(trace)
+    kernel, arrays = on_kernel(trace, jnp.float32), _array_options(trace)
     while True:
         sizes = keys, capacity.transient
         ready = motion_program(scene.structure, arrays, sizes, None, True)(scene.leaves, times)
@@ -143,19 +145,19 @@ def _surfaces(
             report = lists.needed, lists.dropped
         if report is None or not np.any(report[1]):
             # The CUDA kernels find lists of their own, in a scene without a grid.
-            traced, own = ready, lists
+            traced, own_lists = ready, lists
             if kernel:
                 prepared = motion_program(scene.structure, trace, sizes, None, True)
-                traced, own = prepared(scene.leaves, times), None
-            labels, shorter = surface_program(trace, capacity)(traced, rays, own, eye, slot)
+                traced, own_lists = prepared(scene.leaves, times), None
+            labels, shorter = surface_program(trace, capacity)(traced, rays, own_lists, eye, slot)
             if shorter is None or not np.any(shorter[1]):
-                return _Found(labels, rays, ready, lists), capacity
+                return _Surfaces(labels, rays, ready, lists), capacity
             report = shorter
         needed = [int(n) for n in np.asarray(report[0])[0]]
-        capacity = enlarged_stages(capacity, needed)
+        capacity = enlarge_staged_capacity(capacity, needed)
 
 
-def _motions(
+def _motion_labels(
     scene: FlatScene,
     cameras: FrameCameras,
     pixels: tuple[np.ndarray, Array | np.ndarray],
@@ -180,13 +182,13 @@ def _motions(
             return np.full((*time.shape, 2), np.nan, time.dtype)
         row, layout = pack_camera(other)
         guess = jnp.asarray(time + np.asarray(other.time - cameras.camera.time), time.dtype)
-        read = partial(reading_program(layout), row[None])
+        read = partial(timing_program(layout), row[None])
         fields = 1 if other.shutter.row_times is None else 2
         return offsets(*project_paths(path, read, guess, other.film, fields=fields), pixel)[0]
 
     def blur() -> np.ndarray:
         row, layout = pack_camera(cameras.camera)
-        read, half = reading_program(layout), float(cameras.camera.shutter.exposure) / 2
+        read, half = timing_program(layout), float(cameras.camera.shutter.exposure) / 2
         field, all_met = np.zeros(time.shape, np.int32), np.ones(time.shape, bool)
         moments = [np.asarray(time + side * half, time.dtype) for side in (-1, 1)]
         places = [read(row[None], path(moment), moment, field).pixel for moment in moments]

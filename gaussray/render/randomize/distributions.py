@@ -37,9 +37,9 @@ def read_distributions(tree: Mapping[str, Any], name: str = "sample") -> dict[st
     A node with one of the words of `EXTRA_KEYS` is a distribution. Beside the `choice` of a whole
     group there may be distributions of the group's keys. A ValueError names what is wrong.
     """
-    found: dict[str, dict[str, Any]] = {}
-    _gather(tree, "", name, found)
-    return found
+    distributions: dict[str, dict[str, Any]] = {}
+    _collect(tree, "", name, distributions)
+    return distributions
 
 
 def draw_values(
@@ -98,7 +98,7 @@ def _normal(mean: float, deviation: float, low: float, high: float, u: float) ->
     return float(min(max(mean + deviation * place, low), high))
 
 
-def _gather(node: Any, key: str, name: str, found: dict[str, dict[str, Any]]) -> None:
+def _collect(node: Any, key: str, name: str, distributions: dict[str, dict[str, Any]]) -> None:
     label = f"{name}.{key}" if key else name
     if not isinstance(node, Mapping):
         raise ValueError(
@@ -111,51 +111,55 @@ def _gather(node: Any, key: str, name: str, found: dict[str, dict[str, Any]]) ->
             f"{label} must be one distribution, got {' and '.join(kinds)}: remove the others, "
             f"e.g. ~{label}.{kinds[0]}."
         )
-    own = (*kinds, *EXTRA_KEYS[kinds[0]]) if kinds else ()
+    own_keys = (*kinds, *EXTRA_KEYS[kinds[0]]) if kinds else ()
     if kinds:
-        found[key] = {word: node[word] for word in own if word in node}
-        check_distribution(found[key], label)
+        distributions[key] = {word: node[word] for word in own_keys if word in node}
+        check_distribution(distributions[key], label)
     for word, below in node.items():
-        if word in own:
+        if word in own_keys:
             continue
         if kinds and kinds[0] != "choice":
             raise ValueError(
                 f"{label}.{word} is unknown; beside {kinds[0]} may stand "
                 f"{' or '.join(EXTRA_KEYS[kinds[0]]) or 'nothing'}."
             )
-        _gather(below, f"{key}.{word}" if key else str(word), name, found)
+        _collect(below, f"{key}.{word}" if key else str(word), name, distributions)
 
 
 def check_distribution(spec: Mapping[str, Any], label: str) -> None:
     """Raise a ValueError, with key and rule, unless the distribution is one."""
     (kind,) = (word for word in spec if word in EXTRA_KEYS)
-    given, label = spec[kind], f"{label}.{kind}"
+    value, label = spec[kind], f"{label}.{kind}"
 
-    def demand(holds: bool, rule: str) -> None:
+    def require_rule(holds: bool, rule: str) -> None:
         if not holds:
-            raise ValueError(f"{label} must be {rule}, got {given}.")
+            raise ValueError(f"{label} must be {rule}, got {value}.")
 
     match kind:
         case "uniform":
-            demand(_pair(given), "two numbers, the lower one first")
+            require_rule(_pair(value), "two numbers, the lower one first")
         case "log_uniform":
-            demand(_pair(given) and given[0] > 0, "two numbers above 0, the lower one first")
+            require_rule(_pair(value) and value[0] > 0, "two numbers above 0, the lower one first")
         case "integer":
-            whole = _pair(given) and all(type(x) is int for x in given)
-            demand(whole, "two whole numbers, the lower one first")
+            whole = _pair(value) and all(type(x) is int for x in value)
+            require_rule(whole, "two whole numbers, the lower one first")
         case "normal":
-            demand(_numbers(given, 2) and given[1] >= 0, "a mean, and a deviation of at least 0")
-            _check_within(given, spec.get("within"), label.removesuffix(kind) + "within")
+            require_rule(
+                _numbers(value, 2) and value[1] >= 0, "a mean, and a deviation of at least 0"
+            )
+            _check_within(value, spec.get("within"), label.removesuffix(kind) + "within")
         case "choice":
-            demand(isinstance(given, list) and len(given) > 0, "a list of at least one value")
-            _check_weights(given, spec.get("weights"), label.removesuffix(kind) + "weights")
+            require_rule(isinstance(value, list) and len(value) > 0, "a list of at least one value")
+            _check_weights(value, spec.get("weights"), label.removesuffix(kind) + "weights")
         case "each":
-            demand(isinstance(given, list), "a list of distributions and fixed values")
-            for i, element in enumerate(given):
+            require_rule(isinstance(value, list), "a list of distributions and fixed values")
+            for i, element in enumerate(value):
                 if isinstance(element, Mapping):
-                    found: dict[str, dict[str, Any]] = {}
-                    _gather(element, f"{i}", label, found)
-                    demand(f"{i}" in found, "a list of distributions and fixed values")
+                    distributions: dict[str, dict[str, Any]] = {}
+                    _collect(element, f"{i}", label, distributions)
+                    require_rule(
+                        f"{i}" in distributions, "a list of distributions and fixed values"
+                    )
 
 
 def _check_within(bell: list[float | int], within: Any, label: str) -> None:
@@ -164,9 +168,9 @@ def _check_within(bell: list[float | int], within: Any, label: str) -> None:
     if not _pair(within):
         raise ValueError(f"{label} must be two numbers, the lower one first, got {within}.")
     mean, deviation = bell
-    away = max(within[0] - mean, mean - within[1])
+    distance = max(within[0] - mean, mean - within[1])
     # A double has no smaller share of a bell than that beyond 37 deviations.
-    if away > 37 * deviation:
+    if distance > 37 * deviation:
         raise ValueError(
             f"{label} must hold a part of the bell around {mean} +- {deviation}, got {within}."
         )
@@ -175,21 +179,21 @@ def _check_within(bell: list[float | int], within: Any, label: str) -> None:
 def _check_weights(values: list[Any], weights: Any, label: str) -> None:
     if weights is None:
         return
-    good = _numbers(weights, len(values)) and min(weights) >= 0 and sum(weights) > 0
-    if not good:
+    valid = _numbers(weights, len(values)) and min(weights) >= 0 and sum(weights) > 0
+    if not valid:
         raise ValueError(
             f"{label} must be {len(values)} numbers of at least 0, one for each choice and not all "
             f"0, got {weights}."
         )
 
 
-def _numbers(given: Any, count: int) -> bool:
+def _numbers(value: Any, count: int) -> bool:
     return (
-        isinstance(given, list)
-        and len(given) == count
-        and all(type(x) in (int, float) and math.isfinite(x) for x in given)
+        isinstance(value, list)
+        and len(value) == count
+        and all(type(x) in (int, float) and math.isfinite(x) for x in value)
     )
 
 
-def _pair(given: Any) -> bool:
-    return _numbers(given, 2) and given[0] <= given[1]
+def _pair(value: Any) -> bool:
+    return _numbers(value, 2) and value[0] <= value[1]

@@ -37,7 +37,7 @@ class FilmOptions(eqx.Module):
             raise ValueError(f"film.fit must be one of {', '.join(FITS)}, got {self.fit!r}.")
 
 
-def on_film(camera: Camera, options: FilmOptions) -> Camera:
+def apply_film(camera: Camera, options: FilmOptions) -> Camera:
     """A camera whose pictures have the size and the filter of the options.
 
     The lens shows the same view on the new pixels, and the readout lasts as long over it.
@@ -60,7 +60,7 @@ def _resized(camera: Camera, options: FilmOptions) -> Camera:
     if not options.size or options.size == size:
         return camera
     width, height = options.size
-    window = Window(size, shown_part(size, (width, height), options.fit))
+    window = Window(size, visible_part(size, (width, height), options.fit))
     return dataclasses.replace(
         camera,
         film=Film(width, height, film.filter, film.filter_width),
@@ -69,7 +69,7 @@ def _resized(camera: Camera, options: FilmOptions) -> Camera:
     )
 
 
-def shown_part(
+def visible_part(
     picture: tuple[int, int], size: tuple[int, int], fit: str
 ) -> tuple[float, float, float, float]:
     """The part (left, top, width, height) of a picture that one of another size shows, in the

@@ -15,7 +15,7 @@ def lens_label(options: LensOptions) -> str:
     return "" if options.model == "keep" else _model(options).effect(options)
 
 
-def mounted(film: Film, options: LensOptions) -> AbstractLens:
+def build_lens(film: Film, options: LensOptions) -> AbstractLens:
     """The lens of these options for pictures of this size, its axis in their middle.
 
     Args:

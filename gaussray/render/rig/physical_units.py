@@ -48,24 +48,24 @@ class PhysicalOptions(eqx.Module):
     def __check_init__(self):
         positive = ("focal_length", "f_number", "frame_rate", "units_per_metre", "seconds_per_unit")
         for key in positive:
-            self._demand(key, lambda x: 0 < x < math.inf, "above 0")
-        self._demand("focus_distance", lambda x: x > 0, "above 0 (inf is infinity)")
+            self._require(key, lambda x: 0 < x < math.inf, "above 0")
+        self._require("focus_distance", lambda x: x > 0, "above 0 (inf is infinity)")
         for key in ("readout", "exposure"):
-            self._demand(key, lambda x: 0 <= x < math.inf, "at least 0")
-        self._demand("shutter_angle", lambda x: 0 <= x <= 360, "in 0 ... 360 degrees")
-        good = all(isinstance(x, int | float) and 0 < x < math.inf for x in self.sensor)
-        if self.sensor and not (good and len(self.sensor) == 2):
+            self._require(key, lambda x: 0 <= x < math.inf, "at least 0")
+        self._require("shutter_angle", lambda x: 0 <= x <= 360, "in 0 ... 360 degrees")
+        valid = all(isinstance(x, int | float) and 0 < x < math.inf for x in self.sensor)
+        if self.sensor and not (valid and len(self.sensor) == 2):
             raise ValueError(
                 f"physical.sensor must be width and height in mm, above 0, got {self.sensor}."
             )
-        for key, needed in _REQUIRED_KEYS.items():
-            lacking = [name for name in needed if getattr(self, name) is None]
-            if getattr(self, key) not in (None, False) and lacking:
-                raise ValueError(f"physical.{key} needs physical.{lacking[0]}, which is null.")
+        for key, required in _REQUIRED_KEYS.items():
+            missing = [name for name in required if getattr(self, name) is None]
+            if getattr(self, key) not in (None, False) and missing:
+                raise ValueError(f"physical.{key} needs physical.{missing[0]}, which is null.")
         self._check_focus()
         self._check_frame()
 
-    def _demand(self, key, holds, rule):
+    def _require(self, key, holds, rule):
         value = getattr(self, key)
         if value is not None and not holds(value):
             raise ValueError(f"physical.{key} must be {rule}, got {value}.")

@@ -193,11 +193,11 @@ def _near_position(
     inside a room, the orbit then does not leave it. None if all cameras are on the axis."""
     if not len(place):
         return None
-    away = place - target
-    level = away - np.outer(away @ up, up) / (up @ up)
+    offset = place - target
+    level = offset - np.outer(offset @ up, up) / (up @ up)
     distance = np.linalg.norm(level, axis=1)
     chosen = int(np.argsort(distance)[len(distance) // 4])
-    return place[chosen] if distance[chosen] > 1e-3 * np.linalg.norm(away[chosen]) else None
+    return place[chosen] if distance[chosen] > 1e-3 * np.linalg.norm(offset[chosen]) else None
 
 
 def _extent(scene: Scene | Clip) -> tuple[Float[np.ndarray, "3"], float]:

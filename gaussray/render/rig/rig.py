@@ -16,8 +16,8 @@ from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.open import FORMATS, format_of
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.rig.aperture import ApertureOptions as ApertureOptions, build_aperture
-from gaussray.render.rig.film import FilmOptions as FilmOptions, on_film
-from gaussray.render.rig.lens import LensOptions as LensOptions, lens_label, mounted
+from gaussray.render.rig.film import FilmOptions as FilmOptions, apply_film
+from gaussray.render.rig.lens import LensOptions as LensOptions, build_lens, lens_label
 from gaussray.render.rig.placed import CameraOptions as CameraOptions
 from gaussray.render.rig.shutter import (
     ShutterOptions as ShutterOptions,
@@ -64,14 +64,14 @@ def frame_records(
     records, lenses = [], {}
     delays = trigger_delays(options.shutter, list(dict.fromkeys(name for name, _, _ in frames)))
     for i, (name, split, camera) in enumerate(frames):
-        camera = on_film(camera, options.film)
+        camera = apply_film(camera, options.film)
         film = camera.film
         size = film.width, film.height
         if options.lens.model == "keep":
             lens = camera.lens
         else:
             # Frames of one size share their lens: building one takes a while.
-            lens = lenses[size] = lenses.get(size) or mounted(film, options.lens)
+            lens = lenses[size] = lenses.get(size) or build_lens(film, options.lens)
         built = Camera(
             film,
             lens,
@@ -99,11 +99,11 @@ def _effect_name(options: RigOptions) -> str:
 
 def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, str, Camera]]:
     """The chosen frames: camera name, split and camera."""
-    known = dict.fromkeys(view.camera_name for view in views)
+    names = dict.fromkeys(view.camera_name for view in views)
     for name in options.names:
-        if name not in known:
+        if name not in names:
             raise ValueError(
-                f"camera.names must be among the capture's ({', '.join(known)}), got {name}."
+                f"camera.names must be among the capture's ({', '.join(names)}), got {name}."
             )
     split = options.split
     if split == "test" and not any(view.split == split for view in views):
@@ -124,7 +124,7 @@ def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, st
         splits = list(dict.fromkeys(view.split for view in views)) or ["train"]
         raise ValueError(
             "camera.split, camera.names and camera.times choose no frame of the capture; its "
-            f"cameras are {', '.join(known)}, its splits {', '.join(splits)}. Choose e.g. "
+            f"cameras are {', '.join(names)}, its splits {', '.join(splits)}. Choose e.g. "
             f"camera.split={splits[0]}."
         )
     return [(view.camera_name, view.split, view.camera) for view in chosen]
@@ -132,12 +132,12 @@ def _choose(views: Sequence[View], options: CameraOptions) -> list[tuple[str, st
 
 def _check_times(views: Sequence[View], options: CameraOptions) -> None:
     times = np.unique([view.time for view in views])
-    for wanted in options.times:
-        away = np.abs(times - wanted)
-        if np.min(away) >= _SAME_TIME:
-            near = ", ".join(f"{t:.8g}" for t in np.sort(times[np.argsort(away)[:2]]))
+    for time in options.times:
+        distance = np.abs(times - time)
+        if np.min(distance) >= _SAME_TIME:
+            near = ", ".join(f"{t:.8g}" for t in np.sort(times[np.argsort(distance)[:2]]))
             raise ValueError(
-                f"camera.times must be times of frames of the capture, got {wanted:g}; the nearest "
+                f"camera.times must be times of frames of the capture, got {time:g}; the nearest "
                 f"are {near}."
             )
 
@@ -151,7 +151,7 @@ def _aperture(camera: Camera, lens: AbstractLens, options: ApertureOptions) -> A
     return build_aperture(camera, options)
 
 
-def cameras_of(scene: Path | str, cameras: Path | str | None) -> list[View]:
+def read_views(scene: Path | str, cameras: Path | str | None) -> list[View]:
     """Read the views of a capture, or those stored with a reconstructed scene.
 
     Args:

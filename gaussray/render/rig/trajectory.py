@@ -52,7 +52,7 @@ def move_cameras(
     if options.kind == "keep":
         moved = frames
         if options.interpolation != "linear":
-            moved = [(n, s, _interpolated(camera, options)) for n, s, camera in frames]
+            moved = [(n, s, _with_interpolation(camera, options)) for n, s, camera in frames]
     else:
         path, times = _path(frames, options)
         base = _one_per_camera(frames)[0]
@@ -62,7 +62,7 @@ def move_cameras(
         return moved
     names = list(dict.fromkeys(name for name, _, _ in moved))
     shakes = {name: _shake(options, i) for i, name in enumerate(names)}
-    return [(name, split, _shaken(camera, shakes[name])) for name, split, camera in moved]
+    return [(name, split, _with_shake(camera, shakes[name])) for name, split, camera in moved]
 
 
 def _check(options: TrajectoryOptions) -> None:
@@ -79,12 +79,12 @@ def _check(options: TrajectoryOptions) -> None:
             )
 
 
-def _interpolated(camera: Camera, options: TrajectoryOptions) -> Camera:
+def _with_interpolation(camera: Camera, options: TrajectoryOptions) -> Camera:
     path = dataclasses.replace(camera.trajectory, interpolation=options.interpolation)
     return dataclasses.replace(camera, trajectory=path)
 
 
-def _shaken(camera: Camera, shake: Shake) -> Camera:
+def _with_shake(camera: Camera, shake: Shake) -> Camera:
     path = dataclasses.replace(camera.trajectory, shake=shake)
     return dataclasses.replace(camera, trajectory=path)
 

@@ -30,7 +30,7 @@ _CAMERA_KEYS = {
 }
 
 
-def switched_on(options: RigOptions) -> tuple[RigOptions, list[str]]:
+def apply_implied_choices(options: RigOptions) -> tuple[RigOptions, list[str]]:
     """The options with the choices that their keys ask for, and a line about each.
 
     `shutter.readout=0.2` means a rolling shutter, `trajectory.file` a path.
@@ -54,7 +54,7 @@ def _note(group: str, key: str, value: Any, choice: str) -> str:
     return f"{group}.{key}={value} chooses {group}={choice}."
 
 
-def check_used(options: RigOptions) -> None:
+def check_used_keys(options: RigOptions) -> None:
     """Raise a ValueError for a key that is set but that the chosen model or kind ignores."""
     _check_lens(options)
     aperture, shutter, trajectory = options.aperture, options.shutter, options.trajectory
@@ -91,8 +91,8 @@ def _check_lens(options: RigOptions) -> None:
         _refuse("lens", _changed(lens), (), "lens=keep", "Choose a lens, such as lens=pinhole.")
     elif lens.model in models:
         used = models[lens.model].option_keys
-        listed = ", ".join(f"lens.{key}" for key in used)
-        _refuse("lens", _changed(lens), used, f"lens.model={lens.model}", f"It has {listed}.")
+        keys = ", ".join(f"lens.{key}" for key in used)
+        _refuse("lens", _changed(lens), used, f"lens.model={lens.model}", f"It has {keys}.")
 
 
 def _changed(options: Any) -> list[str]:

@@ -12,7 +12,7 @@ from gaussray.render.rig.rig import RigOptions
 _TIME_ROUNDING = 1e-5
 
 
-def check_possible(options: RigOptions, records: Sequence[FrameRecord]) -> None:
+def check_cameras(options: RigOptions, records: Sequence[FrameRecord]) -> None:
     """Raise a ValueError, with key and rule, unless real cameras could take these frames.
 
     Lenses, apertures and physical settings check their own values (`camera.lens.check_lens`,

@@ -16,7 +16,7 @@ from gaussray.camera.lens import Pinhole, check_lens, pinhole
 from gaussray.camera.lens.division import Division, fold_radius
 from gaussray.capture.formats.paired import read_views
 from gaussray.dataset.manifest import FrameRecord, write_manifest
-from gaussray.render.rig.lens import LensOptions, lens_label, mounted
+from gaussray.render.rig.lens import LensOptions, build_lens, lens_label
 from gaussray.viewer.controls import offered_choices
 
 
@@ -149,14 +149,14 @@ def test_a_model_that_turns_back_is_refused():
 def test_the_configuration_spans_the_width_and_fills_the_picture(k):
     film = Film(64, 48)
     options = LensOptions("division", 80.0, k)
-    built = mounted(film, options)
+    built = build_lens(film, options)
     sides = look(built, jnp.array([[0.0, 24.0], [64.0, 24.0]], jnp.float32))
     np.testing.assert_allclose(np.rad2deg(np.arccos(sides[:, 2])), 40, rtol=1e-5)
     corners = jnp.array([[0.5, 0.5], [63.5, 47.5]], jnp.float32)
     assert np.any(look(built, corners) != 0, axis=1).all()
     assert lens_label(options) == "distortion" and not built.sees_sideways
     with pytest.raises(ValueError, match="lens.k must reach half of lens.fov"):
-        mounted(film, LensOptions("division", 170.0, (0.5,)))
+        build_lens(film, LensOptions("division", 170.0, (0.5,)))
 
 
 def test_a_manifest_writes_it_and_a_capture_reads_the_same_lens(tmp_path):
@@ -214,4 +214,6 @@ def test_calibration_finds_lambda_from_where_points_are_imaged():
 
 def test_the_viewer_offers_it():
     assert "division" in offered_choices("lens")
-    assert not isinstance(mounted(Film(64, 48), LensOptions("division", 120.0, (-0.2,))), Pinhole)
+    assert not isinstance(
+        build_lens(Film(64, 48), LensOptions("division", 120.0, (-0.2,))), Pinhole
+    )

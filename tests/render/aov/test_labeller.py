@@ -15,7 +15,7 @@ from gaussray.render.aov import labeller as labels_of_frames, programs
 from gaussray.render.aov.labeller import LABELS, PICTURE_LABELS, Labeller, check_labels
 from gaussray.render.parts import PIXEL, RAY, SAMPLE
 from gaussray.render.renderer import RenderOptions
-from gaussray.render.stages import usual_capacity
+from gaussray.render.stages import default_capacity
 from gaussray.scene.scene import Scene
 from gaussray.tracer.traverse import Capacity
 
@@ -44,7 +44,7 @@ TRACE = dataclasses.replace(toy.TRACE, backend="array")
 def room(monkeypatch):
     """Lists with room for every plate: scenes alike in numbers share what is compiled."""
     sizes = Capacity((512,) * (TRACE.levels + 1), 2048, 256)
-    monkeypatch.setattr(labels_of_frames, "usual_capacity", lambda *_: sizes)
+    monkeypatch.setattr(labels_of_frames, "default_capacity", lambda *_: sizes)
 
 
 def labeller(scene, **options):
@@ -330,7 +330,7 @@ def test_only_what_is_asked_for_is_made_and_unknown_names_are_refused():
 
 
 def test_labels_in_strips_are_the_labels(monkeypatch):
-    monkeypatch.setattr(labels_of_frames, "usual_capacity", usual_capacity)
+    monkeypatch.setattr(labels_of_frames, "default_capacity", default_capacity)
     scene = Scene(plates.plate(1.0), plates.NOTHING, None, toy.single([0, 1]))
     # Eight of so many rows at a time; no row is like the one below it.
     few, filmed = 8 * plates.SIDE * (RAY + SAMPLE + PIXEL) / 1e9, plates.camera(0.0)

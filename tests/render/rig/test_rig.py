@@ -22,9 +22,9 @@ from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.geometry import rotation_matrix
 from gaussray.render.rig import rig
-from gaussray.render.rig.film import on_film
+from gaussray.render.rig.film import apply_film
 from gaussray.render.rig.placed import placed_views
-from gaussray.render.rig.used_keys import check_used, switched_on
+from gaussray.render.rig.used_keys import apply_implied_choices, check_used_keys
 
 
 look = jax.jit(jax.vmap(lambda lens, pixel: lens.direction(pixel), in_axes=(None, 0)))
@@ -276,10 +276,10 @@ def test_a_path_comes_from_a_file(views, tmp_path, clock):
 
 def test_cameras_come_from_a_capture_or_from_beside_the_scene(tmp_path):
     write_manifest(tmp_path / "cameras.json", toy.records())
-    assert len(rig.cameras_of(tmp_path, None)) == 12
-    assert len(rig.cameras_of(tmp_path / "scene.npz", None)) == 12
+    assert len(rig.read_views(tmp_path, None)) == 12
+    assert len(rig.read_views(tmp_path / "scene.npz", None)) == 12
     with pytest.raises(FileNotFoundError, match="cameras=DIR"):
-        rig.cameras_of(tmp_path / "none" / "scene.npz", None)
+        rig.read_views(tmp_path / "none" / "scene.npz", None)
 
 
 def test_pictures_are_png_or_exr(views):
@@ -296,7 +296,7 @@ def test_cameras_of_a_capture_in_splits(tmp_path):
         frame = {"file_path": f"./{split}/r_0", "time": 0.5, "transform_matrix": pose}
         content = {"camera_angle_x": 0.8, "frames": [frame]}
         (tmp_path / f"transforms_{split}.json").write_text(json.dumps(content))
-    views = rig.cameras_of(tmp_path / "none", tmp_path)
+    views = rig.read_views(tmp_path / "none", tmp_path)
     assert [view.split for view in views] == ["train", "test"]
     assert (views[0].width, views[0].height, views[0].time) == (16, 12, 0.5)
 
@@ -319,7 +319,7 @@ def test_a_picture_of_another_size_shows_the_same_view(views):
 
 def test_the_readout_of_a_resized_picture_lasts_as_long():
     camera = toy.rolling(toy.camera())
-    made = on_film(camera, rig.FilmOptions(size=(32, 32)))
+    made = apply_film(camera, rig.FilmOptions(size=(32, 32)))
     times = [np.asarray(row_moments(c.shutter, (n, n))) for c, n in ((camera, 16), (made, 32))]
     # Row 2 i + 1/2 of the new picture is row i of the old one.
     np.testing.assert_allclose((times[1][::2] + times[1][1::2]) / 2, times[0], atol=1e-6)
@@ -445,21 +445,21 @@ def test_cameras_side_by_side_have_the_mean_of_their_upward_axes():
 )
 def test_a_key_that_its_choice_ignores_is_refused(groups, message):
     with pytest.raises(ValueError, match=message):
-        check_used(rig.RigOptions(**groups))
+        check_used_keys(rig.RigOptions(**groups))
 
 
 @pytest.mark.parametrize(
     ("key", "kind"), [("readout", "rolling"), ("field_time", "interlaced"), ("exposure", "global")]
 )
 def test_a_key_of_a_shutter_switches_it_on(key, kind):
-    options, notes = switched_on(rig.RigOptions(shutter=rig.ShutterOptions(**{key: 0.2})))
+    options, notes = apply_implied_choices(rig.RigOptions(shutter=rig.ShutterOptions(**{key: 0.2})))
     assert options.shutter.kind == kind
     assert notes == [f"shutter.{key}=0.2 chooses shutter={kind}."]
-    check_used(options)
+    check_used_keys(options)
 
 
 def test_every_choice_of_a_file_uses_its_own_keys():
     for group in ("lens", "aperture", "shutter", "trajectory", "film", "camera"):
         for path in (conf_folder() / group).glob("*.yaml"):
             cfg = compose_config("render", ["scene=x", "out=x", f"{group}={path.stem}"])
-            check_used(rig_options(cfg))
+            check_used_keys(rig_options(cfg))

@@ -6,7 +6,7 @@ import pytest
 import toy
 
 from gaussray.render.rig.rig import ApertureOptions, RigOptions, ShutterOptions
-from gaussray.render.rig.validate import check_possible
+from gaussray.render.rig.validate import check_cameras
 
 
 # Two cameras, each of three frames that are 1/2 apart.
@@ -18,12 +18,12 @@ def options(**shutter):
 
 
 def test_a_camera_of_every_day_is_possible():
-    check_possible(RigOptions(), RECORDS)
+    check_cameras(RigOptions(), RECORDS)
     # As long as a frame: a shutter angle of 360 degrees.
-    check_possible(options(exposure=0.5, readout=0.3), RECORDS)
+    check_cameras(options(exposure=0.5, readout=0.3), RECORDS)
     # A single frame has no other that it could run into, and what is kept was filmed.
-    check_possible(options(exposure=2.0), RECORDS[:1])
-    check_possible(options(kind="keep", exposure=2.0), RECORDS)
+    check_cameras(options(exposure=2.0), RECORDS[:1])
+    check_cameras(options(kind="keep", exposure=2.0), RECORDS)
 
 
 @pytest.mark.parametrize(
@@ -43,11 +43,11 @@ def test_a_camera_of_every_day_is_possible():
 )
 def test_what_is_impossible_is_refused(wrong, message):
     with pytest.raises(ValueError, match=message):
-        check_possible(wrong, RECORDS)
+        check_cameras(wrong, RECORDS)
 
 
 def test_the_closest_frames_of_any_camera_decide():
     late = [dataclasses.replace(r.camera, time=r.camera.time / 4) for r in RECORDS[3:]]
     close = [dataclasses.replace(r, camera=c) for r, c in zip(RECORDS[3:], late, strict=True)]
     with pytest.raises(ValueError, match="at most the 0.125 from one frame"):
-        check_possible(options(exposure=0.2), [*RECORDS[:3], *close])
+        check_cameras(options(exposure=0.2), [*RECORDS[:3], *close])
