@@ -12,7 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from gaussray.calibrate import CalibrateOptions, calibrate
-from gaussray.calibrate.parameters import corrected_camera, readings, units, unknowns
+from gaussray.calibrate.parameters import (
+    corrected_camera,
+    reported_values,
+    unit_camera_set,
+    unknowns,
+)
 from gaussray.calibrate.results import calibration_table
 from gaussray.capture.formats.paired import read_capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
@@ -63,7 +68,7 @@ def main(scene, folder, out, *effects):
 def recorded(folder, effect, views):
     """The list with the errors in it, and what each number really is, as it is told."""
     kinds, first = FOUND[effect], views[0].camera
-    told, unit = unknowns(kinds, first.lens), units(first)
+    told, unit = unknowns(kinds, first.lens), unit_camera_set(first)
     value = jnp.asarray([WRONG.get(one.name, 0.0) for one in told], first.time.dtype)
     spoilt = jax.jit(lambda camera: corrected_camera(value, camera, unit, told)[0])
     records = [
@@ -72,7 +77,7 @@ def recorded(folder, effect, views):
     ]
     folder.mkdir(parents=True, exist_ok=True)
     write_manifest(folder / "transforms.json", records)
-    real = readings(jnp.zeros_like(value), first, unit, told)
+    real = reported_values(jnp.zeros_like(value), first, unit, told)
     truth = dict(zip((one.name for one in told), map(float, real), strict=True))
     # The way back: the turn is undone about the same axis, the shift as the turned camera sees it.
     turn, shift = (

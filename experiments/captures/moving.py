@@ -23,7 +23,7 @@ from gaussray.capture.open import open_capture
 from gaussray.capture.selection import Selection
 from gaussray.capture.temporal_median import moving_mask
 from gaussray.color import psnr_from_mse
-from gaussray.dataset.images import codes, side_by_side, write_image
+from gaussray.dataset.images import side_by_side, srgb_levels, write_image
 from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.evaluate.pipeline import scene_size
 from gaussray.reconstruct.failed_fit import FailedFit
@@ -123,7 +123,7 @@ def fit(
     masks, images = masks_of(capture.views), {}
 
     def scores(views: list[View]) -> dict[str, float]:
-        images.update({view.image: codes(render(view.camera).color) for view in views})
+        images.update({view.image: srgb_levels(render(view.camera).color) for view in views})
         return mean_scores([scored(v, images[v.image], masks[v.image]) for v in views])
 
     known = scores([view for view in held_out if view.time in trained])

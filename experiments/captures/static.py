@@ -19,7 +19,7 @@ from experiments.captures.fits import Variant, fit_arguments, fitted, pairs, rep
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
 from gaussray.capture.selection import Selection
-from gaussray.dataset.images import codes, write_image
+from gaussray.dataset.images import srgb_levels, write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.reconstruct.failed_fit import FailedFit
@@ -54,7 +54,7 @@ def prepare(source: Path, out: Path, scale: float) -> None:
         for i, view in enumerate(views):
             name = f"images/{view.image.stem}.png"
             (out / name).parent.mkdir(parents=True, exist_ok=True)
-            write_image(out / name, codes(read_encoded(view)))
+            write_image(out / name, srgb_levels(read_encoded(view)))
             split = "train" if i % HOLD else "test"
             records.append(FrameRecord(name, view.camera, view.camera_name, split))
     write_manifest(out / "transforms.json", records)
@@ -139,7 +139,7 @@ def fit(
     render = Renderer(made.scene, options=sampling, trace=TraceOptions(), devices=devices)
     scores = []
     for view in (view for view in capture.views if view.split == "test"):
-        truth, image = read_encoded(view), codes(render(view.camera).color)
+        truth, image = read_encoded(view), srgb_levels(render(view.camera).color)
         scores.append((psnr(truth, image), ssim(truth, image)))
     report = dict(zip(("psnr", "ssim"), np.mean(scores, axis=0).tolist(), strict=True))
     return report | {"seconds": made.seconds, "step": made.steps, "gaussians": made.gaussians}

@@ -53,10 +53,10 @@ def _command(folder: Path) -> object:
 def _yaml(folder: Path) -> object:
     from hydra.core.default_element import GroupDefault, ResultDefault
 
-    from gaussray.config.compose import check_search_path, one_message, resolve
+    from gaussray.config.compose import as_value_error, check_search_path, resolve_config
     from gaussray.config.jobs import all_distributions
 
-    with one_message("render", [_search(folder)]):
+    with as_value_error("render", [_search(folder)]):
         check_search_path([_search(folder)])
         loader, repository, plain = _prepared(folder)
         repository.cache.clear()
@@ -70,7 +70,7 @@ def _yaml(folder: Path) -> object:
         placed = ResultDefault(config_path=NAME, package=chosen.get_final_package())
         cfg = copy.deepcopy(plain)
         cfg.merge_with(loader._load_single_config(placed, repository).config)
-    return all_distributions(resolve("render", cfg))
+    return all_distributions(resolve_config("render", cfg))
 
 
 @functools.cache

@@ -17,7 +17,7 @@ import numpy as np
 from gaussray.camera.rolling_projection import pixel_at
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
-from gaussray.dataset.images import codes
+from gaussray.dataset.images import srgb_levels
 from gaussray.render import Renderer, RenderOptions
 from gaussray.render.aov.labeller import Labeller
 from gaussray.scene.scene import Scene
@@ -61,7 +61,7 @@ def main():
         errors, counts = [], []
         for i in sorted(set(place.tolist())):
             camera = views[i].camera
-            ours = codes(renderer(camera).color).astype(np.float64)
+            ours = srgb_levels(renderer(camera).color).astype(np.float64)
             error = ((ours - read_encoded(views[i])) / 255) ** 2
             seen = labeller(camera, ("depth", "origin", "direction", "valid"))
             point = seen["origin"] + seen["depth"][..., None] * seen["direction"]

@@ -18,7 +18,7 @@ from gaussray.camera.film import Film
 from gaussray.camera.lens import pinhole
 from gaussray.camera.sensor.noise import picture_key
 from gaussray.camera.sensor.sensor import SensorOptions, apply_exposure, develop, encode
-from gaussray.dataset.images import codes, contact_sheet, write_image
+from gaussray.dataset.images import contact_sheet, srgb_levels, write_image
 from gaussray.render import Renderer, RenderOptions
 from gaussray.render.rig.rig import read_views
 from gaussray.scene.store import load_scene
@@ -71,7 +71,7 @@ def main(scene: str, out: Path, camera: str, time: float, size: int) -> None:
                 lights[options.chromatic] = render(with_chromatic(seen_by, options.chromatic)).color
             light = jnp.asarray(lights[options.chromatic])
             values = develop(light, seen_by, picture_key(0, name), options=options)
-            stored = codes(np.asarray(encode(values, options=options)), lambda x: x)
+            stored = srgb_levels(np.asarray(encode(values, options=options)), lambda x: x)
             pictures.append(captioned(stored, name))
         sheet.append((label, pictures))
     write_image(out, contact_sheet(sheet))

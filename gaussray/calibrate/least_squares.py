@@ -1,4 +1,4 @@
-"""Robust least squares: a step, the errors of what is found, and what is confounded."""
+"""Robust least squares: Levenberg-Marquardt steps, covariances, correlated unknowns."""
 
 import numpy as np
 from jaxtyping import Float
@@ -10,22 +10,39 @@ _MEDIAN = 1.4826
 _LEAST = 1e-7
 
 
-def spread(residual: Float[np.ndarray, " n"], least: float = 0.0) -> float:
-    """Standard deviation of errors of which some are outliers, from their median size."""
+def robust_deviation(residual: Float[np.ndarray, " n"], least: float = 0.0) -> float:
+    """Standard deviation of residuals with outliers, from their median absolute value.
+
+    Args:
+        residual: The residuals.
+        least: Smallest value to return.
+    """
     return max(_MEDIAN * float(np.median(np.abs(residual))), least)
 
 
 def huber(residual: Float[np.ndarray, "..."], bend: float) -> float:
-    """Sum of Huber's losses: r^2 / 2 up to the bend, bend |r| - bend^2 / 2 beyond."""
+    """Sum of Huber's losses: r^2 / 2 up to the bend, bend |r| - bend^2 / 2 beyond.
+
+    Args:
+        residual: The residuals r.
+        bend: Where the loss turns linear.
+    """
     size = np.abs(residual.astype(np.float64))
     return float(np.sum(np.where(size < bend, size**2 / 2, bend * size - bend**2 / 2)))
 
 
-def step(
+def marquardt_step(
     curvature: Float[np.ndarray, "n n"], gradient: Float[np.ndarray, " n"], damping: float
 ) -> Float[np.ndarray, " n"]:
-    """Levenberg and Marquardt's step (Marquardt 1963): -(H + damping diag H)^-1 g. What no picture
-    tells stays as it is."""
+    """A Levenberg-Marquardt step (Marquardt 1963): -(H + damping diag H)^-1 g.
+
+    Unknowns without effect on the residuals do not change.
+
+    Args:
+        curvature: H, the Gauss-Newton Hessian.
+        gradient: g.
+        damping: Damping of the step.
+    """
     size = _sizes(curvature)
     return (
         -np.linalg.solve(_unit_diagonal(curvature) + damping * np.eye(len(size)), gradient / size)
@@ -36,8 +53,14 @@ def step(
 def covariance(
     curvature: Float[np.ndarray, "n n"], scatter: Float[np.ndarray, "n n"]
 ) -> Float[np.ndarray, "n n"]:
-    """H^-1 M H^-1 (Huber 1967): `scatter` M is the sum of g g^T over what errs independently, g its
-    share of the gradient. For independent errors of one size, sigma^2 (J^T J)^-1."""
+    """Covariance of the unknowns, H^-1 M H^-1 (Huber 1967).
+
+    For independent errors of one size it is sigma^2 (J^T J)^-1.
+
+    Args:
+        curvature: H, the Gauss-Newton Hessian.
+        scatter: M, the sum of g g^T over parts with independent errors, g their gradients.
+    """
     inverse, size = _inverse(curvature), _sizes(curvature)
     # What the curvature cannot tell from nothing, the scatter cannot either.
     unit = scatter / np.outer(size, size)
@@ -45,15 +68,24 @@ def covariance(
     return inverse @ (scatter + least) @ inverse
 
 
-def confounded(curvature: Float[np.ndarray, "n n"], least: float) -> list[tuple[int, int, float]]:
-    """Pairs of numbers whose errors correlate by at least so much, either way, the worst first:
-    what one does to the pictures, the other (and the rest) can all but undo."""
+def correlated_pairs(
+    curvature: Float[np.ndarray, "n n"], least: float
+) -> list[tuple[int, int, float]]:
+    """Pairs of unknowns with correlated errors: the others can nearly compensate a change of one.
+
+    Args:
+        curvature: The Gauss-Newton Hessian.
+        least: Smallest absolute correlation.
+
+    Returns:
+        Indices and correlation of each pair, the largest first.
+    """
     inverse = _inverse(curvature)
     size = np.sqrt(np.diag(inverse))
     correlation = np.triu(inverse / np.outer(size, size), 1)
     pairs = zip(*np.nonzero(np.abs(correlation) >= least), strict=True)
-    found = [(int(i), int(j), float(correlation[i, j])) for i, j in pairs]
-    return sorted(found, key=lambda pair: -abs(pair[2]))
+    correlated = [(int(i), int(j), float(correlation[i, j])) for i, j in pairs]
+    return sorted(correlated, key=lambda pair: -abs(pair[2]))
 
 
 def _inverse(curvature):

@@ -1,4 +1,4 @@
-"""Choice and reading of the pictures from which cameras are calibrated."""
+"""Chooses and reads the pictures from which cameras are calibrated."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -20,7 +20,18 @@ from gaussray.scene.segmented import Clip, segment_edges, segments_of
 
 
 def selected_views(capture: Capture, options: CalibrateOptions) -> tuple[str, list[View]]:
-    """Name of the group of pictures that the options choose, and its chosen views."""
+    """Choose the views of a capture for calibration.
+
+    Args:
+        capture: The capture.
+        options: Effect, cameras, split and number of frames.
+
+    Returns:
+        Name of the effect, and the views.
+
+    Raises:
+        ValueError: An effect or camera is unknown, or no picture is chosen.
+    """
     groups = {"pinhole": capture.views, **capture.effects}
     groups = {name: views for name, views in groups.items() if views}
     effect = options.effect or ("pinhole" if "pinhole" in groups else next(iter(groups)))
@@ -50,8 +61,15 @@ def selected_views(capture: Capture, options: CalibrateOptions) -> tuple[str, li
 
 
 def check_views(views: Sequence[View], unknowns: tuple[Unknown, ...]) -> None:
-    """Raise ValueError for cameras that cannot be calibrated together, and for unknowns that the
-    recorded cameras leave undefined."""
+    """Check that cameras can be calibrated together.
+
+    Args:
+        views: The views.
+        unknowns: The unknowns of each camera.
+
+    Raises:
+        ValueError: Films or lenses differ, or the recorded cameras leave an unknown undefined.
+    """
     first = views[0]
     for view in views:
         if view.window is not None:
@@ -82,7 +100,17 @@ def _equal(one: list[Any], other: list[Any]) -> bool:
 def read_observation(
     scene: Scene | Clip, view: View, lens: AbstractLens, camera_index: int
 ) -> Observation:
-    """The view's picture in linear light, its camera with this lens, and the scene it shows."""
+    """Read a picture in linear light, with its camera and the segment of the scene that it shows.
+
+    Args:
+        scene: The scene.
+        view: The view.
+        lens: The lens to start from.
+        camera_index: Index of the camera.
+
+    Raises:
+        ValueError: The picture shows two segments of the scene.
+    """
     film, shutter, edges = view.camera.film, view.camera.shutter, segment_edges(scene)
     first, last = time_window(shutter, (film.width, film.height))
     index = np.searchsorted(edges, [view.time + first, view.time + last], side="right")

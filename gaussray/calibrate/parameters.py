@@ -1,4 +1,4 @@
-"""The unknowns of a calibration: their names and units, and the camera that their values make."""
+"""The unknowns of a calibration: their names, units, and the camera with given values of them."""
 
 import dataclasses
 import math
@@ -29,8 +29,11 @@ _KEY = "calibrate.parameters"
 class Unknown(eqx.Module):
     """One number of a camera that is estimated.
 
-    `kind` is the choice of `calibrate.parameters` that it belongs to, `name` its own name, `unit`
-    the unit in which it is reported, and `place` its index in its field of `Corrections`.
+    Args:
+        kind: The choice of `calibrate.parameters` that it belongs to.
+        name: Its name in the report.
+        unit: Unit in which it is reported.
+        place: Its index in its field of `Corrections`.
     """
 
     kind: str = eqx.field(static=True)
@@ -51,7 +54,7 @@ def unknowns(
 
     Args:
         kinds: Choices of `calibrate.parameters`.
-        lens: The camera's lens, from `prepared`. Its unknowns are the principal point and the
+        lens: The camera's lens, from `prepare_lens`. Its unknowns are the principal point and the
             coefficients; a polynomial's linear coefficient is its focal length and counts as that.
         named: The coefficients to estimate; empty means all that are not zero.
         unit: Name of the capture's unit of time.
@@ -87,25 +90,31 @@ def _lens_unknowns(lens: CorrectableLens, named: Sequence[str]) -> list[Unknown]
     ]
 
 
-def prepared(lens: AbstractLens, named: Sequence[str]) -> AbstractLens:
-    """The lens with room for the coefficients `named`.
+def prepare_lens(lens: AbstractLens, named: Sequence[str]) -> AbstractLens:
+    """The lens with the coefficients to estimate; new ones are zero.
+
+    Args:
+        lens: The recorded lens.
+        named: Names of the coefficients.
 
     Raises:
         ValueError: If the lens has no coefficient of such a name.
     """
-    known = lens.possible_coefficients if isinstance(lens, CorrectableLens) else ()
-    wrong = [name for name in named if name not in known]
+    names = lens.possible_coefficients if isinstance(lens, CorrectableLens) else ()
+    wrong = [name for name in named if name not in names]
     if wrong:
         raise ValueError(
-            f"calibrate.coefficients must be among {', '.join(known) or 'none'}, those of a lens "
+            f"calibrate.coefficients must be among {', '.join(names) or 'none'}, those of a lens "
             f"of type {type(lens).__name__}, got {wrong[0]!r}."
         )
     return lens.with_named_coefficients(named) if isinstance(lens, CorrectableLens) else lens
 
 
-def units(camera: Camera) -> CameraSet:
-    """A set of one camera in which lengths and times have the unit 1: a single camera has neither
-    an extent nor an interval between frames."""
+def unit_camera_set(camera: Camera) -> CameraSet:
+    """A set of one camera, whose unit of length and time is 1.
+
+    A single camera has neither an extent nor an interval between frames.
+    """
     return camera_set(np.zeros(1, int), jax.tree.map(lambda x: x[None], camera), extent=1.0)
 
 
@@ -122,7 +131,7 @@ def corrected_camera(
             camera as recorded. A pose is turned and shifted along the camera's own axes, about its
             position.
         camera: The camera as recorded.
-        unit: `units` of the camera.
+        unit: `unit_camera_set` of the camera.
         parameters: Meaning of each element of `value`.
     """
     rows = _rows(value, camera.lens, parameters)
@@ -159,7 +168,7 @@ def _rows(
     return rows
 
 
-def readings(
+def reported_values(
     value: Float[Array, " unknowns"],
     camera: Camera,
     unit: CameraSet,
@@ -169,7 +178,13 @@ def readings(
 
     Focal length, principal point and coefficients are those of a capture's JSON, `readout` is the
     time from the first row to the last, gains are those of linear light. Turn, shift and offset are
-    differences from what was recorded. The arguments are those of `corrected_camera`.
+    differences from the recorded values.
+
+    Args:
+        value: As for `corrected_camera`.
+        camera: As for `corrected_camera`.
+        unit: As for `corrected_camera`.
+        parameters: As for `corrected_camera`.
     """
     corrected, gain = corrected_camera(value, camera, unit, parameters)
     film, shutter = camera.film, corrected.shutter

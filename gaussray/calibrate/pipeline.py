@@ -6,15 +6,15 @@ from typing import Any
 
 from gaussray.calibrate.observations import check_views, read_observation, selected_views
 from gaussray.calibrate.options import CalibrateOptions as CalibrateOptions
-from gaussray.calibrate.parameters import prepared, units, unknowns
+from gaussray.calibrate.parameters import prepare_lens, unit_camera_set, unknowns
 from gaussray.calibrate.residuals import ResidualEvaluator
 from gaussray.calibrate.results import (
     calibrated_records,
+    check_effect,
     confounded_pairs,
-    demand_effect,
-    labels,
     parameter_rows,
     residual_psnr,
+    unknown_labels,
 )
 from gaussray.calibrate.solver import CameraSolver, Solution, block_sides
 from gaussray.camera.array import rays_per_pixel
@@ -69,7 +69,7 @@ def calibrate(
     """
     start = clock.monotonic()
     effect, views = selected_views(capture, options)
-    lens = prepared(views[0].camera.lens, options.coefficients)
+    lens = prepare_lens(views[0].camera.lens, options.coefficients)
     parameters = unknowns(options.parameters, lens, options.coefficients, capture.time_unit)
     check_views(views, parameters)
     check_images(views)
@@ -80,9 +80,11 @@ def calibrate(
     ]
     samples = options.samples or max(rays_per_pixel(one.camera) for one in observations)
     residuals = ResidualEvaluator(samples=samples, trace=trace or TraceOptions(), bend=options.bend)
-    solver = CameraSolver(observations, parameters, units(observations[0].camera), residuals)
-    labelled, levels = labels(solver, cameras), block_sides(observations, options.coarsest)
-    demand_effect(solver.recorded(levels[0]), labelled)
+    solver = CameraSolver(
+        observations, parameters, unit_camera_set(observations[0].camera), residuals
+    )
+    labelled, levels = unknown_labels(solver, cameras), block_sides(observations, options.coarsest)
+    check_effect(solver.recorded_sums(levels[0]), labelled)
 
     progress = Progress("calibrate", len(levels), quiet=quiet)
     solution = solver.solve(
@@ -102,8 +104,8 @@ def calibrate(
     }
     if leads():
         pinhole = effect == "pinhole" and bool(capture.views)
-        listed = capture.views if pinhole else capture.effects[effect]
-        records = calibrated_records(solver, solution, listed, effect, cameras)
+        every_view = capture.views if pinhole else capture.effects[effect]
+        records = calibrated_records(solver, solution, every_view, effect, cameras)
         out = Path(out)
         out.mkdir(parents=True, exist_ok=True)
         name = PINHOLE_FILE if effect == "pinhole" else f"{effect}.json"

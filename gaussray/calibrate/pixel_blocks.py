@@ -15,10 +15,12 @@ _SIDE, _TILES = 4, 64
 
 
 class PixelBlocks(eqx.Module):
-    """Some blocks of pixels of a picture: the rays that sample them and their mean colours.
+    """Blocks of pixels of a picture: the rays that sample them and their mean colours.
 
-    `pixel` is the index (column, row) of each ray's pixel, `weight` the share with which the ray
-    counts (0 outside the mask and in padding), `truth` the sRGB-encoded mean of each block.
+    Args:
+        pixel: Index (column, row) of each ray's pixel.
+        weight: Weight of each ray; 0 outside the mask and in padding.
+        truth: sRGB-encoded mean colour of each block.
     """
 
     pixel: Float[Array, "rays 2"]
@@ -36,13 +38,12 @@ def pixel_blocks(
 ) -> list[PixelBlocks]:
     """Divide a picture into blocks of `factor` x `factor` pixels and place rays in them.
 
-    A block's mean colour is the mean of all its pixels. What is rendered of it is the mean of at
-    most 4 x 4 rays, evenly spread, through whole pixels, so that row times and lens need no
-    scaling.
+    A block's mean colour is the mean of all its pixels. Its rendered colour is the mean of at most
+    4 x 4 evenly spread rays through whole pixels, so that row times and lens need no scaling.
 
     Args:
         light: The picture in linear light.
-        mask: The share with which each pixel counts; 0 leaves it out.
+        mask: Weight of each pixel; 0 leaves it out.
         factor: Pixels along the side of a block.
         bundle: Rays along the side of a ray tile; a tile holds whole blocks.
 

@@ -31,7 +31,11 @@ _MARGIN = 0.05
 class CameraEstimate(eqx.Module):
     """A recorded camera and a value for each of its unknowns; zeros are the camera as recorded.
 
-    `unit` gives the units of the unknowns (`parameters.units`).
+    Args:
+        camera: The recorded camera.
+        unit: Its `parameters.unit_camera_set`.
+        unknowns: The unknowns.
+        value: Their values.
     """
 
     camera: Camera
@@ -45,7 +49,13 @@ class CameraEstimate(eqx.Module):
 
 
 class TraceSettings(eqx.Module):
-    """How pictures are rendered: rays per pixel, key states of the scene, tracer options."""
+    """How pictures are rendered.
+
+    Args:
+        samples: Rays per pixel.
+        keys: Key states of the scene.
+        trace: Options of the tracer.
+    """
 
     samples: int = eqx.field(static=True)
     keys: int = eqx.field(static=True)
@@ -53,13 +63,15 @@ class TraceSettings(eqx.Module):
 
 
 class NormalEquations(eqx.Module):
-    """Residuals of pixel blocks and the sums of robust least squares over them.
+    """Residuals of pixel blocks, and the sums of robust least squares over them.
 
-    `residual` is rendered minus recorded sRGB value (0 where a block does not count), `counts` is 1
-    where it counts. With Huber's loss: `gradient`; `curvature`, the weighted Gauss-Newton Hessian
-    of a step; `inlier_curvature`, that of the residuals below the bend, for standard errors;
-    `scatter`, the sums of g g^T over blocks and over ray tiles, g being their share of the
-    gradient.
+    Args:
+        residual: Rendered minus recorded sRGB value; 0 where a block does not count.
+        counts: 1 where a block counts, else 0.
+        gradient: Gradient of Huber's loss.
+        curvature: Weighted Gauss-Newton Hessian, for steps.
+        inlier_curvature: Gauss-Newton Hessian of the residuals below the bend, for standard errors.
+        scatter: Sums of g g^T over blocks and over ray tiles; g is the gradient of one of them.
     """
 
     residual: Float[Array, "blocks 3"]
@@ -94,10 +106,14 @@ class ResidualEvaluator:
         *,
         keys: int,
     ) -> NormalEquations:
-        """Residuals of the blocks if the camera is as estimated, and their normal equations.
+        """Residuals of the blocks for a camera estimate, and their normal equations.
 
-        `deviation` is the standard deviation of residuals in units of which the bend is given;
-        `keys` is the number of key states of the scene.
+        Args:
+            scene: The scene.
+            estimate: The camera estimate.
+            blocks: The blocks.
+            deviation: Standard deviation of the residuals, the unit of the bend.
+            keys: Number of key states of the scene.
         """
         settings = TraceSettings(self.samples, keys, self.trace)
         inputs = scene, estimate, blocks, settings
@@ -120,7 +136,7 @@ class ResidualEvaluator:
 
 
 class ColorSlopes(eqx.Module):
-    """Linear colours that rays see, their derivatives by the unknowns, and the rays' weights."""
+    """Linear colours of rays, their derivatives by the unknowns, and the rays' weights."""
 
     color: Float[Array, "rays 3"]
     slope: Float[Array, "rays 3 unknowns"]
@@ -221,9 +237,9 @@ def _normal_equations(
     encoded, encoding_slope = jax.jvp(
         lambda x: developed(srgb_encode(x), blocks.truth), (light,), (jnp.ones_like(light),)
     )
-    seen = counts[:, None] > 0
-    residual = jnp.where(seen, encoded - blocks.truth, 0)
-    slope = jnp.where(seen[..., None], encoding_slope[..., None] * slope, 0)
+    has_rays = counts[:, None] > 0
+    residual = jnp.where(has_rays, encoded - blocks.truth, 0)
+    slope = jnp.where(has_rays[..., None], encoding_slope[..., None] * slope, 0)
     size = jnp.abs(residual)
     inlier = (size < bend).astype(size.dtype)
     weight = jnp.where(size < bend, 1, bend / jnp.where(size < bend, 1, size))

@@ -8,8 +8,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.calibrate.least_squares import confounded, covariance
-from gaussray.calibrate.parameters import SHARED, Unknown, corrected_camera, readings
+from gaussray.calibrate.least_squares import correlated_pairs, covariance
+from gaussray.calibrate.parameters import SHARED, Unknown, corrected_camera, reported_values
 from gaussray.calibrate.solver import CameraSolver, Solution, Sums
 from gaussray.capture.capture import View
 from gaussray.color import psnr_from_mse
@@ -32,8 +32,13 @@ class Label(NamedTuple):
         return " ".join(filter(None, (self.camera, self.unknown.name)))
 
 
-def labels(solver: CameraSolver, cameras: Sequence[str]) -> list[Label]:
-    """A label for every unknown of the cameras with these names, in the order of the values."""
+def unknown_labels(solver: CameraSolver, cameras: Sequence[str]) -> list[Label]:
+    """A label for every unknown, in the order of the values.
+
+    Args:
+        solver: The solver.
+        cameras: Names of the cameras.
+    """
     result: dict[int, Label] = {}
     for camera, row in zip(cameras, solver.places, strict=True):
         for unknown, place in zip(solver.unknowns, row, strict=True):
@@ -42,8 +47,16 @@ def labels(solver: CameraSolver, cameras: Sequence[str]) -> list[Label]:
     return [result[i] for i in range(len(result))]
 
 
-def demand_effect(sums: Sums, labels: Sequence[Label]) -> None:
-    """Raise ValueError for an unknown that changes nothing in the pictures."""
+def check_effect(sums: Sums, labels: Sequence[Label]) -> None:
+    """Check that every unknown has an effect on the pictures.
+
+    Args:
+        sums: Sums for the recorded cameras.
+        labels: Labels of the unknowns.
+
+    Raises:
+        ValueError: An unknown has no effect.
+    """
     effects = np.sqrt(np.diag(sums.inlier_curvature) / len(sums.residual))
     for label, effect in zip(labels, effects, strict=True):
         if effect < NO_EFFECT:
@@ -62,6 +75,11 @@ def parameter_rows(
     """Name, camera (unless shared), start, value, standard errors and unit of every unknown.
 
     Standard errors are of first order (`least_squares.covariance`).
+
+    Args:
+        solver: The solver.
+        solution: Its solution.
+        labels: Labels of the unknowns.
     """
     cameras = {one.camera_index: one.camera for one in solver.observations}
     errors = [
@@ -70,7 +88,7 @@ def parameter_rows(
 
     @jax.jit
     def read(value, camera):
-        return readings(value, camera, solver.unit, solver.unknowns)
+        return reported_values(value, camera, solver.unit, solver.unknowns)
 
     figures: dict[int, list[float]] = {}
     for index, camera in cameras.items():
@@ -95,11 +113,16 @@ def parameter_rows(
 
 
 def confounded_pairs(solution: Solution, labels: Sequence[Label]) -> list[str]:
-    """A sentence for every two unknowns that the pictures can hardly tell apart."""
+    """A sentence for every two unknowns that the pictures can hardly distinguish.
+
+    Args:
+        solution: The solution.
+        labels: Labels of the unknowns.
+    """
     return [
         f"{labels[i]} and {labels[j]} can hardly be told apart in these pictures (their errors "
         f"correlate by {correlation:.4f}): trust only their combined effect, or fix one of them."
-        for i, j, correlation in confounded(solution.after.inlier_curvature, CONFOUNDED)
+        for i, j, correlation in correlated_pairs(solution.after.inlier_curvature, CONFOUNDED)
     ]
 
 
@@ -111,9 +134,17 @@ def residual_psnr(sums: Sums) -> float:
 def calibrated_records(
     solver: CameraSolver, solution: Solution, views: Sequence[View], effect: str, cameras: list[str]
 ) -> list[FrameRecord]:
-    """Manifest records of these cameras' views, with the calibrated cameras.
+    """Manifest records of views with their calibrated cameras.
 
-    ValueError if the estimated coefficients make no valid lens.
+    Args:
+        solver: The solver.
+        solution: Its solution.
+        views: All views of the effect.
+        effect: Name of the effect.
+        cameras: Names of the calibrated cameras.
+
+    Raises:
+        ValueError: The estimated coefficients are no valid lens.
     """
     lens, records = solver.observations[0].camera.lens, []
     for view in views:

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from gaussray.calibrate.least_squares import huber, spread, step
+from gaussray.calibrate.least_squares import huber, marquardt_step, robust_deviation
 from gaussray.calibrate.parameters import SHARED, Unknown
 from gaussray.calibrate.pixel_blocks import PixelBlocks, pixel_blocks
 from gaussray.calibrate.residuals import CameraEstimate, NormalEquations, ResidualEvaluator
@@ -81,8 +81,12 @@ def unknown_places(
 
 
 def block_sides(observations: Sequence[Observation], coarsest: int) -> list[int]:
-    """Block sides in pixels, coarse to fine: powers of two down to 1, such that the smaller side of
-    every picture has at least `coarsest` blocks at the first level where it has the pixels."""
+    """Sides of the blocks of each level in pixels, coarse to fine: powers of two down to 1.
+
+    Args:
+        observations: The pictures.
+        coarsest: Least number of blocks along the smaller side of a picture at the first level.
+    """
     least = min(min(one.mask.shape) for one in observations)
     return [2**i for i in range(max(int(math.log2(max(least / coarsest, 1))), 0), -1, -1)]
 
@@ -93,7 +97,7 @@ class CameraSolver:
     Args:
         observations: Pictures with their recorded cameras.
         unknowns: The unknowns of each camera.
-        unit: Units of the unknowns (`parameters.units`).
+        unit: Units of the unknowns (`parameters.unit_camera_set`).
         residuals: Compares a camera estimate with a picture.
     """
 
@@ -120,12 +124,18 @@ class CameraSolver:
             pixel_blocks(one.light, one.mask, factor, bundle=bundle) for one in self.observations
         ]
 
-    def recorded(self, factor: int) -> Sums:
+    def recorded_sums(self, factor: int) -> Sums:
         """The sums for the cameras as recorded, in blocks of `factor` x `factor` pixels."""
         return self.sums(np.zeros(self.count), self.blocks(factor), math.inf)
 
     def sums(self, value: np.ndarray, level: list[list[PixelBlocks]], deviation: float) -> Sums:
-        """The sums over a level's blocks at these values, if residuals have this deviation."""
+        """Sums of robust least squares over the blocks of a level.
+
+        Args:
+            value: Values of the unknowns.
+            level: Blocks of each observation.
+            deviation: Standard deviation of the residuals.
+        """
         n, residuals = self.count, []
         gradient, scatter = np.zeros(n), np.zeros((2, n, n))
         curvature, inlier_curvature = np.zeros((n, n)), np.zeros((n, n))
@@ -154,11 +164,14 @@ class CameraSolver:
         return result
 
     def solve(self, levels: Sequence[int], *, steps: int, report: StepCallback) -> Solution:
-        """Minimise the robust cost level by level, with at most `steps` steps at each.
+        """Minimise the robust cost level by level.
 
-        `levels` are block sides, coarse to fine (`block_sides`).
+        Args:
+            levels: Block sides, coarse to fine (`block_sides`).
+            steps: Largest number of steps per level.
+            report: Called after each step with block side, step and deviation.
         """
-        value, deviation, course = np.zeros(self.count), math.inf, []
+        value, deviation, history = np.zeros(self.count), math.inf, []
         level = []
         for factor in levels:
             level = self.blocks(factor)
@@ -166,9 +179,9 @@ class CameraSolver:
             value, deviation, count = minimiser.run(
                 value, deviation, lambda i, s, f=factor: report(f, i, s)
             )
-            course.append((factor, count, deviation))
+            history.append((factor, count, deviation))
         before = self.sums(np.zeros(self.count), level, deviation)
-        return Solution(value, before, self.sums(value, level, deviation), deviation, course)
+        return Solution(value, before, self.sums(value, level, deviation), deviation, history)
 
     @property
     def bend(self) -> float:
@@ -189,10 +202,10 @@ class _Level(NamedTuple):
     ) -> tuple[np.ndarray, float, int]:
         """The best values, the deviation of residuals there, and the number of steps."""
         now, damping = self.solver.sums(value, self.blocks, deviation), _DAMPING
-        deviation, count = spread(now.residual, QUANTISATION), 0
+        deviation, count = robust_deviation(now.residual, QUANTISATION), 0
         while count < self.steps and damping < _MOST:
             count += 1
-            change = step(now.curvature, now.gradient, damping)
+            change = marquardt_step(now.curvature, now.gradient, damping)
             trial, bend = self._trial(value + change, deviation), self.solver.bend * deviation
             cost = max(now.cost(bend), np.finfo(float).tiny)
             gain = -1.0 if trial is None else 1 - trial.cost(bend) / cost
@@ -200,7 +213,7 @@ class _Level(NamedTuple):
                 damping *= _WORSE
                 continue
             value, now, damping = value + change, trial, damping * _BETTER
-            deviation = spread(now.residual, QUANTISATION)
+            deviation = robust_deviation(now.residual, QUANTISATION)
             report(count, deviation)
             if gain < self.least_gain:
                 break

@@ -58,7 +58,7 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     capture = _capture(cfg.capture.path, cfg.capture, "capture.")
     # Lock first: another process may be about to finish the run.
     lock_output(Path(cfg.out))
-    resume = resumes(cfg)
+    resume = should_resume(cfg)
     if resume is None:
         out = Path(cfg.out)
         _say(f"{out / 'scene.npz'}: is finished. resume=false starts again.", out=str(out))
@@ -81,7 +81,7 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     return {"scene": scene, "capture": capture}
 
 
-def resumes(cfg: Configuration) -> bool | None:
+def should_resume(cfg: Configuration) -> bool | None:
     """Whether to resume the run in `out`; None if resume=auto finds it finished."""
     if isinstance(cfg.resume, bool):
         return cfg.resume

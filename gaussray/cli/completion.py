@@ -78,10 +78,10 @@ def script(shell: str) -> str:
 def words(command: str) -> list[str]:
     """Every word that may follow a command: keys, with their values where these are few, and
     choices of groups."""
-    known = ["--help", "--help=all"]
+    suggestions = ["--help", "--help=all"]
     for group in groups(command):
-        known += [f"{group}={choice}" for choice in choices(group)]
+        suggestions += [f"{group}={choice}" for choice in choices(group)]
     for name, key in keys(command).items():
         switch = ("true", "false") if key.default in ("true", "false") else ("",)
-        known += [f"{name}={value}" for value in FEW_VALUES.get(name, switch)]
-    return known
+        suggestions += [f"{name}={value}" for value in FEW_VALUES.get(name, switch)]
+    return suggestions

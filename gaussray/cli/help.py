@@ -75,19 +75,19 @@ def usage() -> str:
 
 def short_help(command: str) -> str:
     """The mandatory keys of a command, the most used ones, and its groups with their choices."""
-    known = keys(command)
-    mandatory = [name for name, key in known.items() if key.default == "???"]
+    by_name = keys(command)
+    mandatory = [name for name, key in by_name.items() if key.default == "???"]
     arguments = " ".join(f"{name}=..." for name in mandatory)
     lines = [f"gaussray {command}: {COMMANDS[command]}", ""]
     lines += [f"usage: gaussray {command} {arguments}".rstrip()]
     lines[-1] += " [key=value ...] [group=choice ...]"
     if mandatory:
         lines += ["", "mandatory keys"]
-        lines += [line for name in mandatory for line in _key_lines(name, known[name])]
+        lines += [line for name in mandatory for line in _key_lines(name, by_name[name])]
     lines += ["", f"{'most used keys':<28}(default)"]
     for name in (*MOST_USED.get(command, "").split(), *_ALL_COMMANDS):
-        if name in known and name not in mandatory:
-            lines += _key_lines(name, known[name])
+        if name in by_name and name not in mandatory:
+            lines += _key_lines(name, by_name[name])
     several = [group for group in groups(command) if len(choices(group)) > 1]
     if several:
         lines += ["", "groups (the first choice is the default)"]

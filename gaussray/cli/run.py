@@ -88,9 +88,9 @@ def _dispatch(words: list[str]) -> None:
         # Hydra's spelling is -sc install=bash.
         print(script(words[1].removeprefix("install=") if len(words) > 1 else "bash"), end="")
     elif words[0] not in COMMANDS:
-        known, hint = ", ".join(COMMANDS), did_you_mean(words[0], COMMANDS)
+        names, hint = ", ".join(COMMANDS), did_you_mean(words[0], COMMANDS)
         raise ValueError(
-            f"the command must be one of {known}, got {words[0]!r}.{hint} See `gaussray --help`."
+            f"the command must be one of {names}, got {words[0]!r}.{hint} See `gaussray --help`."
         )
     else:
         _run(words[0], words[1:])
@@ -114,12 +114,12 @@ def _run(command: str, overrides: Sequence[str]) -> None:
     if command == "view":
         view(cfg, overrides)
         return
-    shown = RUN[command](cfg, begin(build_options(DevicesOptions, cfg.devices))) or {}
+    report = RUN[command](cfg, begin(build_options(DevicesOptions, cfg.devices))) or {}
     out = Path(str(cfg.out))
     if leads() and (out / RUN_RECORD).is_file():
         record_duration(out, time.monotonic() - began)
         if cfg.get("report"):
-            _write_report(command, out, shown)
+            _write_report(command, out, report)
 
 
 def _style(words: Sequence[str]) -> str:
@@ -130,13 +130,13 @@ def _style(words: Sequence[str]) -> str:
     return (styles or ["quiet" if "quiet=true" in words else "auto"])[-1]
 
 
-def _write_report(command: str, out: Path, shown: dict[str, Any]) -> None:
+def _write_report(command: str, out: Path, report: dict[str, Any]) -> None:
     """Write report.html into the output folder. A failure is a warning, because the results are
     complete without it."""
     from gaussray.report import write_page
 
     try:
-        write_page(command, out, scene=shown.get("scene"), capture=shown.get("capture"))
+        write_page(command, out, scene=report.get("scene"), capture=report.get("capture"))
     except Exception as error:
         warnings.warn(
             f"{out / 'report.html'}: the report could not be written ({type(error).__name__}: "

@@ -52,7 +52,7 @@ def compose_config(command: str, overrides: Sequence[str]) -> Configuration:
         ValueError: A word is no key or choice of the command, a mandatory key is missing, or `out`
             is named by the time although several processes must share it.
     """
-    cfg = resolve(command, compose_unresolved(command, tuple(overrides)))
+    cfg = resolve_config(command, compose_unresolved(command, tuple(overrides)))
     out_is_given = any(re.match(r"\+*out=", word) for word in overrides)
     shared = cfg.devices.hosts != 1 or (command == "render" and cfg.factory.shard != "0/1")
     named_by_time = "out" in keys(command) and "${now" in keys(command)["out"].default
@@ -89,7 +89,7 @@ class Variations:
                     f"sample.{key}: {key} is no key of `gaussray {self.command}`."
                     f"{did_you_mean(key, keys(self.command))} Its `--help=all` lists them."
                 ) from error
-        return resolve(self.command, cfg)
+        return resolve_config(self.command, cfg)
 
 
 @contextlib.contextmanager
@@ -107,7 +107,7 @@ def hydra_session(command: str, words: Sequence[str]) -> Iterator[None]:
 
 def compose_unresolved(command: str, overrides: Sequence[str]) -> Configuration:
     """The configuration as Hydra composes it, with its interpolations."""
-    with hydra_session(command, overrides), one_message(command, overrides):
+    with hydra_session(command, overrides), as_value_error(command, overrides):
         check_search_path(overrides)
         return compose(command, hydra_words(overrides))
 
@@ -124,7 +124,7 @@ def check_search_path(words: Sequence[str]) -> None:
 
 
 @contextlib.contextmanager
-def one_message(command: str, words: Sequence[str]) -> Iterator[None]:
+def as_value_error(command: str, words: Sequence[str]) -> Iterator[None]:
     """Turn every error of words and files into one ValueError.
 
     Beside Hydra's own errors these are what YAML and Python raise for malformed texts and for
@@ -156,7 +156,7 @@ def hydra_words(overrides: Sequence[str]) -> list[str]:
     return words
 
 
-def resolve(command: str, cfg: Configuration) -> Configuration:
+def resolve_config(command: str, cfg: Configuration) -> Configuration:
     _refuse_resolvers(OmegaConf.to_container(cfg), "")
     try:
         missing = sorted(OmegaConf.missing_keys(cfg))

@@ -1,4 +1,4 @@
-"""From a configuration to a render job, or to all samples of its distributions."""
+"""Makes render jobs from a configuration, or from samples of its distributions."""
 
 import contextlib
 import functools
@@ -153,7 +153,14 @@ def frame_interval(views: Sequence[View]) -> float:
 def chosen_views(
     cfg: Configuration, scene: Scene | Clip, camera: rigs.CameraOptions, cameras: Callable
 ) -> list[View]:
-    """The frames of the capture's cameras, or of a camera that is placed in the scene."""
+    """The frames to render: of a capture's cameras, or of a camera that is placed in the scene.
+
+    Args:
+        cfg: The configuration.
+        scene: The scene.
+        camera: Options of the camera.
+        cameras: Reads the views of a capture.
+    """
     if camera.kind == "capture":
         return cameras(cfg.scene, cfg.cameras)
     views = cameras(cfg.scene, cfg.cameras) if has_cameras(cfg) else ()
@@ -164,13 +171,22 @@ def has_cameras(cfg: Configuration) -> bool:
     """Whether there is a capture: one that is named, or that of the reconstructed scene."""
     path = Path(cfg.scene)
     folder = path if path.is_dir() else path.parent
-    own = not is_foreign(path) and (folder / "cameras.json").is_file()
-    return cfg.cameras is not None or own
+    has_cameras_file = not is_foreign(path) and (folder / "cameras.json").is_file()
+    return cfg.cameras is not None or has_cameras_file
 
 
 def generate_dataset(cfg: Configuration, overrides: Sequence[str]) -> str:
-    """Render samples of the distributions in `sample`: this process's shard, or all shards through
-    Hydra's launcher. Returns the line that tells the user the result."""
+    """Render samples of the distributions in `sample`.
+
+    It is this process's shard, or all shards through Hydra's launcher.
+
+    Args:
+        cfg: The configuration.
+        overrides: Its words.
+
+    Returns:
+        A line about the result, for the user.
+    """
     factory, out = build_options(FactoryOptions, cfg.factory), Path(cfg.out)
     layout, imu = as_type(str, cfg.dataset, "dataset"), build_options(ImuOptions, cfg.imu)
     if layout:
@@ -211,7 +227,15 @@ def _with_labels(
 
 
 def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
-    """Render the samples of one shard. Returns how many samples of all shards are missing."""
+    """Render the samples of one shard.
+
+    Args:
+        overrides: Words of the configuration.
+        cfg: The configuration.
+
+    Returns:
+        The number of samples, of all shards, that are still missing.
+    """
     limit(build_options(Limits, cfg.limits))
     devices = begin(build_options(DevicesOptions, cfg.devices))
     if together():

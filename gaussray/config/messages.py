@@ -56,30 +56,30 @@ def _problem_of(command: str, word: str) -> str:
     name = ALIASES.get(name, name)
     if name.startswith(("hydra", "sample.")) or word.startswith("~"):
         return ""
-    known = [*keys(command), *groups(command)]
+    candidates = [*keys(command), *groups(command)]
     if not equals:
         choice = [f"{group}={name}" for group in groups(command) if name in choices(group)]
         hint = f" Did you mean {choice[0]}?" if choice else _WORD_HINTS.get(name[-1:], "")
         if name.startswith("-"):
             hint = f" Leave out {'--' if name.startswith('--') else '-'}."
-        elif name in known:
+        elif name in candidates:
             hint = f" Write {name}=VALUE without spaces."
         return f"the words after `{command}` must be key=value, got {name[:_SHOWN]!r}.{hint}"
     if name in groups(command):
         options = choices(name)
         if value in options:
             return ""
-        shown = value[:_SHOWN]
+        short = value[:_SHOWN]
         return (
-            f"{name} must be one of {', '.join(options)}, got {shown!r}."
-            f"{did_you_mean(shown, options)}"
+            f"{name} must be one of {', '.join(options)}, got {short!r}."
+            f"{did_you_mean(short, options)}"
         )
-    if name in RENAMED and RENAMED[name] in known:
+    if name in RENAMED and RENAMED[name] in candidates:
         return f"{name} is now called {RENAMED[name]}{_SIZE_HINT.get(name, '.')}"
-    if name in known and "," in value and not value.startswith(("[", "{", '"', "'")):
-        shown = value[:_SHOWN]
-        return f"{name} must be one value or a list, got {shown!r}. Write '{name}=[{shown}]'."
-    if name in known or any(key.startswith(f"{name}.") for key in known):
+    if name in candidates and "," in value and not value.startswith(("[", "{", '"', "'")):
+        short = value[:_SHOWN]
+        return f"{name} must be one value or a list, got {short!r}. Write '{name}=[{short}]'."
+    if name in candidates or any(key.startswith(f"{name}.") for key in candidates):
         return ""
     name = name[:_SHOWN]
-    return f"{name} is no key of `gaussray {command}`.{did_you_mean(name, known)}"
+    return f"{name} is no key of `gaussray {command}`.{did_you_mean(name, candidates)}"

@@ -24,8 +24,8 @@ class Key(NamedTuple):
 def conf_folder() -> Path:
     """The folder conf/: inside the package when installed, beside it in a checkout."""
     package = Path(__file__).resolve().parents[1]
-    inside, beside = package / "conf", package.parent / "conf"
-    return inside if inside.is_dir() else beside
+    inside, source_folder = package / "conf", package.parent / "conf"
+    return inside if inside.is_dir() else source_folder
 
 
 @functools.cache

@@ -63,10 +63,10 @@ def preset_words(path: Path | str) -> list[str]:
         raise ValueError(f"preset={path}: is no YAML file of keys: {error}") from error
     if not isinstance(values, dict):
         raise ValueError(f"preset={path}: must hold keys and values, got a list.")
-    return [f"{key}={_word(value)}" for key, value in _flat(_of_today(values))]
+    return [f"{key}={_word(value)}" for key, value in _flat(_upgrade_keys(values))]
 
 
-def _of_today(values: Mapping[Any, Any]) -> dict[Any, Any]:
+def _upgrade_keys(values: Mapping[Any, Any]) -> dict[Any, Any]:
     """A preset of an earlier version in today's keys: those that did nothing are left out."""
     groups = {
         key: dict(value) if isinstance(value, dict) else value for key, value in values.items()

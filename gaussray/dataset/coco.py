@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Bool
 
-from gaussray.dataset.layers import read_codes
+from gaussray.dataset.layers import read_integers
 from gaussray.dataset.sample_files import SampleFiles
 from gaussray.io.atomic import whole
 
@@ -37,7 +37,7 @@ def write_coco(samples: Iterable[SampleFiles], out: Path) -> int:
                 {"id": len(images) + 1, "file_name": name, "width": frame["w"]}
                 | {"height": frame["h"], "sample": int(source.name)}
             )
-            group = read_codes(source.file(frame, "group"))
+            group = read_integers(source.file(frame, "group"))
             for code in np.unique(group[group >= FIRST_BODY]):
                 entry = {"id": len(annotations) + 1, "image_id": len(images), "category_id": 1}
                 body = {"body": int(code) - FIRST_BODY, "iscrowd": 0}

@@ -87,8 +87,8 @@ def _samples(source: SampleFiles, options: ImuOptions) -> tuple[list[int], ImuSa
     begin, end = (_nanoseconds(time, options) for time in (first, last))
     count = int((end - begin) * options.rate / _NANO) + 1
     nanos = [begin + round(k * _NANO / options.rate) for k in range(count)]
-    own = replace(options, seed=options.seed + int(source.name))
-    return nanos, imu_samples(path, np.array(nanos) / _NANO, options=own)
+    sample_options = replace(options, seed=options.seed + int(source.name))
+    return nanos, imu_samples(path, np.array(nanos) / _NANO, options=sample_options)
 
 
 def _rows(stamps: Sequence[int], columns: Sequence[np.ndarray]) -> list[str]:

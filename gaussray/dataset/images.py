@@ -14,7 +14,7 @@ from gaussray.io.atomic import whole
 from gaussray.io.safe.openimageio import oiio
 
 
-def codes(
+def srgb_levels(
     image: np.ndarray | Array, encode: Callable[[np.ndarray], np.ndarray | Array] = srgb_encode
 ) -> np.ndarray:
     """8-bit levels of linear light: encoded, clipped to 0..1 and rounded to nearest.
@@ -42,7 +42,7 @@ def write_image(path: Path | str, image: np.ndarray | Array, *, depth: str = "ha
     """Write a picture atomically.
 
     Args:
-        path: `.png` for 8-bit sRGB (`codes`), `.exr` for linear light.
+        path: `.png` for 8-bit sRGB (`srgb_levels`), `.exr` for linear light.
         image: linear light [h, w, 3] or [h, w] (in EXR any number of channels), or uint8 levels.
         depth: of an EXR, half or float.
 
@@ -52,7 +52,7 @@ def write_image(path: Path | str, image: np.ndarray | Array, *, depth: str = "ha
     """
     path, image = Path(path), np.asarray(image)
     if path.suffix == ".png":
-        _write(path, codes(image), "uint8")
+        _write(path, srgb_levels(image), "uint8")
     elif path.suffix == ".exr":
         if image.dtype == np.uint8:
             raise ValueError(f"{path}: an EXR picture must be linear light, got 8-bit levels.")
@@ -83,7 +83,7 @@ def side_by_side(
         ours: the middle picture, of the same size.
         gain: factor of the absolute difference, which is the right picture.
     """
-    truth, ours = codes(truth), codes(ours)
+    truth, ours = srgb_levels(truth), srgb_levels(ours)
     if truth.shape != ours.shape:
         raise ValueError(f"the pictures must have one size, got {truth.shape} and {ours.shape}.")
     difference = np.abs(truth.astype(np.float64) - ours.astype(np.float64)) * gain
@@ -91,8 +91,12 @@ def side_by_side(
 
 
 def enlarge(image: np.ndarray, least: int) -> np.ndarray:
-    """The picture enlarged by the smallest integer factor that makes both sides at least `least`
-    pixels; pixels are repeated."""
+    """Enlarge a picture by the smallest sufficient integer factor; pixels are repeated.
+
+    Args:
+        image: The picture.
+        least: Smallest side of the result, in pixels.
+    """
     factor = max(1, math.ceil(least / min(image.shape[:2])))
     if factor == 1:
         return image
@@ -119,16 +123,16 @@ def contact_sheet(
     """
     if not rows:
         raise ValueError("a contact sheet must have at least one row, got none.")
-    grid = [[enlarge(codes(image), least) for image in images] for _, images in rows]
+    grid = [[enlarge(srgb_levels(image), least) for image in images] for _, images in rows]
     columns = max(len(images) for images in grid)
     gap = 6
     titled = [*titles, *[""] * columns][:columns]
     widths = [
-        max([_extent(title, font)] + [images[k].shape[1] for images in grid if k < len(images)])
+        max([_text_width(title, font)] + [images[k].shape[1] for images in grid if k < len(images)])
         for k, title in enumerate(titled)
     ]
     heights = [max([font + gap] + [image.shape[0] for image in images]) for images in grid]
-    margin = max(_extent(label, font) for label, _ in rows) + 2 * gap
+    margin = max(_text_width(label, font) for label, _ in rows) + 2 * gap
     top = (font + 2 * gap) if titles else gap
     height = top + sum(heights) + gap * len(rows)
     sheet = np.full((height, margin + sum(widths) + gap * columns, 3), 255, np.uint8)
@@ -142,7 +146,7 @@ def contact_sheet(
     return _with_texts(sheet, texts, font)
 
 
-def _extent(text, font):
+def _text_width(text, font):
     """Width of a text in pixels."""
     return max(0, oiio.ImageBufAlgo.text_size(text, font).xend) if text else 0
 
@@ -168,9 +172,12 @@ def _write(path, image, kind):
 
 
 def write_pixels(path: Path, image: np.ndarray, spec: "oiio.ImageSpec") -> None:
-    """Write pixels [h, w, channels] atomically.
+    """Write pixels atomically. Equal pixels give equal files: the date of an EXR is empty.
 
-    Equal pixels give equal files: the date of an EXR is empty.
+    Args:
+        path: The file.
+        image: Pixels [h, w, channels].
+        spec: Size and type of the file.
 
     Raises:
         OSError: the file cannot be written.
@@ -182,16 +189,16 @@ def write_pixels(path: Path, image: np.ndarray, spec: "oiio.ImageSpec") -> None:
         file = oiio.ImageOutput.create(str(partial))
         if file is None:
             raise OSError(f"{path}: the picture cannot be written: {oiio.geterror()}")
-        good = file.open(str(partial), spec) and file.write_image(np.ascontiguousarray(image))
-        good = file.close() and good
-        if not good or not _ends(partial):
+        written = file.open(str(partial), spec) and file.write_image(np.ascontiguousarray(image))
+        written = file.close() and written
+        if not written or not _is_complete_png(partial):
             reason = file.geterror() or "the file is truncated"
             full = shutil.disk_usage(path.parent).free < image.nbytes
             cause = OSError(errno.ENOSPC, "No space left on device") if full else None
             raise OSError(f"{path}: the picture cannot be written: {reason}") from cause
 
 
-def _ends(path: Path) -> bool:
+def _is_complete_png(path: Path) -> bool:
     """Whether a PNG is complete: on a full disk OpenImageIO truncates it without an error."""
     if path.suffix != ".png":
         return True

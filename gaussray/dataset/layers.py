@@ -54,7 +54,7 @@ def read_layers(path: Path | str) -> dict[str, np.ndarray]:
     return {name: pixels[..., i] for i, name in enumerate(names)}
 
 
-def read_codes(path: Path | str) -> np.ndarray:
+def read_integers(path: Path | str) -> np.ndarray:
     """The whole numbers [h, w] of a gray PNG, as int32.
 
     Raises:
@@ -79,8 +79,12 @@ def _read(path: Path | str, kind: "oiio.BASETYPE") -> tuple[list[str], np.ndarra
     return names, pixels
 
 
-def write_codes(path: Path | str, codes: np.ndarray) -> None:
-    """Write integers [h, w] in 0..65535 as a gray PNG, of 16 bits if one is above 255.
+def write_integers(path: Path | str, codes: np.ndarray) -> None:
+    """Write integers as a gray PNG, of 16 bits if one is above 255.
+
+    Args:
+        path: The file, `.png`.
+        codes: Integers [h, w] in 0..65535.
 
     Raises:
         ValueError: the suffix is not .png, or an integer is out of range.

@@ -79,8 +79,8 @@ def write_layout(
         OSError: A file cannot be read or written.
     """
     if layout not in LAYOUT_LABELS:
-        known = ", ".join(LAYOUT_LABELS)
-        raise ValueError(f"layout must be one of webdataset, {known}, got {layout!r}.")
+        layouts = ", ".join(LAYOUT_LABELS)
+        raise ValueError(f"layout must be one of webdataset, {layouts}, got {layout!r}.")
     data, out, written = Path(data), Path(out), 0
     samples = _samples(data)
     if layout == "coco":
@@ -136,9 +136,9 @@ def _camera_motion(source: SampleFiles) -> np.ndarray:
 
     path = replace(path_of_frames(source.frames), interpolation="spline")
     free = ImuOptions(gravity=(0.0, 0.0, 0.0))
-    found = imu_samples(path, np.array([source.frames[0]["time"]]), options=free)
-    turn = Rotation.from_quat(found.quat[0, [1, 2, 3, 0]])
-    return np.concatenate([found.gyroscope[0], turn.inv().apply(found.velocity[0])])
+    samples = imu_samples(path, np.array([source.frames[0]["time"]]), options=free)
+    turn = Rotation.from_quat(samples.quat[0, [1, 2, 3, 0]])
+    return np.concatenate([samples.gyroscope[0], turn.inv().apply(samples.velocity[0])])
 
 
 def _bs_rsc(source: SampleFiles, out: Path, _: int) -> int:

@@ -22,7 +22,7 @@ from gaussray.io.json_numbers import json_numbers
 from gaussray.runtime.kept_programs import KeptProgram
 
 
-_OWN = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split", "labels")
+_FRAME_KEYS = ("file_path", "transform_matrix", "trajectory", "time", "camera", "split", "labels")
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def write_manifest(
     shared = {
         key: value
         for key, value in first.items()
-        if key not in _OWN and all(key in frame and frame[key] == value for frame in frames)
+        if key not in _FRAME_KEYS and all(key in frame and frame[key] == value for frame in frames)
     }
     clash = [key for key in extra or {} if key == "frames" or any(key in f for f in frames)]
     if clash:
@@ -86,14 +86,14 @@ def write_manifest(
     top = {**shared, **(extra or {})}
     try:
         lines = [f" {json.dumps(k)}: {json.dumps(v, allow_nan=False)}," for k, v in top.items()]
-        listed = [
+        entries = [
             json.dumps({k: v for k, v in frame.items() if k not in shared}, allow_nan=False)
             for frame in frames
         ]
     except ValueError as error:
         raise ValueError(f"{path}: every number written must be finite, got {error}.") from error
     _write_tables(path.parent, [camera.lens for camera in cameras])
-    text = "\n".join(["{", *lines, ' "frames": [', "  " + ",\n  ".join(listed), " ]", "}", ""])
+    text = "\n".join(["{", *lines, ' "frames": [', "  " + ",\n  ".join(entries), " ]", "}", ""])
     with whole(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
@@ -156,12 +156,12 @@ def _aperture(aperture):
 
 def _focus(distance):
     if not isinstance(distance, FocusPull):
-        return _far(json_numbers(distance))
-    told = [_far(x) for x in json_numbers(distance.distance)]
-    return {"time": json_numbers(distance.time), "distance": told, "ease": distance.ease}
+        return _finite_or_text(json_numbers(distance))
+    distances = [_finite_or_text(x) for x in json_numbers(distance.distance)]
+    return {"time": json_numbers(distance.time), "distance": distances, "ease": distance.ease}
 
 
-def _far(distance):
+def _finite_or_text(distance):
     return "infinity" if math.isinf(distance) else distance
 
 
@@ -183,13 +183,13 @@ def _trajectory(trajectory):
     poses = zip(_rotations(jnp.asarray(trajectory.quat)), trajectory.translation, strict=True)
     matrices = [_matrix(*pose) for pose in poses]
     times = json_numbers(trajectory.time)
-    listed = [
+    entries = [
         {"time": time, "transform_matrix": matrix}
         for time, matrix in zip(times, matrices, strict=True)
     ]
     if trajectory.interpolation == "linear" and shake is None:
-        return listed
-    block = {"poses": listed, "interpolation": trajectory.interpolation}
+        return entries
+    block = {"poses": entries, "interpolation": trajectory.interpolation}
     if shake is not None:
         block["shake"] = {key: json_numbers(value) for key, value in vars(shake).items()}
     return block
@@ -199,15 +199,15 @@ def _trajectory(trajectory):
 _rotations = jax.jit(rotation_matrix)
 
 
-def _posed(trajectory, time):
+def _pose_matrix(trajectory, time):
     pose = pose_at(trajectory, time)
     return rotation_matrix(pose.quat), pose.translation
 
 
-_pose = KeptProgram(_posed, ())
+_pose = KeptProgram(_pose_matrix, ())
 
 
-def turn_and_place(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def rotation_and_position(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Rotation matrix world_from_camera and position of a camera at its time, on the host."""
     path, time = jax.device_get((camera.trajectory, camera.time))
     return jax.device_get(_pose(path, time))
@@ -216,7 +216,7 @@ def turn_and_place(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 def camera_to_world(camera: Camera) -> list[list[float]]:
     """The 4x4 matrix from camera to world at the camera's time, in OpenGL axes, as manifests have
     it."""
-    return _matrix(*turn_and_place(camera))
+    return _matrix(*rotation_and_position(camera))
 
 
 def _matrix(rotation, translation):

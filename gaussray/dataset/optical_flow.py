@@ -22,6 +22,10 @@ def write_kitti_flow(path: Path | str, flow: Float[np.ndarray, "h w 2"]) -> None
     Levels are 64 v + 2^15, so that steps are 1/64 pixel. Pixels whose flow is NaN, or does not fit
     (512 pixels), are not valid.
 
+    Args:
+        path: The file.
+        flow: Column and row flow in pixels.
+
     Raises:
         OSError: the file cannot be written.
     """
@@ -33,8 +37,11 @@ def write_kitti_flow(path: Path | str, flow: Float[np.ndarray, "h w 2"]) -> None
 
 
 def write_flo(path: Path | str, flow: Float[np.ndarray, "h w 2"]) -> None:
-    """Write flow as a .flo file: tag, width and height, then column and row flow of each pixel in
-    single precision; NaN becomes 1e10, which readers take for unknown.
+    """Write flow as a Middlebury .flo file: tag, width, height, then flow in single precision.
+
+    Args:
+        path: The file.
+        flow: Column and row flow in pixels; NaN becomes 1e10, which readers treat as unknown.
 
     Raises:
         OSError: the file cannot be written.

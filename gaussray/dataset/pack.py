@@ -36,7 +36,7 @@ def pack(data: Path | str, out: Path | str, *, frames_per_tar: int = 1000) -> li
     if frames_per_tar < 1:
         raise ValueError(f"frames_per_tar must be at least 1, got {frames_per_tar}.")
     data, out, written = Path(data), Path(out), list[Path]()
-    frames = enumerate(_keyed(read_frames(data)))
+    frames = enumerate(_with_keys(read_frames(data)))
     following = next(frames, None)
     while following is not None:
         path = out / f"{len(written):06d}.tar"
@@ -49,7 +49,7 @@ def pack(data: Path | str, out: Path | str, *, frames_per_tar: int = 1000) -> li
     return written
 
 
-def _keyed(frames: Iterator[dict[str, Any]]) -> Iterator[tuple[str, dict[str, Any]]]:
+def _with_keys(frames: Iterator[dict[str, Any]]) -> Iterator[tuple[str, dict[str, Any]]]:
     """Frames with their keys: index of the sample, and number of the frame in it."""
     take, number = None, 0
     for frame in frames:

@@ -1,4 +1,4 @@
-"""The files of one sample of a generated dataset, as other layouts need them."""
+"""The files of one sample of a generated dataset, for writers of other layouts."""
 
 import shutil
 from pathlib import Path
@@ -19,17 +19,25 @@ class SampleFiles:
         self.data, self.name, self.frames = data, name, frames
 
     def file(self, frame: dict[str, Any], label: str | None = None) -> Path:
-        """The picture of a frame, or the file of a label."""
+        """The picture of a frame, or the file of a label.
+
+        Args:
+            frame: The frame's entry of the manifest.
+            label: Name of the label; None is the picture.
+
+        Raises:
+            ValueError: The dataset does not have the label.
+        """
         name = frame["file_path"] if label is None else frame.get("labels", {}).get(label)
         if name is None:
-            asked = "flow_forward" if label == "layers" else label
-            raise self.lacks(f"the label {asked}", f"labels=[{asked}]")
+            missing = "flow_forward" if label == "layers" else label
+            raise self.missing_error(f"the label {missing}", f"labels=[{missing}]")
         return inside(self.data, name, self.data / MANIFEST)
 
     def copy(self, source: Path, target: Path) -> None:
         """Copy a PNG file."""
         if source.suffix != ".png":
-            raise self.lacks("PNG pictures", "format=png")
+            raise self.missing_error("PNG pictures", "format=png")
         with whole(target) as partial:
             shutil.copyfile(source, partial)
 
@@ -37,7 +45,7 @@ class SampleFiles:
         """The flow to the next frame, [h, w, 2]."""
         layers = read_layers(self.file(frame, "layers"))
         if "flow_forward.x" not in layers:
-            raise self.lacks("the label flow_forward", "labels=[flow_forward]")
+            raise self.missing_error("the label flow_forward", "labels=[flow_forward]")
         return np.stack([layers["flow_forward.x"], layers["flow_forward.y"]], axis=-1)
 
     def layer(self, frame: dict[str, Any], label: str) -> np.ndarray | None:
@@ -46,8 +54,13 @@ class SampleFiles:
             return None
         return read_layers(self.file(frame, "layers")).get(label)
 
-    def lacks(self, what: str, remedy: str) -> ValueError:
-        """The error that the layout needs what the dataset lacks."""
+    def missing_error(self, what: str, remedy: str) -> ValueError:
+        """The error of a layout that needs files which the dataset lacks.
+
+        Args:
+            what: What is missing.
+            remedy: Keys that render it.
+        """
         return ValueError(
             f"{self.data / MANIFEST}: the layout needs {what}, sample {self.name} has none. Render "
             f"the dataset with {remedy}."

@@ -32,10 +32,14 @@ def folder_of(index: int) -> str:
 
 
 def is_complete(folder: Path, facts: Mapping[str, Any]) -> bool:
-    """Whether the sample of a folder is written.
+    """Whether the sample of a folder is complete.
+
+    Args:
+        folder: Folder of the sample.
+        facts: Its parameters, drawn values and seed.
 
     Raises:
-        ValueError: It was made of other `facts` (words, drawn values, seed).
+        ValueError: The sample in the folder was rendered from other facts.
     """
     line = folder / LINE
     if not line.exists():
@@ -55,17 +59,30 @@ def is_complete(folder: Path, facts: Mapping[str, Any]) -> bool:
 
 
 def write_take(folder: Path, facts: Mapping[str, Any], records: Sequence[FrameRecord]) -> None:
-    """Write the line of a sample whose pictures and camera files are in `folder`: the `facts`, what
-    the camera files say of its frames, and the time at which each row is exposed."""
+    """Write the manifest line of a sample, which marks it as complete.
+
+    It holds the facts, the frames of the camera files, and the time at which each row is exposed.
+
+    Args:
+        folder: Folder of the sample, with its pictures and camera files.
+        facts: Its parameters, drawn values and seed.
+        records: Its frames.
+    """
     made_by = {"gaussray": version("gaussray"), "git": _commit()}
-    line = json.dumps({**_json(facts), **made_by, **_seen(folder, records)}, allow_nan=False)
+    line = json.dumps({**_json(facts), **made_by, **_frame_facts(folder, records)}, allow_nan=False)
     with whole(folder / LINE) as partial:
         partial.write_text(line + "\n", encoding="utf-8")
 
 
 def append_take(data: Path, index: int) -> None:
-    """Add the line of a finished sample to the end of the manifest, in a single write, so that the
-    processes of several shards can add to it."""
+    """Append the line of a complete sample to the manifest.
+
+    It is a single write, so that the processes of several shards can append.
+
+    Args:
+        data: Folder of the dataset.
+        index: Index of the sample.
+    """
     line = (data / folder_of(index) / LINE).read_bytes()
     manifest = os.open(data / MANIFEST, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
     try:
@@ -75,7 +92,11 @@ def append_take(data: Path, index: int) -> None:
 
 
 def write_takes(data: Path, count: int) -> int:
-    """Write the manifest of the complete ones among the first `count` samples, by their index.
+    """Write the manifest of the complete samples, sorted by index.
+
+    Args:
+        data: Folder of the dataset.
+        count: Number of samples of the dataset.
 
     Returns:
         The number of samples that are missing.
@@ -118,12 +139,12 @@ def _take_of(where: str, line: bytes) -> dict[str, Any]:
             f"{where} is of version {version!s:.80}, this gaussray reads version {VERSION}."
         )
     frames, named = take.get("frames"), [take.get("folder")]
-    good = isinstance(frames, list)
+    valid = isinstance(frames, list)
     for frame in frames if isinstance(frames, list) else []:
         labels = frame.get("labels", {}) if isinstance(frame, dict) else None
-        good = good and isinstance(labels, dict)
+        valid = valid and isinstance(labels, dict)
         named += [frame.get("file_path"), *labels.values()] if isinstance(labels, dict) else []
-    if not good or type(take.get("index")) is not int or take["index"] < 0:
+    if not valid or type(take.get("index")) is not int or take["index"] < 0:
         raise ValueError(f"{where} must hold index, folder and frames of a sample.")
     if not all(isinstance(name, str) and name for name in named):
         raise ValueError(f"{where} must name files by texts that are not empty.")
@@ -143,19 +164,19 @@ def read_frames(data: Path | str) -> Iterator[dict[str, Any]]:
             yield {**frame, **files, "take": take}
 
 
-def _seen(folder: Path, records: Sequence[FrameRecord]) -> dict[str, Any]:
+def _frame_facts(folder: Path, records: Sequence[FrameRecord]) -> dict[str, Any]:
     """What the camera files of a sample's folder say of its frames, and the times of their rows."""
-    listed, info = {}, {}
+    folders, info = {}, {}
     for path in sorted(folder.glob("*.json")):
         document = json.loads(path.read_text(encoding="utf-8"))
         if document.get("frames", [{}])[0].get("file_path") is None:
             continue
         shared = {k: v for k, v in document.items() if k not in ("frames", "info")}
         for frame in document["frames"]:
-            listed[frame["file_path"]] = {**shared, **frame}
+            folders[frame["file_path"]] = {**shared, **frame}
             info[frame["file_path"]] = document.get("info", {})
     frames = [
-        {**listed[record.file_path], "row_times": row_exposure_times(record.camera)}
+        {**folders[record.file_path], "row_times": row_exposure_times(record.camera)}
         for record in records
     ]
     return {"info": info[records[0].file_path], "frames": frames}

@@ -10,7 +10,7 @@ import numpy as np
 from av.video.reformatter import ColorRange, Colorspace
 from jaxtyping import Array
 
-from gaussray.dataset.images import codes, enlarge
+from gaussray.dataset.images import enlarge, srgb_levels
 from gaussray.io.atomic import whole
 
 
@@ -53,7 +53,7 @@ def write_video(
 def _encode(path, container, frames, fps, least):
     stream, size = None, None
     for image in frames:
-        pixels = _even(enlarge(codes(image), least))
+        pixels = _even(enlarge(srgb_levels(image), least))
         if stream is None:
             size = pixels.shape
             stream = _stream(container, size, fps)

@@ -26,7 +26,15 @@ class Flicker:
         truth: UInt8[np.ndarray, "h w 3"],
         image: UInt8[np.ndarray, "h w 3"],
     ) -> None:
-        """Add a picture of a camera in 8-bit levels. `static` pixels must be the same for all."""
+        """Add a picture of a camera.
+
+        Args:
+            part: Group of the picture: training, held-out cameras or held-out times.
+            camera: Name of the camera.
+            static: Pixels in which nothing moves; the same for all pictures of a camera.
+            truth: Picture of the capture, in 8-bit levels.
+            image: Rendered picture, in 8-bit levels.
+        """
         levels = np.stack([truth[static], image[static]]).astype(np.uint32)
         frames, total, square = self._sums.get(
             (part, camera), (0, *np.zeros_like([levels, levels]))

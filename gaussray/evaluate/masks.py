@@ -28,14 +28,14 @@ def visible_mask(camera: Camera) -> Bool[np.ndarray, "h w"] | None:
     """Pixels inside the lens's field of view, less a rim of one pixel; None if all are inside."""
     grid = pixel_grid(camera.film)
     flat = grid.reshape(-1, 2).astype(camera.time.dtype) + 0.5
-    seen = np.asarray(_sees(camera, flat)).reshape(grid.shape[:2])
-    if seen.all():
+    has_ray = np.asarray(_sees(camera, flat)).reshape(grid.shape[:2])
+    if has_ray.all():
         return None
-    padded = np.pad(seen, 1, constant_values=True)
-    inner = seen.copy()
+    padded = np.pad(has_ray, 1, constant_values=True)
+    inner = has_ray.copy()
     for dy in range(3):
         for dx in range(3):
-            inner &= padded[dy : dy + seen.shape[0], dx : dx + seen.shape[1]]
+            inner &= padded[dy : dy + has_ray.shape[0], dx : dx + has_ray.shape[1]]
     return inner
 
 
@@ -69,7 +69,15 @@ def moving_masks(views: Sequence[View]) -> dict[Path, Bool[np.ndarray, "h w"]]:
 def static_masks(
     views: Sequence[View], moving: dict[Path, Bool[np.ndarray, "h w"]]
 ) -> dict[str, Bool[np.ndarray, "h w"]]:
-    """Pixels in which nothing ever moves, for each fixed camera with several pictures."""
+    """Pixels in which nothing ever moves, for each fixed camera with several pictures.
+
+    Args:
+        views: All views.
+        moving: Moving pixels of each picture (`moving_masks`).
+
+    Returns:
+        The masks by camera name.
+    """
     static: dict[str, Bool[np.ndarray, "h w"]] = {}
     places: dict[str, set[int]] = {}
     for number, view in zip(viewpoints(views), views, strict=True):

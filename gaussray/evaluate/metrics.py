@@ -78,7 +78,11 @@ def ssim(truth: np.ndarray | Array, image: np.ndarray | Array, mask: Mask | None
 
 
 def unit_values(image: np.ndarray | Array, kind: type = np.float64) -> np.ndarray:
-    """Encoded colours as floats of a kind: 8-bit levels over 255, floats as they are.
+    """Encoded colours as floats: 8-bit levels divided by 255, floats as they are.
+
+    Args:
+        image: The picture.
+        kind: Type of the result.
 
     Raises:
         ValueError: the pictures are neither uint8 nor floats.

@@ -42,5 +42,5 @@ class EvaluateOptions(eqx.Module):
 
     def samples(self, effect: str) -> int:
         """Rays per pixel of an effect."""
-        known = ("pinhole", "rolling_shutter", "fisheye", "depth_of_field")
-        return getattr(self, effect if effect in known else "other")
+        effects = ("pinhole", "rolling_shutter", "fisheye", "depth_of_field")
+        return getattr(self, effect if effect in effects else "other")

@@ -12,7 +12,7 @@ from jaxtyping import Bool, UInt8
 
 from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import Capture, View
-from gaussray.dataset.images import codes, contact_sheet, side_by_side, write_image
+from gaussray.dataset.images import contact_sheet, side_by_side, srgb_levels, write_image
 from gaussray.dataset.video import write_video
 from gaussray.evaluate.flicker import Flicker
 from gaussray.evaluate.masks import (
@@ -151,7 +151,7 @@ class _Evaluation:
         for view in views:
             frame = renderer(view.camera)
             ours, real, visible = (
-                codes(frame.color),
+                srgb_levels(frame.color),
                 view_levels(view),
                 visible_mask(view.camera),
             )
@@ -226,11 +226,11 @@ def _shared_report(report: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def _split_views(views: Sequence[View], options: EvaluateOptions) -> list[View]:
-    picked = [v for v in views if options.split in ("all", v.split)]
-    if options.frames and len(picked) > options.frames:
-        place = np.linspace(0, len(picked) - 1, options.frames).round().astype(int)
-        picked = [picked[i] for i in place]
-    return picked
+    selected = [v for v in views if options.split in ("all", v.split)]
+    if options.frames and len(selected) > options.frames:
+        place = np.linspace(0, len(selected) - 1, options.frames).round().astype(int)
+        selected = [selected[i] for i in place]
+    return selected
 
 
 def _score(

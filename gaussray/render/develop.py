@@ -16,7 +16,7 @@ from gaussray.camera.sensor.sensor import (
     sensor_numbers,
     sensor_steps,
 )
-from gaussray.dataset.images import codes, write_image
+from gaussray.dataset.images import srgb_levels, write_image
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.aov.files import SHARP
 from gaussray.render.options import NO_SENSOR
@@ -76,11 +76,11 @@ def picture_levels(
         sensor: The sensor.
     """
     if sensor == NO_SENSOR:
-        return codes(light)
+        return srgb_levels(light)
     light = _sensor_values(record, light, sensor)
     if sensor.tone == "srgb":
-        return codes(light)
-    return codes(light, lambda x: encode(jnp.asarray(x), options=sensor))
+        return srgb_levels(light)
+    return srgb_levels(light, lambda x: encode(jnp.asarray(x), options=sensor))
 
 
 def _sensor_values(

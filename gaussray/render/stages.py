@@ -300,8 +300,8 @@ def _mean_program(mesh: Mesh | None) -> Callable[..., tuple[Array, Report]]:
     """(sums, slots of the pixels, number of samples) -> values of the pixels, report."""
 
     def run(sums: SampleSums, slot: Array, samples: Float[Array, ""]) -> tuple[Array, Report]:
-        seen = sums.pixels, sums.weight
-        pixels, weight = jax.tree.map(lambda x: (x / samples.astype(x.dtype))[:, slot], seen)
+        both = sums.pixels, sums.weight
+        pixels, weight = jax.tree.map(lambda x: (x / samples.astype(x.dtype))[:, slot], both)
         return picture_values(pixels, weight), sums.report
 
     return on_devices(run, mesh, (), common=(2,))

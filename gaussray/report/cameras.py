@@ -12,13 +12,13 @@ from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.picture_file import read_stored
-from gaussray.dataset.images import codes
+from gaussray.dataset.images import srgb_levels
 from gaussray.evaluate.metrics import psnr
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.report.markup import tag
 from gaussray.report.optics import camera_drawings, field_of_view, lens_name
 from gaussray.report.page import Section, html_table, note
-from gaussray.report.picture import BYTES, compared, heat_scale, sequence
+from gaussray.report.picture import BYTES, comparison, error_scale, picture_slider
 from gaussray.report.plan import camera_views
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
@@ -40,43 +40,48 @@ def camera_plan(
 
 def rendered_samples(scene: Scene | Clip, capture: Capture) -> Section | None:
     """Two training and two held-out pictures of a capture beside renderings of the scene."""
-    picked = [one for split in SPLITS for one in _spread(capture.views, split)]
-    if not picked:
+    views = [one for split in SPLITS for one in _spread(capture.views, split)]
+    if not views:
         return None
-    most = max(view.width * view.height for view in picked)
+    most = max(view.width * view.height for view in views)
     if jax.default_backend() == "cpu" and most > MAX_CPU_PIXELS:
         words = (
             "Pictures of this size take long on a CPU. `gaussray evaluate` renders and scores them."
         )
         return Section("Capture and rendering", [note(words)])
     renderer, figures = Renderer(scene, options=RenderOptions(samples=1)), []
-    for view in picked:
+    for view in views:
         truth = _as_levels(read_encoded(view))
-        image = codes(renderer(view.camera).color)
+        image = srgb_levels(renderer(view.camera).color)
         caption = [tag("b", f"{SPLITS[view.split][:-1]} {view.camera_name}"),
                    f" · time {view.time:.4g}, {psnr(truth, image):.2f} dB"]  # fmt: skip
-        figures.append(compared(truth, image, caption, most=BYTES // (3 * len(picked))))
+        figures.append(comparison(truth, image, caption, most=BYTES // (3 * len(views))))
     words = "One ray per pixel. `gaussray evaluate` scores every picture."
     return Section(
         "Capture and rendering",
-        [heat_scale(), tag("div", figures, class_="grid pairs"), note(words)],
+        [error_scale(), tag("div", figures, class_="grid pairs"), note(words)],
     )
 
 
 def picture_sequences(out: Path, groups: Mapping[str, Sequence[View]]) -> Section | None:
     """The pictures of each effect and camera, with a time slider."""
-    shown: dict[str, list[View]] = {}
+    sequences: dict[str, list[View]] = {}
     for effect, views in groups.items():
         for view in views:
-            shown.setdefault(f"{effect} {view.camera_name}", []).append(view)
-    chosen = {name: _evenly_spread(shown[name], _FRAMES) for name in list(shown)[:_SEQUENCES]}
+            sequences.setdefault(f"{effect} {view.camera_name}", []).append(view)
+    chosen = {
+        name: _evenly_spread(sequences[name], _FRAMES) for name in list(sequences)[:_SEQUENCES]
+    }
     count = sum(map(len, chosen.values()))
     figures = [
-        sequence([(f"time {v.time:.4g}", screen_levels(v.image, v.width, v.height)) for v in views],
-             name.replace("_", " "), most=BYTES // count)
+        picture_slider(
+            [(f"time {v.time:.4g}", screen_levels(v.image, v.width, v.height)) for v in views],
+            name.replace("_", " "),
+            most=BYTES // count,
+        )
         for name, views in chosen.items()
-    ]  # fmt: skip
-    left = len(shown) - len(chosen)
+    ]
+    left = len(sequences) - len(chosen)
     words = f"{left} more sequences are in {out}." if left > 0 else ""
     body: list[Any] = [tag("div", figures, class_="grid few")]
     return Section("Pictures", [*body, note(words) if words else None]) if figures else None
@@ -139,7 +144,7 @@ def _evenly_spread(views: list[View], count: int) -> list[View]:
 def screen_levels(path: Path, width: int, height: int) -> np.ndarray:
     """8-bit sRGB levels of a picture file of this size; EXR is encoded to sRGB."""
     stored = read_stored(path, width, height)
-    return codes(stored) if path.suffix == ".exr" else _as_levels(stored)
+    return srgb_levels(stored) if path.suffix == ".exr" else _as_levels(stored)
 
 
 def _as_levels(picture: np.ndarray) -> np.ndarray:

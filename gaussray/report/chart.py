@@ -92,8 +92,8 @@ def _finite(curve: Curve, log: bool) -> Curve:
     x, y = np.asarray(curve.x, float), np.asarray(curve.y, float)
     with np.errstate(divide="ignore", invalid="ignore"):
         y = np.log10(y) if log else y
-    good = np.isfinite(x) & np.isfinite(y)
-    x, y = x[good], y[good]
+    finite = np.isfinite(x) & np.isfinite(y)
+    x, y = x[finite], y[finite]
     if len(x) > MAX_CURVE_POINTS:
         subset = np.linspace(0, len(x) - 1, MAX_CURVE_POINTS).round().astype(int)
         x, y = x[subset], y[subset]

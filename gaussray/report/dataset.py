@@ -42,20 +42,20 @@ def dataset_summary(takes: Takes) -> Section:
 def sample_pictures(out: Path, takes: Takes) -> Section:
     """The first picture of samples spread over the dataset."""
     place = np.linspace(0, len(takes) - 1, min(len(takes), SHOWN)).round().astype(int)
-    shown = []
+    samples = []
     for i in place:
         take = takes[i]
         frame = take["frames"][0]
         path = out / take["folder"] / frame["file_path"]
         effect = frame.get("effect", "pinhole").replace("_", " ")
         name = f"{take['index']} · {effect}"
-        shown.append(
+        samples.append(
             captioned_image(
                 screen_levels(path, frame["w"], frame["h"]), name, most=BYTES // len(place)
             )
         )
     words = f"The first frame of {len(place)} of {len(takes)} samples, with the sample's index."
-    return Section("Pictures", [tag("div", shown, class_="grid third"), note(words)])
+    return Section("Pictures", [tag("div", samples, class_="grid third"), note(words)])
 
 
 def distribution_section(takes: Takes) -> Section | None:

@@ -12,7 +12,7 @@ from gaussray.evaluate.scores import COLUMNS
 from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, html_table, note
-from gaussray.report.picture import BYTES, compared, heat_scale
+from gaussray.report.picture import BYTES, comparison, error_scale
 from gaussray.report.run import json_lines
 
 
@@ -28,8 +28,8 @@ MAX_CURVES = 8
 def score_table(report: dict[str, Any]) -> Section | None:
     """A row for each effect and for each of its parts (training, held out)."""
     rows = []
-    shown = ({"training views": report["train"]} if "train" in report else {}) | report["effects"]
-    for name, row in shown.items():
+    scores = ({"training views": report["train"]} if "train" in report else {}) | report["effects"]
+    for name, row in scores.items():
         rows.append((name.replace("_", " "), row))
         rows += [(tag("span", SPLIT_NAMES.get(part, part), class_="part"), part_row)
                  for part, part_row in row.get("parts", {}).items()]  # fmt: skip
@@ -68,27 +68,30 @@ def compared_pictures(out: Path) -> Section | None:
     effects = list(dict.fromkeys(line["effect"] for line in scores))
     if not effects:
         return None
-    picked = {effect: _picked([x for x in scores if x["effect"] == effect]) for effect in effects}
+    picked = {
+        effect: _worst_and_median([x for x in scores if x["effect"] == effect])
+        for effect in effects
+    }
     most = BYTES // (3 * sum(map(len, picked.values())))
-    body: list[Any] = [heat_scale()]
+    body: list[Any] = [error_scale()]
     for effect, chosen in picked.items():
-        figures = [_compared(out, line, word, most) for word, line in chosen]
+        figures = [_comparison(out, line, word, most) for word, line in chosen]
         body += [tag("h3", effect.replace("_", " ")), tag("div", figures, class_="grid pairs")]
     return Section("Capture and rendering", body)
 
 
-def _picked(scores: Sequence[dict[str, Any]]) -> list[tuple[str, dict[str, Any]]]:
+def _worst_and_median(scores: Sequence[dict[str, Any]]) -> list[tuple[str, dict[str, Any]]]:
     ranked = sorted(scores, key=lambda line: np.inf if line["psnr"] is None else line["psnr"])
     named = {0: "worst", len(ranked) // 2: "median"} if len(ranked) > 1 else {0: "only picture"}
     return [(word, ranked[i]) for i, word in named.items()]
 
 
-def _compared(out: Path, line: dict[str, Any], word: str, most: int) -> Markup:
+def _comparison(out: Path, line: dict[str, Any], word: str, most: int) -> Markup:
     stored = _stored_levels(out / line["file"])
     width = stored.shape[1] // 3
     psnr = "equal" if line["psnr"] is None else f"{line['psnr']:.2f} dB"
     caption = [tag("b", f"{word}: {psnr}"), f" · {line['camera']}, time {line['time']:.4g}"]
-    return compared(stored[:, :width], stored[:, width : 2 * width], caption, most=most)
+    return comparison(stored[:, :width], stored[:, width : 2 * width], caption, most=most)
 
 
 def _stored_levels(path: Path) -> np.ndarray:

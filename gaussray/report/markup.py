@@ -21,13 +21,13 @@ def tag(name: str, /, *children: Any, **attributes: Any) -> Markup:
     )
     if name in VOID:
         return Markup(f"<{name}{text}>")
-    return Markup(f"<{name}{text}>{concatenated(children)}</{name}>")
+    return Markup(f"<{name}{text}>{concatenate_markup(children)}</{name}>")
 
 
-def concatenated(parts: Any) -> Markup:
+def concatenate_markup(parts: Any) -> Markup:
     """Elements one after another; nested sequences are flattened."""
     if isinstance(parts, list | tuple):
-        return Markup("".join(concatenated(part) for part in parts))
+        return Markup("".join(concatenate_markup(part) for part in parts))
     if parts is None:
         return Markup("")
     return parts if isinstance(parts, Markup) else Markup(escape(parts))

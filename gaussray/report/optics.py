@@ -68,14 +68,14 @@ def ray_drawing(title: str, camera: Camera) -> Markup:
     origin, direction = _rays(camera, columns, lens)
     begin, end = origin[..., [0, 2]], (origin + length * direction)[..., [0, 2]]
     corners = np.concatenate([begin.reshape(-1, 2), end.reshape(-1, 2), [[0, 0]]])
-    place = _fitted(corners, _HEIGHT - 30)
+    place = _fit_to_drawing(corners, _HEIGHT - 30)
     parts = []
     for a, b in zip(begin.reshape(-1, 2), end.reshape(-1, 2), strict=True):
         (x, y), (u, v) = place(a), place(b)
         path = f"M{x:.1f} {y:.1f}L{u:.1f} {v:.1f}"
         parts.append(tag("path", d=path, stroke="var(--c0)", stroke_width=1, opacity=0.75))
     if blurs:
-        sharp = _sharp(camera, focus)
+        sharp = _focus_surface(camera, focus)
         path = "M" + "L".join("{:.1f} {:.1f}".format(*place(x)) for x in sharp)
         parts.append(tag("path", d=path, class_="border"))
     x, y = place(np.zeros(2))
@@ -96,10 +96,10 @@ def aperture_drawing(title: str, camera: Camera) -> Markup:
         "middle": ((film.width / 2, film.height / 2), 0.0),
         "corner": ((0.03 * film.width, 0.03 * film.height), 2.6 * radius),
     }
-    parts, place = [], _fitted(np.array([[-1.2, -1.4], [3.8, 1.4]]) * radius, _HEIGHT - 20)
+    parts, place = [], _fit_to_drawing(np.array([[-1.2, -1.4], [3.8, 1.4]]) * radius, _HEIGHT - 20)
     for ink, (name, (pixel, aside)) in enumerate(spots.items()):
         places = np.asarray(pixel, np.float32), u.astype(np.float32)
-        dots = np.asarray(_passed(_still(camera), *places))[:, :2]
+        dots = np.asarray(_passed(_is_instantaneous(camera), *places))[:, :2]
         dots = dots[np.isfinite(dots).all(axis=1)] * (1, -1) + (aside, 0)
         path = "".join("M{:.1f} {:.1f}h0".format(*place(x)) for x in dots)
         parts.append(tag("path", d=path, class_="dots", stroke=f"var(--c{ink})", stroke_width=2))
@@ -155,7 +155,7 @@ def _focus(camera: Camera) -> tuple[float, float]:
     return float(distance), float(camera.aperture.radius)
 
 
-def _still(camera: Camera) -> Camera:
+def _is_instantaneous(camera: Camera) -> Camera:
     return dataclasses.replace(camera, aperture=focused(camera.aperture, camera.time))
 
 
@@ -172,9 +172,9 @@ def _rays(
         return np.zeros_like(direction), direction
     u = np.stack([lens, np.full_like(lens, 0.5)], axis=-1)
     places = pixel.astype(np.float32), u.astype(np.float32)
-    origin, direction = jax.device_get(_traced(_still(camera), *places))
-    seen = np.abs(direction).max(axis=(1, 2)) > 0
-    return np.asarray(origin)[seen], np.asarray(direction)[seen]
+    origin, direction = jax.device_get(_traced(_is_instantaneous(camera), *places))
+    has_ray = np.abs(direction).max(axis=(1, 2)) > 0
+    return np.asarray(origin)[has_ray], np.asarray(direction)[has_ray]
 
 
 def _trace(camera, pixel, u):
@@ -192,7 +192,7 @@ def _pass(camera, pixel, u):
 _traced, _passed = KeptProgram(_trace, ()), KeptProgram(_pass, ())
 
 
-def _sharp(camera: Camera, focus: float) -> Float[np.ndarray, "points 2"]:
+def _focus_surface(camera: Camera, focus: float) -> Float[np.ndarray, "points 2"]:
     """The points in focus, seen from above: a line or an arc."""
     _, direction = _rays(camera, np.linspace(0.02, 0.98, 41), np.array([0.5]))
     direction = direction[:, 0]
@@ -201,7 +201,7 @@ def _sharp(camera: Camera, focus: float) -> Float[np.ndarray, "points 2"]:
     return (focus * direction)[:, [0, 2]]
 
 
-def _fitted(points: np.ndarray, tall: float):
+def _fit_to_drawing(points: np.ndarray, tall: float):
     """A map from (right, forward) in scene units to a drawing of this height with all points."""
     low, high = points.min(axis=0), points.max(axis=0)
     size = np.maximum(high - low, 1e-9)

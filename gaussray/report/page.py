@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from gaussray.report.markup import Markup, concatenated, tag
+from gaussray.report.markup import Markup, concatenate_markup, tag
 
 
 STYLE = (Path(__file__).parent / "page.css").read_text()
@@ -22,11 +22,11 @@ class Section(NamedTuple):
 
 def html_page(title: str, subtitle: str, sections: Sequence[Section | None]) -> str:
     """The HTML of a page; sections that are None or empty are left out."""
-    shown = [section for section in sections if section is not None and any(section.body)]
-    links = [tag("a", one.title, href=f"#part-{i}") for i, one in enumerate(shown)]
+    visible = [section for section in sections if section is not None and any(section.body)]
+    links = [tag("a", one.title, href=f"#part-{i}") for i, one in enumerate(visible)]
     parts = [
         tag("section", tag("h2", one.title), list(one.body), id=f"part-{i}")
-        for i, one in enumerate(shown)
+        for i, one in enumerate(visible)
     ]
     head = [
         tag("meta", charset="utf-8"),
@@ -77,6 +77,6 @@ def note(text: str) -> Markup:
     return tag("p", text, class_="note")
 
 
-def collapsed(title: str, *body: Any) -> Markup:
+def collapsible(title: str, *body: Any) -> Markup:
     """Content that opens when its title is clicked."""
-    return tag("details", tag("summary", title), concatenated(body))
+    return tag("details", tag("summary", title), concatenate_markup(body))

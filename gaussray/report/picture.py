@@ -25,25 +25,25 @@ HEAT = ((0, 0, 4), (40, 11, 84), (101, 21, 110), (159, 42, 99), (212, 72, 66), (
         (250, 193, 39), (252, 255, 164))  # fmt: skip
 
 
-def inline(levels: UInt8[np.ndarray, "h w 3"], most: int) -> str:
+def embedded_image(levels: UInt8[np.ndarray, "h w 3"], most: int) -> str:
     """A picture as a data URL of at most about `most` bytes: PNG if it is small, else JPEG with
     decreasing quality and size until it fits."""
     side = max(levels.shape[:2])
     if side <= SMALL:
-        data = _encoded(levels, ".png", 0)
+        data = _encode(levels, ".png", 0)
         if len(data) <= max(most, 20_000):
             return _data_url(data, "png")
     size = min(side, SIDE)
     while True:
-        small = _shrunk(levels, size)
+        small = _shrink(levels, size)
         for quality in (88, 75):
-            data = _encoded(small, ".jpg", quality)
+            data = _encode(small, ".jpg", quality)
             if len(data) <= most or size <= 64:
                 return _data_url(data, "jpeg")
         size = max(size * 3 // 4, 64)
 
 
-def heat(truth: np.ndarray, image: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
+def error_map(truth: np.ndarray, image: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
     """The mean absolute difference of the channels, from black (equal) to light yellow (FULL
     levels or more)."""
     difference = np.abs(truth.astype(np.float32) - image.astype(np.float32)).mean(axis=2)
@@ -53,7 +53,7 @@ def heat(truth: np.ndarray, image: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
     return np.stack(channels, axis=-1).round().astype(np.uint8)
 
 
-def heat_scale() -> Markup:
+def error_scale() -> Markup:
     """A legend of the difference map."""
     stops = ", ".join(f"rgb{c}" for c in HEAT)
     bar = tag("span", class_="scale", style=f"background:linear-gradient(90deg, {stops})")
@@ -62,7 +62,7 @@ def heat_scale() -> Markup:
     return tag("p", words, bar, end, class_="note")
 
 
-def compared(
+def comparison(
     truth: np.ndarray, image: np.ndarray, caption: Sequence[Markup | str], *, most: int
 ) -> Markup:
     """Truth and rendering with a slider between them, and the difference map; `most` bytes each."""
@@ -73,15 +73,15 @@ def compared(
                  aria_label="share of the picture that shows the truth")  # fmt: skip
     both = tag(
         "div",
-        tag("img", src=inline(image, most), alt="rendering"),
-        tag("img", src=inline(truth, most), alt="truth"),
+        tag("img", src=embedded_image(image, most), alt="rendering"),
+        tag("img", src=embedded_image(truth, most), alt="truth"),
         tag("span", "truth", class_="chip left"),
         tag("span", "rendering", class_="chip right"),
         slider,
         class_=f"compare{small}",
         style=shape,
     )
-    difference = captioned_image(heat(truth, image), "difference", most=most)
+    difference = captioned_image(error_map(truth, image), "difference", most=most)
     return tag(
         "figure", tag("div", both, difference, class_="pair"), tag("figcaption", list(caption))
     )
@@ -93,33 +93,33 @@ def captioned_image(levels: np.ndarray, name: str, *, most: int) -> Markup:
     small = " small" if max(width, height) <= SMALL else ""
     return tag(
         "div",
-        tag("img", src=inline(levels, most), alt=name),
+        tag("img", src=embedded_image(levels, most), alt=name),
         tag("span", name, class_="chip left"),
         class_=f"still{small}",
         style=f"aspect-ratio:{width}/{height}",
     )
 
 
-def sequence(frames: Sequence[tuple[str, np.ndarray]], name: str, *, most: int) -> Markup:
+def picture_slider(frames: Sequence[tuple[str, np.ndarray]], name: str, *, most: int) -> Markup:
     """Pictures (name, levels) shown one at a time, with a slider."""
     height, width = frames[0][1].shape[:2]
     small = " small" if max(width, height) <= SMALL else ""
-    shown = [
-        tag("img", src=inline(levels, most), alt=label, class_="shown" if i == 0 else None)
+    pictures = [
+        tag("img", src=embedded_image(levels, most), alt=label, class_="shown" if i == 0 else None)
         for i, (label, levels) in enumerate(frames)
     ]
     slider = tag("input", type="range", min=0, max=len(frames) - 1, value=0, step=1,
                  aria_label=f"frame of {name}")  # fmt: skip
     return tag(
         "figure",
-        tag("div", shown, class_=f"frames{small}", style=f"aspect-ratio:{width}/{height}"),
+        tag("div", pictures, class_=f"frames{small}", style=f"aspect-ratio:{width}/{height}"),
         slider if len(frames) > 1 else None,
         tag("figcaption", f"{name} ", tag("b", frames[0][0])),
         class_="film",
     )
 
 
-def _shrunk(levels: np.ndarray, side: int) -> np.ndarray:
+def _shrink(levels: np.ndarray, side: int) -> np.ndarray:
     """The picture with its larger side reduced to at most `side` pixels."""
     height, width = levels.shape[:2]
     if max(height, width) <= side:
@@ -131,7 +131,7 @@ def _shrunk(levels: np.ndarray, side: int) -> np.ndarray:
     return np.ascontiguousarray(made.get_pixels(oiio.UINT8))
 
 
-def _encoded(levels: np.ndarray, suffix: str, quality: int) -> bytes:
+def _encode(levels: np.ndarray, suffix: str, quality: int) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"picture{suffix}"
         if suffix == ".png":

@@ -12,7 +12,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.lens import AbstractLens
 from gaussray.capture.capture import View
 from gaussray.color import srgb_encode
-from gaussray.dataset.manifest import turn_and_place
+from gaussray.dataset.manifest import rotation_and_position
 from gaussray.report.chart import color
 from gaussray.report.markup import Markup, escape, tag
 from gaussray.runtime.kept_programs import KeptProgram
@@ -38,10 +38,10 @@ def camera_views(
 
     `names` maps each split to its name in the legend, in the order of the colours.
     """
-    shown = [view for view in views if view.split in names]
-    if not shown:
+    selected = [view for view in views if view.split in names]
+    if not selected:
         return []
-    poses = [_pose(view.camera) for view in shown]
+    poses = [_pose(view.camera) for view in selected]
     eye = np.array([place for place, _ in poses])
     turn = np.array([axes for _, axes in poses])
     right, up, toward = _basis(turn)
@@ -52,18 +52,18 @@ def camera_views(
         ("from the side", right, up),
     ):
         onto = np.stack([across, -upward])
-        drawings.append(_drawing(title, onto, shown, eye, turn, points, tone, list(names)))
+        drawings.append(_drawing(title, onto, selected, eye, turn, points, tone, list(names)))
     keys = [
         tag("li", tag("i", style=f"background:{color(i)}"), name)
         for i, name in enumerate(names.values())
-        if list(names)[i] in {view.split for view in shown}
+        if list(names)[i] in {view.split for view in selected}
     ]
     return [tag("div", drawings, class_="grid"), tag("ul", keys, class_="legend")]
 
 
 def _pose(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     """Position and axes (columns right, down, forward) at the frame's time."""
-    turn, place = turn_and_place(camera)
+    turn, place = rotation_and_position(camera)
     return np.asarray(place, float), np.asarray(turn, float)
 
 
@@ -71,13 +71,13 @@ def _basis(turn: Float[np.ndarray, "views 3 3"]) -> tuple[np.ndarray, np.ndarray
     """Right, up and forward axes of the drawing; up is the mean up direction of the cameras."""
     up = -turn[:, :, 1].mean(axis=0)
     up = up / np.linalg.norm(up) if np.linalg.norm(up) > 1e-3 else np.array([0.0, 0.0, 1.0])
-    away = turn[:, :, 2].mean(axis=0)
-    away = away - up * (away @ up)
-    if np.linalg.norm(away) < 1e-3:
+    forward = turn[:, :, 2].mean(axis=0)
+    forward = forward - up * (forward @ up)
+    if np.linalg.norm(forward) < 1e-3:
         # The cameras look in all directions.
-        away = np.cross(np.eye(3)[np.argmin(np.abs(up))], up)
-    away = away / np.linalg.norm(away)
-    return np.cross(away, up), up, away
+        forward = np.cross(np.eye(3)[np.argmin(np.abs(up))], up)
+    forward = forward / np.linalg.norm(forward)
+    return np.cross(forward, up), up, forward
 
 
 def _dots(scene: Scene | Clip | None) -> tuple[np.ndarray, np.ndarray]:
@@ -123,11 +123,11 @@ def _drawing(
     length = 34.0 / scale
     parts: list[Any] = _cloud(placed(points), tone)
     for ink, split in enumerate(splits):
-        own = [i for i, view in enumerate(views) if view.split == split]
-        names = dict.fromkeys(views[i].camera_name for i in own)
+        indices = [i for i, view in enumerate(views) if view.split == split]
+        names = dict.fromkeys(views[i].camera_name for i in indices)
         each = max(1, min(FRUSTA_PER_CAMERA, MAX_FRUSTA // max(len(names), 1)))
         for name in list(names)[:MAX_FRUSTA]:
-            some = [i for i in own if views[i].camera_name == name]
+            some = [i for i in indices if views[i].camera_name == name]
             parts += _camera_path(name, placed(eye[some]), color(ink))
             count = each if np.ptp(eye[some], axis=0).max() * scale > 2 else 1
             for i in {some[k] for k in np.linspace(0, len(some) - 1, count).astype(int)}:
@@ -142,15 +142,15 @@ def _drawing(
 def edge_directions(camera: Camera) -> Float[np.ndarray, "4 3"]:
     """Unit directions in camera axes through the middles of the picture's left, top, right and
     bottom edge, or through the nearest point that the lens forms."""
-    film, found = camera.film, []
+    film, directions = camera.film, []
     middle = np.array([film.width, film.height]) / 2
     for side in ((-1, 0), (0, -1), (1, 0), (0, 1)):
         share = np.linspace(1, 0, 21)[:, None]
         direction = lens_directions(camera.lens, middle + share * middle * np.array(side))
-        good = np.any(direction != 0, axis=-1) & np.isfinite(direction).all(axis=-1)
-        direction = direction[np.argmax(good)] if good.any() else np.array([0, 0, 1.0])
-        found.append(direction / np.linalg.norm(direction))
-    return np.array(found)
+        has_ray = np.any(direction != 0, axis=-1) & np.isfinite(direction).all(axis=-1)
+        direction = direction[np.argmax(has_ray)] if has_ray.any() else np.array([0, 0, 1.0])
+        directions.append(direction / np.linalg.norm(direction))
+    return np.array(directions)
 
 
 def lens_directions(

@@ -9,7 +9,7 @@ from gaussray.capture.picture_file import read_levels
 from gaussray.report.chart import PALETTE
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, html_table, note, summary_tiles
-from gaussray.report.picture import BYTES, captioned_image, inline
+from gaussray.report.picture import BYTES, captioned_image, embedded_image
 
 
 _MARKS = {"good": "good", "warn": "doubtful", "refuse": "unusable"}
@@ -52,17 +52,17 @@ def finding_list(facts: dict[str, Any]) -> Section:
 def camera_pictures(out: Path, facts: dict[str, Any]) -> Section:
     """A picture of each camera, with its name and whether it has a pose."""
     names = list(facts["cameras"])
-    picked = sorted({round(x) for x in np.linspace(0, len(names) - 1, min(len(names), _SHOWN))})
-    shown = []
-    for i in picked:
+    indices = sorted({round(x) for x in np.linspace(0, len(names) - 1, min(len(names), _SHOWN))})
+    pictures = []
+    for i in indices:
         one = facts["cameras"][names[i]]
         if one["pictures"] > 1:
             label = f"{names[i]} · {one['registered']} of {one['pictures']} have a pose"
         else:
             label = names[i] if one["registered"] else f"{names[i]} · no pose"
         levels = read_levels(out / one["picture"], *one["size"])
-        shown.append(captioned_image(levels, label, most=BYTES // (3 * len(picked))))
-    return Section("Pictures", [tag("div", shown, class_="grid few")])
+        pictures.append(captioned_image(levels, label, most=BYTES // (3 * len(indices))))
+    return Section("Pictures", [tag("div", pictures, class_="grid few")])
 
 
 def epipolar_pictures(out: Path, facts: dict[str, Any]) -> Section | None:
@@ -74,8 +74,8 @@ def epipolar_pictures(out: Path, facts: dict[str, Any]) -> Section | None:
     figures = []
     for pair in pairs:
         first, second = pair["first"], pair["second"]
-        left = _drawn(out, first, [a for a, _ in pair["points"]], [], most)
-        right = _drawn(out, second, [b for _, b in pair["points"]], pair["lines"], most)
+        left = _draw(out, first, [a for a, _ in pair["points"]], [], most)
+        right = _draw(out, second, [b for _, b in pair["points"]], pair["lines"], most)
         distance = "unknown" if pair["distance"] is None else f"{pair['distance']:.2f} pixels"
         caption = tag(
             "figcaption",
@@ -123,7 +123,7 @@ def _number(value: float | None, factor: float = 1.0) -> str:
     return "-" if value is None else f"{factor * value:.2f}"
 
 
-def _drawn(
+def _draw(
     out: Path,
     picture: dict[str, Any],
     points: list[list[float]],
@@ -133,8 +133,8 @@ def _drawn(
     """A picture with circles and lines on it; number k has colour k."""
     width, height = picture["size"]
     unit = max(width, height) / 400
-    parts = [tag("image", href=inline(read_levels(out / picture["file"], width, height), most),
-                 width=width, height=height)]  # fmt: skip
+    levels = read_levels(out / picture["file"], width, height)
+    parts = [tag("image", href=embedded_image(levels, most), width=width, height=height)]
     for k, line in enumerate(lines):
         for part in line:
             path = "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in part)

@@ -127,8 +127,8 @@ def _pace(log: list[dict[str, Any]], step: np.ndarray) -> tuple[np.ndarray, np.n
     seconds = _column(log, "seconds")
     same = np.array([_stage(a) == _stage(b) for a, b in zip(log, log[1:], strict=False)], bool)
     spent, done = np.diff(seconds), np.diff(step)
-    good = same & (spent > 0) & (done > 0)
-    pace = 1e3 * spent[good] / done[good]
+    valid = same & (spent > 0) & (done > 0)
+    pace = 1e3 * spent[valid] / done[valid]
     median = np.median(pace) if len(pace) else 0.0
-    kept = pace < 8 * median
-    return pace[kept], step[1:][good][kept]
+    regular = pace < 8 * median
+    return pace[regular], step[1:][valid][regular]

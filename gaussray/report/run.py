@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from gaussray.report.markup import Markup, tag
-from gaussray.report.page import Section, collapsed, definition_list, note
+from gaussray.report.page import Section, collapsible, definition_list, note
 from gaussray.runtime.provenance import command, run_record
 
 
@@ -16,7 +16,7 @@ def subtitle(out: Path) -> str:
     return " · ".join(filter(None, (str(out), began)))
 
 
-def reproduction(out: Path, timings: list[tuple[str, Any]]) -> Section:
+def how_to_reproduce(out: Path, timings: list[tuple[str, Any]]) -> Section:
     """The command, git commit, package versions, durations and resolved configuration of a run."""
     record, body = run_record(out), list[Any]()
     line = record.get("command") or command()
@@ -43,7 +43,7 @@ def configuration_text(out: Path) -> Markup:
         text = (out / "config.yaml").read_text()
     except OSError:
         return note("There is no config.yaml.")
-    return collapsed("Resolved configuration (config.yaml)", tag("pre", text))
+    return collapsible("Resolved configuration (config.yaml)", tag("pre", text))
 
 
 def duration(seconds: float | int) -> str:

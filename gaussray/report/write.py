@@ -13,7 +13,7 @@ from gaussray.io.atomic import whole
 from gaussray.report import calibration, cameras, dataset, evaluation, reconstruction
 from gaussray.report.markup import Markup
 from gaussray.report.page import Section, html_page, summary_tiles
-from gaussray.report.run import duration, file_size, json_document, reproduction, subtitle
+from gaussray.report.run import duration, file_size, how_to_reproduce, json_document, subtitle
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 
@@ -67,7 +67,7 @@ def _reconstruct_sections(
         reconstruction.training_curves(out),
         reconstruction.pruning(json_document(out / "requirement.json")),
         cameras.camera_plan(_views(out, capture), scene, cameras.SPLITS),
-        reproduction(out, reconstruction.stage_durations(out)),
+        how_to_reproduce(out, reconstruction.stage_durations(out)),
     ]
 
 
@@ -82,7 +82,7 @@ def _evaluate_sections(out: Path, scene: Scene | Clip | None, capture: Capture |
         evaluation.psnr_over_time(out),
         cameras.camera_table(groups, capture.time_unit) if capture else None,
         cameras.camera_plan(views, scene, cameras.SPLITS) if views else None,
-        reproduction(out, _timings(report)),
+        how_to_reproduce(out, _timings(report)),
     ]
 
 
@@ -101,7 +101,7 @@ def _render_sections(out: Path, scene: Scene | Clip | None, capture: Capture | N
         cameras.picture_sequences(out, groups),
         cameras.camera_table(groups, rendered.time_unit),
         cameras.camera_plan(views, scene, {split: "rendered cameras" for split in _splits(views)}),
-        reproduction(out, []),
+        how_to_reproduce(out, []),
     ]
 
 
@@ -111,7 +111,7 @@ def _dataset_sections(out: Path, scene: Scene | Clip | None, capture: Capture | 
         dataset.dataset_summary(takes),
         dataset.sample_pictures(out, takes),
         dataset.distribution_section(takes),
-        reproduction(out, []),
+        how_to_reproduce(out, []),
     ]
 
 
@@ -127,7 +127,7 @@ def _calibrate_sections(
         calibration.level_table(report),
         cameras.camera_table({name: views}, capture.time_unit) if capture else None,
         cameras.camera_plan(views, scene, cameras.SPLITS),
-        reproduction(out, []),
+        how_to_reproduce(out, []),
     ]
 
 
@@ -144,7 +144,7 @@ def _prepare_sections(out: Path, scene: Scene | Clip | None, capture: Capture | 
         prepare.epipolar_pictures(out, facts),
         prepare.camera_measurements(facts),
         cameras.camera_plan(_first_of_each(views), None, {"train": "cameras"}) if views else None,
-        reproduction(out, []),
+        how_to_reproduce(out, []),
     ]
 
 

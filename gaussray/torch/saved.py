@@ -9,7 +9,7 @@ import torch
 from torch.utils.data import Dataset
 
 from gaussray.capture.frames import read_image
-from gaussray.dataset.layers import read_codes, read_layers
+from gaussray.dataset.layers import read_integers, read_layers
 from gaussray.dataset.takes import MANIFEST, read_frames
 from gaussray.io.safe.files import inside
 from gaussray.render.aov.files import LAYERS, SHARP
@@ -88,7 +88,7 @@ class SavedFrames(Dataset[Item]):
                 space = "srgb" if name == SHARP else frame.get("color_space", "srgb")
                 item[name] = self._picture(files[name], frame, space)
             elif name in INTEGER_LABELS:
-                item[name] = as_tensor(read_codes(self._path(files[name])))
+                item[name] = as_tensor(read_integers(self._path(files[name])))
             else:
                 item[name] = _float_label(layers, name, self._path(files[LAYERS]))
         return item

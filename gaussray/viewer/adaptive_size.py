@@ -38,7 +38,7 @@ class SizeController:
         self._mean: dict[int, float] = {}
         self._current = self.sizes[0]
 
-    def measured(self, size: tuple[int, int], rays: int, milliseconds: float) -> None:
+    def record(self, size: tuple[int, int], rays: int, milliseconds: float) -> None:
         """Record how long a picture of this size took with `rays` rays per pixel."""
         count = size[0] * size[1] * rays
         old = self._mean.get(count, milliseconds)

@@ -29,7 +29,7 @@ ControlValues = dict[str, Any]
 class Slider(NamedTuple):
     """A slider for the configuration `key` from `low` to `high`, with a tooltip (`hint`).
 
-    `shown` decides from the current values whether the slider has an effect.
+    `is_visible` decides from the current values whether the slider has an effect.
     """
 
     key: str
@@ -38,7 +38,7 @@ class Slider(NamedTuple):
     high: float
     step: float
     hint: str
-    shown: Callable[[Mapping[str, Any]], bool] = lambda values: True
+    is_visible: Callable[[Mapping[str, Any]], bool] = lambda values: True
 
     @property
     def group(self) -> str:

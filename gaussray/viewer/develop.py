@@ -21,10 +21,10 @@ def develop_preview(preview: Preview, shot: RenderJob) -> UInt8[np.ndarray, "h w
     camera, sensor = shot.records[0].camera, shot.dataset.sensor
     steps, *settings = _settings(sensor, shot.records[0].file_path.rsplit(".", 1)[0])
     # Passing the camera takes time, so it is passed only where a step needs it.
-    needed = camera if steps.falloff or any(steps.vignetting) else None
+    lens_camera = camera if steps.falloff or any(steps.vignetting) else None
     levels = _levels(
         jnp.asarray(preview.values),
-        needed,
+        lens_camera,
         *settings,
         steps=steps,
         tone=sensor.tone,
@@ -57,5 +57,5 @@ def _levels(
 ) -> UInt8[Array, "h w 3"]:
     light = values[:, :3].reshape(size[1], size[0], 3)
     light = develop_with(numbers, light, camera, key, steps=steps)
-    shown = jnp.clip(apply_tone_curve(light, tone, table), 0, 1)
-    return jnp.floor(255 * shown + 0.5).astype(jnp.uint8)
+    levels = jnp.clip(apply_tone_curve(light, tone, table), 0, 1)
+    return jnp.floor(255 * levels + 0.5).astype(jnp.uint8)

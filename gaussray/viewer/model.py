@@ -28,8 +28,8 @@ from gaussray.viewer.controls import (
 from gaussray.viewer.options import ViewOptions
 from gaussray.viewer.viewpoint import (
     Viewpoint,
-    fixed_trajectory,
     horizontal_fov,
+    trajectory_at,
     view_at,
     viewpoint_of,
 )
@@ -74,19 +74,19 @@ class ViewerModel:
         self.options = build_options(ViewOptions, cfg.view)
         self.source, self.cameras, self.fps = cfg.scene, cfg.cameras, float(cfg.fps)
         self.physical = build_options(physical.PhysicalOptions, cfg.physical)
-        wanted = physical.apply_units(rig_options(cfg), self.physical)
+        options = physical.apply_units(rig_options(cfg), self.physical)
         self.scene: Scene | Clip = load(cfg.scene)
-        camera = wanted.camera
+        camera = options.camera
         if camera.kind == "capture" and not has_cameras(cfg):
             camera = rigs.CameraOptions("look_at")
         self.views: list[View] = chosen_views(cfg, self.scene, camera, rigs.read_views)
-        self.first_view = self._first_view(wanted.camera)
+        self.first_view = self._first_view(options.camera)
         self.fov = horizontal_fov(self.first_view.camera)
-        self.initial_values = self._initial_values(cfg, wanted)
+        self.initial_values = self._initial_values(cfg, options)
         # Controls use scene units; `applied` has converted millimetres and milliseconds.
-        kept = [word for word in words if not word.startswith("physical")]
-        self._variations = Variations("view", kept)
-        self._configuration_for = functools.lru_cache(64)(self._configured)
+        other_words = [word for word in words if not word.startswith("physical")]
+        self._variations = Variations("view", other_words)
+        self._configuration_for = functools.lru_cache(64)(self._compose)
         self._shot_at_time = functools.lru_cache(256)(self._initial_shot)
 
     @property
@@ -130,7 +130,7 @@ class ViewerModel:
         shot = self._shot_at_time(_frozen(values), viewpoint.time, size)
         (record,) = shot.records
         # Only the trajectory depends on the pose, which the mouse changes all the time.
-        camera = eqx.tree_at(lambda c: c.trajectory, record.camera, fixed_trajectory(viewpoint))
+        camera = eqx.tree_at(lambda c: c.trajectory, record.camera, trajectory_at(viewpoint))
         return shot._replace(records=[dataclasses.replace(record, camera=camera)])
 
     def pinhole_shot(
@@ -139,7 +139,7 @@ class ViewerModel:
         """The render job of the same viewpoint with an ideal pinhole camera."""
         return self.shot(pinhole_values(values, self.fov), viewpoint, size)
 
-    def configured(self, values: Mapping[str, Any]) -> Configuration:
+    def configuration(self, values: Mapping[str, Any]) -> Configuration:
         """The configuration with these control values; it is shared, so do not change it."""
         return self._configuration_for(_frozen(values))
 
@@ -148,26 +148,26 @@ class ViewerModel:
         view = view_at(self.first_view, self.initial_viewpoint._replace(time=time), size)
         return render_job(self._configuration_for(items), lambda _: self.scene, lambda *_: [view])
 
-    def _configured(self, items: FrozenValues) -> Configuration:
-        told = {key: list(v) if isinstance(v, tuple) else v for key, v in items}
-        return self._variations.with_values({**told, **FREE_CAMERA})
+    def _compose(self, items: FrozenValues) -> Configuration:
+        values = {key: list(v) if isinstance(v, tuple) else v for key, v in items}
+        return self._variations.with_values({**values, **FREE_CAMERA})
 
-    def _first_view(self, wanted: rigs.CameraOptions) -> View:
+    def _first_view(self, options: rigs.CameraOptions) -> View:
         """The first view that the camera options choose, or the capture's first."""
         fits = [
             view
             for view in self.views
-            if (view.camera_name in wanted.names if wanted.names else view.split == wanted.split)
-            and (not wanted.times or min(abs(t - view.time) for t in wanted.times) < 1e-6)
+            if (view.camera_name in options.names if options.names else view.split == options.split)
+            and (not options.times or min(abs(t - view.time) for t in options.times) < 1e-6)
         ]
         return (fits or self.views)[0]
 
-    def _initial_values(self, cfg: Configuration, wanted: rigs.RigOptions) -> ControlValues:
+    def _initial_values(self, cfg: Configuration, options: rigs.RigOptions) -> ControlValues:
         values: ControlValues = {"render.samples": cfg.render.samples}
         for group in GROUPS:
             block: Any = to_plain(cfg[group])
             if group != "sensor":
-                block = {key: getattr(getattr(wanted, group), key) for key in block}
+                block = {key: getattr(getattr(options, group), key) for key in block}
             values |= {f"{group}.{key}": value for key, value in block.items()}
         for key, (group, choice) in KEEP_DEFAULTS.items():
             if values[key] == "keep":

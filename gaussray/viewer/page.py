@@ -225,7 +225,7 @@ class Page:
     def update_visibility(self) -> None:
         """Show only the sliders that have an effect."""
         for one in table.sliders(1.0, 1.0):
-            self.handles[one.key].visible = one.shown(self.values)
+            self.handles[one.key].visible = one.is_visible(self.values)
         self.handles["lens.fov"].max = table.max_fov(self.values)
 
     def save(self) -> None:

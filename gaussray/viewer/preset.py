@@ -56,7 +56,7 @@ def save_preset(
     shot: RenderJob = model.shot(values, viewpoint, size or model.size)
     record = dataclasses.replace(shot.records[0], file_path=PICTURE)
     write_manifest(folder / CAMERA, [record], extra={"info": {"scene": str(model.source)}})
-    config: Any = to_plain(model.configured(values))
+    config: Any = to_plain(model.configuration(values))
     blocks = {
         "scene": str(Path(model.source).resolve()),
         "cameras": str((folder / CAMERA).resolve()),

@@ -101,7 +101,7 @@ class PreviewRenderer:
         self._mesh = device_mesh(None if jax.default_backend() == "cpu" else 1)
         self._flat = [jax.tree.flatten(jax.tree.map(jax.numpy.asarray, s)) for s in self.scenes]
         alone = self._mesh.size == 1
-        self._shared = [] if alone else [self._everywhere(leaves) for leaves, _ in self._flat]
+        self._shared = [] if alone else [self._on_all_devices(leaves) for leaves, _ in self._flat]
         self._programs: dict[_Key, _Program] = {}
         self._queued: set[_Key] = set()
         self._lock = threading.Condition()
@@ -124,7 +124,7 @@ class PreviewRenderer:
         values, report = self._run(program, key, row)
         spent = 1000 * (clock.monotonic() - begin)
         if report.dropped.any():
-            self._queue(key, camera, _longer(program, report))
+            self._queue(key, camera, _enlarged_capacity(program, report))
         hits, dropped = int(report.hits.sum()), int(report.dropped.sum())
         return Preview(values, key.size, spent, hits, dropped)
 
@@ -134,18 +134,18 @@ class PreviewRenderer:
         Traces one ray. Its program is compiled at the first call.
         """
         row, key = self._key(camera, 1, probe=True)
-        self._await(key)
+        self._wait_for(key)
         if key not in self._programs:
             self._build(key, camera)
         at = np.array([pixel[1] * key.size[0] + pixel[0]])
-        pixel_only = self._alone(*pixels_part(camera.film, at, self.trace))
+        pixel_only = self._single_device_part(*pixels_part(camera.film, at, self.trace))
         while True:
             program = self._programs[key]._replace(picture=pixel_only)
             values, report = self._run(program, key, row)
             if not report.dropped.any():
-                own = np.asarray(values)[0]
-                return float(own[3]), float(own[4])
-            self._build(key, camera, _longer(program, report))
+                numbers = np.asarray(values)[0]
+                return float(numbers[3]), float(numbers[4])
+            self._build(key, camera, _enlarged_capacity(program, report))
 
     def has(self, camera: Camera, samples: int) -> bool:
         """Whether the program for such a preview is compiled."""
@@ -187,11 +187,11 @@ class PreviewRenderer:
             row = np.tile(row, (1 if alone else self._mesh.size, 1))
         return leaves, row, picture.part
 
-    def _everywhere(self, tree):
+    def _on_all_devices(self, tree):
         """Copy to all devices that render."""
         return jax.device_put(tree, NamedSharding(self._mesh, PartitionSpec()))
 
-    def _known(self, key: _Key, levels: int) -> Capacity | None:
+    def _similar_capacity(self, key: _Key, levels: int) -> Capacity | None:
         """List capacity of a program for a picture of this size, whose stages other lenses share,
         or scaled from one of nearly this size. None without such a program. Measuring it would
         need another compilation."""
@@ -211,7 +211,7 @@ class PreviewRenderer:
         scaled = Capacity(cells, math.ceil(ratio * whole.pairs), whole.slots, whole.transient)
         return round_capacity(scaled) if self._staged else scaled
 
-    def _await(self, key: _Key) -> None:
+    def _wait_for(self, key: _Key) -> None:
         """Wait for a program that is being compiled."""
         with self._lock:
             self._lock.wait_for(lambda: key not in self._queued)
@@ -236,9 +236,9 @@ class PreviewRenderer:
     def _build(self, key: _Key, camera: Camera, capacity: Capacity | None = None) -> None:
         """Compile the program of a key, by default with the list capacity that the camera needs."""
         picture = self._picture(key, camera)
-        capacity = capacity or self._known(key, picture.trace.levels)
+        capacity = capacity or self._similar_capacity(key, picture.trace.levels)
         if capacity is None:
-            capacity = self._measured(key, camera, picture)
+            capacity = self._measure_capacity(key, camera, picture)
         program = _Program(self._call(key, picture, capacity), capacity, picture)
         self._run(program, key, pack_camera(jax.device_get(camera))[0])
         self._programs[key] = program
@@ -253,7 +253,7 @@ class PreviewRenderer:
         make = render_part if picture.place is None else render_pieces
         return make(structure, key.layout, settings)
 
-    def _measured(self, key: _Key, camera: Camera, picture: _Picture) -> Capacity:
+    def _measure_capacity(self, key: _Key, camera: Camera, picture: _Picture) -> Capacity:
         """The list capacity that a camera needs."""
         scene, place = self.scenes[key.segment], picture.place
         if self._staged:
@@ -279,19 +279,21 @@ class PreviewRenderer:
         """What a program traces."""
         if key.probe:
             middle = key.size[1] // 2 * key.size[0] + key.size[0] // 2
-            return self._alone(*pixels_part(camera.film, np.array([middle]), self.trace))
+            return self._single_device_part(
+                *pixels_part(camera.film, np.array([middle]), self.trace)
+            )
         if self._mesh.size == 1:
-            return self._alone(*whole_picture(camera.film, self.trace))
+            return self._single_device_part(*whole_picture(camera.film, self.trace))
         part, trace, place = interleaved_parts(camera.film, self.trace, self._mesh.size)
         shared = jax.device_put(part, NamedSharding(self._mesh, PartitionSpec("rays")))
         return _Picture(shared, trace, np.asarray(place))
 
-    def _alone(self, part: Part, trace: TraceOptions) -> _Picture:
+    def _single_device_part(self, part: Part, trace: TraceOptions) -> _Picture:
         """A part for one device; programs in stages take a leading axis of devices."""
         return _Picture(jax.tree.map(lambda x: x[None], part) if self._staged else part, trace)
 
 
-def _longer(program: _Program, report: Report) -> Capacity:
+def _enlarged_capacity(program: _Program, report: Report) -> Capacity:
     """List capacity enlarged to what a picture needed."""
     needed = np.asarray(report.needed).reshape(-1, report.needed.shape[-1]).max(axis=0)
     longer = enlarged_capacity(program.capacity, [int(n) for n in needed], headroom=_HEADROOM)

@@ -149,11 +149,11 @@ class ViewerSession:
             error, self.previewer.failure = self.previewer.failure, None
             raise error
         rays = {pane: self._rays(request, pane) for pane in self._panes(request)}
-        wanted = self.size_controller.size(sum(rays.values()))
-        size = self._ready(request, rays, wanted)
+        largest = self.size_controller.size(sum(rays.values()))
+        size = self._ready_size(request, rays, largest)
         if size is None:
             self._set_status(
-                RenderStatus(wanted, sum(rays.values()), {}, 0.0, 0, False, self._compiling)
+                RenderStatus(largest, sum(rays.values()), {}, 0.0, 0, False, self._compiling)
             )
             return False
         self._timer.begin()
@@ -169,7 +169,7 @@ class ViewerSession:
             hits, dropped, used = hits + preview.hits, dropped + preview.dropped, used + count
         self._put(request, pictures, self._timer, False)
         stages, pixels = dict(self._timer.stages), size[0] * size[1]
-        self.size_controller.measured(size, used, sum(stages.values()))
+        self.size_controller.record(size, used, sum(stages.values()))
         rate = self._timer.finish()
         status = RenderStatus(
             size, used, stages, hits / (pixels * used), dropped, False, self._compiling, rate
@@ -197,7 +197,7 @@ class ViewerSession:
         if self._put(request, pictures, timer, True):
             size, each = request.size or self.model.size, hits / len(pictures)
             self._set_status(RenderStatus(size, rays, timer.stages, each, 0, True, self._compiling))
-            self._anticipate(request)
+            self._compile_likely_next(request)
         return True
 
     def _renderer(self, shot: RenderJob) -> Renderer:
@@ -225,7 +225,7 @@ class ViewerSession:
                 self._show(compose_window(pictures, request.window, request.dark), final)
         return True
 
-    def _anticipate(self, request: RenderRequest) -> None:
+    def _compile_likely_next(self, request: RenderRequest) -> None:
         """Compile what is likely to be needed next: a focus click, an aperture, an exposure."""
         values = dict(request.values)
         values["aperture.radius"] = values["aperture.radius"] or 0.01
@@ -241,19 +241,19 @@ class ViewerSession:
     def _compiling(self) -> int:
         return self.previewer.compiling
 
-    def _ready(
-        self, request: RenderRequest, rays: Mapping[Pane, int], wanted: tuple[int, int]
+    def _ready_size(
+        self, request: RenderRequest, rays: Mapping[Pane, int], largest: tuple[int, int]
     ) -> tuple[int, int] | None:
-        """The largest size up to `wanted` whose programs are all compiled, preferably with blur;
-        compilation of the programs for `wanted` starts. None if there is no such size."""
-        smaller = [size for size in self.size_controller.sizes if size[0] <= wanted[0]][::-1]
+        """The largest size up to `largest` whose programs are all compiled, preferably with blur;
+        compilation of the programs for `largest` starts. None if there is no such size."""
+        smaller = [size for size in self.size_controller.sizes if size[0] <= largest[0]][::-1]
         for fewest in (False, True):
             for size in smaller:
                 cameras = {pane: _camera(self._shot(request, pane, size)) for pane in rays}
                 counts = {pane: 1 if fewest else count for pane, count in rays.items()}
                 if all(self.previewer.has(cameras[pane], counts[pane]) for pane in rays):
                     return size
-                if size == wanted and not fewest:
+                if size == largest and not fewest:
                     for pane, count in rays.items():
                         self.previewer.prepare(cameras[pane], count)
         return None

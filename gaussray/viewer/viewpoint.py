@@ -50,12 +50,12 @@ def view_at(view: View, viewpoint: Viewpoint, size: tuple[int, int]) -> View:
     none = jax.tree.map(lambda x: x.astype(jnp.float32), no_aperture())
     time = jnp.asarray(viewpoint.time, jnp.float32)
     lens = pinhole(jnp.full(2, side[0]), side / 2)
-    camera = Camera(film, lens, none, Shutter(zero, zero, zero), fixed_trajectory(viewpoint), time)
+    camera = Camera(film, lens, none, Shutter(zero, zero, zero), trajectory_at(viewpoint), time)
     named = {"camera_name": CAMERA_NAME, "split": "test", "time": viewpoint.time, "window": None}
     return dataclasses.replace(view, camera=camera, **named)
 
 
-def fixed_trajectory(viewpoint: Viewpoint) -> Trajectory:
+def trajectory_at(viewpoint: Viewpoint) -> Trajectory:
     """The trajectory of a camera that does not move."""
     return Trajectory(
         jnp.zeros(1, jnp.float32),

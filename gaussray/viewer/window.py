@@ -59,26 +59,26 @@ def panes(layout: str, window: float, picture: float, split: float = 0.5) -> lis
 
 
 def compose_window(
-    shown: Sequence[tuple[Pane, UInt8[np.ndarray, "h w 3"]]], window: float, dark: bool
+    pictures: Sequence[tuple[Pane, UInt8[np.ndarray, "h w 3"]]], window: float, dark: bool
 ) -> UInt8[np.ndarray, "H W 3"]:
     """The window's image: pictures of one size in their panes, without resampling."""
-    pane, picture = shown[0]
+    pane, picture = pictures[0]
     width = max(round(picture.shape[1] / pane.width), picture.shape[1])
     height = max(round(width / window), 1)
     # Rounding must not cut a row off the side that fits exactly.
     height = max(height, picture.shape[0])
     sheet = np.empty((height, width, 3), np.uint8)
     sheet[:] = BACKGROUND[dark]
-    for pane, picture in shown:
+    for pane, picture in pictures:
         h, w = picture.shape[:2]
         left = min(round(pane.left * width), width - w)
         top = min(round(pane.top * height), height - h)
         first, last = round(pane.begin * w), round(pane.end * w)
         sheet[top : top + h, left + first : left + last] = picture[:, first:last]
-    if len(shown) == 2 and shown[0][0].end == 1:
+    if len(pictures) == 2 and pictures[0][0].end == 1:
         sheet[:, width // 2 - 1 : width // 2 + 1] = BACKGROUND[dark]
-    elif len(shown) == 2 and shown[0][0].end > 0:
-        pane, picture = shown[0]
+    elif len(pictures) == 2 and pictures[0][0].end > 0:
+        pane, picture = pictures[0]
         edge = round(pane.left * width) + round(pane.end * picture.shape[1])
         top = min(round(pane.top * height), height - picture.shape[0])
         sheet[top : top + picture.shape[0], min(edge, width - 1)] = 255

@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from gaussray.calibrate.least_squares import confounded, covariance, huber, spread, step
+from gaussray.calibrate.least_squares import (
+    correlated_pairs,
+    covariance,
+    huber,
+    marquardt_step,
+    robust_deviation,
+)
 
 
 # Rounding of double precision, where numbers differ in size by ten million.
@@ -15,13 +21,13 @@ def test_a_step_without_damping_solves_a_linear_problem():
     rng = np.random.default_rng(0)
     columns, truth = rng.standard_normal((30, 4)) * [1, 10, 1e-3, 1e4], rng.standard_normal(4)
     residual = -columns @ truth
-    found = step(columns.T @ columns, columns.T @ residual, 0.0)
+    found = marquardt_step(columns.T @ columns, columns.T @ residual, 0.0)
     np.testing.assert_allclose(found, truth, rtol=SAME)
 
 
 def test_what_no_picture_tells_stays():
     curvature = np.diag([4.0, 0.0])
-    np.testing.assert_array_equal(step(curvature, np.array([2.0, 0.0]), 0.0), [-0.5, 0])
+    np.testing.assert_array_equal(marquardt_step(curvature, np.array([2.0, 0.0]), 0.0), [-0.5, 0])
 
 
 def test_hubers_loss_is_a_parabola_that_goes_on_straight():
@@ -31,7 +37,7 @@ def test_hubers_loss_is_a_parabola_that_goes_on_straight():
 def test_outliers_hardly_change_the_spread():
     error = np.random.default_rng(1).standard_normal(10_000)
     error[:300] = 1e3
-    assert abs(spread(error) - 1) < 0.06
+    assert abs(robust_deviation(error) - 1) < 0.06
 
 
 def drawn(noise, bend):
@@ -47,7 +53,7 @@ def drawn(noise, bend):
             weight = np.minimum(1, bend / np.maximum(np.abs(residual), 1e-12))
             inner = (np.abs(residual) < bend).astype(float)
             own = columns * (weight * residual)[:, None]
-            value = value + step((columns.T * weight) @ columns, own.sum(axis=0), 0.0)
+            value = value + marquardt_step((columns.T * weight) @ columns, own.sum(axis=0), 0.0)
         together = own.reshape(50, 4, 2).sum(axis=1)
         curvature = (columns.T * inner) @ columns
         both = [covariance(curvature, x.T @ x) for x in (own, together)]
@@ -74,10 +80,10 @@ def test_errors_that_hang_together_are_stated_by_their_sums():
 def test_two_numbers_that_do_the_same_are_named():
     first, second, third = np.linalg.qr(np.random.default_rng(3).standard_normal((1000, 3)))[0].T
     columns = np.stack([first, second, first + 0.1 * third], axis=1) * [1, 7, 1e3]
-    ((i, j, correlation),) = confounded(columns.T @ columns, 0.98)
+    ((i, j, correlation),) = correlated_pairs(columns.T @ columns, 0.98)
     assert (i, j) == (0, 2)
     np.testing.assert_allclose(correlation, -1 / np.sqrt(1.01), rtol=SAME)
-    assert confounded(np.diag([1.0, 2.0, 3.0]), 0.98) == []
+    assert correlated_pairs(np.diag([1.0, 2.0, 3.0]), 0.98) == []
 
 
 def test_what_cannot_be_known_has_a_large_error_not_a_small_one():

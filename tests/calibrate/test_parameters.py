@@ -11,9 +11,9 @@ import toy
 from gaussray.calibrate.parameters import (
     KINDS,
     corrected_camera,
-    prepared,
-    readings,
-    units,
+    prepare_lens,
+    reported_values,
+    unit_camera_set,
     unknowns,
 )
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, pinhole
@@ -37,10 +37,10 @@ def names(lens, named=()):
 def changed(lens, **wrong):
     """A camera with this lens whose named unknowns are wrong by so much, what was told, gains."""
     camera = dataclasses.replace(toy.rolling(toy.camera(0.3, 0.5)), lens=lens)
-    told, unit = unknowns(KINDS, lens), units(camera)
+    told, unit = unknowns(KINDS, lens), unit_camera_set(camera)
     value = toy.single([wrong.get(one.name.replace(".", "_"), 0.0) for one in told])
     after, gain = jax.jit(lambda v: corrected_camera(v, camera, unit, told))(value)
-    read = jax.jit(lambda v: readings(v, camera, unit, told))(value)
+    read = jax.jit(lambda v: reported_values(v, camera, unit, told))(value)
     return camera, after, dict(zip((one.name for one in told), np.asarray(read), strict=True)), gain
 
 
@@ -51,14 +51,14 @@ def test_coefficients_are_those_that_bend_or_are_named():
     assert names(POLYNOMIAL) == ["k2", "k3"]
     ideal = pinhole(MIDDLE, MIDDLE)
     assert names(ideal) == []
-    ready = prepared(ideal, ("k1", "s2"))
+    ready = prepare_lens(ideal, ("k1", "s2"))
     assert ready.distortion.shape == (12,) and ready.distorted
     assert names(ready, ("k1", "s2")) == ["k1", "s2"]
 
 
 def test_a_coefficient_that_a_lens_has_not_is_refused():
     with pytest.raises(ValueError, match="calibrate.coefficients must be among k1, k2, k3, k4"):
-        prepared(FISHEYE, ("p1",))
+        prepare_lens(FISHEYE, ("p1",))
 
 
 def test_zeros_are_the_camera_as_recorded():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.calibrate.parameters import corrected_camera, units, unknowns
+from gaussray.calibrate.parameters import corrected_camera, unit_camera_set, unknowns
 from gaussray.calibrate.pipeline import CalibrateOptions, calibrate
 from gaussray.calibrate.residuals import ResidualEvaluator
 from gaussray.calibrate.results import calibrated_records
@@ -60,7 +60,7 @@ def filmed(lens, readout=READOUT):
 
 def recorded(cameras, kinds):
     """The same cameras with errors of these kinds."""
-    told, unit = unknowns(kinds, cameras[0].lens), units(cameras[0])
+    told, unit = unknowns(kinds, cameras[0].lens), unit_camera_set(cameras[0])
     value = toy.single([WRONG.get(one.name, 0.0) for one in told])
     return [
         jax.jit(lambda c: corrected_camera(value, c, unit, told)[0])(camera) for camera in cameras
@@ -198,7 +198,7 @@ def test_coefficients_that_make_no_lens_are_refused(tmp_path):
     parameters = unknowns(("lens",), camera.lens)
     shot = Observation(np.zeros(()), np.zeros(()), camera, 0, SCENE, 1)
     evaluator = ResidualEvaluator(samples=1, trace=toy.TRACE, bend=1.0)
-    solver = CameraSolver([shot], parameters, units(camera), evaluator)
+    solver = CameraSolver([shot], parameters, unit_camera_set(camera), evaluator)
     # r(theta) turns back before the rim.
     value = np.array([-1e6 * (one.name == "k2") for one in parameters])
     sums = Sums(*(np.zeros(1),) * 5)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.calibrate.parameters import units, unknowns
+from gaussray.calibrate.parameters import unit_camera_set, unknowns
 from gaussray.calibrate.pixel_blocks import pixel_blocks
 from gaussray.calibrate.residuals import CameraEstimate, ResidualEvaluator
 
@@ -24,7 +24,7 @@ SMOOTH = dataclasses.replace(toy.TRACE, alpha_min=1e-6, transmittance_min=0.0)
 SCENE = jax.tree.map(lambda x: jnp.asarray(x, float), toy.scene(speed=0))
 CAMERA = jax.tree.map(lambda x: jnp.asarray(x, float), toy.camera(0.2, 0.5, SIDE, SIDE))
 UNKNOWNS = unknowns(("focal", "lens", "pose", "exposure"), CAMERA.lens)
-UNIT = units(CAMERA)
+UNIT = unit_camera_set(CAMERA)
 
 
 @pytest.fixture(scope="module")

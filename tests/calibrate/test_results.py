@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gaussray.calibrate.parameters import Unknown
-from gaussray.calibrate.results import Label, calibration_table, demand_effect, residual_psnr
+from gaussray.calibrate.results import Label, calibration_table, check_effect, residual_psnr
 from gaussray.calibrate.solver import Sums
 
 
@@ -21,12 +21,12 @@ def sums(*effect):
 
 
 def test_what_changes_nothing_is_named_with_the_reason():
-    demand_effect(sums(1, 1, 1), LABELS)
+    check_effect(sums(1, 1, 1), LABELS)
     message = r"readout has no effect on these pictures \(nothing moves in them\)"
     with pytest.raises(ValueError, match=message):
-        demand_effect(sums(1, 1e-9, 1), LABELS)
+        check_effect(sums(1, 1e-9, 1), LABELS)
     with pytest.raises(ValueError, match="cam_1 turn.right has no effect .* Leave pose out"):
-        demand_effect(sums(1, 1, 0), LABELS)
+        check_effect(sums(1, 1, 0), LABELS)
 
 
 def test_psnr_is_that_of_the_residuals():

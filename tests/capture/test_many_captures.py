@@ -14,7 +14,7 @@ from gaussray.camera.camera import project
 from gaussray.capture.formats.paired import read_cameras
 from gaussray.capture.open import open_capture
 from gaussray.cli.main import main
-from gaussray.dataset.images import codes
+from gaussray.dataset.images import srgb_levels
 from gaussray.geometry import rotation_matrix
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
@@ -41,7 +41,7 @@ def shown(known_sizes):
         angle = {"cam_0": -0.45, "cam_1": -0.15, "cam_2": 0.45, "cam_3": 0.15}[record.camera_name]
         camera = toy.camera(angle, float(record.camera.time), SIDE, SIDE)
         name = f"cam{toy.CAMERAS[::-1].index(record.camera_name):02d}"
-        taken.setdefault(name, (camera, []))[1].append(codes(renderer(camera).color))
+        taken.setdefault(name, (camera, []))[1].append(srgb_levels(renderer(camera).color))
     return taken
 
 

@@ -9,7 +9,7 @@ import pytest
 import toy
 from omegaconf import OmegaConf
 
-from gaussray.cli.commands import RUN, resumes
+from gaussray.cli.commands import RUN, should_resume
 from gaussray.cli.help import COMMANDS, EXITS, MOST_USED
 from gaussray.cli.main import main
 from gaussray.config.schema import keys
@@ -458,7 +458,7 @@ def test_an_interruption_says_how_to_go_on(fails, capture, monkeypatch):
 def test_the_same_words_serve_a_run_at_every_moment(tmp_path, resume, left, told):
     for name in left:
         (tmp_path / name).touch()
-    assert resumes(OmegaConf.create({"out": str(tmp_path), "resume": resume})) is told
+    assert should_resume(OmegaConf.create({"out": str(tmp_path), "resume": resume})) is told
 
 
 def test_any_other_resumption_is_refused(capture, fails):

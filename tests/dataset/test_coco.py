@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from gaussray.dataset.coco import run_lengths
 from gaussray.dataset.images import write_image
-from gaussray.dataset.layers import write_codes
+from gaussray.dataset.layers import write_integers
 from gaussray.dataset.layouts import write_layout
 
 
@@ -25,7 +25,7 @@ def data(tmp_path):
     frames = []
     for i, codes in enumerate((group, np.roll(group, 1, axis=1))):
         write_image(tmp_path / f"takes/000004/a{i}.png", np.full((5, 7, 3), 9 * i, np.uint8))
-        write_codes(tmp_path / f"takes/000004/g{i}.png", codes)
+        write_integers(tmp_path / f"takes/000004/g{i}.png", codes)
         pose = np.eye(4)
         # OpenGL axes: up and backward.
         pose[:3, :3], pose[:3, 3] = turn * [1, -1, -1], [i, 2, 3]

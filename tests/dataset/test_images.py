@@ -14,10 +14,10 @@ import pytest
 from gaussray.capture.frames import read_encoded, read_image, read_mask
 from gaussray.color import srgb_decode
 from gaussray.dataset.images import (
-    codes,
     contact_sheet,
     enlarge,
     side_by_side,
+    srgb_levels,
     write_image,
 )
 from gaussray.dataset.layers import write_layers
@@ -47,7 +47,7 @@ def test_every_srgb_code_survives_writing_and_reading(tmp_path, form):
 
 def test_codes_are_clipped_and_rounded_to_nearest():
     linear = np.array([[[-1, 0, 0.18], [0.5, 1, 7]]])
-    np.testing.assert_array_equal(codes(linear), [[[0, 0, 118], [188, 255, 255]]])
+    np.testing.assert_array_equal(srgb_levels(linear), [[[0, 0, 118], [188, 255, 255]]])
 
 
 @pytest.mark.parametrize(("depth", "tolerance"), [("float", 0), ("half", 2**-11)])

@@ -12,7 +12,7 @@ import toy
 
 from gaussray.capture.formats.paired import read_cameras, read_capture
 from gaussray.cli.main import main
-from gaussray.dataset.images import codes
+from gaussray.dataset.images import srgb_levels
 from gaussray.evaluate.metrics import psnr
 from gaussray.reconstruct import session as sessions
 from gaussray.reconstruct.data.segments import segments
@@ -147,9 +147,9 @@ def test_the_shared_instant_looks_alike_from_both_and_what_stands_still_stays(fi
     before, after = (filmer(part) for part in parts)
     for angle in (-0.3, 0.15):
         camera = toy.camera(angle, time=0.5)
-        own = psnr(*(codes(render(camera).color) for render in (before, after)))
+        own = psnr(*(srgb_levels(render(camera).color) for render in (before, after)))
         elsewhere = before(toy.camera(angle, time=0.25))
-        apart = psnr(codes(before(camera).color), codes(elsewhere.color))
+        apart = psnr(srgb_levels(before(camera).color), srgb_levels(elsewhere.color))
         assert own > ALIKE and own > apart + APART, (own, apart)
     still, again = parts[0].static, parts[1].static
     # The same Gaussians, in any order, if they have not begun to move.

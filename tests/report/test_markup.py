@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaussray.report.chart import Curve, chart, ticks
-from gaussray.report.markup import Markup, concatenated, tag
+from gaussray.report.markup import Markup, concatenate_markup, tag
 from gaussray.report.page import Section, html_page, html_table
 
 
@@ -17,7 +17,7 @@ def test_children_and_values_are_escaped_and_markup_is_not():
     made = tag("p", EVIL, tag("b", "x"), title=EVIL)
     assert "<script" not in made and made.count("<b>x</b>") == 1
     assert "&lt;script&gt;" in made and "&quot;" in made and "&#x27;&amp;" in made
-    assert concatenated([Markup("<i>"), ["<i>", None]]) == "<i>&lt;i&gt;"
+    assert concatenate_markup([Markup("<i>"), ["<i>", None]]) == "<i>&lt;i&gt;"
 
 
 def test_attributes_are_named_as_in_html():

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 
 from gaussray.dataset.images import write_image
-from gaussray.report.picture import BYTES, FULL, HEAT, SMALL, compared, heat, inline, sequence
+from gaussray.report.picture import (
+    BYTES,
+    FULL,
+    HEAT,
+    SMALL,
+    comparison,
+    embedded_image,
+    error_map,
+    picture_slider,
+)
 
 
 def noise(side):
@@ -20,14 +29,14 @@ def held(address):
 def test_a_small_picture_is_kept_to_the_last_bit(tmp_path):
     picture = noise(32)
     write_image(tmp_path / "a.png", picture)
-    address = inline(picture, 10_000)
+    address = embedded_image(picture, 10_000)
     assert address.startswith("data:image/png")
     assert held(address) == (tmp_path / "a.png").read_bytes()
 
 
 @pytest.mark.parametrize("most", [5_000, 40_000])
 def test_a_large_picture_takes_no_more_than_it_may(most):
-    address = inline(noise(2 * SMALL), most)
+    address = embedded_image(noise(2 * SMALL), most)
     assert address.startswith("data:image/jpeg") and len(held(address)) <= most
 
 
@@ -39,14 +48,14 @@ def test_the_difference_map_is_black_where_nothing_differs_and_light_from_the_en
     truth = np.full((2, 3, 3), 100, np.uint8)
     ours = truth.copy()
     ours[0, 0], ours[0, 1] = 100 + FULL, 100 - FULL // 2
-    found = heat(truth, ours)
+    found = error_map(truth, ours)
     assert tuple(found[1, 1]) == HEAT[0] and tuple(found[0, 0]) == HEAT[-1]
     assert HEAT[0] < tuple(found[0, 1]) < HEAT[-1]
 
 
 def test_names_of_cameras_are_escaped_and_sliders_named():
     evil, picture = "<img src=x onerror=alert(1)>", noise(8)
-    shown = compared(picture, picture, [evil], most=9_000)
-    shown += sequence([(evil, picture), ("b", picture)], evil, most=9_000)
+    shown = comparison(picture, picture, [evil], most=9_000)
+    shown += picture_slider([(evil, picture), ("b", picture)], evil, most=9_000)
     assert "<img src=x" not in shown and "&lt;img" in shown
     assert shown.count('type="range"') == 2 and shown.count("aria-label=") == 2

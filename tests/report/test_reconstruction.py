@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gaussray.report import reconstruction
-from gaussray.report.run import duration, file_size, json_lines, reproduction
+from gaussray.report.run import duration, file_size, how_to_reproduce, json_lines
 
 
 @pytest.fixture
@@ -51,7 +51,7 @@ def test_a_run_that_left_little_has_what_there_is(tmp_path):
         reconstruction.training_curves(tmp_path) is None
         and reconstruction.last_psnr(tmp_path) is None
     )
-    assert "There is no config.yaml." in "".join(map(str, reproduction(tmp_path, []).body))
+    assert "There is no config.yaml." in "".join(map(str, how_to_reproduce(tmp_path, []).body))
 
 
 def test_times_and_sizes_are_said_as_people_say_them():

@@ -21,7 +21,7 @@ def taught(fixed, slope, *, budget=100.0, sizes=((64, 64), (96, 96))):
     """A controller that has measured two sizes with these costs per picture and per ray."""
     size_controller = SizeController(preview_sizes((512, 512)), budget)
     for w, h in sizes:
-        size_controller.measured((w, h), 1, fixed + slope * w * h)
+        size_controller.record((w, h), 1, fixed + slope * w * h)
     return size_controller
 
 
@@ -47,7 +47,7 @@ def test_a_machine_that_is_too_slow_gets_the_smallest():
 
 def test_after_one_picture_larger_ones_are_expected_to_cost_less_than_their_rays():
     size_controller = SizeController(preview_sizes((512, 512)), budget=100.0)
-    size_controller.measured((64, 64), 1, 40.0)
+    size_controller.record((64, 64), 1, 40.0)
     assert 40.0 < size_controller.milliseconds(2 * 64 * 64) < 80.0
     assert size_controller.size(1) == (96, 96)
 
@@ -55,7 +55,7 @@ def test_after_one_picture_larger_ones_are_expected_to_cost_less_than_their_rays
 def test_a_cost_that_changes_is_followed_at_all_sizes():
     size_controller = taught(0.0, 2e-3)
     for _ in range(40):
-        size_controller.measured((64, 64), 1, 64 * 64 * 1e-3)
+        size_controller.record((64, 64), 1, 64 * 64 * 1e-3)
     assert size_controller.milliseconds(64 * 64) == pytest.approx(64 * 64 * 1e-3, rel=1e-3)
     assert size_controller.milliseconds(96 * 96) == pytest.approx(96 * 96 * 1e-3, rel=1e-3)
 
@@ -65,16 +65,16 @@ def test_a_size_that_just_fits_does_not_flicker():
     # Too little reserve to grow to 256 ...
     assert size_controller.size(1) == (192, 192)
     for _ in range(20):
-        size_controller.measured((192, 192), 1, 0.7 * 100 * (192 / 256) ** 2)
+        size_controller.record((192, 192), 1, 0.7 * 100 * (192 / 256) ** 2)
     assert size_controller.size(1) == (256, 256)
     # ... and enough to stay there.
     for _ in range(40):
-        size_controller.measured((256, 256), 1, 95.0)
+        size_controller.record((256, 256), 1, 95.0)
         assert size_controller.size(1) == (256, 256)
 
 
 def test_times_that_fall_with_size_are_noise():
     size_controller = SizeController(preview_sizes((512, 512)), budget=100.0)
-    size_controller.measured((64, 64), 1, 30.0)
-    size_controller.measured((96, 96), 1, 25.0)
+    size_controller.record((64, 64), 1, 30.0)
+    size_controller.record((96, 96), 1, 25.0)
     assert size_controller.milliseconds(512 * 512) >= 25.0

@@ -60,10 +60,10 @@ def test_a_choice_stays_known_when_its_numbers_move():
 
 
 def test_what_says_nothing_is_hidden():
-    shown = {one.key: one.shown(begin()) for one in sliders(3.0, 1.0)}
+    shown = {one.key: one.is_visible(begin()) for one in sliders(3.0, 1.0)}
     assert not shown["aperture.focus_distance"] and not shown["shutter.readout"]
     values = begin() | choice_values("aperture", "wide") | choice_values("shutter", "rolling")
-    shown = {one.key: one.shown(values) for one in sliders(3.0, 1.0)}
+    shown = {one.key: one.is_visible(values) for one in sliders(3.0, 1.0)}
     assert shown["aperture.focus_distance"] and shown["shutter.readout"]
     assert not shown["shutter.field_time"]
 

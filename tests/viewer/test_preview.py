@@ -165,7 +165,7 @@ def test_lists_are_as_long_as_the_device_with_the_longest_wants():
     held = module._Program(len, Capacity((64,), 64, 16), module.Part)
     none, hits = jnp.zeros((), int), jnp.zeros(())
     each = [Report(jnp.array(n), none, none, hits) for n in ([10, 70, 16], [90, 20, 17])]
-    longer = module._longer(held, jax.tree.map(lambda *x: np.stack(x), *each))
+    longer = module._enlarged_capacity(held, jax.tree.map(lambda *x: np.stack(x), *each))
     assert longer.cells[0] >= 90 and longer.pairs >= 70 and longer.slots == 64
 
 

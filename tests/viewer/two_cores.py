@@ -28,7 +28,7 @@ def main(folder: Path) -> None:
     )
     camera = shot.records[0].camera
     previewer = PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
-    PreviewRenderer._measured = Renderer._measure = lambda *_, **__: rooms.ROOM
+    PreviewRenderer._measure_capacity = Renderer._measure = lambda *_, **__: rooms.ROOM
     found = rooms.made(previewer, camera, shot.options.samples)
     frame = Renderer(model.scene, options=shot.options, trace=shot.trace, devices=1)(camera)
     values = np.asarray(found.values).reshape(*SIZE[::-1], 5)

@@ -1,4 +1,4 @@
-"""Label files of a dataset, and the ground truth pictures of other cameras (`PICTURE_LABELS`)."""
+"""Label files of a dataset, and ground-truth pictures of other cameras (`PICTURE_LABELS`)."""
 
 import dataclasses
 import os
@@ -15,7 +15,7 @@ import numpy as np
 from gaussray.camera.camera import Camera
 from gaussray.camera.ideal_pinhole import ideal_pinhole_of
 from gaussray.camera.shutter import row_count, shutter_of_row
-from gaussray.dataset.layers import write_codes, write_layers
+from gaussray.dataset.layers import write_integers, write_layers
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.aov.labeller import (
     INTEGER_LABELS,
@@ -33,12 +33,18 @@ LAYERS = "layers"
 
 
 def with_label_files(records: Sequence[FrameRecord], labels: Sequence[str]) -> list[FrameRecord]:
-    """The records with the paths of their label files, followed by the records of the ground truth
-    pictures of each label of `PICTURE_LABELS`.
+    """Add the label files of frames, and the frames of ground-truth pictures (`PICTURE_LABELS`).
 
     A picture `images/fisheye/cam00/0003.png` has float labels in `labels/fisheye/cam00/0003.exr`,
     whole numbers beside them in `0003.moving.png` and the like, and its ground truth in
     `images/sharp/fisheye/cam00/0003.png`.
+
+    Args:
+        records: The frames.
+        labels: Names of labels.
+
+    Returns:
+        The frames with the paths of their labels, then those of the ground-truth pictures.
     """
     check_labels(labels)
     if not labels:
@@ -51,9 +57,15 @@ def with_label_files(records: Sequence[FrameRecord], labels: Sequence[str]) -> l
 def neighbour_cameras(
     records: Sequence[FrameRecord], interval: float = 0.0
 ) -> dict[str, tuple[Camera | None, Camera | None]]:
-    """The cameras of the previous and the next frame for each file, of the same camera name and
-    effect, in order of time. A lone frame has neighbours an `interval` before and after, if that is
-    above 0."""
+    """The cameras of the previous and the next frame of each frame, of one camera name and effect.
+
+    Args:
+        records: The frames.
+        interval: Time to the neighbours of a single frame, in the capture's unit; 0 gives it none.
+
+    Returns:
+        Previous and next camera by file.
+    """
     sequences: dict[tuple[str, str], list[FrameRecord]] = {}
     for record in records:
         sequences.setdefault((record.effect, record.camera_name), []).append(record)
@@ -74,7 +86,12 @@ def _delay(camera: Camera, delay: float) -> Camera:
 
 
 def labels_exist(out: Path, record: FrameRecord) -> bool:
-    """Whether all label files of a record exist."""
+    """Whether all label files of a frame exist.
+
+    Args:
+        out: Folder of the dataset.
+        record: The frame.
+    """
     return all((out / path).exists() for path in _label_files(record).values())
 
 
@@ -86,9 +103,18 @@ def write_labels(
     labeller: Labeller,
     interval: float = 0.0,
 ) -> Iterator[FrameRecord]:
-    """Write the labels of the records whose pictures are `assigned`, and yield each when its files
-    are written. The cores compress files while the device computes the next labels. The other
-    records are neighbours, which flow needs; a lone frame's are an `interval` away."""
+    """Write labels, and yield each frame when its files are written.
+
+    The cores compress files while the device computes the next labels.
+
+    Args:
+        out: Folder of the dataset.
+        records: All frames; flow needs the neighbours of a frame.
+        assigned: Pictures whose labels are written.
+        labels: Names of the labels.
+        labeller: Computes them.
+        interval: Time to the neighbours of a single frame, in the capture's unit.
+    """
     near = neighbour_cameras([r for r in records if r.effect not in PICTURE_LABELS], interval)
     waiting: deque[tuple[FrameRecord, Future[None]]] = deque()
     cores = os.cpu_count() or 1
@@ -119,7 +145,7 @@ def _next_written(waiting: deque[tuple[FrameRecord, Future[None]]]) -> FrameReco
 def _write(out: Path, record: FrameRecord, values: dict[str, np.ndarray]) -> None:
     files = _label_files(record)
     for name in files.keys() - {LAYERS}:
-        write_codes(out / files[name], values[name])
+        write_integers(out / files[name], values[name])
     if LAYERS in files:
         layers = {name: image for name, image in values.items() if name not in INTEGER_LABELS}
         write_layers(out / files[LAYERS], layers)

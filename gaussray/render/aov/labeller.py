@@ -1,4 +1,4 @@
-"""Labels: what is known of every pixel besides its colour, such as geometry, motion, identity."""
+"""Labels of pixels besides their colour: geometry, motion, identity."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -62,13 +62,13 @@ class Labeller:
     """Computes labels of frames of one scene, on the first device.
 
     The labels of a pixel are those of its chief ray: through the centre of the pixel and of the
-    aperture, in the middle of its row's exposure, whatever light the rim blocks. The scene moves by
-    key states, also where `render.chunk_rows` asks for blocks of rows.
+    aperture, in the middle of its row's exposure. Optical vignetting does not affect them. The
+    scene moves by key states, also with `render.chunk_rows`.
 
     Args:
         scene: The scene; clips of several segments have no labels.
-        options: Of them `keys` and `memory` matter; labels have one ray per pixel.
-        trace: How rays are traced.
+        options: Only `keys` and `memory` have an effect; labels have one ray per pixel.
+        trace: Options of the tracer.
     """
 
     def __init__(self, scene: Scene, *, options: RenderOptions, trace: TraceOptions):

@@ -55,7 +55,13 @@ class FlatScene(NamedTuple):
 
 
 class LabelSettings(NamedTuple):
-    """How labels are traced: trace options, number of key states, sizes of lists."""
+    """How labels are traced.
+
+    Args:
+        trace: Options of the tracer.
+        keys: Number of key states.
+        capacity: List sizes.
+    """
 
     trace: TraceOptions
     keys: int
@@ -63,8 +69,14 @@ class LabelSettings(NamedTuple):
 
 
 class _Surfaces(NamedTuple):
-    """What is known of a part, with a leading axis of one device: labels of surfaces, rays, the
-    scene for arrays and its lists."""
+    """The surfaces that the rays of a part hit, with a leading axis of one device.
+
+    Args:
+        labels: Labels of the surfaces.
+        rays: The chief rays.
+        scene: The scene, prepared for the array backend.
+        lists: Its candidate lists.
+    """
 
     labels: dict[str, Any]
     rays: Rays
@@ -125,7 +137,7 @@ def trace_labels(
 
 
 def _array_options(trace: TraceOptions) -> TraceOptions:
-    """The same, where lists are those of arrays."""
+    """The options with the array backend, if the CUDA kernel would trace."""
     return replace(trace, backend="array") if on_kernel(trace, jnp.float32) else trace
 
 
@@ -164,7 +176,7 @@ def _motion_labels(
     labels: dict[str, Any],
     names: tuple[str, ...],
 ) -> dict[str, Array | np.ndarray]:
-    """Labels of how points go.
+    """Labels of motion on the picture.
 
     The visible point of a pixel moves with the Gaussian of the largest weight. A mean over all
     Gaussians would mix the motions of foreground and background. Where nothing moves, flow depends

@@ -1,4 +1,4 @@
-"""Draws values from distributions, each by the name of its key: no draw depends on another."""
+"""Draws values from distributions. The draw of a key does not depend on other keys."""
 
 import hashlib
 import math
@@ -25,17 +25,33 @@ def uniform_number(seed: int, index: int, attempt: int, key: str) -> float:
     """The number in (0, 1) of a key, for one attempt at the sample of one index.
 
     It is 52 bits of the SHA-256 of the four arguments: equal on every machine, independent of the
-    order and of all other keys. Adding a key leaves the numbers of the others as they are.
+    order and of all other keys. Adding a key does not change the numbers of the others.
+
+    Args:
+        seed: Random seed.
+        index: Index of the sample.
+        attempt: Number of the attempt, from 0.
+        key: Name of the key.
     """
     digest = hashlib.sha256(f"{seed}/{index}/{attempt}/{key}".encode()).digest()
     return ((int.from_bytes(digest[:8], "big") >> 12) + 0.5) * 2.0**-52
 
 
 def read_distributions(tree: Mapping[str, Any], name: str = "sample") -> dict[str, dict[str, Any]]:
-    """The checked distribution of every key, from a tree that is nested as the keys are.
+    """Read and check the distributions of a configuration.
 
     A node with one of the words of `EXTRA_KEYS` is a distribution. Beside the `choice` of a whole
-    group there may be distributions of the group's keys. A ValueError names what is wrong.
+    group there may be distributions of the group's keys.
+
+    Args:
+        tree: A tree that is nested as the keys are.
+        name: Name of the tree, for messages.
+
+    Returns:
+        The distribution of every key.
+
+    Raises:
+        ValueError: A distribution is malformed; the message names its key.
     """
     distributions: dict[str, dict[str, Any]] = {}
     _collect(tree, "", name, distributions)
@@ -45,7 +61,14 @@ def read_distributions(tree: Mapping[str, Any], name: str = "sample") -> dict[st
 def draw_values(
     seed: int, index: int, attempt: int, specs: Mapping[str, Mapping[str, Any]]
 ) -> dict:
-    """A value for every key, at one attempt for the sample of an index."""
+    """Draw a value for every key.
+
+    Args:
+        seed: Random seed.
+        index: Index of the sample.
+        attempt: Number of the attempt, from 0.
+        specs: Distribution of every key.
+    """
     return {
         key: draw_value(spec, lambda name: uniform_number(seed, index, attempt, name), key)
         for key, spec in specs.items()
@@ -53,8 +76,7 @@ def draw_values(
 
 
 def draw_value(spec: Any, u: UniformNumbers, key: str) -> Any:
-    """The value of a checked distribution at the uniform numbers u; a fixed value is returned as it
-    is.
+    """Draw a value from a checked distribution; a fixed value is returned as it is.
 
     The cumulative distribution is inverted, x = F^-1(u), with u(key), or u(key[i]) for the elements
     of `each`.
@@ -127,7 +149,15 @@ def _collect(node: Any, key: str, name: str, distributions: dict[str, dict[str, 
 
 
 def check_distribution(spec: Mapping[str, Any], label: str) -> None:
-    """Raise a ValueError, with key and rule, unless the distribution is one."""
+    """Check a distribution.
+
+    Args:
+        spec: The distribution.
+        label: Its key, for messages.
+
+    Raises:
+        ValueError: It is malformed; the message names key and rule.
+    """
     (kind,) = (word for word in spec if word in EXTRA_KEYS)
     value, label = spec[kind], f"{label}.{kind}"
 

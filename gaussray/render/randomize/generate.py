@@ -36,8 +36,15 @@ _RENDERERS = 8
 
 
 class Sample(NamedTuple):
-    """One sample of the distributions: the `values` drawn for an index at the first possible
-    attempt (from 0), all `parameters` of the configuration, and the job that renders it."""
+    """One sample of the distributions.
+
+    Args:
+        index: Its index.
+        attempt: The first possible attempt, from 0.
+        values: The drawn values.
+        parameters: All parameters of the configuration.
+        job: The job that renders it.
+    """
 
     index: int
     attempt: int
@@ -55,7 +62,13 @@ MakeJob = Callable[[Mapping[str, Any]], tuple[dict[str, Any], RenderJob]]
 def draw_sample(
     index: int, distributions: Distributions, make_job: MakeJob, *, options: FactoryOptions
 ) -> Sample:
-    """The sample of an index. It depends on the seed and the index alone.
+    """Draw the sample of an index. It depends on the seed and the index alone.
+
+    Args:
+        index: Index of the sample.
+        distributions: Distribution of every key.
+        make_job: Makes parameters and job of drawn values.
+        options: Seed and number of attempts.
 
     Raises:
         ValueError: All attempts have drawn values that are impossible.
@@ -86,10 +99,18 @@ def generate_samples(
 ) -> int:
     """Render the samples of this shard into `out`.
 
-    Nothing is rendered before every sample of the shard is known to be possible. Finished samples
-    are kept and interrupted ones continued; one that would now have other values is refused. The
-    manifest of the dataset grows by a line with every sample, and is sorted by index at the end.
-    `preview.png` shows the first ten samples as soon as they are there.
+    All samples of the shard are checked before the first one is rendered. Finished samples are kept
+    and interrupted ones continued; a finished one with other values is an error. The manifest of
+    the dataset grows by a line with every sample, and is sorted by index at the end. `preview.png`
+    shows the first ten samples as soon as they exist.
+
+    Args:
+        out: Folder of the dataset.
+        distributions: Distribution of every key.
+        make_job: Makes parameters and job of drawn values.
+        options: Number of samples, seed, shard.
+        devices: Number of devices; None is all.
+        quiet: Whether to print no progress.
 
     Returns:
         The number of samples, of all shards, that are still missing.
@@ -136,8 +157,7 @@ def _frame_counts(
 
 
 class SharedRenderers:
-    """What samples share: hashes of their scenes, and renderers, whose lists are measured and whose
-    programs are compiled."""
+    """Scene hashes and renderers that samples share, with measured lists and compiled programs."""
 
     def __init__(self, devices: int | None):
         self._devices = devices

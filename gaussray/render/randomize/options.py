@@ -1,17 +1,25 @@
-"""How many takes are drawn, and which of them this process films."""
+"""Options of a randomised dataset: number of samples, and which of them a process renders."""
 
 import equinox as eqx
 
 
 class FactoryOptions(eqx.Module):
-    """`count` takes are drawn from `sample` (0: one, not drawn, as the keys are). What a take is
-    follows from `seed` and its index alone.
+    """Options of a randomised dataset.
 
-    An impossible one is refused, or drawn anew up to `redraws` times: what is filmed then follows
-    the distribution within what is possible. This process films the indices i, i + n, i + 2n, ...
-    of `shard` = i/n. `shards` > 1 has Hydra's launcher start as many processes. A sample has so
-    many `frames` of a camera, one after another, from a random one of the chosen cameras and times;
-    0 is all of them.
+    A sample depends on `seed` and its index alone.
+
+    Args:
+        count: Number of samples to draw from `sample`; 0 is one, without drawing.
+        frames: Successive frames of each sample, from a random one of the chosen cameras and times;
+            0 is all of them.
+        seed: Random seed.
+        redraws: Attempts to replace an impossible sample; 0 refuses it. With redraws, samples
+            follow the distributions restricted to what is possible.
+        shard: i/n: this process renders the samples i, i + n, i + 2n, ...
+        shards: Number of processes that Hydra's launcher starts.
+
+    Raises:
+        ValueError: A value breaks its rule; the message names the key.
     """
 
     count: int = eqx.field(static=True, default=0)
@@ -40,6 +48,6 @@ class FactoryOptions(eqx.Module):
 
     @property
     def indices(self) -> range:
-        """Indices of the takes that this process films."""
+        """Indices of the samples that this process renders."""
         number, of = (int(word) for word in self.shard.split("/"))
         return range(number, self.count, of)

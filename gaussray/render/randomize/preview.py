@@ -1,4 +1,4 @@
-"""A contact sheet of the first samples of a dataset, to look at while the others are rendered."""
+"""A contact sheet of the first samples of a dataset, available while the others are rendered."""
 
 import json
 from collections.abc import Sequence
@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from gaussray.capture.picture_file import read_stored
-from gaussray.dataset.images import codes, write_image
+from gaussray.dataset.images import srgb_levels, write_image
 from gaussray.dataset.takes import LINE, folder_of
 
 
@@ -18,7 +18,12 @@ PREVIEW = "preview.png"
 
 
 def write_preview(out: Path, count: int) -> None:
-    """Write the contact sheet of a dataset of `count` samples, if the first ones are there."""
+    """Write the contact sheet of a dataset, if its first samples are complete.
+
+    Args:
+        out: Folder of the dataset.
+        count: Number of its samples.
+    """
     lines = [out / folder_of(index) / LINE for index in range(min(count, PREVIEWED))]
     if all(line.exists() for line in lines):
         write_image(out / PREVIEW, preview_sheet([_first_picture(line) for line in lines]))
@@ -61,4 +66,4 @@ def _first_picture(line: Path) -> UInt8[np.ndarray, "h w 3"]:
         return stored
     if stored.dtype == np.uint16:
         return (stored // 257).astype(np.uint8)
-    return codes(stored)
+    return srgb_levels(stored)

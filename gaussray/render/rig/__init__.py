@@ -1,1 +1,1 @@
-"""The cameras that film a scene, from options."""
+"""Builds the cameras of a render from options."""

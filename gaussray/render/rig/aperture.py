@@ -12,12 +12,21 @@ from gaussray.io.plain_values import to_device
 
 
 class ApertureOptions(eqx.Module):
-    """`radius` (0: a pinhole, None: the capture's own aperture) and `focus_distance` in scene
-    units; `camera.aperture.Aperture` explains the others.
+    """Aperture and focus of the cameras.
 
-    `focus_times` and `focus_distances` pull the focus over time instead, as `focus_ease` says
-    (`FocusPull`). `rim_radius` and `rim_distance` are a second rim that clips oblique rays:
-    optical vignetting (`Rim`); both 0 is no rim.
+    Args:
+        radius: In scene units; 0 is a pinhole, None the capture's own aperture.
+        focus_distance: In scene units.
+        focus: "plane" or "sphere".
+        blades: Number of blades; 0 is round.
+        rotation: Rotation of the blades, in radians.
+        ratio: Anamorphic ratio, which divides the horizontal radius.
+        focus_times: Times of a focus pull, in the capture's unit (`FocusPull`).
+        focus_distances: Focus distance at each of these times, in scene units.
+        focus_ease: Interpolation of the focus pull: "linear" or "smooth".
+        rim_radius: Radius of a second rim that clips oblique rays, in scene units (optical
+            vignetting, `Rim`).
+        rim_distance: Distance of that rim from the aperture; both 0 is no rim.
     """
 
     radius: float | None = eqx.field(static=True, default=None)
@@ -34,7 +43,15 @@ class ApertureOptions(eqx.Module):
 
 
 def build_aperture(camera: Camera, options: ApertureOptions) -> Aperture:
-    """The aperture of the options, or the camera's own one where they keep it."""
+    """Build an aperture.
+
+    Args:
+        camera: The camera, whose own aperture stays if `options.radius` is None.
+        options: The options.
+
+    Raises:
+        ValueError: A value breaks its rule.
+    """
     if options.radius is None:
         return camera.aperture
     if options.radius == 0:

@@ -1,4 +1,4 @@
-"""The film of a rig's cameras, from options: pixel filter, and size with what the lens shows."""
+"""The film of a rig's cameras, from options: picture size and pixel filter."""
 
 import dataclasses
 
@@ -20,8 +20,8 @@ class FilmOptions(eqx.Module):
         filter: keep (the capture's), center, box, gaussian or blackman_harris.
         filter_width: Width of the filter in pixels, in total; None is the capture's.
         size: Width and height in pixels; empty is the capture's.
-        fit: What pictures of another shape show of the capture's view: "width" keeps its horizontal
-            field of view, "crop" cuts it, "letterbox" shows all of it and more beside it.
+        fit: View of pictures of another shape: "width" keeps the capture's horizontal field of
+            view, "crop" cuts the capture's view, "letterbox" contains all of it.
     """
 
     filter: str = eqx.field(static=True, default="keep")
@@ -38,9 +38,13 @@ class FilmOptions(eqx.Module):
 
 
 def apply_film(camera: Camera, options: FilmOptions) -> Camera:
-    """A camera whose pictures have the size and the filter of the options.
+    """Give a camera the picture size and pixel filter of the options.
 
-    The lens shows the same view on the new pixels, and the readout lasts as long over it.
+    The lens shows the same view on the new pixels, and the readout of that view takes as long.
+
+    Args:
+        camera: The camera.
+        options: The options.
 
     Raises:
         ValueError: A value breaks its rule.
@@ -72,8 +76,16 @@ def _resized(camera: Camera, options: FilmOptions) -> Camera:
 def visible_part(
     picture: tuple[int, int], size: tuple[int, int], fit: str
 ) -> tuple[float, float, float, float]:
-    """The part (left, top, width, height) of a picture that one of another size shows, in the
-    pixels of the first; beyond its edges where there is more to show. Both have one middle."""
+    """The part of a picture that a picture of another size shows; both have one centre.
+
+    Args:
+        picture: Width and height of the picture, in pixels.
+        size: Width and height of the other one.
+        fit: As for `FilmOptions`.
+
+    Returns:
+        Left, top, width and height in pixels of the first picture; it may exceed its edges.
+    """
     across, down = picture[0] / size[0], picture[1] / size[1]
     scale = {"width": across, "crop": min(across, down), "letterbox": max(across, down)}[fit]
     width, height = scale * size[0], scale * size[1]

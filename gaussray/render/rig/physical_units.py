@@ -26,11 +26,22 @@ _REQUIRED_KEYS = {
 class PhysicalOptions(eqx.Module):
     """Settings of a real camera; None is not given.
 
-    `focal_length` and `sensor` (width, height) in mm, `focus_distance` in metres, `readout` and
-    `exposure` in ms, `shutter_angle` in degrees of the frame's 360, `frame_rate` per second.
-    `units_per_metre` are scene units per metre, `seconds_per_unit` are seconds per unit of the
-    capture's time. `breathing` puts the film at the image distance of a thin lens, not at its focal
-    length, so that the field of view changes with the focus.
+    Args:
+        focal_length: In mm.
+        sensor: Width and height in mm.
+        f_number: Focal length / diameter of the aperture.
+        focus_distance: In metres.
+        breathing: Whether the image distance is that of a thin lens instead of the focal length, so
+            that the field of view changes with the focus.
+        readout: In ms.
+        exposure: In ms.
+        shutter_angle: In degrees of a frame's 360.
+        frame_rate: Frames per second.
+        units_per_metre: Scene units per metre.
+        seconds_per_unit: Seconds per unit of the capture's time.
+
+    Raises:
+        ValueError: A value breaks its rule, or lacks another one.
     """
 
     focal_length: float | None = eqx.field(static=True, default=None)
@@ -97,7 +108,7 @@ class PhysicalOptions(eqx.Module):
 
 
 def to_scene_units(options: PhysicalOptions) -> dict[str, Any]:
-    """The values of the rig's keys that the settings of a real camera amount to, by their names.
+    """Convert the settings of a real camera to values of the rig's keys, by their names.
 
     With focal length f, focus distance d, sensor width w and f-number N:
     lens.fov = 2 atan(w / 2 v) in degrees with v = f (with `breathing` f d / (d - f)),
@@ -125,7 +136,11 @@ def to_scene_units(options: PhysicalOptions) -> dict[str, Any]:
 
 
 def apply_units(options: RigOptions, units: PhysicalOptions) -> RigOptions:
-    """The rig with the values that the physical settings amount to.
+    """Set the rig's keys that physical settings determine.
+
+    Args:
+        options: The rig.
+        units: The physical settings.
 
     Raises:
         ValueError: A key of the rig and a physical setting both say the same quantity, or a
@@ -195,7 +210,15 @@ def _source(key: str, units: PhysicalOptions) -> str:
 
 
 def check_shape(units: PhysicalOptions, films: Iterable[Film]) -> None:
-    """Raise a ValueError unless the sensor has the shape of every picture, to half a pixel."""
+    """Check that the sensor has the shape of every picture, to half a pixel.
+
+    Args:
+        units: The physical settings.
+        films: Sizes of the pictures.
+
+    Raises:
+        ValueError: The shapes differ.
+    """
     for w, h in {(film.width, film.height) for film in films}:
         if units.sensor and abs(h - w * units.sensor[1] / units.sensor[0]) > 0.5:
             raise ValueError(
@@ -205,8 +228,17 @@ def check_shape(units: PhysicalOptions, films: Iterable[Film]) -> None:
 
 
 def units_record(options: RigOptions, units: PhysicalOptions) -> dict[str, Any]:
-    """The physical settings, and the rig's values that they amount to, for a manifest; empty
-    without settings. Infinity is the text "infinity", because JSON has no such number."""
+    """Physical settings and the rig's values that follow from them, for a manifest.
+
+    Infinity is the text "infinity", because JSON has no such number.
+
+    Args:
+        options: The rig.
+        units: The physical settings.
+
+    Returns:
+        The record; empty without settings.
+    """
     if units == PhysicalOptions():
         return {}
     record = {"given": vars(units), "derived": _rig_values(options, units)}

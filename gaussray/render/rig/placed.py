@@ -84,6 +84,11 @@ def placed_views(
     Film, lens, aperture and shutter are those of the first of a capture's `views`; without any, the
     camera is a pinhole of 50 degrees with pictures of 960 x 640.
 
+    Args:
+        scene: The scene.
+        options: Kind, position and path of the camera.
+        views: Views of a capture.
+
     Raises:
         ValueError: A value breaks its rule.
         OSError: `camera.file` cannot be read.

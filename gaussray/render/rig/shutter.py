@@ -31,14 +31,19 @@ _KINDS_OF_KEY = {
 
 
 class ShutterOptions(eqx.Module):
-    """`kind`: keep (the capture's own shutter), global, rolling, interlaced or table.
+    """Shutter of the cameras. All times are in the capture's unit.
 
-    All times are in the capture's unit. `readout` is the time from the first to the last row, or
-    `row_step` the time from row to row; `exposure` is that of each row. The time of the frame is in
-    the middle of the readout. An interlaced shutter reads every second row `field_time` after the
-    others, `first_field` (even: rows 0, 2, ...) first. `row_times` are the times of a table, one
-    for each row, relative to the time of the frame. `trigger` is the delay of every chosen camera,
-    in the order of camera.names or of the capture; one value is for all. It goes with any kind.
+    Args:
+        kind: keep (the capture's own shutter), global, rolling, interlaced or table.
+        readout: Time from the first row to the last; the frame's time is in its middle.
+        exposure: Exposure time of each row.
+        direction: Order of readout, one of `camera.shutter.DIRECTIONS`.
+        row_step: Time from row to row, instead of `readout`.
+        field_time: Of an interlaced shutter, time from one field to the other.
+        first_field: The field that is read first: even (rows 0, 2, ...) or odd.
+        row_times: Of a table, time of each row relative to the frame's time.
+        trigger: Delay of every chosen camera, in the order of camera.names or of the capture; one
+            value is for all. It applies to any kind.
     """
 
     kind: str = eqx.field(static=True, default="keep")
@@ -59,7 +64,15 @@ def reads_rows_in_turn(options: ShutterOptions) -> bool:
 
 
 def trigger_delays(options: ShutterOptions, names: Sequence[str]) -> dict[str, Float[Array, ""]]:
-    """The trigger delay of each camera by its name; empty if the options have none."""
+    """Trigger delay of each camera by its name; empty without delays.
+
+    Args:
+        options: The options.
+        names: Names of the chosen cameras.
+
+    Raises:
+        ValueError: There are neither one nor as many delays as cameras.
+    """
     delays = options.trigger * (len(names) if len(options.trigger) == 1 else 1)
     if delays and len(delays) != len(names):
         raise ValueError(
@@ -72,8 +85,16 @@ def trigger_delays(options: ShutterOptions, names: Sequence[str]) -> dict[str, F
 def build_shutter(
     camera: Camera, options: ShutterOptions, delay: Float[Array, ""] | None
 ) -> Shutter:
-    """The shutter of the options, or the camera's own one where they keep it, with a trigger
-    `delay` if there is one."""
+    """Build a shutter.
+
+    Args:
+        camera: The camera, whose own shutter stays with `kind="keep"`.
+        options: The options.
+        delay: Trigger delay of the camera; None keeps the shutter's own.
+
+    Raises:
+        ValueError: A value breaks its rule.
+    """
     shutter = camera.shutter if options.kind == "keep" else _new_shutter(camera.film, options)
     return shutter if delay is None else dataclasses.replace(shutter, trigger=delay)
 

@@ -20,16 +20,20 @@ CLOCKS = ("span", "file")
 
 
 class TrajectoryOptions(eqx.Module):
-    """`kind`: keep (the capture's poses), between (from pose to pose of the chosen cameras, in
-    their order, at even intervals over the chosen times) or path (the poses in `file`, see
-    `capture.paths`), with `steps` frames.
+    """Trajectories of the cameras.
 
-    `interpolation` between poses is linear or spline. The `clock` of a path is span (its first and
-    last pose are at the first and last of the chosen times) or file (its times are the capture's).
-
-    A hand-held camera shakes: `shake_degrees` and `shake_distance` (scene units) are standard
-    deviations per axis, correlated over `shake_time` (the capture's unit). Camera i uses the seed
-    `shake_seed` + i. Shake goes with any kind (`camera.shake`).
+    Args:
+        kind: keep (the capture's poses), between (through the poses of the chosen cameras, in their
+            order, at even intervals over the chosen times) or path (the poses in `file`).
+        steps: Number of frames of between and path.
+        interpolation: Between poses: linear or spline.
+        file: File of a path (`capture.paths`).
+        clock: Times of a path: span (its first and last pose are at the first and last of the
+            chosen times) or file (its own times, in the capture's unit).
+        shake_degrees: Rotation of a camera shake, standard deviation per axis (`camera.shake`).
+        shake_distance: Translation of a camera shake, standard deviation per axis, in scene units.
+        shake_time: Correlation time of a camera shake, in the capture's unit.
+        shake_seed: Seed of a camera shake; camera i uses `shake_seed` + i.
     """
 
     kind: str = eqx.field(static=True, default="keep")
@@ -46,8 +50,19 @@ class TrajectoryOptions(eqx.Module):
 def move_cameras(
     frames: list[tuple[str, str, Camera]], options: TrajectoryOptions
 ) -> list[tuple[str, str, Camera]]:
-    """The frames (camera name, split, camera) with the trajectory of the options: the same frames,
-    or those of one camera that moves. With shake if the options have any."""
+    """Give frames the trajectory and the camera shake of the options.
+
+    Args:
+        frames: Camera name, split and camera of each frame.
+        options: The options.
+
+    Returns:
+        The same frames, or those of one moving camera.
+
+    Raises:
+        ValueError: A value breaks its rule.
+        OSError: The path cannot be read.
+    """
     _check(options)
     if options.kind == "keep":
         moved = frames

@@ -1,4 +1,4 @@
-"""No key does nothing: a key switches its group on, or is refused where the choice ignores it."""
+"""Keys without effect: a key chooses its group's kind, or is refused if the kind ignores it."""
 
 import dataclasses
 from typing import Any
@@ -31,9 +31,10 @@ _CAMERA_KEYS = {
 
 
 def apply_implied_choices(options: RigOptions) -> tuple[RigOptions, list[str]]:
-    """The options with the choices that their keys ask for, and a line about each.
+    """Make the choices that keys imply: `shutter.readout=0.2` implies a rolling shutter.
 
-    `shutter.readout=0.2` means a rolling shutter, `trajectory.file` a path.
+    Returns:
+        The options, and a line about each choice.
     """
     notes = []
     shutter, trajectory = options.shutter, options.trajectory
@@ -55,7 +56,11 @@ def _note(group: str, key: str, value: Any, choice: str) -> str:
 
 
 def check_used_keys(options: RigOptions) -> None:
-    """Raise a ValueError for a key that is set but that the chosen model or kind ignores."""
+    """Check that the chosen models and kinds use every key that is set.
+
+    Raises:
+        ValueError: A key has no effect.
+    """
     _check_lens(options)
     aperture, shutter, trajectory = options.aperture, options.shutter, options.trajectory
     if aperture.radius is None:

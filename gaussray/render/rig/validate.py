@@ -1,4 +1,4 @@
-"""Checks, before anything is rendered, that the cameras of a render are possible."""
+"""Checks that the cameras of a render are physically possible, before anything is rendered."""
 
 from collections.abc import Sequence
 
@@ -13,10 +13,17 @@ _TIME_ROUNDING = 1e-5
 
 
 def check_cameras(options: RigOptions, records: Sequence[FrameRecord]) -> None:
-    """Raise a ValueError, with key and rule, unless real cameras could take these frames.
+    """Check that real cameras could take these frames.
 
     Lenses, apertures and physical settings check their own values (`camera.lens.check_lens`,
     `camera.aperture.Aperture`, `physical_units`).
+
+    Args:
+        options: The rig.
+        records: The frames.
+
+    Raises:
+        ValueError: A value breaks its rule; the message names the key.
     """
     focus, readout = options.aperture.focus_distance, options.shutter.readout
     if not focus > 0:

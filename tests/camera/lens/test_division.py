@@ -10,7 +10,13 @@ import pytest
 import toy
 from jax.test_util import check_grads
 
-from gaussray.calibrate.parameters import corrected_camera, prepared, readings, units, unknowns
+from gaussray.calibrate.parameters import (
+    corrected_camera,
+    prepare_lens,
+    reported_values,
+    unit_camera_set,
+    unknowns,
+)
 from gaussray.camera.film import Film
 from gaussray.camera.lens import Pinhole, check_lens, pinhole
 from gaussray.camera.lens.division import Division, fold_radius
@@ -192,8 +198,8 @@ def test_calibration_finds_lambda_from_where_points_are_imaged():
     """Gauss and Newton on the unknowns that `gaussray calibrate` would estimate."""
     truth = jax.tree.map(lambda x: x.astype(jnp.float32), lens(-0.3))
     start = dataclasses.replace(truth, coefficients=jnp.zeros(1, jnp.float32))
-    camera = dataclasses.replace(toy.camera(), lens=prepared(start, ("lambda1",)))
-    told, unit = unknowns(("focal", "lens"), camera.lens, ("lambda1",)), units(camera)
+    camera = dataclasses.replace(toy.camera(), lens=prepare_lens(start, ("lambda1",)))
+    told, unit = unknowns(("focal", "lens"), camera.lens, ("lambda1",)), unit_camera_set(camera)
     assert [one.name for one in told] == ["focal", "center.x", "center.y", "lambda1"]
     points = look(truth, pixels(truth, 0.7).astype(jnp.float32))
     seen = image(truth, points)
@@ -207,7 +213,9 @@ def test_calibration_finds_lambda_from_where_points_are_imaged():
     for _ in range(8):
         step = jnp.linalg.lstsq(jax.jacfwd(residual)(value), residual(value))[0]
         value = value - step
-    read = dict(zip((one.name for one in told), readings(value, camera, unit, told), strict=True))
+    read = dict(
+        zip((one.name for one in told), reported_values(value, camera, unit, told), strict=True)
+    )
     np.testing.assert_allclose(read["lambda1"], -0.3, atol=1e-4)
     np.testing.assert_allclose(read["focal"], FOCAL[0], rtol=1e-4)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.dataset.images import codes
+from gaussray.dataset.images import srgb_levels
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
@@ -30,7 +30,7 @@ def filmed():
     whole = toy.scene()
     wall = replace(whole, moving=jax.tree.map(lambda x: x[:0], whole.moving), deformation=None)
     pictures, empty = (
-        [codes(render(camera).color) for camera in cameras]
+        [srgb_levels(render(camera).color) for camera in cameras]
         for render in (
             Renderer(s, options=RenderOptions(samples=1), trace=toy.TRACE) for s in (whole, wall)
         )

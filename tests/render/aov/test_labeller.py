@@ -371,4 +371,4 @@ def test_another_lens_compiles_only_what_knows_the_camera(monkeypatch):
         dataclasses.replace(plates.camera(time, readout=READOUT), lens=lens) for time in (NOW, NEXT)
     ]
     asked(filmed[0], names, after=filmed[1])
-    assert sorted(made) == ["lens_program", "reading_program", "view_program"]
+    assert sorted(made) == ["lens_program", "timing_program", "view_program"]
