@@ -43,6 +43,7 @@ CHAPTERS: dict[str, dict[str, tuple[str, ...]]] = {
         "camera.lens.sphere": (),
         "camera.lens.equirectangular": (),
         "camera.aperture": (),
+        "camera.focus_pull": ("FocusPull",),
         "camera.shutter": (),
         "camera.trajectory": (),
         "camera.sensor.sensor": (),

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 
 if TYPE_CHECKING:
-    from gaussray.camera.aperture import Aperture as Aperture, FocusPull as FocusPull, Rim as Rim
+    from gaussray.camera.aperture import Aperture as Aperture, Rim as Rim
     from gaussray.camera.camera import Camera as Camera
     from gaussray.camera.film import Film as Film
+    from gaussray.camera.focus_pull import FocusPull as FocusPull
     from gaussray.camera.lens.abstract import AbstractLens as AbstractLens
     from gaussray.camera.lens.blender_polynomial import FisheyePolynomial as FisheyePolynomial
     from gaussray.camera.lens.division import Division as Division
@@ -56,9 +57,10 @@ if TYPE_CHECKING:
 
 # The modules of all public names. `render` and `reconstruct` are packages that can be called.
 _MODULES = {
-    "camera.aperture": ("Aperture", "FocusPull", "Rim"),
+    "camera.aperture": ("Aperture", "Rim"),
     "camera.camera": ("Camera",),
     "camera.film": ("Film",),
+    "camera.focus_pull": ("FocusPull",),
     "camera.lens.abstract": ("AbstractLens",),
     "camera.lens.blender_polynomial": ("FisheyePolynomial",),
     "camera.lens.division": ("Division",),

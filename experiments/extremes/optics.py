@@ -11,12 +11,12 @@ from experiments.extremes.sweep import Sweep, decades
 from gaussray.camera import lens as lenses
 from gaussray.camera.aperture import (
     Aperture,
-    FocusPull,
     Rim,
     focus_distance_at,
     thin_lens,
     transmitted,
 )
+from gaussray.camera.focus_pull import FocusPull
 from gaussray.camera.shutter import Shutter, sample_time
 from gaussray.camera.trajectory import Trajectory, pose_at
 

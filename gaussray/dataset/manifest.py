@@ -11,9 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from gaussray.camera.aperture import FocusPull
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
+from gaussray.camera.focus_pull import FocusPull
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import BLENDER_AXES, rotation_matrix

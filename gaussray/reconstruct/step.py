@@ -11,6 +11,7 @@ from gaussray.camera.camera import Camera
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize import relocation
 from gaussray.reconstruct.optimize.optimizer import (
+    CaptureScale,
     Parameters,
     descend,
     rates,
@@ -104,12 +105,11 @@ def train_block(
             state.parameters,
             state.step,
             options=options.optimizer,
-            extent=cameras.extent,
+            scale=CaptureScale(cameras.extent, cameras.interval),
             steps=schedule.steps,
             refine=options.refine,
             formed=options.formed,
             rise=options.rise,
-            interval=cameras.interval,
         )
         static, moving, transient = accumulated_statistics(state, gradient, details.origin)
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)

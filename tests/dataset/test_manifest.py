@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from lenses import zoo
 
-from gaussray.camera.aperture import Aperture, FocusPull, Rim, no_aperture
+from gaussray.camera.aperture import Aperture, Rim, no_aperture
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.film import Film
+from gaussray.camera.focus_pull import FocusPull
 from gaussray.camera.lens import FisheyePolynomial, KannalaBrandt, pinhole
 from gaussray.camera.shake import Shake
 from gaussray.camera.shutter import Shutter, global_shutter

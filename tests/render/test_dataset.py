@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.camera.aperture import Aperture, FocusPull, Rim
+from gaussray.camera.aperture import Aperture, Rim
 from gaussray.camera.camera import camera_rays
+from gaussray.camera.focus_pull import FocusPull
 from gaussray.camera.sensor.sensor import SensorOptions
 from gaussray.camera.sensor.vignetting import transmission
 from gaussray.camera.shake import Shake

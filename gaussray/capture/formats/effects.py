@@ -7,8 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, DTypeLike, Float
 
-from gaussray.camera.aperture import EASES, FOCUS, Aperture, FocusPull, Rim
+from gaussray.camera.aperture import FOCUS, Aperture, Rim
 from gaussray.camera.film import FILTERS, Film
+from gaussray.camera.focus_pull import EASES, FocusPull
 from gaussray.camera.shake import Shake
 from gaussray.camera.shutter import DIRECTIONS, Shutter, check_shutter, row_count, row_step_of
 from gaussray.camera.trajectory import INTERPOLATIONS, Trajectory

@@ -1,5 +1,7 @@
 """Adam with a learning rate and a schedule for every kind of parameter."""
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -162,14 +164,21 @@ class OptimizerOptions(eqx.Module):
             raise ValueError(f"optimizer.decay must be in (0, 1], got {self.decay}.")
 
 
+class CaptureScale(NamedTuple):
+    """Units of a capture in which its Gaussians learn: the extent of its cameras in scene units,
+    and the time from one frame to the next."""
+
+    extent: float | Float[Array, ""]
+    interval: float | Float[Array, ""] = 1.0
+
+
 def rates(
     parameters: Parameters,
     step: Int[Array, ""],
     *,
     options: OptimizerOptions,
-    extent: float | Float[Array, ""],
+    scale: CaptureScale,
     steps: int | Int[Array, ""],
-    interval: float | Float[Array, ""] = 1.0,
     refine: tuple[str, ...] = (),
     formed: bool = False,
     rise: int = 0,
@@ -179,6 +188,7 @@ def rates(
     Corrections of cameras that `refine` does not name have rate 0. If static Gaussians were
     `formed` in an earlier segment, they learn at the rate with which its stage ended. Harmonics of
     degree n have rate 0 for the first n x `rise` steps."""
+    extent, interval = scale
     steps = jnp.maximum(steps, 1)
     fall = options.decay ** (step / steps)
 

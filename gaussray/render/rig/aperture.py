@@ -6,8 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.camera.aperture import Aperture, FocusPull, Rim, no_aperture
+from gaussray.camera.aperture import Aperture, Rim, no_aperture
 from gaussray.camera.camera import Camera
+from gaussray.camera.focus_pull import FocusPull
 from gaussray.io.plain_values import to_device
 
 

@@ -14,14 +14,19 @@ from gaussray.reconstruct.data.sampler import TileErrorState
 from gaussray.reconstruct.initialize.from_points import between, in_common_view, on_points
 from gaussray.reconstruct.optimize import optimizer
 from gaussray.reconstruct.optimize.checkpoint import load_checkpoint, save_checkpoint
-from gaussray.reconstruct.optimize.optimizer import OptimizerOptions, Parameters, scene_of
+from gaussray.reconstruct.optimize.optimizer import (
+    CaptureScale,
+    OptimizerOptions,
+    Parameters,
+    scene_of,
+)
 from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress, SavedSizes
 from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.gaussians import unconstrain
 
 
-OPTIONS = OptimizerOptions()
+OPTIONS, SCALE = OptimizerOptions(), CaptureScale(3.0)
 SCENE = ("static", "moving", "deformation")
 FIXED = ("lower", "upper", "begin", "end")
 
@@ -38,7 +43,7 @@ def parameters():
 
 def rate_at(parameters, step, **changes):
     options = OptimizerOptions(**changes)
-    return rates(parameters, jnp.asarray(step), options=options, extent=3.0, steps=100)
+    return rates(parameters, jnp.asarray(step), options=options, scale=SCALE, steps=100)
 
 
 def test_the_means_learn_in_proportion_to_the_extent(parameters):
@@ -85,7 +90,12 @@ def test_harmonics_of_the_next_degree_begin_to_learn_after_so_many_steps(paramet
     learning = Parameters(static, parameters.moving, None)
     for step, degree in ((0, 0), (9, 0), (10, 1), (25, 2), (30, 3), (99, 3)):
         found = rates(
-            learning, jnp.asarray(step), options=OPTIONS, extent=3.0, steps=100, rise=10
+            learning,
+            jnp.asarray(step),
+            options=OPTIONS,
+            scale=SCALE,
+            steps=100,
+            rise=10,
         ).static.harmonics
         assert np.count_nonzero(np.ravel(found)) == (degree + 1) ** 2
 
@@ -132,7 +142,12 @@ def test_cameras_learn_what_is_named_and_nothing_else(parameters):
     corrections = no_corrections(("pose", "shutter", "exposure"), 3, toy.rolling(toy.camera()))
     kept = Parameters(parameters.static, parameters.moving, parameters.deformation, corrections)
     rate = eqx.filter_jit(optimizer.rates)(
-        kept, jnp.asarray(50), options=OPTIONS, extent=3.0, steps=100, refine=("pose", "exposure")
+        kept,
+        jnp.asarray(50),
+        options=OPTIONS,
+        scale=SCALE,
+        steps=100,
+        refine=("pose", "exposure"),
     ).corrections
     assert (rate.pose, rate.shutter, rate.exposure) == pytest.approx(
         (OPTIONS.pose, 0, OPTIONS.exposure), rel=1e-6

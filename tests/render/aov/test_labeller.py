@@ -7,7 +7,8 @@ import plates
 import pytest
 import toy
 
-from gaussray.camera.aperture import Aperture, FocusPull, Rim
+from gaussray.camera.aperture import Aperture, Rim
+from gaussray.camera.focus_pull import FocusPull
 from gaussray.camera.lens.division import Division
 from gaussray.camera.shutter import interlaced_row_times
 from gaussray.render import stages
