@@ -27,6 +27,7 @@ if importlib.metadata.version("jaxlib").startswith("0.10.") and FLAGS not in fla
     os.environ["XLA_FLAGS"] = f"{flags} {FLAGS}".strip()
 
 import filelock  # noqa: E402
+import host_arrays  # noqa: E402
 import jax  # noqa: E402
 import pytest  # noqa: E402
 from jax._src.interpreters import mlir  # noqa: E402
@@ -99,6 +100,9 @@ if importlib.metadata.version("jax").startswith("0.10."):
     # the program lives and takes as long to make as half a small program to compile: those that
     # follow one another share one.
     mlir.make_ir_context = SharedContext(mlir.make_ir_context)
+# Arrays that are made of numbers of the host outside of `jit` are made on the host: JAX would
+# compile a program for each shape, which was half of all programs.
+host_arrays.install()
 # What JAX keeps of each program lives long: the garbage collector need not look at it often.
 gc.set_threshold(50_000, 20, 20)
 
