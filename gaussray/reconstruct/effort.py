@@ -97,7 +97,8 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     if still:
         chosen = _still(pixels, machine)
     elif names[:1] == ("deformation",):
-        chosen = _bodies(machine) if _has_still_cameras(views) else _field(pixels, machine)
+        alone = machine.gpu and not _has_still_cameras(views)
+        chosen = _field(pixels, machine) if alone else _bodies(machine)
     else:
         chosen = _brief(pixels, machine)
     steps = options.fit.coarse, options.fit.fine
@@ -211,6 +212,8 @@ def _brief(pixels: float, machine: Machine) -> ReconstructOptions:
             stop=0.85,
             opacity=0.005,
             gaussians=gaussians,
+            opacity_cost=0.05 if machine.gpu else 0.01,
+            scale_cost=0.05 if machine.gpu else 0.01,
         ),
         trace=TraceOptions(levels=0, transmittance_min=1e-3),
     )
@@ -228,12 +231,10 @@ def _bodies(machine: Machine) -> ReconstructOptions:
 
 
 def _field(pixels: float, machine: Machine) -> ReconstructOptions:
-    """For a camera that moves alone: a deformation field of Gaussians that all times share."""
+    """For a camera that moves alone, on a GPU: a deformation field of Gaussians that all times
+    share."""
     brief = _brief(pixels, machine)
-    return replace(
-        brief,
-        fit=replace(brief.fit, motion="deformation", coarse=3000 if machine.gpu else 300),
-    )
+    return replace(brief, fit=replace(brief.fit, motion="deformation", coarse=3000))
 
 
 def _sentence(options: ReconstructOptions, pictures: int, scale: float, still: bool) -> str:

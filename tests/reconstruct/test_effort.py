@@ -122,6 +122,18 @@ def test_cameras_that_move_get_transient_gaussians_if_two_see_each_time(at_once,
     assert chosen.options.fit.motion == motion
 
 
+@pytest.mark.parametrize("machine", [CPU, GPU])
+def test_one_camera_that_moves_alone_is_fitted_to_large_tiles_for_a_time_on_a_gpu(machine):
+    base = capture(count=1, times=(0.0, 0.5, 1.0))
+    views = [replace(v, camera_name=f"{i}") for i, v in enumerate(base.views)]
+    fit, density = (
+        getattr(effort(replace(base, views=views), AUTO, machine).options, part)
+        for part in ("fit", "density")
+    )
+    assert fit.motion == "deformation"
+    assert (fit.tile_side == 32) == density.relocates == (fit.minutes > 0) == machine.gpu
+
+
 def test_points_on_surfaces_let_rigid_bodies_be_found():
     many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
     few = Points(many.position[:500], many.color[:500])
