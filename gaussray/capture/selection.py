@@ -171,16 +171,24 @@ def _cropped(view: View, size: tuple[int, int], made: dict[Any, Any]) -> View:
     """The middle of a view; of a resized one, whole pixels of the file, resized nearly as much."""
     if (view.width, view.height) == size:
         return view
-    outer = view.window or Window((view.width, view.height), (0, 0, view.width, view.height))
-    corner, sides = np.array(outer.box[:2]), np.array(outer.box[2:])
+    left, top = (view.width - size[0]) // 2, (view.height - size[1]) // 2
+    return _windowed(view, *_part(view, (left, top, *size)), size, made)
+
+
+def _part(view: View, box: tuple[int, int, int, int]) -> tuple[Window, Window]:
+    """Where a box of a view lies in its file, and in the view: of a resized view, whole pixels of
+    the file that come closest to the box."""
+    film = view.width, view.height
+    if view.window is None:
+        return Window(film, box), Window(film, box)
+    corner, sides = np.array(view.window.box[:2]), np.array(view.window.box[2:])
     # Pixels of the file for a pixel of the view.
-    fine = sides / (view.width, view.height)
-    lead = np.round((np.array([view.width, view.height]) - size) // 2 * fine)
-    part = np.minimum(np.round(size * fine), sides - lead)
+    fine = sides / film
+    lead = np.round(box[:2] * fine)
+    part = np.minimum(np.maximum(np.round(box[2:] * fine), 1), sides - lead)
     stored = (*(corner + lead).tolist(), *part.tolist())
     seen = (*(lead / fine).tolist(), *(part / fine).tolist())
-    inner = Window((view.width, view.height), seen)
-    return _windowed(view, Window(outer.size, stored), inner, size, made)
+    return Window(view.window.size, stored), Window(film, seen)
 
 
 def _through(view: View, selection: Selection, made: dict[Any, Any]) -> View:
@@ -194,8 +202,7 @@ def _through(view: View, selection: Selection, made: dict[Any, Any]) -> View:
     size = max(round(selection.scale * width), 1), max(round(selection.scale * height), 1)
     if box == whole and size == (view.width, view.height):
         return view
-    window = Window((view.width, view.height), (left, top, width, height))
-    return _windowed(view, window, window, size, made)
+    return _windowed(view, *_part(view, box), size, made)
 
 
 def _windowed(

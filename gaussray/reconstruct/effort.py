@@ -63,6 +63,11 @@ class Machine(NamedTuple):
         return 2e7 if self.gpu else 2e6
 
     @property
+    def instants(self) -> int:
+        """Times at which transient Gaussians start, at most."""
+        return 30 if self.gpu else 16
+
+    @property
     def most_pixels(self) -> float:
         """Training pixels beyond which pictures are scaled down."""
         return 1e9 if self.gpu else 1e7
@@ -89,10 +94,11 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         return Effort(capture, options, "")
     views = training_views(capture)
     still = len({view.time for view in views}) == 1
-    pixels = float(sum(view.width * view.height for view in views))
-    scale = min(1.0, math.sqrt(machine.most_pixels / max(pixels, 1.0))) if still else 1.0
+    scale = _scale(views, machine)
     if scale < 1:
-        capture, pixels = selected(capture, Selection(scale=scale)), pixels * scale**2
+        capture = selected(capture, Selection(scale=scale))
+        views = training_views(capture)
+    pixels = float(sum(view.width * view.height for view in views))
     names = () if still else motions(capture, options, machine)
     if still:
         chosen = _still(pixels, machine)
@@ -106,7 +112,16 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     if steps != (FitOptions().coarse, FitOptions().fine) or not chosen.fit.minutes:
         options = replace(options, fit=replace(options.fit, minutes=0.0))
     rivals = names if len(names) > 1 else ()
-    return Effort(capture, options, _sentence(options, len(views), scale, still), rivals)
+    return Effort(capture, options, _sentence(options, views, scale, still), rivals)
+
+
+def _scale(views: Sequence[View], machine: Machine) -> float:
+    """The scale at which the machine has the time to see each pixel about once. Of more times than
+    motion is looked at in, so many count: a longer video of the same things is no reason for
+    smaller pictures."""
+    times = len({view.time for view in views})
+    pixels = sum(view.width * view.height for view in views) * min(1.0, machine.instants / times)
+    return min(1.0, math.sqrt(machine.most_pixels / max(pixels, 1.0)))
 
 
 def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> ReconstructOptions:
@@ -201,7 +216,7 @@ def _brief(pixels: float, machine: Machine) -> ReconstructOptions:
             opacity=0.5,
             motion="transient",
             points=gaussians // 4,
-            instants=30 if machine.gpu else 16,
+            instants=machine.instants,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
         optimizer=_SLOW if machine.gpu else OptimizerOptions(),
@@ -237,10 +252,10 @@ def _field(pixels: float, machine: Machine) -> ReconstructOptions:
     return replace(brief, fit=replace(brief.fit, motion="deformation", coarse=3000))
 
 
-def _sentence(options: ReconstructOptions, pictures: int, scale: float, still: bool) -> str:
-    fit, parts = options.fit, [f"fit=auto: {pictures} pictures"]
+def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, still: bool) -> str:
+    fit, parts = options.fit, [f"fit=auto: {len(views)} pictures"]
     if scale < 1:
-        parts.append(f"scaled by {scale:.2f}")
+        parts.append(f"scaled by {scale:.2f} to {views[0].width} x {views[0].height}")
     if still or fit.transient:
         parts.append(f"up to {max(options.density.gaussians, fit.points):,} Gaussians")
         parts.append(f"harmonics up to degree {fit.degree}")

@@ -87,20 +87,20 @@ def test_given_steps_are_done_however_long_they_take():
     assert "10 + 20 steps" in chosen.sentence
 
 
-def test_what_moves_keeps_the_defaults_on_a_cpu_and_grows_on_a_gpu():
-    moving = capture(count=1, times=(0.0, 1.0))
-    on_cpu, on_gpu = (effort(moving, AUTO, machine).options for machine in (CPU, GPU))
-    assert on_cpu == replace(AUTO, fit=replace(AUTO.fit, motion="deformation"))
-    assert on_gpu.density.interval and on_gpu.fit.fine > AUTO.fit.fine
-    assert not on_gpu.fit.minutes and not on_gpu.density.relocates
-
-
 def from_two_places(points=None):
     """Four times from two cameras that stand still."""
     times = (0.0, 0.25, 0.5, 0.75)
     base = capture(count=2, times=times)
     views = [replace(v, camera_name="ab"[i % 2]) for i, v in enumerate(base.views)]
     return replace(base, views=views, points=points)
+
+
+def test_rigid_bodies_keep_the_defaults_on_a_cpu_and_grow_on_a_gpu():
+    wanted = ReconstructOptions(fit=FitOptions(auto=True, motion="deformation"))
+    on_cpu, on_gpu = (effort(from_two_places(), wanted, m).options for m in (CPU, GPU))
+    assert on_cpu == wanted
+    assert on_gpu.density.interval and on_gpu.fit.fine > AUTO.fit.fine
+    assert not on_gpu.fit.minutes and not on_gpu.density.relocates
 
 
 @pytest.mark.parametrize("machine", [CPU, GPU])

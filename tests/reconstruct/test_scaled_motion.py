@@ -1,0 +1,122 @@
+"""A moving capture of more pixels than the machine has time for is fitted at a smaller size."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import toy
+
+from gaussray.camera.shutter import sample_time
+from gaussray.capture.formats.paired import read_capture
+from gaussray.capture.frames import read_encoded
+from gaussray.color import srgb_encode
+from gaussray.dataset.images import write_image
+from gaussray.dataset.manifest import write_manifest
+from gaussray.evaluate.metrics import psnr
+from gaussray.reconstruct import pipeline
+from gaussray.reconstruct.effort import Machine, effort
+from gaussray.reconstruct.initialize.body_tracking import TrackOptions
+from gaussray.reconstruct.pipeline import reconstruct
+from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.render.rig.rig import cameras_of
+from gaussray.scene.store import load_scene
+
+
+pytestmark = pytest.mark.usefixtures("known_sizes")
+
+# Pictures as they were taken, and as they are fitted.
+WHOLE, SMALL = 32, 16
+READOUT = 0.2
+# dB at the held-out camera, at its whole size, in the worst of its pictures. The fit reaches 26.5;
+# with a shutter that reads the rows of smaller pictures at the pace of the whole ones, 24.6.
+FLOOR = 25.5
+
+
+class Slow(Machine):
+    """A machine that has the time for pictures of half the sides."""
+
+    @property
+    def most_pixels(self):
+        return 3.0 * len(toy.TIMES) * SMALL**2
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory):
+    """The toy through rolling shutters, with masks that leave out the top row."""
+    folder = tmp_path_factory.mktemp("capture")
+    listed = []
+    for record in toy.records():
+        small = record.camera
+        lens = small.lens.resized((SMALL, SMALL), (0, 0, SMALL, SMALL), (WHOLE, WHOLE))
+        film = replace(small.film, width=WHOLE, height=WHOLE)
+        filmed = toy.rolling(replace(small, film=film, lens=lens), READOUT)
+        listed.append(replace(record, camera=filmed))
+    listed = toy.with_effect(listed)
+    renderer = Renderer(toy.scene(), options=RenderOptions(samples=1), trace=toy.TRACE)
+    for record in listed:
+        write_image(folder / record.file_path, renderer(record.camera).color)
+    write_manifest(folder / "transforms.json", listed, extra={"ply_file_path": "points3d.ply"})
+    toy.write_points(folder / "points3d.ply", toy.scene())
+    mask = np.full((WHOLE, WHOLE, 3), 255, np.uint8)
+    mask[:2] = 0
+    write_image(folder / "mask.png", mask)
+    found = read_capture(folder)
+    views = [replace(view, mask=folder / "mask.png") for view in found.views]
+    return replace(found, views=views)
+
+
+OPTIONS = replace(
+    toy.SHORT,
+    fit=replace(toy.SHORT.fit, auto=True, coarse=100, fine=200, motion="deformation"),
+    track=TrackOptions(poses=8, points=4, elite=2, rounds=1, blur=(0.5,)),
+)
+
+
+def row_time(camera, row):
+    """When a row is read; one between two rows, in the middle of their times."""
+    pixel, size = toy.single([0, row]), (camera.film.width, camera.film.height)
+    return float(sample_time(camera.shutter, pixel, size, camera.time, toy.single(0.5)))
+
+
+def test_the_views_of_a_scaled_capture_agree_with_the_whole_ones(capture):
+    chosen = effort(capture, OPTIONS, Slow(gpu=False))
+    assert f"scaled by 0.50 to {SMALL} x {SMALL}" in chosen.sentence
+    assert len(chosen.capture.views) == len(capture.views)
+    assert (chosen.capture.points.position == capture.points.position).all()
+    pairs = [*zip(capture.views, chosen.capture.views, strict=True)]
+    for name, views in capture.effects.items():
+        pairs += zip(views, chosen.capture.effects[name], strict=True)
+    for whole, small in pairs:
+        assert (small.width, small.height) == (SMALL, SMALL)
+        assert read_encoded(small).shape == (SMALL, SMALL, 3)
+        assert row_time(small.camera, 5) == pytest.approx(row_time(whole.camera, 10.5), abs=1e-6)
+
+
+def test_a_fit_of_smaller_pictures_shows_the_whole_ones(capture, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(pipeline, "this_machine", lambda: Slow(gpu=False))
+    reconstruct(capture, tmp_path, options=OPTIONS)
+    assert f"scaled by 0.50 to {SMALL} x {SMALL}" in capsys.readouterr().out
+    assert {(view.width, view.height) for view in cameras_of(tmp_path, None)} == {(SMALL, SMALL)}
+    scene = load_scene(tmp_path)
+    assert scene.deformation is not None and scene.moving.count
+    renderer = Renderer(scene, options=RenderOptions(samples=1), trace=toy.TRACE)
+    scores = [
+        psnr(read_encoded(view) / 255.0, srgb_encode(np.asarray(renderer(view.camera).color)))
+        for view in capture.views
+        if view.split == "test"
+    ]
+    assert min(scores) > FLOOR, scores
+
+
+def test_a_longer_video_of_the_same_things_is_not_scaled_further(capture):
+    machine = Slow(gpu=False)
+    train = [view for view in capture.views if view.split == "train"]
+
+    def scale(count):
+        views = [
+            replace(train[0], time=float(i), camera_name=n) for n in "ab" for i in range(count)
+        ]
+        part = replace(capture, views=views, effects={}, points=None)
+        return effort(part, OPTIONS, machine).capture.views[0].width / WHOLE
+
+    assert scale(4) > scale(machine.instants) == scale(4 * machine.instants)
