@@ -23,13 +23,17 @@ _RESIDUAL = 1e-4
 
 
 def distort(coefficients: Float[Array, " coefficients"], xy: Float[Array, "2"]) -> Array:
-    """Distort an ideal image point, in focal lengths.
+    """Distort an ideal image point with OpenCV's model.
 
-    With coefficients (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tau_x, tau_y), of which the
-    first 8 or 12 do, and r^2 = x^2 + y^2:
+    With r^2 = x^2 + y^2, the distorted x is
     x (1 + k1 r^2 + k2 r^4 + k3 r^6) / (1 + k4 r^2 + k5 r^4 + k6 r^6) + 2 p1 x y + p2 (r^2 + 2 x^2)
     + s1 r^2 + s2 r^4, and likewise y with p1 and p2 exchanged, s3 and s4. A sensor that is tilted
     by tau_x about x, then tau_y about y (radians) then sees that in perspective.
+
+    Args:
+        coefficients: The first 8, 12 or all 14 of (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4,
+            tau_x, tau_y).
+        xy: Point in focal lengths from the principal point.
     """
     k1, k2, p1, p2, k3, k4, k5, k6 = coefficients[:8]
     x, y = xy

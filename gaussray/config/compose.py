@@ -157,6 +157,18 @@ def hydra_words(overrides: Sequence[str]) -> list[str]:
 
 
 def resolve_config(command: str, cfg: Configuration) -> Configuration:
+    """Resolve the references of a configuration in place, and check its paths.
+
+    Args:
+        command: Subcommand of `gaussray`, for messages.
+        cfg: Configuration from `compose_unresolved`.
+
+    Returns:
+        The same configuration without references; `sample` as a path is that of the sample data.
+
+    Raises:
+        ValueError: A required key is missing, a reference leads nowhere, or a path is a number.
+    """
     _refuse_resolvers(OmegaConf.to_container(cfg), "")
     try:
         missing = sorted(OmegaConf.missing_keys(cfg))

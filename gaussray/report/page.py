@@ -21,7 +21,12 @@ class Section(NamedTuple):
 
 
 def html_page(title: str, subtitle: str, sections: Sequence[Section | None]) -> str:
-    """The HTML of a page; sections that are None or empty are left out."""
+    """The HTML of a page.
+
+    Args:
+        title, subtitle: Heading of the page and the line below it.
+        sections: Parts of the page, in order; None and empty ones are left out.
+    """
     visible = [section for section in sections if section is not None and any(section.body)]
     links = [tag("a", one.title, href=f"#part-{i}") for i, one in enumerate(visible)]
     parts = [
@@ -57,7 +62,13 @@ def summary_tiles(rows: Sequence[tuple[str, str, str]]) -> Markup:
 
 
 def html_table(heads: Sequence[str], rows: Sequence[Sequence[Any]], *, text: int = 1) -> Markup:
-    """A table. The first `text` columns hold words, the others figures (aligned right)."""
+    """A table.
+
+    Args:
+        heads: Heading of each column.
+        rows: Cells of each row.
+        text: Number of leading columns with words; the others hold figures, aligned right.
+    """
 
     def cells(kind: str, row: Sequence[Any]) -> list[Markup]:
         return [tag(kind, x, class_="word" if i < text else None) for i, x in enumerate(row)]

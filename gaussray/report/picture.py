@@ -26,8 +26,12 @@ HEAT = ((0, 0, 4), (40, 11, 84), (101, 21, 110), (159, 42, 99), (212, 72, 66), (
 
 
 def embedded_image(levels: UInt8[np.ndarray, "h w 3"], most: int) -> str:
-    """A picture as a data URL of at most about `most` bytes: PNG if it is small, else JPEG with
-    decreasing quality and size until it fits."""
+    """A picture as a data URL: PNG if it is small, else JPEG with decreasing quality and size.
+
+    Args:
+        levels: The picture, 8-bit sRGB.
+        most: Limit of its bytes; about 20 kB are always allowed.
+    """
     side = max(levels.shape[:2])
     if side <= SMALL:
         data = _encode(levels, ".png", 0)
@@ -44,8 +48,12 @@ def embedded_image(levels: UInt8[np.ndarray, "h w 3"], most: int) -> str:
 
 
 def error_map(truth: np.ndarray, image: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
-    """The mean absolute difference of the channels, from black (equal) to light yellow (FULL
-    levels or more)."""
+    """The mean absolute difference of the channels as a color map, 8-bit sRGB.
+
+    Args:
+        truth, image: Pictures of equal size, 8-bit levels. Equal pixels are black; a difference of
+            FULL levels or more is light yellow.
+    """
     difference = np.abs(truth.astype(np.float32) - image.astype(np.float32)).mean(axis=2)
     place = np.clip(difference / FULL, 0, 1) * (len(HEAT) - 1)
     knots = np.arange(len(HEAT))
@@ -65,7 +73,13 @@ def error_scale() -> Markup:
 def comparison(
     truth: np.ndarray, image: np.ndarray, caption: Sequence[Markup | str], *, most: int
 ) -> Markup:
-    """Truth and rendering with a slider between them, and the difference map; `most` bytes each."""
+    """Truth and rendering with a slider between them, and the difference map.
+
+    Args:
+        truth, image: Pictures of equal size, 8-bit sRGB.
+        caption: Parts of the caption.
+        most: Limit of the bytes of each picture.
+    """
     height, width = truth.shape[:2]
     shape = f"aspect-ratio:{width}/{height}"
     small = " small" if max(width, height) <= SMALL else ""
@@ -101,7 +115,13 @@ def captioned_image(levels: np.ndarray, name: str, *, most: int) -> Markup:
 
 
 def picture_slider(frames: Sequence[tuple[str, np.ndarray]], name: str, *, most: int) -> Markup:
-    """Pictures (name, levels) shown one at a time, with a slider."""
+    """A sequence of pictures behind a slider, which shows one at a time.
+
+    Args:
+        frames: Name and 8-bit sRGB levels of each picture, all of one size.
+        name: Name of the sequence.
+        most: Limit of the bytes of each picture.
+    """
     height, width = frames[0][1].shape[:2]
     small = " small" if max(width, height) <= SMALL else ""
     pictures = [

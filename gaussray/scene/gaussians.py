@@ -123,7 +123,12 @@ def unconstrain(gaussians: Gaussians) -> Unconstrained:
 
 
 def concatenate(first: Gaussians, second: Gaussians) -> Gaussians:
-    """Both sets as one, in order; a set without key states is repeated at each key of the other."""
+    """Both sets as one, in order.
+
+    Args:
+        first, second: Gaussians, with or without a leading axis of key states. A set without one is
+            repeated at each key of the other. Harmonics of the lower degree are padded with zeros.
+    """
     keys = jnp.broadcast_shapes(first.mean.shape[:-2], second.mean.shape[:-2])
 
     def join(a: Array, b: Array, trailing: int) -> Array:
@@ -169,12 +174,22 @@ def fold_tint(gaussians: Gaussians) -> Gaussians:
 def whitening_matrix(
     quat: Float[Array, "*batch 4"], scale: Float[Array, "*batch 3"]
 ) -> Float[Array, "*batch 3 3"]:
-    """A = S^-1 R^T: takes a world vector to the frame in which the Gaussian is the unit sphere."""
+    """A = S^-1 R^T: takes a world vector to the frame in which the Gaussian is the unit sphere.
+
+    Args:
+        quat: Unit quaternions (w, x, y, z) of R, from the Gaussian's axes to the world.
+        scale: Standard deviations along the axes, scene units.
+    """
     return jnp.swapaxes(rotation_matrix(quat), -1, -2) / scale[..., :, None]
 
 
 def principal_axes(
     quat: Float[Array, "*batch 4"], scale: Float[Array, "*batch 3"]
 ) -> Float[Array, "*batch 3 3"]:
-    """F = R S: the principal axes as columns, one standard deviation long; F F^T = covariance."""
+    """F = R S: the principal axes as columns, one standard deviation long; F F^T = covariance.
+
+    Args:
+        quat: Unit quaternions (w, x, y, z) of R, from the Gaussian's axes to the world.
+        scale: Standard deviations along the axes, scene units.
+    """
     return rotation_matrix(quat) * scale[..., None, :]

@@ -55,8 +55,12 @@ def viewpoint_at(path: Trajectory, fraction: float) -> Viewpoint:
 def turntable(
     viewpoint: Viewpoint, target: Float[np.ndarray, "3"], up: Float[np.ndarray, "3"]
 ) -> list[Viewpoint]:
-    """Keyframes of one turn around the axis through `target` along `up`, from a viewpoint's
-    position, looking at `target`.
+    """Keyframes of one turn of the camera around a target.
+
+    Args:
+        viewpoint: First viewpoint.
+        target: Point that the camera looks at, world axes, scene units.
+        up: Direction of the axis of rotation through the target.
 
     Raises:
         ValueError: The direction of view is along `up`.

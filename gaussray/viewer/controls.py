@@ -46,7 +46,12 @@ class Slider(NamedTuple):
 
 
 def sliders(distance: float, span: float) -> list[Slider]:
-    """The sliders for a scene at about this `distance` (scene units) that lasts for `span`."""
+    """The sliders of the viewer.
+
+    Args:
+        distance: Typical distance of the scene from the camera, scene units.
+        span: Duration of the scene, in the unit of its times.
+    """
     near, time = _round(distance), _round(span)
 
     def has_aperture(values: Mapping[str, Any]) -> bool:
@@ -117,8 +122,12 @@ def choice_values(group: str, choice: str) -> ControlValues:
 
 
 def pinhole_values(values: Mapping[str, Any], fov: float) -> ControlValues:
-    """The values of an ideal pinhole camera; a pinhole lens keeps its field of view, any other gets
-    `fov` degrees."""
+    """The values of an ideal pinhole camera.
+
+    Args:
+        values: Control values by configuration key. A pinhole lens keeps its field of view.
+        fov: Field of view in place of any other lens, degrees.
+    """
     result = dict(values)
     for group, choice in PINHOLE.items():
         result |= choice_values(group, choice)

@@ -126,7 +126,16 @@ class ViewerModel:
     def shot(
         self, values: Mapping[str, Any], viewpoint: Viewpoint, size: tuple[int, int]
     ) -> RenderJob:
-        """The render job of a viewpoint; ValueError for an impossible camera."""
+        """The render job of a viewpoint.
+
+        Args:
+            values: Control values by configuration key.
+            viewpoint: Pose and time of the camera.
+            size: Width and height of the picture in pixels.
+
+        Raises:
+            ValueError: No camera can have these values.
+        """
         shot = self._shot_at_time(_frozen(values), viewpoint.time, size)
         (record,) = shot.records
         # Only the trajectory depends on the pose, which the mouse changes all the time.

@@ -33,7 +33,15 @@ class Preset(NamedTuple):
 
 
 def preset_folder(out: Path, name: str) -> Path:
-    """The folder of the preset with this name; ValueError for a name that is no plain file name."""
+    """The folder of the preset with this name.
+
+    Args:
+        out: Folder of the presets.
+        name: Name of the preset.
+
+    Raises:
+        ValueError: The name is no plain file name.
+    """
     if not PRESET_NAME.fullmatch(name):
         raise ValueError(
             "a preset's name must start with a letter, digit or _ and consist of letters, digits, "
@@ -50,9 +58,20 @@ def save_preset(
     picture: np.ndarray | None = None,
     size: tuple[int, int] | None = None,
 ) -> Path:
-    """Write a preset: `preset.yaml` for `gaussray render`, `camera.json` (a manifest with the exact
-    camera), and the `picture` (8-bit sRGB) if there is one. `size` is that of the picture, by
-    default the model's. Returns the path of preset.yaml."""
+    """Write a preset: `preset.yaml` for `gaussray render`, and `camera.json`, a manifest with the
+    exact camera.
+
+    Args:
+        model: Scene and views of the viewer.
+        values: Control values by configuration key.
+        viewpoint: Pose and time of the camera.
+        folder: Folder of the preset.
+        picture: Picture to store beside them, 8-bit sRGB.
+        size: Width and height of the picture in pixels; the model's by default.
+
+    Returns:
+        Path of preset.yaml.
+    """
     shot: RenderJob = model.shot(values, viewpoint, size or model.size)
     record = dataclasses.replace(shot.records[0], file_path=PICTURE)
     write_manifest(folder / CAMERA, [record], extra={"info": {"scene": str(model.source)}})

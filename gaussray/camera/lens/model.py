@@ -48,6 +48,14 @@ class LensKeys(Protocol):
 
     Every method raises an error that names file, frame, key and rule if the value has the wrong
     type or range. A key without default is required.
+
+    - `has`: whether the frame holds the key.
+    - `number`, `count`: a finite float; an integer of at least `least`.
+    - `text`, `choice`: a string; one of `choices`.
+    - `vector`, `numbers`: a list of `length` floats; a list of at least one.
+    - `path`: the file that the key names, in the folder of the JSON file; None without the key.
+    - `error`: the error to raise for a key that breaks `rule`; `remedy` says what to do.
+    - `warn`: warn with a message that names file and frame.
     """
 
     def has(self, key: str) -> bool: ...

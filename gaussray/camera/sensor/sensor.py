@@ -196,7 +196,15 @@ def sensor_steps(options: SensorOptions) -> SensorOptions:
 
 
 def encode(light: Float[Array, "h w 3"], *, options: SensorOptions) -> Float[Array, "h w 3"]:
-    """The values that a PNG stores: the sensor's tone curve applied to its linear values."""
+    """The values that a PNG stores: the sensor's tone curve applied to its linear values.
+
+    Args:
+        light: Linear values of the sensor; 1 is white.
+        options: The sensor, of which `tone` and `table` are used.
+
+    Returns:
+        Encoded values, in [0, 1] for light in [0, 1].
+    """
     return apply_tone_curve(light, options.tone, jnp.asarray(options.table, light.dtype))
 
 
