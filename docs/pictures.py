@@ -11,7 +11,7 @@ from gaussray.camera.shutter import Shutter
 from gaussray.dataset.images import contact_sheet, write_image
 from gaussray.io.sample_data import sample
 from gaussray.render import Renderer, RenderOptions
-from gaussray.render.rig.rig import read_views
+from gaussray.render.rig.rig import load_views
 from gaussray.scene.store import load_scene
 
 
@@ -34,7 +34,7 @@ def read_out(camera: Camera, readout: float, exposure: float) -> Camera:
 
 def main() -> None:
     """Write a strip for each effect."""
-    views = [view for view in read_views(sample("scene"), None) if view.camera_name == "cam13"]
+    views = [view for view in load_views(sample("scene"), None) if view.camera_name == "cam13"]
     camera = views[6].camera
     render = Renderer(load_scene(sample("scene")), options=RenderOptions(samples=32))
     strips = {

@@ -24,7 +24,7 @@ import jax
 import jax.numpy as jnp
 
 from gaussray import at, load_scene
-from gaussray.render.rig.rig import read_views
+from gaussray.render.rig.rig import load_views
 from gaussray.io.sample_data import sample
 
 
@@ -47,7 +47,7 @@ print(now.mean.shape, now.quat.shape, now.scale.shape, now.opacity.shape, now.ha
 from gaussray.camera.film import Film
 
 
-camera = next(v.camera for v in read_views(sample("scene"), None) if v.camera_name == "cam13")
+camera = next(v.camera for v in load_views(sample("scene"), None) if v.camera_name == "cam13")
 camera = dataclasses.replace(camera, film=Film(64, 64), time=jnp.float32(0.4))
 
 # %% [markdown]

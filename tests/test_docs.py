@@ -29,7 +29,7 @@ from gaussray.evaluate.pipeline import EvaluateOptions
 from gaussray.io import sample_data as samples
 from gaussray.io.sample_data import sample
 from gaussray.reconstruct import pipeline as stage
-from gaussray.render.rig.rig import read_views
+from gaussray.render.rig.rig import load_views
 from gaussray.scene.store import save_scene
 
 
@@ -113,7 +113,7 @@ def checked_verb(words):
 @functools.cache
 def views():
     """What the sample's held-out cameras see."""
-    return [view for view in read_views(sample("scene"), None) if view.split == "test"]
+    return [view for view in load_views(sample("scene"), None) if view.split == "test"]
 
 
 def checked_install(words):

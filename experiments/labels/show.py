@@ -17,7 +17,7 @@ from gaussray.camera.shutter import Shutter
 from gaussray.dataset.images import contact_sheet, write_image
 from gaussray.render import Renderer, RenderOptions
 from gaussray.render.aov.labeller import LABELS, Labeller
-from gaussray.render.rig.rig import read_views
+from gaussray.render.rig.rig import load_views
 from gaussray.scene.store import load_scene
 from gaussray.tracer.trace import TraceOptions
 
@@ -60,7 +60,7 @@ def wheel(flow: np.ndarray) -> np.ndarray:
 
 def main(scene: str, out: Path, camera: str, frame: int) -> None:
     """Write the sheet, and print what the labels cost."""
-    views = [view for view in read_views(scene, None) if view.camera_name == camera]
+    views = [view for view in load_views(scene, None) if view.camera_name == camera]
     near = views[frame - 1 : frame + 2]
     before, now, after = (filmed(v.camera, near[1].time - near[0].time) for v in near)
     loaded = load_scene(scene)

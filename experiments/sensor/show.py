@@ -20,7 +20,7 @@ from gaussray.camera.sensor.noise import picture_key
 from gaussray.camera.sensor.sensor import SensorOptions, apply_exposure, develop, encode
 from gaussray.dataset.images import contact_sheet, srgb_levels, write_image
 from gaussray.render import Renderer, RenderOptions
-from gaussray.render.rig.rig import read_views
+from gaussray.render.rig.rig import load_views
 from gaussray.scene.store import load_scene
 
 
@@ -57,7 +57,7 @@ def enlarged(camera: Camera, size: int) -> Camera:
 
 def main(scene: str, out: Path, camera: str, time: float, size: int) -> None:
     """Write the sheet, and print the noise of the dim picture beside what the law says."""
-    views = [view for view in read_views(scene, None) if view.camera_name == camera]
+    views = [view for view in load_views(scene, None) if view.camera_name == camera]
     view = min(views, key=lambda view: abs(view.time - time))
     seen_by = enlarged(view.camera, size)
     render = Renderer(load_scene(scene), options=RenderOptions(samples=4))

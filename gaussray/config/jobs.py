@@ -75,7 +75,7 @@ def rig_options(cfg: Configuration) -> rigs.RigOptions:
 def render_job(
     cfg: Configuration,
     load: Callable = load,
-    cameras: Callable = rigs.read_views,
+    cameras: Callable = rigs.load_views,
     note: Callable[[str], Any] = lambda line: None,
 ) -> RenderJob:
     """The render job of a configuration.
@@ -268,7 +268,7 @@ def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
     """The distributions and jobs of a configuration of `gaussray render`, composed from
     `overrides`. The scene and the cameras are read once for all samples."""
     variations = Variations("render", overrides)
-    read, cameras = functools.lru_cache(2)(load), functools.lru_cache(2)(rigs.read_views)
+    read, cameras = functools.lru_cache(2)(load), functools.lru_cache(2)(rigs.load_views)
 
     def make_job(values: Mapping[str, Any]) -> tuple[dict[str, Any], RenderJob]:
         varied = variations.with_values(values)

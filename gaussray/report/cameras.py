@@ -18,7 +18,7 @@ from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.report.markup import tag
 from gaussray.report.optics import camera_drawings, field_of_view, lens_name
 from gaussray.report.page import Section, html_table, note
-from gaussray.report.picture import BYTES, comparison, error_scale, picture_slider
+from gaussray.report.picture import BYTES, comparison_figure, error_scale, picture_slider
 from gaussray.report.plan import camera_views
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
@@ -55,7 +55,7 @@ def rendered_samples(scene: Scene | Clip, capture: Capture) -> Section | None:
         image = srgb_levels(renderer(view.camera).color)
         caption = [tag("b", f"{SPLITS[view.split][:-1]} {view.camera_name}"),
                    f" · time {view.time:.4g}, {psnr(truth, image):.2f} dB"]  # fmt: skip
-        figures.append(comparison(truth, image, caption, most=BYTES // (3 * len(views))))
+        figures.append(comparison_figure(truth, image, caption, most=BYTES // (3 * len(views))))
     words = "One ray per pixel. `gaussray evaluate` scores every picture."
     return Section(
         "Capture and rendering",

@@ -12,7 +12,7 @@ from gaussray.evaluate.scores import COLUMNS
 from gaussray.report.chart import Curve, chart
 from gaussray.report.markup import Markup, tag
 from gaussray.report.page import Section, html_table, note
-from gaussray.report.picture import BYTES, comparison, error_scale
+from gaussray.report.picture import BYTES, comparison_figure, error_scale
 from gaussray.report.run import json_lines
 
 
@@ -91,7 +91,7 @@ def _comparison(out: Path, line: dict[str, Any], word: str, most: int) -> Markup
     width = stored.shape[1] // 3
     psnr = "equal" if line["psnr"] is None else f"{line['psnr']:.2f} dB"
     caption = [tag("b", f"{word}: {psnr}"), f" · {line['camera']}, time {line['time']:.4g}"]
-    return comparison(stored[:, :width], stored[:, width : 2 * width], caption, most=most)
+    return comparison_figure(stored[:, :width], stored[:, width : 2 * width], caption, most=most)
 
 
 def _stored_levels(path: Path) -> np.ndarray:

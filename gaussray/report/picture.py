@@ -70,7 +70,7 @@ def error_scale() -> Markup:
     return tag("p", words, bar, end, class_="note")
 
 
-def comparison(
+def comparison_figure(
     truth: np.ndarray, image: np.ndarray, caption: Sequence[Markup | str], *, most: int
 ) -> Markup:
     """Truth and rendering with a slider between them, and the difference map.

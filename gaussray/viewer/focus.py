@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from gaussray.camera.aperture import no_aperture
 from gaussray.camera.camera import Camera
-from gaussray.render.aov.programs import COVERED
+from gaussray.render.aov.programs import SURFACE_ALPHA
 from gaussray.viewer.preview import PreviewRenderer
 
 
@@ -26,7 +26,7 @@ def clicked_focus_distance(
     where the pixel shows no surface.
     """
     covered, distance = previewer.probe(without_aperture(camera), pixel)
-    if covered < COVERED:
+    if covered < SURFACE_ALPHA:
         return None
     if camera.aperture.focus == "plane":
         place = jnp.asarray(pixel, camera.time.dtype) + 0.5

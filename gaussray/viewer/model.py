@@ -79,7 +79,7 @@ class ViewerModel:
         camera = options.camera
         if camera.kind == "capture" and not has_cameras(cfg):
             camera = rigs.CameraOptions("look_at")
-        self.views: list[View] = chosen_views(cfg, self.scene, camera, rigs.read_views)
+        self.views: list[View] = chosen_views(cfg, self.scene, camera, rigs.load_views)
         self.first_view = self._first_view(options.camera)
         self.fov = horizontal_fov(self.first_view.camera)
         self.initial_values = self._initial_values(cfg, options)

@@ -11,7 +11,7 @@ from gaussray.report.picture import (
     FULL,
     HEAT,
     SMALL,
-    comparison,
+    comparison_figure,
     embedded_image,
     error_map,
     picture_slider,
@@ -55,7 +55,7 @@ def test_the_difference_map_is_black_where_nothing_differs_and_light_from_the_en
 
 def test_names_of_cameras_are_escaped_and_sliders_named():
     evil, picture = "<img src=x onerror=alert(1)>", noise(8)
-    shown = comparison(picture, picture, [evil], most=9_000)
+    shown = comparison_figure(picture, picture, [evil], most=9_000)
     shown += picture_slider([(evil, picture), ("b", picture)], evil, most=9_000)
     assert "<img src=x" not in shown and "&lt;img" in shown
     assert shown.count('type="range"') == 2 and shown.count("aria-label=") == 2

@@ -41,7 +41,7 @@ def model(tmp_path_factory):
 def previewer(model):
     shot = model.shot(model.initial_values, model.initial_viewpoint, model.size)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(PreviewRenderer, "_measured", lambda *_: rooms.ROOM)
+        patch.setattr(PreviewRenderer, "_measure_capacity", lambda *_: rooms.ROOM)
         yield PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
 
 
@@ -123,7 +123,7 @@ def test_readout_and_exposure_share_a_program_of_few_key_states(model, previewer
 def test_lists_that_are_too_short_are_told_of_and_lengthened(model, previewer, monkeypatch):
     shot = shot_with(model)
     one = PreviewRenderer(model.scene, options=shot.options, trace=shot.trace, keys=3)
-    monkeypatch.setattr(PreviewRenderer, "_measured", lambda *_: Capacity((64,), 16, 8))
+    monkeypatch.setattr(PreviewRenderer, "_measure_capacity", lambda *_: Capacity((64,), 16, 8))
     camera = shot.records[0].camera
     first = rooms.made(one, camera, 1)
     assert first.dropped > 0

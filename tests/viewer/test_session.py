@@ -67,8 +67,8 @@ class Screen:
 @pytest.fixture(scope="module")
 def screen(model, known_sizes):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(PreviewRenderer, "_measured", lambda *_: rooms.ROOM)
-        patch.setattr(ViewerSession, "_anticipate", lambda *_: None)
+        patch.setattr(PreviewRenderer, "_measure_capacity", lambda *_: rooms.ROOM)
+        patch.setattr(ViewerSession, "_compile_likely_next", lambda *_: None)
         screen = Screen(model)
         yield screen
         screen.session.close()

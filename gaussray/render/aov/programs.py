@@ -33,7 +33,7 @@ from gaussray.tracer.vector_blend import blended_vector, color_by_vector
 
 
 # Coverage from which a surface counts as visible.
-COVERED = 0.5
+SURFACE_ALPHA = 0.5
 # Pixels whose motion is computed at once.
 _PIXELS = 1 << 16
 
@@ -104,7 +104,7 @@ def surface_program(trace_options: TraceOptions, capacity: Capacity) -> Callable
         pixels = jax.tree.map(lambda x: x[0, slot], pixels)
         chief: Rays = jax.tree.map(lambda x: x[0, slot], rays)
         alpha = 1 - pixels.transmittance
-        depth, visible = pixels.depth / jnp.maximum(alpha, COVERED), alpha >= COVERED
+        depth, visible = pixels.depth / jnp.maximum(alpha, SURFACE_ALPHA), alpha >= SURFACE_ALPHA
         distance = jnp.where(visible, depth, 1)
         labels = {
             "alpha": alpha,

@@ -151,7 +151,7 @@ def _aperture(camera: Camera, lens: AbstractLens, options: ApertureOptions) -> A
     return build_aperture(camera, options)
 
 
-def read_views(scene: Path | str, cameras: Path | str | None) -> list[View]:
+def load_views(scene: Path | str, cameras: Path | str | None) -> list[View]:
     """Read the views of a capture, or those stored with a reconstructed scene.
 
     Args:

@@ -15,7 +15,7 @@ from gaussray.scene.store import load_scene, save_scene
 # Endings of the files of other programs, which `read_model` reads or refuses with a remedy.
 FOREIGN = (".ply", ".spz", ".splat", ".glb", ".gltf", ".ksplat", ".sog", ".usd", ".usda", ".usdc")
 # Formats of files by their endings, the longest first.
-FORMATS = {
+SCENE_FORMATS = {
     ".ftgs.ply": "ftgs",
     ".ply": "ply",
     ".spz": "spz",
@@ -80,7 +80,7 @@ def save(path: Path | str, scene: Scene | Clip) -> None:
         return
     kind = named_format(path)
     if kind is None:
-        known = ", ".join([".npz", *FORMATS])
+        known = ", ".join([".npz", *SCENE_FORMATS])
         raise ValueError(f"save: the file must end in one of {known}, got {str(path)!r}.")
     if kind == "ftgs":
         export_transients(scene, path, color="srgb", degree=3)
@@ -91,7 +91,7 @@ def save(path: Path | str, scene: Scene | Clip) -> None:
 def named_format(path: Path | str) -> str | None:
     """The format that the ending of a file's name stands for, None if it stands for none."""
     name = Path(path).name.lower()
-    return next((kind for ending, kind in FORMATS.items() if name.endswith(ending)), None)
+    return next((kind for ending, kind in SCENE_FORMATS.items() if name.endswith(ending)), None)
 
 
 def export_format(out: Path | str, chosen: str | None, *, sequence: bool) -> str:
@@ -109,7 +109,7 @@ def export_format(out: Path | str, chosen: str | None, *, sequence: bool) -> str
     if chosen is None:
         if named is None and not (sequence and not Path(out).suffix):
             raise ValueError(
-                f"out must end in one of {', '.join(FORMATS)}, or format be given, got {out}."
+                f"out must end in one of {', '.join(SCENE_FORMATS)}, or format be given, got {out}."
             )
         return named or "ply"
     if named is not None and named != chosen.removesuffix("4"):

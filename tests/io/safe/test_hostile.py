@@ -22,7 +22,7 @@ from gaussray.config.compose import compose_config
 from gaussray.dataset.pack import pack
 from gaussray.io.ply import read_vertices
 from gaussray.io.safe.limits import Limits, limit, limits
-from gaussray.render.rig.rig import read_views
+from gaussray.render.rig.rig import load_views
 from gaussray.scene.array_file import write_arrays
 from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.formats.pth import read_tensors
@@ -177,7 +177,7 @@ def test_cameras_are_read_though_their_pictures_are_elsewhere(tmp_path):
     """As cameras.json of a run, which names the pictures where they were."""
     top = CAPTURE | in_frame(file_path="/data/a/0.png", mask_path="../m.png")
     (tmp_path / "cameras.json").write_text(json.dumps(top))
-    (view,) = read_views(tmp_path / "scene.npz", None)
+    (view,) = load_views(tmp_path / "scene.npz", None)
     assert (view.camera_name, view.width, view.mask) == ("a", 4, None)
 
 

@@ -276,10 +276,10 @@ def test_a_path_comes_from_a_file(views, tmp_path, clock):
 
 def test_cameras_come_from_a_capture_or_from_beside_the_scene(tmp_path):
     write_manifest(tmp_path / "cameras.json", toy.records())
-    assert len(rig.read_views(tmp_path, None)) == 12
-    assert len(rig.read_views(tmp_path / "scene.npz", None)) == 12
+    assert len(rig.load_views(tmp_path, None)) == 12
+    assert len(rig.load_views(tmp_path / "scene.npz", None)) == 12
     with pytest.raises(FileNotFoundError, match="cameras=DIR"):
-        rig.read_views(tmp_path / "none" / "scene.npz", None)
+        rig.load_views(tmp_path / "none" / "scene.npz", None)
 
 
 def test_pictures_are_png_or_exr(views):
@@ -296,7 +296,7 @@ def test_cameras_of_a_capture_in_splits(tmp_path):
         frame = {"file_path": f"./{split}/r_0", "time": 0.5, "transform_matrix": pose}
         content = {"camera_angle_x": 0.8, "frames": [frame]}
         (tmp_path / f"transforms_{split}.json").write_text(json.dumps(content))
-    views = rig.read_views(tmp_path / "none", tmp_path)
+    views = rig.load_views(tmp_path / "none", tmp_path)
     assert [view.split for view in views] == ["train", "test"]
     assert (views[0].width, views[0].height, views[0].time) == (16, 12, 0.5)
 
