@@ -44,6 +44,12 @@ def _of_host(value: Any, dtype: Any) -> bool:
     return isinstance(value, list | tuple) and len(value) > 0 and all(map(_plain, value))
 
 
+def _uncommitted(array: Any) -> bool:
+    """Whether it is an array on no device in particular, with a type of its own."""
+    traced = isinstance(array, jax.core.Tracer)
+    return isinstance(array, jax.Array) and not (traced or array.weak_type or array.committed)
+
+
 def _plain(value: Any) -> bool:
     if isinstance(value, list | tuple):
         return all(map(_plain, value))
@@ -76,8 +82,7 @@ def _filled(function: Callable, fill: Callable) -> Callable:
 def _filled_like(function: Callable, fill: Callable) -> Callable:
     @functools.wraps(function)
     def make(array: Any, dtype: Any = None, **rest: Any) -> jax.Array:
-        known = isinstance(array, jax.Array) and not array.weak_type and not array.committed
-        if not rest and _eager() and known and array.dtype.kind in "fiub":
+        if not rest and _eager() and _uncommitted(array) and array.dtype.kind in "fiub":
             return _put(fill(array.shape), array.dtype if dtype is None else dtype)
         return function(array, dtype, **rest)
 
