@@ -34,7 +34,7 @@ def test_an_archive_is_a_whole_zip_file(deflated):
     ("kind", "content"),
     [
         ("json", text({"frames": [{"time": 0.5}]})),
-        ("npz", mutate._archive(ENTRIES, compress=False)),
+        ("npz", mutate._archive(ENTRIES, deflated=False)),
         ("png", pictures.picture(".png")),
         ("text", b"1 PINHOLE 4 3\n"),
     ],
@@ -50,7 +50,7 @@ def test_the_same_dice_damage_alike_and_nearly_always(kind, content):
 
 def test_a_header_is_damaged_as_the_json_that_it_is(tmp_path):
     told = text({"format": "x", "info": {"a": [1, 2]}}).decode()
-    content = mutate._archive({"header.npy": saved(np.array(told))}, compress=False)
+    content = mutate._archive({"header.npy": saved(np.array(told))}, deflated=False)
     parsed = 0
     for i in range(200):
         (tmp_path / "a.npz").write_bytes(mutate._npz(np.random.default_rng(i), content))

@@ -171,7 +171,7 @@ def _npz(dice, content):
             entries[name] = _npy(np.array(_json(dice, told.encode()).decode()))
         case _:
             entries[name] = _bytes(dice, entries[name])
-    return _archive(entries, compress=dice.random() < 0.5)
+    return _archive(entries, deflated=dice.random() < 0.5)
 
 
 @functools.lru_cache(maxsize=16)

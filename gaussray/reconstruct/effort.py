@@ -119,7 +119,7 @@ def _scale(views: Sequence[View], machine: Machine) -> float:
     """The scale at which the machine has the time to see each pixel about once. Of more times than
     motion is looked at in, so many count: a longer video of the same things is no reason for
     smaller pictures."""
-    times = len({view.time for view in views})
+    times = max(len({view.time for view in views}), 1)
     pixels = sum(view.width * view.height for view in views) * min(1.0, machine.instants / times)
     return min(1.0, math.sqrt(machine.most_pixels / max(pixels, 1.0)))
 

@@ -58,11 +58,6 @@ def render_part(
 
     It is cached, so that a frame costs the host little.
 
-    Args:
-        structure: Structure of the scene.
-        layout: Layout of the camera's row of numbers.
-        settings: Static settings.
-
     Returns:
         A function of (leaves of the scene, row of the camera, part): red, green, blue, coverage and
         mean distance of the pixels; and a report.
@@ -81,13 +76,7 @@ def render_part(
 def render_frames(
     structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings
 ) -> Callable[..., tuple[Array, Report]]:
-    """`render_part` for several frames: each device renders the frame of one camera.
-
-    Args:
-        structure: Structure of the scene.
-        layout: Layout of the camera's row of numbers; each device has a row.
-        settings: Static settings.
-    """
+    """`render_part` for several frames: each device renders the frame of one camera."""
     return _on_each(structure, layout, settings, of_each=("row",))
 
 
@@ -98,11 +87,6 @@ def render_pieces(
     """`render_part` for one frame, of which each device renders a part (`parts.interleaved_parts`).
 
     No device waits for another, so that programs may share the devices.
-
-    Args:
-        structure: Structure of the scene.
-        layout: Layout of the camera's row of numbers.
-        settings: Static settings.
     """
     return _on_each(structure, layout, settings, of_each=("part",))
 
@@ -149,14 +133,6 @@ def part_values(
     """Red, green, blue, coverage and mean distance of a part of a picture, and the trace's report.
 
     Pure and differentiable in the scene, the camera and the key times.
-
-    Args:
-        scene: The scene.
-        camera: The camera.
-        u: The samples of every pixel (`camera.camera_ray`).
-        part: The pixels.
-        settings: List sizes, key states, options and devices.
-        key_time: Times of the key states of the scene; None spreads them over the frame's times.
     """
     if key_time is None:
         key_time = key_times(camera, part, settings.keys)
@@ -177,12 +153,7 @@ def part_values(
 def picture_values(
     pixels: Pixels, weight: Float[Array, "lenses pixels"] | None
 ) -> Float[Array, "pixels 5"]:
-    """Red, green, blue, coverage and mean distance of pixels.
-
-    Args:
-        pixels: Means of the samples, with a leading axis: one for all colours, or one for each.
-        weight: Mean weights of the rays, which have multiplied the samples; None is 1.
-    """
+    """Red, green, blue, coverage and mean distance of pixels."""
     if weight is not None:
         pixels = _unweight(pixels, weight)
     color, transmittance, depth = pixels.color[0], pixels.transmittance[0], pixels.depth[0]
@@ -236,22 +207,12 @@ def _trace_part(
 
 
 def apply_weight(pixels: Pixels, weight: Float[Array, "*rays"]) -> Pixels:
-    """Multiply traced rays by their weights.
-
-    Args:
-        pixels: Traced rays.
-        weight: Weight of each ray.
-    """
+    """Multiply traced rays by their weights."""
     return jax.tree.map(lambda x: x * _broadcast_weight(weight, x), pixels)
 
 
 def sample_points(part: Part, count: int) -> Float[Array, "samples 5"]:
-    """Samples of every pixel: the same for all pictures, or those of the part's batch.
-
-    Args:
-        part: The pixels.
-        count: Number of samples.
-    """
+    """Samples of every pixel: the same for all pictures, or those of the part's batch."""
     u = sobol_samples(count) if part.batch is None else shifted_samples(count, part.batch)
     return u.astype(part.pixel.dtype)
 
@@ -287,16 +248,7 @@ def sample_rays(
     mask: Bool[Array, "samples rows"] | None,
     magnification: Float[Array, ""] | None = None,
 ) -> Rays:
-    """Rays of all samples of pixels.
-
-    Args:
-        camera: The camera.
-        pixel: Indices (column, row) of the pixels.
-        u: The samples (`camera.camera_ray`).
-        mask: Samples and rows that this segment traces; the other rays get no direction. None is
-            all of them.
-        magnification: Of one colour channel; None is the lens itself.
-    """
+    """Rays of all samples of pixels."""
     size = camera.film.width, camera.film.height
 
     def sample(point: Float[Array, "5"], mask: Bool[Array, " rows"] | None) -> Rays:
@@ -340,24 +292,13 @@ def _motion(
 
 
 def frame_span(camera: Camera, part: Part) -> Float[Array, "2"]:
-    """First and last time of the rays of a frame, in the capture's unit.
-
-    Args:
-        camera: The camera.
-        part: The pixels, with the segment that they show.
-    """
+    """First and last time of the rays of a frame, in the capture's unit."""
     time = _extreme_times(camera, part)
     return jnp.stack([jnp.min(time), jnp.max(time)])
 
 
 def key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
-    """Times of the key states of a frame, in the capture's unit.
-
-    Args:
-        camera: The camera.
-        part: The pixels.
-        keys: Number of key states; 0 is one, at the time of the part's row.
-    """
+    """Times of the key states of a frame, in the capture's unit."""
     if not keys:
         place = jnp.stack([jnp.zeros_like(part.row), part.row])
         u = jnp.full((1, 5), 0.5, camera.time.dtype)
@@ -366,12 +307,7 @@ def key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
 
 
 def even_key_times(span: Float[Array, "2"], keys: int) -> Float[Array, " keys"]:
-    """Key times at even intervals.
-
-    Args:
-        span: First and last time of a frame.
-        keys: Number of key times; a single one is the first time.
-    """
+    """Key times at even intervals."""
     return jnp.linspace(span[0], span[1], keys, dtype=span.dtype) if keys > 1 else span[:1]
 
 
@@ -394,14 +330,7 @@ def _time_limits(part: Part) -> tuple[Array | None, Array | None]:
 def prepare_trace(
     scene: Scene, camera: Camera, part: Part, *, settings: ProgramSettings
 ) -> tuple[Motion, Rays]:
-    """Motion and rays of the samples that are traced at once, for `measure`.
-
-    Args:
-        scene: The scene.
-        camera: The camera.
-        part: The pixels.
-        settings: Key states and options.
-    """
+    """Motion and rays of the samples that are traced at once, for `measure`."""
     count = samples_at_once(settings.options, settings.trace)
     u = sample_points(part, settings.options.samples)
     motion = _motion(scene, camera, key_times(camera, part, settings.keys), settings.options)

@@ -74,10 +74,6 @@ class SampleSums(eqx.Module):
 def uses_stages(options: RenderOptions, trace: TraceOptions) -> bool:
     """Whether pictures are rendered in stages: by the array tracer, of Gaussians that do not depend
     on the camera.
-
-    Args:
-        options: How pictures are sampled.
-        trace: Options of the tracer.
     """
     plain = not options.dilation and options.harmonics == "ray"
     return plain and not on_kernel(trace, jnp.float32)

@@ -112,12 +112,7 @@ def total_hits(hits: Int[Array, "..."]) -> Float[Array, ""]:
 
 
 def map_leading(function: Callable, tree):
-    """`lax.map` along the first axis, without a loop if its length is 1.
-
-    Args:
-        function: The function of one element.
-        tree: A tree of arrays with a common first axis.
-    """
+    """`lax.map` along the first axis, without a loop if its length is 1."""
     if jax.tree.leaves(tree)[0].shape[0] > 1:
         return jax.lax.map(function, tree)
     return jax.tree.map(lambda x: x[None], function(jax.tree.map(lambda x: x[0], tree)))
@@ -178,10 +173,6 @@ def march_function(options: TraceOptions, dtype: DTypeLike) -> Callable:
     """The function that marches bundles: machine code on a CPU if available, else arrays.
 
     Machine code is compiled here, or read from disk.
-
-    Args:
-        options: Options of the tracer.
-        dtype: Precision of the rays.
     """
     if not on_cpu_kernel(options, dtype):
         return march
@@ -193,12 +184,7 @@ def march_function(options: TraceOptions, dtype: DTypeLike) -> Callable:
 
 
 def ray_lanes(motion: Motion, bundled: Rays) -> Lanes:
-    """Bundles of rays with their components first, with weights of the motion's control points.
-
-    Args:
-        motion: The motion.
-        bundled: Rays of the shape (bundles, rays of one bundle).
-    """
+    """Bundles of rays with their components first, with weights of the motion's control points."""
     leading = partial(jnp.moveaxis, source=-1, destination=0)
     weights = jax.vmap(jax.vmap(partial(control_weights, motion.time)))(bundled.time)
     time = None
@@ -218,14 +204,7 @@ def find_candidates(
 ) -> tuple[Candidates, Int[Array, ""]]:
     """Find the candidates of every bundle, over all samples. No gradient.
 
-    Args:
-        motion: As for `trace`.
-        rays: As for `trace`.
-        options: As for `trace`.
-        capacity: As for `trace`.
-
-    Returns:
-        The lists, and the number of Gaussians that are not finite.
+    Args as for `trace`. Returns the lists, and the number of Gaussians that are not finite.
     """
     motion, rays = jax.lax.stop_gradient((motion, rays))
     scene = prepare_for_rays(motion, rays, replace(options, backend="array"), capacity)
@@ -350,10 +329,6 @@ def split_into_bundles(rays: Rays, options: TraceOptions) -> Rays:
     """Split rays into bundles: the shape (bundles, rays of one bundle).
 
     The last bundle is padded with rays of direction zero, which hit nothing.
-
-    Args:
-        rays: Rays in a coherent order.
-        options: Options of the tracer.
     """
     each = options.bundle**2
     block = each * FAN**options.levels

@@ -18,7 +18,7 @@ from gaussray.reconstruct.effort import Machine, effort
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.render.renderer import Renderer, RenderOptions
-from gaussray.render.rig.rig import cameras_of
+from gaussray.render.rig.rig import load_views
 from gaussray.scene.scene import Scene
 from gaussray.scene.store import load_scene
 
@@ -97,7 +97,7 @@ def test_a_fit_of_smaller_pictures_shows_the_whole_ones(capture, tmp_path, monke
     monkeypatch.setattr(pipeline, "this_machine", lambda: Slow(gpu=False))
     reconstruct(capture, tmp_path, options=OPTIONS)
     assert f"scaled by 0.50 to {SMALL} x {SMALL}" in capsys.readouterr().out
-    assert {(view.width, view.height) for view in cameras_of(tmp_path, None)} == {(SMALL, SMALL)}
+    assert {(view.width, view.height) for view in load_views(tmp_path, None)} == {(SMALL, SMALL)}
     scene = load_scene(tmp_path)
     assert isinstance(scene, Scene) and scene.deformation is not None and scene.moving.count
     renderer = Renderer(scene, options=RenderOptions(samples=1), trace=toy.TRACE)

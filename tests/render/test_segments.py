@@ -44,7 +44,7 @@ def test_every_sample_of_every_row_is_of_the_segment_that_shows_its_time(
     camera = filmed(-2 * step, step, exposure, direction)
     found = segment_rays(camera, EDGES, count)
     assert [i for i, _ in found] == [0, 1, 2]
-    seen = np.array([share.seen for _, share in found])
+    seen = np.array([share.mask for _, share in found])
     assert (seen.sum(axis=0) == 1).all()
     np.testing.assert_array_equal(
         np.argmax(seen, axis=0), np.searchsorted(EDGES, times(camera, count), side="right")
@@ -64,7 +64,7 @@ def test_fields_triggers_and_batches_of_samples_have_times_of_their_own():
         found = segment_rays(camera, EDGES, 8, batch)
         assert [i for i, _ in found] == np.unique(owner).tolist() == [0, 1, 2]
         for i, share in found:
-            np.testing.assert_array_equal(share.seen, owner == i)
+            np.testing.assert_array_equal(share.mask, owner == i)
 
 
 def test_a_segment_spans_the_times_between_its_edges_and_the_frames_ends():
@@ -80,7 +80,7 @@ def test_a_span_is_never_of_no_length_and_lies_inside():
     assert after.span[0] == 0.5 and after.span[1] - after.span[0] == pytest.approx(
         LEAST * 0.1, abs=SINGLE
     )
-    np.testing.assert_array_equal(after.seen, [[False] * 4 + [True]])
+    np.testing.assert_array_equal(after.mask, [[False] * 4 + [True]])
 
 
 @pytest.mark.parametrize(("time", "segment"), [(0.1, 0), (0.4, 1), (0.45, 1), (0.5, 2), (9.0, 2)])

@@ -13,6 +13,7 @@ from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic, no_gradient
 from gaussray.reconstruct.optimize.relocation import (
     Population,
+    Presence,
     costs,
     explore,
     relocate,
@@ -25,9 +26,16 @@ from gaussray.scene.transient import UnconstrainedTransients
 
 
 DEAD_BELOW = 0.005
+
+
+def costs_of(free, extent, window=None):
+    """What Gaussians of one kind alone cost."""
+    return costs([Presence(free, window)], extent)
+
+
 shared = jax.jit(shared_by_copies)
-unconstrained, priced, wandered = map(jax.jit, (unconstrain, costs, explore))
-slopes = jax.jit(jax.grad(lambda *seen: sum(costs(*seen).values())))
+unconstrained, priced, wandered = map(jax.jit, (unconstrain, costs_of, explore))
+slopes = jax.jit(jax.grad(lambda *seen: sum(costs_of(*seen).values())))
 
 
 def crowd(opacity, scale=0.1):
@@ -238,4 +246,4 @@ def test_empty_rows_cost_nothing_and_do_not_move():
 
 def test_no_gaussians_have_no_costs():
     none = jax.tree.map(lambda x: x[:0], crowd([0.5]))
-    assert {name: float(x) for name, x in costs(none, 1.0).items()} == {"opacity": 0, "scale": 0}
+    assert {name: float(x) for name, x in costs_of(none, 1.0).items()} == {"opacity": 0, "scale": 0}

@@ -332,7 +332,7 @@ def test_an_imported_model_is_filmed_by_the_cameras_of_a_capture(tmp_path):
         (["time=soon"], "time must be a number, got 'soon'"),
         (
             ["time=0", "format=obj"],
-            "format must be one of ply, spz, spz4, glb, usd, ftgs, got 'obj'",
+            "a.ply names the format",
         ),
         (["time=0", "color=red"], "color must be one of srgb, linear, got 'red'"),
         (["time=0", "degree=4"], "degree must be in 0 ... 3 for this scene, got 4"),
