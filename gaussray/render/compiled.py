@@ -7,18 +7,17 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jax.tree_util import PyTreeDef
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
-from gaussray.camera.camera import Camera, camera_rays
+from gaussray.camera.camera import Camera
 from gaussray.camera.rays import Rays
-from gaussray.camera.sampling import shifted_samples, sobol_samples
-from gaussray.camera.shutter import first_and_last_pixels, row_number
 from gaussray.render.camera_layout import CameraLayout
+from gaussray.render.frame_times import frame_span, key_times
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part, samples_at_once
+from gaussray.render.samples import sample_points, sample_rays
 from gaussray.render.splat_compat import colors_from_center, dilate
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene
@@ -58,6 +57,11 @@ def render_part(
 
     It is cached, so that a frame costs the host little.
 
+    Args:
+        structure: Structure of the scene.
+        layout: Layout of the camera's row of numbers.
+        settings: Static settings.
+
     Returns:
         A function of (leaves of the scene, row of the camera, part): red, green, blue, coverage and
         mean distance of the pixels; and a report.
@@ -76,7 +80,13 @@ def render_part(
 def render_frames(
     structure: PyTreeDef, layout: CameraLayout, settings: ProgramSettings
 ) -> Callable[..., tuple[Array, Report]]:
-    """`render_part` for several frames: each device renders the frame of one camera."""
+    """`render_part` for several frames: each device renders the frame of one camera.
+
+    Args:
+        structure: Structure of the scene.
+        layout: Layout of the camera's row of numbers; each device has a row.
+        settings: Static settings.
+    """
     return _on_each(structure, layout, settings, of_each=("row",))
 
 
@@ -87,6 +97,11 @@ def render_pieces(
     """`render_part` for one frame, of which each device renders a part (`parts.interleaved_parts`).
 
     No device waits for another, so that programs may share the devices.
+
+    Args:
+        structure: Structure of the scene.
+        layout: Layout of the camera's row of numbers.
+        settings: Static settings.
     """
     return _on_each(structure, layout, settings, of_each=("part",))
 
@@ -133,6 +148,14 @@ def part_values(
     """Red, green, blue, coverage and mean distance of a part of a picture, and the trace's report.
 
     Pure and differentiable in the scene, the camera and the key times.
+
+    Args:
+        scene: The scene.
+        camera: The camera.
+        u: The samples of every pixel (`camera.camera_ray`).
+        part: The pixels.
+        settings: List sizes, key states, options and devices.
+        key_time: Times of the key states of the scene; None spreads them over the frame's times.
     """
     if key_time is None:
         key_time = key_times(camera, part, settings.keys)
@@ -153,7 +176,12 @@ def part_values(
 def picture_values(
     pixels: Pixels, weight: Float[Array, "lenses pixels"] | None
 ) -> Float[Array, "pixels 5"]:
-    """Red, green, blue, coverage and mean distance of pixels."""
+    """Red, green, blue, coverage and mean distance of pixels.
+
+    Args:
+        pixels: Means of the samples, with a leading axis: one for all colours, or one for each.
+        weight: Mean weights of the rays, which have multiplied the samples; None is 1.
+    """
     if weight is not None:
         pixels = _unweight(pixels, weight)
     color, transmittance, depth = pixels.color[0], pixels.transmittance[0], pixels.depth[0]
@@ -207,14 +235,13 @@ def _trace_part(
 
 
 def apply_weight(pixels: Pixels, weight: Float[Array, "*rays"]) -> Pixels:
-    """Multiply traced rays by their weights."""
+    """Multiply traced rays by their weights.
+
+    Args:
+        pixels: Traced rays.
+        weight: Weight of each ray.
+    """
     return jax.tree.map(lambda x: x * _broadcast_weight(weight, x), pixels)
-
-
-def sample_points(part: Part, count: int) -> Float[Array, "samples 5"]:
-    """Samples of every pixel: the same for all pictures, or those of the part's batch."""
-    u = sobol_samples(count) if part.batch is None else shifted_samples(count, part.batch)
-    return u.astype(part.pixel.dtype)
 
 
 def _unweight(pixels: Pixels, weight: Array) -> Pixels:
@@ -239,28 +266,6 @@ def merge_reports(reports: Report) -> Report:
         skipped=jnp.max(reports.skipped),
         hits=jnp.sum(reports.hits),
     )
-
-
-def sample_rays(
-    camera: Camera,
-    pixel: Array,
-    u: Float[Array, "samples 5"],
-    mask: Bool[Array, "samples rows"] | None,
-    magnification: Float[Array, ""] | None = None,
-) -> Rays:
-    """Rays of all samples of pixels."""
-    size = camera.film.width, camera.film.height
-
-    def sample(point: Float[Array, "5"], mask: Bool[Array, " rows"] | None) -> Rays:
-        points = jnp.broadcast_to(point, (pixel.shape[0], 5))
-        rays = camera_rays(camera, pixel, points, magnification)
-        if mask is None:
-            return rays
-        row = jax.vmap(lambda p: row_number(camera.shutter, p, size))(pixel).astype(jnp.int32)
-        direction = jnp.where(mask[row][:, None], rays.direction, 0)
-        return dataclasses.replace(rays, direction=direction)
-
-    return jax.vmap(sample)(u, mask)
 
 
 def _motion(
@@ -291,46 +296,18 @@ def _motion(
     )
 
 
-def frame_span(camera: Camera, part: Part) -> Float[Array, "2"]:
-    """First and last time of the rays of a frame, in the capture's unit."""
-    time = _extreme_times(camera, part)
-    return jnp.stack([jnp.min(time), jnp.max(time)])
-
-
-def key_times(camera: Camera, part: Part, keys: int) -> Float[Array, " keys"]:
-    """Times of the key states of a frame, in the capture's unit."""
-    if not keys:
-        place = jnp.stack([jnp.zeros_like(part.row), part.row])
-        u = jnp.full((1, 5), 0.5, camera.time.dtype)
-        return jnp.clip(camera_rays(camera, place[None], u).time, *_time_limits(part))
-    return even_key_times(frame_span(camera, part), keys)
-
-
-def even_key_times(span: Float[Array, "2"], keys: int) -> Float[Array, " keys"]:
-    """Key times at even intervals."""
-    return jnp.linspace(span[0], span[1], keys, dtype=span.dtype) if keys > 1 else span[:1]
-
-
-def _extreme_times(camera: Camera, part: Part) -> Float[Array, " rays"]:
-    """Times of rays among which are the first and the last of a frame."""
-    dtype = camera.time.dtype
-    pixel = first_and_last_pixels(camera.shutter, (camera.film.width, camera.film.height))
-    place = jnp.asarray(np.repeat(pixel, 2, axis=0), dtype)
-    u = np.full((len(place), 5), 0.5)
-    u[:, 4] = np.tile([0, 1], len(pixel))
-    return jnp.clip(camera_rays(camera, place, jnp.asarray(u, dtype)).time, *_time_limits(part))
-
-
-def _time_limits(part: Part) -> tuple[Array | None, Array | None]:
-    """The times between which a segment shows the frame; None where it shows all of it."""
-    return (None, None) if part.share is None else (part.share.span[0], part.share.span[1])
-
-
 @eqx.filter_jit
 def prepare_trace(
     scene: Scene, camera: Camera, part: Part, *, settings: ProgramSettings
 ) -> tuple[Motion, Rays]:
-    """Motion and rays of the samples that are traced at once, for `measure`."""
+    """Motion and rays of the samples that are traced at once, for `measure`.
+
+    Args:
+        scene: The scene.
+        camera: The camera.
+        part: The pixels.
+        settings: Key states and options.
+    """
     count = samples_at_once(settings.options, settings.trace)
     u = sample_points(part, settings.options.samples)
     motion = _motion(scene, camera, key_times(camera, part, settings.keys), settings.options)

@@ -10,7 +10,8 @@ from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import random_samples, sobol_samples
 from gaussray.io.plain_values import readable
 from gaussray.io.validate import check_kind
-from gaussray.render.compiled import ProgramSettings, frame_span, part_values
+from gaussray.render.compiled import ProgramSettings, part_values
+from gaussray.render.frame_times import frame_span
 from gaussray.render.options import RenderOptions
 from gaussray.render.plan import (
     Plan,

@@ -20,19 +20,11 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.render.camera_layout import CameraLayout
-from gaussray.render.compiled import (
-    ProgramSettings,
-    apply_weight,
-    even_key_times,
-    frame_span,
-    key_times,
-    merge_reports,
-    picture_values,
-    sample_points,
-    sample_rays,
-)
+from gaussray.render.compiled import ProgramSettings, apply_weight, merge_reports, picture_values
+from gaussray.render.frame_times import even_key_times, frame_span, key_times
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part
+from gaussray.render.samples import sample_points, sample_rays
 from gaussray.runtime.kept_programs import KeptProgram
 from gaussray.runtime.programs import ProgramCache, quick_compilation
 from gaussray.scene.scene import Scene

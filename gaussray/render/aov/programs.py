@@ -19,8 +19,9 @@ from gaussray.camera.rolling_projection import RowTiming, row_timing
 from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import normalize, safe_norm
 from gaussray.render.camera_layout import CameraLayout
-from gaussray.render.compiled import frame_span, key_times, sample_points, sample_rays
+from gaussray.render.frame_times import frame_span, key_times
 from gaussray.render.parts import Part
+from gaussray.render.samples import sample_points, sample_rays
 from gaussray.render.stages import on_devices
 from gaussray.runtime.programs import ProgramCache
 from gaussray.scene.normals import normals
