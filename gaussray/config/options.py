@@ -79,7 +79,11 @@ def as_type(kind: type, value: Any, key: str) -> Any:
         return float(value)
     if type(value) is kind:
         return value
-    remedy = f" Write {key}=[{value}]." if kind is tuple and value is not None else ""
+    remedy = ""
+    if kind is tuple and value is not None:
+        # Of how many numbers the list is, its own check says.
+        more = ",..." if type(value) in (int, float) else ""
+        remedy = f" Write {key}=[{value}{more}]."
     if kind is str:
         remedy = quotes_remedy(value, f"{key}='NAME'")
     raise ValueError(f"{key} must be {_TYPE_NAMES.get(kind, 'a text')}, got {value!r}.{remedy}")

@@ -227,8 +227,9 @@ def _brief(pixels: float, machine: Machine) -> ReconstructOptions:
             stop=0.85,
             opacity=0.005,
             gaussians=gaussians,
-            opacity_cost=0.05 if machine.gpu else 0.01,
-            scale_cost=0.05 if machine.gpu else 0.01,
+            opacity_cost=0.02 if machine.gpu else 0.01,
+            scale_cost=0.02 if machine.gpu else 0.01,
+            transient_cost=10.0 if machine.gpu else 1.0,
         ),
         trace=TraceOptions(levels=0, transmittance_min=1e-3),
     )

@@ -19,6 +19,8 @@ from gaussray.reconstruct.data.motion_mask import point_activity
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
 from gaussray.reconstruct.initialize.from_points import bodies, on_points, surrounding, thinned
 from gaussray.reconstruct.initialize.initializer import initial_points
+from gaussray.reconstruct.initialize.stereo.from_pictures import first_views
+from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, hiding
 from gaussray.reconstruct.initialize.transients import initial_transients, starting_times
 from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
 from gaussray.reconstruct.optimize.optimizer import Parameters, shortest_lifetime
@@ -64,8 +66,12 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
         around = surrounding(position, count=count, seed=fit.seed)
         more = on_points(*around, degree=fit.degree, opacity=0.5, flat=1.0)
         gaussians, more = jax.device_get((gaussians, more))
+        # Cameras that stand outside the points look through one of the boxes around these.
+        views = first_views(session.footage, VIEWS)
+        hides = hiding(views, position, more.mean, more.scale[:, 0], count=fit.points)
+        more = take_rows(more, np.flatnonzero(~hides))
         gaussians = jax.tree.map(lambda a, b: np.concatenate([a, b]), gaussians, more)
-        moves = np.concatenate([moves, np.zeros(count, bool)])
+        moves = np.concatenate([moves, np.zeros(more.count, bool)])
     most = session.options.density.room(len(moves))
     progress = replace(progress, initial=initial, most=most)
     corrections = no_corrections(fit.refine, len(session.names), session.footage.camera)

@@ -142,7 +142,7 @@ def density_costs(
         transient = transients_of(parameters.transient, cameras.times)
         age = squared_age(time - transient.instant, 1 / transient.lifetime, transient.plateau)
         window = jax.lax.stop_gradient(jnp.exp(-0.5 * age))
-        kinds.append(Presence(parameters.transient, window))
+        kinds.append(Presence(parameters.transient, window, density.transient_cost))
     weights = {"opacity": density.opacity_cost, "scale": density.scale_cost}
     costs = relocation.costs(kinds, cameras.extent)
     total = sum((w * costs[name] for name, w in weights.items() if w), jnp.zeros(()))

@@ -43,6 +43,7 @@ class DensityOptions(eqx.Module):
         gaussians: relocate: the largest number of Gaussians; it grows by 5 % each time.
         opacity_cost: relocate: what the mean opacity of all Gaussians costs (MCMC: 0.01).
         scale_cost: relocate: what their mean scale costs, in extents (MCMC: 0.01).
+        transient_cost: relocate: how many times these costs a transient Gaussian costs.
         noise: relocate: noise of the positions of faint Gaussians, times covariance over extent; it
             falls like the learning rates.
 
@@ -62,6 +63,7 @@ class DensityOptions(eqx.Module):
     gaussians: int = eqx.field(static=True, default=100000)
     opacity_cost: float = eqx.field(static=True, default=0.01)
     scale_cost: float = eqx.field(static=True, default=0.01)
+    transient_cost: float = eqx.field(static=True, default=1.0)
     noise: float = eqx.field(static=True, default=80.0)
 
     def __check_init__(self):
@@ -69,7 +71,7 @@ class DensityOptions(eqx.Module):
             raise ValueError(
                 f"density.kind must be one of {', '.join(DENSITY_KINDS)}, got {self.kind!r}."
             )
-        for name in ("opacity_cost", "scale_cost", "noise"):
+        for name in ("opacity_cost", "scale_cost", "transient_cost", "noise"):
             if getattr(self, name) < 0:
                 raise ValueError(f"density.{name} must be at least 0, got {getattr(self, name)}.")
         if self.gaussians < 1:

@@ -201,10 +201,12 @@ def explore(
 
 
 class Presence(NamedTuple):
-    """The Gaussians of one kind, and how far each is there at the time of a step (None: fully)."""
+    """The Gaussians of one kind, how far each is there at the time of a step (None: fully), and
+    how many times the costs of other kinds it costs."""
 
     free: Unconstrained | UnconstrainedTransients
     window: Float[Array, " rows"] | None = None
+    factor: float = 1.0
 
 
 def costs(
@@ -212,20 +214,20 @@ def costs(
 ) -> dict[str, Float[Array, ""]]:
     """Mean opacity, and mean scale in units of `extent`, so that what is of no use fades.
 
-    The means are over the Gaussians of all kinds together: the same Gaussian costs the same, of
-    whatever kind it is and however few of its kind there are. A transient Gaussian costs what its
-    `window` leaves of it.
+    The means are over the Gaussians of all kinds together, so what a Gaussian costs does not depend
+    on how few of its kind there are; the `factor` of its kind multiplies it. A transient Gaussian
+    costs what its `window` leaves of it.
     """
     opacity_sum, scale_sum, count = jnp.zeros(()), jnp.zeros(()), jnp.zeros((), jnp.int32)
-    for free, window in kinds:
+    for free, window, factor in kinds:
         opacity = jax.nn.sigmoid(free.logit_opacity)
         counts = _held(free) & (opacity > _FAINT)
         share = counts.astype(opacity.dtype)
         if window is not None:
             share = jnp.where(counts & (opacity * window > _FAINT), window, 0)
         scale = jnp.where(share[:, None] > 0, jnp.exp(free.log_scale), 0)
-        opacity_sum += jnp.sum(share * opacity)
-        scale_sum += jnp.sum(scale)
+        opacity_sum += factor * jnp.sum(share * opacity)
+        scale_sum += factor * jnp.sum(scale)
         count += jnp.sum(counts)
     count = jnp.maximum(count, 1)
     return {"opacity": opacity_sum / count, "scale": scale_sum / (3 * count * extent)}

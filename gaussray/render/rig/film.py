@@ -32,7 +32,10 @@ class FilmOptions(eqx.Module):
     def __check_init__(self):
         whole = all(type(n) is int and n > 0 for n in self.size)
         if self.size and not (whole and len(self.size) == 2):
-            raise ValueError(f"film.size must be [width, height] in pixels, got {list(self.size)}.")
+            raise ValueError(
+                f"film.size must be [width,height] in pixels, such as [1920,1080], got "
+                f"{list(self.size)}."
+            )
         if self.fit not in FITS:
             raise ValueError(f"film.fit must be one of {', '.join(FITS)}, got {self.fit!r}.")
 

@@ -186,6 +186,13 @@ def test_what_is_not_there_at_a_time_costs_nothing():
     assert not np.asarray(slope.log_scale[1]).any()
 
 
+def test_a_kind_costs_as_many_times_as_its_factor_says():
+    free, extent = fleeting(crowd([0.2, 0.6])), 2.0
+    kinds = [Presence(crowd([0.5])), Presence(free, jnp.ones(2), 10.0)]
+    found = jax.jit(lambda: costs(kinds, extent))()
+    np.testing.assert_allclose(found["opacity"], (0.5 + 10 * 0.8) / 3, rtol=1e-6)
+
+
 def test_draws_follow_the_weights():
     opacity = np.concatenate([[0.9, 0.45], np.full(6000, 0.001)])
     free = crowd(opacity)

@@ -41,6 +41,8 @@ _JITTER = 0.2
 # A colour is a backdrop's if at least this share of all pixels at the pictures' borders differs
 # from it by no more than so much (of 1, in each channel; what is as near to it is backdrop, too).
 _BACKDROP, _EVEN = 0.5, 0.012
+# Standard deviations of a ball within which no camera stands.
+_CLEAR = 3.0
 # Distance of a backdrop, in distances of the farthest points; colours below are black.
 _BEHIND, BLACK = 3.0, 0.02
 
@@ -75,12 +77,7 @@ def uncovered_points(
         empty = ~np.isfinite(nearest)
         if not empty.any():
             continue
-        distance = np.full(cells, usual)
-        if not empty.all():
-            beside = np.asarray(
-                distance_transform_edt(empty, return_distances=False, return_indices=True)
-            )
-            distance = nearest[beside[0], beside[1]]
+        distance = np.full(cells, usual) if empty.all() else _with_gaps_filled(nearest)
         y, x = np.nonzero(empty)
         y, x = (side * k + dice.integers(side, size=len(k)) for k in (y, x))
         channels, mask = jax.device_get(unpacked(jnp.asarray(pixel[y, x]), jnp.float32))
@@ -128,6 +125,47 @@ def coverage(seen: StereoViewSet, position: Float[np.ndarray, "points 3"], *, co
     return held / total if total else 1.0
 
 
+def hiding(
+    seen: StereoViewSet,
+    position: Float[np.ndarray, "points 3"],
+    more: Float[np.ndarray, "more 3"],
+    size: Float[np.ndarray, " more"],
+    *,
+    count: int,
+) -> Bool[np.ndarray, " more"]:
+    """Which balls at `more`, of these standard deviations, some picture has before the points that
+    it shows, or around its camera.
+
+    A ball hides what is behind it if its middle, or a place two standard deviations from it, is
+    nearer to the camera than the nearest point in its cell or, where that is empty, in the nearest
+    cell that is not. Cells are those of `uncovered_points`.
+    """
+    seen = some_views(seen, VIEWS)
+    views, side = _with_cells(seen, count)
+    cells = views.size[0] // side, views.size[1] // side
+    steps = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    around = more[:, None] + 2 * size[:, None, None] * steps
+    every = np.concatenate([position, around.reshape(-1, 3)]).astype(np.float32)
+    known = slice(0, len(position))
+    hides = np.zeros(len(more), bool)
+    for i in range(len(seen.frames)):
+        column, row, away, inside, _, _ = jax.device_get(
+            _looked_at(views, jnp.asarray(i), jnp.asarray(every))
+        )
+        hides |= np.linalg.norm(more - np.asarray(views.origin[i]), axis=1) < _CLEAR * size
+        own = np.flatnonzero(inside[known])
+        nearest = _nearest(column[own], row[own], away[own], cells, side)
+        if not np.isfinite(nearest).any():
+            continue
+        y, x = (
+            np.clip(np.where(inside, v, 0)[len(position) :].astype(int) // side, 0, n - 1)
+            for v, n in zip((row, column), cells, strict=True)
+        )
+        before = away[len(position) :] < _with_gaps_filled(nearest)[y, x]
+        hides |= np.any((before & inside[len(position) :]).reshape(len(more), -1), axis=1)
+    return hides
+
+
 def _with_cells(seen: StereoViewSet, count: int) -> tuple[StereoViews, int]:
     """Reduced pictures, and the side of cells of which all pictures have `count`, about."""
     factor = reduction(seen.pictures.shape[1:3], _PIXELS)
@@ -150,6 +188,15 @@ def _nearest(
     nearest = np.full(cells, np.inf)
     np.minimum.at(nearest, (row[within], column[within]), away[within])
     return nearest
+
+
+def _with_gaps_filled(
+    nearest: Float[np.ndarray, "rows columns"],
+) -> Float[np.ndarray, "rows columns"]:
+    """The distances of `_nearest`, in empty cells that of the nearest cell that is not."""
+    empty = ~np.isfinite(nearest)
+    beside = np.asarray(distance_transform_edt(empty, return_distances=False, return_indices=True))
+    return nearest[beside[0], beside[1]]
 
 
 def backdrop(views: StereoViews) -> Float[np.ndarray, "3"] | None:

@@ -12,6 +12,7 @@ from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet
 from gaussray.reconstruct.initialize.stereo.uncovered import (
     backdrop,
     coverage,
+    hiding,
     uncovered_points,
 )
 from gaussray.reconstruct.initialize.stereo.views import seen_at, stereo_views
@@ -158,3 +159,29 @@ def test_a_backdrop_need_not_be_covered(color):
 def test_textured_pictures_have_no_backdrop():
     shown = pictures_of_plane()
     assert backdrop(stereo_views(shown.pictures, shown.cameras, None, factor=1)) is None
+
+
+@pytest.mark.parametrize(
+    ("along", "size", "hides"),
+    [
+        (0.5, 0.01, True),  # before the plane
+        (1.5, 0.01, False),  # behind it
+        (1.5, 1.0, True),  # behind it, and reaching before it
+        (-0.5, 0.01, False),  # behind the camera
+        (-0.5, 1.0, True),  # around the camera
+    ],
+)
+def test_a_ball_hides_what_pictures_show_if_any_of_it_is_nearer(along, size, hides):
+    shown, position = pictures_of_plane(), on_plane(400)
+    origin = np.asarray(shown.cameras.trajectory.translation)[0, 0]
+    middle = position[[np.argmin(np.abs(position).sum(axis=1))]]
+    more = (origin + along * (middle - origin)).astype(np.float32)
+    found = hiding(shown, position, more, np.array([size]), count=3 * (SIZE // CELL) ** 2)
+    assert found.tolist() == [hides]
+
+
+def test_where_pictures_show_no_point_nothing_is_hidden():
+    shown = pictures_of_plane()
+    more = np.array([[0.0, 0.0, 0.1]], np.float32)
+    nothing = np.zeros((0, 3), np.float32)
+    assert not hiding(shown, nothing, more, np.array([0.01]), count=100).any()
