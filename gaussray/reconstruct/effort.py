@@ -67,10 +67,12 @@ class Machine(NamedTuple):
         """Times at which transient Gaussians start, at most."""
         return 30 if self.gpu else 16
 
-    @property
-    def most_pixels(self) -> float:
-        """Training pixels beyond which pictures are scaled down."""
-        return 1e9 if self.gpu else 1e7
+    def most_pixels(self, still: bool) -> float:
+        """Training pixels beyond which pictures are scaled down. For stills on a CPU it was
+        measured (experiments/captures/README.md), for captures of several times it was not."""
+        if self.gpu:
+            return 1e9
+        return 3e6 if still else 1e7
 
 
 class Effort(NamedTuple):
@@ -121,7 +123,7 @@ def _scale(views: Sequence[View], machine: Machine) -> float:
     smaller pictures."""
     times = max(len({view.time for view in views}), 1)
     pixels = sum(view.width * view.height for view in views) * min(1.0, machine.instants / times)
-    return min(1.0, math.sqrt(machine.most_pixels / max(pixels, 1.0)))
+    return min(1.0, math.sqrt(machine.most_pixels(times == 1) / max(pixels, 1.0)))
 
 
 def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> ReconstructOptions:

@@ -307,7 +307,7 @@ def test_a_scene_without_cameras(fails, tmp_path):
             "film.width=256",
             "film.width is now called film.filter_width; the size of the pictures is",
         ),
-        ("film.size=[64]", "film.size must be [width,height] in pixels, such as [1920,1080], got [64]"),
+        ("film.size=[64]", "film.size must be [width,height] in pixels, such as [1920,1080], got"),
         (
             "factory.count=3 aperture.radius=0.1 sample.aperture.focus_distance.choice=[0,-1]",
             "sample 0 is impossible: aperture.focus_distance must be above 0, got",

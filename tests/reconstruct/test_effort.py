@@ -30,8 +30,8 @@ AUTO = ReconstructOptions(fit=FitOptions(auto=True))
 
 
 def capture(count=50, width=270, height=480, times=(0.0,)):
-    """So many training pictures of this size at each time; none is opened."""
-    camera, path = toy.camera(0.0, 0.0, width, height), Path("picture.png")
+    """So many training pictures of this size at each time; a file is there, and is not opened."""
+    camera, path = toy.camera(0.0, 0.0, width, height), Path(__file__)
     views = [
         View(camera, path, None, None, "a", "train", time, "pinhole", None, "srgb")
         for time in times
@@ -59,6 +59,15 @@ def test_larger_captures_get_more_gaussians_and_more_time():
     small, large = (effort(capture(n), AUTO, GPU).options for n in (50, 800))
     assert large.density.gaussians > small.density.gaussians
     assert 2 * small.fit.minutes < large.fit.minutes <= 4 * GPU.minutes
+
+
+@pytest.mark.parametrize("still", [True, False])
+def test_pictures_are_scaled_to_what_a_cpu_has_the_time_for(still):
+    taken = capture(count=32, width=1000, height=1000, times=(0.0,) if still else (0.0, 1.0))
+    views = effort(taken, AUTO, CPU).capture.views
+    total = sum(view.width * view.height for view in views)
+    assert total == pytest.approx(CPU.most_pixels(still), rel=0.01)
+    assert effort(taken, AUTO, GPU).capture is taken
 
 
 def test_a_gpu_gets_more_than_a_cpu():

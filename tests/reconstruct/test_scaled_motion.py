@@ -36,8 +36,7 @@ FLOOR = 25.5
 class Slow(Machine):
     """A machine that has the time for pictures of half the sides."""
 
-    @property
-    def most_pixels(self):
+    def most_pixels(self, still):
         return 3.0 * len(toy.TIMES) * SMALL**2
 
 
