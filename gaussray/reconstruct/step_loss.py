@@ -133,8 +133,8 @@ def density_costs(
     parameters: Parameters, time: Array, cameras: CameraSet, density: DensityOptions
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
     """What opacity and scale cost where Gaussians are relocated, so that unused ones fade: the sum
-    of both times their weights, and each unweighted (`relocation.costs`). Transient Gaussians count
-    as far as they are there at the step's time."""
+    of both times their weights, and each without its weight (`relocation.costs`). Transient
+    Gaussians count as far as they are there at the step's time, times `density.transient_cost`."""
     if not density.relocates:
         return jnp.zeros(()), {}
     kinds = [Presence(free) for free in (parameters.static, parameters.moving)]

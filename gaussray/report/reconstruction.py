@@ -20,8 +20,8 @@ TERMS = {
     "one": "planes: distance from 1",
     "space": "planes: smoothness in space",
     "time": "planes: smoothness in time",
-    "opacity_cost": "mean opacity",
-    "scale_cost": "mean scale",
+    "opacity_cost": "mean opacity (transient times density.transient_cost)",
+    "scale_cost": "mean scale (transient times density.transient_cost)",
 }
 
 

@@ -191,6 +191,7 @@ def test_a_kind_costs_as_many_times_as_its_factor_says():
     kinds = [Presence(crowd([0.5])), Presence(free, jnp.ones(2), 10.0)]
     found = jax.jit(lambda: costs(kinds, extent))()
     np.testing.assert_allclose(found["opacity"], (0.5 + 10 * 0.8) / 3, rtol=1e-6)
+    np.testing.assert_allclose(found["scale"], (0.1 + 10 * 0.2) / 3 / extent, rtol=1e-6)
 
 
 def test_draws_follow_the_weights():

@@ -41,8 +41,8 @@ _JITTER = 0.2
 # A colour is a backdrop's if at least this share of all pixels at the pictures' borders differs
 # from it by no more than so much (of 1, in each channel; what is as near to it is backdrop, too).
 _BACKDROP, _EVEN = 0.5, 0.012
-# Standard deviations of a ball within which no camera stands.
-_CLEAR = 3.0
+# Standard deviations up to which a ball hides what is behind it, and within which no camera stands.
+_REACH, _CLEAR = 2.0, 3.0
 # Distance of a backdrop, in distances of the farthest points; colours below are black.
 _BEHIND, BLACK = 3.0, 0.02
 
@@ -144,25 +144,24 @@ def hiding(
     views, side = _with_cells(seen, count)
     cells = views.size[0] // side, views.size[1] // side
     steps = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
-    around = more[:, None] + 2 * size[:, None, None] * steps
-    every = np.concatenate([position, around.reshape(-1, 3)]).astype(np.float32)
-    known = slice(0, len(position))
+    around = (more[:, None] + _REACH * size[:, None, None] * steps).reshape(-1, 3)
+    position, around = (jnp.asarray(x, jnp.float32) for x in (position, around))
     hides = np.zeros(len(more), bool)
     for i in range(len(seen.frames)):
-        column, row, away, inside, _, _ = jax.device_get(
-            _looked_at(views, jnp.asarray(i), jnp.asarray(every))
-        )
         hides |= np.linalg.norm(more - np.asarray(views.origin[i]), axis=1) < _CLEAR * size
-        own = np.flatnonzero(inside[known])
-        nearest = _nearest(column[own], row[own], away[own], cells, side)
+        column, row, away, inside, _, _ = jax.device_get(
+            _looked_at(views, jnp.asarray(i), position)
+        )
+        nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
         if not np.isfinite(nearest).any():
             continue
+        column, row, away, inside, _, _ = jax.device_get(_looked_at(views, jnp.asarray(i), around))
         y, x = (
-            np.clip(np.where(inside, v, 0)[len(position) :].astype(int) // side, 0, n - 1)
-            for v, n in zip((row, column), cells, strict=True)
+            np.clip(np.where(inside, place, 0).astype(int) // side, 0, number - 1)
+            for place, number in zip((row, column), cells, strict=True)
         )
-        before = away[len(position) :] < _with_gaps_filled(nearest)[y, x]
-        hides |= np.any((before & inside[len(position) :]).reshape(len(more), -1), axis=1)
+        before = inside & (away < _with_gaps_filled(nearest)[y, x])
+        hides |= before.reshape(len(more), -1).any(axis=1)
     return hides
 
 
