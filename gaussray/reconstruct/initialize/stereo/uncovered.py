@@ -145,17 +145,15 @@ def hiding(
     cells = views.size[0] // side, views.size[1] // side
     steps = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
     around = (more[:, None] + _REACH * size[:, None, None] * steps).reshape(-1, 3)
-    position, around = (jnp.asarray(x, jnp.float32) for x in (position, around))
+    known, balls = (jnp.asarray(x, jnp.float32) for x in (position, around))
     hides = np.zeros(len(more), bool)
     for i in range(len(seen.frames)):
         hides |= np.linalg.norm(more - np.asarray(views.origin[i]), axis=1) < _CLEAR * size
-        column, row, away, inside, _, _ = jax.device_get(
-            _looked_at(views, jnp.asarray(i), position)
-        )
+        column, row, away, inside, _, _ = jax.device_get(_looked_at(views, jnp.asarray(i), known))
         nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
         if not np.isfinite(nearest).any():
             continue
-        column, row, away, inside, _, _ = jax.device_get(_looked_at(views, jnp.asarray(i), around))
+        column, row, away, inside, _, _ = jax.device_get(_looked_at(views, jnp.asarray(i), balls))
         y, x = (
             np.clip(np.where(inside, place, 0).astype(int) // side, 0, number - 1)
             for place, number in zip((row, column), cells, strict=True)
