@@ -75,7 +75,9 @@ def test_jax_reads_every_frame_once_in_an_order_of_the_key(data):
 
 
 def test_torch_reads_what_the_manifest_lists(data):
-    torch = pytest.importorskip("torch")
+    pytest.importorskip("torch.utils.data", reason="an extra")
+    import torch
+
     from gaussray.torch import SavedFrames
 
     (batch,) = torch.utils.data.DataLoader(SavedFrames(data), batch_size=5)
