@@ -22,8 +22,15 @@ class Delay(NamedTuple):
 def confidence(
     values: Float[np.ndarray, " lags"], lags: Float[np.ndarray, " lags"], width: float | int | int
 ) -> float:
-    """How far the highest peak stands above the highest value more than `width` seconds away: 0 if
-    both are equal, 1 if it is `_CERTAIN` times as high."""
+    """How far the highest peak stands above all values away from it, in 0..1.
+
+    0 if the highest of these is as high as the peak, 1 if the peak is twice as high or more.
+
+    Args:
+        values: likeness of two signals at each lag.
+        lags: lags, in seconds or samples.
+        width: largest distance from the peak that still belongs to it, in the unit of `lags`.
+    """
     best = int(values.argmax())
     away = np.abs(lags - lags[best]) > width
     other = float(values[away].max(initial=0)) if away.any() else 0.0
@@ -36,8 +43,16 @@ def confidence(
 def normalised_correlation(
     first: Float[np.ndarray, " n"], second: Float[np.ndarray, " m"], most: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lags (samples, second shifted to the right by the lag) and correlation coefficients of the
-    overlapping parts, in -1..1."""
+    """Lags and correlation coefficients, in -1..1, of the overlapping parts of two signals.
+
+    At a lag, the sample i of `second` is compared with the sample i + lag of `first`. Lags at which
+    less than 8 samples, or 40 % of the shorter signal, overlap are left out.
+
+    Args:
+        first: samples of the first signal, evenly spaced.
+        second: samples of the second one at the same rate.
+        most: largest lag in either direction, in samples.
+    """
     least = max(int(_OVERLAP * min(len(first), len(second))), 8)
     lags, values = [], []
     for lag in range(-most, most + 1):
@@ -53,7 +68,12 @@ def normalised_correlation(
 
 
 def parabola_peak(values: Float[np.ndarray, " n"], best: int) -> float:
-    """Position of the maximum between samples, from a parabola through three of them."""
+    """Position of the maximum between samples, from a parabola through three of them.
+
+    Args:
+        values: samples of a curve.
+        best: index of the largest one; at either end of the curve it is the position itself.
+    """
     if not 0 < best < len(values) - 1:
         return float(best)
     a, b, c = values[best - 1 : best + 2]

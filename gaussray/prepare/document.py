@@ -29,6 +29,14 @@ def capture_document(
     Photographs have neither time nor camera name: each is a camera of its own. A frame that was
     exposed before or after its timestamp, or row by row, has a `shutter` block; the middle row is
     then exposed at the frame's own time.
+
+    Args:
+        placement: poses and lenses of the registered pictures. Cameras that stand still have a
+            frame at every timestamp, others one at each timestamp that is registered.
+        timeline: timestamps, and the shift of each frame against them.
+        files: for each camera the file of each timestamp, all below `out`.
+        out: the capture's folder, which file paths are relative to.
+        readout: seconds from the first to the last row of a rolling shutter; 0 is a global shutter.
     """
     frames: list[dict[str, Any]] = []
     model = placement.model
@@ -69,7 +77,13 @@ def transform_matrix(pose: Float[np.ndarray, "3 4"]) -> list[list[float]]:
 def write_points(
     path: Path, points: Float[np.ndarray, "n 3"], levels: UInt8[np.ndarray, "n 3"]
 ) -> None:
-    """A PLY file of coloured points."""
+    """Write a binary PLY file of coloured points.
+
+    Args:
+        path: the file to write.
+        points: positions in the world.
+        levels: sRGB-encoded red, green and blue of each point.
+    """
     columns = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
     columns += [(name, "u1") for name in ("red", "green", "blue")]
     table = np.zeros(len(points), columns)

@@ -37,7 +37,12 @@ class EpipolarPair:
 
 
 def epipolar_pairs(placement: Placement, most: int) -> list[EpipolarPair]:
-    """For each registered picture the partner with most matches, at most `most` pairs."""
+    """For each registered picture the pair with the partner with which it shares most matches.
+
+    Args:
+        placement: registered pictures, keypoints and matches.
+        most: largest number of pairs; of more, an even share is taken.
+    """
     model = placement.model
     index = {name: k for k, name in enumerate(model.pictures)}
     partners: dict[str, tuple[int, tuple[str, str]]] = {}
@@ -59,6 +64,15 @@ def epipolar_distance(
 
     The angle between the second ray and the plane of the first ray and both cameras, times the
     focal length: at the picture's centre these are pixels, through any lens.
+
+    Args:
+        placement: poses, lenses, keypoints and matches.
+        first: file of the first picture.
+        second: file of the second one; the pair is a key of `placement.matches`.
+        index: place of each registered file in `placement.model.pictures`.
+
+    Returns:
+        The distances, NaN where a lens has no ray at a keypoint.
     """
     a, b = index[first], index[second]
     model, rows = placement.model, placement.matches[first, second]

@@ -20,8 +20,8 @@ def observed_levels(placement: Placement, files: dict[str, list]) -> Float[np.nd
     """The 8-bit levels of each observation, means over 3 x 3 pixels.
 
     Args:
-        placement: Observations, and keypoints with the timestamp of each.
-        files: For each camera the file of each timestamp.
+        placement: observations, and keypoints with the timestamp of each.
+        files: for each camera the file of each timestamp.
     """
     seen, model = placement.model.observations, placement.model
     levels = np.zeros((len(seen.point), 3))
@@ -42,11 +42,19 @@ def observed_levels(placement: Placement, files: dict[str, list]) -> Float[np.nd
 def exposure_gains(
     placement: Placement, levels: Float[np.ndarray, "n 3"]
 ) -> dict[str, tuple[Float[np.ndarray, "3"], int]]:
-    """Light of each camera against the mean of all, in stops for each channel, and the number of
-    observations that say so.
+    """How much brighter each camera records the same points than the mean of all cameras.
 
     A point's light is the mean over its cameras; a camera's gain is the median over its points;
     both are found in turns.
+
+    Args:
+        placement: observations of the points by the cameras.
+        levels: 8-bit levels of each observation (`observed_levels`); nearly black and nearly white
+            ones do not count.
+
+    Returns:
+        For each camera the gain of each channel in stops, 0 with fewer than `LEAST_SHARED`
+        observations, and the number of these.
     """
     seen = placement.model.observations
     names = [placement.pictures[name].camera for name in placement.model.pictures]
@@ -74,7 +82,12 @@ def exposure_gains(
 
 
 def point_levels(placement: Placement, levels: Float[np.ndarray, "n 3"]) -> np.ndarray:
-    """8-bit colours [points, 3]: means over the observations in linear light."""
+    """8-bit colours [points, 3]: means over the observations in linear light.
+
+    Args:
+        placement: observations of the points.
+        levels: 8-bit levels of each observation (`observed_levels`).
+    """
     seen = placement.model.observations
     count = len(placement.model.points)
     light = srgb_decode(levels / 255.0)

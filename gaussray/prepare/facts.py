@@ -26,7 +26,18 @@ def facts_of(
     gains: dict[str, tuple[np.ndarray, int]],
     out: Path,
 ) -> dict[str, Any]:
-    """The content of prepare.json but for the findings; paths are relative to `out`."""
+    """The content of prepare.json but for the findings.
+
+    Args:
+        sources: cameras of the input.
+        sync: offsets of their clocks, with confidence and disagreement.
+        timeline: rate and number of the timestamps.
+        files: for each camera the file of each timestamp, all below `out`.
+        placement: poses, lenses and points.
+        pairs: pairs of pictures whose epipolar lines the report draws.
+        gains: exposure of each registered camera and number of its observations (`exposure_gains`).
+        out: the capture's folder, which file paths are relative to.
+    """
     lenses, errors = camera_lenses(placement), picture_errors(placement)
     cameras = {}
     for source in sources:

@@ -46,10 +46,17 @@ def extract_features(
     sizes: dict[str, tuple[int, int]],
     options: PosesOptions,
 ) -> None:
-    """Features of all pictures; the pictures of a group share their intrinsics.
+    """Find the features of all pictures; the pictures of a group share their intrinsics.
 
     Pictures are listed before their features are found: listed by the threads that find them, they
     would be numbered in the order in which these end, and poses would differ from run to run.
+
+    Args:
+        database: COLMAP database that is written.
+        folder: folder below which the pictures' files lie.
+        groups: pictures that share intrinsics, all of one size.
+        sizes: width and height of each camera's pictures in pixels.
+        options: lens model, rough field of view, and most features of a picture.
     """
     colmap = pycolmap()
     colmap.Database.open(database).close()
@@ -79,7 +86,13 @@ def extract_features(
 def set_lenses(
     database: Path, lenses: dict[str, LensKeyValues], camera_of_file: dict[str, str]
 ) -> None:
-    """Replace the intrinsics of a database by known ones, which then are not estimated."""
+    """Replace the intrinsics of a database by known ones, which then are not estimated.
+
+    Args:
+        database: COLMAP database that lists the pictures.
+        lenses: lens of each camera.
+        camera_of_file: camera of each file in the database.
+    """
     colmap = pycolmap()
     with colmap.Database.open(database) as db:
         seen = set()
@@ -92,7 +105,12 @@ def set_lenses(
 
 
 def known_camera(lens: LensKeyValues, number: int) -> Any:
-    """A COLMAP camera with known parameters."""
+    """A COLMAP camera with known parameters.
+
+    Args:
+        lens: lens with the size of its pictures.
+        number: identifier of the camera in the database.
+    """
     model, parameters = to_colmap(lens)
     camera = pycolmap().Camera(
         model=model, width=lens["w"], height=lens["h"], params=parameters, camera_id=number
@@ -102,7 +120,13 @@ def known_camera(lens: LensKeyValues, number: int) -> Any:
 
 
 def match_features(database: Path, pairs: Sequence[tuple[str, str]], seed: int) -> None:
-    """Match the features of these pairs of files, and keep what one geometry explains."""
+    """Match the features of pairs of pictures, and keep what one geometry explains.
+
+    Args:
+        database: COLMAP database with the features; the matches are added to it.
+        pairs: files of the two pictures of each pair.
+        seed: seed of RANSAC, which finds the geometry.
+    """
     colmap = pycolmap()
     listed, options = database.with_suffix(".pairs.txt"), colmap.ImportedPairingOptions()
     options.match_list_path = listed
@@ -143,7 +167,12 @@ def same_instant_pairs(pictures: Sequence[MatchingPicture]) -> list[tuple[str, s
 
 
 def read_keypoints(database: Path, pictures: Iterable[MatchingPicture]) -> dict[str, Keypoints]:
-    """The keypoints of each file of a database."""
+    """The keypoints of each picture, by file.
+
+    Args:
+        database: COLMAP database with the features.
+        pictures: pictures whose keypoints are read; all of one have its timestamp.
+    """
     with pycolmap().Database.open(database) as db:
         result = {}
         for picture in pictures:
@@ -154,15 +183,14 @@ def read_keypoints(database: Path, pictures: Iterable[MatchingPicture]) -> dict[
 
 
 def verified_matches(database: Path) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]:
-    """Indices of the keypoints that match, by pairs of files (`_by_names`); one geometry explains
-    each pair."""
+    """Verified matches of each pair of files: indices of keypoints that one geometry explains."""
     with pycolmap().Database.open(database) as db:
         numbers, geometries = db.read_two_view_geometries()
         return _by_names(db, numbers, [geometry.inlier_matches for geometry in geometries])
 
 
 def raw_matches(database: Path) -> dict[tuple[str, str], Int[np.ndarray, "m 2"]]:
-    """The same before verification."""
+    """Matches of each pair of files by their features alone, before geometric verification."""
     with pycolmap().Database.open(database) as db:
         return _by_names(db, *db.read_all_matches())
 

@@ -49,7 +49,14 @@ class Finding(NamedTuple):
 def sync_findings(
     sources: Sequence[Source], sync: Sync, timeline: Timeline, options: SyncOptions
 ) -> list[Finding]:
-    """Confidence of the offsets, and rates that differ."""
+    """Confidence of the offsets, and rates that differ.
+
+    Args:
+        sources: cameras of the input.
+        sync: offsets of their clocks, with confidence and disagreement.
+        timeline: rate of the timestamps; disagreements above half a frame are reported.
+        options: the confidence from which on an offset is trusted.
+    """
     findings = []
     videos = [source.name for source in sources if source.is_video]
     weak = [name for name in videos if sync.confidence[name] < options.trust]
@@ -95,7 +102,12 @@ def sync_findings(
 
 
 def camera_findings(sources: Sequence[Source], placement: Placement) -> list[Finding]:
-    """Registered pictures, and the angles between neighbours."""
+    """Registered pictures, and the angles between neighbours.
+
+    Args:
+        sources: not used.
+        placement: poses and points that were found.
+    """
     model = placement.model
     total, found = len(placement.pictures), len(model.pictures)
     missing = [p for f, p in placement.pictures.items() if f not in model.pictures]
@@ -204,7 +216,12 @@ def point_findings(placement: Placement) -> list[Finding]:
 
 
 def epipolar_findings(placement: Placement, pairs: Sequence[EpipolarPair]) -> list[Finding]:
-    """Distances of matches from the epipolar lines; the test of a known calibration."""
+    """Distances of matches from the epipolar lines; the test of a known calibration.
+
+    Args:
+        placement: lenses, and whether they come from a calibration.
+        pairs: pairs of pictures; those with fewer than `EVIDENCE` matches do not count.
+    """
     scale = max((lens["w"] for lens in placement.model.lenses), default=1000) / 1000
     known = [pair for pair in pairs if np.isfinite(pair.median) and pair.count >= EVIDENCE]
     if not known:

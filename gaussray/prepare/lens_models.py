@@ -21,7 +21,14 @@ LensKeyValues = dict[str, Any]
 
 
 def from_colmap(model: str, width: int, height: int, parameters: Any) -> LensKeyValues:
-    """The keys of a COLMAP camera."""
+    """The keys of a COLMAP camera.
+
+    Args:
+        model: COLMAP's name of the lens model.
+        width: columns of the pictures.
+        height: rows of the pictures.
+        parameters: numbers of the model in COLMAP's order, in pixels but for the coefficients.
+    """
     names = _PARAMETERS[model]
     values: LensKeyValues = dict(zip(names, map(float, parameters), strict=True))
     if "f" in values:
@@ -41,8 +48,15 @@ def to_colmap(lens: LensKeyValues) -> tuple[str, list[float]]:
 
 
 def start_focal(model: str, fov: float, width: int, height: int) -> float:
-    """Focal length to start from, as a share of the longer side: from a rough horizontal field of
-    view in degrees, or what is usual of such lenses (fisheye 150 degrees, others 1.2)."""
+    """Focal length to start from, as a share of the picture's longer side.
+
+    Args:
+        model: lens model that is estimated, one of `poses.model`.
+        fov: rough horizontal field of view in degrees; 0 takes what is usual: 150 degrees for a
+            fisheye, a share of 1.2 for others.
+        width: columns of the pictures.
+        height: rows of the pictures.
+    """
     longer = max(width, height)
     if model == "opencv_fisheye":
         return width / np.radians(fov or 150.0) / longer

@@ -19,7 +19,12 @@ _LEAST, _FIRST_PAIR = 2, 50
 
 
 def verify(database: Path, seed: int) -> None:
-    """Find which matches of each pair one geometry explains."""
+    """Find which matches of each pair one geometry explains.
+
+    Args:
+        database: COLMAP database with keypoints and matches; the verified ones are added.
+        seed: seed of RANSAC, which finds the geometry.
+    """
     colmap = pycolmap()
     options = colmap.TwoViewGeometryOptions()
     options.ransac.random_seed = seed
@@ -28,6 +33,14 @@ def verify(database: Path, seed: int) -> None:
 
 def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> SparseModel:
     """Poses, lenses and points by incremental structure from motion.
+
+    Args:
+        database: COLMAP database with keypoints and verified matches.
+        pictures: folder of the pictures.
+        options: lens model and seed.
+
+    Returns:
+        Of several reconstructions the one with most pictures, in an arbitrary frame and scale.
 
     Raises:
         PrepareError: No two pictures share enough matches to begin with.
@@ -62,11 +75,11 @@ def triangulate(
     """Points from matches and known cameras, which stay as they are.
 
     Args:
-        database: Keypoints and verified matches.
-        pictures: Folder of the pictures.
-        poses: World to camera [3, 4] by file.
-        lenses: Lens by file.
-        most_error: Observations farther than this many pixels from their point are dropped.
+        database: keypoints and verified matches.
+        pictures: folder of the pictures.
+        poses: world to camera [3, 4] by file.
+        lenses: lens by file.
+        most_error: observations farther than this many pixels from their point are dropped.
     """
     colmap = pycolmap()
     reconstruction = colmap.Reconstruction()

@@ -48,9 +48,18 @@ def copy_media(sources: Sequence[Source], timeline: Timeline, out: Path) -> dict
 def write_matching_pictures(
     files: Sequence[Path], index: Sequence[int], folder: Path, size: tuple[int, int]
 ) -> list[str]:
-    """Pictures for the features of one camera, as `0003.png` for timestamp 3; their names.
+    """Write the pictures of one camera for COLMAP, as `0003.png` for timestamp 3.
 
-    COLMAP reads files alone, so frames of videos are written out; pictures are linked or copied.
+    COLMAP reads files alone, so frames of videos are written as PNG; pictures are copied.
+
+    Args:
+        files: the camera's file at each timestamp; it may be a frame of a video (`frame_path`).
+        index: timestamps whose pictures are written.
+        folder: folder of the camera; made if it does not exist.
+        size: width and height of the upright pictures in pixels.
+
+    Returns:
+        The names of the files in `folder`.
     """
     folder.mkdir(parents=True, exist_ok=True)
     names = []

@@ -21,7 +21,14 @@ _STILL, _STAYS = 0.5, 2.0
 def stands_still(
     first: Keypoints, last: Keypoints, matches: Int[np.ndarray, "m 2"], width: int
 ) -> bool:
-    """Whether most features that two timestamps of a camera share are where they were."""
+    """Whether most features that two timestamps of a camera share are where they were.
+
+    Args:
+        first: keypoints at the first timestamp.
+        last: keypoints at the last one.
+        matches: indices into `first` and `last`; without any the camera does not stand still.
+        width: columns of the pictures; 2 pixels per 1000 of them (at least 1) count as no movement.
+    """
     if not len(matches):
         return False
     shift = np.linalg.norm(first.xy[matches[:, 0]] - last.xy[matches[:, 1]], axis=1)

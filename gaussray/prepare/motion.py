@@ -39,7 +39,12 @@ def motion_energy(source: Source) -> Float[np.ndarray, " frames"]:
 def motion_signal(
     times: Float[np.ndarray, " frames"], energy: Float[np.ndarray, " frames"]
 ) -> Float[np.ndarray, " samples"]:
-    """The logarithm of the energy at `MOTION_RATE`, without slow changes, of unit variance."""
+    """The logarithm of the energy at `MOTION_RATE`, without slow changes, of unit variance.
+
+    Args:
+        times: seconds of each frame on the camera's own clock; the first is that of sample 0.
+        energy: change of grey levels of each frame (`motion_energy`).
+    """
     grid = np.arange(times[0], times[-1], 1 / MOTION_RATE)
     values = np.interp(grid, times, np.log(np.maximum(energy, 1e-3)))
     width = max(int(_SLOW * MOTION_RATE), 1)
@@ -57,8 +62,13 @@ def motion_scores(
     """Correlation coefficients of two signals, and their significance, at lags -most ... most.
 
     The significance is Fisher's: atanh(r) times the root of the number of independent samples that
-    overlap, so that a high coefficient of a short overlap counts little. Both are 0 where nothing
-    overlaps.
+    overlap, so that a high coefficient of a short overlap counts little. Both are 0 where too
+    little overlaps (`normalised_correlation`).
+
+    Args:
+        first: signal of the first video (`motion_signal`).
+        second: signal of the second one.
+        most: largest lag in either direction, in samples at `MOTION_RATE`.
     """
     coefficients, scores = np.zeros(2 * most + 1), np.zeros(2 * most + 1)
     lags, values = normalised_correlation(first, second, most)

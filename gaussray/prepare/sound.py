@@ -35,11 +35,15 @@ def read_sound(path: Path) -> tuple[Float[np.ndarray, " samples"], float]:
 def sound_delay(
     first: Float[np.ndarray, " n"], second: Float[np.ndarray, " m"], longest: float
 ) -> Delay:
-    """Seconds that must be added to the second track's clock to match the first, from -longest to
-    longest.
+    """Seconds that must be added to the second track's clock to match the first.
 
     The cross-power spectrum is whitened within the band of speech (phase transform), so that the
     peak is sharp however each microphone colours the sound.
+
+    Args:
+        first: mono samples of the first track at `SOUND_RATE`.
+        second: mono samples of the second one.
+        longest: largest delay in either direction, in seconds.
     """
     size = 1 << (len(first) + len(second)).bit_length()
     spectrum = np.fft.rfft(first, size) * np.conj(np.fft.rfft(second, size))

@@ -85,7 +85,16 @@ def sparse_model_of(reconstruction: Any) -> SparseModel:
 def project_points(
     lens: LensKeyValues, pose: Float[np.ndarray, "3 4"], points: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-    """Pixels of world points, NaN where a lens cannot image them, and their depths."""
+    """Pixels of world points, NaN where a lens cannot image them, and their depths.
+
+    Args:
+        lens: lens of the camera.
+        pose: world to camera, OpenCV axes.
+        points: positions in the world.
+
+    Returns:
+        Pixels (centres at 0.5), and depths along the optical axis in scene units.
+    """
     inside = points @ pose[:, :3].T + pose[:, 3]
     pixels = np.full((len(points), 2), np.nan)
     ahead = inside[:, 2] > 1e-9
@@ -95,7 +104,12 @@ def project_points(
 
 
 def pixel_rays(lens: LensKeyValues, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-    """Unit viewing directions of pixels in camera axes, NaN where the lens has none."""
+    """Unit viewing directions of pixels in camera axes, NaN where the lens has none.
+
+    Args:
+        lens: lens of the camera.
+        pixels: column and row of each place, pixel centres at 0.5.
+    """
     directions = np.array(camera_of(lens).cam_ray_from_img(pixels), np.float64).reshape(-1, 3)
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 

@@ -47,12 +47,14 @@ class Sync:
 def synchronise(sources: Sequence[Source], options: SyncOptions) -> Sync:
     """The offsets of the cameras' clocks.
 
-    An offset whose confidence is below `sync.trust` is not used: the video is then taken to start
-    together with the first one.
+    Args:
+        sources: cameras of the input; the first one's clock is the reference.
+        options: method, known offsets, longest offset and least confidence. A video whose
+            confidence is below `trust` is taken to start together with the first one.
 
     Raises:
-        PrepareError: `sync.offsets` does not name a number for each camera, or sound is demanded
-            of videos that have none.
+        PrepareError: `sync.offsets` does not have a number for each camera, or sound is demanded of
+            videos that have none.
     """
     names = [source.name for source in sources]
     if options.offsets:
@@ -95,10 +97,16 @@ class Estimate(NamedTuple):
 
 
 def solve_offsets(count: int, pairs: Sequence[tuple[int, int, Delay]], trust: float) -> Estimate:
-    """Offsets that fit the delays of pairs (i, j), clock j plus delay is clock i, robustly.
+    """Offsets that fit the delays of pairs of videos, robustly.
 
-    Least squares weighted by confidence, reweighted by the residuals (Cauchy, 20 ms). Camera 0 has
-    offset 0; cameras that no trusted pair links with it have NaN.
+    Least squares weighted by confidence, reweighted by the residuals (Cauchy, 20 ms). Video 0 has
+    offset 0.
+
+    Args:
+        count: number of videos.
+        pairs: (i, j, delay) of compared videos: clock j plus the delay is clock i.
+        trust: least confidence of a delay that is used; videos that no such pair links with video 0
+            have offset NaN.
     """
     used = [pair for pair in pairs if pair[2].confidence >= trust]
     linked = {0}

@@ -41,12 +41,17 @@ class Timeline:
 
 
 def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOptions) -> Timeline:
-    """The timestamps that all cameras share, at the lowest of their rates.
+    """The timestamps that all cameras share, and the nearest frame of each camera at each of them.
 
-    Each camera shows its nearest frame; the difference in time, at most half a frame, is kept.
+    The shift of a frame against its timestamp, at most half a frame, is kept.
+
+    Args:
+        sources: cameras of the input; one folder of pictures alone is photographs without a time.
+        sync: offsets that take each camera's clock to the common one.
+        options: rate of the timestamps (0: that of the slowest camera), and their span.
 
     Raises:
-        PrepareError: The cameras share no time, or mix videos and folders without a rate.
+        PrepareError: The cameras share no time, or no timestamp lies in `frames.span`.
     """
     if len(sources) == 1 and not sources[0].is_video:
         count = sources[0].count
@@ -88,7 +93,12 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
 
 
 def resampled(sources: Sequence[Source], timeline: Timeline) -> list[str]:
-    """Names of the videos whose rate is not that of the timestamps."""
+    """Names of the videos whose rate is not that of the timestamps.
+
+    Args:
+        sources: cameras of the input.
+        timeline: rate of the timestamps.
+    """
     return [s.name for s in sources if s.rate and abs(s.rate / timeline.rate - 1) > _SAME]
 
 

@@ -41,10 +41,20 @@ def opencv_camera(
     *,
     fisheye: bool = False,
 ) -> KnownCamera:
-    """A camera by OpenCV's numbers, whose pixel centres are at whole numbers.
+    """A camera from OpenCV's parameters, whose pixel centres are at whole numbers (here at 0.5).
+
+    Args:
+        where: the file or folder that messages name.
+        name: its name in the file.
+        matrix: camera matrix with focal lengths and principal point in pixels.
+        distortion: coefficients in OpenCV's order; missing ones are 0.
+        pose: world to camera, OpenCV axes, translation in scene units.
+        size: width and height of the calibrated pictures in pixels; 0 if the file does not say.
+        fisheye: OpenCV's fisheye model with k1 to k4, instead of k1, k2, p1, p2, k3 to k6.
 
     Raises:
-        PrepareError: A number is not finite, a focal length not positive, or the rotation none.
+        PrepareError: A number is not finite, a focal length is not positive, `pose` has no
+            rotation, or a coefficient that the lens model does not have is not 0.
     """
     values = np.concatenate([matrix.ravel(), distortion.ravel(), pose.ravel()])
     turn = pose[:, :3]
@@ -78,7 +88,15 @@ def opencv_camera(
 
 
 def check_name(where: Path, name: object) -> str:
-    """A camera's name, which must be a short text."""
+    """The name of a camera as text.
+
+    Args:
+        where: the file or folder that messages name.
+        name: what the file gives as the name.
+
+    Raises:
+        PrepareError: The text is empty or longer than 200 characters.
+    """
     text = str(name)
     if not 0 < len(text) <= 200:
         raise PrepareError(f"{where}: a camera must have a name, got {text[:80]!r}.")

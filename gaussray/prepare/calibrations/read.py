@@ -71,12 +71,17 @@ def assign_cameras(
 ) -> tuple[dict[str, KnownCamera], list[str]]:
     """The calibrated camera of each source, its lens for the source's size of pictures.
 
-    Names count: equal ones, or those with an equal number as their only difference (`cam01`, `1`).
-    A calibration at another size is scaled if the shape is the same, and used as it is if it
-    differs by a few rows or columns, which an encoder adds or drops.
+    A camera belongs to a source if it is the only one of the same name; else of the same letters
+    and digits, whatever their case; else of the same last number (`cam01`, `1`).
+
+    Args:
+        known: cameras of the calibration. One of pictures of another size is used as it is if the
+            sizes differ by at most 16 rows and columns, which an encoder adds or drops, and scaled
+            if the pictures have the same shape.
+        sources: cameras of the input; each needs a calibrated one.
 
     Returns:
-        Camera by source name, and a remark for every camera whose size was adjusted.
+        Camera by source name, and a remark for every camera whose size differs.
 
     Raises:
         PrepareError: A source has no camera of its name, or one for pictures of another shape.
