@@ -28,7 +28,12 @@ LINK = 5.0
 def merged(
     position: Float[np.ndarray, "points 3"], color: Float[np.ndarray, "points 3"]
 ) -> tuple[Float[np.ndarray, "merged 3"], Float[np.ndarray, "merged 3"]]:
-    """The points in their order, those of the same place as one of their mean colour."""
+    """The points in their order, those of the same place as one of their mean colour.
+
+    Args:
+        position: places in the world; only equal ones are the same.
+        color: linear light of each point.
+    """
     _, first, same = np.unique(position, axis=0, return_index=True, return_inverse=True)
     if len(first) == len(position):
         return position, color
@@ -42,11 +47,15 @@ def merged(
 def inliers(position: Float[np.ndarray, "points 3"], limit: float) -> Bool[np.ndarray, " points"]:
     """Which points are not much further from their neighbours than usual.
 
-    Statistical outlier removal (Rusu and Cousins 2011, as in PCL and Open3D) on a robust scale: a
-    point goes if the logarithm of the mean distance to its 16 nearest neighbours is more than
-    `limit` standard deviations above the median, these estimated by the median absolute deviation
-    (at least 0.2). Mean and deviation themselves are spoilt by the outliers, and without any they
-    always cut some. A far group of more than 16 points stays. Clouds of up to 32 points are kept.
+    Statistical outlier removal (Rusu and Cousins 2011, as in PCL and Open3D) on a robust scale: the
+    logarithm of the mean distance to the 16 nearest neighbours is compared with its median, and the
+    standard deviation is estimated by the median absolute deviation (at least 0.2). Mean and
+    deviation themselves are spoilt by the outliers, and without any they always cut some. A far
+    group of more than 16 points stays. Clouds of up to 32 points are kept.
+
+    Args:
+        position: places in the world, in any unit.
+        limit: standard deviations above the median from which on a point is left out.
     """
     if len(position) <= 2 * _AROUND:
         return np.ones(len(position), bool)
@@ -70,9 +79,16 @@ def on_points(
 
     Along the surface the standard deviation is `spread` times the root mean square distance to the
     three nearest neighbours (3DGS starts with balls of that size). Across it, it is smaller by the
-    ratio of the spreads of the eight nearest neighbours (their principal axes), at least `flat`.
-    Opaque discs from the start: a ray ends at the first surface instead of passing through dozens
-    of balls.
+    ratio of the spreads of the eight nearest neighbours (their principal axes). Opaque discs from
+    the start: a ray ends at the first surface instead of passing through dozens of balls.
+
+    Args:
+        position: centres of the discs in the world.
+        color: linear light, the same in every direction.
+        degree: degree of the spherical harmonics, 0 to 3; those above 0 begin at 0.
+        opacity: opacity of every disc, in 0..1.
+        spread: standard deviation along the surface, in gaps between points.
+        flat: least thickness relative to the width; 1 makes balls.
     """
     shape, axes = discs(position, spread=spread, flat=flat)
     quat, harmonics = appearance_of(
@@ -91,14 +107,26 @@ def on_points(
 def appearance_of(
     axes: Float[Array, "points 3 3"], color: Float[Array, "points 3"], degree: int
 ) -> tuple[Float[Array, "points 4"], Float[Array, "points coefficients 3"]]:
-    """Rotations of discs with these axes, and harmonics of one linear colour; one program."""
+    """Rotations (quaternions) and harmonics of discs of one colour in every direction; one program.
+
+    Args:
+        axes: principal axes of each disc in the world, as columns of a rotation.
+        color: linear light.
+        degree: degree of the spherical harmonics, 0 to 3.
+    """
     return jax.vmap(quaternion)(axes), constant_harmonics(color, degree)
 
 
 def discs(
     position: Float[np.ndarray, "points 3"], *, spread: float, flat: float
 ) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3 3"]]:
-    """Scales and axes (as columns) of the discs of `on_points`."""
+    """Scales and axes (as columns) of the discs of `on_points`.
+
+    Args:
+        position: centres of the discs in the world; of up to three points the gap is taken to be 1.
+        spread: standard deviation along the surface, in gaps between points.
+        flat: least thickness relative to the width; 1 makes balls.
+    """
     count = len(position)
     near = min(8, count - 1)
     if near < 3:
@@ -125,8 +153,16 @@ def between(
     count: int,
     seed: int,
 ) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count 3"]]:
-    """More points on the surface that a sparse cloud samples: random ones in triangles of a point
-    and two of its eight nearest neighbours, with the colours that lie between theirs."""
+    """Random points on the surface that a sparse cloud samples, with colours between those of the cloud.
+
+    They lie in triangles of a point and two of its eight nearest neighbours.
+
+    Args:
+        position: places of the cloud in the world; of one or two points copies are drawn.
+        color: linear light of the cloud.
+        count: number of points to draw.
+        seed: of the choice of triangles and of places in them.
+    """
     dice, near = np.random.default_rng(seed), min(8, len(position) - 1)
     if near < 2 or not count:
         at = dice.integers(len(position), size=count)
@@ -141,7 +177,13 @@ def between(
 
 
 def thinned(total: int, *, count: int, seed: int) -> Int[np.ndarray, " chosen"]:
-    """Rows of at most `count` of `total` points, drawn at random, in their order."""
+    """Rows of at most `count` of `total` points, drawn at random, in their order.
+
+    Args:
+        total: number of points.
+        count: largest number to keep; all are kept if there are no more.
+        seed: of the choice.
+    """
     if total <= count:
         return np.arange(total)
     return np.sort(np.random.default_rng(seed).permutation(total)[:count])
@@ -151,10 +193,16 @@ def surrounding(
     position: Float[np.ndarray, "points 3"], *, count: int, seed: int
 ) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count 3"]]:
     """Random points and grey colours in the six boxes that adjoin, face to face, the box of the
-    points (strays left out), each as large as it.
+    points, each as large as it.
 
     Every ray that leaves the box passes one of them. They take up what is far, and what mirrors
     show: the image of a lamp in a floor is where the lamp would be below it.
+
+    Args:
+        position: places in the world; on each axis the lowest and the highest 0.5 % are strays,
+            which do not stretch the box.
+        count: number of points to draw.
+        seed: of the places.
     """
     lower, upper = np.quantile(position, (0.005, 0.995), axis=0)
     size = upper - lower
@@ -173,12 +221,17 @@ def bodies(
     known: tuple[Float[np.ndarray, "known 3"], Float[np.ndarray, " known"]] | None = None,
     most: int = 64,
 ) -> Bodies:
-    """The bodies among points, resting: what moves as one, as far as one can tell.
+    """The rigid bodies among points, at rest: connected groups, as far as points tell.
 
-    Bodies that are `known`, by pivot and radius, stay what they are: two that touch by now are
-    still two. Among the points that these do not hold, connected groups are bodies: points belong
-    together when they are nearer than LINK typical gaps. What holds less than a hundredth of the
-    points is no body, and without points there are none.
+    Args:
+        position: places in the world, at the first of the times. Two belong to one group if a chain
+            of points less than LINK typical gaps apart links them. A group of less than a hundredth
+            of the points is no body; without points there are no bodies.
+        times: timestamps at which the bodies get poses.
+        known: pivots and radii of bodies that were found before; None if there are none. Those that
+            still hold a hundredth of the points stay as they are, even if they touch now, and only
+            the points outside of these are grouped.
+        most: largest number of groups that become bodies, the largest first.
     """
     pivot, radius = np.zeros((0, 3), np.float32), np.zeros(0, np.float32)
     least, rest = max(len(position) / 100, 2.0), position
@@ -230,6 +283,12 @@ def in_common_view(
 
     Uniform in a ball around the point nearest to all optical axes (least squares), as wide as the
     median distance of the cameras to it.
+
+    Args:
+        origin: positions of the cameras in the world.
+        direction: unit optical axes of the cameras in the world.
+        count: number of points to draw.
+        seed: of the places.
     """
     projector = np.eye(3)[None] - direction[:, :, None] * direction[:, None, :]
     system = projector.sum(0) + 1e-6 * np.eye(3)

@@ -33,11 +33,16 @@ COVERED = 0.8
 
 
 class InitialPoints(NamedTuple):
-    """Positions in the world, colours in linear light, and whether the points lie `on_surfaces`.
+    """The points that the first Gaussians stand on.
 
-    Only of points on surfaces the pictures tell at once which move, and connected groups of them
-    are rigid bodies. Random Gaussians are added around them, and they stay in the scene even if no
-    training ray meets them.
+    Args:
+        position: places in the world.
+        color: linear light.
+        on_surfaces: whether the points lie on surfaces: given and matched ones do, those at random
+            places or guessed distances do not. Then the pictures tell from the start which points
+            move, connected groups of these are rigid bodies, random Gaussians are added around the
+            points, and the Gaussians on the points stay in the scene even if no training ray meets
+            them.
     """
 
     position: Float[np.ndarray, "points 3"]
@@ -52,10 +57,19 @@ Bar = Callable[[str, int], Progress]
 def initial_points(
     capture: Capture, footage: Footage, options: FitOptions, bar: Bar
 ) -> InitialPoints:
-    """The points that the first Gaussians stand on, by fit.start: those of the capture, those that
-    stereo finds in the pictures, or random ones. Where those of the capture leave much of the
-    pictures empty, both. Where stereo finds too few, random ones. Stereo leaves out what moves if
-    transient Gaussians show it (fit.motion)."""
+    """The points that the first Gaussians stand on, as fit.start says: those of the capture, those
+    that stereo finds in the pictures, or random ones.
+
+    With `auto`, points of the capture that leave much of the pictures empty are filled up by
+    stereo. Without any, and with fewer than FEWEST of stereo, they are at guessed distances.
+
+    Args:
+        capture: the capture, with or without points of its own.
+        footage: the training pictures and their cameras.
+        options: source and number of the points, outliers, and what shows motion: if transient
+            Gaussians do, stereo leaves out what moves.
+        bar: makes the progress bar of stereo.
+    """
     given, start = capture.points, options.start
     if start == "random" or (start == "given" and given is None):
         return points_in_view(footage, options)
@@ -80,9 +94,15 @@ def initial_points(
 def points_of_capture(
     points: Points, options: FitOptions, footage: Footage | None = None
 ) -> InitialPoints:
-    """Points on surfaces without duplicates and outliers, with points where the pictures of the
-    `footage` (None: nowhere) show something that none of these stands on; if they are fewer than
-    fit.points, the missing ones are put between them."""
+    """Points on surfaces without duplicates and outliers, at least fit.points of them.
+
+    Args:
+        points: given or matched points.
+        options: fit.points, fit.outliers and fit.seed. If there are fewer than fit.points, the
+            missing ones are put between them.
+        footage: pictures in which points are added where something is shown but no point lies
+            (`uncovered_points`); None adds none.
+    """
     position, color = cleaned(points, options.outliers)
     if footage is not None:
         views = still_views(footage)
@@ -96,14 +116,26 @@ def points_of_capture(
 
 
 def covers(known: Points, footage: Footage, options: FitOptions) -> bool:
-    """Whether points lie in most cells of the pictures, of which there are about fit.points: points
-    of a mesh do, those of COLMAP leave walls, ground and sky empty however many they are."""
+    """Whether points lie in at least COVERED of the pictures' cells.
+
+    Points of a mesh do; those of COLMAP leave walls, ground and sky empty however many they are.
+
+    Args:
+        known: points of the capture.
+        footage: the training pictures and their cameras.
+        options: fit.points is about how many cells all pictures have together.
+    """
     seen = first_views(footage, VIEWS)
     return coverage(seen, known.position, count=options.points) >= COVERED
 
 
 def points_in_view(footage: Footage, options: FitOptions) -> InitialPoints:
-    """fit.points random grey points where the cameras look."""
+    """Random grey points where the cameras look (`in_common_view`).
+
+    Args:
+        footage: the training pictures, of which only the cameras count.
+        options: fit.points and fit.seed.
+    """
     pose = footage.camera.trajectory
     origin = np.asarray(pose.translation)[:, 0]
     axis = np.asarray(rotation_matrix(pose.quat[:, 0])[:, :, 2])
@@ -113,7 +145,12 @@ def points_in_view(footage: Footage, options: FitOptions) -> InitialPoints:
 
 def points_at_guessed_distances(footage: Footage, options: FitOptions) -> InitialPoints:
     """Points of the pictures' colours where other pictures show these too (`guessed_points`);
-    random ones where the pictures show nothing."""
+    random ones where the pictures show nothing.
+
+    Args:
+        footage: the training pictures and their cameras.
+        options: fit.points and fit.seed.
+    """
     guessed = guessed_points(still_views(footage), count=options.points, seed=options.seed)
     if not len(guessed.position):
         return points_in_view(footage, options)
@@ -123,7 +160,14 @@ def points_at_guessed_distances(footage: Footage, options: FitOptions) -> Initia
 def points_of_stereo(
     footage: Footage, options: FitOptions, known: Points | None, bar: Bar
 ) -> Points:
-    """The points that stereo finds in the training pictures."""
+    """The points that stereo finds in the training pictures.
+
+    Args:
+        footage: the training pictures and their cameras.
+        options: without a deformation (fit.motion) what moves gets no points.
+        known: points of the capture, which narrow the distances down; None if there are none.
+        bar: makes the progress bar.
+    """
     progress: list[Progress] = []
 
     def report(done: int, total: int) -> None:
@@ -135,8 +179,13 @@ def points_of_stereo(
 
 
 def filled_up(known: Points, matched: Points) -> Points:
-    """Known points, and those of stereo that lie further from all of them than from each other:
-    where the known ones leave surfaces empty."""
+    """Known points, and those of stereo where the known ones leave surfaces empty.
+
+    Args:
+        known: points of the capture; all are kept.
+        matched: points of stereo; those are added that lie further from all known ones than
+            typically from each other.
+    """
     if len(matched.position) < 2:
         return known
     gap = typical_gap(matched.position)
@@ -151,8 +200,14 @@ def filled_up(known: Points, matched: Points) -> Points:
 def cleaned(
     points: Points, limit: float
 ) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
-    """Positions and colours of the points without duplicates, and without those further than
-    `limit` standard deviations from the others (0 keeps all). Warns of how many are left out."""
+    """Positions and colours of the points without duplicates and outliers; warns of how many are
+    left out.
+
+    Args:
+        points: given or matched points.
+        limit: standard deviations from which on a point is far from its neighbours (`inliers`); 0
+            keeps outliers.
+    """
     count = len(points.position)
     position, color = merged(np.asarray(points.position), np.asarray(points.color))
     keep = inliers(position, limit) if limit else np.ones(len(position), bool)

@@ -29,7 +29,12 @@ _FEWEST = 8
 
 
 def starting_times(times: Float[np.ndarray, " times"], most: int) -> Float[np.ndarray, " starts"]:
-    """At most so many of the times, evenly spread, with the first and the last."""
+    """Evenly spread times, with the first and the last.
+
+    Args:
+        times: all timestamps in their order.
+        most: largest number of times to return.
+    """
     if len(times) <= most:
         return times
     return times[np.linspace(0, len(times) - 1, most).round().astype(int)]

@@ -19,8 +19,13 @@ _LEAST, _MOST = 0.005, 0.03
 
 
 class Agreement(NamedTuple):
-    """How many views confirm a pixel's point, how many see through it, and its inverse distance
-    averaged over those that confirm it."""
+    """What other views say of every pixel's point.
+
+    Args:
+        confirmed: number of views that confirm it.
+        crossed: number of views that see through it.
+        inverse: inverse distance, averaged over the view and those that confirm it.
+    """
 
     confirmed: Int[Array, "h w"]
     crossed: Int[Array, "h w"]
@@ -35,12 +40,19 @@ def agreement(
     maps: Float[Array, "near h w"],
     step: Float[Array, ""],
 ) -> Agreement:
-    """What the distance maps of other views (`maps`: inverse distances, 0 where nothing is known)
-    say of a view's points.
+    """What the distance maps of other views say of a view's points.
 
     A view confirms a point if one of the four pixels around its place holds a distance that differs
-    by less than what a step of the sweep is at the point, 0.5 to 3 % of it. It sees through the
-    point if all four lie further behind it than twice that.
+    by less than what moves the point by one pixel in the neighbours, 0.5 to 3 % of the distance. It
+    sees through the point if all four lie further behind it than twice that.
+
+    Args:
+        own: the view that is checked.
+        ray: unit viewing directions of its pixels in the world.
+        inverse: inverse distance of its surface along each ray; 0 where nothing is known.
+        near: the views that it is compared with.
+        maps: their inverse distances; 0 where nothing is known.
+        step: inverse distance by which a point moves by one pixel in the neighbours.
     """
     known = inverse > 0
     distance = 1 / jnp.where(known, inverse, 1)

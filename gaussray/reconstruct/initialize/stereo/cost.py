@@ -35,7 +35,12 @@ def window(color: Channels) -> PlaneWindow:
 
 
 def comparison(reference: Channels, color: Channels) -> Comparison:
-    """What one pair of pixels adds to a comparison's means."""
+    """What one pair of pixels adds to a comparison's means.
+
+    Args:
+        reference: sRGB-encoded channels of the first picture.
+        color: those of the other picture at the place of the same point.
+    """
     pairs = list(zip(reference, color, strict=True))
     return Comparison(
         color,
@@ -58,6 +63,11 @@ def patch_cost(
     ZNCC is over all channels jointly; the noise variance e keeps it defined without texture:
     (cov + e/2) / sqrt((var + e)(var' + e)), so that two even windows have 1/2. The difference is
     the mean over the channels.
+
+    Args:
+        reference: means over the window of the first picture.
+        other: means over the window of the other one, and those of both together.
+        options: `zncc`, `color` and `noise`.
     """
     channels = len(reference.color)
     noise = channels * options.noise**2
@@ -75,7 +85,14 @@ def best_half(
     cost: Float[Array, "views ..."], sees: Bool[Array, "views ..."]
 ) -> Float[Array, "..."]:
     """Mean cost over the better half (at least two) of the views that see a point: the others may
-    see something in front of it. 1 where no view sees it; one view that sees it counts half."""
+    see something in front of it.
+
+    1 where no view sees it. Where one of several does, the mean of its cost and 1.
+
+    Args:
+        cost: matching cost in each view.
+        sees: which views see the point.
+    """
     count = cost.shape[0]
     # Else a CPU computes the costs anew for every comparison.
     cost = jax.lax.optimization_barrier(jnp.where(sees, cost, 1))
@@ -97,7 +114,14 @@ def misses(
     hit: Bool[Array, "views ..."],
     weight: float,
 ) -> Float[Array, "..."]:
-    """The cost with the silhouettes' votes: `weight` for each view beyond the first that sees the
-    place of a point, but something at rest there."""
+    """The cost, plus `weight` for each view beyond the first in which the point is outside of the
+    silhouette of what moves.
+
+    Args:
+        cost: matching cost over all views.
+        sees: in which views the point lies within the picture.
+        hit: in which views its place belongs to the silhouette.
+        weight: added cost of a view.
+    """
     missing = jnp.sum(sees & ~hit, axis=0)
     return cost + weight * jnp.maximum(missing - 1, 0)

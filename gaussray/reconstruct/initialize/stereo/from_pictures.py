@@ -47,8 +47,14 @@ MovingPixels = Callable[[int], Bool[np.ndarray, "h w"] | None]
 
 
 class StereoViewSet(NamedTuple):
-    """Pictures that show one instant, or what stands still: with their cameras, and with the frames
-    of the footage that they are of (the first, for a median)."""
+    """Pictures that show one instant, or what stands still, with their cameras.
+
+    Args:
+        pictures: sRGB-encoded, bytes or floats in 0..1.
+        masks: which pixels count; None if all do.
+        cameras: their cameras, stacked.
+        frames: the frame of the footage that each picture is of (the first, for a median).
+    """
 
     pictures: Shaped[np.ndarray, "views h w 3"]
     masks: Bool[np.ndarray, "views h w"] | None
@@ -57,8 +63,14 @@ class StereoViewSet(NamedTuple):
 
 
 class MovingPoints(NamedTuple):
-    """Points of what moves at one timestamp, their velocities in units of length per unit of time,
-    and the residual of the registration that found these (gaps between points; 3: lost)."""
+    """Points of what moves at one timestamp.
+
+    Args:
+        points: the points.
+        time: the timestamp, in the capture's unit.
+        velocity: in scene units per unit of time.
+        residual: of the registration that found the velocity, in gaps between points (3: lost).
+    """
 
     points: StereoPoints
     time: float
@@ -131,12 +143,19 @@ def moving_points(
     known: Float[np.ndarray, "known 3"] | None = None,
     report: StereoReport = lambda done, total: None,
 ) -> list[MovingPoints]:
-    """Points of what moves at each of these timestamps, with velocities towards the next one (for
-    the last, from the one before).
+    """Points of what moves at each timestamp, with velocities towards the next one (for the last,
+    from the one before).
 
-    `moved` tells which pixels of a frame move; None asks the temporal medians of the cameras that
-    stand still. Without two cameras of which that is known, a timestamp has no points. `known` are
-    points of what stands still: they narrow the distances down.
+    Args:
+        footage: the training pictures and their cameras.
+        times: the timestamps, in the capture's unit; one has no points unless two of its pictures
+            show that something moves.
+        moved: which pixels of a frame move; None compares with the temporal medians of the cameras
+            that stand still.
+        options: how carefully to match; None chooses by device and number of cameras.
+        registration: how to find the velocities; None chooses by device.
+        known: points of what stands still; they narrow the distances down.
+        report: called with the number of steps done and their total, two for each timestamp.
     """
     moved = moved or MedianMasks(footage)
     options = options or options_for(jax.default_backend(), len(np.unique(footage.name)))
@@ -190,8 +209,12 @@ def still_views(footage: Footage) -> StereoViewSet:
 
 
 def first_views(footage: Footage, most: int) -> StereoViewSet:
-    """The first picture of each camera that stands still, and all pictures of the others; an even
-    share of them if they are more than `most`."""
+    """The first picture of each camera that stands still, and all pictures of the others.
+
+    Args:
+        footage: the training pictures and their cameras.
+        most: largest number of pictures; of more, an even share is taken.
+    """
     own = [frames[:1] if still else frames for frames, still in camera_frames(footage)]
     chosen = np.sort(np.concatenate(own))
     if len(chosen) > most:
@@ -203,8 +226,14 @@ def first_views(footage: Footage, most: int) -> StereoViewSet:
 def moving_views(
     footage: Footage, time: float, moved: MovingPixels
 ) -> tuple[StereoViewSet, Bool[np.ndarray, "views h w"]] | None:
-    """The pictures of one timestamp of which it is known what moves, masked to that and a margin,
-    and which pixels move; None if fewer than two of them show that anything moves."""
+    """The pictures of one timestamp, masked to what moves and a margin, and which pixels move; None
+    if fewer than two of them show that anything moves.
+
+    Args:
+        footage: the training pictures and their cameras.
+        time: the timestamp, in the capture's unit.
+        moved: which pixels of a frame move; frames for which it gives None are left out.
+    """
     found = {}
     for frame in np.flatnonzero(footage.times == footage.times.dtype.type(time)):
         mask = moved(int(frame))
@@ -250,7 +279,12 @@ def _stack(pictures, scale):
 
 
 def some_views(views: StereoViewSet, most: int) -> StereoViewSet:
-    """The views, or an even share of them if they are more than `most`."""
+    """The views, or an even share of them.
+
+    Args:
+        views: the pictures and their cameras.
+        most: largest number of views.
+    """
     if len(views.frames) <= most:
         return views
     chosen = np.linspace(0, len(views.frames) - 1, most).round().astype(int)

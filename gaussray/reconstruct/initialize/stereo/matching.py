@@ -93,14 +93,26 @@ def _batches(
 
 
 def reduction(size: tuple[int, int], pixels: int) -> int:
-    """The integer by which a picture of this size is reduced to have about `pixels` at most."""
+    """The integer by which a picture is reduced to have about `pixels` at most.
+
+    Args:
+        size: rows and columns of the picture.
+        pixels: number of pixels that may be exceeded by a tenth.
+    """
     return max(1, int(np.ceil(np.sqrt(size[0] * size[1] / pixels) - 0.05)))
 
 
 def matched(
     views: StereoViews, rows: Int[np.ndarray, " rows"], pairs: StereoPairs, options: StereoOptions
 ) -> Surface:
-    """The surfaces that these views show, stacked."""
+    """The surfaces that these views show, stacked.
+
+    Args:
+        views: all views.
+        rows: indices of the views that are matched.
+        pairs: neighbours and distances of all views.
+        options: how carefully to look.
+    """
     dtype, first = views.origin.dtype, pairs.farthest[rows]
     span = np.maximum(pairs.nearest[rows] - first, 0.0)
     count = np.ceil(span / (_STRIDE * pairs.step[rows])).clip(8, options.depths).astype(int)
@@ -145,8 +157,16 @@ def confirmed(
     options: StereoOptions,
     wanted: Bool[np.ndarray, "rows h w"] | None,
 ) -> list[StereoPoints]:
-    """For each of these views, those of its points that other views confirm, of the wanted
-    pixels. `surface` has those of all views."""
+    """For each of these views the points of its surface that other views confirm.
+
+    Args:
+        views: all views.
+        rows: indices of the views whose points are returned.
+        pairs: neighbours of all views.
+        surface: surfaces of all views, stacked.
+        options: how much a point may cost, and how many views must confirm it.
+        wanted: which pixels of these views get points; None is all.
+    """
     chosen = pairs.neighbour[rows]
     step = jnp.asarray(pairs.step[rows], views.origin.dtype)
     result = jax.device_get(

@@ -23,8 +23,14 @@ _SHARE, _DISPARITY = 0.1, 2.0
 
 
 class StereoPairs(eqx.Module):
-    """The neighbours of every view, best first; the inverse distances between which its surfaces
-    are looked for, and the inverse distance by which they move by one pixel in the neighbours."""
+    """What every view is compared with.
+
+    Args:
+        neighbour: indices of its neighbours, the best first.
+        nearest: inverse of the shortest distance at which its surfaces are looked for.
+        farthest: inverse of the longest one.
+        step: inverse distance by which a point of the view moves by one pixel in the neighbours.
+    """
 
     neighbour: Int[np.ndarray, "views neighbours"]
     nearest: Float[np.ndarray, " views"]
@@ -35,11 +41,16 @@ class StereoPairs(eqx.Module):
 def stereo_pairs(
     views: StereoViews, count: int, known: Float[np.ndarray, "points 3"] | None = None
 ) -> StereoPairs:
-    """The best `count` neighbours of every view, by the share of its rays that they see at useful
-    angles over all distances, and the distances at which two of them do.
+    """The best neighbours of every view, and the distances at which two of them see its surfaces.
 
-    Of points that are `known`, those that a view sees narrow its distances down: from 2/3 of the
-    first to twice the last hundredth of theirs.
+    A neighbour is the better, the more of the view's rays it sees at useful angles, over all
+    distances.
+
+    Args:
+        views: all views.
+        count: largest number of neighbours.
+        known: points of the scene; None if there are none. If a view sees 20 of them or more, only
+            distances from 2/3 of the first to twice the last percentile of theirs are looked at.
     """
     origin = np.asarray(views.origin, np.float64)
     spread = typical_spread(views)

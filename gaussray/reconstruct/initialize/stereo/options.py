@@ -63,7 +63,12 @@ class StereoOptions(eqx.Module):
 
 
 def options_for(platform: str, views: int) -> StereoOptions:
-    """What a device (cpu, gpu) manages in seconds (GPU) or a minute and a half (two CPU cores)."""
+    """Settings with which stereo takes seconds on a GPU or a minute and a half on two CPU cores.
+
+    Args:
+        platform: kind of the device, as JAX names it; all but cpu are GPUs.
+        views: number of pictures; on a CPU more than 50 of them are reduced further.
+    """
     if platform != "cpu":
         return StereoOptions(at_once=2**23)
     # 50 views of 135 x 240 is what the time was measured with; more views get smaller pictures.
@@ -82,5 +87,5 @@ def options_for(platform: str, views: int) -> StereoOptions:
 
 
 def with_silhouette(options: StereoOptions) -> StereoOptions:
-    """The same for what moves, with the votes of the silhouettes, a quarter of the points."""
+    """The settings for what moves: silhouettes count, and a quarter of the points is kept."""
     return replace(options, silhouette=0.12, points=max(options.points // 4, 1))

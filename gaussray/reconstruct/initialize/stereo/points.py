@@ -7,9 +7,18 @@ from jaxtyping import Float
 
 
 class StereoPoints(NamedTuple):
-    """Points of surfaces, on the host: place and unit normal in the world, sRGB-encoded colour
-    (0..1), how sure each is (0..1: the share of a cost of 0 and of many views), the standard
-    deviation of its place along the ray, and the gap to its neighbours that its pixel spans."""
+    """Points of surfaces, on the host.
+
+    Args:
+        position: places in the world.
+        normal: unit normals in the world.
+        color: sRGB-encoded, in 0..1.
+        confidence: 1 minus the matching cost, times the share of the neighbours that confirm the
+            point, in 0..1.
+        error: standard deviation of the place along the ray, in scene units.
+        scale: gap to the neighbouring points, in scene units: the width of a pixel at the point's
+            distance, or of the voxel that it stands for.
+    """
 
     position: Float[np.ndarray, "points 3"]
     normal: Float[np.ndarray, "points 3"]

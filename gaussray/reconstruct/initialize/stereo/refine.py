@@ -43,9 +43,12 @@ class Surface(NamedTuple):
 
 
 def moves(rounds: int) -> Float[np.ndarray, "moves 5"]:
-    """What is tried one after the other at every pixel: the plane of the pixel at (row, column)
-    offset, its inverse distance changed by so many steps, and its normal turned along two axes by
-    tangents."""
+    """The changes that are tried one after the other at every pixel, a row of numbers each.
+
+    A row is the offset (rows, columns) of the pixel whose plane is taken, the change of its inverse
+    distance in steps of the sweep, and the tangents of the angles by which its normal is turned
+    towards two directions perpendicular to it.
+    """
     table = []
     spans = ((1, 4, 12, 32), (1, 2, 6, 18), (1, 3, 9), (1, 2, 5))
     for k in range(rounds):
@@ -72,7 +75,16 @@ def refine(
     options: StereoOptions,
 ) -> Surface:
     """The best plane of every pixel: the candidates first, then the `moves`, each kept where it
-    costs less (PatchMatch stereo, Bleyer et al. 2011, in which all pixels move at once)."""
+    costs less (PatchMatch stereo, Bleyer et al. 2011, in which all pixels move at once).
+
+    Args:
+        own: the view whose surface is looked for.
+        ray: unit viewing directions of its pixels in the world; zero where the lens has none.
+        near: its neighbours.
+        candidates: distances and normals to start from, at the size of its picture.
+        levels: inverse distances of the sweep: moves stay between them and are counted in steps.
+        options: number of rounds, size of the windows, and the cost's weights.
+    """
     patch = _Patch(own, ray, near, options)
 
     def pick(surface: Surface, hypothesis):

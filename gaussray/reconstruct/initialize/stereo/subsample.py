@@ -9,8 +9,13 @@ from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 def voxels(
     position: Float[np.ndarray, "points 3"], scale: Float[np.ndarray, " points"], size: float
 ) -> Int[np.ndarray, " points"]:
-    """Number of the voxel that holds each point. Voxels are `size` times the points' scales wide,
-    those rounded to powers of two: far surfaces have larger ones."""
+    """Number of the voxel that holds each point; far surfaces have larger voxels.
+
+    Args:
+        position: places in the world.
+        scale: gap between neighbouring points at each, in scene units (`StereoPoints.scale`).
+        size: width of a voxel, in scales of its points rounded to powers of two.
+    """
     octave = np.round(np.log2(np.maximum(scale, 1e-30)))
     place = np.floor(position / (size * 2.0**octave)[:, None]).astype(np.int64)
     # A hash: two voxels that share a number cost one point of thousands.
@@ -20,8 +25,13 @@ def voxels(
 
 
 def evenly(points: StereoPoints, count: int) -> StereoPoints:
-    """About `count` of the points: the mean of each voxel's, weighted by confidence, of voxels of
-    the size that leaves so many."""
+    """An even share of the points: one per voxel, the mean of its points weighted by confidence.
+
+    Args:
+        points: the points.
+        count: about how many to keep: voxels have the size that leaves so many. No more than these
+            are returned as they are.
+    """
     if len(points.position) <= count:
         return points
     # Of surfaces, the number of voxels falls with the square of their size.

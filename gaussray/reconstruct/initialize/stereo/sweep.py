@@ -54,12 +54,20 @@ def sweep_planes(
     levels: DepthLevels,
     options: StereoOptions,
 ) -> DepthCandidates:
-    """Distances at which the windows of a view look most like its neighbours' (`near`).
+    """Distances at which the windows of a view look most like its neighbours'.
 
     A level of the sphere has the same inverse distance along every ray; one of a tilted plane has
     it along the optical axis (Gallup et al. 2007: planes of several directions). A whole picture is
     warped at once, so that a window costs one sample. The local minima of every family of surfaces
-    compete for the `modes` places.
+    compete for the places.
+
+    Args:
+        own: the view whose surface is looked for.
+        ray: unit viewing directions of its pixels in the world; zero where the lens has none.
+        near: its neighbours.
+        levels: the inverse distances that are tried.
+        options: tilts of the planes, size of the windows, the cost's weights, and how many `modes`
+            of each pixel are returned.
     """
     reference, _ = unpacked(own.pixel, ray.dtype)
     normals, shapes = _families(own, ray, options)
@@ -143,7 +151,12 @@ def _level_cost(own, ray, near, reference, inverse, options):
 
 
 def windowed(value: Float[Array, "... h w"], radius: int) -> Float[Array, "... h w"]:
-    """Mean over the window of (2 radius + 1)^2 pixels around each, the border's pixels repeated."""
+    """Mean over the square window around each pixel, the border's pixels repeated.
+
+    Args:
+        value: a picture, or a stack of them.
+        radius: pixels from the middle of the window to its border; 0 is the pixel alone.
+    """
     for axis in (-1, -2):
         pad = [(0, 0)] * value.ndim
         pad[axis] = (radius, radius)

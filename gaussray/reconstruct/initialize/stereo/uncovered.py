@@ -54,7 +54,7 @@ def uncovered_points(
 
     Args:
         seen: pictures that show what stands still.
-        position: the points that there are.
+        position: the points that there are, in the world.
         count: about how many cells all pictures have together; cells are at least 4 and at most 16
             pixels of a reduced picture wide.
         seed: of the choice of pixels and distances.
@@ -101,8 +101,13 @@ def uncovered_points(
 def coverage(seen: StereoViewSet, position: Float[np.ndarray, "points 3"], *, count: int) -> float:
     """In which share of the pictures' cells any of the points lies.
 
-    Cells are those of `uncovered_points`. Those that are masked, or show a plain backdrop, for the
-    most part do not count; without any others all is covered.
+    Cells that are masked, or show a plain backdrop, for the most part do not count; without any
+    others all is covered.
+
+    Args:
+        seen: the pictures.
+        position: the points, in the world.
+        count: about how many cells all pictures have together (`uncovered_points`).
     """
     seen = some_views(seen, VIEWS)
     views, side = _with_cells(seen, count)
@@ -133,12 +138,18 @@ def hiding(
     *,
     count: int,
 ) -> Bool[np.ndarray, " more"]:
-    """Which balls at `more`, of these standard deviations, some picture has before the points that
-    it shows, or around its camera.
+    """Which balls lie in front of the points that some picture shows, or around its camera.
 
     A ball hides what is behind it if its middle, or a place two standard deviations from it, is
     nearer to the camera than the nearest point in its cell or, where that is empty, in the nearest
-    cell that is not. Cells are those of `uncovered_points`.
+    cell that is not. It is around a camera within three standard deviations.
+
+    Args:
+        seen: the pictures.
+        position: the points that they show, in the world.
+        more: centres of the balls in the world.
+        size: standard deviation of each ball, in scene units.
+        count: about how many cells all pictures have together (`uncovered_points`).
     """
     seen = some_views(seen, VIEWS)
     views, side = _with_cells(seen, count)
@@ -214,7 +225,12 @@ def backdrop(views: StereoViews) -> Float[np.ndarray, "3"] | None:
 def like_backdrop(
     color: Float[np.ndarray, "*pixels 3"], plain: Float[np.ndarray, "3"]
 ) -> Bool[np.ndarray, "*pixels"]:
-    """Which colours are those of a backdrop."""
+    """Which colours differ from that of a backdrop by no more than noise.
+
+    Args:
+        color: sRGB-encoded colours, in 0..1.
+        plain: sRGB-encoded colour of the backdrop.
+    """
     return np.all(np.abs(color - plain) <= _EVEN, axis=-1)
 
 

@@ -43,16 +43,21 @@ class RegistrationOptions(eqx.Module):
 
 
 def registration_for(platform: str) -> RegistrationOptions:
-    """What a device (cpu, gpu) manages in a second a timestamp."""
+    """Settings with which a device (cpu, gpu) needs about a second for a timestamp."""
     if platform != "cpu":
         return RegistrationOptions(at_once=32)
     return RegistrationOptions(seeds=96, hypotheses=16, best=2, points=1024)
 
 
 class RigidMotion(NamedTuple):
-    """What each point does until the next timestamp: it is displaced, by a rotation (quaternion)
-    about itself; `residual` is the mean distance of the moved patch from the points there, in gaps
-    (3: lost)."""
+    """How each point moves until the next timestamp.
+
+    Args:
+        displacement: displacement of the point, in scene units.
+        quat: rotation of its surroundings about it, a unit quaternion.
+        residual: mean distance of its moved surroundings from the points there, in gaps between
+            points (3: lost).
+    """
 
     displacement: Float[np.ndarray, "points 3"]
     quat: Float[np.ndarray, "points 4"]
@@ -80,9 +85,12 @@ def registered(
     of the way, so patches search from many starts.
 
     Args:
-        position, color: points and sRGB-encoded colours at a timestamp.
-        next_position, next_color: those of the other timestamp.
+        position: points at the timestamp, in the world.
+        color: their sRGB-encoded colours, in 0..1.
+        next_position: points at the other timestamp.
+        next_color: their sRGB-encoded colours.
         reach: the longest displacement that is tried, in the unit of the positions.
+        options: how thoroughly to search; None is the default.
         seed: of the drawn patches.
     """
     options = options or RegistrationOptions()
@@ -225,9 +233,16 @@ def _refined(patch, color, pivot, there, start, options):
 def rigid(
     source: Float[Array, "n 3"], target: Float[Array, "n 3"], weight: Float[Array, " n"]
 ) -> tuple[Float[Array, "4"], Float[Array, "3"]]:
-    """Rotation (quaternion) about the origin and displacement that best take points to others, by
-    weighted least squares: the quaternion is the eigenvector of the largest eigenvalue of Horn's
-    matrix (1987), found by squaring it."""
+    """Rotation (quaternion) about the origin and displacement that best take points to others.
+
+    Weighted least squares: the quaternion is the eigenvector of the largest eigenvalue of Horn's
+    matrix (1987), found by squaring it.
+
+    Args:
+        source: the points before they move.
+        target: where each of them shall be, in the same frame.
+        weight: weight of each pair, of any positive sum.
+    """
     weight = weight / jnp.sum(weight)
     middle, goal = (jnp.sum(weight[:, None] * x, axis=0) for x in (source, target))
     s = product("ni,nj->ij", weight[:, None] * (source - middle[None]), target - goal[None])

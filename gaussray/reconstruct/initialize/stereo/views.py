@@ -26,10 +26,15 @@ Channels = tuple[Array, ...]
 class StereoViews(eqx.Module):
     """Pictures with their lenses and poses; the leading axis is the view (one view has none).
 
-    `pixel` packs sRGB-encoded red, green and blue in 10 bits each and the mask in one more: a
-    sample of a picture is then one number per corner, which CPUs gather four times as fast as four
-    floats. The pictures are smaller than the cameras' films by `factor`, an integer. `angle` is the
-    mean angle between the rays of neighbouring pixels (radians).
+    Args:
+        pixel: sRGB-encoded red, green and blue in 10 bits each, and the mask in one more: a sample
+            of a picture is then one number per corner, which CPUs gather four times as fast as four
+            floats.
+        lens: the lenses, for pixels of the whole films.
+        world_from_camera: rotations from camera axes to the world.
+        origin: positions of the cameras in the world.
+        angle: mean angle between the rays of neighbouring pixels, in radians.
+        factor: how many times smaller the pictures are than the films, an integer.
     """
 
     pixel: Int[Array, "*views h w"]
@@ -56,8 +61,15 @@ def stereo_views(
     *,
     factor: int,
 ) -> StereoViews:
-    """Views of pictures (bytes, or floats in 0..1) reduced by an integer factor, whose poses are
-    those in the middle of their exposures. A reduced pixel is masked where any of its own are."""
+    """Views of reduced pictures, with the poses in the middle of their exposures.
+
+    Args:
+        pictures: sRGB-encoded, bytes or floats in 0..1.
+        cameras: their cameras, stacked; any lens.
+        masks: which pixels count; None is all. A reduced pixel counts if all of its own do.
+        factor: integer by which the pictures are reduced; what is left over at the right and at the
+            bottom is cut off.
+    """
     pixel = np.stack(
         [
             _packed(picture, None if masks is None else masks[k], factor)
@@ -106,7 +118,14 @@ def rays(
     lens: AbstractLens, world_from_camera: Float[Array, "3 3"], size: tuple[int, int], factor: int
 ) -> Float[Array, "3 h w"]:
     """Unit viewing direction of every reduced pixel's centre, in the world; zero where the lens
-    forms no ray."""
+    forms no ray.
+
+    Args:
+        lens: the lens, for pixels of the whole film.
+        world_from_camera: rotation from camera axes to the world.
+        size: rows and columns of the reduced picture.
+        factor: integer by which the picture is reduced.
+    """
     h, w = size
     y, x = jnp.meshgrid(jnp.arange(h), jnp.arange(w), indexing="ij")
     place = factor * (jnp.stack([x.ravel(), y.ravel()], axis=-1) + 0.5)
@@ -115,16 +134,28 @@ def rays(
 
 
 def turned(matrix: Float[Array, "3 3"], vector: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
-    """A matrix times many vectors, components first, in full precision on every device."""
+    """A matrix times many vectors, in full precision on every device.
+
+    Args:
+        matrix: the matrix, a rotation for instance.
+        vector: the vectors, components first.
+    """
     return jnp.stack([sum(matrix[i, k] * vector[k] for k in range(3)) for i in range(3)])
 
 
 def seen_at(
     views: StereoViews, point: Float[Array, "3 ..."]
 ) -> tuple[Float[Array, "views ..."], Float[Array, "views ..."], Bool[Array, "views ..."]]:
-    """Column and row (in reduced pixels, centres at +0.5) at which every view sees points of the
-    world, and whether they lie within its picture with room for a bilinear sample. Elsewhere the
-    place is a corner of the picture."""
+    """Where every view sees points of the world.
+
+    Args:
+        views: the views.
+        point: places in the world, components first.
+
+    Returns:
+        Column and row in reduced pixels (centres at 0.5), and whether they lie within the picture
+        with room for a bilinear sample. Where they do not, the place is 0.5.
+    """
     h, w = views.size
 
     def one(view: StereoViews):
@@ -140,7 +171,12 @@ def seen_at(
 
 
 def distance_from(views: StereoViews, point: Float[Array, "3 ..."]) -> Float[Array, "views ..."]:
-    """Distance of points from every view."""
+    """Distance of points from every view's camera, in scene units.
+
+    Args:
+        views: the views.
+        point: places in the world, components first.
+    """
     shape = (-1, 3, *[1] * (point.ndim - 1))
     return jnp.sqrt(jnp.sum((point[None] - views.origin.reshape(shape)) ** 2, axis=1))
 
@@ -149,7 +185,13 @@ def corners(
     values: Shaped[Array, "views h w"], x: Float[Array, "views ..."], y: Float[Array, "views ..."]
 ) -> tuple[list[Shaped[Array, "views ..."]], Float[Array, "views ..."], Float[Array, "views ..."]]:
     """The four pixels around places of each view's picture (left and right above, then below), and
-    the share of the right and of the lower ones."""
+    the share of the right and of the lower ones in a bilinear sample.
+
+    Args:
+        values: one picture of each view.
+        x: columns of the places, pixel centres at 0.5; beyond the picture its border counts.
+        y: rows of the places.
+    """
     count, h, w = values.shape
     left = jnp.clip(jnp.floor(x - 0.5), 0, w - 2)
     top = jnp.clip(jnp.floor(y - 0.5), 0, h - 2)
@@ -165,8 +207,13 @@ def corners(
 def sampled(
     pixel: Int[Array, "views h w"], x: Float[Array, "views ..."], y: Float[Array, "views ..."]
 ) -> tuple[Channels, Bool[Array, "views ..."]]:
-    """Bilinear colours of packed pictures at places within each, and whether all four pixels of a
-    place are unmasked."""
+    """Bilinear colours of packed pictures, and whether all four pixels around a place are unmasked.
+
+    Args:
+        pixel: packed pixels of each view (`StereoViews.pixel`).
+        x: columns of the places, pixel centres at 0.5.
+        y: rows of the places.
+    """
     around, fx, fy = corners(pixel, x, y)
     weights = (1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy
     channels = tuple(
@@ -196,6 +243,11 @@ def halved(views: StereoViews) -> StereoViews:
 
 
 def unpacked(pixel: Int[Array, "..."], dtype: DTypeLike) -> tuple[Channels, Bool[Array, "..."]]:
-    """Colours (0..1) and mask of packed pixels."""
+    """Colours (sRGB-encoded, in 0..1) of packed pixels, and which of them count.
+
+    Args:
+        pixel: packed pixels (`StereoViews.pixel`).
+        dtype: precision of the colours.
+    """
     channels = tuple(((pixel >> shift) & _LEVELS).astype(dtype) / _LEVELS for shift in _SHIFTS)
     return channels, (pixel >> _MASK_BIT) > 0
