@@ -153,7 +153,7 @@ def between(
     count: int,
     seed: int,
 ) -> tuple[Float[np.ndarray, "count 3"], Float[np.ndarray, "count 3"]]:
-    """Random points on the surface that a sparse cloud samples, with colours between those of the cloud.
+    """Random points on the surface that a sparse cloud samples, with interpolated colours.
 
     They lie in triangles of a point and two of its eight nearest neighbours.
 
