@@ -43,7 +43,17 @@ def gather(
     tile: Int[np.ndarray, "steps tiles"],
     time: Float[np.ndarray, " steps"],
 ) -> Batch:
-    """Copy the tiles of many steps from the host to the device."""
+    """Copy the tiles of many steps from the host to the device.
+
+    Args:
+        footage: the training pictures.
+        frame: the frame of each tile that a step draws.
+        tile: the number of each tile in its frame.
+        time: the timestamp of each step.
+
+    Returns:
+        A batch with a leading axis of steps.
+    """
     parts = (frame, tile, time, footage.pixel[frame, tile], footage.visible(frame, tile))
     return Batch(*(None if x is None else jnp.asarray(x) for x in parts))  # type: ignore[arg-type]
 

@@ -15,7 +15,13 @@ _MOST = 32
 
 
 def held_out_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray, "frames tiles"]:
-    """Which tiles are held out: a share of them, drawn at random; none of a small capture."""
+    """Which tiles are held out: some at random, without those that are masked as a whole.
+
+    Args:
+        footage: the training pictures; of fewer than _LEAST tiles none is held out.
+        share: share of all tiles that are drawn, in [0, 1].
+        seed: seed of the draw.
+    """
     shape = footage.pixel.shape[:2]
     held = np.zeros(shape, bool)
     count = round(share * held.size) if held.size >= _LEAST else 0
@@ -28,10 +34,15 @@ def held_out_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray
 def held_out_batches(
     footage: Footage, held: Bool[np.ndarray, "frames tiles"], tiles: int
 ) -> list[Batch]:
-    """The held-out tiles in batches of `tiles` of one time, as many as a training step draws.
+    """The held-out tiles in batches of one time each.
 
     The last tiles of a time that fill no batch are left out, but each time has at least one batch
-    (which may hold a tile twice); of many times, an even share of _MOST is taken.
+    (which may hold a tile twice).
+
+    Args:
+        footage: the training pictures; of more than _MOST times, so many, evenly spread, are used.
+        held: which tiles are held out (`held_out_tiles`).
+        tiles: tiles of a batch: as many as a training step draws.
     """
     times = np.unique(footage.times[held.any(axis=1)])
     if len(times) > _MOST:

@@ -13,11 +13,19 @@ from gaussray.reconstruct.data.sampler import Sampler, TileErrors, TileErrorStat
 
 
 class Loader:
-    """Gives every step its tiles: `tiles` tiles of one time, drawn by a `Sampler`.
+    """Gives every step its tiles, all of one time, drawn by a `Sampler`.
 
     A block depends on seed, stage and step, and on the errors of the blocks before the last one.
-    Tiles that are `held_out` are never drawn. The coarse stage sees the first time only if
-    `first_alone`, else all.
+
+    Args:
+        footage: the training pictures.
+        activity: where they change, which `balance` goes by.
+        tiles: tiles that a step draws.
+        balance: share of the tiles drawn in proportion to their moving pixels, in [0, 1].
+        error: share of the tiles drawn in proportion to their errors; 0: errors are not kept.
+        seed: seed of all draws.
+        held_out: tiles that are never drawn; None if there are none.
+        first_alone: whether the coarse stage sees the first time only, or all times.
     """
 
     def __init__(
@@ -49,7 +57,13 @@ class Loader:
         )
 
     def batches(self, stage: str, done: int, size: int) -> Batch:
-        """The tiles of `size` steps after `done` steps of a stage."""
+        """The tiles of a block of steps.
+
+        Args:
+            stage: coarse or fine.
+            done: steps of the stage before the block; also seeds the draw.
+            size: steps of the block.
+        """
         dice = np.random.default_rng([self.seed, stage == "fine", done])
         first = self.first_alone and stage == "coarse"
         among = self.sampler.instants[:1] if first else self.sampler.instants
@@ -59,8 +73,16 @@ class Loader:
         return gather(self.footage, frame, tile, time)
 
     def blocks(self, stage: str, done: int, steps: int, block: int) -> Iterator[tuple[int, Batch]]:
-        """The blocks of up to `block` steps that are left of a stage of `steps` steps, and the
-        number of steps before each. A thread prepares the next one; its errors are raised here."""
+        """The blocks that are left of a stage, and the number of steps before each.
+
+        A thread prepares the next block; its errors are raised here.
+
+        Args:
+            stage: coarse or fine.
+            done: steps of the stage that are done already.
+            steps: steps of the whole stage.
+            block: steps of a block; the last block may be shorter.
+        """
         sizes = {at: min(block, steps - at) for at in range(done, steps, block)}
         ahead = None
         with ThreadPoolExecutor(1) as thread:
@@ -77,7 +99,12 @@ class Loader:
                 yield at, batches
 
     def tell(self, batches: Batch, error: np.ndarray) -> None:
-        """Note the errors of a block's tiles."""
+        """Note the errors of a block's tiles; they count from the next block but one on.
+
+        Args:
+            batches: the block as `blocks` gave it.
+            error: error of each of its tiles in the loss, (steps, tiles).
+        """
         if self.errors is not None:
             self.errors.tell(np.asarray(batches.frame), np.asarray(batches.tile), error)
 

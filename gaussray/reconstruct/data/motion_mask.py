@@ -57,7 +57,13 @@ def activity(footage: Footage) -> Activity:
 
 
 def moved_pixels(footage: Footage, activity: Activity, frames) -> Bool[np.ndarray, "n h w"]:
-    """Which pixels of these frames differ from their camera's background."""
+    """Which pixels of whole pictures differ from their camera's background.
+
+    Args:
+        footage: the training pictures.
+        activity: their backgrounds (`activity`).
+        frames: numbers of the frames.
+    """
     pixels = tile_pixels(footage.film, footage.side, footage.bundle)
     moved = moved_in_tiles(footage, activity, frames)
     return np.stack([join(tiles, pixels, footage.film) for tiles in moved])
@@ -66,7 +72,13 @@ def moved_pixels(footage: Footage, activity: Activity, frames) -> Bool[np.ndarra
 def moved_in_tiles(
     footage: Footage, activity: Activity, frames
 ) -> Bool[np.ndarray, "n tiles pixels"]:
-    """The same, tile by tile."""
+    """Which pixels of the tiles of some frames differ from their camera's background.
+
+    Args:
+        footage: the training pictures.
+        activity: their backgrounds (`activity`).
+        frames: numbers of the frames.
+    """
     rows = np.searchsorted(np.unique(footage.viewpoints), footage.viewpoints[frames])
     return np.stack(
         [
@@ -86,6 +98,10 @@ def point_activity(
     The result is the median over the cameras whose picture holds the point. It is near 1 for points
     on a body that leaves, and near 0 for static points, even if bodies pass in front of them in
     some views. Points outside all pictures have 0.
+
+    Args:
+        footage: the training pictures and their cameras.
+        position: the points in the world, where they are at the first time.
     """
     film, times = footage.film, footage.times
     shares = []

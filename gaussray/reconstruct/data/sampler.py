@@ -24,6 +24,10 @@ class TileErrors:
     the same tile of a camera as often as there are times. A tile that was never drawn has the
     largest error. Errors given to `tell` count after `learn`, so that a block can be drawn while
     the device works on the one before.
+
+    Args:
+        camera: number of the fixed viewpoint of each frame.
+        tiles: tiles of a picture.
     """
 
     # Weight of the latest error.
@@ -35,7 +39,13 @@ class TileErrors:
         self._told = np.zeros((0, 2), np.int32), np.zeros(0, np.float32)
 
     def tell(self, frame: np.ndarray, tile: np.ndarray, error: np.ndarray) -> None:
-        """Take the errors of a block; `learn` must be called before the next `tell`."""
+        """Take the errors of a block; `learn` must be called before the next `tell`.
+
+        Args:
+            frame: the frame of each tile that the block drew, of any shape.
+            tile: the number of each tile in its frame, of the same shape.
+            error: the error of each, at least 0, of the same shape.
+        """
         place = np.stack([self._camera[frame.reshape(-1)], tile.reshape(-1)], axis=1)
         self._told = place.astype(np.int32), np.asarray(error, np.float32).reshape(-1)
 
@@ -73,13 +83,22 @@ class TileErrors:
 class Sampler:
     """Draws the tiles of steps; each step sees one time from all cameras.
 
-    Of the tiles of a step a share `error` is drawn in proportion to their errors; of the others a
-    share `balance` in proportion to their moving pixels, and the rest uniformly. Only `visible`
-    tiles, those with at least one pixel that is not masked, are drawn.
-
     The loss is not divided by the probability of a tile: tiles that are drawn often shall count
     more. Importance weights would keep the loss of uniform draws and lower only the variance of its
     gradient, and that of an absolute difference does not grow with the error.
+
+    Args:
+        times: the time of each frame.
+        moved: number of moving pixels of each tile.
+        visible: tiles that may be drawn, with at least one pixel that is not masked; None for all.
+        tiles: tiles that a step draws.
+        balance: of the tiles that are not drawn by error, the share that is drawn in proportion to
+            their moving pixels; the rest is drawn uniformly.
+        error: share of the tiles that is drawn in proportion to their errors.
+        errors: the errors so far; None: none is drawn by error.
+
+    Raises:
+        CaptureError: no tile may be drawn at any time.
     """
 
     def __init__(
@@ -113,12 +132,15 @@ class Sampler:
     def draw(
         self, instants: Int[np.ndarray, " steps"], dice: np.random.Generator
     ) -> tuple[Int[np.ndarray, "steps tiles"], Int[np.ndarray, "steps tiles"]]:
-        """Frame and tile of every bundle, for steps at the given instants (indices of `times`, of
-        those in `instants`).
+        """Frame and tile of every tile that some steps draw.
 
         Draws are stratified: of n, one falls into each n-th part of the tiles' probability, laid
         out camera after camera and row after row. So they are spread over the pictures, and a tile
         of probability p is drawn n p times on average and less than n p + 2 times.
+
+        Args:
+            instants: the time of each step: its index in `self.times`, one of `self.instants`.
+            dice: the source of random numbers.
         """
         count = self._moved.shape[1]
         frame = np.empty((len(instants), self._tiles), np.int32)

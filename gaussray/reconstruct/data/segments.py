@@ -24,11 +24,14 @@ def training_views(capture: Capture) -> list[View]:
 
 
 def segments(capture: Capture, most: int) -> list[Segment]:
-    """The training views in segments of about equal length, of at most `most` times each (0: one
-    segment). Neighbours share one time.
+    """The training views in segments of about equal length. Neighbours share one time.
 
     So an exposure or readout around that time lies within one of them. The first segment begins and
     the last one ends with the capture.
+
+    Args:
+        capture: the capture.
+        most: the largest number of times of a segment, at least 2; 0: one segment.
     """
     views = training_views(capture)
     times = np.unique([view.time for view in views])

@@ -69,7 +69,15 @@ def camera_frames(footage: Footage) -> list[tuple[Int[np.ndarray, " frames"], bo
 def median_picture(
     footage: Footage, own: Int[np.ndarray, " frames"]
 ) -> tuple[Shaped[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"]]:
-    """Temporal median of a camera's pictures, and where at least half of them count."""
+    """Temporal median of a camera's pictures, and where at least half of them count.
+
+    Args:
+        footage: the training pictures.
+        own: the frames of the camera; of more than _MOST, so many, evenly spread, are used.
+
+    Returns:
+        The median in the values of `Footage.pixel`, 0 where it is not known, and where it is known.
+    """
     some = own[np.linspace(0, len(own) - 1, min(len(own), _MOST)).round().astype(int)]
     pictures, masks = footage.pictures(some), footage.masks(some)
     median = temporal_median(pictures, masks)

@@ -14,13 +14,26 @@ from gaussray.tracer.bundle import morton_tiles
 
 
 def fitting_side(film: Film, wanted: int, bundle: int) -> int:
-    """The side of a tile: at most `wanted` pixels and the picture's smaller side, a multiple of the
-    bundle's side. At least one bundle."""
+    """The side of a tile in pixels: a multiple of the bundle's side, at least one bundle.
+
+    Args:
+        film: size of a picture; the tile is no larger than its smaller side.
+        wanted: the largest side, in pixels.
+        bundle: pixels along the side of a ray bundle.
+    """
     return max(min(wanted, film.width, film.height) // bundle, 1) * bundle
 
 
 def tile_order(side: int, bundle: int | None = None) -> Int[np.ndarray, " pixels"]:
-    """Pixel (row x side + column) at every place of a tile."""
+    """Pixel (row x side + column) at every place of a tile.
+
+    Args:
+        side: pixels along the side of a tile.
+        bundle: pixels along the side of a ray bundle; None: the tile is one bundle.
+
+    Raises:
+        ValueError: `side` is not a multiple of `bundle`.
+    """
     bundle = bundle or side
     if side == bundle:
         return np.arange(side * side, dtype=np.int32)
@@ -34,13 +47,26 @@ def tile_order(side: int, bundle: int | None = None) -> Int[np.ndarray, " pixels
 
 
 def tile_places(side: int, bundle: int | None = None) -> Int[np.ndarray, " pixels"]:
-    """Place in a tile of every pixel, row after row: the inverse of `tile_order`."""
+    """Place in a tile of every pixel, row after row: the inverse of `tile_order`.
+
+    Args:
+        side: pixels along the side of a tile.
+        bundle: pixels along the side of a ray bundle; None: the tile is one bundle.
+    """
     return np.argsort(tile_order(side, bundle)).astype(np.int32)
 
 
 def tile_grid(film: Film, side: int) -> tuple[int, int]:
     """Columns and rows of tiles. If the side does not divide the picture's, the last tiles overlap
-    their neighbours."""
+    their neighbours.
+
+    Args:
+        film: size of a picture.
+        side: pixels along the side of a tile.
+
+    Raises:
+        CaptureError: the picture is smaller than a tile.
+    """
     if min(film.height, film.width) < side:
         raise CaptureError(
             f"trace.bundle must be at most the picture's smaller side, got {side} for a picture of "
@@ -53,7 +79,13 @@ def tile_pixels(
     film: Film, side: int, bundle: int | None = None
 ) -> Int[np.ndarray, "tiles pixels"]:
     """Which pixels each tile holds (row x width + column); tiles are listed row after row, their
-    pixels in `tile_order`."""
+    pixels in `tile_order`.
+
+    Args:
+        film: size of a picture.
+        side: pixels along the side of a tile.
+        bundle: pixels along the side of a ray bundle; None: a tile is one bundle.
+    """
     columns, rows = tile_grid(film, side)
     left = np.minimum(np.arange(columns) * side, film.width - side)
     top = np.minimum(np.arange(rows) * side, film.height - side)
@@ -70,7 +102,15 @@ def tile_of(
     row: Int[np.ndarray, " points"],
     bundle: int | None = None,
 ) -> tuple[Int[np.ndarray, " points"], Int[np.ndarray, " points"]]:
-    """A tile that holds each pixel, and the pixel's place in it."""
+    """A tile that holds each pixel, and the pixel's place in it.
+
+    Args:
+        film: size of a picture.
+        side: pixels along the side of a tile.
+        column: column of each pixel in the picture.
+        row: row of each pixel in the picture.
+        bundle: pixels along the side of a ray bundle; None: a tile is one bundle.
+    """
     columns, _ = tile_grid(film, side)
     left = np.minimum(column // side * side, film.width - side)
     top = np.minimum(row // side * side, film.height - side)
@@ -81,7 +121,12 @@ def tile_of(
 def cut(
     picture: Shaped[np.ndarray, "h w *channels"], pixels: Int[np.ndarray, "tiles pixels"]
 ) -> Shaped[np.ndarray, "tiles pixels *channels"]:
-    """Cut a picture into tiles."""
+    """Cut a picture into tiles.
+
+    Args:
+        picture: the picture: colours, or a mask without channels.
+        pixels: which pixels each tile holds (`tile_pixels`).
+    """
     return picture.reshape(-1, *picture.shape[2:])[pixels]
 
 
@@ -90,7 +135,13 @@ def join(
     pixels: Int[np.ndarray, "tiles pixels"],
     film: Film,
 ) -> Shaped[np.ndarray, "h w *channels"]:
-    """Join tiles to a picture: the inverse of `cut`."""
+    """Join tiles to a picture: the inverse of `cut`.
+
+    Args:
+        tiles: the tiles of one picture; of pixels that two tiles hold, the later one counts.
+        pixels: which pixels each tile holds (`tile_pixels`).
+        film: size of the picture.
+    """
     picture = np.empty((film.height * film.width, *tiles.shape[2:]), tiles.dtype)
     picture[pixels] = tiles
     return picture.reshape(film.height, film.width, *tiles.shape[2:])

@@ -34,7 +34,13 @@ EARLIER = {"static_statistic": "static_pull", "moving_statistic": "moving_pull"}
 
 
 def save_checkpoint(path: Path, state: State, progress: RunProgress) -> None:
-    """Write a checkpoint, whole or not at all."""
+    """Write a checkpoint, whole or not at all.
+
+    Args:
+        path: the file, checkpoint.npz.
+        state: parameters, moments, statistics and step.
+        progress: the rest of what a run goes on with.
+    """
     header = {"format": _FORMAT, "version": _VERSION, "info": progress_to_json(progress)}
     arrays = named_arrays(state)
     if progress.tile_errors is not None:

@@ -104,8 +104,12 @@ class DensityOptions(eqx.Module):
 class DensityControl(Protocol):
     """A kind of density control: a function from a state to a state with other Gaussians.
 
-    `extent` is the scene's length unit, `limit` the largest numbers of static and of moving
-    Gaussians, and `seed` differs from call to call.
+    Args:
+        state: the state after a block of steps.
+        options: thresholds, costs and the budget.
+        extent: the scene's length unit (`session.scene_extent`).
+        limit: the largest numbers of static and of moving Gaussians.
+        seed: seed of the random numbers, which differs from call to call.
     """
 
     def __call__(
@@ -125,8 +129,14 @@ def density_control(options: DensityOptions) -> DensityControl:
 
 
 def density_due(options: DensityOptions, before: int, done: int, steps: int) -> bool:
-    """Whether density control runs after a block that went from step `before` to step `done` of a
-    stage of `steps` steps."""
+    """Whether density control runs after a block of steps.
+
+    Args:
+        options: interval, and the first and last run.
+        before: steps of the stage before the block.
+        done: steps of the stage after the block.
+        steps: steps of the whole stage.
+    """
     if not options.interval or not options.start * steps <= done <= options.stop * steps:
         return False
     return done // options.interval != before // options.interval
@@ -135,7 +145,15 @@ def density_due(options: DensityOptions, before: int, done: int, steps: int) -> 
 def relocate_dead(
     state: State, *, options: DensityOptions, extent: float, limit: tuple[int, int], seed: int
 ) -> State:
-    """Relocation of dead Gaussians, with one budget for all kinds (`relocation.relocate`)."""
+    """Relocation of dead Gaussians, with one budget for all kinds (`relocation.relocate`).
+
+    Args:
+        state: the state after a block of steps.
+        options: `opacity`, below which a Gaussian is dead.
+        extent: not used.
+        limit: two numbers of Gaussians, whose sum is the budget.
+        seed: seed of the draws, which differs from call to call.
+    """
     parts = {kind: free for kind, free in state.parameters.kinds.items() if len(free.mean)}
     populations = tuple(
         Population(free, getattr(state, f"{kind}_statistic")) for kind, free in parts.items()
@@ -156,7 +174,15 @@ def relocate_dead(
 def clone_split_prune(
     state: State, *, options: DensityOptions, extent: float, limit: tuple[int, int], seed: int
 ) -> State:
-    """The adaptive density control of 3DGS, on static and on moving Gaussians."""
+    """The adaptive density control of 3DGS, on static and on moving Gaussians.
+
+    Args:
+        state: the state after a block of steps.
+        options: the thresholds.
+        extent: the scene's length unit (`session.scene_extent`).
+        limit: the largest numbers of static and of moving Gaussians.
+        seed: seed of the random numbers, which differs from call to call.
+    """
     parameters = state.parameters
     static = clone_split_prune_rows(
         parameters.static,
@@ -189,7 +215,15 @@ def clone_split_prune_rows(
     """The adaptive density control of 3DGS on one set of Gaussians.
 
     The Gaussians with the largest statistic come first. New ones take empty rows, then added rows
-    (the number of rows doubles when all are full), up to `limit` Gaussians.
+    (the number of rows doubles when all are full).
+
+    Args:
+        gaussians: the Gaussians, in unconstrained values.
+        statistic: their gradients since the last density control.
+        options: the thresholds.
+        extent: the scene's length unit (`session.scene_extent`).
+        limit: the largest number of Gaussians.
+        seed: seed of the positions of split Gaussians.
     """
     opacity = 1 / (1 + np.exp(-np.asarray(gaussians.logit_opacity, np.float64)))
     kept = occupied(gaussians) & (opacity >= options.opacity)

@@ -1,4 +1,4 @@
-"""How strongly the loss pulls at the mean of each Gaussian: what density control decides by."""
+"""Gradients of the loss by the mean of each Gaussian, which density control reads."""
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -27,6 +27,11 @@ def accumulate(
 
     The gradient of the 3D mean is multiplied by the distance to the cameras and halved, so that
     near and far Gaussians count by how far they move in the picture.
+
+    Args:
+        statistic: the statistic before the step.
+        gradient: gradient of the loss by each mean; 0: the step did not see the Gaussian.
+        distance: distance of each mean from the cameras, in scene units.
     """
     strength = jnp.sqrt(jnp.sum(gradient * gradient, axis=-1))
     return GradientStatistic(

@@ -15,9 +15,15 @@ _WINDOW = 11
 class LossOptions(eqx.Module):
     """Weights of the terms; 0 switches a term off and costs nothing.
 
-    `l1` (mean absolute difference) and `dssim` (1 - SSIM) compare sRGB-encoded colours (4D-GRT: 1
-    and 0; 3DGS and 3DGRT: 0.8 and 0.2). `space`,
-    `time` and `one` weigh the plane regularisers (`regularizer.plane_terms`).
+    Args:
+        l1: mean absolute difference of sRGB-encoded colours (4D-GRT: 1; 3DGS and 3DGRT: 0.8).
+        dssim: 1 - SSIM of sRGB-encoded colours (4D-GRT: 0; 3DGS and 3DGRT: 0.2).
+        space: plane regulariser in space (`regularizer.plane_terms`).
+        time: plane regulariser in time.
+        one: plane regulariser towards a field that does not change.
+
+    Raises:
+        ValueError: a weight is negative.
     """
 
     l1: float = eqx.field(static=True, default=1.0)
@@ -40,8 +46,15 @@ def terms(
     side: int,
     bundle: int | None = None,
 ) -> dict[str, Float[Array, ""]]:
-    """The terms that compare colours of tiles of `side` x `side` rays, unweighted, by the name of
-    their weight."""
+    """The terms that compare colours, unweighted, by the name of their weight.
+
+    Args:
+        rendered: sRGB-encoded colours of the rays, tile after tile, in `tile_order`.
+        truth: those of the photograph.
+        options: the weights; a term of weight 0 is left out (but not `l1`).
+        side: pixels along the side of a tile.
+        bundle: pixels along the side of a ray bundle; None: a tile is one bundle.
+    """
     values = {"l1": l1(rendered, truth)}
     if options.dssim:
         values["dssim"] = dssim(rendered, truth, side=side, bundle=bundle)
@@ -51,13 +64,24 @@ def terms(
 def developed(
     encoded: Float[Array, "rays 3"], truth: Float[Array, "rays 3"]
 ) -> Float[Array, "rays 3"]:
-    """What a file would hold: nothing above 1. Where the truth is below 1 an excess stays, so that
-    its gradient can bring it down."""
+    """Rendered colours as a file would hold them: none above 1.
+
+    Where the truth is below 1 an excess stays, so that its gradient can bring it down.
+
+    Args:
+        encoded: sRGB-encoded colours, of any size.
+        truth: those of the photograph, in [0, 1].
+    """
     return jnp.where(truth >= 1, jnp.minimum(encoded, 1), encoded)
 
 
 def l1(rendered: Float[Array, "rays 3"], truth: Float[Array, "rays 3"]) -> Float[Array, ""]:
-    """Mean absolute difference."""
+    """Mean absolute difference.
+
+    Args:
+        rendered: sRGB-encoded colours of the rays.
+        truth: those of the photograph.
+    """
     return jnp.mean(jnp.abs(rendered - truth))
 
 
@@ -68,13 +92,19 @@ def dssim(
     side: int,
     bundle: int | None = None,
 ) -> Float[Array, ""]:
-    """1 - SSIM, the mean over all windows inside square tiles of `side` x `side` rays.
+    """1 - SSIM, the mean over all windows inside square tiles.
 
-    Rays come tile after tile, in `tile_order`. Windows are Gaussian (sigma 1.5, 11 x 11 pixels, as
-    Wang et al. 2004; a tile of fewer pixels is one window) and never reach beyond their tile, whose
-    neighbours a batch does not hold. SSIM is (1 - a) (1 - b), a the squared difference of the means
-    and b the variance of the difference, each over its own denominator: 1 - SSIM is a + b - a b,
-    which keeps its digits where pictures are nearly equal.
+    Windows are Gaussian (sigma 1.5, 11 x 11 pixels, as Wang et al. 2004; a tile of fewer pixels is
+    one window) and never reach beyond their tile, whose neighbours a batch does not hold. SSIM is
+    (1 - a) (1 - b), a the squared difference of the means and b the variance of the difference,
+    each over its own denominator: 1 - SSIM is a + b - a b, which keeps its digits where pictures
+    are nearly equal.
+
+    Args:
+        rendered: sRGB-encoded colours of the rays, tile after tile, in `tile_order`.
+        truth: those of the photograph.
+        side: pixels along the side of a tile.
+        bundle: pixels along the side of a ray bundle; None: a tile is one bundle.
     """
     window = jnp.asarray(_windows(side), rendered.dtype)
     place = tile_places(side, bundle)

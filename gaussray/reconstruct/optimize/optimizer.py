@@ -50,8 +50,13 @@ class Parameters(eqx.Module):
 def shortest_lifetime(
     times: Float[Array, " times"], instant: Float[Array, " gaussians"]
 ) -> Float[Array, " gaussians"]:
-    """Floor of the lifetime of transient Gaussians with these instants: half of the interval
-    between two of the pictures' `times` there, so that the scene stays opaque between them."""
+    """Floor of the lifetime of transient Gaussians: half of the interval between pictures there, so
+    that the scene stays opaque between them.
+
+    Args:
+        times: timestamps of the pictures, increasing.
+        instant: the instant of each Gaussian.
+    """
     return 0.5 * interval_at(times, instant)
 
 
@@ -76,7 +81,12 @@ def scene_of(
 
 
 def transients_of(free: UnconstrainedTransients, times: Float[Array, " times"]) -> Transients:
-    """The transient Gaussians of unconstrained values, for the timestamps of the pictures."""
+    """The transient Gaussians of unconstrained values.
+
+    Args:
+        free: the unconstrained values.
+        times: timestamps of the pictures, which bound the lifetimes (`shortest_lifetime`).
+    """
     return constrain_transients(free, shortest_lifetime(times, jnp.asarray(free.instant)))
 
 
@@ -185,9 +195,17 @@ def rates(
 ) -> Parameters:
     """The learning rate of every array at a step, as a tree of the parameters' structure.
 
-    Corrections of cameras that `refine` does not name have rate 0. If static Gaussians were
-    `formed` in an earlier segment, they learn at the rate with which its stage ended. Harmonics of
-    degree n have rate 0 for the first n x `rise` steps."""
+    Args:
+        parameters: what is learnt.
+        step: steps of the stage before this one.
+        options: the rates at the start of the stage.
+        scale: the units of lengths and times.
+        steps: steps of the whole stage, over which the rates fall.
+        refine: corrections of cameras that are learnt; others have rate 0.
+        formed: whether static Gaussians were fitted in an earlier segment; they learn at the rate
+            with which its stage ended.
+        rise: harmonics of degree n have rate 0 for the first n x `rise` steps.
+    """
     extent, interval = scale
     steps = jnp.maximum(steps, 1)
     fall = options.decay ** (step / steps)
@@ -260,6 +278,15 @@ def descend(
     What a step does not see (Gaussians out of view, poses and plane rows of other times) keeps its
     value and its moments. Otherwise momentum would move it without evidence, and its second moment
     would fade until the next gradient moves it by several rates at once.
+
+    Args:
+        parameters: what is learnt.
+        gradient: gradient of the loss of the pictures; 0: not seen.
+        adam: the moments before the step.
+        rate: the learning rates (`rates`).
+
+    Returns:
+        Parameters and moments after the step.
     """
     direction, moments = ADAM.update(gradient, adam)  # type: ignore[arg-type]
     seen = jax.tree.map(lambda g: g != 0, gradient)
@@ -288,7 +315,7 @@ def with_costs_paid(
     adam: optax.ScaleByAdamState,
     rate: Parameters,
 ) -> Parameters:
-    """The parameters after a step down the `gradient` of what opacity and scale cost, which all
+    """The parameters after a step down the gradient of what opacity and scale cost, which all
     Gaussians pay in every step, seen or not.
 
     The gradient is divided by the root of the second moment of the pictures' gradient, as Adam
@@ -296,6 +323,12 @@ def with_costs_paid(
     sees few Gaussians (large pictures, few rays), the cost alone would fill the moments of all
     others, and Adam would let them fade at its full rate between two looks. What no step has seen
     yet pays nothing, and nothing moves by more than its rate.
+
+    Args:
+        parameters: what is learnt, after the step of Adam.
+        gradient: gradient of the costs (`step_loss.density_costs`).
+        adam: the moments after the step of Adam.
+        rate: the learning rates (`rates`).
     """
     correction = 1 - _SECOND_DECAY**adam.count
     second_moments: Parameters = adam.nu  # type: ignore[assignment]

@@ -46,6 +46,10 @@ def shared_by_copies(
     2 pi sum_{k=1}^{N} C(N, k) (-1)^(k+1) a^k / k = 2 pi sum_{i=1}^{N} (1 - (1 - a)^i) / i, against
     2 pi o, so scales are multiplied by the root of o / sum_i (1 - (1 - a)^i) / i. (The paper
     equates integrals along a line; its copies lose up to 14 % of the light.)
+
+    Args:
+        opacity: opacity o of each Gaussian that is replaced.
+        copies: N, 1 to _COPIES.
     """
     opacity = jnp.clip(opacity, 1e-6, 1 - 1e-6)
     rest = jnp.exp(jnp.log1p(-opacity) / copies)
@@ -119,9 +123,18 @@ def relocate(
 
 
 def relocation_weights(populations: tuple[Population, ...], live: list[Array]) -> list[Array]:
-    """In proportion to what live Gaussians are drawn: share of the opacity of all kinds plus share
-    of the error (the mean gradient of the position in the picture, over the steps that met the
-    Gaussian). One array of rows for every population, as `live`."""
+    """In proportion to what live Gaussians are drawn: their share of the opacity of all kinds plus
+    their share of the error of all kinds.
+
+    The error is the mean gradient statistic over the steps that saw the Gaussian.
+
+    Args:
+        populations: the Gaussians of every kind.
+        live: which rows of each kind hold a live Gaussian; the others have weight 0.
+
+    Returns:
+        One array of rows for every kind.
+    """
 
     def shares(values: list[Array]) -> list[Array]:
         values = [jnp.where(alive, x, 0) for alive, x in zip(live, values, strict=True)]
@@ -184,9 +197,15 @@ def explore(
 ) -> Kind:
     """Positions with the noise of one step of Langevin dynamics.
 
-    Normal, stretched by the Gaussian's covariance in units of `extent`, `size` long, and only for
-    what is hardly visible: times sigmoid(100 (0.005 - opacity)). No step is longer than the
-    Gaussian's longest axis, so that large ones do not leave the scene.
+    The noise is normal, stretched by the Gaussian's covariance, and only for what is hardly
+    visible: times sigmoid(100 (0.005 - opacity)). No step is longer than the Gaussian's longest
+    axis, so that large ones do not leave the scene.
+
+    Args:
+        free: the Gaussians of one kind.
+        key: random key of the noise.
+        size: factor of the noise: `DensityOptions.noise`, falling like the learning rates.
+        extent: the scene's length unit, by which the covariance is divided.
     """
     opacity = jax.nn.sigmoid(free.logit_opacity)
     faint = jax.nn.sigmoid(_SHARP * (_NOISY - opacity)) * _held(free)
@@ -201,8 +220,13 @@ def explore(
 
 
 class Presence(NamedTuple):
-    """The Gaussians of one kind, how far each is there at the time of a step (None: fully), and
-    how many times the costs of other kinds it costs."""
+    """The Gaussians of one kind, and how much of the costs they pay.
+
+    Args:
+        free: the Gaussians.
+        window: how far each is there at the time of a step, in [0, 1]; None: fully.
+        factor: how many times the costs of other kinds a Gaussian of this kind costs.
+    """
 
     free: Unconstrained | UnconstrainedTransients
     window: Float[Array, " rows"] | None = None
@@ -212,11 +236,18 @@ class Presence(NamedTuple):
 def costs(
     kinds: Sequence[Presence], extent: float | Float[Array, ""]
 ) -> dict[str, Float[Array, ""]]:
-    """Mean opacity, and mean scale in units of `extent`, so that what is of no use fades.
+    """Mean opacity and mean scale of the Gaussians, as costs that let what is of no use fade.
 
     The means are over the Gaussians of all kinds together, so what a Gaussian costs does not depend
     on how few of its kind there are; the `factor` of its kind multiplies it. A transient Gaussian
     costs what its `window` leaves of it.
+
+    Args:
+        kinds: the Gaussians of every kind.
+        extent: the scene's length unit, in which scales are measured.
+
+    Returns:
+        The costs, unweighted, by the names opacity and scale.
     """
     opacity_sum, scale_sum, count = jnp.zeros(()), jnp.zeros(()), jnp.zeros((), jnp.int32)
     for free, window, factor in kinds:

@@ -32,7 +32,12 @@ def occupied(gaussians: Unconstrained | UnconstrainedTransients) -> Bool[np.ndar
 
 @partial(jax.jit, static_argnames="rows")
 def with_rows(gaussians: Kind, rows: int) -> Kind:
-    """The same Gaussians in arrays of `rows` rows; the added rows are empty."""
+    """The same Gaussians in arrays of more rows; the added rows are empty.
+
+    Args:
+        gaussians: the Gaussians, in unconstrained values.
+        rows: rows of the new arrays, at least as many as there are.
+    """
     missing = rows - gaussians.logit_opacity.shape[0]
     empty = jax.tree.map(lambda x: jnp.zeros((missing, *x.shape[1:]), x.dtype), gaussians)
     empty = eqx.tree_at(
@@ -44,7 +49,13 @@ def with_rows(gaussians: Kind, rows: int) -> Kind:
 
 
 def take_rows(tree, rows: np.ndarray | Array):
-    """The same tree of arrays with only these rows (their numbers) of each, on the host: nothing is
-    compiled for every number of rows."""
+    """The same tree of arrays with only some rows of each.
+
+    On the host: nothing is compiled for every number of rows.
+
+    Args:
+        tree: arrays with a common leading axis.
+        rows: numbers of the rows, in the order of the result.
+    """
     tree, rows = jax.device_get((tree, rows))
     return jax.tree.map(lambda x: x[rows], tree)

@@ -28,14 +28,18 @@ def scale_bounds(
     """The bounds of each Gaussian, by kind.
 
     A Gaussian smaller than the pixels is met by some of the rays that should see it and missed by
-    others: it fits single training pixels and aliases in all other pictures. The smallest scale is
-    `footprint` pixels (as a standard deviation; 0: no bound) of the nearest camera: the 3D
-    smoothing filter of Mip-Splatting, as a bound. The largest is the distance to the nearest
-    camera, or the extent of the cameras if that is more: one that nothing holds, because hardly
-    any ray meets it, would grow without end.
+    others: it fits single training pixels and aliases in all other pictures. So the smallest scale
+    is some pixels of the nearest camera: the 3D smoothing filter of Mip-Splatting, as a bound. The
+    largest is the distance to the nearest camera, or the extent of the cameras if that is more: one
+    that nothing holds, because hardly any ray meets it, would grow without end.
 
     They are computed once per block of steps, because distances to the cameras hardly change
     within one.
+
+    Args:
+        parameters: what is learnt; means count where they are without motion.
+        cameras: the training cameras.
+        footprint: the smallest scale in pixels, as a standard deviation; 0: no smallest scale.
     """
 
     def of_kind(mean: Float[Array, "gaussians 3"]) -> ScaleBounds:
@@ -49,7 +53,12 @@ def scale_bounds(
 
 def with_scale_bounds(parameters: Parameters, bounds: dict[str, ScaleBounds]) -> Parameters:
     """The parameters with all scales within their bounds; the shortest axis may be `FLAT` below
-    the smallest."""
+    the smallest.
+
+    Args:
+        parameters: what is learnt.
+        bounds: the bounds of each kind of Gaussians (`scale_bounds`).
+    """
 
     def bounded(scale: Float[Array, "gaussians 3"], bound: ScaleBounds):
         shortest = scale <= jnp.min(scale, axis=1, keepdims=True)

@@ -21,8 +21,16 @@ from gaussray.scene.transient import UnconstrainedTransients
 
 
 class State(eqx.Module):
-    """Parameters, Adam's moments, the gradient statistics that density control reads, and the
-    number of steps of this stage that are done."""
+    """The state of the optimiser.
+
+    Args:
+        parameters: what is learnt.
+        adam: Adam's moments.
+        static_statistic: gradients of static Gaussians, which density control reads.
+        moving_statistic: those of moving Gaussians.
+        step: steps of the stage that are done.
+        transient_statistic: those of transient Gaussians; None if there are none.
+    """
 
     parameters: Parameters
     adam: optax.ScaleByAdamState
@@ -49,8 +57,13 @@ def begin_state(parameters: Parameters) -> State:
 def accumulated_statistics(
     state: State, gradient: Parameters, eye: Float[Array, "rays 3"]
 ) -> tuple[GradientStatistic, GradientStatistic, GradientStatistic | None]:
-    """The gradient statistics of static, moving and transient Gaussians after one more step, whose
-    rays start at `eye`."""
+    """The gradient statistics of static, moving and transient Gaussians after one more step.
+
+    Args:
+        state: the state before the step.
+        gradient: gradient of the step's loss.
+        eye: origins of the step's rays, in the world.
+    """
     center = jnp.mean(eye, axis=0)
     spread = jnp.mean(jnp.sum((eye - center[None]) ** 2, axis=-1))
 
@@ -78,8 +91,13 @@ class ChangedRows(NamedTuple):
 
 
 def with_gaussians(state: State, changed: dict[str, ChangedRows]) -> State:
-    """The state with changed Gaussians, by their kind. Adam's moments follow their rows; the
-    gradient statistics start again."""
+    """The state with changed Gaussians. Adam's moments follow their rows; the gradient statistics
+    start again.
+
+    Args:
+        state: the state before density control.
+        changed: the Gaussians of each kind (static, moving, transient) that changed.
+    """
 
     def replaced(parameters: Parameters, values: dict[str, Any]) -> Parameters:
         return eqx.tree_at(
@@ -100,8 +118,12 @@ def with_gaussians(state: State, changed: dict[str, ChangedRows]) -> State:
 
 
 def renewed_moment(moment: Array, fresh: Bool[np.ndarray, " rows"]) -> Array:
-    """A moment of Adam after rows have changed: kept where a Gaussian stayed, 0 where one is
-    new."""
+    """A moment of Adam after rows have changed: kept where a Gaussian stayed, 0 where one is new.
+
+    Args:
+        moment: the moment of one array, with rows before the change.
+        fresh: which rows hold a new Gaussian; rows that were added are at the end.
+    """
     moment = jnp.pad(moment, ((0, len(fresh) - moment.shape[0]),) + ((0, 0),) * (moment.ndim - 1))
     mask = jnp.asarray(fresh).reshape(-1, *(1,) * (moment.ndim - 1))
     return jnp.where(mask, 0, moment)
