@@ -18,7 +18,15 @@ def group_width(options: TraceOptions) -> int:
 
 
 def split_into_groups(tree, lists, options):
-    """Arrays (channels, bundles, rays) as (groups, channels, bundles of a group, rays)."""
+    """Arrays (channels, bundles, rays) as (groups, channels, bundles of a group, rays).
+
+    The bundles are sorted by the length of their lists; the last group is padded with zeros.
+
+    Args:
+        tree: arrays (channels, bundles, rays of a bundle), in any structure.
+        lists: as for `bundle_groups`; only the counts are read.
+        options: options of the tracer; `group` is the number of bundles in a group.
+    """
     order = jnp.argsort(lists[2])
     bundles = order.shape[0]
     width = group_width(options)

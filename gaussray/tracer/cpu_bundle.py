@@ -88,7 +88,7 @@ class HitBuffers(NamedTuple):
 
 @machine_code
 def march_inputs(frame):
-    """The inputs of a march, of the operands of a call."""
+    """The inputs of a march, read from the operands of a call."""
     rays = RayArrays(
         floats(operand(frame, 2)),
         floats(operand(frame, 3)),
@@ -121,7 +121,7 @@ def march_inputs(frame):
 
 @machine_code
 def hit_buffers(march):
-    """Buffers for the longest list."""
+    """Buffers for the hits of one bundle, long enough for the longest list."""
     return HitBuffers(
         np.empty((march.longest, march.each), np.float32),
         np.empty((march.longest, march.each), np.float32),
@@ -136,7 +136,12 @@ def hit_buffers(march):
 
 @machine_code
 def list_range(march, bundle):
-    """Begin and end of a bundle's list."""
+    """Begin and end (exclusive) of a bundle's list in `march.index`.
+
+    Args:
+        march: inputs of the march.
+        bundle: index of the bundle.
+    """
     first = march.start[bundle]
     last = min(first + min(march.count[bundle], march.longest), len(march.index))
     return first, last
@@ -144,7 +149,14 @@ def list_range(march, bundle):
 
 @machine_code
 def find_hits(march, buffers, bundle):
-    """Intersect the rays of a bundle with its list, and store the hits."""
+    """Intersect the rays of a bundle with its list, and store the hits.
+
+    Args:
+        march: inputs of the march.
+        buffers: the thread's buffers. `t`, `q`, `heap` (in the order of the list) and `length` are
+            written.
+        bundle: index of the bundle.
+    """
     first, last = list_range(march, bundle)
     begin, layout, rays = bundle * march.each, march.layout, march.rays
     bits = buffers.t.view(np.uint32)
@@ -265,8 +277,14 @@ def begin_ray(march, buffers, bundle, r):
     """Prepare a ray: order its hits as a heap, and store its weights and the harmonics of its
     direction.
 
+    Args:
+        march: inputs of the march.
+        buffers: the thread's buffers, after `find_hits` of the bundle.
+        bundle: index of the bundle.
+        r: index of the ray within the bundle.
+
     Returns:
-        The index of the ray, and the ray.
+        The index of the ray among all rays, and its origin, direction and time.
     """
     i = bundle * march.each + r
     ray = _ray(march.rays, i)
@@ -278,7 +296,12 @@ def begin_ray(march, buffers, bundle, r):
 
 @machine_code
 def pop_nearest(heap, length):
-    """Remove the nearest hit of a heap, and return its list entry."""
+    """Remove the nearest hit of a ray, and return its list entry, counted from 0 in the list.
+
+    Args:
+        heap: the ray's hits as a binary heap: the bits of the distance above those of the entry.
+        length: number of hits in the heap, at least 1; it is one less afterwards.
+    """
     entry = np.int64(heap[0] & np.uint64(0xFFFFFFFF))
     heap[0] = heap[length - 1]
     _sift_down(heap, length - 1, 0)

@@ -35,7 +35,7 @@ def machine_code(function: Callable) -> Any:
 
 
 def inlined_code(function: Callable) -> Any:
-    """The same, copied to where it is called: passing arrays takes as long as a short function."""
+    """Like `machine_code`, but inlined: passing arrays takes as long as a short function."""
     return njit(**_OPTIONS, inline="always")(inspect.unwrap(function))
 
 
@@ -129,13 +129,23 @@ _int_pointer = _pointer(types.int32, ir.IntType(32))
 
 @machine_code
 def operand(frame, i):
-    """The buffer of operand `i`."""
+    """The address of an operand's buffer.
+
+    Args:
+        frame: address of the call frame.
+        i: index of the operand, from 0.
+    """
     return _word(_word(frame + _OPERANDS) + 8 * i)
 
 
 @machine_code
 def result(frame, i):
-    """The buffer of result `i`."""
+    """The address of a result's buffer.
+
+    Args:
+        frame: address of the call frame.
+        i: index of the result, from 0.
+    """
     return _word(_word(frame + _RESULTS) + 8 * i)
 
 
@@ -190,7 +200,7 @@ _join = types.ExternalFunction("pthread_join", types.int32(*[types.int64] * 2))
 
 @machine_code
 def is_execution(frame):
-    """Whether a call is to compute; else it asks what the handler needs, and is answered."""
+    """Whether a call is to compute. A call that asks for the interface's version is answered."""
     extension = _word(frame + _EXTENSION)
     if extension != 0 and _number(extension + _TYPE) == _IS_METADATA:
         metadata, interface = _word(extension + _METADATA), _word(frame + _INTERFACE)
@@ -213,19 +223,19 @@ def shared_state(frame):
 
 @machine_code
 def call_frame(shared):
-    """The call frame, of the address of the shared state."""
+    """The address of the call frame, from the address of the shared state."""
     return _word(shared + 8)
 
 
 @machine_code
 def next_piece(shared):
-    """Take the next piece of work: its number."""
+    """Take the next piece of work, and return its number."""
     return _next(shared)
 
 
 @machine_code
 def shared_address(argument):
-    """The address of the shared state, of an entry's argument; 0 if XLA calls."""
+    """The address of the shared state, from the argument of an entry; 0 if XLA calls."""
     return argument - 1 if argument & 1 else 0
 
 
@@ -234,7 +244,12 @@ def start_threads(entry, shared, threads):
     """Start threads that run an entry, and return their identifiers.
 
     They call it with the address of the shared state plus 1: no address is odd, which distinguishes
-    their calls from XLA's.
+    their calls from XLA's. Where threads cannot be started, fewer come back.
+
+    Args:
+        entry: address of the entry (`entry_address`).
+        shared: address of the shared state.
+        threads: number of threads to start beside the caller's.
     """
     identifiers = np.zeros(max(threads, 1), np.int64)
     count = 0
@@ -249,8 +264,13 @@ def start_threads(entry, shared, threads):
 
 @machine_code
 def join_threads(identifiers, shared):
-    """Wait for threads. The shared state must live until then: Numba frees arrays after their last
-    use, and does not see the use of their addresses."""
+    """Wait for threads to end.
+
+    Args:
+        identifiers: identifiers of the threads (`start_threads`).
+        shared: array of the shared state, which is written last: Numba frees an array after its
+            last use, and does not see that the threads use its address.
+    """
     if _POSIX:
         for identifier in identifiers:
             _join(identifier, 0)
@@ -258,7 +278,12 @@ def join_threads(identifiers, shared):
 
 
 def register(name: str, handler: Any) -> None:
-    """Make a `cfunc` known to XLA under a name."""
+    """Make a compiled function known to XLA on CPUs.
+
+    Args:
+        name: name under which `jax.ffi.ffi_call` calls it.
+        handler: the function, compiled by `entry`.
+    """
     capsule = ctypes.pythonapi.PyCapsule_New
     capsule.restype = ctypes.py_object
     capsule.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]

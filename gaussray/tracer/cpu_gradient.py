@@ -19,7 +19,13 @@ _C3A, _C3B, _C3C, _C3D, _C3E = (np.float32(x) for x in C3)
 
 @machine_code
 def direction_gradient(d, coefficients, g):
-    """Gradient of the direction, of the gradients g of its harmonics."""
+    """Gradient with respect to a direction, from the gradients of its harmonics.
+
+    Args:
+        d: unit direction of the ray, in world axes.
+        coefficients: number of harmonics per channel.
+        g: gradients with respect to the harmonics.
+    """
     x, v, z = d
     gx, gy, gz = _ZERO, _ZERO, _ZERO
     if coefficients > 1:
@@ -44,8 +50,18 @@ def direction_gradient(d, coefficients, g):
 
 @inlined_code
 def add_color_gradient(row, d_row, layout, w, d_ray, y, d_y, g):
-    """Add the gradients of a hit's colour, of the gradient g of what is seen of it: to its row, to
-    the ray's, and to those of the harmonics y of its direction."""
+    """Add the gradients of a hit's tinted colour to those of its row, the ray and the harmonics.
+
+    Args:
+        row: row of the Gaussian.
+        d_row: gradients of the row, to which is added.
+        layout: columns of the row.
+        w: weights of the control points on the ray.
+        d_ray: gradients of the ray (origin, direction, time, weights), to which is added.
+        y: harmonics of the ray's direction.
+        d_y: gradients of the harmonics, to which is added.
+        g: gradient of the loss with respect to the tinted colour.
+    """
     color, tint = color_of(row, layout, w, y)
     cut = clamp_positive(tint)
     red = g[0] * cut[0] if color[0] > _ZERO else _ZERO
@@ -71,8 +87,18 @@ def add_color_gradient(row, d_row, layout, w, d_ray, y, d_y, g):
 
 @inlined_code
 def add_meeting_gradient(row, d_row, layout, ray, w, d_ray, g_t, g_q):
-    """Add the gradients of a meeting, of those of its t and q: to the Gaussian's row and the
-    ray."""
+    """Add the gradients of a hit's distances t and q to those of the Gaussian's row and the ray.
+
+    Args:
+        row: row of the Gaussian.
+        d_row: gradients of the row, to which is added.
+        layout: columns of the row.
+        ray: origin, unit direction and time of the ray.
+        w: weights of the control points on the ray.
+        d_ray: gradients of the ray (origin, direction, time, weights), to which is added.
+        g_t: gradient of the loss with respect to the distance t along the ray.
+        g_q: gradient with respect to the squared distance q from the Gaussian.
+    """
     o, d, time = ray
     a, m, age = state_on_ray(row, layout, w, time)
     x = (o[0] - m[0], o[1] - m[1], o[2] - m[2])

@@ -44,8 +44,16 @@ class Layout(NamedTuple):
 
 @machine_code
 def meet_ray(a, m, o, d):
-    """Distance t of the peak of a Gaussian along a ray, and the squared distance there
-    (`response`)."""
+    """Distance t of the peak of a Gaussian along a ray, and the squared distance q there.
+
+    In scene units and squared standard deviations; q is infinity for direction zero (`response`).
+
+    Args:
+        a: A = S^-1 R^T of the Gaussian, nine entries row by row.
+        m: mean of the Gaussian, in scene units.
+        o: origin of the ray, in scene units.
+        d: unit direction of the ray.
+    """
     x, y, z = o[0] - m[0], o[1] - m[1], o[2] - m[2]
     shift = -(x * d[0] + y * d[1] + z * d[2])
     px, py, pz = x + shift * d[0], y + shift * d[1], z + shift * d[2]
@@ -65,7 +73,13 @@ def meet_ray(a, m, o, d):
 
 @machine_code
 def time_distance(age, rate, plateau):
-    """Distance in time from the plateau of a transient Gaussian, in lifetimes."""
+    """Distance in time from the plateau of a transient Gaussian, in lifetimes; 0 within it.
+
+    Args:
+        age: time since the Gaussian's instant, in the capture's unit; negative before it.
+        rate: 1 / lifetime.
+        plateau: half the time of full opacity.
+    """
     beyond = abs(age) - plateau
     return (beyond if beyond > _ZERO else _ZERO) * rate
 
@@ -131,13 +145,23 @@ def inverse_of(f):
 
 @machine_code
 def dot(a, b):
-    """Inner product of two vectors."""
+    """Inner product of two vectors.
+
+    Args:
+        a: three components.
+        b: three components.
+    """
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @machine_code
 def cross(a, b):
-    """Cross product of two vectors."""
+    """Cross product a x b.
+
+    Args:
+        a: three components.
+        b: three components.
+    """
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
@@ -149,8 +173,14 @@ def matrix_of(row):
 
 @inlined_code
 def state_on_ray(row, layout, w, time):
-    """Matrix A and mean of a Gaussian for a ray, and its age at the ray's time (0 without a
-    window)."""
+    """Matrix A and mean of a Gaussian on a ray, and its age at the ray's time (0 without window).
+
+    Args:
+        row: row of the Gaussian.
+        layout: columns of the row.
+        w: weights of the control points on the ray; a single key state needs none.
+        time: time of the ray, in the capture's unit; only transient Gaussians need it.
+    """
     if layout.keys == 1:
         a, m = matrix_of(row), (row[9], row[10], row[11])
     else:
@@ -165,7 +195,13 @@ def state_on_ray(row, layout, w, time):
 
 @machine_code
 def harmonics_of(d, coefficients, y):
-    """The first harmonics of a direction, written to y."""
+    """Compute the first harmonics of a direction (`harmonic_basis`).
+
+    Args:
+        d: unit direction of the ray, in world axes.
+        coefficients: number of harmonics: 1, 4, 9 or 16.
+        y: array that receives the harmonics; further elements stay as they are.
+    """
     x, v, z = d
     y[0] = _C0
     if coefficients > 1:
@@ -186,7 +222,14 @@ def harmonics_of(d, coefficients, y):
 
 @inlined_code
 def color_of(row, layout, w, y):
-    """Linear colour along a ray with the harmonics y: before the cut at 0, and its tint."""
+    """Linear colour and tint of a Gaussian on a ray, both before negative values are set to 0.
+
+    Args:
+        row: row of the Gaussian.
+        layout: columns of the row.
+        w: weights of the control points on the ray; only a tint needs them.
+        y: harmonics of the ray's direction.
+    """
     r, g, b, at = _HALF, _HALF, _HALF, layout.harmonics
     for k in range(layout.coefficients):
         r += y[k] * row[at]

@@ -44,7 +44,12 @@ def _nvrtc() -> ctypes.CDLL | None:
 
 
 def ptx(source: Path, macros: dict[str, int | float]) -> str:
-    """The PTX of a CUDA C++ file with these macros, for the default device."""
+    """The PTX of a CUDA C++ file, for the default device.
+
+    Args:
+        source: the file.
+        macros: values of its macros by name; floats become single-precision literals.
+    """
     capability = jax.local_devices()[0].compute_capability.replace(".", "")
     defined = tuple(f"-D{k}={_literal(v)}" for k, v in macros.items())
     target = (f"--gpu-architecture=compute_{capability}", "--device-as-default-execution-space")
@@ -99,6 +104,15 @@ def launch(
     The kernel writes every element of its results, and adds to its sums in place. (A sum is an
     operand that shares its memory with a result at the end of the list, which the kernel does not
     declare.)
+
+    Args:
+        name: name of the kernel in the code.
+        code: PTX that holds the kernel (`ptx`).
+        operands: arrays that the kernel reads.
+        results: shapes and types of the arrays that it writes.
+        blocks: number of thread blocks of the launch.
+        threads: number of threads of a block.
+        sums: values to which the kernel adds.
 
     Raises:
         TypeError: an array is not of 32-bit floats or integers, which is what kernels read.

@@ -16,8 +16,14 @@ LAST_KEY = {jnp.dtype("int32"): 2**31 - 1, jnp.dtype("int64"): 2**63 - 1}
 
 
 def hit_geometry(table, columns, options):
-    """Columns of the table that determine hits: axes and mean at each key state, opacity, and the
-    squared reach."""
+    """Columns that determine hits: matrix and mean of each key state, time window, opacity; and
+    the squared reach in standard deviations. No gradient.
+
+    Args:
+        table: rows of the Gaussians (`gaussian_table`).
+        columns: columns of the table.
+        options: options of the tracer; a Gaussian reaches to where its alpha is `alpha_min`.
+    """
     state = table[:, : columns.opacity + 1]
     squared = reach_radius(state[:, -1:], options.alpha_min) ** 2
     return jax.lax.stop_gradient(jnp.concatenate([state, squared], axis=1))
@@ -134,7 +140,13 @@ def next_hits(hit_table, one, index, after, options):
 
 
 def hits_at(hit_table, slot, there):
-    """Distance and alpha of hits; 0 where there is none."""
+    """Distance (scene units) and alpha of hits; 0 where there is none.
+
+    Args:
+        hit_table: hits of the group (`hit_list`).
+        slot: place of each hit in the list of its bundle (`next_hits`), (hits, bundles, rays).
+        there: whether there is a hit, in the same shape.
+    """
     rays = jnp.arange(slot[0].size, dtype=jnp.int32).reshape(slot.shape[1:])
     place = slot * slot[0].size + rays[None]
     return (jnp.where(there, x.reshape(-1)[place], 0) for x in (hit_table.t, hit_table.alpha))

@@ -1,4 +1,4 @@
-"""The tracer on a CUDA device: grid, lists and march in three kernels of CUDA C++.
+"""The tracer on a CUDA device: lists and march in four kernels of CUDA C++.
 
 - `gather` gives every 16 x 16 pixels one list of the Gaussians they may meet, nearest first. `sift`
   marks which warps of these pixels may meet each entry: those where a column and a row of pixels
@@ -154,9 +154,16 @@ class Stage(NamedTuple):
 def stage_and_strips(
     motion: Motion, rays: Rays, span: Float[Array, "2"], *, options, slots: int
 ) -> tuple[Stage, Strip]:
-    """Everything up to the candidates. Strips come first in the rays' axes, which are padded.
+    """What the lists of rays are made from: the stage, and the strips, in a leading axis.
 
-    All times of the rays are in the span.
+    The last strip is padded with rays of direction zero, which hit nothing.
+
+    Args:
+        motion: the scene across the times of the rays (`Prepared.motion`).
+        rays: rays in a coherent order, with a leading axis of samples.
+        span: first and last time, between which are all times of the rays, in the capture's unit.
+        options: how to trace.
+        slots: number of Gaussians that a list holds.
     """
     motion = merge_rest(motion) if motion.keys == 1 else motion
     rows, box, kept, fine = gaussian_rows(motion, options.alpha_min, span)
@@ -201,7 +208,12 @@ def stage_and_strips(
 
 
 def candidate_lists(stage: Stage, strip: Strip) -> Lists:
-    """The lists of one strip. No gradient."""
+    """The lists of one strip. No gradient.
+
+    Args:
+        stage: the stage of `stage_and_strips`.
+        strip: one of its strips, without the leading axis.
+    """
     program, (order, cell, super_) = stage.program, stage.boxes
     groups, code = program.rays // program.group, program.code
     size = groups, program.slots

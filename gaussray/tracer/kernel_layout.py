@@ -178,7 +178,11 @@ def grid_boxes(
 ) -> tuple[Int[Array, " padded"], Float[Array, "cells 6"], Float[Array, "supers 6"]]:
     """Order of the Gaussians along the grid (-1 pads), boxes of cells and of _CELLS cells.
 
-    What is empty is not a number: no comparison with it holds.
+    An empty box is NaN, so that every comparison with it is false.
+
+    Args:
+        box: lower and upper corners of the box around each Gaussian, in scene units.
+        kept: whether each Gaussian can be hit; others are in no box.
     """
     box = jax.lax.stop_gradient(box)
     lower, upper = box[:, :3], box[:, 3:]

@@ -37,8 +37,7 @@ class Report(eqx.Module):
     """Cost and completeness of a trace.
 
     Args:
-        needed: Needed list sizes, in the order of `Capacity` (that of transient Gaussians if there
-            are any).
+        needed: Needed list sizes, in the order of `Capacity` (`transient` only if there are any).
         dropped: Entries that were dropped for lack of capacity; 0 if the result is complete.
         skipped: Gaussians that were skipped because they were not finite.
         hits: Hits of all rays together, in single precision: exact up to 2^24, then rounded.
@@ -57,23 +56,19 @@ def trace(
     options: TraceOptions,
     capacity: Capacity,
 ) -> tuple[Pixels, Report]:
-    """Trace rays through a moving scene, with gradients to scene, rays and times.
+    """Trace rays through a moving scene: the pixels of the rays, and a report on the list sizes.
 
-    Every `bundle`^2 consecutive rays form a bundle, so rays should come in a coherent order
-    (`bundle.morton_tiles` for pictures, `bundle.coherent_order` for others). Their number need not
-    divide evenly. A leading axis holds samples of the same rays (of an aperture, of an exposure):
-    they share the candidates of their bundle. Hits at exactly one distance are blended in a fixed
+    Gradients reach scene, rays and times. Hits at exactly one distance are blended in a fixed
     order: that of the grid (array backend), or that in which the reach of the Gaussians begins on
     the neighbouring rays, then that of the Gaussians (kernels).
 
     Args:
         motion: the scene across the times of the rays, or the result of `prepare`.
-        rays: origin, direction (unit) and time of every ray; zero directions meet nothing.
+        rays: of unit direction (zero meets nothing), in any number; every `bundle`^2 are a bundle,
+            so in a coherent order (`bundle.morton_tiles` of a picture, else `coherent_order`). A
+            leading axis holds samples (of aperture, exposure), which share a bundle's candidates.
         options: how to trace.
         capacity: sizes of the lists, from `measure`.
-
-    Returns:
-        Pixels of every ray, and the report on list sizes and dropped entries.
     """
     if rays.time.ndim == 1:
         pixels, report = trace(motion, _with_sample_axis(rays), options=options, capacity=capacity)
@@ -112,7 +107,12 @@ def total_hits(hits: Int[Array, "..."]) -> Float[Array, ""]:
 
 
 def map_leading(function: Callable, tree):
-    """`lax.map` along the first axis, without a loop if its length is 1."""
+    """`lax.map` along the first axis, without a loop if its length is 1.
+
+    Args:
+        function: function of one element, whose arrays have no leading axis.
+        tree: arrays with a leading axis of equal length.
+    """
     if jax.tree.leaves(tree)[0].shape[0] > 1:
         return jax.lax.map(function, tree)
     return jax.tree.map(lambda x: x[None], function(jax.tree.map(lambda x: x[0], tree)))
@@ -136,7 +136,7 @@ def _trace_arrays(
 def march_lists(
     motion: Motion, rays: Rays, lists: Candidates, *, options: TraceOptions, slots: int
 ) -> tuple[Pixels, Float[Array, ""]]:
-    """Trace rays through the Gaussians in the lists of their bundles.
+    """Trace rays through the lists of their bundles: the pixels, and the number of all hits.
 
     Args:
         motion: the scene, as `prepare` leaves it.
@@ -144,9 +144,6 @@ def march_lists(
         lists: from `find_candidates`.
         options: how to trace.
         slots: largest length of a list.
-
-    Returns:
-        The pixels, and the number of hits of all rays.
     """
     count = rays.time.shape[1]
     rows, layout = gaussian_table(motion), table_columns(motion)
@@ -170,9 +167,11 @@ def march_lists(
 
 
 def march_function(options: TraceOptions, dtype: DTypeLike) -> Callable:
-    """The function that marches bundles: machine code on a CPU if available, else arrays.
+    """The function that marches bundles: machine code, compiled here or read from disk, or arrays.
 
-    Machine code is compiled here, or read from disk.
+    Args:
+        options: how to trace; machine code runs on CPUs with Numba, unless the backend is "array".
+        dtype: precision of the rays; machine code is for single precision.
     """
     if not on_cpu_kernel(options, dtype):
         return march
@@ -184,7 +183,12 @@ def march_function(options: TraceOptions, dtype: DTypeLike) -> Callable:
 
 
 def ray_lanes(motion: Motion, bundled: Rays) -> Lanes:
-    """Bundles of rays with their components first, with weights of the motion's control points."""
+    """Bundles of rays with their components first, with weights of the motion's control points.
+
+    Args:
+        motion: the scene that the rays will meet.
+        bundled: the rays, (bundles, rays of a bundle).
+    """
     leading = partial(jnp.moveaxis, source=-1, destination=0)
     weights = jax.vmap(jax.vmap(partial(control_weights, motion.time)))(bundled.time)
     time = None
@@ -202,9 +206,13 @@ def find_candidates(
     options: TraceOptions,
     capacity: Capacity,
 ) -> tuple[Candidates, Int[Array, ""]]:
-    """Find the candidates of every bundle, over all samples. No gradient.
+    """The lists of all bundles, and how many Gaussians are not finite. No gradient.
 
-    Args as for `trace`. Returns the lists, and the number of Gaussians that are not finite.
+    Args:
+        motion: as for `trace`.
+        rays: as for `trace`; a bundle has one list for all samples.
+        options: as for `trace`.
+        capacity: as for `trace`.
     """
     motion, rays = jax.lax.stop_gradient((motion, rays))
     scene = prepare_for_rays(motion, rays, replace(options, backend="array"), capacity)
@@ -269,13 +277,11 @@ def measure(
 ) -> Capacity:
     """Measure the list sizes of a trace. On the host, outside jit.
 
-    Starts from a small guess (or from `capacity`) and enlarges sizes that overflow until none does.
-
     Args:
         motion: The scene across the times of the rays.
         rays: The rays.
         options: Options of the tracer.
-        capacity: Sizes to start from.
+        capacity: Sizes to start from, enlarged until none overflows; None is a small guess.
         headroom: Factor of the needed sizes, for other frames and steps.
     """
     trial = capacity
@@ -326,9 +332,11 @@ def enlarged_capacity(capacity: Capacity, needed: list[int], *, headroom: float 
 
 
 def split_into_bundles(rays: Rays, options: TraceOptions) -> Rays:
-    """Split rays into bundles: the shape (bundles, rays of one bundle).
+    """Split rays into (bundles, rays of a bundle); rays of direction zero, which hit nothing, pad.
 
-    The last bundle is padded with rays of direction zero, which hit nothing.
+    Args:
+        rays: rays in a coherent order, without an axis of samples.
+        options: how to trace: size and levels of the bundles.
     """
     each = options.bundle**2
     block = each * FAN**options.levels
