@@ -108,8 +108,14 @@ def read_mask(
 ) -> Bool[np.ndarray, "h w"]:
     """Pixels that count: True where a mask is white, as in nerfstudio.
 
-    White is at least half of full scale in the brightest channel. Through a `window`, means over
-    areas are compared.
+    White is at least half of full scale in the brightest channel. Where the result has another
+    size than the part of the file that it shows, means over its pixels' areas are compared.
+
+    Args:
+        path: file of the mask.
+        width: columns of the result.
+        height: rows of the result.
+        window: the part of the file that is shown; None if the file has the size of the result.
     """
     stored = read_stored(path, *(window.size if window else (width, height)))
     full = np.iinfo(stored.dtype).max if np.issubdtype(stored.dtype, np.integer) else 1

@@ -96,7 +96,19 @@ def read_levels(path: Path | str, width: int, height: int) -> np.ndarray:
 def read_with_alpha(
     path: Path | str, width: int, height: int, background: str = "none"
 ) -> StoredPicture:
-    """The same, with the alpha that was composited or dropped."""
+    """Stored values of a picture, as `read_stored` gives them, and its alpha.
+
+    Args:
+        path: the file, or a frame of a video, which has no alpha.
+        width: columns that the file must have.
+        height: rows that the file must have.
+        background: one of BACKGROUNDS: what the values are composited over. The alpha is returned
+            for each of them, unless it is 1 everywhere.
+
+    Raises:
+        CaptureError: the size is another.
+        OSError: the file is absent, truncated or no picture.
+    """
     frame = frame_of(Path(path))
     if frame is not None:
         pixels = read_frame(*frame)
@@ -168,7 +180,17 @@ def check_images(views: Sequence[PictureFile]) -> None:
 
 
 def check_size(path: Path | str, size: Sequence[int], width: int, height: int) -> None:
-    """Check the size of a picture; CaptureError names the file and both sizes."""
+    """Check that a picture has the size that its camera says.
+
+    Args:
+        path: the picture, for the message.
+        size: width and height of the picture in pixels.
+        width: width that it must have.
+        height: height that it must have.
+
+    Raises:
+        CaptureError: the size is another; the message names the file and both sizes.
+    """
     if tuple(size) != (width, height):
         raise CaptureError(
             f"{path}: the picture must be w x h = {width} x {height} as its camera says, "
@@ -226,5 +248,10 @@ def _color_channels(spec: "oiio.ImageSpec") -> list[int]:
 
 
 def alpha_mask(alpha: np.ndarray | None, shape: tuple[int, ...]) -> Bool[np.ndarray, "h w"]:
-    """Pixels of at least half alpha; all of them without alpha."""
+    """Pixels of at least half alpha; all of them without alpha.
+
+    Args:
+        alpha: alpha [h, w] in 0..1; None if it is 1 everywhere.
+        shape: rows and columns of the result without alpha.
+    """
     return np.ones(shape, bool) if alpha is None else alpha >= 0.5

@@ -64,6 +64,10 @@ def selected(capture: Capture, selection: Selection) -> Capture:
     because an average over pixels is a filter too. Times stay as they are; views of effects are
     kept at the times of the kept pinhole views. `test` concerns pinhole views only.
 
+    Args:
+        capture: the whole capture.
+        selection: times, crop, scale and held-out cameras, and what to do about missing pictures.
+
     Raises:
         CaptureError: the capture does not have the times, box or cameras, or lacks pictures.
     """
@@ -224,9 +228,16 @@ def _windowed(
 
 
 def shutter_of_part(shutter: Shutter, window: Window, size: tuple[int, ...]) -> Shutter:
-    """The shutter of a part of the picture at another size.
+    """The shutter of a part of the picture that is resized.
 
-    Row i' of the smaller picture lies around row lead + (i' + 1/2) / scale - 1/2."""
+    Row i' of the resized part is centred on row l + (i' + 1/2) s - 1/2 of the picture: l rows are
+    read before the part, and s rows become one. A shutter that reads sideways counts columns.
+
+    Args:
+        shutter: the shutter of the whole picture.
+        window: size of the whole picture, and the part (left, top, width, height), in its pixels.
+        size: width and height in pixels to which the part is resized.
+    """
     left, top, width, height = window.box
     lead, rows, new = {
         "top_to_bottom": (top, height, size[1]),

@@ -51,7 +51,12 @@ class Video(NamedTuple):
 
 
 def frame_path(video: Path, index: int) -> Path:
-    """The path that stands for a frame of a video, as if the video were a folder of pictures."""
+    """The path that stands for a frame of a video, as if the video were a folder of pictures.
+
+    Args:
+        video: file of the video.
+        index: number of the frame, from 0.
+    """
     return video / f"{index:04d}"
 
 
@@ -67,21 +72,32 @@ def is_video(path: Path) -> bool:
 
 
 def read_video(path: Path | str) -> Video:
-    """What there is to know of a video before its frames are decoded.
+    """Size and number of frames of a video.
 
-    All packets are looked at, and one frame is decoded. Frames must be evenly spaced in time, to a
-    quarter of their interval. CaptureError if they are not, or for a file without pictures, one
-    in high dynamic range, or turned by other than quarters; OSError for a file that is absent,
-    damaged, or shorter than its header says.
+    All packets are read, and one frame is decoded. Frames must be evenly spaced in time, to a
+    quarter of their interval.
+
+    Raises:
+        CaptureError: the frames are not evenly spaced, or the file has no pictures, is in high
+            dynamic range, or is turned by other than quarters of a turn.
+        OSError: the file is absent, damaged, or shorter than its header says.
     """
     return _facts(*_identity(Path(path)))
 
 
 def decode_frames(path: Path | str, indices: Sequence[int]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-    """The frames of these `indices` (from 0, ascending), upright 8-bit sRGB levels, one at a time.
+    """Some frames of a video, upright 8-bit sRGB levels, one at a time.
 
     The file's own matrix and range of colours count; BT.601 and limited range where it names none,
-    as in ffmpeg. Errors are those of `read_video`, and CaptureError for an index beyond the end.
+    as in ffmpeg.
+
+    Args:
+        path: file of the video.
+        indices: numbers of the frames, from 0, ascending: an earlier one starts the video again.
+
+    Raises:
+        CaptureError: the video is refused as in `read_video`, or has no frame of that number.
+        OSError: the file is absent or damaged.
     """
     player = _Player(Path(path))
     for index in indices:
@@ -93,6 +109,10 @@ def read_frame(path: Path | str, index: int) -> UInt8[np.ndarray, "h w 3"]:
 
     A frame after the last one that was read is decoded from there on; for an earlier one the video
     starts again.
+
+    Args:
+        path: file of the video.
+        index: number of the frame, from 0.
     """
     return _player(*_identity(Path(path))).show(index)
 
@@ -195,8 +215,15 @@ def decoded_frames(path: Path) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def open_video(path: Path, *, sound: bool = False) -> Iterator[Any]:
-    """A video container whose codecs are `CODECS`, with `sound` also `SOUND_CODECS`; a damaged one
-    is an OSError that names the file."""
+    """Open a video with the decoders of `CODECS` only; the block gets PyAV's container.
+
+    Args:
+        path: file of the video.
+        sound: whether sound tracks may be decoded too, with `SOUND_CODECS`.
+
+    Raises:
+        OSError: the file is absent or damaged, also where that shows within the block.
+    """
     codecs = (*CODECS, *SOUND_CODECS) if sound else CODECS
     options = {**_OPENING["options"], "codec_whitelist": ",".join(codecs)}
     try:
@@ -207,7 +234,16 @@ def open_video(path: Path, *, sound: bool = False) -> Iterator[Any]:
 
 
 def video_stream(path: Path, container: Any) -> Any:
-    """The first stream of pictures of a container, checked before anything is decoded."""
+    """The first stream of pictures of a container, checked before anything is decoded.
+
+    Args:
+        path: file of the video, for messages.
+        container: the open video, as PyAV gives it (`open_video`).
+
+    Raises:
+        CaptureError: there are no pictures, they are in high dynamic range or larger than
+            `limits.picture`, or their codec is not in `CODECS`.
+    """
     if not container.streams.video:
         raise CaptureError(
             f"{path}: a video must hold a stream of pictures, got none: it is truncated, or no "
@@ -242,7 +278,15 @@ def _check_pixels(path, count):
 
 
 def upright(path: Path, frame: Any) -> UInt8[np.ndarray, "h w 3"]:
-    """The sRGB levels of a decoded frame, turned as its metadata say."""
+    """The sRGB levels of a decoded frame, turned as its metadata say.
+
+    Args:
+        path: file of the video, for messages.
+        frame: the frame, as PyAV gives it.
+
+    Raises:
+        CaptureError: the frame is larger than `limits.picture`, or turned by other than quarters.
+    """
     _check_pixels(path, frame.width * frame.height)
     pixels = frame.to_ndarray(format="rgb24")
     if frame.rotation % 90:

@@ -27,10 +27,15 @@ class Window(NamedTuple):
 def averaged(
     picture: Float[np.ndarray, "rows columns c"], width: int, height: int
 ) -> Float[np.ndarray, "h w c"]:
-    """The means of a picture over the areas of `width` x `height` even pixels.
+    """The means of a picture over the areas of larger pixels, all of one size.
 
     Source pixels that lie in two areas count in each by their share, so that every edge and the
     mean of the picture stay exactly where they were. Equal sizes give the picture back.
+
+    Args:
+        picture: the picture, in linear light if its means are to be those of a sensor.
+        width: columns of the result.
+        height: rows of the result.
     """
     rows, columns, channels = picture.shape
     lower = _shares(rows, height).astype(picture.dtype) @ picture.reshape(rows, -1)

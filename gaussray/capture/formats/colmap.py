@@ -65,6 +65,11 @@ def read_colmap(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     folder. If no camera has a second frame, the capture is static, at time 0, with a warning. No
     camera is held out.
 
+    Args:
+        folder: the capture's folder, or that of a project whose `dense/` holds undistorted pictures
+            and their model.
+        dtype: type of the cameras' numbers.
+
     Raises:
         CaptureError: files are malformed or contradict each other; the message names file and
             remedy.

@@ -34,6 +34,10 @@ def read_splits(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     is required; `transforms_val.json` is not read, with a warning. Starting points come from
     `ply_file_path` of the training file, else from points3d.ply, else from fused.ply.
 
+    Args:
+        folder: the folder with the JSON files, which `file_path` is relative to.
+        dtype: type of the cameras' numbers.
+
     Raises:
         CaptureError: a file contradicts the format; the message names file, frame, key and remedy.
         FileNotFoundError: the folder, or every picture of a split, does not exist.

@@ -33,6 +33,10 @@ def read_dynamic3dgs(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capt
     (4 x 4, OpenCV axes), `fn` (the picture in `ims/`) and `cam_id`. Step i of n is at time i / n.
     Starting points come from `init_pt_cld.npz`: x y z, red green blue in 0..1, in each row.
 
+    Args:
+        folder: the folder with the JSON files, the points and `ims/`.
+        dtype: type of the cameras' numbers.
+
     Raises:
         CaptureError: a file contradicts the format; the message names file, frame and key.
         FileNotFoundError: `train_meta.json` does not exist.

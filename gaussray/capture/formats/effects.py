@@ -44,7 +44,12 @@ def read_film(keys: Keys) -> Film:
 
 
 def read_aperture(keys: Keys, dtype: DTypeLike) -> Aperture:
-    """The aperture of an `aperture` block; a pinhole without one."""
+    """The aperture of an `aperture` block; a pinhole without one.
+
+    Args:
+        keys: keys of the frame, with those of the top level that it does not have.
+        dtype: type of the aperture's numbers.
+    """
     known = ("radius", "focus_distance", "focus", "blades", "rotation", "ratio", "rim")
     block = keys.block("aperture", known)
     if block is None:
@@ -89,6 +94,13 @@ def read_shutter(keys: Keys, dtype: DTypeLike) -> Shutter:
 
     `readout`, the time from the first to the last row, may replace `row_step`; without a
     `row_offset` the frame's time is then in the middle of the readout.
+
+    Args:
+        keys: keys of the frame, with those of the top level that it does not have.
+        dtype: type of the shutter's numbers.
+
+    Raises:
+        CaptureError: the block has both `readout` and `row_step`.
     """
     known = ("row_offset", "row_step", "exposure", "direction", "row_times", "trigger", "readout")
     block = keys.block("shutter", known)
@@ -120,6 +132,10 @@ def read_trajectory(keys: Keys, dtype: DTypeLike) -> Trajectory:
 
     The block is a list of {time, transform_matrix}, or has such `poses`, the `interpolation`
     between them and a `shake` added to them.
+
+    Args:
+        keys: keys of the frame, among them `trajectory`.
+        dtype: type of the trajectory's numbers.
     """
     value = keys.values["trajectory"]
     if not isinstance(value, dict):
@@ -155,8 +171,12 @@ def _shake(keys: Keys, dtype: DTypeLike) -> Shake | None:
 
 
 def quaternions(poses: np.ndarray, dtype: DTypeLike) -> Float[Array, "poses 4"]:
-    """Rotations (wxyz) of camera-to-world matrices [poses, 3, 4] with OpenGL camera axes; the
-    quaternions have this package's camera axes."""
+    """Rotations (wxyz) of camera-to-world matrices, in this package's camera axes.
+
+    Args:
+        poses: the matrices [poses, 3, 4], with OpenGL camera axes; at least one.
+        dtype: type of the quaternions.
+    """
     rotation = poses[:, :, :3] * np.array(BLENDER_AXES)[None, None]
     # In whole blocks, so that few programs serve all captures.
     padding = -len(rotation) % _BLOCK

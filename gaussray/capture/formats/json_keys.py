@@ -36,7 +36,13 @@ class Keys:
         return f"{self.file}" + ("" if self.frame is None else f", frame {self.frame}")
 
     def error(self, key: str, rule: str, remedy: str = "") -> CaptureError:
-        """The house's message: `<key> must be <rule>, got <value>.` and the remedy."""
+        """The error of a key that breaks its rule, with file, frame, the value and the remedy.
+
+        Args:
+            key: the key; its value is shown, cut to 200 letters.
+            rule: what the value must be, to stand after "must be".
+            remedy: a sentence that says what to do; empty if the rule says enough.
+        """
         value = repr(self.values[key]) if key in self.values else "nothing"
         value = value if len(value) <= 200 else value[:200] + "..."
         return CaptureError(
@@ -60,14 +66,32 @@ class Keys:
         return default
 
     def number(self, key: str, default: Any = _ABSENT, remedy: str = "") -> float:
-        """A finite number."""
+        """A finite number.
+
+        Args:
+            key: the key.
+            default: value if the key is absent; without one, the key is required.
+            remedy: what to do about a wrong or absent value, for the message.
+
+        Raises:
+            CaptureError: the key is absent without a default, or its value is no finite number.
+        """
         value = self._get(key, default, "a number", remedy)
         if not _is_number(value) or not math.isfinite(value):
             raise self.error(key, "a finite number", remedy)
         return float(value)
 
     def count(self, key: str, default: Any = _ABSENT, least: int = 1) -> int:
-        """A whole number of at least `least`."""
+        """A whole number.
+
+        Args:
+            key: the key.
+            default: value if the key is absent; without one, the key is required.
+            least: the smallest number allowed; the largest is 2^31 - 1.
+
+        Raises:
+            CaptureError: the key is absent without a default, or its value is no such number.
+        """
         rule = f"a whole number of at least {least}"
         value = self._get(key, default, rule)
         if not _is_number(value) or value != value // 1 or not least <= value < _MOST:
@@ -88,7 +112,16 @@ class Keys:
         return value
 
     def vector(self, key: str, length: int, default: Any = _ABSENT) -> list[float]:
-        """A list of `length` finite numbers."""
+        """A list of finite numbers.
+
+        Args:
+            key: the key.
+            length: how many numbers the list must have.
+            default: value if the key is absent; without one, the key is required.
+
+        Raises:
+            CaptureError: the key is absent without a default, or its value is no such list.
+        """
         rule = f"a list of {length} finite numbers"
         value = self._get(key, default, rule)
         good = isinstance(value, list) and len(value) == length
@@ -102,7 +135,7 @@ class Keys:
         return self.vector(key, len(value) or 1) if isinstance(value, list) else self.vector(key, 1)
 
     def inside(self, key: str) -> Path:
-        """The path of a file in the folder of this one (`guard.files.inside`)."""
+        """The path of a file in the folder of this one (`io.safe.files.inside`)."""
         try:
             return inside(self.file.parent, self.text(key), f"{self.where}: {self.prefix}{key}")
         except CaptureError:
@@ -111,11 +144,19 @@ class Keys:
             raise CaptureError(str(error)) from None
 
     def path(self, key: str) -> Path | None:
-        """The same, None if nothing is named."""
+        """The path of a file in the folder of this one; None if the key is absent."""
         return self.inside(key) if self.has(key) else None
 
     def block(self, key: str, known: Sequence[str]) -> "Keys | None":
-        """The block of that name, None if absent; a key that it should not hold is warned of."""
+        """The block of that name; None if it is absent.
+
+        Args:
+            key: name of the block.
+            known: keys that the block may hold; a warning names each other one.
+
+        Raises:
+            CaptureError: the value is no block of keys.
+        """
         value = self.values.get(key)
         if value is None:
             return None

@@ -23,9 +23,13 @@ _BLOCK_KEYS = ("model", *dict.fromkeys(key for model in lens_models() for key in
 def lens_of(keys: Keys, dtype: DTypeLike) -> AbstractLens:
     """The lens of a frame: that of its `lens` block if there is one, else that of `camera_model`.
 
+    Args:
+        keys: keys of the frame, with those of the top level that it does not have.
+        dtype: type of the lens's numbers.
+
     Raises:
-        CaptureError: If a key is missing or breaks its rule.
-        ValueError: If the numbers are no valid lens for the picture; the message names the key.
+        CaptureError: a key is missing or breaks its rule.
+        ValueError: the numbers are no valid lens for the picture; the message names the key.
     """
     block = keys.block("lens", _BLOCK_KEYS)
     if block is not None:

@@ -27,6 +27,10 @@ def read_llff(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     eighth one, from the first, is held out. Each picture is a camera, named after its file.
     Starting points come from points3d.ply or sparse_pc.ply in the folder.
 
+    Args:
+        folder: the folder with `poses_bounds.npy`.
+        dtype: type of the cameras' numbers.
+
     Raises:
         CaptureError: rows and pictures do not agree; the message says how.
         FileNotFoundError: poses_bounds.npy does not exist.

@@ -26,6 +26,10 @@ def read_neural3d(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture
     of n is at time i / n, as in 4DGaussians. Starting points come from points3D_downsample2.ply,
     else from points3d.ply; without them a reconstruction starts from random ones, with a warning.
 
+    Args:
+        folder: the folder with `poses_bounds.npy` and the videos.
+        dtype: type of the cameras' numbers.
+
     Raises:
         CaptureError: rows and videos do not agree; the message says how.
         FileNotFoundError: poses_bounds.npy does not exist.

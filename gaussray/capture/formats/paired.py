@@ -88,7 +88,11 @@ def effect_files(folder: Path | str) -> dict[str, Path]:
 
 
 def read_views(path: Path | str, dtype: DTypeLike = jnp.float32) -> list[View]:
-    """The views of all frames of one JSON file, in its order; its paths begin at its folder.
+    """The views of all frames of one JSON file, in its order.
+
+    Args:
+        path: the JSON file; the paths in it are relative to its folder.
+        dtype: type of the cameras' numbers.
 
     Raises:
         CaptureError: the file contradicts the format; the message names frame, key and remedy.
@@ -98,7 +102,18 @@ def read_views(path: Path | str, dtype: DTypeLike = jnp.float32) -> list[View]:
 
 
 def read_cameras(path: Path | str, dtype: DTypeLike = jnp.float32) -> list[View]:
-    """The same for the cameras alone: the pictures may lie anywhere, and are not looked for."""
+    """The views of all frames of one JSON file, for their cameras alone.
+
+    The pictures may lie anywhere and need not exist: the views' `image` is only a name, and masks
+    and depth maps are left out.
+
+    Args:
+        path: the JSON file; its frames must have their sizes and intrinsics.
+        dtype: type of the cameras' numbers.
+
+    Raises:
+        CaptureError: the file contradicts the format; the message names frame, key and remedy.
+    """
     top = read_document(Path(path))
     no_files = dict.fromkeys(("mask_path", "depth_file_path"))
     frames = []

@@ -37,11 +37,22 @@ def read_poses_bounds(path: Path) -> Float[np.ndarray, "cameras 17"]:
 def camera_keys(
     top: Keys, k: int, row: Float[np.ndarray, "17"], path: Path, size: tuple[int, int]
 ) -> Keys:
-    """The camera of row k as the keys of a frame in a transforms.json.
+    """The camera of a row as the keys of a frame in a transforms.json.
 
-    The matrix holds the camera's axes (down, right, backwards) and position as columns, then
-    height, width and focal length in pixels. The picture at `path` may have another `size` (width,
-    height) of the same shape: the focal length is scaled, and the axis meets the picture's centre.
+    The row's matrix holds the camera's axes (down, right, backwards) and position as columns, then
+    height, width and focal length in pixels. The optical axis meets the picture's centre.
+
+    Args:
+        top: the file of the rows, for messages.
+        k: number of the row, which becomes the number of the frame.
+        row: a 3 x 5 matrix, row by row, and near and far distances, which are not used.
+        path: the camera's picture or video, after which the camera is named.
+        size: width and height of the picture in pixels. It may be a scaled copy of the row's
+            picture: the focal length is scaled by the ratio of the widths.
+
+    Raises:
+        CaptureError: height, width or focal length are not above 0, or the picture's aspect is not
+            that of the row, to a pixel.
     """
     matrix = row[:15].reshape(3, 5)
     down, right, back, position = matrix[:, :4].T

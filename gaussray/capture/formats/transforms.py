@@ -73,6 +73,14 @@ def views_of(top: Keys, frames: list[Keys], dtype: DTypeLike = jnp.float32) -> l
     """The views that the frames of a document describe, in their order.
 
     Frames that name no camera get one by their poses (`camera_names`).
+
+    Args:
+        top: the top level of the document, for what holds for all frames, and for messages.
+        frames: keys of each frame, with those of the top level that it does not have (`frames_of`).
+        dtype: type of the cameras' numbers.
+
+    Raises:
+        CaptureError: a frame contradicts the format; the message names file, frame and key.
     """
     _check_times(top, frames)
     _warn_splits(top, frames)
@@ -89,7 +97,13 @@ def views_of(top: Keys, frames: list[Keys], dtype: DTypeLike = jnp.float32) -> l
 
 
 def views_in_time(view: View, images: Sequence[Path]) -> list[View]:
-    """The views of a fixed camera: picture i of n is at time i / n, as 4DGaussians counts."""
+    """The views of a fixed camera: picture i of n is at time i / n, as 4DGaussians counts.
+
+    Args:
+        view: the camera; all but image and time holds for every picture.
+        images: all pictures of the camera, or frames of a video (`videos.frame_path`), in the
+            order of their times.
+    """
     times = [i / len(images) for i in range(len(images))]
     dtype = view.camera.time.dtype
     return [
@@ -104,9 +118,11 @@ def views_in_time(view: View, images: Sequence[Path]) -> list[View]:
 
 
 def points_of(top: Keys, names: Sequence[str] = POINT_FILES) -> Points | None:
-    """Starting points of a capture, or None.
+    """Starting points of a capture, from a PLY file; None if there is none.
 
-    The file is the one that `ply_file_path` names, else the first of `names` beside the document.
+    Args:
+        top: the top level of a document. The file that its `ply_file_path` names is read first.
+        names: names of files to look for beside the document; the first that exists is read.
     """
     named = top.path("ply_file_path")
     if named is not None and named.is_file():
