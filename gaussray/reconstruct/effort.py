@@ -91,7 +91,13 @@ def this_machine() -> Machine:
 
 
 def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> Effort:
-    """What fit=auto chooses for a capture; anything else is left as it is."""
+    """What fit=auto chooses for a capture; without fit.auto, capture and options as they are.
+
+    Args:
+        capture: the capture, of which the training views count.
+        options: the options as set; what differs from its default stays.
+        machine: what the steps will run on.
+    """
     if not options.fit.auto:
         return Effort(capture, options, "")
     views = training_views(capture)
@@ -127,7 +133,12 @@ def _scale(views: Sequence[View], machine: Machine) -> float:
 
 
 def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> ReconstructOptions:
-    """The options, with those of `chosen` wherever they are the defaults of a reconstruction."""
+    """The options, with others in place of those that were not set.
+
+    Args:
+        options: the options as set; what differs from its default stays.
+        chosen: the options to take where a default stands.
+    """
 
     def merged(given: T, default: T, other: T) -> T:
         names = [field.name for field in dataclasses.fields(type(given))]
@@ -148,6 +159,11 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     Rigid bodies are found on surface points by cameras that stand still; on a GPU there is time to
     try whether they are better than transient Gaussians. These need at least two cameras that stand
     still, or mostly two pictures of a time; without, there is the deformation field.
+
+    Args:
+        capture: the capture, of which training views and points count.
+        options: the options as set; a fit.motion other than auto is the only choice.
+        machine: what the steps will run on.
     """
     fit, views = options.fit, training_views(capture)
     if fit.motion != "auto":

@@ -1,4 +1,4 @@
-"""The error of held-out tiles, and whether a fit still improves."""
+"""PSNR of held-out tiles."""
 
 import math
 
@@ -47,7 +47,16 @@ def held_out_psnr(
     sizes: BlockSizes,
 ) -> float:
     """PSNR in dB of the held-out tiles, without batches for which the tracer had no room; NaN if
-    these are more than half."""
+    these are more than half.
+
+    Args:
+        state: what is scored.
+        views: the recorded cameras of all training frames, stacked.
+        batches: the held-out tiles (`held_out_batches`).
+        cameras: the set of training cameras.
+        options: how a step renders.
+        sizes: what steps are compiled for.
+    """
     known = [
         float(_square_error(state, views, everywhere(batch, sizes.mesh), cameras,
                             options=options, sizes=sizes))

@@ -26,7 +26,16 @@ class NonFiniteLoss(RuntimeError):
 
 
 def refuse(out: Path, *, resume: bool) -> None:
-    """Stop where an unfinished run would be overwritten, or one that is not there resumed."""
+    """Stop where an unfinished run would be overwritten, or one that is not there resumed.
+
+    Args:
+        out: the output folder of the run.
+        resume: whether the run shall go on with the one in `out`.
+
+    Raises:
+        ValueError: `out` holds an unfinished run, and `resume` is False.
+        FileNotFoundError: `out` holds none, and `resume` is True.
+    """
     unfinished = (out / "checkpoint.npz").is_file()
     if unfinished and not resume:
         raise ValueError(
@@ -40,12 +49,19 @@ def refuse(out: Path, *, resume: bool) -> None:
 
 
 class RunLog:
-    """metrics.jsonl and checkpoint.npz in the output folder `out` of a run.
+    """metrics.jsonl and checkpoint.npz in the output folder of a run.
 
-    A folder with an unfinished run is open to `resume` alone, and `resume` to no other folder; what
-    does not fit is refused before anything is written. `interval` are the seconds between two
-    checkpoints. With several processes, only one `writes`. `listener` is called with every line of
-    metrics.jsonl.
+    Args:
+        out: the output folder, which is made.
+        resume: go on with the unfinished run in `out`; False: `out` may hold none.
+        interval: seconds between two checkpoints (`save_in_time`).
+        writes: whether this process writes the files; of several, one does.
+        listener: called with every line of metrics.jsonl.
+
+    Raises:
+        ValueError: `out` holds an unfinished run, and `resume` is False.
+        FileNotFoundError: `out` holds none, and `resume` is True.
+        OSError: `out` cannot be written.
     """
 
     def __init__(
@@ -84,8 +100,17 @@ class RunLog:
     def record(
         self, progress: RunProgress, step: int, terms: dict[str, Array], gaussians: int
     ) -> None:
-        """Write one line of metrics: the mean terms of the loss in the block that ended at `step`,
-        and the number of Gaussians."""
+        """Write one line of metrics.jsonl about a block of steps.
+
+        Args:
+            progress: the segment and stage of the block.
+            step: steps of the stage that are done with the block.
+            terms: the terms of the loss, unweighted, as means over the block, with `mse`.
+            gaussians: the number of Gaussians after the block.
+
+        Raises:
+            OSError: the file cannot be written.
+        """
         if not self.writes:
             return
         line: dict[str, Any] = {"segment": progress.segment} if progress.segments > 1 else {}
@@ -102,7 +127,12 @@ class RunLog:
             self.listener(line)
 
     def save(self, state: State, progress: RunProgress) -> None:
-        """Write a checkpoint, whole or not at all."""
+        """Write a checkpoint, whole or not at all.
+
+        Args:
+            state: the state to go on from.
+            progress: the rest of what a run goes on with.
+        """
         if not self.writes:
             return
         length = self.metrics.stat().st_size if self.metrics.exists() else 0
@@ -110,17 +140,28 @@ class RunLog:
         self.saved = clock.monotonic()
 
     def save_in_time(self, state: State, progress: RunProgress) -> None:
-        """Write a checkpoint if the last one is older than the interval."""
+        """Write a checkpoint if the last one is older than the interval.
+
+        Args:
+            state: the state to go on from.
+            progress: the rest of what a run goes on with.
+        """
         if clock.monotonic() - self.saved > self.interval:
             self.save(state, progress)
 
     def demand_finite(
         self, terms: dict[str, Array], before: State, after: State, progress: RunProgress
     ) -> None:
-        """Stop at the first value that is not finite, with the state `before` on disk.
+        """Stop at the first value that is not finite, with the state before the block on disk.
+
+        Args:
+            terms: the terms of the loss, as means over the block.
+            before: the state before the block.
+            after: the state after the block.
+            progress: the progress before the block.
 
         Raises:
-            NonFiniteLoss: a term of the loss or a parameter `after` the block is not finite.
+            NonFiniteLoss: a term of the loss or a parameter after the block is not finite.
         """
         wrong = [_term_key(name) for name, value in terms.items() if not np.isfinite(float(value))]
         # The tracer passes over Gaussians that are not finite, so the loss alone would not tell.

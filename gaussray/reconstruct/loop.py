@@ -36,7 +36,17 @@ _STILL_SHARE = 0.25
 def run_stage(
     session: Session, stage: str, state: State, progress: RunProgress
 ) -> tuple[State, RunProgress]:
-    """All steps that are left of a stage (coarse or fine), in blocks of fit.block."""
+    """All steps that are left of a stage, in blocks of fit.block.
+
+    Args:
+        session: the segment.
+        stage: coarse or fine.
+        state: the state to begin or to go on with; its step tells how many steps are done.
+        progress: the progress so far.
+
+    Returns:
+        State and progress after the last step.
+    """
     fit, log, loader = session.options.fit, session.log, session.loader
     progress = replace(progress, stage=stage)
     plan = step_plan(session, progress)
@@ -94,7 +104,15 @@ def _held_out_score(
 
 
 def held_out_score(session: Session, state: State) -> float:
-    """PSNR in dB of the session's held-out tiles; NaN if the tracer has no room for most."""
+    """PSNR in dB of the session's held-out tiles; NaN if the tracer has no room for most.
+
+    Args:
+        session: the segment, with held-out tiles.
+        state: what is scored.
+
+    Raises:
+        ValueError: no tiles are held out.
+    """
     views, cameras = everywhere((session.footage.camera, session.cameras), session.mesh)
     score = _held_out_score(session, "fine", views, cameras)
     if score is None or session.held_out is None:
@@ -110,9 +128,16 @@ def _say_stopped(session: Session, plan: StepPlan, done: int) -> None:
 
 
 def step_plan(session: Session, progress: RunProgress) -> StepPlan:
-    """The number of steps of the current stage. Where all pictures share one time there is one
-    stage, which takes the steps of both, or as many as fit into fit.minutes. What stands still
-    takes a share of these minutes where it is fitted first."""
+    """The number of steps of the current stage.
+
+    Where all pictures share one time there is one stage, which takes the steps of both, or as many
+    as fit into fit.minutes. What stands still takes a share of these minutes where it is fitted
+    first.
+
+    Args:
+        session: the segment.
+        progress: the stage, and the steps planned before a run was interrupted.
+    """
     fit, coarse = session.options.fit, progress.stage == "coarse"
     several = len(session.times) > 1
     if several and coarse and not (session.still_first and fit.minutes):
@@ -131,6 +156,10 @@ def step_options(session: Session, stage: str) -> StepOptions:
     In the coarse stage of a scene that moves, only what cameras make of colours is refined: the
     scene is not formed yet and would form around the cameras' errors. After the first segment the
     cameras are known.
+
+    Args:
+        session: the segment.
+        stage: coarse or fine.
     """
     options, refine = session.options, session.options.fit.refine
     if session.later:
@@ -154,6 +183,11 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
     """The sizes to compile the steps of a stage for, with room for what density control adds.
 
     Gaussians that replace each other are smaller, so lists grow more slowly than their number.
+
+    Args:
+        session: the segment.
+        state: the state before the first step.
+        batches: the tiles of a block, of which the first step is measured.
     """
     mesh, keys, density = session.mesh, session.key_states(state), session.options.density
     count = _gaussian_count(state)

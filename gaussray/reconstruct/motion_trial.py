@@ -80,8 +80,8 @@ def trial(
     Args:
         capture: the capture with held-out views (`held_out_capture`).
         out: the folder of the run; the trial's own is removed.
-        rivals: the options of each choice.
-        fit: reconstructs.
+        rivals: the options of each choice of fit.motion.
+        fit: reconstructs a capture in a folder.
         devices: how many devices share the rays (None: all).
     """
     folder, scores = out / "trial", {}
@@ -100,7 +100,12 @@ def trial(
 
 
 def trial_sentence(scores: Mapping[str, float], nouns: Mapping[str, str]) -> str:
-    """A line that tells how a trial ended."""
+    """A line that tells how a trial ended.
+
+    Args:
+        scores: PSNR in dB of every choice of fit.motion (`trial`), at least one.
+        nouns: what to call each choice.
+    """
     best = max(scores, key=lambda name: scores[name])
     others = [f"{nouns[name]} {scores[name]:.1f} dB" for name in scores if name != best]
     return (

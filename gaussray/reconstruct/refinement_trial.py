@@ -71,9 +71,9 @@ def with_refinement_tried(
     Args:
         capture: the capture.
         out: the folder of the run, which gets refine.json.
-        options: the options.
+        options: the options; fit.refine names the corrections to try, fit.refine_gain the dB.
         segment: the first segment, in which cameras are refined.
-        fitted: fits.
+        fitted: fits all stages of a segment.
         resume: whether the run goes on: then by the scores of its own trial.
         devices: how many devices share the rays (None: all).
         say: gets lines on what is tried, and which corrections are kept.
@@ -108,7 +108,12 @@ def with_refinement_tried(
 
 
 def refinement_sentence(kept: Sequence[str], scores: dict[str, float]) -> str:
-    """A line that tells which corrections were kept."""
+    """A line that tells which corrections were kept.
+
+    Args:
+        kept: the corrections that were kept.
+        scores: PSNR in dB with each correction, "" for the recorded cameras (`kept_corrections`).
+    """
     told = [
         f"{kind} {value:.2f} dB ({'kept' if kind in kept else 'left as recorded'})"
         for kind, value in scores.items()

@@ -35,19 +35,21 @@ class SavedSizes(eqx.Module):
 class RunProgress(eqx.Module):
     """How far a reconstruction has come, apart from the optimiser's state.
 
-    stage: the current stage, one of STAGES.
-    segment, segments: the current segment, from 1, and how many the capture is cut into.
-    initial: how many static and how many moving Gaussians stood on known points at the start of the
-        segment. They are the first rows; they stay even if no ray ever meets them.
-    limit: the largest numbers of static and of moving Gaussians that density control may reach.
-    most: the largest number of Gaussians of both kinds together, in every segment.
-    planned: the steps of a stage that takes a given time; 0 until its pace is known.
-    bodies: the rigid bodies of the segment before; None in the first segment.
-    sizes: what the last block of steps was compiled for; None before the first block.
-    tile_errors: the errors that the sampler has seen; None if fit.error is 0.
-    moved: the moving pixels of every frame and tile, where cameras move; None where the temporal
-        medians of cameras that stand still tell them.
-    metrics_bytes: the length of metrics.jsonl when the checkpoint was written.
+    Args:
+        stage: the current stage, one of STAGES.
+        segment: the current segment, from 1.
+        segments: how many segments the capture is cut into.
+        initial: how many static and how many moving Gaussians stood on known points at the start of
+            the segment. They are the first rows; they stay even if no ray ever meets them.
+        limit: the largest numbers of static and of moving Gaussians that density control may reach.
+        most: the largest number of Gaussians of both kinds together, in every segment.
+        planned: the steps of a stage that takes a given time; 0 until its pace is known.
+        bodies: the rigid bodies of the segment before; None in the first segment.
+        sizes: what the last block of steps was compiled for; None before the first block.
+        tile_errors: the errors that the sampler has seen; None if fit.error is 0.
+        moved: the moving pixels of every frame and tile, where cameras move; None where the
+            temporal medians of cameras that stand still tell them.
+        metrics_bytes: the length of metrics.jsonl when the checkpoint was written.
     """
 
     stage: str = eqx.field(static=True, default="coarse")
@@ -84,7 +86,15 @@ def progress_to_json(progress: RunProgress) -> dict[str, Any]:
 
 
 def progress_from_json(block: dict[str, Any], tile_errors: TileErrorState | None) -> RunProgress:
-    """The progress that `progress_to_json` wrote. ValueError if it cannot be."""
+    """The progress that `progress_to_json` wrote.
+
+    Args:
+        block: the JSON block of a checkpoint's header.
+        tile_errors: the errors that the sampler had seen; None if there are none.
+
+    Raises:
+        ValueError: the block does not say what it must, or an entry is not of its kind.
+    """
     stage, segment, segments = (block.get(k, 1) for k in ("stage", "segment", "segments"))
     if stage not in STAGES or not _are_counts([segment, segments], 1) or segment > segments:
         raise ValueError("does not say where the fit stopped")

@@ -37,10 +37,18 @@ from gaussray.tracer.shard import mesh_of_hosts
 
 
 class Session:
-    """Capture, cameras, pictures, loader, log and options of one segment (None: the whole capture).
+    """What the reconstruction of one segment of a capture works with.
 
     The cameras are those of all segments: they are refined in the first segment, and the others
     use the result. With several hosts, each holds the same values.
+
+    Args:
+        capture: the whole capture.
+        log: metrics and checkpoints of the run, whose folder may hold the pictures.
+        options: all options.
+        quiet: show no progress bars.
+        devices: how many devices of every host share the rays of a step; None: all.
+        segment: the views and the interval of time; None: the whole capture.
 
     Attributes:
         footage: the training pictures of the segment, and their cameras.
@@ -115,12 +123,22 @@ class Session:
         return len(np.unique(self.footage.viewpoints)) < len(self.footage.viewpoints)
 
     def progress_bar(self, work: str, total: int, patience: float = 0.0) -> Progress:
-        """A progress bar for a piece of work on this segment."""
+        """A progress bar for a piece of work on this segment.
+
+        Args:
+            work: name of the work, shown after the segment's.
+            total: number of units of the work.
+            patience: work shorter than this, in seconds, is not shown.
+        """
         name = f"{self.name}: {work}" if self.name else work
         return Progress(name, total, quiet=self.quiet, patience=patience)
 
     def resume(self, state: State, progress: RunProgress) -> None:
         """Prepare the session to go on with the state of an interrupted run.
+
+        Args:
+            state: the state of the checkpoint.
+            progress: the progress of the checkpoint.
 
         Raises:
             ValueError: the run refined other parameters of the cameras than fit.refine names.
@@ -159,6 +177,13 @@ class Session:
 
         Those of them that stood on known points stay, for other cameras may see them; random ones
         go. Before the first step of a stage none counts as unmet.
+
+        Args:
+            state: the state.
+            progress: how many Gaussians stood on known points at the start of the segment.
+
+        Returns:
+            The scene, and for its static and then its moving Gaussians whether no ray has met them.
         """
         p, second, parts, unmet = state.parameters, state.adam.nu, [], []
         for name, initial in zip(("static", "moving"), progress.initial, strict=True):
@@ -182,6 +207,11 @@ def hand_over(session: Session, state: State, progress: RunProgress) -> tuple[St
 
     The state holds all Gaussians as static ones, where they are at the time that both segments
     share, and the refined cameras. Transient Gaussians stay behind: each segment finds its own.
+
+    Args:
+        session: the segment that is done.
+        state: its last state.
+        progress: its progress.
     """
     scene, _ = session.scene(state, progress)
     last = jnp.asarray(session.times[-1], scene.time_range.dtype)
@@ -213,10 +243,13 @@ def _with_tile_levels(options: ReconstructOptions, footage: Footage) -> Reconstr
 
 
 def scene_extent(eye: Float[np.ndarray, "poses 3"], points: Points | None) -> float:
-    """The scene's length unit: half the diagonal of the bounding box of the cameras at `eye`.
+    """The scene's length unit: half the diagonal of the bounding box of the cameras.
 
-    For cameras that stand still it is a thousandth of their median distance from the points (of 1,
-    without points).
+    For cameras that stand still it is a thousandth of their median distance from the points.
+
+    Args:
+        eye: positions of the cameras in the world, of all their poses.
+        points: the points of the capture; None: their distance counts as 1.
     """
     distance = 1.0
     if points is not None:

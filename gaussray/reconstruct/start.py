@@ -43,6 +43,10 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
 
     Gaussians stand on the points of an initialiser and on random ones around these. Which of them
     may move is decided here, so that static and moving Gaussians keep their rows.
+
+    Args:
+        session: the first segment.
+        progress: the progress so far.
     """
     fit = session.options.fit
     position, color, on_surfaces = initial_points(
@@ -84,6 +88,11 @@ def continued_state(
     """The state before the fine stage of a later segment, from what the one before handed over.
 
     The Gaussians whose pixels change in this segment may move now.
+
+    Args:
+        session: the later segment.
+        state: the state that was handed over (`session.hand_over`), with static Gaussians only.
+        progress: the progress that was handed over.
     """
     static = state.parameters.static
     gaussians = constrain(take_rows(static, np.flatnonzero(occupied(static))))
@@ -137,8 +146,16 @@ def _with_room(
 
 def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[State, RunProgress]:
     """The state before the fine stage, with all that shows what moves (fit.motion): tracked rigid
-    bodies, a deformation field that does nothing yet, and transient Gaussians; and the progress,
-    which has no plan of steps yet."""
+    bodies, a deformation field that does nothing yet, and transient Gaussians.
+
+    Args:
+        session: the segment.
+        state: the state after the coarse stage, or before the first step of a later segment.
+        progress: the progress so far, with the rigid bodies of the segment before.
+
+    Returns:
+        The state, and the progress, which has no plan of steps yet.
+    """
     parameters, progress = state.parameters, replace(progress, planned=0)
     deformation, transient = parameters.deformation, parameters.transient
     if session.options.fit.deforms:

@@ -42,7 +42,12 @@ class Schedule(eqx.Module):
 
 
 def schedule(steps: int, seed: int) -> Schedule:
-    """The schedule of a stage."""
+    """The schedule of a stage.
+
+    Args:
+        steps: steps of the whole stage.
+        seed: seed of the steps' noise.
+    """
     return Schedule(jnp.asarray(steps, jnp.int32), jnp.asarray(seed, jnp.int32))
 
 
@@ -57,8 +62,19 @@ def measure_sizes(
     keys: int = 1,
     growth: float = 1.0,
 ) -> BlockSizes:
-    """Twice the sizes that the first step of a block needs: steps see different tiles. `growth` is
-    the factor by which the lists are expected to grow."""
+    """The sizes to compile a block of steps for: twice those that its first step needs, as steps
+    see different tiles.
+
+    Args:
+        state: the state before the block.
+        views: the recorded cameras of all training frames, stacked.
+        batches: the tiles of every step, with a leading axis of steps; the first step is measured.
+        cameras: the set of training cameras.
+        options: how a step renders.
+        mesh: the devices that share the rays.
+        keys: the number of key states of the scene across a step.
+        growth: factor by which the lists are expected to grow until the stage ends.
+    """
 
     @eqx.filter_jit
     def first_step(state, views, batch, cameras):
@@ -84,12 +100,22 @@ def train_block(
     schedule: Schedule,
     sizes: BlockSizes,
 ):
-    """The state after a block of steps, the mean terms of the loss, the errors of all tiles, the
-    largest list sizes, and how many list entries were dropped.
+    """A block of steps. If the tracer dropped list entries, the block is void: run it again with
+    enlarged sizes.
 
-    `views` are the cameras of all frames as recorded, `batches` what each step looks at; over the
-    steps of the `schedule` the rates fall. A tile's error is its mean absolute
-    difference. If anything was dropped, the block is void: run it again with enlarged sizes.
+    Args:
+        state: the state before the block.
+        views: the recorded cameras of all training frames, stacked.
+        batches: the tiles of every step, with a leading axis of steps.
+        cameras: the set of training cameras.
+        options: the options of a step.
+        schedule: length of the stage, over which the rates fall, and seed.
+        sizes: what the block is compiled for.
+
+    Returns:
+        The state after the block, the terms of the loss (unweighted, as means over the steps), the
+        error of every tile (its mean absolute difference, (steps, tiles)), the largest list sizes
+        needed, and how many list entries were dropped.
     """
 
     bounds = scale_bounds(state.parameters, cameras, options.footprint)

@@ -36,9 +36,16 @@ from gaussray.tracer.traverse import Capacity
 class StepOptions(eqx.Module):
     """Options of a training step.
 
-    `samples` is the number of rays of a pixel, `footprint` the least standard deviation of a
-    Gaussian in pixels, `refine` what the stage refines of the cameras. `formed` and `rise` (the
-    steps after which harmonics of the next degree begin to learn) are those of `rates`.
+    Args:
+        loss: weights of the terms of the loss.
+        optimizer: learning rates.
+        trace: how rays are traced.
+        samples: rays of a pixel.
+        footprint: the least standard deviation of a Gaussian, in pixels; 0: none.
+        refine: what the stage refines of the cameras (`corrections.REFINABLE`).
+        formed: whether static Gaussians were fitted in an earlier segment (`rates`).
+        rise: steps after which harmonics of the next degree begin to learn (`rates`).
+        density: what opacity and scale cost, and the noise of positions.
     """
 
     loss: LossOptions
@@ -57,9 +64,13 @@ class StepOptions(eqx.Module):
 
 
 class BlockSizes(eqx.Module):
-    """The static sizes that a block of steps is compiled for: the capacity of the tracer's lists,
-    the devices, and the number of key states of the scene across a step (1: all its rays share one
-    time)."""
+    """The static sizes that a block of steps is compiled for.
+
+    Args:
+        capacity: sizes of the tracer's lists.
+        mesh: the devices that share the rays.
+        keys: the number of key states of the scene across a step; 1: all its rays share one time.
+    """
 
     capacity: Capacity
     mesh: Mesh = eqx.field(static=True)
@@ -97,8 +108,19 @@ def loss_of(
     options: StepOptions,
     sizes: BlockSizes,
 ) -> tuple[Float[Array, ""], LossDetails]:
-    """The loss of one step: the sum of its terms, each times its weight. What opacity and scale
-    cost is not part of it (`density_costs`)."""
+    """The loss of one step: the sum of its terms, each times its weight.
+
+    What opacity and scale cost is not part of it (`density_costs`).
+
+    Args:
+        parameters: what is learnt.
+        views: the recorded cameras of all training frames, stacked.
+        batch: the tiles of the step.
+        cameras: the set of training cameras.
+        step: steps of the stage before this one; it chooses the samples of pixels.
+        options: the options of a step.
+        sizes: what the step is compiled for.
+    """
     rays, gain = step_rays(parameters, views, batch, cameras, step, options)
     truth, weight = tile_colors(batch)
     scene = _dealt_out(scene_of(parameters, jnp.zeros(2), cameras.times), sizes.mesh)
@@ -132,9 +154,18 @@ def loss_of(
 def density_costs(
     parameters: Parameters, time: Array, cameras: CameraSet, density: DensityOptions
 ) -> tuple[Float[Array, ""], dict[str, Float[Array, ""]]]:
-    """What opacity and scale cost where Gaussians are relocated, so that unused ones fade: the sum
-    of both times their weights, and each without its weight (`relocation.costs`). Transient
-    Gaussians count as far as they are there at the step's time, times `density.transient_cost`."""
+    """What opacity and scale cost where Gaussians are relocated, so that unused ones fade.
+
+    Args:
+        parameters: what is learnt.
+        time: the step's time: transient Gaussians count as far as they are there.
+        cameras: the set of training cameras, for extent and timestamps.
+        density: kind of density control, and weights of the costs.
+
+    Returns:
+        The sum of both costs times their weights, and each without its weight (`relocation.costs`),
+        by name; 0 and no names where Gaussians are not relocated.
+    """
     if not density.relocates:
         return jnp.zeros(()), {}
     kinds = [Presence(free) for free in (parameters.static, parameters.moving)]
@@ -157,8 +188,19 @@ def step_rays(
     step: Int[Array, ""],
     options: StepOptions,
 ) -> tuple[Rays, Float[Array, "rays 3 ..."] | None]:
-    """Rays of a step (samples x rays) from the refined cameras, and the `color_response` for each
-    pixel (None: light as it is)."""
+    """Rays of a step from the refined cameras, and the `color_response` for each pixel.
+
+    Args:
+        parameters: what is learnt, with the corrections of cameras.
+        views: the recorded cameras of all training frames, stacked.
+        batch: the tiles of the step.
+        cameras: the set of training cameras.
+        step: steps of the stage before this one; it chooses the samples of pixels.
+        options: number of samples, and size of ray bundles.
+
+    Returns:
+        Rays (samples, tiles x pixels), and the responses (None: light as it is).
+    """
     seen, owner = jax.tree.map(lambda x: x[batch.frame], (views, cameras.owner))
     camera, gain = refined_views(parameters.corrections, cameras, seen, owner)
     if gain is not None:
@@ -168,7 +210,15 @@ def step_rays(
 
 
 def step_motion(scene: Scene, rays: Rays, time: Array, cameras: CameraSet, keys: int) -> Motion:
-    """The scene across the times of a step's rays, or at the step's own time for a single key."""
+    """The scene across the times of a step's rays, or at the step's own time for a single key.
+
+    Args:
+        scene: the scene.
+        rays: the rays of the step.
+        time: the step's time, the timestamp of its pictures.
+        cameras: the set of training cameras, whose interval between timestamps is read.
+        keys: the number of key states, evenly spread from the first to the last ray.
+    """
     if keys == 1 or scene.deformation is None:
         return scene_motion(scene, time[None])
     # Rays that happen to share one time still need an interval to be in.

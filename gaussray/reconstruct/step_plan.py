@@ -36,8 +36,12 @@ class StepPlan:
         self.stopped = 0
 
     def after_block(self, done: int, score: Callable[[], float] | None = None) -> bool:
-        """Whether the plan has changed after the block that ended with step `done`. `score` is the
-        PSNR of held-out tiles, if there are any."""
+        """Whether the plan has changed after a block.
+
+        Args:
+            done: steps of the stage that are done with the block.
+            score: measures the PSNR of held-out tiles, in dB; None if there are none.
+        """
         return False
 
     def noted(self, progress: RunProgress) -> RunProgress:
@@ -48,8 +52,9 @@ class StepPlan:
 class Plateau:
     """Tells when a score no longer improves.
 
-    `reached(step, score)` is true from the step on at which no score of the last `patience` x step
-    steps was `gain` above the best one before them.
+    Args:
+        patience: share of all steps so far that may pass without improvement.
+        gain: what counts as improvement on the best score before.
     """
 
     def __init__(self, patience: float = 0.2, gain: float = 0.05):
@@ -57,6 +62,12 @@ class Plateau:
         self._best, self._since = -np.inf, 0
 
     def reached(self, step: int, score: float) -> bool:
+        """Whether the score has not improved for too long; a NaN starts the wait anew.
+
+        Args:
+            step: steps that are done.
+            score: the score after them, where more is better; NaN where it is not known.
+        """
         if math.isnan(score):
             # Unknown is no reason to end.
             self._since = step
@@ -66,12 +77,16 @@ class Plateau:
 
 
 class TimedPlan(StepPlan):
-    """As many steps as fit into `seconds` from the end of the first block on, in whole blocks.
+    """As many steps as fit into a time from the end of the first block on, in whole blocks.
 
     Reading, stereo and compilation, which come before, do not count: they differ most from machine
     to machine. There are at least _LEAST steps. The pace is measured during the first half; then
-    the plan stays. When held-out tiles no longer
-    improve, the plan is cut to a tenth more steps, over which the learning rates fall to their end.
+    the plan stays. When held-out tiles no longer improve, the plan is cut to a tenth more steps,
+    over which the learning rates fall to their end.
+
+    Args:
+        seconds: duration of the stage.
+        block: steps of a block.
     """
 
     def __init__(self, seconds: float, block: int):

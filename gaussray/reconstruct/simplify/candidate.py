@@ -16,8 +16,14 @@ from gaussray.scene.scene import Scene
 
 
 class Candidate(eqx.Module):
-    """A scene as it would be with only the Gaussians in `kept`, static ones first, and with those
-    in `resting` in their state of `rest` at all times."""
+    """A scene with parts removed on trial.
+
+    Args:
+        scene: the scene, whose rows stay.
+        rest: the state of every moving Gaussian in which it stays if it rests.
+        kept: which Gaussians are kept, static ones first.
+        resting: which moving Gaussians are in their state of `rest` at all times.
+    """
 
     scene: Scene
     rest: Gaussians
@@ -41,6 +47,10 @@ def begin_candidate(
     the largest, over the times, of its distance from there in units of its largest scale, of the
     change of its axes relative to their length (turn and stretch), and of the logarithm of its
     tint: 0.1 is a tenth of its size, or of its light.
+
+    Args:
+        scene: the whole scene.
+        times: the times at which the states are taken; not read without a deformation.
     """
     candidate = whole_candidate(scene)
     if scene.deformation is None or not scene.moving.count:
@@ -82,7 +92,12 @@ def _moved(scene: Scene, time: Float[Array, ""]) -> Gaussians:
 
 
 def at_time(candidate: Candidate, time: Float[Array, ""]) -> Gaussians:
-    """All Gaussians of a candidate at one time. Removed ones are too faint for a ray to meet."""
+    """All Gaussians of a candidate but transient ones, at one time; static ones first.
+
+    Args:
+        candidate: the candidate. Gaussians that it removes are too faint for a ray to meet.
+        time: the time, in the capture's unit.
+    """
     scene = candidate.scene
     moved, rests = _moved(scene, time), candidate.resting
     still = eqx.tree_at(
@@ -139,7 +154,12 @@ def _joined(first: Gaussians, second: Gaussians) -> Gaussians:
 
 
 def without_head(candidate: Candidate, name: str) -> Candidate:
-    """The same without the residual of one head."""
+    """The candidate without the residual of one head of the deformation network.
+
+    Args:
+        candidate: a candidate with a deformation field.
+        name: the head, one of `HEADS`.
+    """
     head = getattr(_field(candidate), name)
     return eqx.tree_at(
         lambda d: getattr(d.scene.deformation, name),
@@ -152,8 +172,14 @@ def without_head(candidate: Candidate, name: str) -> Candidate:
 def without_scale(
     candidate: Candidate, scale: int, times: Float[np.ndarray, " instants"]
 ) -> Candidate:
-    """The same with the features of one scale replaced by their mean over the moving Gaussians and
-    the times."""
+    """The candidate with the features of one scale of its planes replaced by their mean over the
+    moving Gaussians and some times.
+
+    Args:
+        candidate: a candidate with a deformation field.
+        scale: number of the scale, from 0, the order of `Planes.space`.
+        times: the times of the mean, in the capture's unit.
+    """
     field = _field(candidate)
     own = scale_rows(field.planes)[scale]
     place, weight = candidate.scene.moving.mean, field.trunk.weight
@@ -169,15 +195,25 @@ def _mean_features(planes: Planes, place: Array, times: Array) -> Float[Array, "
 
 
 def with_steady(candidate: Candidate, scale: int) -> Candidate:
-    """The same with the time planes of one scale at their mean over time."""
+    """The candidate with the time planes of one scale at their mean over time.
+
+    Args:
+        candidate: a candidate with a deformation field.
+        scale: number of the scale, from 0, the order of `Planes.time`.
+    """
     plane = _field(candidate).planes.time[scale]
     mean = jnp.broadcast_to(jnp.mean(plane, axis=1, keepdims=True), plane.shape)
     return eqx.tree_at(lambda d: d.scene.deformation.planes.time[scale], candidate, mean)
 
 
 def with_degree(candidate: Candidate, part: str, degree: int) -> Candidate:
-    """The same with harmonics up to a degree only, of the Gaussians that move or of the static
-    ones, with which those at rest will be."""
+    """The candidate with harmonics up to a degree only, of its static or of its moving Gaussians.
+
+    Args:
+        candidate: the candidate.
+        part: static or moving. Static ones include those at rest, which will be static.
+        degree: the highest degree that is kept, 0 to 3.
+    """
     cut = (degree + 1) ** 2
     if part == "static":
         rest = candidate.rest.harmonics.at[:, cut:].set(0)

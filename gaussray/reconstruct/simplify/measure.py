@@ -34,8 +34,13 @@ _MEAN_FRAMES, _MEAN_TILES = 8, 256
 
 
 class TrainingViews(NamedTuple):
-    """The training pictures with their cameras and their `color_response` as refined (None: light
-    as it is)."""
+    """The training pictures with what was refined of their cameras.
+
+    Args:
+        footage: the pictures.
+        camera: the cameras as refined, stacked.
+        gain: the `color_response` of each frame as refined; None: light as it is.
+    """
 
     footage: Footage
     camera: Camera
@@ -43,9 +48,16 @@ class TrainingViews(NamedTuple):
 
 
 class TileView(NamedTuple):
-    """Tiles of training pictures at one time: chief rays, sRGB-encoded colours, the weight of each
-    ray (0 where a picture is masked, and where the lens forms no ray), the `color_response` to
-    linear light, and the mean sRGB-encoded colour of the viewpoint's pictures."""
+    """Tiles of training pictures at one time.
+
+    Args:
+        time: the time of the pictures, in the capture's unit.
+        rays: chief rays of the pixels.
+        truth: sRGB-encoded colours of the pixels, in [0, 1].
+        weight: 0 where a picture is masked and where the lens forms no ray, else 1.
+        gain: the `color_response` of each ray to linear light.
+        mean: mean sRGB-encoded colour of the pictures of the ray's viewpoint.
+    """
 
     time: Float[Array, ""]
     rays: Rays
@@ -70,10 +82,15 @@ def tile_views(
     """Random tiles to measure PSNR on, and others, chosen independently, to measure contributions
     on.
 
-    The first are, at each of `instants` evenly spread times, as many tiles as have `tiles` ray
-    bundles. The second have about `weigh` bundles in all. Neither are more than there are. They go
-    through the tiles from time to time, so that together they cover the static scene if `weigh`
-    allows.
+    Neither are more than there are. The latter go through the tiles from time to time, so that
+    together they cover the static scene if `weigh` allows.
+
+    Args:
+        views: the training pictures.
+        tiles: ray bundles of the tiles of the first kind, at each time.
+        instants: the largest number of times, which are evenly spread.
+        weigh: ray bundles of the tiles of the second kind, about so many at all times together.
+        seed: seed of both choices.
     """
     seen, gain = views.footage, views.gain
     tile_count, bundles = seen.pixel.shape[1], (seen.side // (seen.bundle or seen.side)) ** 2
@@ -148,8 +165,14 @@ def _chief_rays(views: Camera, frame: Array, tile: Array, *, side: int, bundle: 
 
 
 class Tracing(eqx.Module):
-    """How candidates are traced: options, devices, and the number of key states of the scene across
-    the times of one picture (1 where all its rays share one time)."""
+    """How candidates are traced.
+
+    Args:
+        options: options of the tracer.
+        mesh: the devices that share the rays.
+        keys: the number of key states of the scene across the times of one picture; 1: all its rays
+            share one time.
+    """
 
     options: TraceOptions
     mesh: Mesh = eqx.field(static=True)
@@ -161,7 +184,12 @@ _Program = Callable[[Candidate, TileView, Tracing, Capacity], tuple[Array, Array
 
 
 class CandidateMeter:
-    """Measures candidates on the same tiles, in programs that are compiled once."""
+    """Measures candidates on the same tiles, in programs that are compiled once.
+
+    Args:
+        views: the tiles to measure PSNR on.
+        tracing: how candidates are traced.
+    """
 
     def __init__(self, views: Sequence[TileView], tracing: Tracing):
         self.views, self.tracing = views, tracing
@@ -169,8 +197,13 @@ class CandidateMeter:
         self.weight = 3 * float(np.sum([np.sum(view.weight) for view in views]))
 
     def psnr(self, candidate: Candidate, *, least: float = -math.inf) -> float:
-        """PSNR of sRGB-encoded colours, in dB. It is -inf as soon as it is sure to be below
-        `least`, which saves the rest of the tiles."""
+        """PSNR of sRGB-encoded colours, in dB, on the meter's tiles.
+
+        Args:
+            candidate: what is measured.
+            least: in dB. As soon as the PSNR is sure to be below it, the result is -inf, which
+                saves the rest of the tiles.
+        """
         square, most = 0.0, self.weight * 10 ** (-least / 10)
         for view in self.views:
             square += float(agreed(self._run(_error, candidate, view)))
@@ -181,7 +214,12 @@ class CandidateMeter:
     def weights(
         self, candidate: Candidate, views: Sequence[TileView]
     ) -> Float[np.ndarray, " gaussians"]:
-        """What every Gaussian adds to these tiles: the sum of its blending weights."""
+        """The sum of the blending weights of every Gaussian in some tiles; static ones first.
+
+        Args:
+            candidate: the candidate whose Gaussians are measured.
+            views: the tiles to measure on, instead of those of the meter; at least one.
+        """
         return agreed(np.sum([self._run(_weights, candidate, view) for view in views], axis=0))
 
     def _run(self, program: _Program, candidate: Candidate, view: TileView) -> np.ndarray:

@@ -44,8 +44,13 @@ def clip_report(reports: Sequence[dict[str, Any]]) -> dict[str, Any]:
 
 
 def summary_line(report: dict[str, Any], name: str = "the scene") -> str:
-    """One line about the report of a scene of this name. `report["file"]` is the size of the
-    written file in bytes."""
+    """One line about the report of pruning.
+
+    Args:
+        report: the report (`pruned_scene`, `clip_report`), with a `file`: the bytes of the written
+            file.
+        name: what to call the scene.
+    """
     before, after = report["before"], report["after"]
     field = [
         f"{after[part]} of {before[part]} {noun}"
