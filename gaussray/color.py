@@ -39,8 +39,11 @@ def psnr_from_mse(
 ) -> float:
     """Peak signal-to-noise ratio in dB of a mean squared error between values in 0..1.
 
-    -10 log10(mse), infinity for 0. An error below `least` counts as `least`, which keeps the result
-    finite.
+    It is -10 log10(mse).
+
+    Args:
+        mse: the mean squared error; 0 gives infinity.
+        least: a smaller error counts as this one, so that the result is finite; 0 is no limit.
     """
     error = max(float(mse), least)
     return math.inf if error == 0 else -10 * math.log10(error)

@@ -25,6 +25,10 @@ def product(subscripts: str, *factors: Float[Array, "..."]) -> Float[Array, "...
 
     By default a GPU rounds the factors of single-precision sums of products to ten bits: a ray
     would miss its pixel by a tenth.
+
+    Args:
+        subscripts: which axes are multiplied and summed, as for `jnp.einsum`.
+        factors: one array for each group of subscripts.
     """
     return jnp.einsum(subscripts, *factors, precision=jax.lax.Precision.HIGHEST)
 
@@ -75,7 +79,12 @@ def rotation_matrix(quat: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"
 
 @jax.jit
 def multiply(a: Float[Array, "*batch 4"], b: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
-    """Hamilton product: the rotation `b` followed by the rotation `a`."""
+    """Hamilton product: the rotation `b` followed by the rotation `a`.
+
+    Args:
+        a: quaternion (w, x, y, z) of the second rotation.
+        b: quaternion of the first rotation. Lengths multiply.
+    """
     aw, av, bw, bv = a[..., :1], a[..., 1:], b[..., :1], b[..., 1:]
     real = aw * bw - jnp.sum(av * bv, axis=-1, keepdims=True)
     return jnp.concatenate([real, aw * bv + bw * av + jnp.cross(av, bv)], axis=-1)
@@ -141,6 +150,11 @@ def slerp(
 
     Below 0.03 rad between the quaternions the sine ratio is replaced by its limit (linear), whose
     error there is under 1e-5 rad.
+
+    Args:
+        start: quaternion at the start, of any non-zero length; its sign does not matter.
+        end: quaternion at the end, likewise.
+        fraction: share of the way: 0 is `start`, 1 is `end`.
     """
     a, b = normalize_quaternion(start), normalize_quaternion(end)
     cosine = jnp.sum(a * b)

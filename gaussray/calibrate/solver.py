@@ -70,7 +70,13 @@ StepCallback = Callable[[int, int, float], None]
 def unknown_places(
     unknowns: Sequence[Unknown], cameras: int
 ) -> Int[np.ndarray, "cameras unknowns"]:
-    """Index of each camera's unknowns among all: first the shared ones, then camera by camera."""
+    """Index of each camera's unknowns among all: first the shared ones, then camera by camera.
+
+    Args:
+        unknowns: the unknowns of a camera, the same for all; those of a kind in `SHARED` have one
+            index for all cameras.
+        cameras: number of cameras.
+    """
     shared = np.array([one.kind in SHARED for one in unknowns], bool)
     separate = int(np.sum(~shared))
     place = np.zeros((cameras, len(unknowns)), int)

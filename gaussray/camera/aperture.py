@@ -115,12 +115,22 @@ def no_aperture() -> Aperture:
 
 
 def focused(aperture: Aperture, time: Float[Array, ""]) -> Aperture:
-    """The aperture with its focus distance at a time, in the capture's unit."""
+    """The aperture with one focus distance, that of a time.
+
+    Args:
+        aperture: the aperture; without a focus pull it stays as it is.
+        time: time of the ray, in the capture's unit.
+    """
     return dataclasses.replace(aperture, focus_distance=focus_distance_at(aperture, time))
 
 
 def focus_distance_at(aperture: Aperture, time: Float[Array, ""]) -> Float[Array, ""]:
-    """Focus distance in scene units at a time in the capture's unit."""
+    """Focus distance at a time, in scene units.
+
+    Args:
+        aperture: the aperture; without a focus pull the distance is that of all times.
+        time: time of the ray, in the capture's unit.
+    """
     pull = aperture.focus_distance
     if not isinstance(pull, FocusPull):
         return pull
@@ -137,6 +147,11 @@ def thin_lens(
     to the chief ray. The point of focus being f along the ray, the new direction is that of
     `direction - origin/f`: focus at infinity and at 90 degrees (1/f = 0) are ordinary values.
     With a rim, `u` fills what the rim leaves of the opening, and `transmitted` is its weight.
+
+    Args:
+        aperture: the aperture, with one focus distance (`focused`).
+        direction: unit direction of the chief ray in camera axes; zero gives direction zero.
+        u: point of the unit square [0, 1]^2, which is mapped onto the opening with equal areas.
     """
     distance = _distances(aperture)
     offset = aperture.radius * _opening(aperture, direction, u)
@@ -159,6 +174,11 @@ def transmitted(
     Its mean over `u` is the share of the opening that the rim leaves, and the mean of weight times
     light is the light through the whole opening, the lost rays being dark. Both are smooth in
     every parameter where the outline is, and so are their gradients unbiased.
+
+    Args:
+        aperture: as for `thin_lens`.
+        direction: as for `thin_lens`.
+        u: as for `thin_lens`.
     """
     if aperture.rim is None:
         return None

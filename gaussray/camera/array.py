@@ -105,7 +105,12 @@ def pixel_spacing(
 def nearest_camera_distance(
     cameras: CameraSet, mean: Float[Array, "gaussians 3"]
 ) -> Float[Array, " gaussians"]:
-    """Distance of each Gaussian from the camera nearest to it, in scene units."""
+    """Distance of each Gaussian from the camera nearest to it, in scene units.
+
+    Args:
+        cameras: the cameras, each at its mean position.
+        mean: centres of the Gaussians, in scene units.
+    """
 
     def nearest(point: Float[Array, "3"]) -> Float[Array, ""]:
         difference = cameras.position - point[None]

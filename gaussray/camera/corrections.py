@@ -89,8 +89,12 @@ def refined_kinds(corrections: Corrections | None) -> tuple[str, ...]:
 def require_correctable(lens: AbstractLens, key: str = "fit.refine") -> CorrectableLens:
     """Check that a lens is a `CorrectableLens`, and return it.
 
+    Args:
+        lens: the lens of a capture's camera.
+        key: the option that asks for corrections of the lens, for the message.
+
     Raises:
-        ValueError: the lens is not correctable; the message names the option `key`.
+        ValueError: the lens is not correctable.
     """
     if not isinstance(lens, CorrectableLens):
         raise ValueError(

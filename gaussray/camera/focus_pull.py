@@ -59,7 +59,12 @@ class FocusPull(eqx.Module):
 
 
 def pulled_focus(pull: FocusPull, time: Float[Array, ""]) -> Float[Array, ""]:
-    """Focus distance in scene units at a time in the capture's unit."""
+    """Focus distance at a time, in scene units; it may be infinity.
+
+    Args:
+        pull: the focus pull.
+        time: any time, in the capture's unit.
+    """
     closeness = 1 / pull.distance
     if pull.time.shape[0] > 1:
         before = jnp.searchsorted(pull.time, time, side="right") - 1

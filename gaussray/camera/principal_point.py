@@ -19,7 +19,15 @@ def axis_of(lens: AbstractLens, dtype: DTypeLike) -> Float[Array, "2"]:
 
 
 def require_axis(key: str, lens: AbstractLens) -> None:
-    """Raise a ValueError that names `key` unless the lens images its axis."""
+    """Check that a lens images its optical axis.
+
+    Args:
+        key: the option that counts from the axis, for the message.
+        lens: the lens.
+
+    Raises:
+        ValueError: the lens does not image its axis.
+    """
     if not np.all(np.isfinite(axis_of(lens, jnp.float32))):
         raise ValueError(
             f"{key} counts from the optical axis, which this lens does not image: its theta(r) "

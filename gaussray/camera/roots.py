@@ -106,7 +106,13 @@ def plane_root(
 def keeps_orientation(
     function: Callable[[Array, Any], Array], x: Float[Array, "2"], parameters: Any
 ) -> Bool[Array, ""]:
-    """Whether the Jacobian determinant of a map of the plane is positive at a point."""
+    """Whether the Jacobian determinant of a map of the plane is positive at a point.
+
+    Args:
+        function: maps the plane to itself.
+        x: the point.
+        parameters: second argument of the function, any pytree.
+    """
     a, b, c, d = _jacobian(function, x, parameters)
     return a * d - b * c > 0
 

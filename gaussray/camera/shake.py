@@ -62,6 +62,10 @@ def unit_shake(shake: Shake, time: Float[Array, ""]) -> Float[Array, "6"]:
     seed: Gaussian at any times, correlated as mean_i cos(2 pi f_i s). The f_i are the middles of
     equal shares of the spectrum, by which the correlation is right to 0.007 for delays up to 5 T
     and to 0.06 up to 60 T.
+
+    Args:
+        shake: the shake, whose correlation time and seed count.
+        time: in the capture's unit.
     """
     share = (jnp.arange(WAVES, dtype=time.dtype) + WAVES + 0.5) / (2 * WAVES)
     phase = ndtri(share) * time / shake.correlation_time

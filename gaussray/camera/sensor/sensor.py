@@ -211,12 +211,22 @@ def encode(light: Float[Array, "h w 3"], *, options: SensorOptions) -> Float[Arr
 def apply_exposure(
     light: Float[Array, "*n"], stops: Float[Array, ""] | float
 ) -> Float[Array, "*n"]:
-    """Light times 2^stops."""
+    """Light times 2^stops.
+
+    Args:
+        light: linear light.
+        stops: exposure; 0 changes nothing, 1 doubles the light.
+    """
     return light * 2.0**stops
 
 
 def quantize(value: Float[Array, "*n"], bits: int) -> Float[Array, "*n"]:
-    """Round to the nearest of 2^bits even levels from 0 to 1."""
+    """Round to the nearest of 2^bits even levels from 0 to 1.
+
+    Args:
+        value: linear light over the white level; values beyond 0 ... 1 are not clipped.
+        bits: number of bits, at least 1.
+    """
     steps = 2**bits - 1
     return jnp.round(value * steps) / steps
 
