@@ -1,7 +1,8 @@
 """fit=auto: how much work a capture is worth on this machine.
 
 Steps, tiles, Gaussians, harmonics and the size of the pictures follow from the device, the number
-and size of the training pictures and `fit.minutes`. What the user sets stays as set.
+and size of the training pictures and `fit.minutes`. What the user sets stays as set
+(but fit.minutes where numbers of steps hold).
 """
 
 import dataclasses

@@ -27,9 +27,9 @@ class FitOptions(eqx.Module):
 
     Args:
         auto: choose all that has its default by device and capture (`effort`).
-        minutes: duration of the steps, instead of their numbers `coarse` and `fine`; with `auto` not
-            where these are set or rigid bodies show what moves. 0: with `auto`, 3 on a GPU, 4 on a
-            CPU, or longer for a large capture; else the numbers of steps.
+        minutes: duration of the steps, instead of their numbers `coarse` and `fine`; with `auto`,
+            not where these are set or rigid bodies show what moves. 0: with `auto`, 3 on a GPU, 4
+            on a CPU, or longer for a large capture; else the numbers of steps.
         coarse: steps on the pictures of the first time, without deformation.
         fine: steps on the pictures of all times.
         segment: the largest number of times in a segment; a longer capture is cut into several.
