@@ -69,7 +69,7 @@ class Keys:
         """A finite number.
 
         Args:
-            key: the key.
+            key: name of the key, under this heading.
             default: value if the key is absent; without one, the key is required.
             remedy: what to do about a wrong or absent value, for the message.
 
@@ -85,7 +85,7 @@ class Keys:
         """A whole number.
 
         Args:
-            key: the key.
+            key: name of the key, under this heading.
             default: value if the key is absent; without one, the key is required.
             least: the smallest number allowed; the largest is 2^31 - 1.
 
@@ -115,7 +115,7 @@ class Keys:
         """A list of finite numbers.
 
         Args:
-            key: the key.
+            key: name of the key, under this heading.
             length: how many numbers the list must have.
             default: value if the key is absent; without one, the key is required.
 
