@@ -94,7 +94,15 @@ class Variations:
 
 @contextlib.contextmanager
 def hydra_session(command: str, words: Sequence[str]) -> Iterator[None]:
-    """Within the block, Hydra reads conf/; its errors become a ValueError that names the word."""
+    """Within the block, Hydra composes from conf/.
+
+    Args:
+        command: subcommand of `gaussray`, for messages.
+        words: words of its command line, among which a message looks for the wrong one.
+
+    Raises:
+        ValueError: Hydra or OmegaConf refuses a word; the message names it.
+    """
     GlobalHydra.instance().clear()
     try:
         with initialize_config_dir(
@@ -106,7 +114,12 @@ def hydra_session(command: str, words: Sequence[str]) -> Iterator[None]:
 
 
 def compose_unresolved(command: str, overrides: Sequence[str]) -> Configuration:
-    """The configuration as Hydra composes it, with its interpolations."""
+    """The configuration as Hydra composes it, with its interpolations.
+
+    Args:
+        command: a subcommand of `gaussray`, whose file in conf/ is composed.
+        overrides: words of the command line: `key=value` or `group=choice`.
+    """
     with hydra_session(command, overrides), as_value_error(command, overrides):
         check_search_path(overrides)
         return compose(command, hydra_words(overrides))
@@ -125,10 +138,17 @@ def check_search_path(words: Sequence[str]) -> None:
 
 @contextlib.contextmanager
 def as_value_error(command: str, words: Sequence[str]) -> Iterator[None]:
-    """Turn every error of words and files into one ValueError.
+    """Turn every error of words and files within the block into one ValueError.
 
     Beside Hydra's own errors these are what YAML and Python raise for malformed texts and for
     numbers with too many digits, and what Hydra raises for a package header without a name.
+
+    Args:
+        command: subcommand of `gaussray`, for messages.
+        words: words of its command line, among which a message looks for the wrong one.
+
+    Raises:
+        ValueError: a word or a file is wrong; the message names the word if it is found.
     """
     try:
         yield

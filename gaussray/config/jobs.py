@@ -265,8 +265,14 @@ class SampleSource(NamedTuple):
 
 
 def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
-    """The distributions and jobs of a configuration of `gaussray render`, composed from
-    `overrides`. The scene and the cameras are read once for all samples."""
+    """The distributions and jobs of a configuration of `gaussray render`.
+
+    The scene and the cameras are read once for all samples.
+
+    Args:
+        cfg: the composed configuration, with the distributions in its `sample`.
+        overrides: words that it was composed from; each sample adds its drawn values to them.
+    """
     variations = Variations("render", overrides)
     read, cameras = functools.lru_cache(2)(load), functools.lru_cache(2)(rigs.load_views)
 
@@ -287,9 +293,16 @@ def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
 def all_distributions(
     cfg: Configuration, views: Callable[[], Sequence[View]] = tuple
 ) -> dict[str, dict[str, Any]]:
-    """The distributions of the configuration, one for every seed in it (two samples must not have
-    the same noise), and those of cameras and times from which `factory.frames` are taken of the
-    views of a capture."""
+    """The distributions from which samples are drawn, by key.
+
+    They are those in `sample`, one for every seed of the configuration (two samples must not have
+    the same noise), and those of the camera and the times of `factory.frames` successive frames.
+
+    Args:
+        cfg: a configuration of `gaussray render`.
+        views: reads the capture's views, whose cameras and times are drawn; called only if these
+            are to be drawn. Without views they are not.
+    """
     seeds = {
         f"{group}.{key}": _SHAKE_SEEDS if key == "shake_seed" else _SEEDS
         for group, node in cfg.items()

@@ -26,11 +26,16 @@ LAUNCH = {
 def launch_jobs(
     command: str, overrides: Sequence[str], jobs: Sequence[Sequence[str]], task: Callable[..., Any]
 ) -> list[Any]:
-    """Run `task(cfg)` once for each job and return the results.
+    """Run a task once for each job and return the results, in the order of the jobs.
 
-    A job is a list of words that are added to the `overrides` of the command. `hydra/launcher=`
-    chooses the launcher: one job after another (basic, the default), or by a plugin on the cores of
-    a host (joblib) or on a cluster (submitit_local, submitit_slurm).
+    The word `hydra/launcher=` chooses the launcher: one job after another (basic, the default), or
+    by a plugin on the cores of a host (joblib) or on a cluster (submitit_local, submitit_slurm).
+
+    Args:
+        command: a subcommand of `gaussray`.
+        overrides: words of its command line, also Hydra's own, that hold for all jobs.
+        jobs: the words that each job adds to these.
+        task: called with the configuration of a job, perhaps in another process.
     """
     names = {word.split("=")[0] for word in overrides}
     defaults = [f"{key}={value}" for key, value in LAUNCH.items() if key not in names]

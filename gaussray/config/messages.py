@@ -25,7 +25,13 @@ _SHOWN_OF_ERROR = 300
 
 def configuration_error(command: str, error: Exception, words: Sequence[str] = ()) -> ValueError:
     """The error that the user sees: it names the wrong word if one is found, otherwise it repeats
-    the first line of `error`."""
+    the first line of the original error.
+
+    Args:
+        command: a subcommand of `gaussray`, whose keys and choices are suggested.
+        error: what Hydra, OmegaConf, YAML or Python raised.
+        words: words of the command line, among which the wrong one is looked for.
+    """
     text = (str(error).splitlines() or [type(error).__name__])[0][:_SHOWN_OF_ERROR]
     if isinstance(error, LookupError) and not isinstance(error, CONFIGURATION_ERRORS):
         text = "a file has a header (# @package NAME) or keys that cannot be understood."
@@ -41,6 +47,10 @@ def quotes_remedy(value: object, example: str) -> str:
 
     YAML reads 100_7105 as the number 1007105, so that nothing but quotes keeps such a name. A
     shell takes these away unless the word stands in quotes of the other kind.
+
+    Args:
+        value: the value as YAML read it, where a name is wanted.
+        example: how to write the word, such as `out='NAME'`.
     """
     if isinstance(value, bool) or not isinstance(value, int | float):
         return ""

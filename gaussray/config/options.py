@@ -45,8 +45,17 @@ def build_options(kind: type[OptionsT], node: Configuration) -> OptionsT:
 
 
 def field_value(field: dataclasses.Field, value: Any, key: str) -> Any:
-    """A YAML value as the type of a field of an options class; a ValueError names the `key` if the
-    value, or what is in its list, is of another type."""
+    """A YAML value as the type of a field of an options class.
+
+    Args:
+        field: the field, whose default gives the type. With the default None the value may be None,
+            or of the first type in the field's annotation.
+        value: the value; a list where the field is a tuple.
+        key: full name of the key (`lens.fov`), for messages.
+
+    Raises:
+        ValueError: the value, or what is in its list, is of another type.
+    """
     types = get_args(field.type)
     if isinstance(value, list) and float in types:
         value = _numbers(value, key)
@@ -71,8 +80,16 @@ def _numbers(values: list[Any], key: str) -> list[Any]:
 
 
 def as_type(kind: type, value: Any, key: str) -> Any:
-    """A YAML value as this type; a list becomes a tuple, and a whole number a float. A ValueError
-    names the `key` if the value is of another type."""
+    """A YAML value as a type; a list becomes a tuple, and a whole number a float.
+
+    Args:
+        kind: one of int, float, bool, str and tuple.
+        value: the value as YAML gives it.
+        key: full name of the key (`lens.fov`), for messages.
+
+    Raises:
+        ValueError: the value is of another type.
+    """
     if kind is tuple and isinstance(value, list):
         return tuple(value)
     if kind is float and type(value) is int:

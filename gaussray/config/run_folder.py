@@ -16,12 +16,17 @@ from gaussray.runtime.provenance import record_start
 def begin_run_folder(cfg: Configuration, without: Sequence[str] = (), part: str = "") -> Path:
     """Make the output folder, lock it until the command ends, and record the configuration in it.
 
-    The folder gets config.yaml, the resolved configuration but for the keys `without`. If no key is
-    left out, it also gets run.json, with the command and the time. The lock is for one `part` of
-    the folder where several processes share it (`runtime.lock`). With several hosts, host 0 writes.
+    The folder gets config.yaml, the resolved configuration. With several hosts, host 0 writes.
+
+    Args:
+        cfg: a resolved configuration; its `out` is the folder.
+        without: keys left out of config.yaml, because they differ between processes that share the
+            folder. If none is, the folder also gets run.json, with the command and the time.
+        part: what this process does of the work on a folder that several share, such as `0/4`; each
+            part has a lock of its own (`runtime.lock`). Empty: all of it.
 
     Raises:
-        OSError: The folder cannot be written, or another process is writing into it.
+        OSError: the folder cannot be written, or another process is writing into it.
     """
     out, recorded = Path(cfg.out), copy.deepcopy(cfg)
     lock_output(out, part)

@@ -20,7 +20,12 @@ def to_plain(value: Any) -> Any:
 
 
 def group_values(group: str, choice: str) -> dict[str, Any]:
-    """Keys and values of one file of conf/, such as conf/lens/fisheye.yaml."""
+    """Keys and values of one file of conf/, such as conf/lens/fisheye.yaml.
+
+    Args:
+        group: name of the group (`lens`), which is the file's folder.
+        choice: name of the choice (`fisheye`), which is the file's name.
+    """
     values: Any = OmegaConf.to_container(OmegaConf.load(conf_folder() / group / f"{choice}.yaml"))
     return values
 
