@@ -34,12 +34,26 @@ _FRAMES, _SEQUENCES = 24, 6
 def camera_plan(
     views: Sequence[View], scene: Scene | Clip | None, names: dict[str, str]
 ) -> Section:
-    """The cameras of a capture from above and from the side."""
+    """The cameras of a capture from above and from the side.
+
+    Args:
+        views: pictures with their cameras; those of a split that is not in `names` are left out.
+        scene: the scene whose Gaussians are drawn as dots; None draws cameras only.
+        names: name of each split in the legend, in the order of the colours.
+    """
     return Section("Cameras", camera_views(views, scene, names))
 
 
 def rendered_samples(scene: Scene | Clip, capture: Capture) -> Section | None:
-    """Two training and two held-out pictures of a capture beside renderings of the scene."""
+    """Two training and two held-out pictures of a capture beside renderings of the scene.
+
+    They are the middle pictures in time of the first and of the last camera of each split. Pictures
+    too large for a CPU are not rendered; a note says so. None if the capture has no pinhole views.
+
+    Args:
+        scene: the scene, which is rendered with one ray per pixel.
+        capture: the capture, of which only the pinhole views count.
+    """
     views = [one for split in SPLITS for one in _spread(capture.views, split)]
     if not views:
         return None
@@ -64,7 +78,12 @@ def rendered_samples(scene: Scene | Clip, capture: Capture) -> Section | None:
 
 
 def picture_sequences(out: Path, groups: Mapping[str, Sequence[View]]) -> Section | None:
-    """The pictures of each effect and camera, with a time slider."""
+    """The pictures of each effect and camera, with a time slider; None without pictures.
+
+    Args:
+        out: the run's folder, which a note names if there are more sequences than are shown.
+        groups: the views of each effect, in the order of time; their pictures are read.
+    """
     sequences: dict[str, list[View]] = {}
     for effect, views in groups.items():
         for view in views:
@@ -88,7 +107,14 @@ def picture_sequences(out: Path, groups: Mapping[str, Sequence[View]]) -> Sectio
 
 
 def camera_table(groups: Mapping[str, Sequence[View]], unit: str) -> Section | None:
-    """One camera per effect: its numbers, and drawings of rays, aperture and shutter."""
+    """One camera per effect: its numbers, and drawings of rays, aperture and shutter.
+
+    None without views.
+
+    Args:
+        groups: the views of each effect, of which the first is shown.
+        unit: name of the capture's unit of time.
+    """
     first = {name: views[0] for name, views in groups.items() if views}
     rows = [(name.replace("_", " "), *_camera_row(view)) for name, view in first.items()]
     heads = (
@@ -142,7 +168,13 @@ def _evenly_spread(views: list[View], count: int) -> list[View]:
 
 
 def screen_levels(path: Path, width: int, height: int) -> np.ndarray:
-    """8-bit sRGB levels of a picture file of this size; EXR is encoded to sRGB."""
+    """8-bit sRGB levels [h, w, 3] of a picture file; EXR is encoded to sRGB.
+
+    Args:
+        path: the file, or a frame of a video (`videos.frame_path`).
+        width: columns that the file must have.
+        height: rows that the file must have.
+    """
     stored = read_stored(path, width, height)
     return srgb_levels(stored) if path.suffix == ".exr" else _as_levels(stored)
 

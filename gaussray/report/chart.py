@@ -78,7 +78,13 @@ def legend(names: Sequence[str]) -> Markup | None:
 
 
 def ticks(low: float, high: float, most: int = 6) -> list[float]:
-    """At most `most` round numbers from low to high: steps of 1, 2 or 5 times a power of 10."""
+    """Round numbers from low to high, in steps of 1, 2 or 5 times a power of 10.
+
+    Args:
+        low: lower end of the axis.
+        high: upper end of the axis.
+        most: largest number of steps between the ends; the numbers may be one more.
+    """
     span = max(high - low, 1e-12)
     step = 10.0 ** np.floor(np.log10(span / most))
     step = next(step * m for m in (1, 2, 5, 10, 20) if span / (step * m) <= most)

@@ -40,7 +40,12 @@ def dataset_summary(takes: Takes) -> Section:
 
 
 def sample_pictures(out: Path, takes: Takes) -> Section:
-    """The first picture of samples spread over the dataset."""
+    """The first picture of samples spread over the dataset.
+
+    Args:
+        out: folder of the dataset.
+        takes: lines of the dataset's manifest, one for each sample (`dataset.takes.read_takes`).
+    """
     place = np.linspace(0, len(takes) - 1, min(len(takes), SHOWN)).round().astype(int)
     samples = []
     for i in place:

@@ -12,8 +12,15 @@ class Markup(str):
 
 
 def tag(name: str, /, *children: Any, **attributes: Any) -> Markup:
-    """An element. Children and attribute values are escaped unless they are `Markup`; None and
-    False are left out. `class_` becomes class, `stroke_width` becomes stroke-width."""
+    """An element of HTML or SVG.
+
+    Args:
+        name: name of the element, such as `div`.
+        children: its content: elements, values that become text, or sequences of these. All but
+            `Markup` is escaped, None is left out.
+        attributes: values by name, escaped; those that are None or False are left out, and True is
+            an attribute without a value. `class_` becomes class, `stroke_width` stroke-width.
+    """
     text = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{"" if value is True else escape(value)}"'
         for key, value in attributes.items()

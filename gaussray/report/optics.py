@@ -24,7 +24,13 @@ _GRAIN = 26
 
 def camera_drawings(name: str, camera: Camera, unit: str) -> list[Markup]:
     """Drawings of the rays, of the aperture unless it is a pinhole, and of the shutter unless it is
-    instantaneous. `name` begins their titles; `unit` is the capture's unit of time."""
+    instantaneous.
+
+    Args:
+        name: what the titles begin with, such as the name of an effect.
+        camera: the camera, drawn at its frame's time.
+        unit: name of the capture's unit of time.
+    """
     figures = [ray_drawing(f"{name}: rays", camera)]
     if float(np.max(camera.aperture.radius)) > 0:
         figures.append(aperture_drawing(f"{name}: aperture", camera))
@@ -59,7 +65,13 @@ def _between(one: np.ndarray, other: np.ndarray) -> float:
 
 def ray_drawing(title: str, camera: Camera) -> Markup:
     """The rays of the picture's middle row, seen from above; rays through an aperture meet at the
-    focus distance."""
+    focus distance.
+
+    Args:
+        title: heading of the drawing.
+        camera: the camera, whose focus at its frame's time is drawn. One that is focused at
+            infinity is drawn as a pinhole.
+    """
     focus, radius = _focus(camera)
     blurs = radius > 0 and np.isfinite(focus)
     length = 1.7 * focus if blurs else 1.0
@@ -89,7 +101,12 @@ def ray_drawing(title: str, camera: Camera) -> Markup:
 
 def aperture_drawing(title: str, camera: Camera) -> Markup:
     """Where the rays of the picture's middle and of its corner pass the aperture, seen from the
-    scene."""
+    scene.
+
+    Args:
+        title: heading of the drawing.
+        camera: the camera, whose aperture has a radius above 0.
+    """
     u = (np.stack(np.meshgrid(*[np.arange(_GRAIN)] * 2), -1).reshape(-1, 2) + 0.5) / _GRAIN
     film, radius = camera.film, _focus(camera)[1]
     spots = {
@@ -112,7 +129,13 @@ def aperture_drawing(title: str, camera: Camera) -> Markup:
 
 
 def shutter_drawing(title: str, camera: Camera, unit: str) -> Markup:
-    """The exposure time of every row as a bar over time."""
+    """The exposure time of every row, or column, as a bar over time.
+
+    Args:
+        title: heading of the drawing.
+        camera: the camera, whose shutter and picture size are shown.
+        unit: name of the capture's unit of time.
+    """
     film, exposure = camera.film, float(camera.shutter.exposure)
     moments = row_moments(camera.shutter, (film.width, film.height))
     rows = row_count(camera.shutter.direction, (film.width, film.height))

@@ -89,5 +89,10 @@ def note(text: str) -> Markup:
 
 
 def collapsible(title: str, *body: Any) -> Markup:
-    """Content that opens when its title is clicked."""
+    """Content that opens when its title is clicked.
+
+    Args:
+        title: the line that is always visible.
+        body: the content, as the children of `tag`.
+    """
     return tag("details", tag("summary", title), concatenate_markup(body))

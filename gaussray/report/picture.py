@@ -29,8 +29,9 @@ def embedded_image(levels: UInt8[np.ndarray, "h w 3"], most: int) -> str:
     """A picture as a data URL: PNG if it is small, else JPEG with decreasing quality and size.
 
     Args:
-        levels: The picture, 8-bit sRGB.
-        most: Limit of its bytes; about 20 kB are always allowed.
+        levels: the picture, 8-bit sRGB.
+        most: limit of its bytes, before base64. A small picture may always have 20 kB, and none is
+            reduced below 64 pixels, whatever its bytes.
     """
     side = max(levels.shape[:2])
     if side <= SMALL:
@@ -102,7 +103,13 @@ def comparison_figure(
 
 
 def captioned_image(levels: np.ndarray, name: str, *, most: int) -> Markup:
-    """A picture with its name in the corner."""
+    """A picture with its name in the corner.
+
+    Args:
+        levels: 8-bit sRGB levels [h, w, 3].
+        name: words in the corner, which also describe the picture where it is not shown.
+        most: limit of the picture's bytes (`embedded_image`).
+    """
     height, width = levels.shape[:2]
     small = " small" if max(width, height) <= SMALL else ""
     return tag(

@@ -36,7 +36,11 @@ def camera_views(
 ) -> list[Markup]:
     """The views' cameras over the scene's Gaussians, from above and from the side.
 
-    `names` maps each split to its name in the legend, in the order of the colours.
+    Args:
+        views: pictures with their cameras; those of a split that is not in `names` are left out.
+        scene: the scene whose Gaussians are drawn as dots, at rest (of a segmented scene, those of
+            the first segment); None draws cameras only.
+        names: name of each split in the legend, in the order of the colours.
     """
     selected = [view for view in views if view.split in names]
     if not selected:
@@ -141,7 +145,7 @@ def _drawing(
 
 def edge_directions(camera: Camera) -> Float[np.ndarray, "4 3"]:
     """Unit directions in camera axes through the middles of the picture's left, top, right and
-    bottom edge, or through the nearest point that the lens forms."""
+    bottom edge. Where the lens forms no ray there, the nearest point towards the middle counts."""
     film, directions = camera.film, []
     middle = np.array([film.width, film.height]) / 2
     for side in ((-1, 0), (0, -1), (1, 0), (0, 1)):
@@ -156,7 +160,12 @@ def edge_directions(camera: Camera) -> Float[np.ndarray, "4 3"]:
 def lens_directions(
     lens: AbstractLens, pixel: Float[np.ndarray, "pixels 2"]
 ) -> Float[np.ndarray, "pixels 3"]:
-    """Unit directions of pixels, zero where the lens forms no ray, on the host."""
+    """Unit directions of points of the picture, on the host; zero where the lens forms no ray.
+
+    Args:
+        lens: the lens; directions are in its camera's axes (right, down, forward).
+        pixel: points (x, y) of the picture in pixels; the centre of the first pixel is (.5, .5).
+    """
     count = len(pixel)
     # In whole blocks, so that one program serves all drawings.
     padded = np.pad(pixel.astype(np.float32), ((0, -count % _BLOCK), (0, 0)), mode="edge")

@@ -50,7 +50,14 @@ def finding_list(facts: dict[str, Any]) -> Section:
 
 
 def camera_pictures(out: Path, facts: dict[str, Any]) -> Section:
-    """A picture of each camera, with its name and whether it has a pose."""
+    """A picture of each camera, with its name and whether it has a pose.
+
+    Of many cameras, 30 are shown.
+
+    Args:
+        out: the capture's folder, with its pictures.
+        facts: content of the capture's prepare.json (`prepare.facts.facts_of`).
+    """
     names = list(facts["cameras"])
     indices = sorted({round(x) for x in np.linspace(0, len(names) - 1, min(len(names), _SHOWN))})
     pictures = []
@@ -66,7 +73,15 @@ def camera_pictures(out: Path, facts: dict[str, Any]) -> Section:
 
 
 def epipolar_pictures(out: Path, facts: dict[str, Any]) -> Section | None:
-    """Pairs of pictures: points of the left one, and their epipolar lines in the right one."""
+    """Pairs of pictures: points of the left one, and their epipolar lines in the right one.
+
+    Args:
+        out: the capture's folder, with its pictures.
+        facts: content of the capture's prepare.json (`prepare.facts.facts_of`).
+
+    Returns:
+        The section; None if no pair was matched.
+    """
     pairs = facts["epipolar"]
     if not pairs:
         return None

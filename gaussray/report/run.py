@@ -17,7 +17,12 @@ def subtitle(out: Path) -> str:
 
 
 def how_to_reproduce(out: Path, timings: list[tuple[str, Any]]) -> Section:
-    """The command, git commit, package versions, durations and resolved configuration of a run."""
+    """The command, git commit, package versions, durations and resolved configuration of a run.
+
+    Args:
+        out: the run's folder, with run.json and config.yaml.
+        timings: name and duration, as text, of each part of the run; the total follows them.
+    """
     record, body = run_record(out), list[Any]()
     line = record.get("command") or command()
     if line:
