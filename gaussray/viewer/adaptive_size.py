@@ -39,7 +39,13 @@ class SizeController:
         self._current = self.sizes[0]
 
     def record(self, size: tuple[int, int], rays: int, milliseconds: float) -> None:
-        """Record how long a picture of this size took with `rays` rays per pixel."""
+        """Record how long a preview took.
+
+        Args:
+            size: its width and height in pixels.
+            rays: rays per pixel; of two pictures, the sum of theirs.
+            milliseconds: duration of all its stages.
+        """
         count = size[0] * size[1] * rays
         old = self._mean.get(count, milliseconds)
         self._mean[count] = old + SMOOTHING * (milliseconds - old)

@@ -44,7 +44,12 @@ def path_trajectory(keyframes: Sequence[Viewpoint], times: tuple[float, float]) 
 
 
 def viewpoint_at(path: Trajectory, fraction: float) -> Viewpoint:
-    """The viewpoint at a fraction (0 to 1) of a path."""
+    """The viewpoint at a fraction of a path.
+
+    Args:
+        path: world_from_camera over the scene's time.
+        fraction: fraction of the path's duration, from 0 to 1.
+    """
     first, last = float(path.time[0]), float(path.time[-1])
     time = first + fraction * (last - first)
     pose = jax.device_get(pose_at(path, jnp.asarray(time, jnp.float32)))
@@ -71,7 +76,15 @@ def turntable(
 
 
 def save_path(folder: Path, path: Trajectory) -> Path:
-    """Write a path as JSON that `trajectory.file` reads: poses in OpenGL axes, by time."""
+    """Write a path as JSON that `trajectory.file` reads: poses in OpenGL axes, by time.
+
+    Args:
+        folder: folder of the preset whose camera moves along the path.
+        path: world_from_camera over the scene's time; its keyframes are written.
+
+    Returns:
+        Path of the file, `PATH_FILE` in the folder.
+    """
     poses = []
     knots = jax.device_get((path.time, path.quat, path.translation))
     for time, quat, position in zip(*knots, strict=True):
@@ -85,7 +98,12 @@ def save_path(folder: Path, path: Trajectory) -> Path:
 
 
 def path_command(folder: Path, frames: int) -> str:
-    """The command line that renders the preset of a folder along its path."""
+    """The command line that renders the preset of a folder along its path.
+
+    Args:
+        folder: folder with the preset and the path.
+        frames: number of pictures, evenly spaced in time along the path.
+    """
     words = [
         f"preset={folder / CONFIG}",
         "trajectory=path",

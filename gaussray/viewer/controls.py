@@ -117,7 +117,12 @@ def offered_choices(group: str) -> list[str]:
 
 
 def choice_values(group: str, choice: str) -> ControlValues:
-    """The values that a choice of a group sets, by configuration key."""
+    """The values that a choice of a group sets, by configuration key.
+
+    Args:
+        group: a configuration group, such as `lens`.
+        choice: one of its choices, such as `fisheye`.
+    """
     return {f"{group}.{key}": value for key, value in group_values(group, choice).items()}
 
 
@@ -136,7 +141,12 @@ def pinhole_values(values: Mapping[str, Any], fov: float) -> ControlValues:
 
 
 def nearest_choice(group: str, values: Mapping[str, Any]) -> str:
-    """The choice of the same kind (lens model, shutter kind) that differs least from the values."""
+    """The choice of the same kind (lens model, shutter kind) that differs least from the values.
+
+    Args:
+        group: a configuration group with controls (`GROUPS`).
+        values: control values by configuration key; those of other groups do not count.
+    """
     current = {key: value for key, value in values.items() if key.split(".")[0] == group}
     candidates = {name: choice_values(group, name) for name in offered_choices(group)}
     fits = [n for n in candidates if _kind(group, candidates[n]) == _kind(group, current)]

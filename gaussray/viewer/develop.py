@@ -17,7 +17,12 @@ from gaussray.viewer.preview import Preview
 
 
 def develop_preview(preview: Preview, shot: RenderJob) -> UInt8[np.ndarray, "h w 3"]:
-    """8-bit sRGB levels of a preview; up to rounding, those of the PNG that `render` writes."""
+    """8-bit sRGB levels of a preview; up to rounding, those of the PNG that `render` writes.
+
+    Args:
+        preview: linear light of every pixel, rendered from the job's first record.
+        shot: the render job, with the camera and the sensor model to apply.
+    """
     camera, sensor = shot.records[0].camera, shot.dataset.sensor
     steps, *settings = _settings(sensor, shot.records[0].file_path.rsplit(".", 1)[0])
     # Passing the camera takes time, so it is passed only where a step needs it.

@@ -20,10 +20,15 @@ def without_aperture(camera: Camera) -> Camera:
 def clicked_focus_distance(
     previewer: PreviewRenderer, camera: Camera, pixel: tuple[int, int]
 ) -> float | None:
-    """The focus distance of the surface in a pixel (column, row), in scene units.
+    """The focus distance of the surface in a pixel, in scene units.
 
     It is the surface's `depth` label, or its `z` label for a lens that focuses on a plane. None
     where the pixel shows no surface.
+
+    Args:
+        previewer: traces the pixel's chief ray.
+        camera: the camera; of its aperture only `focus` counts.
+        pixel: column and row of the pixel.
     """
     covered, distance = previewer.probe(without_aperture(camera), pixel)
     if covered < SURFACE_ALPHA:

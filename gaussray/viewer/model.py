@@ -145,7 +145,14 @@ class ViewerModel:
     def pinhole_shot(
         self, values: Mapping[str, Any], viewpoint: Viewpoint, size: tuple[int, int]
     ) -> RenderJob:
-        """The render job of the same viewpoint with an ideal pinhole camera."""
+        """The render job of a viewpoint for an ideal pinhole camera without a sensor model.
+
+        Args:
+            values: control values by configuration key; those of lens, aperture, shutter and sensor
+                are replaced (`pinhole_values`).
+            viewpoint: pose and time of the camera.
+            size: width and height of the picture in pixels.
+        """
         return self.shot(pinhole_values(values, self.fov), viewpoint, size)
 
     def configuration(self, values: Mapping[str, Any]) -> Configuration:

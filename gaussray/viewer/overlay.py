@@ -58,8 +58,14 @@ def camera_markers(views: Sequence[View]) -> list[CameraMarker]:
 def overlay_points(
     scene: Scene | Clip, cameras: Path | str | None
 ) -> tuple[Float[np.ndarray, "points 3"], UInt8[np.ndarray, "points 3"]]:
-    """Points and their sRGB colours: those of the capture in folder `cameras`, else the centres of
-    the scene's Gaussians in their rest state."""
+    """Points in world space and their 8-bit sRGB colours, at most `MAX_POINTS`.
+
+    They are the capture's points, or else the centres of the scene's Gaussians at rest.
+
+    Args:
+        scene: the scene; of a segmented one, the first segment counts.
+        cameras: folder of the capture; a file, or None, has no points.
+    """
     folder = Path(cameras) if cameras is not None else None
     cloud = None
     if folder is not None and folder.is_dir():

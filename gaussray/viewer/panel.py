@@ -114,7 +114,12 @@ def _build_presets(page: Any, gui: Any) -> None:
 
 
 def add_overlay(page: Any, overlay: Overlay) -> None:
-    """Add the capture's cameras and points to the 3D view."""
+    """Add the capture's cameras and points to the 3D view.
+
+    Args:
+        page: the page of one browser (`viewer.page.Page`), which a click on a camera moves.
+        overlay: cameras, points, and the scale of what is drawn.
+    """
     scene, h, scale = page.client.scene, page.handles, overlay.scale
     h["/points"] = scene.add_point_cloud(
         "/points", overlay.position, overlay.color, point_size=scale / 250, visible=True

@@ -45,7 +45,7 @@ _NO_LISTS = Capacity((), 0, 0)
 class Preview(NamedTuple):
     """A preview, possibly still on the GPU: red, green, blue, alpha and distance of every pixel,
     render time in milliseconds, number of hits, and list entries `dropped` because lists were too
-    short; longer lists are then being compiled."""
+    short; a program with longer lists is then being compiled."""
 
     values: Float[Array, "pixels 5"] | Float[np.ndarray, "pixels 5"]
     size: tuple[int, int]
@@ -84,7 +84,7 @@ class _Key(NamedTuple):
 
 
 class PreviewRenderer:
-    """Sketches of one scene: on a CPU each core makes its share, elsewhere one device does.
+    """Renders previews of one scene: on a CPU with all cores, elsewhere on one device.
 
     Camera numbers are inputs of the programs, so moving, focusing or changing the aperture compiles
     nothing. Where pictures are rendered in stages, another lens compiles only its rays. Of a
@@ -129,9 +129,14 @@ class PreviewRenderer:
         return Preview(values, key.size, spent, hits, dropped)
 
     def probe(self, camera: Camera, pixel: tuple[int, int]) -> tuple[float, float]:
-        """Alpha and distance along the chief ray of a pixel (column, row).
+        """Alpha and distance along the ray of a pixel, in scene units.
 
         Traces one ray. Its program is compiled at the first call.
+
+        Args:
+            camera: the camera, without an aperture (`focus.without_aperture`), so that the ray is
+                the pixel's chief ray.
+            pixel: column and row of the pixel.
         """
         row, key = self._key(camera, 1, probe=True)
         self._wait_for(key)
@@ -148,11 +153,23 @@ class PreviewRenderer:
             self._build(key, camera, _enlarged_capacity(program, report))
 
     def has(self, camera: Camera, samples: int) -> bool:
-        """Whether the program for such a preview is compiled."""
+        """Whether the program for such a preview is compiled.
+
+        Args:
+            camera: the camera of the preview. Its numbers do not count, but for its time (the
+                segment of the scene) and for whether its shutter takes any time.
+            samples: rays per pixel.
+        """
         return self._key(camera, samples)[1] in self._programs
 
     def prepare(self, camera: Camera, samples: int, probe: bool = False) -> None:
-        """Compile the program for such previews (or for `probe`) in the background, if missing."""
+        """Compile the program for such previews in the background, if it is missing.
+
+        Args:
+            camera: a camera of such previews (`has`); the program's lists fit its picture.
+            samples: rays per pixel; 1 for `probe`.
+            probe: whether to compile the program of the method `probe` instead.
+        """
         key = self._key(camera, samples, probe)[1]
         if key not in self._programs:
             self._queue(key, camera)

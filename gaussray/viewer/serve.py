@@ -17,7 +17,15 @@ from gaussray.viewer.window import window_fov
 
 
 def serve(cfg: Configuration, words: Sequence[str]) -> "Server":
-    """Start the viewer; ValueError for an impossible camera or if viser is not installed."""
+    """Start the viewer.
+
+    Args:
+        cfg: a configuration of `gaussray view`.
+        words: words of the command line that it was composed from.
+
+    Raises:
+        ValueError: no camera can have these values, or viser is not installed.
+    """
     try:
         import viser  # type: ignore[import-not-found]  # noqa: F401
     except ImportError as error:

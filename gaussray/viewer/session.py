@@ -73,7 +73,7 @@ class ViewerSession:
         threading.Thread(target=self._run, name="preview", daemon=True).start()
 
     def request(self, request: RenderRequest) -> None:
-        """Render this from now on."""
+        """Render this request instead of the one before."""
         with self._changed:
             if request == self._request:
                 return

@@ -15,8 +15,13 @@ def physical_readout(values: Mapping[str, Any], physical: PhysicalOptions) -> st
     """The control values on a real camera; empty where the scene's units are unknown.
 
     The focal length is f = w / (2 tan(fov / 2)) for a pinhole and a sensor of width w, the f-number
-    f / 2r for an aperture of radius r. Lengths need physical.units_per_metre, times
-    physical.seconds_per_unit.
+    f / 2r for an aperture of radius r.
+
+    Args:
+        values: control values by configuration key, in degrees, scene units and the capture's unit
+            of time.
+        physical: units of the scene, and size of the sensor (36 mm wide if none is given). Lengths
+            are left out without `units_per_metre`, times without `seconds_per_unit`.
     """
     parts, width = [], physical.sensor[0] if physical.sensor else FULL_FRAME
     focal, metre = None, physical.units_per_metre

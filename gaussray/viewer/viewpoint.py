@@ -42,8 +42,15 @@ def viewpoint_of(camera: Camera) -> Viewpoint:
 
 
 def view_at(view: View, viewpoint: Viewpoint, size: tuple[int, int]) -> View:
-    """A view from a viewpoint: an ideal pinhole of this size (width, height) with the pixel filter
-    of `view`. The rig replaces its lens, aperture and shutter."""
+    """A view from a viewpoint, by an ideal pinhole camera with a field of view of 53 degrees.
+
+    The viewer's configuration replaces its lens, aperture and shutter.
+
+    Args:
+        view: a view of the capture, whose pixel filter is kept.
+        viewpoint: pose and time of the camera.
+        size: width and height of the picture in pixels.
+    """
     old, zero = view.camera, jnp.zeros((), jnp.float32)
     film = Film(*size, old.film.filter, old.film.filter_width)
     side = jnp.asarray(size, jnp.float32)
@@ -86,7 +93,12 @@ def viewing_direction(viewpoint: Viewpoint) -> Float[np.ndarray, "3"]:
 
 def subject_distance(scene: Scene | Clip, viewpoint: Viewpoint) -> float:
     """Distance of the subject: the median depth of the Gaussians within 20 degrees of the optical
-    axis, or the median distance of all if there are none."""
+    axis, or the median distance of all if there are none.
+
+    Args:
+        scene: the scene, whose Gaussians count where they are at rest.
+        viewpoint: pose of the camera; its time chooses the segment of a segmented scene.
+    """
     part = segment_at(scene, viewpoint.time)
     mean = np.concatenate([np.asarray(x.mean, np.float64) for x in (part.static, part.moving)])
     offset = mean - np.asarray(viewpoint.position)

@@ -26,8 +26,13 @@ class Pane(NamedTuple):
     end: float = 1.0
 
     def pixel(self, position: tuple[float, float], size: tuple[int, int]) -> tuple[int, int] | None:
-        """Column and row of the pixel at a position in the window (fractions of its sides);
-        None where the pane does not show the picture."""
+        """Column and row of the pixel at a position in the window; None where the pane does not
+        show the picture.
+
+        Args:
+            position: fractions of the window's width, from the left, and height, from the top.
+            size: width and height of the picture in pixels.
+        """
         x, y = (position[0] - self.left) / self.width, (position[1] - self.top) / self.height
         if not (self.begin <= x < self.end and 0 <= y < 1):
             return None
@@ -61,7 +66,13 @@ def panes(layout: str, window: float, picture: float, split: float = 0.5) -> lis
 def compose_window(
     pictures: Sequence[tuple[Pane, UInt8[np.ndarray, "h w 3"]]], window: float, dark: bool
 ) -> UInt8[np.ndarray, "H W 3"]:
-    """The window's image: pictures of one size in their panes, without resampling."""
+    """The window's image: pictures in their panes, without resampling.
+
+    Args:
+        pictures: panes with their pictures, 8-bit sRGB levels, all of one size.
+        window: aspect of the window, width / height.
+        dark: whether the page, and so the surroundings of the pictures, are dark.
+    """
     pane, picture = pictures[0]
     width = max(round(picture.shape[1] / pane.width), picture.shape[1])
     height = max(round(width / window), 1)
@@ -86,8 +97,13 @@ def compose_window(
 
 
 def window_fov(fov: float, window: float, picture: float) -> float:
-    """Vertical field of view (radians) of a window that shows, in its middle, a pinhole picture of
-    this horizontal field of view (degrees)."""
+    """Vertical field of view, in radians, of a window with a pinhole picture in its middle.
+
+    Args:
+        fov: horizontal field of view of the picture, in degrees.
+        window: aspect of the window, width / height.
+        picture: aspect of the picture, width / height.
+    """
     slope = np.tan(np.deg2rad(fov) / 2)
     rise = slope / picture if window >= picture else slope / window
     return float(2 * np.arctan(rise))
