@@ -118,7 +118,13 @@ def _render(cfg: Configuration, devices: int | None) -> dict[str, Any]:
 
 
 def view(cfg: Configuration, overrides: Sequence[str]) -> None:
-    """Serve the viewer until the user stops it."""
+    """Serve the viewer until the user stops it.
+
+    Args:
+        cfg: configuration of the command.
+        overrides: words of the command line, KEY=VALUE. Configurations that the page composes
+            with the values of its controls begin with them.
+    """
     from gaussray.viewer.serve import serve
 
     begin(build_options(DevicesOptions, cfg.devices))

@@ -24,6 +24,10 @@ def write_coco(samples: Iterable[SampleFiles], out: Path) -> int:
     An annotation is a rigid body in a frame: mask as run lengths, box, area, and its number from 0
     as `body`, by which it is the same in other frames. Its id is unique in the file.
 
+    Args:
+        samples: samples of PNG pictures with the label `group`.
+        out: folder of the layout.
+
     Returns:
         The number of frames.
     """

@@ -17,6 +17,10 @@ def write_image_folder(samples: Iterable[SampleFiles], out: Path) -> int:
     both as columns `image` and LABEL. `layers` is the path of the EXR file of labels that are
     numbers. `entry` is the manifest's entry of the frame as JSON, with the exact camera.
 
+    Args:
+        samples: samples of PNG pictures, with any labels.
+        out: folder of the layout.
+
     Returns:
         The number of frames.
     """

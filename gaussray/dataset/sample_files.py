@@ -13,7 +13,13 @@ from gaussray.io.safe.files import inside
 
 
 class SampleFiles:
-    """The frames of one sample, in the order of time."""
+    """The frames of one sample, in the order of time.
+
+    Args:
+        data: folder of the dataset.
+        name: name of the sample's folder, its index in six digits.
+        frames: entries of the manifest.
+    """
 
     def __init__(self, data: Path, name: str, frames: list[dict[str, Any]]):
         self.data, self.name, self.frames = data, name, frames
@@ -35,7 +41,15 @@ class SampleFiles:
         return inside(self.data, name, self.data / MANIFEST)
 
     def copy(self, source: Path, target: Path) -> None:
-        """Copy a PNG file."""
+        """Copy a picture of the dataset into the layout.
+
+        Args:
+            source: the picture (`file`).
+            target: its new path, in a folder that is made where it is missing.
+
+        Raises:
+            ValueError: The picture is no PNG file.
+        """
         if source.suffix != ".png":
             raise self.missing_error("PNG pictures", "format=png")
         with whole(target) as partial:
@@ -49,7 +63,12 @@ class SampleFiles:
         return np.stack([layers["flow_forward.x"], layers["flow_forward.y"]], axis=-1)
 
     def layer(self, frame: dict[str, Any], label: str) -> np.ndarray | None:
-        """A label [h, w] of numbers; None where the dataset does not have it."""
+        """A label [h, w] of numbers; None where the dataset does not have it.
+
+        Args:
+            frame: The frame's entry of the manifest.
+            label: Name of a channel of the frame's EXR file, such as `z` or `normal.x`.
+        """
         if "layers" not in frame.get("labels", {}):
             return None
         return read_layers(self.file(frame, "layers")).get(label)

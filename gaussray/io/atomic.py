@@ -43,7 +43,12 @@ def whole(path: Path | str) -> Iterator[Path]:
 
 
 def write_json(path: Path | str, value: dict[str, Any]) -> None:
-    """Write a JSON file atomically."""
+    """Write a JSON file atomically.
+
+    Args:
+        path: the file; missing folders are made.
+        value: what it holds, values that JSON can hold.
+    """
     with whole(path) as partial:
         partial.write_text(json.dumps(value, indent=2) + "\n")
 
@@ -55,15 +60,23 @@ def settle(path: Path) -> None:
 
 
 def sweep(folder: Path, *, deep: bool = False) -> None:
-    """Remove the unfinished files of killed processes in `folder`, and if `deep` also below it. No
-    other process may be writing there."""
+    """Remove the unfinished files of killed processes.
+
+    Args:
+        folder: the folder; no other process may be writing there.
+        deep: whether to remove them from the folders below it, too.
+    """
     for partial in (folder.rglob if deep else folder.glob)(f".*.[0-9]*{PART}*"):
         with contextlib.suppress(OSError):
             partial.unlink()
 
 
 def demand(out: Path, files: Sequence[str]) -> None:
-    """Check at the end of a command that the files it wrote to `out` still exist.
+    """Check at the end of a command that the files it wrote still exist.
+
+    Args:
+        out: the output folder.
+        files: paths of the files in that folder.
 
     Raises:
         OSError: files are missing.

@@ -42,7 +42,12 @@ def vector(key: str, length: int | None = None, *, spread: bool = False) -> Call
 
 
 def rows(key: str, length: int) -> Callable[[Any], Array]:
-    """A converter of a field that holds a list of points; one point stands for a list of one."""
+    """A converter of a field that holds a list of points; one point stands for a list of one.
+
+    Args:
+        key: the name of the field in messages.
+        length: how many numbers a point has.
+    """
 
     def convert(value: Any) -> Array:
         if isinstance(value, list | tuple) and all(map(_is_single, value)):
@@ -67,6 +72,10 @@ def to_device(values: Any, dtype: DTypeLike | None = None) -> Array:
 
     Outside of `jit`, `jnp.asarray` runs a program instead, one for every shape: it is compiled
     first, and then waits for all programs that run.
+
+    Args:
+        values: numbers, nested lists of them or a NumPy array. An array of JAX stays where it is.
+        dtype: type of the result; None keeps that of the values.
     """
     if isinstance(values, jax.Array):
         return jnp.asarray(values, dtype)

@@ -249,7 +249,12 @@ class PlanCache:
         return self._plans.get(key)
 
     def put(self, key: Hashable, plan: Plan) -> None:
-        """Keep a plan and forget the oldest beyond `_MOST_PLANS`."""
+        """Keep a plan and forget the oldest beyond `_MOST_PLANS`.
+
+        Args:
+            key: key of the arguments that it was measured for (`plan_key`).
+            plan: the plan; it replaces an earlier one of the same key.
+        """
         self._plans[key] = plan
         self._plans.move_to_end(key)
         if len(self._plans) > _MOST_PLANS:

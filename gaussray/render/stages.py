@@ -1,8 +1,8 @@
 """A picture in stages, each a program of its own: camera, motion, lists, march, mean.
 
-Only the first stage knows the camera, so that all lenses, apertures and shutters share the programs
-of the others, which take most of the compilation. Every device of a mesh runs each stage on
-arguments of its own (their leading axis); no device waits for another.
+Only the first stage knows the camera, so that all cameras share the programs of the others, which
+take most of the compilation. Every device of a mesh runs each stage on arguments of its own (their
+leading axis); no device waits for another.
 """
 
 import dataclasses
@@ -64,8 +64,11 @@ class SampleSums(eqx.Module):
 
 
 def uses_stages(options: RenderOptions, trace: TraceOptions) -> bool:
-    """Whether pictures are rendered in stages: by the array tracer, of Gaussians that do not depend
-    on the camera.
+    """Whether pictures are rendered in stages.
+
+    Args:
+        options: not with dilation or `harmonics="center"`: Gaussians then depend on the camera.
+        trace: options of the tracer; not with the CUDA kernels.
     """
     plain = not options.dilation and options.harmonics == "ray"
     return plain and not on_kernel(trace, jnp.float32)
@@ -76,8 +79,7 @@ def default_capacity(part: Part, trace: TraceOptions, scene: Scene) -> Capacity:
 
     Args:
         part: The pixels, with a leading axis of devices.
-        trace: Options of the tracer.
-        scene: The scene.
+        trace, scene: Options of the tracer, and the scene that it traces.
     """
     bundles = -(-part.pixel.shape[-2] // trace.bundle**2)
     transient = 0 if scene.transient is None else scene.transient.count
@@ -90,8 +92,7 @@ def enlarge_staged_capacity(capacity: Capacity, needed: list[int]) -> Capacity:
     """Enlarge list sizes; they are powers of two, so that few sets of programs serve all cameras.
 
     Args:
-        capacity: The sizes.
-        needed: The needed sizes (`Report.needed`).
+        capacity, needed: The sizes, and those that a trace needs (`Report.needed`).
     """
     return round_capacity(enlarged_capacity(capacity, needed, headroom=_HEADROOM))
 
@@ -145,10 +146,7 @@ def measure_staged(
     """Measure the list sizes that the first sample of a part needs.
 
     Args:
-        structure: As for `render_staged`.
-        layout: As for `render_staged`.
-        settings: As for `render_staged`; its list sizes are the first that are tried.
-        arguments: As for `render_staged`.
+        structure, layout, settings, arguments: As for `render_staged`; list sizes grow from these.
     """
     leaves, row, part = arguments
     while True:
@@ -203,7 +201,12 @@ def camera_program(
     layout: CameraLayout, samples: int, mesh: Mesh | None
 ) -> Callable[..., tuple[Rays, tuple[Array, Array]]]:
     """(numbers of a camera, part, index of a sample) -> rays, by lens and slot; the time of the
-    part's row, and the first and last time of the frame."""
+    part's row, and the first and last time of the frame.
+
+    Args:
+        layout, samples: layout of the camera's numbers, number of samples of a pixel.
+        mesh: as for `on_devices`.
+    """
 
     def run(row: Array, part: Part, sample: Int[Array, ""]):
         camera = layout.camera(row)
@@ -228,8 +231,13 @@ def motion_program(
     mesh: Mesh | None,
     quick: bool,
 ) -> Callable[..., Prepared]:
-    """(leaves of a scene, times) -> the scene across these times, sorted into a grid. It is made
-    for `sizes`: the numbers of key states and of transient Gaussians."""
+    """(leaves of a scene, times) -> the scene across these times, sorted into a grid.
+
+    Args:
+        structure, trace: structure of the scene, options of the tracer.
+        sizes: number of key states (0: one, for the part's row), places for alive transients.
+        mesh, quick: as for `on_devices`.
+    """
     keys, transient = sizes
     capacity = Capacity((), 0, 0, transient)
 
@@ -247,7 +255,12 @@ def motion_program(
 def lists_program(
     trace: TraceOptions, capacity: Capacity, mesh: Mesh | None, quick: bool
 ) -> Callable[..., tuple[Candidates, Array]]:
-    """(scene, rays) -> the Gaussians that every bundle may meet; how many are not finite."""
+    """(scene, rays) -> the Gaussians that every bundle may meet; how many are not finite.
+
+    Args:
+        trace, capacity: options of the tracer, sizes of its lists.
+        mesh, quick: as for `on_devices`.
+    """
 
     def run(scene: Prepared, rays: Rays) -> tuple[Candidates, Array]:
         return find_candidates(scene, rays, options=trace, capacity=capacity)
@@ -306,11 +319,9 @@ def on_devices(
     """Compile a function that every device of a mesh runs on its own arguments.
 
     Args:
-        function: The function.
+        function, key: The function, and what it was made for.
         mesh: The devices; None is one device.
-        key: What the function was made for.
-        common: Positions of the arguments that are the same for all devices; the others have a
-            leading axis of devices.
+        common: Positions of arguments that all devices share; others have a leading axis of them.
         quick: Whether it is compiled quickly; it may then run a tenth slower.
         needs: As for `KeptProgram`.
     """

@@ -174,7 +174,12 @@ def agreed(tree: _T) -> _T:
 
 
 def everywhere(tree: _T, mesh: Mesh) -> _T:
-    """Copy arrays that are equal on all hosts to every device of the mesh."""
+    """Copy arrays to every device of a mesh.
+
+    Args:
+        tree: arrays, equal on all hosts; those that are on all devices already stay.
+        mesh: devices of one or several hosts.
+    """
     sharding = NamedSharding(mesh, PartitionSpec())
     local = [d for d in mesh.devices.flat if d.process_index == jax.process_index()]
 

@@ -35,7 +35,13 @@ class Clock:
         return self._sum + sum(end - begin for begin, end in self._pieces)
 
     def hear(self, event: str, duration_secs: float, **_: str | int) -> None:
-        """Add an interval that has just ended; a listener of `jax.monitoring`."""
+        """Add an interval that has just ended; a listener of `jax.monitoring`.
+
+        Args:
+            event: name of what took the time; only names that begin with `EVENTS` count.
+            duration_secs: length of the interval in seconds.
+            _: what else JAX reports of the event.
+        """
         if event.startswith(EVENTS):
             end = time.monotonic()
             with self._lock:

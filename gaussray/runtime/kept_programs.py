@@ -248,8 +248,12 @@ def _without_numbers(example: Any, kinds: list[tuple[Any, ...]]) -> Any:
 
 
 def kept_text(key: tuple[Hashable, ...], make: Callable[[], str]) -> str:
-    """The text that `make` returns, which follows from the key and the package's source alone; it
-    is read from disk where it has been made before."""
+    """A text that is made once and read from disk after that, where programs are kept.
+
+    Args:
+        key: everything that the text depends on beside the package's source.
+        make: returns the text; called where it is not on disk.
+    """
     path = _file(_text(key)) if _folders else None
     if path is None:
         return make()

@@ -156,7 +156,12 @@ class Progress:
         self.total, self.parts = total, [(total, 1.0)]
 
     def report(self, done: int, note: str = "") -> None:
-        """Report that `done` of the units are finished, with a `note`."""
+        """Report how many units are finished.
+
+        Args:
+            done: number of finished units since the beginning of the task.
+            note: further words about the task, such as its loss.
+        """
         now = time.monotonic()
         spent, compiling = now - self.begin, 0.0 if self.anew else compiled() - self.before
         cost, whole = self._cost(done), self._cost(self.total)

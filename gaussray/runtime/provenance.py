@@ -100,7 +100,12 @@ def record_start(out: Path) -> None:
 
 
 def record_duration(out: Path, seconds: float) -> None:
-    """Add the duration of the run to its run.json."""
+    """Add the duration of a run to its run.json.
+
+    Args:
+        out: output folder of the run.
+        seconds: the duration.
+    """
     _write(out, run_record(out) | {"seconds": round(seconds, 1)})
 
 

@@ -41,10 +41,15 @@ def is_memory(error: BaseException) -> bool:
 
 
 def memory_message(verb: str, error: BaseException, again: str = "") -> str:
-    """The message, one line, for a command (`verb`) that ran out of memory.
+    """The message, one line, of a command that ran out of memory.
 
     It states the size of the failed request and of the memory, as far as they are known, and which
-    keys to lower; `again` is appended.
+    keys to lower.
+
+    Args:
+        verb: the command, of which `LESS` has the keys.
+        error: the error, whose text may name the size of the request.
+        again: last sentence of the message: how to resume the command.
     """
     requested = _requested_bytes(str(error))
     text = "out of memory"

@@ -91,10 +91,16 @@ def scene_from(
 def deformation_from(
     array: dict[str, np.ndarray], prefix: str, path: Path, required_heads: Sequence[str] = HEADS
 ) -> Deformation | None:
-    """The deformation whose arrays begin with `prefix`, or None if there are no such arrays.
+    """Build a deformation from its named arrays; None if there are no such arrays.
+
+    Args:
+        array: the arrays by name.
+        prefix: path of the deformation in these names.
+        path: the file that they come from, for messages.
+        required_heads: the heads that it must have; others may be missing.
 
     Raises:
-        ValueError: an array is missing (those of heads outside `required_heads` may be).
+        ValueError: an array is missing.
     """
     if not any(name.startswith(f"{prefix}.") for name in array):
         return None

@@ -56,5 +56,10 @@ def segment_edges(scene: Scene | Clip) -> Float[np.ndarray, " edges"]:
 
 
 def segment_at(scene: Scene | Clip, time: float) -> Scene:
-    """The segment that shows a time, in the capture's unit."""
+    """The segment that shows a time.
+
+    Args:
+        scene: a clip, or a scene, which is its own segment.
+        time: any time, in the capture's unit; where two segments meet the later one shows it.
+    """
     return segments_of(scene)[int(np.searchsorted(segment_edges(scene), time, side="right"))]

@@ -107,7 +107,12 @@ def scene_info(path: Path | str) -> dict[str, Any]:
 
 
 def as_stored(scene: Scene, *, precision: str) -> Scene:
-    """The scene that `load_scene` would return after `save_scene` with this precision."""
+    """The scene that `load_scene` would return after `save_scene`.
+
+    Args:
+        scene: the scene.
+        precision: as for `save_scene`.
+    """
     return _scene(*_contents(scene, precision, {}), Path("scene.npz"))
 
 

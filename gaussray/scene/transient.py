@@ -95,6 +95,10 @@ def unconstrain_transients(
 
     Opacity is kept a rounding step away from 0 and 1, and lifetime at least a hundredth above
     `shortest`, so that logit and logarithm are finite.
+
+    Args:
+        transients: the physical values.
+        shortest: as for `constrain_transients`.
     """
     tiny = jnp.finfo(transients.opacity.dtype).eps
     opacity = jnp.clip(transients.opacity, tiny, 1 - tiny)

@@ -47,7 +47,13 @@ def camera_tensors(
     pose: Sequence[Sequence[float]], time: float, times: torch.Tensor
 ) -> dict[str, torch.Tensor]:
     """The entries of an item that describe its camera: `pose` [4, 4], `time` [] and `pixel_times`
-    [h, w]."""
+    [h, w].
+
+    Args:
+        pose: matrix from camera to world, in OpenGL axes.
+        time: the frame's time, in the capture's unit.
+        times: the middle of every pixel's exposure [h, w].
+    """
     return {
         "pose": torch.tensor(pose, dtype=torch.float32),
         "time": torch.tensor(time, dtype=torch.float32),

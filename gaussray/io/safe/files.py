@@ -60,7 +60,15 @@ def read_json(path: Path | str) -> Any:
 
 
 def parse_json(where: object, text: bytes | str) -> Any:
-    """The content of a JSON text, as `read_json`; `where` is what error messages name."""
+    """The content of a JSON text. Integers beyond 64 bits become floats.
+
+    Args:
+        where: what messages name, such as the file.
+        text: the text; bytes must be UTF-8.
+
+    Raises:
+        ValueError: the text is not UTF-8, not JSON, or nested too deeply.
+    """
     try:
         decoded = text.decode("utf-8") if isinstance(text, bytes) else text
         content = json.loads(decoded, parse_int=_whole)

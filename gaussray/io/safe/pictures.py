@@ -28,6 +28,10 @@ def open_picture(path: Path | str, config: "oiio.ImageSpec | None" = None) -> "o
 
     The first bytes define the format, and the file extension must match it.
 
+    Args:
+        path: the picture.
+        config: settings of OpenImageIO's reader, such as `oiio:UnassociatedAlpha`; None: its own.
+
     Raises:
         OSError: the file is missing, or no flat picture of a known format.
         ValueError: the picture exceeds limits.picture or limits.channels.

@@ -55,7 +55,12 @@ def view_program(layout: CameraLayout) -> Callable:
 
 @ProgramCache(48)
 def lens_program(layout: CameraLayout, confusion: bool) -> Callable[..., dict[str, Array]]:
-    """(numbers of a camera, pixels, distances, times) -> `z`, and the circle of `confusion`."""
+    """(numbers of a camera, pixels, distances, times) -> depth `z` along the camera's axis.
+
+    Args:
+        layout: layout of the camera's numbers.
+        confusion: whether to compute the circle of confusion, too.
+    """
 
     def run(row: Array, pixel: Array, distance: Array, time: Array) -> dict[str, Array]:
         camera = layout.camera(row)
@@ -87,7 +92,12 @@ def timing_program(layout: CameraLayout) -> Callable[..., RowTiming]:
 def surface_program(trace_options: TraceOptions, capacity: Capacity) -> Callable:
     """(scene, rays, lists or None, place of the camera, slots of the pixels) -> labels of the
     surfaces that rays meet and where that is; sizes needed and entries dropped, if it finds the
-    lists itself."""
+    lists itself.
+
+    Args:
+        trace_options: how rays are traced.
+        capacity: sizes of the lists.
+    """
 
     def run(
         scene: Prepared, rays: Rays, lists: Candidates | None, eye: Array, slot: Array
@@ -126,8 +136,14 @@ def surface_program(trace_options: TraceOptions, capacity: Capacity) -> Callable
 @ProgramCache(12)
 def identity_program(structure: PyTreeDef, options: TraceOptions, slots: int) -> Callable:
     """(leaves of a scene, scene, rays, lists, slots of the pixels, which show a surface) ->
-    Gaussian, group and motion of every pixel; those of nothing where no surface is visible. And the
-    Gaussian's index, -1 where none is hit."""
+    labels `gaussian` (-1 where no surface is visible), `group` and `moving` (0 there) of every
+    pixel; and the index of the pixel's Gaussian, -1 where none is hit.
+
+    Args:
+        structure: structure of the scene.
+        options: how rays are traced, with the array backend.
+        slots: length of the longest list.
+    """
 
     def run(
         leaves: list[Array],

@@ -87,6 +87,11 @@ def draw_value(spec: Any, u: UniformNumbers, key: str) -> Any:
     normal: [mean, deviation], within: [a, b]    truncated to a ... b, if given
     choice: [...], weights: [...]     one of these, equally likely without weights
     each: [...]              a list; each element is a distribution or a fixed value
+
+    Args:
+        spec: the distribution, which `check_distribution` accepts, or the fixed value.
+        u: gives the number in (0, 1) of a name.
+        key: name of the key whose value is drawn.
     """
     match spec:
         case {"uniform": [a, b]}:

@@ -41,7 +41,15 @@ class Glb(NamedTuple):
         return ValueError(f"{self.name}: the glTF file must {rule}.")
 
     def entry(self, kind: str, index: Any) -> dict[str, Any]:
-        """An entry of one of the document's lists, such as `nodes`."""
+        """An entry of one of the document's lists.
+
+        Args:
+            kind: name of the list, such as `nodes`.
+            index: place in the list from 0, of any type that the file may hold.
+
+        Raises:
+            ValueError: The document has no such entry.
+        """
         entries = self.document.get(kind)
         entries = entries if isinstance(entries, list) else []
         there = type(index) is int and 0 <= index < len(entries)
