@@ -54,6 +54,10 @@ class TrackOptions(eqx.Module):
             raise ValueError(f"track.blur must hold numbers of at least 0, got {self.blur}.")
 
 
+# Of poses that look alike, as those of a grey box do, the nearest is right: what a change by one
+# radian or by the body's own size, since the start of the search, adds to the cost. That is a
+# difference of colour, of which an 8-bit picture tells 0.004.
+FARTHER = 0.003
 # A point counts in pictures that see its side by more than this cosine.
 GRAZING = 0.25
 # A larger difference says that something else is in front, not how much it differs.
@@ -87,23 +91,34 @@ class Known(NamedTuple):
     size: Float[Array, "*bodies"]
 
 
+class Others(NamedTuple):
+    """Where all bodies are taken to be while one is searched for, and which of them were found:
+    what a view shows in the place of a found body is that body, and no other one before it."""
+
+    pose: Pose
+    found: Bool[Array, "*bodies"]
+
+
 class Visibility(NamedTuple):
     """How every view sees the points of a body near a pose: where they are, their pixels, the
-    pixels' slopes, how much they face the view, and whether it sees them."""
+    pixels' slopes, how much they face the view, whether it sees them, and whether they would cover
+    a body that was found."""
 
     place: Float[Array, "points 3"]
     pixel: Float[Array, "views points 2"]
     slope: Float[Array, "views points 2 3"]
     weight: Float[Array, "views points"]
     seen: Bool[Array, "views points"]
+    covers: Bool[Array, "views points"]
 
 
 class Start(NamedTuple):
-    """Where a search begins. A body that may be `lost`, having been hit, is first looked for far
-    around the pose."""
+    """Where a search begins, and where the other bodies are meanwhile. A body that may be `lost`,
+    having been hit, is first looked for far around the pose."""
 
     pose: Pose
     lost: bool
+    others: Others
 
 
 class Pictures(NamedTuple):
@@ -119,37 +134,50 @@ def search_poses(
     keys: Key[Array, " bodies"],
     known: Known,
     starts: tuple[Pose, ...],
-    views: Camera,
-    layers: list[Array],
+    others: tuple[Others, ...],
+    pictures: Pictures,
     options: TrackOptions,
-    shrink: int,
-) -> Pose:
-    """The best pose of every body near one of its starts."""
+) -> tuple[Pose, Float[Array, " bodies"]]:
+    """The best pose of every body near one of its starts, and its cost.
 
-    def one(key: PRNGKeyArray, body: Array) -> Pose:
-        pictures = Pictures(views, layers, shrink)
+    Args:
+        keys: random keys of the poses to try.
+        known: the bodies at the first time.
+        starts: poses of all bodies around which to search; from the second on, a body may have
+            been hit and is looked for far around.
+        others: for each start, where the other bodies are meanwhile.
+        pictures: what the cameras show at the time of the poses.
+        options: how thoroughly to search.
+    """
+
+    def one(key: PRNGKeyArray, body: Array) -> tuple[Pose, Array]:
         found = [
-            _search_from(key, body, known, Start(pose, i > 0), pictures, options)
-            for i, pose in enumerate(starts)
+            _search_from(key, body, known, Start(start, i > 0, other), pictures, options)
+            for i, (start, other) in enumerate(zip(starts, others, strict=True))
         ]
-        best = jnp.argmin(jnp.stack([cost for _, cost in found]))
-        return jax.tree.map(lambda *x: jnp.stack(x)[best], *(pose for pose, _ in found))
+        cost = jnp.stack([cost for _, cost in found])
+        best = jnp.argmin(cost)
+        pose = jax.tree.map(lambda *x: jnp.stack(x)[best], *(pose for pose, _ in found))
+        return pose, cost[best]
 
     return jax.vmap(one)(keys, jnp.arange(len(keys)))
 
 
 @eqx.filter_jit
 def mismatch_at(
-    poses: Pose, found: Pose, known: Known, views: Camera, layer: Array, shrink: int
+    poses: Pose, found: Pose, known: Known, pictures: Pictures
 ) -> Float[Array, "poses bodies"]:
     """Mean difference of colour and brightness of every body at poses, others being where they
-    were `found`. That pixels change says nothing here: shadows make them do so, too."""
-    known, layer = known._replace(look=known.look[..., :-1]), layer[..., :-1]
+    were `found`, in the sharpest pictures. That pixels change says nothing here: shadows make them
+    do so, too."""
+    sharpest = pictures.layers[-1][..., :-1]
+    known = known._replace(look=known.look[..., :-1])
+    others = Others(found, jnp.zeros(len(known.size), bool))
 
     def one(at: Pose, body: Array) -> Array:
         own = jax.tree.map(lambda x: x[body], known)
-        visible = _visibility(at, own, body, known, found, views, layer, shrink)
-        return _cost(jnp.zeros(6, at.path.dtype), at, own, visible, layer)
+        visible = _visibility(at, own, body, known, others, pictures, sharpest)
+        return _cost(jnp.zeros(6, at.path.dtype), at, own, visible, sharpest)
 
     return jax.vmap(jax.vmap(one), (0, None))(poses, jnp.arange(len(known.size)))
 
@@ -163,15 +191,20 @@ def _search_from(
     options: TrackOptions,
 ) -> tuple[Pose, Array]:
     """The best pose of one body that the search reaches from a start, and its cost."""
-    views, layers, shrink = pictures
+    layers = pictures.layers
     own, pose = (jax.tree.map(lambda x: x[body], tree) for tree in (known, start.pose))
-    dtype = pose.path.dtype
+    first, dtype = pose, pose.path.dtype
     unit = jnp.concatenate([jnp.ones(3, dtype), jnp.full(3, own.size)])
     spread, cost = jnp.full(6, WIDTHS[0][0], dtype), jnp.asarray(jnp.inf, dtype)
 
     def costs(draw: Array, pose: Pose, layer: Array) -> Array:
-        visible = _visibility(pose, own, body, known, start.pose, views, layer, shrink)
-        return jax.lax.map(lambda x: _cost(x, pose, own, visible, layer), draw, batch_size=32)
+        visible = _visibility(pose, own, body, known, start.others, pictures, layer)
+
+        def cost(change: Array) -> Array:
+            farther = _change_from(first, _changed(pose, change), own.size)
+            return _cost(change, pose, own, visible, layer) + FARTHER * farther
+
+        return jax.lax.map(cost, draw, batch_size=32)
 
     if start.lost:
         draw = LOST * unit[None] * jax.random.normal(key, (FAR * options.poses, 6), dtype)
@@ -211,21 +244,30 @@ def _changed(pose: Pose, change: Float[Array, "6"]) -> Pose:
     return Pose(pose.path + change[3:], multiply(turning(change[:3]), pose.turn))
 
 
+def _change_from(first: Pose, pose: Pose, size: Array) -> Float[Array, ""]:
+    """Radians, and body sizes, from one pose to another."""
+    along = jnp.abs(jnp.sum(first.turn * pose.turn))
+    across = jnp.linalg.norm(first.turn) * jnp.linalg.norm(pose.turn)
+    angle = 2 * jnp.arccos(jnp.clip(along / across, 0, 1))
+    return angle + jnp.linalg.norm(pose.path - first.path) / size
+
+
 def _place(pose: Pose, own: Known) -> Float[Array, "points 3"]:
     arm = product("ij,pj->pi", rotation_matrix(pose.turn), own.place - own.pivot[None])
     return (own.pivot + pose.path)[None] + arm
 
 
-def _visibility(pose, own, body, known, start, views, layer, shrink) -> Visibility:
-    """How the views see a body at a pose, with the other bodies at their start poses."""
+def _visibility(pose, own, body, known, others, pictures, layer) -> Visibility:
+    """How the views see a body at a pose, with the other bodies where they are taken to be."""
     place = _place(pose, own)
     normal = product("ij,pj->pi", rotation_matrix(pose.turn), own.normal)
-    others = known.pivot + start.path
+    middle = known.pivot + others.pose.path
+    another = (jnp.arange(len(middle)) != body)[None]
     size = jnp.asarray(layer.shape[2:0:-1], place.dtype)
 
     def in_view(camera: Camera) -> tuple[Array, ...]:
         def pixel_of(point: Array) -> tuple[Array, Array]:
-            pixel = project(camera, point) / shrink
+            pixel = project(camera, point) / pictures.shrink
             return pixel, pixel
 
         slope, pixel = jax.vmap(jax.jacfwd(pixel_of, has_aux=True))(place)
@@ -237,15 +279,16 @@ def _visibility(pose, own, body, known, start, views, layer, shrink) -> Visibili
         fine = jnp.all(jnp.isfinite(slope), axis=(-1, -2)) & jnp.all(jnp.isfinite(pixel), axis=-1)
         inside = fine & jnp.all((pixel >= 0) & (pixel <= size[None]), axis=-1)
         # A body occludes what is behind a ball of 0.8 of its size.
-        across = others[None] - place[:, None]
+        across = middle[None] - place[:, None]
         along = jnp.sum(across * sight[:, None], axis=-1)
         square = jnp.sum(across * across, axis=-1) - along * along
-        hidden = (along > 0) & (along < distance) & (square < (0.8 * known.size[None]) ** 2)
-        hidden = jnp.any(hidden & (jnp.arange(len(others)) != body)[None], axis=-1)
+        meets = another & (along < distance) & (square < (0.8 * known.size[None]) ** 2)
+        seen = inside & ~jnp.any(meets & (along > 0), axis=-1)
+        covers = seen & jnp.any(meets & (along <= 0) & others.found[None], axis=-1)
         pixel, slope = jnp.where(fine[:, None], pixel, 0), jnp.where(fine[:, None, None], slope, 0)
-        return pixel, slope, jnp.where(cosine > GRAZING, cosine, 0), inside & ~hidden
+        return pixel, slope, jnp.where(cosine > GRAZING, cosine, 0), seen, covers
 
-    return Visibility(place, *jax.vmap(in_view)(views))
+    return Visibility(place, *jax.vmap(in_view)(pictures.views))
 
 
 def _cost(change, pose, own, visible: Visibility, layer) -> Float[Array, ""]:
@@ -260,4 +303,5 @@ def _cost(change, pose, own, visible: Visibility, layer) -> Float[Array, ""]:
     # neither attract nor repel.
     counted = visible.seen & ~jnp.isnan(difference)
     difference = jnp.where(counted, jnp.minimum(difference, MISMATCH), MISMATCH / 2)
+    difference = jnp.where(visible.covers, MISMATCH, difference)
     return jnp.sum(visible.weight * difference) / jnp.sum(visible.weight)
