@@ -13,7 +13,7 @@ from gaussray.calibrate.solver import Observation
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.shutter import time_window
 from gaussray.capture.capture import Capture, View
-from gaussray.capture.frames import read_encoded, read_mask
+from gaussray.capture.frames import read_encoded, visible_pixels
 from gaussray.color import srgb_decode
 from gaussray.scene.scene import Scene, key_count
 from gaussray.scene.segmented import Clip, segment_edges, segments_of
@@ -124,8 +124,6 @@ def read_observation(
     stored = read_encoded(view)
     full = np.iinfo(stored.dtype).max if stored.dtype == np.uint8 else 1
     light = srgb_decode(stored.astype(np.float64) / full).astype(np.float32)
-    mask = np.ones(light.shape[:2], bool)
-    if view.mask is not None:
-        mask = read_mask(view.mask, view.width, view.height)
+    mask = visible_pixels(view)
     camera = dataclasses.replace(view.camera, lens=lens)
     return Observation(light, mask, camera, camera_index, segment, key_count(segment, last - first))
