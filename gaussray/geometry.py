@@ -1,9 +1,9 @@
-"""Vectors, quaternions and rigid motions, and the axis conventions, once.
+"""Vectors, quaternions, rigid motions, and the conventions of axes.
 
 World axes are the capture's own. Camera axes are +x right, +y down, +z forward (OpenCV); files in
-Blender/OpenGL axes (+x right, +y up, looking down -z) are turned at the door by `BLENDER_AXES`.
-Quaternions are (w, x, y, z) and may have any non-zero length. A name says what it maps to what:
-`world_from_camera` takes camera coordinates to world coordinates.
+Blender/OpenGL axes (+x right, +y up, looking down -z) are converted by `BLENDER_AXES` when they are
+read or written. Quaternions are (w, x, y, z) and may have any non-zero length. A name says what it
+maps to what: `world_from_camera` takes camera coordinates to world coordinates.
 """
 
 import functools

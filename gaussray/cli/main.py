@@ -13,8 +13,8 @@ from gaussray.cli.help import COMMANDS, full_help, short_help, usage
 def program() -> None:
     """The console script: `main`, as a process of its own.
 
-    What the libraries load lives as long as the process. To look through it for garbage every 700
-    objects, and to take it apart at the end, would take a second of processor time.
+    The objects of the libraries exist as long as the process. Garbage collection every 700 objects,
+    and freeing them at the end, would take a second of processor time.
     """
     gc.set_threshold(20_000)
     code = 1

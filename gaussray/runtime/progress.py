@@ -152,7 +152,7 @@ class Progress:
         self.shown = -float("inf")
 
     def change_total(self, total: int) -> None:
-        """Another number of units, for a task of equal units."""
+        """Change the number of units of a task whose units all cost the same."""
         self.total, self.parts = total, [(total, 1.0)]
 
     def report(self, done: int, note: str = "") -> None:

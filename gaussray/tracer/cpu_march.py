@@ -87,13 +87,13 @@ def _sum_gradients(frame):
 
 
 def register_forward() -> None:
-    """Compile what pictures need, or load it from disk, and make it known to XLA."""
+    """Compile the forward march, or load it from disk, and make it known to XLA."""
     with _registering:
         _register(_FORWARD, _forward)
 
 
 def register_backward() -> None:
-    """Compile what gradients need, or load it from disk, and make it known to XLA."""
+    """Compile the backward march, or load it from disk, and make it known to XLA."""
     with _registering:
         _register(_BACKWARD, _backward)
 

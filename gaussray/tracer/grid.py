@@ -20,10 +20,10 @@ class Grid(eqx.Module):
 
     The order is that of the cells of a 512^3 grid along the Morton curve, large Gaussians apart
     from small ones (size classes a factor 16 apart), so that one huge Gaussian does not inflate the
-    box of a crowd of tiny ones. Equal runs instead of equal cubes: a cell holds the same number
-    however they crowd, so everything in one cube costs no more than an even spread, and nothing
-    needs a capacity. `index` is padded with -1; `dropped` counts invalid Gaussians (`is_valid`).
-    `fading` holds the time windows of transient Gaussians (None: there are none).
+    box of a crowd of tiny ones. A cell is a run of equal length, not a cube of equal size: it holds
+    the same number of Gaussians wherever they are, so that dense regions cost no more than an even
+    spread, and nothing needs a capacity. `index` is padded with -1; `dropped` counts invalid
+    Gaussians (`is_valid`). `fading` holds the time windows of transient ones (None: there are none).
     """
 
     index: Int[Array, "cells occupancy"]

@@ -42,7 +42,7 @@ _PIXELS = 1 << 16
 @ProgramCache(48)
 def view_program(layout: CameraLayout) -> Callable:
     """(numbers of a camera, part) -> chief rays by slot, with an axis of one sample; the times of
-    the frame, as motions need them; the camera's place at the frame's own time."""
+    the frame, as `motion_program` takes them; the camera's position at the frame's own time."""
 
     def run(row: Array, part: Part) -> tuple[Rays, tuple[Array, Array], Float[Array, "3"]]:
         camera = layout.camera(row)
@@ -79,7 +79,7 @@ def lens_program(layout: CameraLayout, confusion: bool) -> Callable[..., dict[st
 
 @ProgramCache(48)
 def timing_program(layout: CameraLayout) -> Callable[..., RowTiming]:
-    """(numbers of a camera, places, times, fields) -> what its picture reads of each."""
+    """(numbers of a camera, world points, times, fields) -> the `RowTiming` of each."""
 
     def run(row: Array, point: Array, time: Array, field: Array) -> RowTiming:
         camera = layout.camera(row)
@@ -171,8 +171,8 @@ def identity_program(structure: PyTreeDef, options: TraceOptions, slots: int) ->
 
 @ProgramCache(12)
 def path_program(structure: PyTreeDef) -> Callable[..., Float[Array, "devices pixels 3"]]:
-    """(leaves of a scene, indices of Gaussians, points at times, other times) -> where the points
-    are then: each goes with its Gaussian."""
+    """(leaves of a scene, indices of Gaussians, points, times, other times) -> the points, each of
+    which moves with its Gaussian, at the other times."""
 
     def run(leaves: list[Array], index: Array, point: Array, time: Array, other: Array) -> Array:
         scene = jax.tree.unflatten(structure, leaves)
