@@ -18,7 +18,7 @@ def srgb_encode(linear: Values) -> Values:
     """sRGB value of linear light (IEC 61966-2-1); NumPy in, NumPy out.
 
     Nothing is clipped: below 0 the curve goes on as the straight line 12.92 x, so that value and
-    gradient are finite everywhere, and above 1 as the same power. A caller that quantises must clip.
+    gradient are finite everywhere, and above 1 as the same power. Callers that quantise must clip.
     """
     xp: Any = jnp if isinstance(linear, jax.Array) else np
     low = linear <= 0.0031308

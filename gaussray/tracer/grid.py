@@ -23,7 +23,7 @@ class Grid(eqx.Module):
     box of a crowd of tiny ones. A cell is a run of equal length, not a cube of equal size: it holds
     the same number of Gaussians wherever they are, so that dense regions cost no more than an even
     spread, and nothing needs a capacity. `index` is padded with -1; `dropped` counts invalid
-    Gaussians (`is_valid`). `fading` holds the time windows of transient ones (None: there are none).
+    Gaussians (`is_valid`). `fading` holds the time windows of transient ones; None without any.
     """
 
     index: Int[Array, "cells occupancy"]
