@@ -58,7 +58,7 @@ LONG = (
     "test_benchmarks.py",
     "camera/test_lens.py",
     "prepare/test_pipeline.py",
-    "torch/test_datasets.py",
+    "test_torch.py",
     "dataset/test_manifest.py",
     "scene/formats/test_usd_read.py",
     "render/randomize/test_generate.py",

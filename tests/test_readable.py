@@ -1,4 +1,4 @@
-"""Files that are read in one sitting, functions whose arguments are seen: a limit on each."""
+"""Files that are read in one sitting, functions whose arguments are seen and explained."""
 
 import ast
 import pathlib
@@ -41,6 +41,31 @@ def any_keyword(source):
     return {node.name for node, _ in functions(source) if node.args.kwarg}
 
 
+def public_functions(source):
+    """Public functions of a module and of its public classes, with the names of their parameters,
+    but for those that have their docstring from an abstract class."""
+    for node in ast.parse(source).body:
+        inner = node.body if isinstance(node, ast.ClassDef) else [node]
+        for one in inner if not getattr(node, "name", "_").startswith("_") else []:
+            if isinstance(one, ast.FunctionDef) and not one.name.startswith("_"):
+                names = next(names for found, names in functions(ast.unparse(one)) if found)
+                if ast.get_docstring(one):
+                    yield one, names
+
+
+def unexplained(source):
+    """Names of public functions of several parameters whose docstring has no list of them."""
+    return [
+        node.name
+        for node, names in public_functions(source)
+        if len(names) > 1 and "Args:" not in ast.get_docstring(node)
+    ]
+
+
+def test_public_functions_explain_their_arguments():
+    assert [f"{f}: {name}" for f in FILES for name in unexplained(f.read_text())] == []
+
+
 def test_no_file_is_long():
     lines = {str(f.relative_to(ROOT)): f.read_text().count("\n") for f in FILES}
     assert {name: count for name, count in lines.items() if count > LINES} == {}
@@ -63,3 +88,7 @@ def test_crowded_functions_and_hidden_arguments_are_found():
     assert crowded("def f(a, b, c, d, /, e, f, *g, h, i): pass") == ["f"]
     assert crowded("class A:\n    def f(self, a, b, c, d, e, f, g, h): pass") == []
     assert any_keyword("def f(a, **how): g(a, **how)") == {"f"}
+    assert unexplained('def f(a, b):\n    "Does."') == ["f"]
+    assert unexplained('class A:\n    def f(self, a, *, b):\n        "Does."') == ["f"]
+    assert unexplained('def f(a, b):\n    """Does.\n\n    Args:\n        a: one.\n    """') == []
+    assert unexplained('def f(a):\n    "Does."\n\n\ndef _g(a, b):\n    "Does."') == []

@@ -1,9 +1,6 @@
 """Measurements of an inertial measurement unit (IMU) on a moving camera."""
 
 import math
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from importlib import import_module
 from typing import NamedTuple
 
 import equinox as eqx
@@ -115,7 +112,7 @@ def imu_samples(
             "an IMU needs trajectory.interpolation=spline, got linear between "
             f"{trajectory.time.shape[0]} poses, whose corners have no acceleration. {_TEXT}."
         )
-    with _double_precision():
+    with jax.enable_x64(True):
         exact = jax.tree.map(lambda x: jnp.asarray(x, jnp.float64), trajectory)
         seconds = options.seconds_per_unit
         parts = _motion(exact, np.asarray(time, np.float64) / seconds)
@@ -132,13 +129,6 @@ def imu_samples(
         gyroscope_bias=bias[0],
         accelerometer_bias=bias[1],
     )
-
-
-def _double_precision() -> AbstractContextManager[None]:
-    """JAX in double precision, by the name that this version has for it."""
-    module = jax if hasattr(jax, "enable_x64") else import_module("jax.experimental")
-    enable: Callable = getattr(module, "enable_x64")  # noqa: B009
-    return enable(True)
 
 
 @jax.jit

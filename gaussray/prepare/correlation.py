@@ -20,7 +20,7 @@ class Delay(NamedTuple):
 
 
 def confidence(
-    values: Float[np.ndarray, " lags"], lags: Float[np.ndarray, " lags"], width: float | int | int
+    values: Float[np.ndarray, " lags"], lags: Float[np.ndarray, " lags"], width: float | int
 ) -> float:
     """How far the highest peak stands above all values away from it, in 0..1.
 

@@ -101,13 +101,8 @@ def sync_findings(
     return findings
 
 
-def camera_findings(sources: Sequence[Source], placement: Placement) -> list[Finding]:
-    """Registered pictures, and the angles between neighbours.
-
-    Args:
-        sources: not used.
-        placement: poses and points that were found.
-    """
+def camera_findings(placement: Placement) -> list[Finding]:
+    """Registered pictures, and the angles between neighbours."""
     model = placement.model
     total, found = len(placement.pictures), len(model.pictures)
     missing = [p for f, p in placement.pictures.items() if f not in model.pictures]

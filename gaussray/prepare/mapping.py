@@ -51,8 +51,6 @@ def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> Spa
     mapping.extract_colors = False
     mapping.random_seed = options.seed
     mapping.mapper.init_min_num_inliers = _FIRST_PAIR
-    if options.model == "pinhole":
-        mapping.ba_refine_extra_params = False
     with tempfile.TemporaryDirectory() as out:
         models = colmap.incremental_mapping(database, pictures, out, mapping)
     if not models:

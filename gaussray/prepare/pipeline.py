@@ -93,7 +93,7 @@ def _checked(
     gains = exposure_gains(placement, levels)
     found = [Finding("warn", "lens", remark) for remark in remarks]
     found += findings.sync_findings(sources, sync, timeline, options.sync)
-    found += findings.camera_findings(sources, placement)
+    found += findings.camera_findings(placement)
     found += findings.lens_findings(placement) if placement.model.pictures else []
     found += findings.point_findings(placement)
     found += findings.epipolar_findings(placement, pairs)

@@ -75,8 +75,7 @@ def test_jax_reads_every_frame_once_in_an_order_of_the_key(data):
 
 
 def test_torch_reads_what_the_manifest_lists(data):
-    pytest.importorskip("torch.utils.data", reason="an extra")
-    import torch
+    torch = pytest.importorskip("torch", reason="an extra")
 
     from gaussray.torch import SavedFrames
 

@@ -28,8 +28,13 @@ class Shown(NamedTuple):
 def layers(
     shown: Shown, shrink: int, blur: tuple[float, ...]
 ) -> list[Float[Array, "frames h w 5"]]:
-    """What pixels look like at every blur, of pictures that are `shrink` times smaller; NaN where
-    they are hidden."""
+    """What pixels look like at every blur; NaN where they are hidden.
+
+    Args:
+        shown: pictures of some frames.
+        shrink: so many times smaller than the pictures are the layers.
+        blur: standard deviation of each layer's blur, in its own pixels.
+    """
     scale = 255 if shown.picture.dtype == np.uint8 else 1
     light = srgb_decode(_shrunk(shown.picture, shrink) / scale)
     changes = CHANGES * _shrunk(shown.moved[..., None], shrink)

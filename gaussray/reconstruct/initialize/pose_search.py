@@ -167,9 +167,15 @@ def search_poses(
 def mismatch_at(
     poses: Pose, found: Pose, known: Known, pictures: Pictures
 ) -> Float[Array, "poses bodies"]:
-    """Mean difference of colour and brightness of every body at poses, others being where they
-    were `found`, in the sharpest pictures. That pixels change says nothing here: shadows make them
-    do so, too."""
+    """Mean difference of colour and brightness of every body at poses, in the sharpest pictures.
+    That pixels change says nothing here: shadows make them do so, too.
+
+    Args:
+        poses: poses of all bodies, stacked.
+        found: where the other bodies are meanwhile.
+        known: the bodies at the first time.
+        pictures: what the cameras show at the time of the poses.
+    """
     sharpest = pictures.layers[-1][..., :-1]
     known = known._replace(look=known.look[..., :-1])
     others = Others(found, jnp.zeros(len(known.size), bool))

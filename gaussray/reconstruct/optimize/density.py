@@ -150,7 +150,7 @@ def relocate_dead(
     Args:
         state: the state after a block of steps.
         options: `opacity`, below which a Gaussian is dead.
-        extent: not used.
+        extent: for `clone_split_prune` alone.
         limit: two numbers of Gaussians, whose sum is the budget.
         seed: seed of the draws, which differs from call to call.
     """

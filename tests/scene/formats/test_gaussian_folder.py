@@ -50,7 +50,7 @@ def test_everything_is_where_the_recipe_has_it(tmp_path, sizes):
 
 
 def test_everything_is_where_torch_has_it(tmp_path):
-    pytest.importorskip("torch.utils.data", reason="an extra")
+    pytest.importorskip("torch", reason="an extra")
     table = foreign.cloud(500)
     for rows in (6, 7):
         tensors = foreign.state(rows=rows, side=9, width=32)

@@ -14,7 +14,8 @@ from gaussray.reconstruct.initialize.stereo.views import (
 )
 
 
-# The relative difference of two distances that are the same: one step of the sweep, within this.
+# The relative difference of two distances that are the same: a pixel of the other view, between
+# these.
 _LEAST, _MOST = 0.005, 0.03
 
 

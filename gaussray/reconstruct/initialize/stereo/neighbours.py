@@ -4,7 +4,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 
 from gaussray.reconstruct.initialize.stereo.views import StereoViews, rays, seen_at
 
@@ -143,8 +143,3 @@ def _seen_known(views: StereoViews, i: Int[Array, ""], known: Float[Array, "know
     point = known.T.astype(views.origin.dtype)
     _, _, (inside,) = seen_at(views[i[None]], point)
     return jnp.sqrt(jnp.sum((point - views.origin[i][:, None]) ** 2, axis=0)), inside
-
-
-def visible(pairs: StereoPairs) -> Bool[np.ndarray, " views"]:
-    """Which views have distances to look at."""
-    return pairs.nearest > pairs.farthest

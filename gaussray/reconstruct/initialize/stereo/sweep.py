@@ -25,7 +25,7 @@ from gaussray.reconstruct.initialize.stereo.views import (
 )
 
 
-# DepthLevels around a family's chosen distance at which none of another family is taken.
+# Levels around a family's chosen distance at which none of another family is taken.
 _APART = 2
 # The cosine between a ray and a plane's normal below which the ray is too grazing for its windows.
 _GRAZING = 0.15

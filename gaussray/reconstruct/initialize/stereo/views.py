@@ -15,7 +15,7 @@ from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import rotation_matrix
 
 
-# DepthLevels of a colour channel in a packed pixel, and the bit that holds its mask.
+# Levels of a colour channel in a packed pixel, and the bit that holds its mask.
 _LEVELS, _SHIFTS, _MASK_BIT = 1023, (0, 10, 20), 30
 
 # Red, green and blue apart: XLA computes three arrays several times as fast as one with an axis of

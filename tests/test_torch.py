@@ -16,10 +16,7 @@ from gaussray.dataset.manifest import write_manifest
 from gaussray.scene.store import save_scene
 
 
-# Without PyTorch `import torch` finds this folder.
-pytest.importorskip("torch.utils.data", reason="an extra")
-import torch  # noqa: E402
-
+torch = pytest.importorskip("torch", reason="an extra")
 from gaussray.torch import RenderedFrames, SavedFrames, picture_tensors  # noqa: E402
 from gaussray.torch.tensors import pixel_times  # noqa: E402
 
