@@ -18,6 +18,7 @@ import numpy as np
 from gaussray.capture.capture import Capture, View, viewpoints
 from gaussray.capture.selection import Selection, selected
 from gaussray.reconstruct.data.segments import training_views
+from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
@@ -151,7 +152,7 @@ def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> Re
     return replace(options, **parts)
 
 
-_CHOSEN = ("fit", "loss", "optimizer", "density", "trace")
+_CHOSEN = ("fit", "loss", "optimizer", "density", "trace", "track")
 
 
 def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> tuple[str, ...]:
@@ -262,6 +263,7 @@ def _bodies(machine: Machine) -> ReconstructOptions:
         fit=_BODIES_GPU,
         density=DensityOptions(interval=100, growth=8.0),
         trace=TraceOptions(levels=0, transmittance_min=1e-3),
+        track=TrackOptions(poses=512, elite=40),
     )
 
 

@@ -11,33 +11,33 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Key
 
 from gaussray.camera.camera import Camera
 from gaussray.geometry import multiply, normalize_quaternion
 from gaussray.reconstruct.initialize import appearance
 from gaussray.reconstruct.initialize.appearance import CHANGES, Shown
+from gaussray.reconstruct.initialize.pose_cost import Known, Others, Pictures, Pose, mismatch_at
 from gaussray.reconstruct.initialize.pose_search import (
-    Known,
-    Others,
-    Pictures,
-    Pose,
+    Start,
     TrackOptions as TrackOptions,
-    mismatch_at,
     search_poses,
 )
 from gaussray.scene.bodies import Bodies
 
 
-# A body moves if that leaves less than this of the difference that there is if it rests: 0.54 to
-# 0.64 for the sample's balls, 1.06 to 1.17 for the floor under them.
-WORTH = 0.95
+# A body moves if that leaves less than this of the difference that there is if it rests: 0.55 to
+# 0.75 for the bodies of the sample and of two other captures, 0.95 to 1.05 for the floor and walls.
+WORTH = 0.85
 # Two bodies are in one place if their middles are closer than this part of their sizes together,
 # and of their distance at the first time: parts of one thing may well lie within one another.
 CLASH = 0.5
 # Of two bodies that fit one place equally well, the one that moved less is there: what a motion by
 # the own size adds to the cost, which is a difference of colour and at most 0.3.
 MOVED = 0.01
+# A body was found for certain where its cost is at most so many times the first quartile of its
+# costs so far.
+CERTAIN = 1.25
 # Searches for bodies that were found in the place of another one.
 AGAIN = 2
 
@@ -87,15 +87,21 @@ def track(
     identity = jnp.zeros((count, 4), jnp.float32).at[:, 0].set(1)
     poses = [Pose(jnp.zeros((count, 3), jnp.float32), identity)]
     time, key = np.asarray(camera.time), jax.random.key(seed)
+    costs = [np.zeros(count)]
     mismatch = np.zeros((2, count))  # at the poses that the search finds, and at rest
     for i in range(1, len(instants)):
         frames = np.flatnonzero(time == instants[i].astype(time.dtype))
         views = jax.tree.map(lambda x, frames=frames: x[frames], camera)
         layers = appearance.layers(shown(frames), shrink, options.blur)
         pictures = Pictures(views, layers, shrink)
-        starts = (_ahead(poses, instants[: i + 1]), poses[-1])
+        certain = _last_certain(costs)
+        last = Pose(*(jnp.stack(x)[certain, np.arange(count)] for x in zip(*poses, strict=True)))
+        since = jnp.asarray(i - certain, jnp.float32)
+        starts = (_start(_ahead(poses, instants[: i + 1])), _start(last, since))
         keys = jax.random.split(jax.random.fold_in(key, i), count)
-        poses.append(_search_apart(keys, known, starts, pictures, options))
+        pose, cost = _search_apart(keys, known, starts, pictures, options)
+        poses.append(pose)
+        costs.append(np.asarray(cost))
         either = jax.tree.map(lambda *x: jnp.stack(x), poses[-1], poses[0])
         mismatch += np.asarray(mismatch_at(either, poses[-1], known, pictures))
         report(i)
@@ -124,26 +130,42 @@ def _known(bodies: Bodies, gaussians: MovingGaussians, points: int, seed: int) -
     return Known(*(jnp.asarray(np.stack(x), jnp.float32) for x in zip(*parts, strict=True)))
 
 
-def _search_apart(keys, known, starts, pictures, options) -> Pose:
-    """The best pose of every body. Bodies that were found in one place are told apart: the one that
-    fits best, and among equals the one that moved least, stays, and the others are searched for
-    again, as something that the first may occlude, but that does not cover it."""
-    nobody = jnp.zeros(len(keys), bool)
-    alone = tuple(Others(start, nobody) for start in starts)
-    pose, cost = search_poses(keys, known, starts, alone, pictures, options)
+def _start(pose: Pose, since: Float[Array, " bodies"] | None = None) -> Start:
+    """A start of all bodies, of which none was found yet."""
+    return Start(pose, since, Others(pose, jnp.zeros(len(pose.path), bool)))
+
+
+def _last_certain(costs: list[Float[np.ndarray, " bodies"]]) -> Int[np.ndarray, " bodies"]:
+    """The last time at which each body was found about as well as usual."""
+    cost = np.stack(costs)
+    usual = np.quantile(cost[1:], 0.25, axis=0) if len(cost) > 1 else cost[0]
+    certain = cost <= CERTAIN * usual
+    return len(cost) - 1 - np.argmax(certain[::-1], axis=0)
+
+
+def _search_apart(
+    keys: Key[Array, " bodies"],
+    known: Known,
+    starts: tuple[Start, ...],
+    pictures: Pictures,
+    options: TrackOptions,
+) -> tuple[Pose, Float[Array, " bodies"]]:
+    """The best pose of every body, and its cost. Bodies that were found in one place are told
+    apart: the one that fits best, or of equals the one that moved least, stays, and the others are
+    searched for again, as something that the first may occlude, but that does not cover it."""
+    pose, cost = search_poses(keys, known, starts, pictures, options)
     for _ in range(AGAIN):
-        moved = jnp.linalg.norm(pose.path - starts[0].path, axis=1) / known.size
+        moved = jnp.linalg.norm(pose.path - starts[0].pose.path, axis=1) / known.size
         again = _in_the_place_of_another(pose, np.asarray(cost + MOVED * moved), known)
         if not again.any():
             break
-        others = (Others(pose, jnp.asarray(~again)),) * len(starts)
-        found, found_cost = search_poses(keys, known, starts, others, pictures, options)
         pick = jnp.asarray(again)
-        pose = jax.tree.map(
-            lambda new, old, pick=pick: jnp.where(pick[:, None], new, old), found, pose
-        )
+        others = Others(pose, ~pick)
+        apart = tuple(start._replace(others=others) for start in starts)
+        found, found_cost = search_poses(keys, known, apart, pictures, options)
+        pose = Pose(*(jnp.where(pick[:, None], *x) for x in zip(found, pose, strict=True)))
         cost = jnp.where(pick, found_cost, cost)
-    return pose
+    return pose, cost
 
 
 def _in_the_place_of_another(

@@ -1,0 +1,185 @@
+"""How well a rigid body at a pose agrees with the pictures of one time.
+
+A pose costs the mean difference between the points of a body and the pixels they fall on.
+Brightness counts little in it, because a body that turns under a lamp changes its brightness more
+than its colour; that a pixel changes at all counts much.
+"""
+
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float
+
+from gaussray.camera.camera import Camera, project
+from gaussray.camera.trajectory import pose_at
+from gaussray.geometry import multiply, product, rotation_matrix, turning
+
+
+# A point counts in pictures that see its side by more than this cosine.
+GRAZING = 0.25
+# A larger difference says that something else is in front, not how much it differs.
+MISMATCH = 0.3
+# Added to what is seen of a body: this part of its points, with this difference. The right pose
+# differs by 0.1, a wrong one by 0.2.
+DOUBT, UNSEEN = 0.3, 0.2
+
+
+class Pose(NamedTuple):
+    """Displacement of a body's pivot and turn about it, since the first instant."""
+
+    path: Float[Array, "*bodies 3"]
+    turn: Float[Array, "*bodies 4"]
+
+
+class Known(NamedTuple):
+    """Bodies at the first time: points, outward normals, what the points
+    look like, pivot, and root mean square distance of the points from it."""
+
+    place: Float[Array, "*bodies points 3"]
+    normal: Float[Array, "*bodies points 3"]
+    look: Float[Array, "*bodies points 5"]
+    pivot: Float[Array, "*bodies 3"]
+    size: Float[Array, "*bodies"]
+
+
+class Others(NamedTuple):
+    """Where all bodies are taken to be while one is searched for, and which of them were found:
+    what a view shows in the place of a found body is that body, and no other one before it."""
+
+    pose: Pose
+    found: Bool[Array, "*bodies"]
+
+
+class Visibility(NamedTuple):
+    """How every view sees the points of a body near a pose: where they are, their outward normals,
+    the direction to the view, their pixels, the pixels' slopes, whether the view
+    sees them, and whether they would cover a body that was found."""
+
+    place: Float[Array, "points 3"]
+    normal: Float[Array, "points 3"]
+    sight: Float[Array, "views points 3"]
+    pixel: Float[Array, "views points 2"]
+    slope: Float[Array, "views points 2 3"]
+    seen: Bool[Array, "views points"]
+    covers: Bool[Array, "views points"]
+
+
+class Pictures(NamedTuple):
+    """What the cameras `views` show, at every blur, `shrink` times smaller."""
+
+    views: Camera
+    layers: list[Array]
+    shrink: int
+
+
+@eqx.filter_jit
+def mismatch_at(
+    poses: Pose, found: Pose, known: Known, pictures: Pictures
+) -> Float[Array, "poses bodies"]:
+    """Mean difference of colour and brightness of every body at poses, in the sharpest pictures.
+    That pixels change says nothing here: shadows make them do so, too.
+
+    Args:
+        poses: poses of all bodies, stacked.
+        found: where the other bodies are meanwhile.
+        known: the bodies at the first time.
+        pictures: what the cameras show at the time of the poses.
+    """
+    sharpest = pictures.layers[-1][..., :-1]
+    known = known._replace(look=known.look[..., :-1])
+    others = Others(found, jnp.zeros(len(known.size), bool))
+
+    def one(at: Pose, body: Array) -> Array:
+        own = jax.tree.map(lambda x: x[body], known)
+        visible = visibility(at, own, body, known, others, pictures, sharpest)
+        return pose_cost(jnp.zeros(6, at.path.dtype), at, own, visible, sharpest)
+
+    return jax.vmap(jax.vmap(one), (0, None))(poses, jnp.arange(len(known.size)))
+
+
+def changed(pose: Pose, change: Float[Array, "6"]) -> Pose:
+    """A pose turned further, then moved.
+
+    Args:
+        pose: the pose of one body.
+        change: rotation vector in radians, then the step.
+    """
+    return Pose(pose.path + change[3:], multiply(turning(change[:3]), pose.turn))
+
+
+def _place(pose: Pose, own: Known) -> Float[Array, "points 3"]:
+    arm = product("ij,pj->pi", rotation_matrix(pose.turn), own.place - own.pivot[None])
+    return (own.pivot + pose.path)[None] + arm
+
+
+def visibility(pose, own, body, known, others, pictures, layer) -> Visibility:
+    """How the views see a body at a pose, with the other bodies where they are taken to be.
+
+    Args:
+        pose: the pose of the body.
+        own: the body's points.
+        body: its number.
+        known: all bodies.
+        others: where they are meanwhile.
+        pictures: cameras and pictures of the time.
+        layer: the pictures at one blur.
+    """
+    place = _place(pose, own)
+    normal = product("ij,pj->pi", rotation_matrix(pose.turn), own.normal)
+    middle = known.pivot + others.pose.path
+    another = (jnp.arange(len(middle)) != body)[None]
+    size = jnp.asarray(layer.shape[2:0:-1], place.dtype)
+
+    def in_view(camera: Camera) -> tuple[Array, ...]:
+        def pixel_of(point: Array) -> tuple[Array, Array]:
+            pixel = project(camera, point) / pictures.shrink
+            return pixel, pixel
+
+        slope, pixel = jax.vmap(jax.jacfwd(pixel_of, has_aux=True))(place)
+        eye = pose_at(camera.trajectory, camera.time).translation
+        sight = eye[None] - place
+        distance = jnp.sqrt(jnp.sum(sight * sight, axis=-1, keepdims=True))
+        sight = sight / distance
+        fine = jnp.all(jnp.isfinite(slope), axis=(-1, -2)) & jnp.all(jnp.isfinite(pixel), axis=-1)
+        inside = fine & jnp.all((pixel >= 0) & (pixel <= size[None]), axis=-1)
+        # A body occludes what is behind a ball of 0.8 of its size.
+        across = middle[None] - place[:, None]
+        along = jnp.sum(across * sight[:, None], axis=-1)
+        square = jnp.sum(across * across, axis=-1) - along * along
+        meets = another & (along < distance) & (square < (0.8 * known.size[None]) ** 2)
+        seen = inside & ~jnp.any(meets & (along > 0), axis=-1)
+        covers = seen & jnp.any(meets & (along <= 0) & others.found[None], axis=-1)
+        pixel, slope = jnp.where(fine[:, None], pixel, 0), jnp.where(fine[:, None, None], slope, 0)
+        return sight, pixel, slope, seen, covers
+
+    return Visibility(place, normal, *jax.vmap(in_view)(pictures.views))
+
+
+def pose_cost(change, pose, own, visible: Visibility, layer) -> Float[Array, ""]:
+    """Mean difference between the points and the pixels they fall on after a change of pose.
+
+    Args:
+        change: rotation vector in radians, then the step.
+        pose: the pose before.
+        own: the body's points.
+        visible: how the views see them at the pose before.
+        layer: the pictures at one blur.
+    """
+    shift = _place(changed(pose, change), own) - visible.place
+    pixel = visible.pixel + product("vpij,pj->vpi", visible.slope, shift)
+    last = jnp.asarray(layer.shape[2:0:-1]) - 1
+    column, row = jnp.moveaxis(jnp.clip(pixel.astype(jnp.int32), 0, last[None, None]), -1, 0)
+    found = layer[jnp.arange(layer.shape[0])[:, None], row, column]
+    normal = product("ij,pj->pi", rotation_matrix(turning(change[:3])), visible.normal)
+    cosine = jnp.sum(visible.sight * normal[None], axis=-1)
+    weight = jnp.where(cosine > GRAZING, cosine, 0)
+    difference = jnp.sum(jnp.abs(found - own.look[None]), axis=-1) / 3
+    counted = jnp.where(visible.seen & ~jnp.isnan(difference), weight, 0)
+    difference = jnp.where(visible.covers, MISMATCH, jnp.minimum(difference, MISMATCH))
+    # Occluded points and those out of the picture do not count; a few of all points count as if
+    # they differed, so that a body that is hidden from most views has little to show for itself.
+    doubt = DOUBT * jnp.sum(weight)
+    total = jnp.sum(jnp.where(counted > 0, counted * difference, 0)) + doubt * UNSEEN
+    return total / (jnp.sum(counted) + doubt)
