@@ -70,12 +70,12 @@ WIDTHS = ((0.35, 0.05), (0.1, 0.02), (0.05, 0.005))
 # A body that was hit may be anywhere: so many times the number of poses are tried, at places that
 # are Cauchy distributed with this half width, in body sizes for every time since it was found, and
 # with turns of this standard deviation in radians. The best spots are looked at closer.
-PLACES, FAR, LOST, SPOTS = 4, 0.6, 0.8, 8
+PLACE_DRAWS, FAR, LOST, SPOTS = 4, 0.6, 0.8, 8
 # And it may be turned by any angle: so many times the number of poses are tried as turns at each
 # spot, Cauchy distributed with this half width in radians, each with a small step, in body sizes.
 # Boxes look alike from several sides: sharper pictures decide between the best turns, and the
 # sharpest between the last.
-TURNS, SPUN, NUDGED, MODES, FINAL = 2, 0.5, 0.1, 4, 2
+TURN_DRAWS, SPUN, NUDGED, MODES, FINAL = 2, 0.5, 0.1, 4, 2
 # Spots differ by at least so many body sizes, turns at them by so many radians.
 DIFFERENT = 0.6
 
@@ -179,11 +179,11 @@ def _search_far(key: PRNGKeyArray, search: _Search, since: Array) -> tuple[Pose,
     size, dtype, last = search.own.size, first.path.dtype, len(layers) - 1
     rough, second = search.roughly(), min(1, last)
     keys = jax.random.split(jax.random.fold_in(key, len(layers)))
-    draw = _places(keys[0], PLACES * options.poses, FAR * size * since, dtype)
+    draw = _places(keys[0], PLACE_DRAWS * options.poses, FAR * size * since, dtype)
     pose = jax.vmap(partial(changed, first))(draw)
     pose = _distinct(pose, rough.costs_of(pose, layers[0]), SPOTS, partial(_step_from, size=size))
     pose, _ = jax.vmap(lambda x: _narrowed(key, rough, x, range(second)))(pose)
-    draw = _turns(keys[1], TURNS * options.poses, NUDGED * size, dtype)
+    draw = _turns(keys[1], TURN_DRAWS * options.poses, NUDGED * size, dtype)
     cost = jax.vmap(lambda x: rough.costs(draw, x, layers[second]))(pose)
     pose = jax.vmap(lambda x: jax.vmap(partial(changed, x))(draw))(pose)
     pose = jax.tree.map(jnp.concatenate, pose)
