@@ -164,6 +164,8 @@ def python_blocks():
 
 @pytest.mark.parametrize("text", list(python_blocks()))
 def test_a_block_of_python_runs(text, tiny, monkeypatch):
+    if "gaussray.torch" in text:
+        pytest.importorskip("torch", reason="an extra")
     if "reconstruct(" in text:
         toy.write_paired(tiny / "experiments/quickstart/capture", toy.scene())
         monkeypatch.setattr(stage, "ReconstructOptions", lambda: toy.SHORT)

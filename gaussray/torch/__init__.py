@@ -6,9 +6,10 @@ Needs the extra `torch`. `import gaussray` does not import this package.
 try:
     import torch as torch
 except ImportError as error:
-    raise ImportError(
+    raise ModuleNotFoundError(
         "gaussray.torch needs PyTorch: pip install -e '.[torch]', or a build for your GPU from "
-        "pytorch.org."
+        "pytorch.org.",
+        name="torch",
     ) from error
 
 from gaussray.torch.rendered import RenderedFrames as RenderedFrames
