@@ -182,4 +182,6 @@ def pose_cost(change, pose, own, visible: Visibility, layer) -> Float[Array, ""]
     # they differed, so that a body that is hidden from most views has little to show for itself.
     doubt = DOUBT * jnp.sum(weight)
     total = jnp.sum(jnp.where(counted > 0, counted * difference, 0)) + doubt * UNSEEN
-    return total / (jnp.sum(counted) + doubt)
+    faces_any = doubt > 0
+    cost = total / jnp.where(faces_any, jnp.sum(counted) + doubt, 1)
+    return jnp.where(faces_any, cost, MISMATCH)
