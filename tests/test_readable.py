@@ -48,7 +48,7 @@ def public_functions(source):
         inner = node.body if isinstance(node, ast.ClassDef) else [node]
         for one in inner if not getattr(node, "name", "_").startswith("_") else []:
             if isinstance(one, ast.FunctionDef) and not one.name.startswith("_"):
-                names = next(names for found, names in functions(ast.unparse(one)) if found)
+                names = next(functions(ast.unparse(one)))[1]
                 if ast.get_docstring(one):
                     yield one, names
 

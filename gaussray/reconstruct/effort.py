@@ -114,7 +114,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         chosen = _still(pixels, machine)
     elif names[:1] == ("deformation",):
         alone = machine.gpu and not _has_still_cameras(views)
-        chosen = _field(pixels, machine) if alone else _bodies(machine)
+        chosen = _field(pixels, machine) if alone else _bodies(machine, options.track)
     else:
         chosen = _brief(pixels, machine)
     steps = options.fit.coarse, options.fit.fine
@@ -255,15 +255,16 @@ def _brief(pixels: float, machine: Machine) -> ReconstructOptions:
     )
 
 
-def _bodies(machine: Machine) -> ReconstructOptions:
-    """For rigid bodies and a field: the defaults on a CPU; on a GPU more steps and Gaussians."""
+def _bodies(machine: Machine, track: TrackOptions) -> ReconstructOptions:
+    """For rigid bodies and a field: the defaults on a CPU; on a GPU more steps and Gaussians, and a
+    search of more poses unless the user set one of its options, which belong together."""
     if not machine.gpu:
         return ReconstructOptions(fit=FitOptions(motion="deformation"))
     return ReconstructOptions(
         fit=_BODIES_GPU,
         density=DensityOptions(interval=100, growth=8.0),
         trace=TraceOptions(levels=0, transmittance_min=1e-3),
-        track=TrackOptions(poses=512, elite=40),
+        track=TrackOptions(poses=512, elite=40) if track == TrackOptions() else track,
     )
 
 

@@ -18,6 +18,7 @@ from gaussray.reconstruct import step_plan
 from gaussray.reconstruct.data.held_out_tiles import held_out_batches, held_out_tiles
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.effort import Machine, effort
+from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.run_progress import RunProgress, progress_from_json, progress_to_json
@@ -119,6 +120,14 @@ def test_without_points_transient_gaussians_show_what_moves(machine):
     assert fit.motion == "transient" and fit.minutes >= machine.minutes and fit.tile_side == 32
     assert chosen.options.density.relocates
     assert "transient Gaussians (fit.motion)" in chosen.sentence
+
+
+def test_a_gpu_tries_more_poses_unless_the_user_chose_some():
+    wanted = ReconstructOptions(fit=FitOptions(auto=True, motion="deformation"))
+    taken = capture(times=(0.0, 1.0))
+    assert effort(taken, wanted, GPU).options.track.poses > TrackOptions().poses
+    own = replace(wanted, track=TrackOptions(poses=32))
+    assert effort(taken, own, GPU).options.track == own.track
 
 
 @pytest.mark.parametrize(("at_once", "motion"), [(1, "deformation"), (2, "transient")])

@@ -28,7 +28,7 @@ from gaussray.scene.bodies import Bodies
 
 # A body moves if that leaves less than this of the difference that there is if it rests: 0.55 to
 # 0.75 for the bodies of the sample and of two other captures, 0.95 to 1.05 for the floor and walls.
-WORTH = 0.9
+WORTH = 0.85
 # Two bodies are in one place if their middles are closer than this part of their sizes together,
 # and of their distance at the first time: parts of one thing may well lie within one another.
 CLASH = 0.5
