@@ -124,7 +124,7 @@ def test_without_points_transient_gaussians_show_what_moves(machine):
 
 def test_a_gpu_tries_more_poses_unless_the_user_chose_some():
     wanted = ReconstructOptions(fit=FitOptions(auto=True, motion="deformation"))
-    taken = capture(times=(0.0, 1.0))
+    taken = from_two_places(None)
     assert effort(taken, wanted, GPU).options.track.poses > TrackOptions().poses
     own = replace(wanted, track=TrackOptions(poses=32))
     assert effort(taken, own, GPU).options.track == own.track

@@ -134,7 +134,7 @@ def test_without_poses_to_try_bodies_rest(film):
 BOX, GAP = 0.35, 0.9
 NEAR = np.array([[-0.8, 0.05, -0.5], [-0.1, 0.05, -0.5], [0.6, 0.05, -0.5]])
 FAR = np.array([[0.5, 0, 0.5], [0.05, 0, 0.5], [-0.4, 0, 0.5]])
-# Two pixels across the view, of which cameras up to 0.5 rad to the side tell the depth half as well;
+# Two pixels across the view, twice that in depth, of which cameras up to 0.5 rad aside tell half;
 # half a side in depth at the second time, when more than half of the far box is hidden.
 OCCLUDED = np.tile(2 / 17.6 * np.array([1, 1, 2]), (3, 1))
 OCCLUDED[1, 2] = BOX
