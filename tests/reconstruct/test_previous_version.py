@@ -49,6 +49,10 @@ RUNS = {
 # anywhere. In arrays they are equal bit by bit on the machine that made the files. Other processors
 # and machine code sum up in another order, and the steps that are left amplify that.
 LIGHT, LIGHT_MOST, NEARLY = 0.02, 0.1, 0.998
+# Mean distance from what was filmed that the few steps leave; black would be 0.3 away.
+LEARNT = 0.1
+TIMES = (0.0, 0.25, 0.5, 1.0)
+SECOND_SEGMENT = 0.5  # where the second of two segments begins
 
 
 def copied(name, folder):
@@ -59,7 +63,7 @@ def copied(name, folder):
 
 def pictures(scene):
     renderer = Renderer(scene, options=RenderOptions(samples=1), trace=toy.TRACE)
-    return np.stack([renderer(toy.camera(0.15, time)).color for time in (0.0, 0.25, 0.5, 1.0)])
+    return np.stack([renderer(toy.camera(0.15, time)).color for time in TIMES])
 
 
 @pytest.mark.parametrize("name", RUNS)
@@ -72,8 +76,13 @@ def test_a_run_of_the_previous_version_resumes_and_ends_as_it_would_have_ended(n
     # The blocks before the saved state are kept, all others are run.
     assert len(lines) == (8 if name == "single" else 14) and before > 4
     assert lines[-1]["stage"] == "fine" and lines[-1]["step"] == OPTIONS.fit.fine
-    difference = np.abs(pictures(scene) - pictures(finished))
+    light = pictures(scene)
+    # A second segment finds its bodies and starts with this version, whose search is another: what
+    # the previous version had learnt by then, the first segment, is what has to be the same.
+    same = TIMES if name == "single" else [time for time in TIMES if time < SECOND_SEGMENT]
+    difference = np.abs(light - pictures(finished))[: len(same)]
     assert np.quantile(difference, NEARLY) < LIGHT and difference.max() < LIGHT_MOST
+    assert np.abs(light - pictures(toy.scene())).mean() < LEARNT
 
 
 def test_what_the_previous_version_noted_is_read(tmp_path):
@@ -96,5 +105,4 @@ def test_a_scene_of_the_previous_version_shows_what_was_filmed():
     assert capture.points is not None
     light = pictures(load_scene(PREVIOUS / "single" / "finished.npz"))
     truth = pictures(toy.scene())
-    # The few steps leave about a tenth; black would be 0.3 away.
-    assert np.abs(light - truth).mean() < 0.1 < np.abs(truth).mean()
+    assert np.abs(light - truth).mean() < LEARNT < np.abs(truth).mean()
