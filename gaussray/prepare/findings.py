@@ -60,7 +60,7 @@ def sync_findings(
     findings = []
     videos = [source.name for source in sources if source.is_video]
     weak = [name for name in videos if sync.confidence[name] < options.trust]
-    if sync.method in ("sound", "motion") and len(videos) > 1:
+    if sync.method not in ("none", "known") and len(videos) > 1:
         by = f"by {sync.method}, confidence {min(sync.confidence[n] for n in videos):.2f} or more"
         if not weak:
             findings.append(Finding("good", "sync", f"all videos are synchronised {by}"))

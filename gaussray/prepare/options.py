@@ -18,8 +18,9 @@ class SyncOptions(eqx.Module):
     """How the clocks of the cameras are compared.
 
     Args:
-        method: `sound` compares sound tracks, `motion` the changes between frames; `auto` is sound
-            where two cameras have it, else motion; `none` takes all videos to start together.
+        method: `sound` compares sound tracks, `motion` the changes between frames; `auto` is sound,
+            and motion for videos that sound does not link with the others; `none` takes all videos
+            to start together.
         offsets: Known seconds by which each video starts after the first camera's clock, in the
             order of the names; empty to estimate them.
         longest: Largest offset that is searched, in seconds.

@@ -6,6 +6,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from gaussray.prepare.consensus import consensus
 from gaussray.prepare.correlation import Delay
@@ -31,7 +32,7 @@ class Sync:
     """Seconds to be added to each camera's clock to get the common time.
 
     Args:
-        method: How the offsets were found: sound, motion, known or none.
+        method: How the offsets were found: sound, motion, sound and motion, known or none.
         offsets: Seconds by camera; 0 for the first one.
         confidence: In 0..1 by camera, of the best comparison with another one.
         disagreement: Largest difference in seconds between a pair's delay and the offsets, by
@@ -66,10 +67,10 @@ def synchronise(sources: Sequence[Source], options: SyncOptions) -> Sync:
         offsets = dict(zip(names, map(float, options.offsets), strict=True))
         return Sync("known", offsets, dict.fromkeys(names, 1.0), dict.fromkeys(names, 0.0))
     videos = [source for source in sources if source.is_video]
-    method = _method(videos, options)
-    if method == "none" or len(videos) < 2:
+    _check_sound(videos, options)
+    if options.method == "none" or len(videos) < 2:
         return _together(sources, "none")
-    found = _by_sound(videos, options) if method == "sound" else _by_motion(videos, options)
+    method, found = _estimated(videos, options)
     offsets, confidence = starts_together(sources), dict.fromkeys(names, 0.0)
     disagreement = dict.fromkeys(names, 0.0)
     for k, source in enumerate(videos):
@@ -96,20 +97,22 @@ class Estimate(NamedTuple):
     disagreement: np.ndarray
 
 
-def solve_offsets(count: int, pairs: Sequence[tuple[int, int, Delay]], trust: float) -> Estimate:
+def solve_offsets(
+    count: int, pairs: Sequence[tuple[int, int, Delay]], trust: float, reference: int = 0
+) -> Estimate:
     """Offsets that fit the delays of pairs of videos, robustly.
 
-    Least squares weighted by confidence, reweighted by the residuals (Cauchy, 20 ms). Video 0 has
-    offset 0.
+    Least squares weighted by confidence, reweighted by the residuals (Cauchy, 20 ms).
 
     Args:
         count: number of videos.
         pairs: (i, j, delay) of compared videos: clock j plus the delay is clock i.
-        trust: least confidence of a delay that is used; videos that no such pair links with video 0
-            have offset NaN.
+        trust: least confidence of a delay that is used; videos that no such pair links with the
+            reference have offset NaN.
+        reference: video whose offset is 0.
     """
     used = [pair for pair in pairs if pair[2].confidence >= trust]
-    linked = {0}
+    linked = {reference}
     for _ in range(count):
         linked |= {b for i, j, _ in used for a, b in ((i, j), (j, i)) if a in linked}
     offsets, best, worst = np.full(count, np.nan), np.zeros(count), np.zeros(count)
@@ -120,7 +123,7 @@ def solve_offsets(count: int, pairs: Sequence[tuple[int, int, Delay]], trust: fl
     base = np.ones(len(used) + 1)
     for k, (i, j, delay) in enumerate(used):
         rows[k, j], rows[k, i], target[k], base[k] = 1.0, -1.0, delay.seconds, delay.confidence
-    rows[-1, 0], weight, found, residual = 1.0, base.copy(), np.zeros(count), np.zeros(0)
+    rows[-1, reference], weight, found, residual = 1.0, base.copy(), np.zeros(count), np.zeros(0)
     for _ in range(_STEPS):
         found = np.linalg.lstsq(rows * weight[:, None], target * weight, rcond=None)[0]
         residual = rows @ found - target
@@ -132,17 +135,13 @@ def solve_offsets(count: int, pairs: Sequence[tuple[int, int, Delay]], trust: fl
     return Estimate(offsets, best, worst)
 
 
-def _method(videos: Sequence[Source], options: SyncOptions) -> str:
-    heard = [source for source in videos if source.has_sound]
-    if options.method == "sound" and len(heard) < len(videos):
-        silent = ", ".join(source.name for source in videos if not source.has_sound)
+def _check_sound(videos: Sequence[Source], options: SyncOptions) -> None:
+    silent = [source.name for source in videos if not source.has_sound]
+    if options.method == "sound" and silent:
         raise PrepareError(
             f"sync.method must be motion, none or auto for videos without sound, got sound and "
-            f"{silent}."
+            f"{', '.join(silent)}."
         )
-    if options.method != "auto":
-        return options.method
-    return "sound" if len(heard) == len(videos) else "motion"
 
 
 def _together(sources: Sequence[Source], method: str) -> Sync:
@@ -150,16 +149,60 @@ def _together(sources: Sequence[Source], method: str) -> Sync:
     return Sync(method, starts_together(sources), zeros, zeros)
 
 
-def _by_sound(videos: Sequence[Source], options: SyncOptions) -> Estimate:
-    tracks = [read_sound(source.path) for source in videos]
+def _estimated(videos: Sequence[Source], options: SyncOptions) -> tuple[str, Estimate]:
+    """How the offsets were found, and the offsets. By default sound decides, and motion for the
+    videos that it does not link: those without sound, or with a track that tells nothing."""
+    if options.method == "motion":
+        return "motion", _by_motion(videos, options)
+    pairs = _sound_delays(videos, options)
+    if options.method == "sound":
+        return "sound", solve_offsets(len(videos), pairs, options.trust)
+    surest = max(pairs, key=lambda pair: pair[2].confidence, default=None)
+    if surest is None or surest[2].confidence < options.trust:
+        return "motion", _by_motion(videos, options)
+    sound = solve_offsets(len(videos), pairs, options.trust, surest[0])
+    if np.isfinite(sound.offsets).all():
+        return "sound", sound._replace(offsets=sound.offsets - sound.offsets[0])
+    together = np.array(list(starts_together(videos).values()))
+    return "sound and motion", join_estimates(sound, _by_motion(videos, options), together)
+
+
+def join_estimates(
+    sound: Estimate, motion: Estimate, together: Float[np.ndarray, " videos"]
+) -> Estimate:
+    """The offsets of sound where there are any, and of motion for the other videos.
+
+    Args:
+        sound: offsets against some video, NaN for those that sound does not link with it.
+        motion: offsets against video 0, NaN where they are not trusted.
+        together: offsets for which all videos start with video 0. Without motion, the first of the
+            videos with sound is placed by it.
+    """
+    linked = np.isfinite(sound.offsets)
+    both = linked & np.isfinite(motion.offsets)
+    if both.any():
+        shift = np.median((motion.offsets - sound.offsets)[both])
+    else:
+        shift = (together - sound.offsets)[linked][0]
+    offsets = np.where(linked, sound.offsets + shift, motion.offsets)
+    return Estimate(
+        offsets - (offsets[0] if np.isfinite(offsets[0]) else 0.0),
+        np.where(linked, sound.confidence, motion.confidence),
+        np.where(linked, sound.disagreement, motion.disagreement),
+    )
+
+
+def _sound_delays(videos: Sequence[Source], options: SyncOptions) -> list[tuple[int, int, Delay]]:
+    """Delays of the pairs of videos that have sound."""
+    tracks = {k: read_sound(source.path) for k, source in enumerate(videos) if source.has_sound}
     pairs = []
-    for i, j in combinations(range(len(videos)), 2):
+    for i, j in combinations(tracks, 2):
         if j - i > _NEIGHBOURS and i > 0:
             continue
         (first, begin), (second, other) = tracks[i], tracks[j]
         delay = sound_delay(first, second, options.longest)
         pairs.append((i, j, Delay(delay.seconds + begin - other, delay.confidence)))
-    return solve_offsets(len(videos), pairs, options.trust)
+    return pairs
 
 
 def _by_motion(videos: Sequence[Source], options: SyncOptions) -> Estimate:

@@ -113,7 +113,7 @@ def camera_measurements(facts: dict[str, Any]) -> Section:
         lens = one.get("lens")
         row = [name, f"{one['size'][0]} x {one['size'][1]}", str(one["frames"])]
         row += [f"{one['rate']:.4g}" if one["rate"] else "-", f"{one['offset']:+.4f}"]
-        row += [f"{one['confidence']:.2f}" if facts["sync"] in ("sound", "motion") else "-"]
+        row += [f"{one['confidence']:.2f}" if facts["sync"] not in ("none", "known") else "-"]
         if lens is None:
             rows.append([*row, "no pose", *["-"] * 6])
             continue

@@ -10,7 +10,7 @@ from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.motion import MOTION_RATE, motion_scores, motion_signal
 from gaussray.prepare.options import SyncOptions
 from gaussray.prepare.sources import find_sources
-from gaussray.prepare.sync import solve_offsets, synchronise
+from gaussray.prepare.sync import Estimate, join_estimates, solve_offsets, synchronise
 
 
 SMALL = (80, 60)
@@ -40,6 +40,23 @@ def test_offsets_are_exact_if_pairs_agree_and_one_lies():
 def test_a_camera_that_no_trusted_pair_links_is_unknown():
     found = solve_offsets(3, [(0, 1, Delay(1.0, 0.9)), (1, 2, Delay(3.0, 0.1))], 0.3)
     assert found.offsets[1] == pytest.approx(1.0) and np.isnan(found.offsets[2])
+
+
+def test_videos_that_sound_does_not_link_are_placed_by_motion():
+    nan, zeros = np.nan, np.zeros(4)
+    sound = Estimate(np.array([nan, 0.0, 0.5, nan]), np.array([0, 1, 1, 0.1]), zeros)
+    motion = Estimate(np.array([0.0, 0.3, 0.7, 2.0]), np.array([0.8, 0.8, 0.8, 0.6]), zeros)
+    found = join_estimates(sound, motion, zeros)
+    # Sound says 0.5 s between 1 and 2, motion 0.4: they stay 0.5 apart, in the middle of motion.
+    assert found.offsets == pytest.approx([0, 0.25, 0.75, 2.0])
+    assert found.confidence == pytest.approx([0.8, 1, 1, 0.6])
+
+
+def test_without_motion_the_videos_with_sound_stay_together():
+    nan, zeros = np.nan, np.zeros(3)
+    sound = Estimate(np.array([nan, 0.0, 0.5]), np.array([0.0, 1, 1]), zeros)
+    found = join_estimates(sound, Estimate(np.full(3, nan), zeros, zeros), np.array([0, 0.1, 0.2]))
+    assert found.offsets[1:] == pytest.approx([0.1, 0.6]) and np.isnan(found.offsets[0])
 
 
 def test_all_pairs_together_overrule_a_wrong_pair():
@@ -97,6 +114,23 @@ def test_videos_with_sound_are_synchronised_by_it(tmp_path):
     found = synchronise(find_sources(tmp_path), SyncOptions())
     assert found.method == "sound"
     assert found.offsets["b"] == pytest.approx(0.75, abs=0.002)
+
+
+@pytest.mark.parametrize("track", ["none", "silence"])
+def test_a_muted_video_is_synchronised_by_motion_and_the_others_by_sound(tmp_path, painted, track):
+    rate, noise = 16000, np.random.default_rng(3).normal(size=16000 * 12) * 0.2
+    starts = {"a": 0.0, "b": 1.0, "c": 2.2}
+    for (name, start), pose in zip(starts.items(), arc(3), strict=True):
+        times = start + np.arange(int(9 * RATE)) / RATE
+        frames = [picture(pose, painted, mover_at(t), focal=75.0, size=SMALL) for t in times]
+        sound = noise[round(start * rate) :][: 9 * rate]
+        if name == "a":
+            sound = None if track == "none" else np.zeros(9 * rate)
+        write_video(tmp_path / f"{name}.mp4", frames, sound=sound, sound_rate=rate)
+    found = synchronise(find_sources(tmp_path), SyncOptions())
+    assert found.method == "sound and motion" and min(found.confidence.values()) > 0.3
+    assert found.offsets == pytest.approx(starts, abs=0.5 / RATE)
+    assert found.offsets["c"] - found.offsets["b"] == pytest.approx(1.2, abs=0.002)
 
 
 def test_offsets_that_are_known_are_used(late):
