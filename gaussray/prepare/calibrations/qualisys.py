@@ -57,6 +57,8 @@ def _camera(path: Path, node: ElementTree.Element) -> KnownCamera:
         "intrinsic",
         "radialDistortion1 radialDistortion2 tangentalDistortion1 tangentalDistortion2",
     )
+    if node.find("intrinsic[@radialDistortion3]") is not None:
+        distortion = np.append(distortion, numbers("intrinsic", "radialDistortion3"))
     matrix = np.array([[inner[0], 0, inner[2] - left], [0, inner[1], inner[3] - top], [0, 0, 1]])
     turn = numbers("transform", "r11 r12 r13 r21 r22 r23 r31 r32 r33").reshape(3, 3)
     place = numbers("transform", "x y z") / _MILLIMETRES
