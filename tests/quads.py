@@ -56,11 +56,17 @@ def arc(count, first=-35, last=35, distance=5.0):
     ]
 
 
-def picture(pose, painted, mover=None, gain=1.0, focal=FOCAL, size=SIZE):
-    """8-bit levels of the room; `mover` is the place of a bright quad that moves."""
+def picture(pose, painted, mover=None, gain=1.0, focal=FOCAL, size=SIZE, fisheye=False):
+    """8-bit levels of the room; `mover` is the place of a bright quad that moves.
+
+    A fisheye is equidistant.
+    """
     width, height = size
     x, y = np.meshgrid(np.arange(width) + 0.5, np.arange(height) + 0.5)
     rays = np.stack([(x - width / 2) / focal, (y - height / 2) / focal, np.ones_like(x)], -1)
+    if fisheye:
+        angle = np.linalg.norm(rays[..., :2], axis=-1, keepdims=True)
+        rays = np.concatenate([np.sinc(angle / np.pi) * rays[..., :2], np.cos(angle)], -1)
     directions, origin = rays @ pose[:, :3], -pose[:, :3].T @ pose[:, 3]
     quads, images = list(_QUADS), list(painted)
     if mover is not None:

@@ -81,6 +81,18 @@ def extract_features(
         )
         done += len(group)
         progress.report(done)
+    if options.model == "opencv_fisheye":
+        _trust_start_focal(database)
+
+
+def _trust_start_focal(database: Path) -> None:
+    """Have matches verified by rays, for which even a rough focal length serves: no fundamental
+    matrix explains the bent epipolar lines of a fisheye. The focal length is estimated all the
+    same."""
+    with pycolmap().Database.open(database) as db:
+        for camera in db.read_all_cameras():
+            camera.has_prior_focal_length = True
+            db.update_camera(camera)
 
 
 def set_lenses(

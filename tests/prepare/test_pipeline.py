@@ -8,6 +8,7 @@ from quads import FOCAL, RATE, SIZE, arc, looking, mover_at, picture, write_pict
 from scipy.spatial.transform import Rotation
 
 from gaussray.capture.open import open_capture
+from gaussray.dataset.images import write_image
 from gaussray.geometry import BLENDER_AXES
 from gaussray.prepare import prepare_capture
 from gaussray.prepare.errors import PrepareError
@@ -201,3 +202,15 @@ def test_pictures_that_share_nothing_are_refused_with_a_remedy(tmp_path):
     options = PrepareOptions(sync=TOGETHER, poses=PosesOptions(rig="still"))
     with pytest.raises(PrepareError, match="add cameras between, or give a calibration"):
         prepare_capture(tmp_path / "in", tmp_path / "capture", options=options)
+
+
+def test_the_lens_of_a_fisheye_is_found(tmp_path, painted):
+    for k, pose in enumerate(arc(7, -24, 24, 3.2)):
+        levels = picture(pose, painted, focal=150.0, size=(400, 300), fisheye=True)
+        write_image(tmp_path / "in" / f"cam{k}" / "0.png", levels)
+    options = PrepareOptions(poses=PosesOptions(model="opencv_fisheye"))
+    facts = prepare_capture(tmp_path / "in", tmp_path / "out", options=options)
+    lenses = [one["lens"] for one in facts["cameras"].values() if one["registered"]]
+    assert len(lenses) == 7 and lenses[0]["camera_model"] == "OPENCV_FISHEYE"
+    assert lenses[0]["fl_x"] == pytest.approx(150, rel=0.02)
+    assert facts["cameras"]["cam0"]["fov"] == pytest.approx(np.degrees(400 / 150), rel=0.03)

@@ -39,8 +39,8 @@ def test_pose2sim(tmp_path, fisheye):
     assert (camera.lens["w"], camera.lens["h"]) == (1920, 1080)
 
 
-# Qualisys: millimetres, 64ths of a pixel; z up. It stands at (0, -5, 1) m and looks along y. Its own
-# axes are right, up, back: rows of the rotation. Pose2Sim's TOML of its own file has the same poses.
+# Qualisys: millimetres, 64ths of a pixel; z up. It stands at (0, -5, 1) m and looks along y. Its
+# own axes, the rows of the rotation, are right, up, back. (So they are for Pose2Sim, too.)
 QUALISYS = """<?xml version='1.0' encoding='ASCII'?>
 <calibration created="2024-05-03 10:00:00" qtm-version="2024.1" type="regular" wandLength="601.5">
   <results std-dev="0.5" min-max-diff="1.2"/>
