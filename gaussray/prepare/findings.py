@@ -96,6 +96,7 @@ def sync_findings(
                 "sync",
                 f"{', '.join(names)} show their nearest frames at {timeline.rate:.4g} per second; "
                 "the remaining shift of each frame is recorded as the delay of its shutter",
+                "Record all cameras at one rate to use all their frames.",
             )
         )
     return findings

@@ -42,7 +42,9 @@ def finding_list(facts: dict[str, Any]) -> Section:
     parts = []
     for one in rows:
         mark = tag("b", _MARKS[one["level"]], style=f"color:{_COLORS[one['level']]}")
-        text = one["text"][:1].upper() + one["text"][1:]
+        text = one["text"]
+        if text.split()[0].rstrip(",:") not in facts["cameras"]:
+            text = text[:1].upper() + text[1:]
         dot = "" if text.endswith(".") else "."
         remedy = tag("div", one["remedy"], class_="note") if one["remedy"] else None
         parts += [tag("dt", mark, f" · {one['subject']}"), tag("dd", text, dot, remedy)]

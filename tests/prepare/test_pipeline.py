@@ -120,6 +120,8 @@ def test_the_report_shows_pictures_and_lines(prepared):
     text = write_page("prepare", out).read_text()
     assert text.count("<image ") == 2 * len(facts["epipolar"]) > 0
     assert "fit.refine=[exposure]" in text and text.count("<path d=") > 10
+    # A sentence begins with a capital, unless it begins with a camera's name.
+    assert "<dd>cam1 differs from" in text and "<dd>The videos start together" in text
 
 
 @pytest.fixture

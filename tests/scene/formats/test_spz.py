@@ -156,7 +156,7 @@ def half_turned(model):
     return Gaussians(*(jnp.asarray(part, jnp.float32) for part in parts))
 
 
-INSTALL = "npm install -g @playcanvas/splat-transform"
+INSTALL = "npm install -g @playcanvas/splat-transform@3"
 
 
 @pytest.mark.skipif(not shutil.which("splat-transform"), reason=INSTALL)
