@@ -38,6 +38,8 @@ MOVED = 0.01
 # A body was found for certain where its cost is at most so many times the first quartile of its
 # costs so far.
 CERTAIN = 1.25
+# And no better pose is looked for where it is at most so many times that.
+ENOUGH = 1.1
 # Searches for bodies that were found in the place of another one.
 AGAIN = 2
 
@@ -94,12 +96,13 @@ def track(
         views = jax.tree.map(lambda x, frames=frames: x[frames], camera)
         layers = appearance.layers(shown(frames), shrink, options.blur)
         pictures = Pictures(views, layers, shrink)
-        certain = _last_certain(costs)
+        certain, enough = _last_certain(costs)
         last = Pose(*(jnp.stack(x)[certain, np.arange(count)] for x in zip(*poses, strict=True)))
-        since = jnp.asarray(i - certain, jnp.float32)
-        starts = (_start(_ahead(poses, instants[: i + 1])), _start(last, since))
+        expected = _ahead(poses, instants[: i + 1])
+        unknown = Others(expected, jnp.zeros(count, bool))
+        start = Start(expected, last, jnp.asarray(i - certain, jnp.float32), unknown)
         keys = jax.random.split(jax.random.fold_in(key, i), count)
-        pose, cost = _search_apart(keys, known, starts, pictures, options)
+        pose, cost = _search_apart(keys, known, start, enough, pictures, options)
         poses.append(pose)
         costs.append(np.asarray(cost))
         either = jax.tree.map(lambda *x: jnp.stack(x), poses[-1], poses[0])
@@ -130,39 +133,38 @@ def _known(bodies: Bodies, gaussians: MovingGaussians, points: int, seed: int) -
     return Known(*(jnp.asarray(np.stack(x), jnp.float32) for x in zip(*parts, strict=True)))
 
 
-def _start(pose: Pose, since: Float[Array, " bodies"] | None = None) -> Start:
-    """A start of all bodies, of which none was found yet."""
-    return Start(pose, since, Others(pose, jnp.zeros(len(pose.path), bool)))
-
-
-def _last_certain(costs: list[Float[np.ndarray, " bodies"]]) -> Int[np.ndarray, " bodies"]:
-    """The last time at which each body was found about as well as usual."""
+def _last_certain(
+    costs: list[Float[np.ndarray, " bodies"]],
+) -> tuple[Int[np.ndarray, " bodies"], Float[Array, " bodies"]]:
+    """The last time at which each body was found about as well as usual, and the cost at which no
+    better pose is looked for."""
     cost = np.stack(costs)
     usual = np.quantile(cost[1:], 0.25, axis=0) if len(cost) > 1 else cost[0]
     certain = cost <= CERTAIN * usual
-    return len(cost) - 1 - np.argmax(certain[::-1], axis=0)
+    last = len(cost) - 1 - np.argmax(certain[::-1], axis=0)
+    return last, jnp.asarray(ENOUGH * usual, jnp.float32)
 
 
 def _search_apart(
     keys: Key[Array, " bodies"],
     known: Known,
-    starts: tuple[Start, ...],
+    start: Start,
+    enough: Float[Array, " bodies"],
     pictures: Pictures,
     options: TrackOptions,
 ) -> tuple[Pose, Float[Array, " bodies"]]:
     """The best pose of every body, and its cost. Bodies that were found in one place are told
     apart: the one that fits best, or of equals the one that moved least, stays, and the others are
     searched for again, as something that the first may occlude, but that does not cover it."""
-    pose, cost = search_poses(keys, known, starts, pictures, options)
+    pose, cost = search_poses(keys, known, start, enough, pictures, options)
     for _ in range(AGAIN):
-        moved = jnp.linalg.norm(pose.path - starts[0].pose.path, axis=1) / known.size
+        moved = jnp.linalg.norm(pose.path - start.expected.path, axis=1) / known.size
         again = _in_the_place_of_another(pose, np.asarray(cost + MOVED * moved), known)
         if not again.any():
             break
         pick = jnp.asarray(again)
-        others = Others(pose, ~pick)
-        apart = tuple(start._replace(others=others) for start in starts)
-        found, found_cost = search_poses(keys, known, apart, pictures, options)
+        apart = start._replace(others=Others(pose, ~pick))
+        found, found_cost = search_poses(keys, known, apart, enough, pictures, options)
         pose = Pose(*(jnp.where(pick[:, None], *x) for x in zip(found, pose, strict=True)))
         cost = jnp.where(pick, found_cost, cost)
     return pose, cost

@@ -142,7 +142,8 @@ def visibility(pose, own, body, known, others, pictures, layer) -> Visibility:
         sight = eye[None] - place
         distance = jnp.sqrt(jnp.sum(sight * sight, axis=-1, keepdims=True))
         sight = sight / distance
-        fine = jnp.all(jnp.isfinite(slope), axis=(-1, -2)) & jnp.all(jnp.isfinite(pixel), axis=-1)
+        slope = jnp.where(jnp.isfinite(slope), slope, 0)
+        fine = jnp.all(jnp.isfinite(pixel), axis=-1)
         inside = fine & jnp.all((pixel >= 0) & (pixel <= size[None]), axis=-1)
         # A body occludes what is behind a ball of 0.8 of its size.
         across = middle[None] - place[:, None]
@@ -151,8 +152,7 @@ def visibility(pose, own, body, known, others, pictures, layer) -> Visibility:
         meets = another & (along < distance) & (square < (0.8 * known.size[None]) ** 2)
         seen = inside & ~jnp.any(meets & (along > 0), axis=-1)
         covers = seen & jnp.any(meets & (along <= 0) & others.found[None], axis=-1)
-        pixel, slope = jnp.where(fine[:, None], pixel, 0), jnp.where(fine[:, None, None], slope, 0)
-        return sight, pixel, slope, seen, covers
+        return sight, jnp.where(fine[:, None], pixel, 0), slope, seen, covers
 
     return Visibility(place, normal, *jax.vmap(in_view)(pictures.views))
 
@@ -169,11 +169,23 @@ def pose_cost(change, pose, own, visible: Visibility, layer) -> Float[Array, ""]
     """
     shift = _place(changed(pose, change), own) - visible.place
     pixel = visible.pixel + product("vpij,pj->vpi", visible.slope, shift)
-    last = jnp.asarray(layer.shape[2:0:-1]) - 1
-    column, row = jnp.moveaxis(jnp.clip(pixel.astype(jnp.int32), 0, last[None, None]), -1, 0)
-    found = layer[jnp.arange(layer.shape[0])[:, None], row, column]
     normal = product("ij,pj->pi", rotation_matrix(turning(change[:3])), visible.normal)
-    cosine = jnp.sum(visible.sight * normal[None], axis=-1)
+    return cost_as_seen(visible._replace(pixel=pixel, normal=normal), own, layer)
+
+
+def cost_as_seen(visible: Visibility, own: Known, layer: Array) -> Float[Array, ""]:
+    """Mean difference between the points and the pixels they fall on.
+
+    Args:
+        visible: how the views see the points.
+        own: the body's points.
+        layer: the pictures at one blur.
+    """
+    last = jnp.asarray(layer.shape[2:0:-1]) - 1
+    pixel = jnp.clip(visible.pixel.astype(jnp.int32), 0, last[None, None])
+    column, row = jnp.moveaxis(pixel, -1, 0)
+    found = layer[jnp.arange(layer.shape[0])[:, None], row, column]
+    cosine = jnp.sum(visible.sight * visible.normal[None], axis=-1)
     weight = jnp.where(cosine > GRAZING, cosine, 0)
     difference = jnp.sum(jnp.abs(found - own.look[None]), axis=-1) / 3
     counted = jnp.where(visible.seen & ~jnp.isnan(difference), weight, 0)

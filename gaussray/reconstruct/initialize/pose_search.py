@@ -19,6 +19,7 @@ from gaussray.reconstruct.initialize.pose_cost import (
     Pictures,
     Pose,
     changed,
+    cost_as_seen,
     pose_cost,
     visibility,
 )
@@ -70,22 +71,26 @@ WIDTHS = ((0.35, 0.05), (0.1, 0.02), (0.05, 0.005))
 # A body that was hit may be anywhere: so many times the number of poses are tried, at places that
 # are Cauchy distributed with this half width, in body sizes for every time since it was found, and
 # with turns of this standard deviation in radians. The best spots are looked at closer.
-PLACE_DRAWS, FAR, LOST, SPOTS = 4, 0.6, 0.8, 8
+PLACE_DRAWS, FAR, LOST, SPOTS = 64, 0.6, 0.8, 16
+# Each third point tells the better of few poses; each tenth and twentieth, which of many turns and
+# places are worth more points: so many times the number of poses.
+ROUGH, TURNS_ROUGH, PLACES_ROUGH, WORTH_MORE = 3, 10, 20, 4
 # And it may be turned by any angle: so many times the number of poses are tried as turns at each
 # spot, Cauchy distributed with this half width in radians, each with a small step, in body sizes.
 # Boxes look alike from several sides: sharper pictures decide between the best turns, and the
 # sharpest between the last.
-TURN_DRAWS, SPUN, NUDGED, MODES, FINAL = 2, 0.5, 0.1, 4, 2
+TURN_DRAWS, SPUN, NUDGED, MODES, FINAL = 16, 0.5, 0.1, 4, 2
 # Spots differ by at least so many body sizes, turns at them by so many radians.
 DIFFERENT = 0.6
 
 
 class Start(NamedTuple):
-    """Where a search begins, how many times ago the body was there (None: it is not looked for far
-    around), and where the other bodies are meanwhile."""
+    """Where all bodies are expected, where each was last found for certain and how many times ago,
+    and where the others are meanwhile."""
 
-    pose: Pose
-    since: Float[Array, "*bodies"] | None
+    expected: Pose
+    certain: Pose
+    since: Float[Array, " bodies"]
     others: Others
 
 
@@ -93,50 +98,59 @@ class Start(NamedTuple):
 def search_poses(
     keys: Key[Array, " bodies"],
     known: Known,
-    starts: tuple[Start, ...],
+    start: Start,
+    enough: Float[Array, " bodies"],
     pictures: Pictures,
     options: TrackOptions,
 ) -> tuple[Pose, Float[Array, " bodies"]]:
-    """The best pose of every body near one of its starts, and its cost.
+    """The best pose of every body, near where it is expected or, where no pose there costs little,
+    anywhere around its last certain one; and its cost.
 
     Args:
         keys: random keys of the poses to try.
         known: the bodies at the first time.
-        starts: poses of all bodies around which to search.
+        start: where to search.
+        enough: a pose that costs no more is the right one.
         pictures: what the cameras show at the time of the poses.
         options: how thoroughly to search.
     """
 
-    def one(key: PRNGKeyArray, body: Array) -> tuple[Pose, Array]:
-        found = [_search_from(key, body, known, start, pictures, options) for start in starts]
-        cost = jnp.stack([cost for _, cost in found])
-        best = jnp.argmin(cost)
-        pose = jax.tree.map(lambda *x: jnp.stack(x)[best], *(pose for pose, _ in found))
-        return pose, cost[best]
+    def one(at: tuple[PRNGKeyArray, Array]) -> tuple[Pose, Array]:
+        key, body = at
+        own = jax.tree.map(lambda x: x[body], known)
+        search = _Search(body, own, known, start.expected, start.others, pictures, options)
+        near = _narrowed(key, search, search.first, range(len(pictures.layers)))
 
-    return jax.vmap(one)(keys, jnp.arange(len(keys)))
+        def far() -> tuple[Pose, Array]:
+            found = _search_far(key, search._replace(begin=start.certain), start.since[body])
+            return jax.tree.map(lambda *x: jnp.where(near[1] <= found[1], *x), near, found)
+
+        return jax.lax.cond(near[1] <= enough[body], lambda: near, far)
+
+    return jax.lax.map(one, (keys, jnp.arange(len(keys))))
 
 
 class _Search(NamedTuple):
-    """The search for one body: its number, the points that are compared, and where it begins."""
+    """The search for one body: its number, the points that are compared, and where all begin."""
 
     body: Array
     own: Known
     known: Known
-    start: Start
+    begin: Pose
+    others: Others
     pictures: Pictures
     options: TrackOptions
 
     @property
     def first(self) -> Pose:
         """The pose around which it begins."""
-        return jax.tree.map(lambda x: x[self.body], self.start.pose)
+        return jax.tree.map(lambda x: x[self.body], self.begin)
 
     def costs(
         self, draw: Float[Array, "draws 6"], pose: Pose, layer: Array
     ) -> Float[Array, " draws"]:
         """What changes of a pose cost: occlusion and slopes of pixels are those of the pose."""
-        others, pictures = self.start.others, self.pictures
+        others, pictures = self.others, self.pictures
         visible = visibility(pose, self.own, self.body, self.known, others, pictures, layer)
 
         def cost(change: Array) -> Array:
@@ -147,49 +161,43 @@ class _Search(NamedTuple):
 
     def costs_of(self, pose: Pose, layer: Array) -> Float[Array, " poses"]:
         """What poses cost that may be far from one another."""
-        stay = jnp.zeros((1, 6), pose.path.dtype)
-        return jax.lax.map(lambda x: self.costs(stay, x, layer)[0], pose, batch_size=32)
 
-    def roughly(self) -> "_Search":
-        """The same with a third of the points."""
+        def cost(pose: Pose) -> Array:
+            visible = visibility(
+                pose, self.own, self.body, self.known, self.others, self.pictures, layer
+            )
+            farther = _change_from(self.first, pose, self.own.size)
+            return cost_as_seen(visible, self.own, layer) + FARTHER * farther
+
+        return jax.lax.map(cost, pose, batch_size=256)
+
+    def thinned(self, each: int) -> "_Search":
+        """The same with fewer points."""
         own = self.own
-        few = own._replace(place=own.place[::3], normal=own.normal[::3], look=own.look[::3])
-        return self._replace(own=few)
-
-
-def _search_from(
-    key: PRNGKeyArray,
-    body: Array,
-    known: Known,
-    start: Start,
-    pictures: Pictures,
-    options: TrackOptions,
-) -> tuple[Pose, Array]:
-    """The best pose of one body that the search reaches from a start, and its cost."""
-    own = jax.tree.map(lambda x: x[body], known)
-    search = _Search(body, own, known, start, pictures, options)
-    if start.since is None:
-        return _narrowed(key, search, search.first, range(len(pictures.layers)))
-    return _search_far(key, search, start.since[body])
+        few = (x[::each] for x in (own.place, own.normal, own.look))
+        return self._replace(own=Known(*few, own.pivot, own.size))
 
 
 def _search_far(key: PRNGKeyArray, search: _Search, since: Array) -> tuple[Pose, Array]:
     """The best pose anywhere, and its cost: spots first, then turns at them, then both closer."""
     layers, options, first = search.pictures.layers, search.options, search.first
     size, dtype, last = search.own.size, first.path.dtype, len(layers) - 1
-    rough, second = search.roughly(), min(1, last)
+    rough, second, kept = search.thinned(ROUGH), min(1, last), WORTH_MORE * options.poses
     keys = jax.random.split(jax.random.fold_in(key, len(layers)))
     draw = _places(keys[0], PLACE_DRAWS * options.poses, FAR * size * since, dtype)
     pose = jax.vmap(partial(changed, first))(draw)
+    pose = _best(pose, search.thinned(PLACES_ROUGH).costs_of(pose, layers[0]), kept)
     pose = _distinct(pose, rough.costs_of(pose, layers[0]), SPOTS, partial(_step_from, size=size))
     pose, _ = jax.vmap(lambda x: _narrowed(key, rough, x, range(second)))(pose)
     draw = _turns(keys[1], TURN_DRAWS * options.poses, NUDGED * size, dtype)
-    cost = jax.vmap(lambda x: rough.costs(draw, x, layers[second]))(pose)
+    rougher = search.thinned(TURNS_ROUGH)
+    cost = jax.vmap(lambda x: rougher.costs(draw, x, layers[second]))(pose)
     pose = jax.vmap(lambda x: jax.vmap(partial(changed, x))(draw))(pose)
-    pose = jax.tree.map(jnp.concatenate, pose)
-    pose = _distinct(pose, cost.reshape(-1), MODES, partial(_change_from, size=size))
+    pose = _best(jax.tree.map(jnp.concatenate, pose), cost.reshape(-1), kept)
+    cost = rough.costs_of(pose, layers[second])
+    pose = _distinct(pose, cost, MODES, partial(_change_from, size=size))
     pose, cost = jax.vmap(lambda x: _narrowed(key, rough, x, range(second, last)))(pose)
-    pose = jax.tree.map(lambda x: x[jnp.argsort(cost)[:FINAL]], pose)
+    pose = _best(pose, cost, FINAL)
     pose, cost = jax.vmap(lambda x: _narrowed(key, search, x, range(last, last + 1)))(pose)
     best = jnp.argmin(cost)
     return jax.tree.map(lambda x: x[best], pose), cost[best]
@@ -232,6 +240,11 @@ def _turns(key: PRNGKeyArray, count: int, nudge: Array, dtype) -> Float[Array, "
     draw = jax.random.normal(key, (count, 7), dtype).at[0, :6].set(0)
     turn = SPUN * draw[:, :3] / jnp.maximum(jnp.abs(draw[:, 6:]), 1e-6)
     return jnp.concatenate([turn, nudge * draw[:, 3:6]], axis=1)
+
+
+def _best(pose: Pose, cost: Float[Array, " poses"], count: int) -> Pose:
+    """The poses that cost least, in the order of their costs."""
+    return jax.tree.map(lambda x: x[jnp.argsort(cost)[:count]], pose)
 
 
 def _distinct(
