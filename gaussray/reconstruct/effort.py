@@ -276,7 +276,7 @@ def _field(pixels: float, machine: Machine) -> ReconstructOptions:
 
 
 def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, still: bool) -> str:
-    fit, parts = options.fit, [f"fit=auto: {len(views)} pictures"]
+    fit, parts = options.fit, [f"fit=auto: {len(views)} picture{'s' * (len(views) != 1)}"]
     if scale < 1:
         parts.append(f"scaled by {scale:.2f} to {views[0].width} x {views[0].height}")
     if still or fit.transient:
