@@ -285,7 +285,7 @@ def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, 
     if not still:
         parts.append(f"motion by {MOTION_NOUNS[fit.motion]} (fit.motion)")
     if fit.minutes:
-        parts.append(f"about {fit.minutes:.0f} minutes (fit.minutes)")
+        parts.append(f"about {fit.minutes:g} minute{'s' * (fit.minutes != 1)} (fit.minutes)")
     else:
         parts.append(f"{fit.coarse} + {fit.fine} steps")
     return ", ".join(parts) + "."
