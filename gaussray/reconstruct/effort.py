@@ -285,7 +285,8 @@ def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, 
     if not still:
         parts.append(f"motion by {MOTION_NOUNS[fit.motion]} (fit.motion)")
     if fit.minutes:
-        parts.append(f"about {fit.minutes:g} minute{'s' * (fit.minutes != 1)} (fit.minutes)")
+        minutes = f"{fit.minutes:.0f}" if fit.minutes >= 1 else f"{fit.minutes:.1g}"
+        parts.append(f"about {minutes} minute{'s' * (minutes != '1')} (fit.minutes)")
     else:
         parts.append(f"{fit.coarse} + {fit.fine} steps")
     return ", ".join(parts) + "."
