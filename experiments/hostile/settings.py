@@ -45,7 +45,7 @@ def _preset(folder: Path) -> object:
 
 def _command(folder: Path) -> object:
     from gaussray.config.compose import compose_config
-    from gaussray.config.jobs import all_distributions
+    from gaussray.config.samples import all_distributions
 
     return all_distributions(compose_config("render", [*PLAIN, "sample=mine", _search(folder)]))
 
@@ -54,7 +54,7 @@ def _yaml(folder: Path) -> object:
     from hydra.core.default_element import GroupDefault, ResultDefault
 
     from gaussray.config.compose import as_value_error, check_search_path, resolve_config
-    from gaussray.config.jobs import all_distributions
+    from gaussray.config.samples import all_distributions
 
     with as_value_error("render", [_search(folder)]):
         check_search_path([_search(folder)])

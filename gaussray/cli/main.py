@@ -14,8 +14,11 @@ def program() -> None:
     """The console script: `main`, as a process of its own.
 
     The objects of the libraries exist as long as the process. Garbage collection every 700 objects,
-    and freeing them at the end, would take a second of processor time.
+    and freeing them at the end, would take a second of processor time. XLA's own log, with blocks
+    about its slow compilation, is not shown unless TF_CPP_MIN_LOG_LEVEL is set; its failures are
+    exceptions.
     """
+    os.environ.setdefault("TF_CPP_MIN_LOG_LEVEL", "3")
     gc.set_threshold(20_000)
     code = 1
 

@@ -103,7 +103,7 @@ def _run(command: str, overrides: Sequence[str]) -> None:
     check_style(str(cfg.get("progress", "auto")))
     limit(build_options(Limits, cfg.limits))
     if command == "render" and cfg.factory.count:
-        from gaussray.config.jobs import generate_dataset
+        from gaussray.config.samples import generate_dataset
         from gaussray.dataset.takes import MANIFEST
 
         result = generate_dataset(cfg, overrides)

@@ -276,7 +276,7 @@ def _field(pixels: float, machine: Machine) -> ReconstructOptions:
 
 
 def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, still: bool) -> str:
-    fit, parts = options.fit, [f"fit=auto: {len(views)} pictures"]
+    fit, parts = options.fit, [f"fit=auto: {len(views)} picture{'s' * (len(views) != 1)}"]
     if scale < 1:
         parts.append(f"scaled by {scale:.2f} to {views[0].width} x {views[0].height}")
     if still or fit.transient:
@@ -285,7 +285,8 @@ def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, 
     if not still:
         parts.append(f"motion by {MOTION_NOUNS[fit.motion]} (fit.motion)")
     if fit.minutes:
-        parts.append(f"about {fit.minutes:.0f} minutes (fit.minutes)")
+        minutes = f"{fit.minutes:.0f}" if fit.minutes >= 1 else f"{fit.minutes:.1g}"
+        parts.append(f"about {minutes} minute{'s' * (minutes != '1')} (fit.minutes)")
     else:
         parts.append(f"{fit.coarse} + {fit.fine} steps")
     return ", ".join(parts) + "."

@@ -1,13 +1,68 @@
-"""Tells a fit that failed from one that is merely coarse, and names the likely cause."""
+"""Tells a fit that failed, or must fail, from one that is merely coarse; names the likely cause."""
 
+import warnings
 from typing import Any
 
+import numpy as np
+
 from gaussray.capture.capture import Capture
+from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.dataset.manifest import rotation_and_position
+from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.segments import training_views
 from gaussray.scene.scene import Scene
+
+
+# Cameras that differ by less, relative to their distance from the origin, stand in one place.
+_SAME_PLACE = 1e-5
 
 
 class FailedFit(RuntimeError):
     """A fit ended below what one colour per camera scores, or with an empty scene."""
+
+
+def demand_detail(footage: Footage) -> None:
+    """Refuse pictures in which there is nothing to see.
+
+    Raises:
+        CaptureError: Every picture shows a single colour.
+    """
+    count = len(footage.pixel)
+    for frame in range(count):
+        pixel, visible = footage.pixel[frame], footage.visible(frame)
+        shown = pixel.reshape(-1, 3) if visible is None else pixel[visible]
+        if (shown != shown[:1]).any():
+            return
+    which = (
+        "the only training picture shows"
+        if count == 1
+        else f"each of the {count} training pictures shows"
+    )
+    raise CaptureError(
+        f"{which} a single colour, so there is nothing to reconstruct. Look at the pictures, their "
+        "masks (white pixels count) and capture.crop."
+    )
+
+
+def warn_of_one_place(capture: Capture) -> None:
+    """Warn if all training pictures are taken from one place, and no points tell distances."""
+    views = training_views(capture)
+    if capture.points is not None or not views:
+        return
+    first = rotation_and_position(views[0].camera)[1]
+    limit = _SAME_PLACE * max(1.0, float(np.abs(first).max()))
+    for view in views[1:]:
+        if np.abs(rotation_and_position(view.camera)[1] - first).max() > limit:
+            return
+    what = "there is one training picture"
+    if len(views) > 1:
+        what = "all training pictures are taken from one place"
+    warnings.warn(
+        f"{what}, and there are no points: nothing tells how far away things are. Pictures from "
+        "other places will be wrong. Add pictures from other places, or points.",
+        CaptureWarning,
+        stacklevel=2,
+    )
 
 
 def demand_success(scene: Scene, report: dict[str, Any], capture: Capture, start: str) -> None:

@@ -18,7 +18,7 @@ from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole, write_json
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.effort import MOTION_NOUNS, effort, this_machine
-from gaussray.reconstruct.failed_fit import demand_success
+from gaussray.reconstruct.failed_fit import demand_detail, demand_success, warn_of_one_place
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.loop import run_stage
 from gaussray.reconstruct.motion_trial import held_out_capture, trial, trial_sentence
@@ -97,6 +97,7 @@ def reconstruct(
     options, scores = _with_motion_tried(capture, out, options, resume, devices, quiet)
     capture, options, sentence_of_effort, _ = effort(capture, options, this_machine())
     _say(sentence_of_effort, quiet or not leads())
+    warn_of_one_place(capture)
     course = segments(capture, options.fit.segment)
     if leads():
         sweep(out, deep=len(course) > 1)
@@ -206,6 +207,7 @@ def _fitted(
     session: Session, state: State | None, progress: RunProgress
 ) -> tuple[State, RunProgress]:
     """All stages that are left of a segment."""
+    demand_detail(session.footage)
     if state is None:
         state, progress = initial_state(session, progress)
     else:

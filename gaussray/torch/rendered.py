@@ -14,7 +14,7 @@ from torch.utils.data import IterableDataset, get_worker_info
 
 from gaussray.camera.camera import Camera, with_chromatic
 from gaussray.config.compose import compose_config
-from gaussray.config.jobs import SampleSource, sample_source
+from gaussray.config.samples import SampleSource, sample_source
 from gaussray.dataset.manifest import FrameRecord, camera_to_world
 from gaussray.dataset.takes import row_exposure_times
 from gaussray.render.aov.files import neighbour_cameras, with_label_files

@@ -64,7 +64,10 @@ def status_text(status: RenderStatus) -> str:
     if not status.stages:
         return f"**Preparing the first preview**  \ncompiling {_programs(status.compiling)} ..."
     width, height = status.size
-    picture = [f"{width} x {height} pixels", f"{status.rays} rays per pixel"]
+    picture = [
+        f"{width} x {height} pixels",
+        f"{status.rays} ray{'s' * (status.rays != 1)} per pixel",
+    ]
     if status.final:
         picture.insert(0, "**Final picture**")
     elif status.rate:

@@ -1,6 +1,7 @@
 """What the user does wrong ends in one line that names key or file, and in exit code 2."""
 
 import json
+import os
 import subprocess
 import sys
 
@@ -464,3 +465,38 @@ def test_the_same_words_serve_a_run_at_every_moment(tmp_path, resume, left, told
 def test_any_other_resumption_is_refused(capture, fails):
     line = fails(*reconstruct_of(capture), "resume=perhaps")
     assert "resume must be true, false or auto, got 'perhaps'" in line
+
+
+# A program whose compilation XLA complains about: it evaluates a constant for seconds.
+SLOW_COMPILATION = """
+from importlib import import_module
+
+
+def compile_slowly():
+    import jax
+    import numpy as np
+
+    values = np.random.default_rng(0).random((220, 220), np.float32)
+
+    def sums():
+        return jax.lax.reduce_window(
+            jax.numpy.asarray(values), 0.0, jax.lax.add, (8, 8), (1, 1), "VALID"
+        )
+
+    jax.jit(sums).lower().compile()
+
+
+command = import_module("gaussray.cli.main")
+command.main = compile_slowly
+command.program()
+"""
+
+
+@pytest.mark.parametrize("level", [None, "1"])
+def test_the_compilers_own_log_is_not_shown_unless_it_is_asked_for(level):
+    environment = {k: v for k, v in os.environ.items() if k != "TF_CPP_MIN_LOG_LEVEL"}
+    environment |= {"TF_CPP_MIN_LOG_LEVEL": level} if level else {}
+    environment["JAX_ENABLE_COMPILATION_CACHE"] = "false"
+    words = [sys.executable, "-c", SLOW_COMPILATION]
+    told = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    assert ("Constant folding" in told.stderr) == (level == "1")

@@ -1,17 +1,25 @@
 """A fit that is worth less than one colour per camera ends in an error, and nothing is written."""
 
 import dataclasses
+import shutil
 
 import jax
 import numpy as np
 import pytest
 import toy
 
+from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.cli.main import main
+from gaussray.dataset.images import write_image
 from gaussray.reconstruct import pipeline as recipe
 from gaussray.reconstruct.data.pictures import footage
-from gaussray.reconstruct.failed_fit import FailedFit, demand_success
+from gaussray.reconstruct.failed_fit import (
+    FailedFit,
+    demand_detail,
+    demand_success,
+    warn_of_one_place,
+)
 from gaussray.reconstruct.simplify.measure import TrainingViews, one_color_psnr, tile_views
 
 
@@ -112,3 +120,49 @@ def test_the_command_fails_and_leaves_the_scene_that_is_there(
     message = capsys.readouterr().err
     assert "the fit failed: 9.0 dB" in message and "Traceback" not in message
     assert (tmp_path / "scene.npz").read_bytes() == b"an earlier scene"
+
+
+def test_pictures_of_a_single_color_each_are_refused(capture):
+    seen = dataclasses.replace(footage(capture.views, side=8), mask=None)
+    demand_detail(seen)
+    flat = np.broadcast_to(seen.pixel[:, :1, :1], seen.pixel.shape).copy()
+    with pytest.raises(
+        CaptureError, match=f"each of the {len(flat)} training pictures shows a sin"
+    ):
+        demand_detail(dataclasses.replace(seen, pixel=flat))
+    flat[-1, -1, -1, 2] ^= 1
+    demand_detail(dataclasses.replace(seen, pixel=flat))
+
+
+def test_pixels_that_are_masked_show_nothing(capture):
+    seen = footage(capture.views, side=8)
+    flat = np.broadcast_to(seen.pixel[:, :1, :1], seen.pixel.shape).copy()
+    flat[:, :, :8] = 255 - flat[:, :, :8]
+    masked = np.full((*flat.shape[:2], flat.shape[2] // 8), 255, np.uint8)
+    demand_detail(dataclasses.replace(seen, pixel=flat, mask=masked))
+    masked[:, :, 0] = 0
+    with pytest.raises(CaptureError, match="single colour"):
+        demand_detail(dataclasses.replace(seen, pixel=flat, mask=masked))
+
+
+def test_a_single_color_is_refused_before_the_fit(folder, tmp_path):
+    copied = tmp_path / "capture"
+    shutil.copytree(folder, copied)
+    for path in copied.rglob("*.png"):
+        write_image(path, np.full((toy.SIZE, toy.SIZE, 3), 0.25))
+    words = ["reconstruct", f"capture.path={copied}", f"out={tmp_path / 'run'}", "quiet=true"]
+    with pytest.raises(SystemExit, match="2"):
+        main(words)
+    assert not (tmp_path / "run/scene.npz").exists()
+
+
+def test_pictures_of_one_place_without_points_are_warned_of(capture):
+    one = [view for view in capture.views if view.camera_name == toy.CAMERAS[0]]
+    bare = dataclasses.replace(capture, points=None)
+    warn_of_one_place(bare)
+    warn_of_one_place(dataclasses.replace(capture, views=one))
+    assert capture.points is not None
+    with pytest.warns(CaptureWarning, match="taken from one place"):
+        warn_of_one_place(dataclasses.replace(bare, views=one))
+    with pytest.warns(CaptureWarning, match="one training picture"):
+        warn_of_one_place(dataclasses.replace(bare, views=one[:1]))

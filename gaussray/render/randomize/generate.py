@@ -20,6 +20,7 @@ from gaussray.render.aov.labeller import PICTURE_LABELS
 from gaussray.render.dataset import render_dataset
 from gaussray.render.develop import without_unused_seed
 from gaussray.render.job import RenderJob
+from gaussray.render.randomize.clearance import ObstructedError
 from gaussray.render.randomize.distributions import draw_values
 from gaussray.render.randomize.options import FactoryOptions
 from gaussray.render.randomize.preview import PREVIEWED, write_preview
@@ -33,6 +34,8 @@ from gaussray.scene.segmented import Clip
 
 # Scenes and settings whose renderers are kept.
 _RENDERERS = 8
+# How often a camera that stands in an object is drawn again.
+_OBSTRUCTED_REDRAWS = 100
 
 
 class Sample(NamedTuple):
@@ -68,24 +71,34 @@ def draw_sample(
         index: Index of the sample.
         distributions: Distribution of every key.
         make_job: Makes parameters and job of drawn values.
-        options: Seed and number of attempts.
+        options: Seed and number of attempts. Cameras in objects have at least 101 attempts.
 
     Raises:
         ValueError: All attempts have drawn values that are impossible.
     """
-    for attempt in range(options.redraws + 1):
+    for attempt in itertools.count():
         values = draw_values(options.seed, index, attempt, distributions)
         try:
             return Sample(index, attempt, values, *make_job(values))
+        except ObstructedError as error:
+            if attempt < max(options.redraws, _OBSTRUCTED_REDRAWS):
+                continue
+            remedy = "draw places that are free, or allow such cameras by factory.clearance=0."
+            raise _impossible(index, attempt, error, remedy) from error
         except ValueError as error:
             if attempt < options.redraws:
                 continue
-            attempts = f" in {options.redraws + 1} attempts" if options.redraws else ""
-            raise ValueError(
-                f"sample {index} is impossible{attempts}: {error} Change its distribution in "
-                "sample, or let factory.redraws draw such samples again."
-            ) from error
+            remedy = "let factory.redraws draw such samples again."
+            raise _impossible(index, attempt, error, remedy) from error
     raise AssertionError("there is at least one attempt")
+
+
+def _impossible(index: int, attempt: int, error: ValueError, remedy: str) -> ValueError:
+    attempts = f" in {attempt + 1} attempts" if attempt else ""
+    return ValueError(
+        f"sample {index} is impossible{attempts}: {error} Change its distribution in sample, or "
+        f"{remedy}"
+    )
 
 
 def generate_samples(

@@ -15,6 +15,9 @@ class FactoryOptions(eqx.Module):
         seed: Random seed.
         redraws: Attempts to replace an impossible sample; 0 refuses it. With redraws, samples
             follow the distributions restricted to what is possible.
+        clearance: Least distance in scene units from a camera to anything opaque. Cameras that are
+            nearer, in an object or behind one are drawn again (`clearance.FreeSpace`); places of
+            the capture's own cameras are free. 0 allows all.
         shard: i/n: this process renders the samples i, i + n, i + 2n, ...
         shards: Number of processes that Hydra's launcher starts.
 
@@ -26,12 +29,14 @@ class FactoryOptions(eqx.Module):
     frames: int = eqx.field(static=True, default=1)
     seed: int = eqx.field(static=True, default=0)
     redraws: int = eqx.field(static=True, default=0)
+    clearance: float = eqx.field(static=True, default=0.05)
     shard: str = eqx.field(static=True, default="0/1")
     shards: int = eqx.field(static=True, default=1)
 
     def __check_init__(self):
-        for key, least in {"count": 0, "frames": 0, "redraws": 0, "shards": 1}.items():
-            if getattr(self, key) < least:
+        leasts = {"count": 0, "frames": 0, "redraws": 0, "clearance": 0, "shards": 1}
+        for key, least in leasts.items():
+            if not getattr(self, key) >= least:
                 raise ValueError(
                     f"factory.{key} must be at least {least}, got {getattr(self, key)}."
                 )

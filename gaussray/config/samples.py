@@ -1,0 +1,230 @@
+"""Renders samples of a configuration's distributions: a randomised dataset."""
+
+import contextlib
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from omegaconf import OmegaConf
+
+from gaussray.camera.imu import ImuOptions
+from gaussray.capture.capture import View
+from gaussray.config.compose import Configuration, Variations, compose_config
+from gaussray.config.jobs import has_cameras, render_job
+from gaussray.config.launch import launch_jobs
+from gaussray.config.options import as_type, build_options
+from gaussray.config.run_folder import begin_run_folder
+from gaussray.config.yaml_files import to_plain
+from gaussray.dataset.layouts import LAYOUT_LABELS, write_layout
+from gaussray.dataset.takes import MANIFEST, write_takes
+from gaussray.io.safe.limits import Limits, limit
+from gaussray.render.job import RenderJob
+from gaussray.render.randomize.clearance import FreeSpace
+from gaussray.render.randomize.distributions import read_distributions
+from gaussray.render.randomize.generate import Distributions, MakeJob, generate_samples
+from gaussray.render.randomize.options import FactoryOptions
+from gaussray.render.rig import rig as rigs
+from gaussray.runtime.devices import DevicesOptions, begin, together
+from gaussray.scene.formats.any_file import load
+from gaussray.tracer.options import TraceOptions
+
+
+# Keys about progress and reports.
+_REPORTING = ("quiet", "progress", "report")
+# Keys that say where and by whom a sample is rendered: they are no parameters of the sample.
+_NO_PARAMETERS = (
+    *("preset", "out", "devices", "limits", "sample", "factory", "dataset", "imu"),
+    *_REPORTING,
+)
+# Keys that may differ between the processes that work on one dataset.
+_PER_PROCESS = (
+    "out",
+    "devices",
+    "factory.shard",
+    "factory.shards",
+    "render.memory",
+    *_REPORTING,
+)
+# The distribution of every seed of a randomised dataset. The seed of shake has single precision, to
+# which the number of the camera is added.
+_SEEDS = {"integer": [0, 2**31 - 1]}
+_SHAKE_SEEDS = {"integer": [0, 2**23]}
+
+
+def generate_dataset(cfg: Configuration, overrides: Sequence[str]) -> str:
+    """Render samples of the distributions in `sample`.
+
+    It is this process's shard, or all shards through Hydra's launcher.
+
+    Args:
+        cfg: The configuration.
+        overrides: Its words.
+
+    Returns:
+        A line about the result, for the user.
+    """
+    factory, out = build_options(FactoryOptions, cfg.factory), Path(cfg.out)
+    layout, imu = as_type(str, cfg.dataset, "dataset"), build_options(ImuOptions, cfg.imu)
+    if layout:
+        cfg, overrides = _with_labels(cfg, overrides, layout)
+    if factory.shards > 1:
+        # All shards share one folder, also if it is named by the time.
+        overrides = [*(word for word in overrides if not word.startswith("out=")), f"out={out}"]
+        jobs = [
+            [f"factory.shard={i}/{factory.shards}", "factory.shards=1"]
+            for i in range(factory.shards)
+        ]
+        launch_jobs("render", overrides, jobs, functools.partial(render_shard, overrides))
+        with contextlib.suppress(OSError):
+            (out / "jobs").rmdir()  # which stays empty unless a cluster has left files
+        missing = write_takes(out, factory.count)
+    else:
+        missing = render_shard(overrides, cfg)
+    if missing:
+        return f"{out}: {missing} of {factory.count} samples are left to other shards."
+    if layout:
+        frames = write_layout(out, out / layout, layout, imu=imu)
+        return f"{out / layout}: {factory.count} samples, {frames} frames in the layout {layout}."
+    return f"{out / MANIFEST}: {factory.count} samples."
+
+
+def _with_labels(
+    cfg: Configuration, overrides: Sequence[str], layout: str
+) -> tuple[Configuration, Sequence[str]]:
+    """The configuration and its words with the labels that a layout needs."""
+    if layout not in LAYOUT_LABELS:
+        known = ", ".join(LAYOUT_LABELS)
+        raise ValueError(f"dataset must be empty or one of {known}, got {layout!r}.")
+    if cfg.format != "png":
+        raise ValueError(f"format must be png with dataset={layout}, got {cfg.format!r}.")
+    labels = list(dict.fromkeys([*to_plain(cfg.labels), *LAYOUT_LABELS[layout]]))
+    overrides = [*overrides, f"labels=[{','.join(labels)}]"]
+    return compose_config("render", overrides), overrides
+
+
+def render_shard(overrides: Sequence[str], cfg: Configuration) -> int:
+    """Render the samples of one shard.
+
+    Args:
+        overrides: Words of the configuration.
+        cfg: The configuration.
+
+    Returns:
+        The number of samples, of all shards, that are still missing.
+    """
+    limit(build_options(Limits, cfg.limits))
+    devices = begin(build_options(DevicesOptions, cfg.devices))
+    if together():
+        raise ValueError(
+            "devices.hosts must be 1 with factory.count: processes share the samples by "
+            "factory.shard."
+        )
+    source = sample_source(cfg, overrides)
+    out = begin_run_folder(cfg, without=_PER_PROCESS, part=source.options.shard)
+    return generate_samples(
+        out,
+        source.distributions,
+        source.make_job,
+        options=source.options,
+        devices=devices,
+        quiet=cfg.quiet,
+    )
+
+
+class SampleSource(NamedTuple):
+    """What the samples of a configuration are drawn from: distributions by their keys, the function
+    from drawn values to a job, and the options of the draw."""
+
+    distributions: Distributions
+    make_job: MakeJob
+    options: FactoryOptions
+
+
+def sample_source(cfg: Configuration, overrides: Sequence[str]) -> SampleSource:
+    """The distributions and jobs of a configuration of `gaussray render`.
+
+    The scene and the cameras are read once for all samples.
+
+    Args:
+        cfg: the composed configuration, with the distributions in its `sample`.
+        overrides: words that it was composed from; each sample adds its drawn values to them.
+    """
+    variations = Variations("render", overrides)
+    read, cameras = functools.lru_cache(2)(load), functools.lru_cache(2)(rigs.load_views)
+    options = build_options(FactoryOptions, cfg.factory)
+
+    @functools.lru_cache(2)
+    def free_space(scene: str, capture: str | None, trace: TraceOptions) -> FreeSpace:
+        views = cameras(scene, capture) if has_cameras(cfg) else ()
+        return FreeSpace(read(scene), [view.camera for view in views], trace)
+
+    def make_job(values: Mapping[str, Any]) -> tuple[dict[str, Any], RenderJob]:
+        varied = variations.with_values(values)
+        parameters = {k: v for k, v in to_plain(varied).items() if k not in _NO_PARAMETERS}
+        # Pictures do not depend on it: a dataset that ran out of memory continues with less.
+        del parameters["render"]["memory"]
+        job = render_job(varied, read, cameras)
+        if options.clearance:
+            space = free_space(varied.scene, varied.cameras, job.trace)
+            for record in job.records:
+                space.check(record.camera, options.clearance)
+        return parameters, job
+
+    return SampleSource(
+        all_distributions(cfg, functools.partial(cameras, cfg.scene, cfg.cameras)),
+        make_job,
+        options,
+    )
+
+
+def all_distributions(
+    cfg: Configuration, views: Callable[[], Sequence[View]] = tuple
+) -> dict[str, dict[str, Any]]:
+    """The distributions from which samples are drawn, by key.
+
+    They are those in `sample`, one for every seed of the configuration (two samples must not have
+    the same noise), and those of the camera and the times of `factory.frames` successive frames.
+
+    Args:
+        cfg: a configuration of `gaussray render`.
+        views: reads the capture's views, whose cameras and times are drawn; called only if these
+            are to be drawn. Without views they are not.
+    """
+    seeds = {
+        f"{group}.{key}": _SHAKE_SEEDS if key == "shake_seed" else _SEEDS
+        for group, node in cfg.items()
+        if OmegaConf.is_dict(node) and group not in _NO_PARAMETERS
+        for key in node
+        if str(key).endswith("seed")
+    }
+    drawn = read_distributions(to_plain(cfg.get("sample") or {}))
+    return seeds | _frame_distributions(cfg, drawn, views) | drawn
+
+
+def _frame_distributions(
+    cfg: Configuration, drawn: Mapping[str, Any], views: Callable[[], Sequence[View]]
+) -> dict[str, dict[str, Any]]:
+    """Distributions of the camera and of the times of a sample's frames, unless these are chosen
+    otherwise."""
+    count, camera = cfg.factory.frames, to_plain(cfg.camera)
+    keys = ("trajectory", "trajectory.kind", "camera", "camera.kind")
+    moved = cfg.trajectory.kind != "keep" or camera.get("kind", "capture") != "capture"
+    if not count or moved or any(key in drawn for key in keys):
+        return {}
+    splits = drawn.get("camera.split", {}).get("choice", [camera["split"]])
+    times: dict[str, set[float]] = {}
+    for view in views():
+        name = view.camera_name
+        if name in camera["names"] if camera["names"] else view.split in splits:
+            times.setdefault(name, set()).add(float(view.time))
+    if not times:
+        return {}
+    common = sorted(camera["times"] or set.intersection(*times.values()))
+    if not common:
+        return {}
+    rows = [common[i : i + count] for i in range(max(len(common) - count, 0) + 1)]
+    return {
+        "camera.names": {"choice": [[name] for name in times]},
+        "camera.times": {"choice": rows},
+    }
