@@ -39,7 +39,7 @@ MOVED = 0.01
 # costs so far.
 CERTAIN = 1.25
 # And no better pose is looked for where it is at most so many times that.
-ENOUGH = 1.1
+ENOUGH = 1.15
 # Searches for bodies that were found in the place of another one.
 AGAIN = 2
 

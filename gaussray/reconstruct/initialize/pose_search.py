@@ -79,7 +79,7 @@ ROUGH, TURNS_ROUGH, PLACES_ROUGH, WORTH_MORE = 3, 10, 20, 4
 # spot, Cauchy distributed with this half width in radians, each with a small step, in body sizes.
 # Boxes look alike from several sides: sharper pictures decide between the best turns, and the
 # sharpest between the last.
-TURN_DRAWS, SPUN, NUDGED, MODES, FINAL = 16, 0.5, 0.1, 4, 2
+TURN_DRAWS, SPUN, NUDGED, MODES, FINAL = 8, 0.5, 0.1, 4, 2
 # Spots differ by at least so many body sizes, turns at them by so many radians.
 DIFFERENT = 0.6
 
@@ -174,8 +174,10 @@ class _Search(NamedTuple):
     def thinned(self, each: int) -> "_Search":
         """The same with fewer points."""
         own = self.own
-        few = (x[::each] for x in (own.place, own.normal, own.look))
-        return self._replace(own=Known(*few, own.pivot, own.size))
+        few = own._replace(
+            place=own.place[::each], normal=own.normal[::each], look=own.look[::each]
+        )
+        return self._replace(own=few)
 
 
 def _search_far(key: PRNGKeyArray, search: _Search, since: Array) -> tuple[Pose, Array]:
