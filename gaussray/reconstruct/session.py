@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cached_property
 
 import equinox as eqx
 import jax
@@ -21,6 +22,7 @@ from gaussray.reconstruct.data.pictures import Footage, footage, stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
 from gaussray.reconstruct.data.still_cameras import still_camera_count
 from gaussray.reconstruct.initialize.appearance import Shown
+from gaussray.reconstruct.initialize.initializer import InitialPoints, initial_points
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.optimizer import Parameters, scene_of, transients_of
 from gaussray.reconstruct.optimize.rows import occupied, take_rows
@@ -121,6 +123,11 @@ class Session:
     def has_videos(self) -> bool:
         """Whether any camera took several pictures. Only those tell what moves."""
         return len(np.unique(self.footage.viewpoints)) < len(self.footage.viewpoints)
+
+    @cached_property
+    def initial_points(self) -> InitialPoints:
+        """The points on which the first Gaussians of the capture stand."""
+        return initial_points(self.capture, self.footage, self.options.fit, self.progress_bar)
 
     def progress_bar(self, work: str, total: int, patience: float = 0.0) -> Progress:
         """A progress bar for a piece of work on this segment.

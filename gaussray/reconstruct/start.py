@@ -18,7 +18,6 @@ from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.motion_mask import point_activity
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
 from gaussray.reconstruct.initialize.from_points import bodies, on_points, surrounding, thinned
-from gaussray.reconstruct.initialize.initializer import initial_points
 from gaussray.reconstruct.initialize.stereo.from_pictures import first_views
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, hiding
 from gaussray.reconstruct.initialize.transients import initial_transients, starting_times
@@ -48,10 +47,7 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
         session: the first segment.
         progress: the progress so far.
     """
-    fit = session.options.fit
-    position, color, on_surfaces = initial_points(
-        session.capture, session.footage, fit, session.progress_bar
-    )
+    fit, (position, color, on_surfaces) = session.options.fit, session.initial_points
     moves = _moves(session, position, on_surfaces=on_surfaces)
     if not fit.deforms:
         # What moves gets transient Gaussians (`with_motion`).
@@ -248,28 +244,27 @@ def _deformation(
 
 
 def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodies:
-    """The rigid bodies among the moving Gaussians, with their poses at all times.
+    """The rigid bodies among what moves, with their poses at all times.
 
     There are none where points do not lie on surfaces, nor where every camera took one picture.
     """
-    position, times = np.asarray(moving.mean), session.times
+    times, known = session.times, progress.bodies
     given, start = session.capture.points is not None, session.options.fit.start
     matched = start in ("auto", "stereo") and sum(progress.initial) > 0
     on_surfaces = matched or (given and start != "random")
-    trackable = on_surfaces and session.has_videos
-    known = progress.bodies
-    groups = bodies(
-        position if trackable else position[:0],
-        times,
-        known=None if known is None else (known.pivot, known.radius),
-    )
+    if on_surfaces and session.has_videos:
+        surface = moving if session.later else _initial_surface(session)
+    else:
+        surface = take_rows(moving, np.zeros(0, int))
+    position = np.asarray(surface.mean)
+    groups = bodies(position, times, known=None if known is None else (known.pivot, known.radius))
     tracked = track(
         groups,
         MovingGaussians(
-            np.asarray(body_of(groups, moving.mean)),
+            np.asarray(body_of(groups, surface.mean)),
             position,
-            np.asarray(rotation_matrix(moving.quat))[:, :, 2],
-            np.asarray(moving.harmonics[:, 0] * C0 + 0.5),
+            np.asarray(rotation_matrix(surface.quat))[:, :, 2],
+            np.asarray(surface.harmonics[:, 0] * C0 + 0.5),
         ),
         session.shown,
         session.footage.camera,
@@ -281,3 +276,11 @@ def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodi
     half = (session.cameras.earlier + session.cameras.later) / 2
     middle = tracked.time + jnp.asarray(session.cameras.later - half, tracked.time.dtype)
     return extrapolate_bodies(eqx.tree_at(lambda b: b.time, tracked, middle), half, half)
+
+
+def _initial_surface(session: Session) -> Gaussians:
+    """Discs on the initial points that move. They have the colours of the surface; those of fitted
+    Gaussians, which overlap, make up for one another."""
+    position, color, on_surfaces = session.initial_points
+    moves = _moves(session, position, on_surfaces=on_surfaces)
+    return on_points(position[moves], color[moves], degree=0, opacity=1.0)

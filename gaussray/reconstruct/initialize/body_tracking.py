@@ -12,8 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, Key
+from scipy.spatial import KDTree
 
-from gaussray.camera.camera import Camera
+from gaussray.camera.camera import Camera, project
 from gaussray.geometry import multiply, normalize_quaternion
 from gaussray.reconstruct.initialize import appearance
 from gaussray.reconstruct.initialize.appearance import CHANGES, Shown
@@ -84,12 +85,15 @@ def track(
     count, instants = bodies.pivot.shape[0], np.asarray(bodies.time)
     if not count or len(instants) < 2 or not options.poses:
         return bodies
-    known = _known(bodies, gaussians, options.points, seed)
+    time = np.asarray(camera.time)
     shrink = max(1, min(camera.film.width, camera.film.height) // options.side)
+    first = np.flatnonzero(time == instants[0].astype(time.dtype))
+    views = jax.tree.map(lambda x: x[first], camera)
+    pixel = _pixel_width(views, bodies.pivot, shrink)
+    known = _known(bodies, gaussians, pixel, options.points, seed)
     identity = jnp.zeros((count, 4), jnp.float32).at[:, 0].set(1)
     poses = [Pose(jnp.zeros((count, 3), jnp.float32), identity)]
-    time, key = np.asarray(camera.time), jax.random.key(seed)
-    costs = [np.zeros(count)]
+    key, costs = jax.random.key(seed), [np.zeros(count)]
     mismatch = np.zeros((2, count))  # at the poses that the search finds, and at rest
     for i in range(1, len(instants)):
         frames = np.flatnonzero(time == instants[i].astype(time.dtype))
@@ -117,17 +121,38 @@ def track(
     )
 
 
-def _known(bodies: Bodies, gaussians: MovingGaussians, points: int, seed: int) -> Known:
-    """Equally many points of every body, stacked."""
+def _pixel_width(
+    views: Camera, pivot: Float[Array, "bodies 3"], shrink: int
+) -> Float[np.ndarray, " bodies"]:
+    """How wide a pixel of the shrunk pictures is at every body, in most of the views; 0 where none
+    shows it."""
+    slope = jax.vmap(jax.vmap(jax.jacfwd(project, argnums=1), (None, 0)), (0, None))(views, pivot)
+    pixels = np.linalg.norm(np.asarray(slope), axis=(2, 3)) / np.sqrt(2)
+    pixels = np.where(np.isfinite(pixels), pixels, 0)
+    width = [shrink / np.median(p[p > 0]) if np.any(p > 0) else 0.0 for p in pixels.T]
+    return np.array(width)
+
+
+def _known(
+    bodies: Bodies,
+    gaussians: MovingGaussians,
+    pixel: Float[np.ndarray, " bodies"],
+    points: int,
+    seed: int,
+) -> Known:
+    """Equally many points of every body, stacked. Each has the mean colour of all within the width
+    of a pixel, which is what a picture shows of them."""
     dice, parts = np.random.default_rng(seed), []
     for i, pivot in enumerate(np.asarray(bodies.pivot)):
         rows = np.flatnonzero(gaussians.body == i)
-        rows = dice.choice(rows, points, replace=len(rows) < points)
-        position, normal = gaussians.position[rows], gaussians.normal[rows]
+        chosen = dice.choice(rows, points, replace=len(rows) < points)
+        position, normal = gaussians.position[chosen], gaussians.normal[chosen]
+        near = KDTree(gaussians.position[rows]).query_ball_point(position, pixel[i])
+        color = np.stack([gaussians.color[rows[x]].mean(axis=0) for x in near])
         arm = position - pivot
         outward = np.where(np.sum(arm * normal, axis=1, keepdims=True) < 0, -1, 1)
         size = np.sqrt(np.mean(np.sum(arm * arm, axis=1)))
-        look = appearance.look(gaussians.color[rows])
+        look = appearance.look(color)
         look = np.pad(look, ((0, 0), (0, 1)), constant_values=CHANGES)
         parts.append((position, normal * outward, look, pivot, size))
     return Known(*(jnp.asarray(np.stack(x), jnp.float32) for x in zip(*parts, strict=True)))

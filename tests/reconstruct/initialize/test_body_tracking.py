@@ -8,6 +8,7 @@ import toy
 from scipy.spatial.transform import Rotation
 
 from gaussray.color import srgb_encode
+from gaussray.reconstruct.initialize import body_tracking
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, TrackOptions, track
 from gaussray.render.renderer import Renderer, RenderOptions
@@ -108,6 +109,35 @@ def test_light_that_changes_by_half_does_not_mislead():
 def test_what_light_alone_changes_is_no_body():
     still = filmed(light=(1.0, 0.5, 0.7), path=0 * PATH, turn=[Rotation.identity()] * 3)
     assert tracked(*still).pivot.shape == (0, 3)
+
+
+def test_gaussians_that_make_up_for_one_another_show_their_mean_colour():
+    # In each pair at one place one is too bright and one too dark, by half of the colour.
+    width = body_tracking._pixel_width(toy_views(), jnp.zeros((1, 3)), 1)
+    place, normal, color = (np.repeat(x, 2, axis=0) for x in ball(100))
+    wrong = color * np.where(np.arange(200) % 2, 1.5, 0.5)[:, None]
+    body = bodies_at_rest(jnp.zeros((1, 3)), jnp.ones(1), jnp.asarray(TIMES))
+
+    def look(color):
+        moving = MovingGaussians(np.zeros(200, int), place, normal, color)
+        return body_tracking._known(body, moving, width, 50, seed=0).look
+
+    np.testing.assert_allclose(look(wrong), look(color), atol=1e-6)
+    # Farther neighbours do not count: all is not one colour.
+    assert np.ptp(np.asarray(look(color)), axis=1).max() > 0.1
+
+
+def toy_views():
+    cameras = [toy.camera(angle, 0.0, SIZE, SIZE) for angle in (-1.0, 0.0, 1.0)]
+    return jax.tree.map(lambda *x: jnp.stack(x), *cameras)
+
+
+@pytest.mark.parametrize("shrink", [1, 3])
+def test_a_pixel_is_as_wide_as_distance_over_focal_length(shrink):
+    # All stand 3 away with a focal length of 1.1 sides; the second body is behind them.
+    pivot = jnp.asarray([[0, 0, 0], [0, 0, -1e3]], jnp.float32)
+    found = body_tracking._pixel_width(toy_views(), pivot, shrink)
+    np.testing.assert_allclose(found, [shrink * 3 / (1.1 * SIZE), 0], rtol=1e-4)
 
 
 def test_masked_pixels_say_nothing(film):
