@@ -25,7 +25,7 @@ BACKGROUNDS: dict[str, float | None] = {
     "none": None,
 }
 _PNG_END = b"IEND\xaeB`\x82"
-# Values that are decoded at once, so that compositing them takes little beside the picture; and rows
+# Values that are decoded at once, so that compositing takes little beside the picture; and rows
 # that OpenEXR compresses together at most, of which a block holds a multiple.
 _BLOCK, _ROWS = 1 << 20, 64
 
