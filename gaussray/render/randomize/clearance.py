@@ -127,8 +127,8 @@ class FreeSpace:
         self, gaussians: Gaussians, start: Float[np.ndarray, "3"], ends: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, " n"]:
         dtype = gaussians.mean.dtype
-        start, ends = (jnp.asarray(x, dtype) for x in (start, ends))
-        return np.asarray(_light_between(gaussians, start, ends, options=self._trace))
+        lines = jnp.asarray(start, dtype), jnp.asarray(ends, dtype)
+        return np.asarray(_light_between(gaussians, *lines, options=self._trace))
 
     def _sight_lengths(self, camera: Camera) -> list[float]:
         """Distances at which half of the light is lost, along rays of a camera that lose it."""
