@@ -68,6 +68,8 @@ class CameraOptions(eqx.Module):
             raise ValueError(
                 f"camera.kind must be one of {', '.join(CAMERA_KINDS)}, got {self.kind!r}."
             )
+        if self.split not in ("train", "test"):
+            raise ValueError(f"camera.split must be train or test, got {self.split!r}.")
         if self.frames < 1:
             raise ValueError(f"camera.frames must be at least 1, got {self.frames}.")
         for key in ("eye", "target", "up"):
