@@ -159,8 +159,11 @@ def _encoded(view: PictureFile, stored: np.ndarray) -> np.ndarray:
         return values.astype(np.float32)
     if bytes_stay:
         return part
-    values = part / np.iinfo(part.dtype).max if integers else part.astype(np.float64)
-    return (values if srgb else srgb_encode(values)).astype(np.float32)
+    if not integers:
+        return srgb_encode(part.astype(np.float64)).astype(np.float32)
+    levels = np.iinfo(part.dtype).max
+    table = np.arange(levels + 1) / levels
+    return (table if srgb else srgb_encode(table)).astype(np.float32)[part]
 
 
 def _light(stored: np.ndarray, color_space: str) -> np.ndarray:

@@ -1,6 +1,6 @@
 """Picture files as they are stored: size, pixels, and how alpha is treated."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
 
@@ -25,6 +25,9 @@ BACKGROUNDS: dict[str, float | None] = {
     "none": None,
 }
 _PNG_END = b"IEND\xaeB`\x82"
+# Values that are decoded at once, so that compositing takes little beside the picture; and rows
+# that OpenEXR compresses together at most, of which a block holds a multiple.
+_BLOCK, _ROWS = 1 << 20, 64
 
 
 @runtime_checkable
@@ -117,19 +120,26 @@ def read_with_alpha(
     file = open_image(path)
     spec = file.spec()
     check_size(path, (spec.width, spec.height), width, height)
-    pixels = _pixels(Path(path), file, spec).reshape(height, width, -1)
-    color = np.ascontiguousarray(pixels[..., _color_channels(spec)])
-    if spec.alpha_channel < 0:
-        return StoredPicture(color, None)
-    full = np.iinfo(pixels.dtype).max if np.issubdtype(pixels.dtype, np.integer) else 1
-    alpha = pixels[..., spec.alpha_channel] / full
-    if (alpha >= 1).all():
-        return StoredPicture(color, None)
+    kind = {oiio.UINT8: "uint8", oiio.UINT16: "uint16"}.get(spec.format.basetype, "float32")
+    channels = _color_channels(spec)
+    color = np.empty((height, width, 3), kind)
+    alpha = np.empty((height, width), np.float32) if spec.alpha_channel >= 0 else None
+    full = np.iinfo(kind).max if kind != "float32" else 1
     grey = BACKGROUNDS[background]
-    if grey is not None:
-        straight = bool(spec.get_int_attribute("oiio:UnassociatedAlpha"))
-        color = _over(color, alpha[..., None], grey * full, straight)
-    return StoredPicture(color, alpha)
+    straight = bool(spec.get_int_attribute("oiio:UnassociatedAlpha"))
+    opaque = True
+    for top, block in _row_blocks(Path(path), file, spec):
+        place = slice(top, top + len(block))
+        color[place] = block[..., channels]
+        if alpha is None:
+            continue
+        share = block[..., spec.alpha_channel] / full
+        alpha[place] = share
+        if (share < 1).any():
+            opaque = False
+            if grey is not None:
+                color[place] = _over(color[place], share[..., None], grey * full, straight)
+    return StoredPicture(color, None if opaque else alpha)
 
 
 def picture_size(path: Path | str) -> tuple[int, int]:
@@ -212,16 +222,30 @@ def open_image(path: Path | str) -> "oiio.ImageInput":
         raise CaptureError(str(error)) from None
 
 
-def _pixels(path: Path, file: "oiio.ImageInput", spec: "oiio.ImageSpec") -> np.ndarray:
+def _row_blocks(
+    path: Path, file: "oiio.ImageInput", spec: "oiio.ImageSpec"
+) -> Iterator[tuple[int, np.ndarray]]:
+    """First row and values [rows, w, channels] of one block of a picture after another; a picture
+    that is stored in tiles is one block."""
     kind = {oiio.UINT8: "uint8", oiio.UINT16: "uint16"}.get(spec.format.basetype, "float")
-    pixels = file.read_image(kind)
-    # A truncated JPEG still returns pixels, invented below the cut: only the message tells.
-    if pixels is None or file.has_error:
-        raise OSError(f"{path}: the picture is truncated or corrupt: {complaint(file)}")
+    rows = max(_BLOCK // (spec.width * spec.nchannels), 1)
+    rows = spec.height if spec.tile_width else -(-rows // _ROWS) * _ROWS
+    for top in range(0, spec.height, rows):
+        end = min(top + rows, spec.height)
+        if spec.tile_width:
+            values = file.read_image(kind)
+        else:
+            # Rows are counted from that of the data window.
+            values = file.read_scanlines(
+                spec.y + top, spec.y + end, spec.z, 0, spec.nchannels, kind
+            )
+        # A truncated JPEG still returns pixels, invented below the cut: only the message tells.
+        if values is None or file.has_error:
+            raise OSError(f"{path}: the picture is truncated or corrupt: {complaint(file)}")
+        yield top, np.asarray(values).reshape(end - top, spec.width, spec.nchannels)
     file.close()
     if file.format_name() == "png" and _PNG_END not in _last_bytes(path):
         raise OSError(f"{path}: the picture is truncated or corrupt: its PNG end chunk is missing")
-    return np.asarray(pixels)
 
 
 def _last_bytes(path: Path) -> bytes:

@@ -47,10 +47,11 @@ def averaged(
 @functools.lru_cache(maxsize=16)
 def _shares(fine: int, coarse: int) -> "csr_array":
     """Share of each of `fine` source pixels in the mean over each of `coarse` areas."""
-    area, pixel = np.arange(coarse)[:, None], np.arange(fine)[None, :]
-    # Whole numbers: in units of 1/coarse of a source pixel an area is `fine` long.
-    end = np.minimum((area + 1) * fine, (pixel + 1) * coarse)
+    # Whole numbers: in units of 1/coarse of a source pixel an area is `fine` long. Between two
+    # edges there is one pixel and one area.
+    edges = np.union1d(np.arange(fine + 1) * coarse, np.arange(coarse + 1) * fine)
+    start, share = edges[:-1], np.diff(edges) / fine
     # Imported here: that takes a tenth of a second, which whole pictures do not need.
     from scipy.sparse import csr_array
 
-    return csr_array(np.maximum(end - np.maximum(area * fine, pixel * coarse), 0) / fine)
+    return csr_array((share, (start // fine, start // coarse)), shape=(coarse, fine))

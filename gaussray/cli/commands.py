@@ -51,6 +51,10 @@ def _capture(path: str, node: Configuration, label: str, prefix: str = "") -> An
 
 def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
     from gaussray.evaluate.pipeline import scene_size
+    from gaussray.reconstruct.data.training_split import (
+        demand_training_pictures,
+        division_sentence,
+    )
     from gaussray.reconstruct.log import refuse
     from gaussray.reconstruct.pipeline import reconstruct
 
@@ -64,7 +68,10 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         _say(f"{out / 'scene.npz'}: is finished. resume=false starts again.", out=str(out))
         return {}
     refuse(Path(cfg.out), resume=resume)
+    demand_training_pictures(capture)
     out = begin_run_folder(cfg)
+    if leads() and not cfg.quiet:
+        say(division_sentence(capture, list(cfg.capture.test) != ["auto"]))
     scene = reconstruct(
         capture,
         out,

@@ -17,6 +17,7 @@ from gaussray.capture.capture import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole, write_json
 from gaussray.reconstruct.data.segments import segments
+from gaussray.reconstruct.data.training_split import demand_training_pictures
 from gaussray.reconstruct.effort import MOTION_NOUNS, effort, this_machine
 from gaussray.reconstruct.failed_fit import demand_detail, demand_success, warn_of_one_place
 from gaussray.reconstruct.log import RunLog
@@ -90,8 +91,9 @@ def reconstruct(
         FileNotFoundError: there is no run to resume.
         NonFiniteLoss: the loss or a parameter became infinite or not a number.
         FailedFit: the fit ended below what one colour per camera scores, or with an empty scene.
-        CaptureError: the training pictures cannot be used together.
+        CaptureError: there are no training pictures, or they cannot be used together.
     """
+    demand_training_pictures(capture)
     out, interval = Path(out), options.fit.checkpoint
     log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
     options, scores = _with_motion_tried(capture, out, options, resume, devices, quiet)

@@ -12,6 +12,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.sharding import NamedSharding, PartitionSpec
 from jaxtyping import Array
 
@@ -94,7 +95,16 @@ class Renderer:
         self._views = FrameViews(self.scenes, segment_edges(scene), self.options)
 
     def __call__(self, camera: Camera) -> Frame:
-        """Render one frame, its rays divided among the devices."""
+        """Render one frame, its rays divided among the devices.
+
+        Raises:
+            ValueError: The camera is traced, inside `jit`, `grad` or `vmap`.
+        """
+        if any(isinstance(x, Tracer) for x in jax.tree.leaves(camera)):
+            raise ValueError(
+                "a Renderer takes cameras of numbers, not inside of jit, grad or vmap: there, use "
+                "gaussray.render(scene, camera), which is a pure function."
+            )
         if self.options.error:
             return mean_until_error(
                 map(partial(self._render_one, camera), itertools.count()), self.options

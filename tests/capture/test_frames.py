@@ -2,15 +2,17 @@
 
 import dataclasses
 import pathlib
+import tracemalloc
 
 import films
 import numpy as np
 import OpenImageIO as oiio
 import pytest
 
+from gaussray.capture import picture_file
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.frames import read_encoded, read_image, read_mask
-from gaussray.capture.picture_file import check_images, read_levels
+from gaussray.capture.picture_file import check_images, read_levels, read_with_alpha
 from gaussray.capture.window import Window
 from gaussray.color import srgb_decode, srgb_encode
 
@@ -200,3 +202,31 @@ def test_checking_names_every_wrong_picture_at_once(tmp_path):
     check_images([good, good])
     with pytest.raises(CaptureError, match="(?s)2 of 3 pictures.*1.png.*got 32 x 24"):
         check_images([good, Picture(tmp_path / "1.png", 32, 24), Picture(path, 8, 8)])
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif", "exr"])
+def test_blocks_of_rows_make_the_whole_picture(tmp_path, monkeypatch, suffix):
+    codes = np.random.default_rng(1).integers(0, 256, (150, 8, 4), np.uint8)
+    codes[:64, :, 3] = 255
+    pixels = codes if suffix != "exr" else (codes / np.float32(255))
+    path = write(tmp_path / f"a.{suffix}", pixels)
+    whole = read_with_alpha(path, 8, 150, "black")
+    monkeypatch.setattr(picture_file, "_BLOCK", 1)
+    blocks = read_with_alpha(path, 8, 150, "black")
+    np.testing.assert_array_equal(blocks.values, whole.values)
+    np.testing.assert_array_equal(blocks.alpha, whole.alpha)
+    np.testing.assert_allclose(whole.alpha, codes[..., 3] / 255, atol=1e-6)
+    straight = np.round(codes[..., :3] * (codes[..., 3:] / 255))
+    expected = straight if suffix != "exr" else codes[..., :3] / 255
+    np.testing.assert_allclose(whole.values, expected, atol=1e-6)
+
+
+def test_reading_a_picture_takes_few_bytes_a_pixel(tmp_path):
+    codes = np.full((2000, 2000, 4), 100, np.uint8)
+    path = write(tmp_path / "a.png", codes)
+    tracemalloc.start()
+    read_with_alpha(path, 2000, 2000, "black")
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # Three bytes of colour and four of alpha, and less than 36 MB for a block of rows.
+    assert peak / codes[..., 0].size < 7 + 36e6 / 4e6

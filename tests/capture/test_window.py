@@ -1,5 +1,7 @@
 """Means over areas keep light, edges and linear ramps; a window shows its box."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -38,6 +40,15 @@ def test_pixel_centres_stay_where_they_were():
     small = averaged(np.ascontiguousarray(x), 5, 6)
     expected = np.broadcast_to((np.arange(5)[None, :, None] + 0.5) * 4, (6, 5, 1))
     np.testing.assert_allclose(small, expected, atol=ROUNDING)
+
+
+def test_shares_of_large_pictures_take_little_memory():
+    tracemalloc.start()
+    averaged(np.ones((20000, 1, 1), np.float32), 1, 10000)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    # A matrix of all pairs would take 1.6 GB.
+    assert peak < 2e7
 
 
 def test_a_window_shows_its_box():

@@ -296,6 +296,7 @@ def test_a_scene_without_cameras(fails, tmp_path):
         ("camera.names=[cam_9]", "camera.names must be among"),
         ("camera.times=[0.25]", "got 0.25; the nearest are 0, 0.5."),
         ("camera.split=validation", "camera.split"),
+        ("camera.split=validation camera.names=[cam0]", "camera.split must be train or test"),
         ("render.samples=0", "render.samples must be at least 1"),
         ("shutter=rolling shutter.readout=-1", "shutter.readout must be at least 0, got -1"),
         (

@@ -324,3 +324,13 @@ def test_strips_of_a_kernel_are_larger_also_where_samples_are_traced_one_by_one(
     assert samples_at_once(options, trace) == 1
     kernel = strip_rows(film, options, trace)
     assert kernel > 1.5 * arrays and kernel * 4096 * (RAY_OF_KERNEL + 5 * SAMPLE + PIXEL) <= 2e9
+
+
+def test_a_renderer_inside_of_grad_names_the_pure_function(still):
+    render = Renderer(still, options=ONE)
+
+    def mean(time):
+        return render(dataclasses.replace(toy.camera(), time=time)).color.mean()
+
+    with pytest.raises(ValueError, match=r"not inside of jit, grad .* gaussray\.render\(scene"):
+        jax.grad(mean)(toy.single(0.5))

@@ -9,7 +9,8 @@ class Limits(eqx.Module):
     Args:
         text: megabytes of JSON or other text.
         arrays: gigabytes of all arrays of a file, uncompressed.
-        picture: megapixels of a picture or video.
+        picture: megapixels of a picture or video frame. Reading one takes up to 25 bytes a pixel,
+            and 45 where it is scaled.
         channels: channels of a picture.
         points: millions of points or Gaussians.
         frames: frames of a manifest or video.

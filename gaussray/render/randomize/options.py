@@ -15,9 +15,10 @@ class FactoryOptions(eqx.Module):
         seed: Random seed.
         redraws: Attempts to replace an impossible sample; 0 refuses it. With redraws, samples
             follow the distributions restricted to what is possible.
-        clearance: Least distance in scene units from a camera to anything opaque. Cameras that are
-            nearer, in an object or behind one are drawn again (`clearance.FreeSpace`); places of
-            the capture's own cameras are free. 0 allows all.
+        clearance: Least distance from a camera to anything opaque, as a share of the median
+            distance from the capture's cameras to what they see (without a capture, of the radius
+            of the scene). Cameras that are nearer, in an object or behind one are drawn again
+            (`clearance.FreeSpace`); places of the capture's own cameras are free. 0 allows all.
         shard: i/n: this process renders the samples i, i + n, i + 2n, ...
         shards: Number of processes that Hydra's launcher starts.
 
@@ -29,7 +30,8 @@ class FactoryOptions(eqx.Module):
     frames: int = eqx.field(static=True, default=1)
     seed: int = eqx.field(static=True, default=0)
     redraws: int = eqx.field(static=True, default=0)
-    clearance: float = eqx.field(static=True, default=0.05)
+    # 3 cm in a room that is seen from 3 m: nearer, single Gaussians of a surface show.
+    clearance: float = eqx.field(static=True, default=0.01)
     shard: str = eqx.field(static=True, default="0/1")
     shards: int = eqx.field(static=True, default=1)
 

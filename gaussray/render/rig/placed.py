@@ -68,6 +68,8 @@ class CameraOptions(eqx.Module):
             raise ValueError(
                 f"camera.kind must be one of {', '.join(CAMERA_KINDS)}, got {self.kind!r}."
             )
+        if self.split not in ("train", "test"):
+            raise ValueError(f"camera.split must be train or test, got {self.split!r}.")
         if self.frames < 1:
             raise ValueError(f"camera.frames must be at least 1, got {self.frames}.")
         for key in ("eye", "target", "up"):
@@ -165,7 +167,7 @@ def _placement(
         turn = [np.asarray(rotation_matrix(pose.quat), float) for pose in poses]
         up = _upright(np.array(turn)) if turn else _Z_UP
     if not (len(eye) and len(target)):
-        middle, radius = _extent(scene)
+        middle, radius = bounding_ball(scene)
         target = target if len(target) else middle
         if not len(eye):
             near = _near_position(place, target, up)
@@ -205,8 +207,9 @@ def _near_position(
     return place[chosen] if distance[chosen] > 1e-3 * np.linalg.norm(offset[chosen]) else None
 
 
-def _extent(scene: Scene | Clip) -> tuple[Float[np.ndarray, "3"], float]:
-    """Middle of a scene, and the radius around it that holds most of its Gaussians."""
+def bounding_ball(scene: Scene | Clip) -> tuple[Float[np.ndarray, "3"], float]:
+    """Middle of a scene at its first time, and the radius around it that holds four fifths of the
+    centres of its Gaussians."""
     time = float(scene.time_range[0])
     part = segment_at(scene, time)
     mean = np.asarray(at(part, jnp.asarray(time, part.time_range.dtype)).mean, np.float64)

@@ -9,15 +9,18 @@ import pytest
 import toy
 
 from gaussray.camera.placement import look_at
+from gaussray.camera.rays import Rays
 from gaussray.camera.trajectory import Trajectory
 from gaussray.config.compose import compose_config
 from gaussray.config.samples import sample_source
+from gaussray.render.picture import render_rays
 from gaussray.render.randomize.clearance import FreeSpace, ObstructedError
 from gaussray.render.randomize.distributions import read_distributions
 from gaussray.render.randomize.generate import draw_sample
 from gaussray.render.randomize.options import FactoryOptions
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene, at
+from gaussray.tracer.line import light_between
 from gaussray.tracer.options import TraceOptions
 
 
@@ -38,11 +41,17 @@ def space_of(mean, known, **matter):
 
 
 def is_free(space, place, clearance=0.05):
+    """Whether a place is free; the clearance is in scene units."""
     try:
-        space.check(camera_at(place), clearance)
+        space.check(camera_at(place), clearance / space.length)
     except ObstructedError:
         return False
     return True
+
+
+def free_at(space, place, share):
+    """Whether a place is free by a clearance relative to the scene's length."""
+    return is_free(space, place, share * space.length)
 
 
 def shell(count=600):
@@ -89,6 +98,38 @@ def test_a_camera_keeps_its_distance():
         assert is_free(space_of([(0, 0, 0)], [], scale=scale), place, clearance) == free
 
 
+def test_lines_let_through_the_light_that_the_tracer_lets_through():
+    scene = toy.scene()
+    place = np.array([0.0, -3.0, 0.5], np.float32)
+    ends = place + 6 * np.random.default_rng(0).normal(size=(64, 3)).astype(np.float32)
+    direction = (ends - place) / np.linalg.norm(ends - place, axis=1, keepdims=True)
+    time = np.zeros(64, np.float32)
+    rays = Rays(np.broadcast_to(place, (64, 3)), direction, time)
+    traced = render_rays(scene, rays)
+    gaussians = at(scene, jnp.float32(0))
+    far = place + 1e3 * direction
+    light = light_between(gaussians, jnp.asarray(place), jnp.asarray(far), options=TraceOptions())
+    assert np.min(light) < 0.5 < np.max(light)
+    # A ray ends where less than `transmittance_min` is left.
+    np.testing.assert_allclose(1 - light, traced.alpha, atol=2e-4)
+
+
+def test_clearance_has_no_unit():
+    rng = np.random.default_rng(1)
+    for known in ([(3.0, 0, 0)], []):
+        lengths, kept = [], []
+        for unit in (1.0, 1000.0):
+            wall = rng.uniform(-2, 2, (2000, 3)) * (0, 1, 1) + (5, 0, 0)
+            space = space_of(unit * wall, unit * np.array(known), scale=0.1 * unit)
+            lengths.append(space.length / unit)
+            places = [(5 - distance, 0.0, 0.0) for distance in (0.02, 0.7)]
+            kept.append([free_at(space, unit * np.array(place), 0.05) for place in places])
+        assert lengths[0] == pytest.approx(lengths[1], rel=0.05)
+        assert kept == [[False, True], [False, True]]
+        # What is seen is two units away, to the edges of the picture a little more.
+        assert not known or 2 <= lengths[0] < 2.5
+
+
 def test_two_half_opaque_layers_block_together():
     matter = {"scale": 0.2, "opacity": 0.4}
     assert is_free(space_of([(0, 0, 0)], [(3, 0, 0)], **matter), (-3, 0, 0))
@@ -109,7 +150,7 @@ def test_a_moving_object_blocks_where_it_is_at_the_time_of_the_frame():
     def free(place, time):
         camera = dataclasses.replace(camera_at(place), time=toy.single(time))
         try:
-            space.check(camera, 0.01)
+            space.check(camera, 0.01 / space.length)
         except ObstructedError:
             return False
         return True
@@ -123,10 +164,10 @@ def test_a_camera_that_moves_into_an_object_while_its_rows_are_read_is_not_free(
     space = space_of([(0, 0, 0)], [(3, 0, 0)], scale=0.1)
     path = Trajectory([-1.0, 1.0], [[1, 0, 0, 0.0]] * 2, [[2.0, 0, 0], [0, 0, 0]])
     camera = dataclasses.replace(toy.camera(), trajectory=path, time=toy.single(0))
-    space.check(camera, 0.05)
+    space.check(camera, 0.05 / space.length)
     rolling = dataclasses.replace(camera.shutter, exposure=toy.single(2.0))
     with pytest.raises(ObstructedError):
-        space.check(dataclasses.replace(camera, shutter=rolling), 0.05)
+        space.check(dataclasses.replace(camera, shutter=rolling), 0.05 / space.length)
 
 
 def make_none(values):

@@ -1,0 +1,56 @@
+"""Which pictures of a capture a scene is fitted to, and which are held out to score it."""
+
+from gaussray.capture.capture import Capture
+from gaussray.capture.errors import CaptureError
+
+
+# Cameras that a sentence names; more are counted.
+_NAMED = 4
+
+
+def demand_training_pictures(capture: Capture) -> None:
+    """Refuse a capture without a picture to fit a scene to.
+
+    Raises:
+        CaptureError: No pinhole view is of split `train`.
+    """
+    if any(view.split == "train" for view in capture.views):
+        return
+    held = len(capture.views)
+    if held:
+        raise CaptureError(
+            f"{capture.folder}: there must be pictures to fit a scene to, but "
+            f"{'the only one is' if held == 1 else f'all {held} are'} held out (split test). "
+            "capture.test=[] fits all of them, and capture.test=[CAMERA] holds out a camera by "
+            "its name."
+        )
+    effects = sum(len(views) for views in capture.effects.values())
+    also = f" Its {effects} pictures of camera effects only score a scene." if effects else ""
+    raise CaptureError(
+        f"{capture.folder}: there must be pictures to fit a scene to, but it has no pinhole "
+        f"pictures.{also} Add frames to transforms.json."
+    )
+
+
+def division_sentence(capture: Capture, chosen: bool) -> str:
+    """How many pictures are fitted and how many held out, why, and how to change that.
+
+    Args:
+        capture: The capture, of which some pictures are for training.
+        chosen: Whether capture.test was set; otherwise the capture's format decides.
+    """
+    held = [view for view in capture.views if view.split != "train"]
+    fitted = len(capture.views) - len(held)
+    if not held:
+        return (
+            f"Fits all {fitted} pictures. None is held out to score the scene; "
+            "capture.test=[CAMERA] holds out a camera."
+        )
+    names = list(dict.fromkeys(view.camera_name for view in held))
+    listed = ", ".join(names[:_NAMED]) + (", ..." if len(names) > _NAMED else "")
+    why = "as capture.test says" if chosen else "as the capture's format or files say"
+    return (
+        f"Fits {fitted} of {len(capture.views)} pictures and holds out {len(held)} to score the "
+        f"scene ({'camera' if len(names) == 1 else 'cameras'} {listed}), {why}. capture.test=[] "
+        "fits all, capture.test=[CAMERA, ...] holds out others."
+    )

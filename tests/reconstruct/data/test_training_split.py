@@ -1,0 +1,70 @@
+"""Which pictures are fitted is said; a capture without any is refused with the remedy."""
+
+import dataclasses
+
+import pytest
+import toy
+
+from gaussray.capture.errors import CaptureError
+from gaussray.capture.formats.paired import read_capture
+from gaussray.cli.main import main
+from gaussray.reconstruct import reconstruct
+from gaussray.reconstruct.data.training_split import (
+    demand_training_pictures,
+    division_sentence,
+)
+
+
+pytestmark = pytest.mark.usefixtures("known_sizes")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, known_sizes):
+    return toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene())
+
+
+def divided(capture, held):
+    """The capture with its first pictures held out."""
+    views = [
+        dataclasses.replace(view, split="test" if i < held else "train")
+        for i, view in enumerate(capture.views)
+    ]
+    return dataclasses.replace(capture, views=views)
+
+
+def test_the_sentence_counts_pictures_and_names_cameras_reason_and_remedy(folder):
+    capture = read_capture(folder)
+    count = len(capture.views)
+    one = division_sentence(divided(capture, 1), False)
+    name = capture.views[0].camera_name
+    assert one.startswith(f"Fits {count - 1} of {count} pictures and holds out 1 to score")
+    assert f"(camera {name})" in one
+    assert "format or files say" in one and "capture.test=[] fits all" in one
+    assert "as capture.test says" in division_sentence(divided(capture, 1), True)
+    none = division_sentence(divided(capture, 0), False)
+    assert none.startswith(f"Fits all {count} pictures.") and "capture.test=[CAMERA]" in none
+
+
+def test_a_capture_of_held_out_pictures_alone_is_refused_before_anything_is_written(
+    folder, tmp_path, capsys
+):
+    capture = read_capture(folder)
+    demand_training_pictures(divided(capture, len(capture.views) - 1))
+    with pytest.raises(CaptureError, match=r"all \d+ are held out .*capture\.test=\[\] fits all"):
+        reconstruct(divided(capture, len(capture.views)), tmp_path / "a", options=toy.SHORT)
+    assert not (tmp_path / "a" / "scene.npz").exists()
+    words = ["reconstruct", f"capture.path={folder}", f"out={tmp_path / 'b'}", "capture.test=['*']"]
+    with pytest.raises(SystemExit) as exit_:
+        main(words)
+    output = capsys.readouterr()
+    assert exit_.value.code == 2
+    assert "held out" in output.err and "capture.test=[]" in output.err
+    assert "0 pictures" not in output.out + output.err
+    assert not (tmp_path / "b").exists()
+
+
+def test_effects_alone_are_no_pictures_to_fit(folder):
+    capture = read_capture(folder)
+    alone = dataclasses.replace(capture, views=[], effects={"fisheye": capture.views[:3]})
+    with pytest.raises(CaptureError, match="no pinhole pictures.* 3 pictures of camera effects"):
+        demand_training_pictures(alone)
