@@ -217,10 +217,15 @@ def _pixels(path: Path, file: "oiio.ImageInput", spec: "oiio.ImageSpec") -> np.n
     pixels = file.read_image(kind)
     # A truncated JPEG still returns pixels, invented below the cut: only the message tells.
     if pixels is None or file.has_error:
-        raise OSError(f"{path}: the picture is truncated or corrupt: {complaint(file)}")
+        raise OSError(
+            f"{path}: the picture is truncated or corrupt: {complaint(file)}. Copy it again."
+        )
     file.close()
     if file.format_name() == "png" and _PNG_END not in _last_bytes(path):
-        raise OSError(f"{path}: the picture is truncated or corrupt: its PNG end chunk is missing")
+        raise OSError(
+            f"{path}: the picture is truncated or corrupt: its PNG end chunk is missing. Copy it "
+            "again."
+        )
     return np.asarray(pixels)
 
 

@@ -206,9 +206,10 @@ def _prepare(cfg: Configuration, devices: int | None) -> None:
         raise
     doubtful = [one["text"] for one in facts["findings"] if one["level"] == "warn"]
     more = f" {len(doubtful)} doubtful: {'; '.join(doubtful)}. See report.html." if doubtful else ""
-    pictures = f"{len(facts['cameras'])} cameras, {facts['timestamps']} timestamps"
+    times = facts["timestamps"]
+    pictures = f"{len(facts['cameras'])} cameras, {times} timestamp{'s' * (times != 1)}"
     if not facts["rate"]:
-        pictures = f"{facts['timestamps']} photographs"
+        pictures = f"{times} photographs"
     text = (
         f"{out}: {pictures}, {facts['points']} points.{more} Next: gaussray reconstruct "
         f"capture.path={out}"
