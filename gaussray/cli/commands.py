@@ -75,7 +75,8 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         listener=_tensorboard(cfg, out),
     )
     facts = scene_size(scene)
-    text = f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move."
+    text = f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move"
+    text += f" and {facts['transient']} are transient." if facts.get("transient") else "."
     text += f" Look at them: gaussray view scene={out}"
     _say(text, out=str(out), scene=facts)
     return {"scene": scene, "capture": capture}
