@@ -1,4 +1,4 @@
-"""How far the cameras that COLMAP has found are from the true ones.
+"""How far the cameras that COLMAP or `gaussray prepare` has found are from the true ones.
 
 python -m experiments.videos.poses CAPTURE DIR/truth.json
 """
@@ -19,20 +19,31 @@ def main() -> None:
     parser.add_argument("capture", type=Path)
     parser.add_argument("truth", type=Path)
     told = parser.parse_args()
-    found = model_folder(told.capture)
-    if found is None:
-        raise SystemExit(f"{told.capture}: no model of COLMAP is there.")
-    truth, model = json.loads(told.truth.read_text()), read_colmap_model(found)
-    places = {Path(image.name).stem: placed(image) for image in model.images}
+    truth = json.loads(told.truth.read_text())
+    places, lenses = estimated(told.capture)
     true = np.array([truth["cameras"][name] for name in places])[:, :3]
     error, turned, scale = compared(np.array(list(places.values())), true)
     spread = np.linalg.norm(np.ptp(true[:, :, 3], axis=0))
     print(f"{len(places)} of {len(truth['cameras'])} cameras, {spread:.2f} m apart at most")
     print(f"centres: {figures(1e3 * error, 'mm')}; directions: {figures(turned, 'degrees')}")
-    for number, lens in model.cameras.items():
+    for number, lens in lenses.items():
         share = lens["fl_x"] / truth["focal"]
         print(f"lens {number}: {lens['fl_x']:.1f} px for {truth['focal']:.1f} ({share - 1:+.2%})")
     print(f"a unit of the model is {scale:.4f} m")
+
+
+def estimated(capture: Path) -> tuple[dict[str, np.ndarray], dict]:
+    """Camera to world [3, 4], x right, y up, by name; and the keys of the lenses, by number."""
+    found, prepared = model_folder(capture), capture / "transforms.json"
+    if found is not None:
+        model = read_colmap_model(found)
+        return {Path(image.name).stem: placed(image) for image in model.images}, model.cameras
+    if not prepared.is_file():
+        raise SystemExit(f"{capture}: neither a model of COLMAP nor transforms.json is there.")
+    document = json.loads(prepared.read_text())
+    frames = {frame["camera"]: {**document, **frame} for frame in document["frames"]}
+    places = {name: np.array(f["transform_matrix"])[:3] for name, f in frames.items()}
+    return places, {f["fl_x"]: f for f in frames.values()}
 
 
 def placed(image) -> np.ndarray:

@@ -131,6 +131,28 @@ def imu_samples(
     )
 
 
+def camera_velocity(
+    trajectory: Trajectory, time: float
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Turn rate and velocity of a camera along its own axes (right, down, forward).
+
+    Both are the path's own derivatives, in double precision. At a pose where a linear path has a
+    corner they are those after it.
+
+    Args:
+        trajectory: The camera's path.
+        time: In the capture's unit.
+
+    Returns:
+        Radians and scene units per unit of the capture's time.
+    """
+    with jax.enable_x64(True):
+        exact = jax.tree.map(lambda x: jnp.asarray(x, jnp.float64), trajectory)
+        parts = _motion(exact, np.array([time], np.float64))
+        _, quat, velocity, turn_rate, _ = (np.asarray(x) for x in parts)
+    return turn_rate[0], _in_camera(quat, velocity)[0]
+
+
 @jax.jit
 def _motion(trajectory: Trajectory, time: Float[Array, " samples"]) -> tuple[Array, ...]:
     """Position, rotation, velocity, turn rate in the camera's axes, and acceleration, in scene

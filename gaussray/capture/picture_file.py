@@ -241,11 +241,16 @@ def _row_blocks(
             )
         # A truncated JPEG still returns pixels, invented below the cut: only the message tells.
         if values is None or file.has_error:
-            raise OSError(f"{path}: the picture is truncated or corrupt: {complaint(file)}")
+            raise OSError(
+                f"{path}: the picture is truncated or corrupt: {complaint(file)}. Copy it again."
+            )
         yield top, np.asarray(values).reshape(end - top, spec.width, spec.nchannels)
     file.close()
     if file.format_name() == "png" and _PNG_END not in _last_bytes(path):
-        raise OSError(f"{path}: the picture is truncated or corrupt: its PNG end chunk is missing")
+        raise OSError(
+            f"{path}: the picture is truncated or corrupt: its PNG end chunk is missing. Copy it "
+            "again."
+        )
 
 
 def _last_bytes(path: Path) -> bytes:

@@ -82,7 +82,8 @@ def _reconstruct(cfg: Configuration, devices: int | None) -> dict[str, Any]:
         listener=_tensorboard(cfg, out),
     )
     facts = scene_size(scene)
-    text = f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move."
+    text = f"{out / 'scene.npz'}: {facts['gaussians']} Gaussians, of which {facts['moving']} move"
+    text += f" and {facts['transient']} are transient." if facts.get("transient") else "."
     text += f" Look at them: gaussray view scene={out}"
     _say(text, out=str(out), scene=facts)
     return {"scene": scene, "capture": capture}
@@ -213,9 +214,10 @@ def _prepare(cfg: Configuration, devices: int | None) -> None:
         raise
     doubtful = [one["text"] for one in facts["findings"] if one["level"] == "warn"]
     more = f" {len(doubtful)} doubtful: {'; '.join(doubtful)}. See report.html." if doubtful else ""
-    pictures = f"{len(facts['cameras'])} cameras, {facts['timestamps']} timestamps"
+    times = facts["timestamps"]
+    pictures = f"{len(facts['cameras'])} cameras, {times} timestamp{'s' * (times != 1)}"
     if not facts["rate"]:
-        pictures = f"{facts['timestamps']} photographs"
+        pictures = f"{times} photographs"
     text = (
         f"{out}: {pictures}, {facts['points']} points.{more} Next: gaussray reconstruct "
         f"capture.path={out}"

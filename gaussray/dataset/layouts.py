@@ -2,13 +2,12 @@
 
 import itertools
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from gaussray.camera.imu import ImuOptions, imu_samples
-from gaussray.dataset.camera_paths import path_of_frames
+from gaussray.camera.imu import ImuOptions
+from gaussray.dataset.carla_rs import write_carla_rs
 from gaussray.dataset.coco import write_coco
 from gaussray.dataset.euroc import euroc_writer
 from gaussray.dataset.imagefolder import write_image_folder
@@ -21,8 +20,8 @@ from gaussray.io.atomic import whole
 from gaussray.io.safe.openimageio import oiio
 
 
-# Frames of a sequence that the loaders of Fastec-RS, Carla-RS and BS-RSC read.
-_FASTEC_FRAMES, _CARLA_FRAMES, _BSRSC_FRAMES = 34, 10, 50
+# Frames of a sequence that the loader of Fastec-RS reads.
+_FASTEC_FRAMES = 34
 # TUM's levels of depth per unit; 0 is none.
 _TUM_STEPS = 5000
 # The labels that `dataset=` renders for a layout. All but tum's are needed.
@@ -47,7 +46,8 @@ def write_layout(
     fastec_rs: OUT/SAMPLE/000_rolling.png, 000_global_first.png, 000_global_middle.png, ... (Liu et
     al. 2020), of frames with the labels global_first and global_middle.
     carla_rs: OUT/SAMPLE/0000_rs.png, 0000_gs_f.png, 0000_gs_m.png, ... and gt_vel.log (Liu et al.
-    2020), of the same labels; the log has the camera's turn rate and velocity at the first frame.
+    2020), of the same labels; the log has the camera's turn rate and velocity at the first row of
+    the first frame (`write_carla_rs`).
     bs_rsc: OUT/SAMPLE/RS/00000.png and GS/00000.png, ... (Cao et al. 2022), of frames with the
     label global_middle.
     kitti_flow: OUT/training/image_2/000000_10.png, 000000_11.png and flow_occ/000000_10.png
@@ -69,7 +69,8 @@ def write_layout(
         data: Folder of the dataset, whose pictures are PNG files.
         out: Folder of the layout.
         layout: One of `LAYOUT_LABELS`.
-        imu: The inertial measurement unit of euroc; None for the default one.
+        imu: The inertial measurement unit of euroc, whose units of length and time also count for
+            the velocities of carla_rs; None for the default one.
 
     Returns:
         The number of frames, or of flows.
@@ -87,7 +88,12 @@ def write_layout(
         return write_coco(samples, out)
     if layout == "imagefolder":
         return write_image_folder(samples, out)
-    writers = {**_LAYOUTS, "euroc": euroc_writer(imu or ImuOptions())}
+    imu = imu or ImuOptions()
+    writers = {
+        **_LAYOUTS,
+        "carla_rs": lambda source, out, _: write_carla_rs(source, out, imu),
+        "euroc": euroc_writer(imu),
+    }
     for source in samples:
         written += writers[layout](source, out, written)
     if not written:
@@ -116,37 +122,12 @@ def _fastec_rs(source: SampleFiles, out: Path, _: int) -> int:
     return min(len(source.frames), _FASTEC_FRAMES)
 
 
-def _carla_rs(source: SampleFiles, out: Path, _: int) -> int:
-    folder = out / source.name
-    for i, frame in enumerate(source.frames[:_CARLA_FRAMES]):
-        source.copy(source.file(frame), folder / f"{i:04d}_rs.png")
-        for label, short in (("global_first", "f"), ("global_middle", "m")):
-            source.copy(source.file(frame, label), folder / f"{i:04d}_gs_{short}.png")
-    values = " ".join(f"{x:.9g}" for x in _camera_motion(source))
-    with whole(folder / "gt_vel.log") as partial:
-        head = "# Velocity in the camera's axes, per unit of time: wx, wy, wz, x, y, z"
-        partial.write_text(f"{head}\n{values}\n", encoding="utf-8")
-    return min(len(source.frames), _CARLA_FRAMES)
-
-
-def _camera_motion(source: SampleFiles) -> np.ndarray:
-    """Turn rate and velocity of the camera at its first frame, along its own axes (right, down,
-    forward)."""
-    from scipy.spatial.transform import Rotation
-
-    path = replace(path_of_frames(source.frames), interpolation="spline")
-    free = ImuOptions(gravity=(0.0, 0.0, 0.0))
-    samples = imu_samples(path, np.array([source.frames[0]["time"]]), options=free)
-    turn = Rotation.from_quat(samples.quat[0, [1, 2, 3, 0]])
-    return np.concatenate([samples.gyroscope[0], turn.inv().apply(samples.velocity[0])])
-
-
 def _bs_rsc(source: SampleFiles, out: Path, _: int) -> int:
     folder = out / source.name
-    for i, frame in enumerate(source.frames[:_BSRSC_FRAMES]):
+    for i, frame in enumerate(source.frames):
         source.copy(source.file(frame), folder / f"RS/{i:05d}.png")
         source.copy(source.file(frame, "global_middle"), folder / f"GS/{i:05d}.png")
-    return min(len(source.frames), _BSRSC_FRAMES)
+    return len(source.frames)
 
 
 def _kitti_flow(source: SampleFiles, out: Path, begin: int) -> int:
@@ -204,7 +185,6 @@ def depth_levels(depth: np.ndarray) -> np.ndarray:
 # Writers of a sample in each layout; they get the number of what was written before.
 _LAYOUTS: dict[str, Callable[[SampleFiles, Path, int], int]] = {
     "fastec_rs": _fastec_rs,
-    "carla_rs": _carla_rs,
     "bs_rsc": _bs_rsc,
     "kitti_flow": _kitti_flow,
     "sintel": _sintel,

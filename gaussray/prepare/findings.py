@@ -141,12 +141,14 @@ def camera_findings(placement: Placement) -> list[Finding]:
 
 def lens_findings(placement: Placement) -> list[Finding]:
     """Lenses that no camera has; focal lengths that differ between like cameras."""
-    findings, focals = [], {}
+    findings, focals, complaints = [], {}, {}
     for name, lens in camera_lenses(placement).items():
-        level, reason = lens_complaint(lens)
         focals.setdefault((lens["w"], lens["h"]), {})[name] = lens["fl_x"]
+        complaints.setdefault(lens_complaint(lens), []).append(name)
+    for (level, reason), names in complaints.items():
+        listed = ", ".join(names[:8]) + ("..." if len(names) > 8 else "")
         if level and placement.known:
-            text = f"{name}: the calibration has {reason}"
+            text = f"{listed}: the calibration has {reason}"
             remedy = "Check that the file is of this camera, zoom and picture size."
             findings.append(Finding("warn", "lens", text, remedy))
         elif level:
@@ -154,7 +156,7 @@ def lens_findings(placement: Placement) -> list[Finding]:
                 Finding(
                     level,
                     "lens",
-                    f"{name}: estimated {reason}",
+                    f"{listed}: estimated {reason}",
                     "Estimate less: poses.intrinsics=shared poses.model=pinhole; give the rough "
                     "field of view in degrees, poses.fov=70; or give a calibration.",
                 )

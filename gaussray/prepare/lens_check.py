@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gaussray.prepare.lens_models import LensKeyValues, lens_fov
+from gaussray.prepare.lens_models import LensKeyValues, fisheye_angles, lens_fov
 from gaussray.prepare.sparse_model import camera_of
 
 
@@ -18,15 +18,14 @@ CENTRE = 0.1
 def corner_distortion(lens: LensKeyValues) -> float:
     """Shift of the picture's corner by distortion, as a share of its undistorted distance from the
     centre; NaN if the lens has no ray there. Fisheye lenses count against r = f theta."""
-    corner = np.array([[0.5, 0.5]])
-    ray = np.array(camera_of(lens).cam_ray_from_img(corner), np.float64).reshape(3)
-    fisheye = "FISHEYE" in lens["camera_model"]
-    angle = float(np.arctan2(np.linalg.norm(ray[:2]), ray[2]))
-    if not np.isfinite(angle) or not fisheye and angle >= np.pi / 2:
-        return float("nan")
     focal, centre = np.array([lens["fl_x"], lens["fl_y"]]), np.array([lens["cx"], lens["cy"]])
+    corner = np.array([[0.5, 0.5]])
     stored = float(np.linalg.norm((corner[0] - centre) / focal))
-    ideal = angle if fisheye else float(np.tan(angle))
+    if "FISHEYE" in lens["camera_model"]:
+        ideal = float(fisheye_angles(lens, np.array([stored]))[0])
+    else:
+        ray = np.array(camera_of(lens).cam_ray_from_img(corner), np.float64).reshape(3)
+        ideal = float(np.linalg.norm(ray[:2]) / ray[2]) if ray[2] > 0 else float("nan")
     return stored / ideal - 1 if ideal > 0 else float("nan")
 
 

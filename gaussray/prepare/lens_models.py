@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from gaussray.capture.formats.colmap_files import COLMAP_MODELS
 
@@ -15,6 +16,10 @@ MODEL_OF_CHOICE = {
     "opencv_fisheye": "OPENCV_FISHEYE",
 }
 _PARAMETERS = dict(COLMAP_MODELS.values())
+
+# Angles at which a fisheye's radius is tabulated, 0.1 degrees apart: linear between them, a radius
+# is wrong by less than 1e-6 focal lengths.
+_ANGLES = 1801
 
 # A lens is the keys of a capture's JSON: camera_model, w, h, fl_x, fl_y, cx, cy and coefficients.
 LensKeyValues = dict[str, Any]
@@ -69,3 +74,34 @@ def lens_fov(lens: LensKeyValues) -> float:
     if "FISHEYE" in lens["camera_model"]:
         return float(np.degrees(2 * half))
     return float(np.degrees(2 * np.arctan(half)))
+
+
+def fisheye_radii(
+    lens: LensKeyValues, angle: Float[np.ndarray, " rays"]
+) -> Float[np.ndarray, " rays"]:
+    """Distances from the principal point, in focal lengths, of rays of an OPENCV_FISHEYE lens.
+
+    Args:
+        lens: lens with coefficients k1 to k4.
+        angle: angles off the axis in radians.
+    """
+    powers = angle[:, None] ** np.array([2, 4, 6, 8])
+    return angle * (1 + powers @ np.array([lens.get(f"k{i}", 0.0) for i in (1, 2, 3, 4)]))
+
+
+def fisheye_angles(
+    lens: LensKeyValues, radius: Float[np.ndarray, " pixels"]
+) -> Float[np.ndarray, " pixels"]:
+    """Angles off the axis in radians of an OPENCV_FISHEYE lens, NaN where no ray arrives.
+
+    COLMAP's own rays are wrong beyond 90 degrees.
+
+    Args:
+        lens: lens with coefficients k1 to k4.
+        radius: distances from the principal point in focal lengths.
+    """
+    angle = np.linspace(0, np.pi, _ANGLES)
+    curve = fisheye_radii(lens, angle)
+    falls = np.flatnonzero(np.diff(curve) <= 0)
+    rising = slice(0, falls[0] + 1 if len(falls) else None)
+    return np.interp(radius, curve[rising], angle[rising], right=np.nan)

@@ -10,6 +10,7 @@ from gaussray.prepare.colmap import pycolmap
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.features import known_camera
 from gaussray.prepare.lens_models import LensKeyValues
+from gaussray.prepare.missing_poses import lacks_parallax, missing_poses_reason
 from gaussray.prepare.options import PosesOptions
 from gaussray.prepare.sparse_model import SparseModel, sparse_model_of
 
@@ -43,7 +44,7 @@ def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> Spa
         Of several reconstructions the one with most pictures, in an arbitrary frame and scale.
 
     Raises:
-        PrepareError: No two pictures share enough matches to begin with.
+        PrepareError: No poses or no points are found; the message says why.
     """
     colmap = pycolmap()
     mapping = colmap.IncrementalPipelineOptions()
@@ -53,13 +54,11 @@ def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> Spa
     mapping.mapper.init_min_num_inliers = _FIRST_PAIR
     with tempfile.TemporaryDirectory() as out:
         models = colmap.incremental_mapping(database, pictures, out, mapping)
-    if not models:
-        raise PrepareError(
-            "the pictures must share enough matches to find poses, got no pair that does. Cameras "
-            "must see the same textured things from less than about 30 degrees apart: add cameras "
-            "between, or give a calibration as poses.calibration=FILE."
-        )
-    best = max(models.values(), key=lambda m: (m.num_reg_images(), m.num_points3D()))
+    best = max(models.values(), key=lambda m: (m.num_reg_images(), m.num_points3D()), default=None)
+    seen = best.compute_num_observations() if best is not None else 0
+    # A camera that only turns gets arbitrary poses, with hardly a point.
+    if best is None or not seen or lacks_parallax(database, seen):
+        raise PrepareError(missing_poses_reason(database))
     return sparse_model_of(best)
 
 

@@ -69,6 +69,8 @@ def write_matching_pictures(
         if frame_of(files[i]):
             write_image(folder / name, read_levels(files[i], *size))
         else:
+            # COLMAP would leave out a broken picture, and the capture would hold it.
+            read_levels(files[i], *size)
             shutil.copyfile(files[i], folder / name)
         names.append(name)
     return names

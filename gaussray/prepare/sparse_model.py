@@ -7,7 +7,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from gaussray.prepare.colmap import pycolmap
-from gaussray.prepare.lens_models import LensKeyValues, from_colmap, to_colmap
+from gaussray.prepare.lens_models import (
+    LensKeyValues,
+    fisheye_angles,
+    fisheye_radii,
+    from_colmap,
+    to_colmap,
+)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -98,9 +104,22 @@ def project_points(
     inside = points @ pose[:, :3].T + pose[:, 3]
     pixels = np.full((len(points), 2), np.nan)
     ahead = inside[:, 2] > 1e-9
-    if ahead.any():
+    if "FISHEYE" in lens["camera_model"]:
+        pixels = _fisheye_pixels(lens, inside)
+    elif ahead.any():
         pixels[ahead] = camera_of(lens).img_from_cam(inside[ahead])
     return pixels, inside[:, 2]
+
+
+def _fisheye_pixels(
+    lens: LensKeyValues, inside: Float[np.ndarray, "n 3"]
+) -> Float[np.ndarray, "n 2"]:
+    """Pixels of points in camera axes, also of those beyond 90 degrees."""
+    across = np.linalg.norm(inside[:, :2], axis=1)
+    radius = fisheye_radii(lens, np.arctan2(across, inside[:, 2]))
+    stretch = np.where(across > 0, radius / np.where(across > 0, across, 1), 0)
+    focal, centre = np.array([lens["fl_x"], lens["fl_y"]]), np.array([lens["cx"], lens["cy"]])
+    return centre + focal * stretch[:, None] * inside[:, :2]
 
 
 def pixel_rays(lens: LensKeyValues, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
@@ -110,6 +129,13 @@ def pixel_rays(lens: LensKeyValues, pixels: Float[np.ndarray, "n 2"]) -> Float[n
         lens: lens of the camera.
         pixels: column and row of each place, pixel centres at 0.5.
     """
+    if "FISHEYE" in lens["camera_model"]:
+        focal, centre = np.array([lens["fl_x"], lens["fl_y"]]), np.array([lens["cx"], lens["cy"]])
+        across = (pixels - centre) / focal
+        radius = np.linalg.norm(across, axis=1)
+        angle = fisheye_angles(lens, radius)
+        stretch = np.where(radius > 0, np.sin(angle) / np.where(radius > 0, radius, 1), 1)
+        return np.column_stack([stretch[:, None] * across, np.cos(angle)])
     directions = np.array(camera_of(lens).cam_ray_from_img(pixels), np.float64).reshape(-1, 3)
     return directions / np.linalg.norm(directions, axis=1, keepdims=True)
 

@@ -68,7 +68,9 @@ def synchronise(sources: Sequence[Source], options: SyncOptions) -> Sync:
         return Sync("known", offsets, dict.fromkeys(names, 1.0), dict.fromkeys(names, 0.0))
     videos = [source for source in sources if source.is_video]
     _check_sound(videos, options)
-    if options.method == "none" or len(videos) < 2:
+    # A single frame shows no motion, and its sound lasts no longer than it.
+    momentary = any(source.count < 2 for source in videos)
+    if options.method == "none" or len(videos) < 2 or momentary:
         return _together(sources, "none")
     method, found = _estimated(videos, options)
     offsets, confidence = starts_together(sources), dict.fromkeys(names, 0.0)

@@ -65,8 +65,8 @@ def with_refinement_tried(
     devices: int | None,
     say: Callable[[str], None] = lambda line: None,
 ) -> ReconstructOptions:
-    """The options with the corrections that help (`kept_corrections`); the same options where
-    nothing is refined or nothing can be held out.
+    """The options with the corrections that help (`kept_corrections`), without any where no tile
+    can be held out; the same options where nothing is refined.
 
     Args:
         capture: the capture.
@@ -91,11 +91,13 @@ def with_refinement_tried(
 
     recorded = score(())
     if recorded is None:
+        if leads():
+            write_json(known, {"kept": [], "psnr": {}})
         say(
-            "Too few tiles to hold any out: corrections of cameras "
-            f"({', '.join(kinds)}) are kept unchecked."
+            "Too few tiles to hold any out: cameras are left as recorded. "
+            f"fit.refine_gain=-1 refines them unchecked ({', '.join(kinds)})."
         )
-        return options
+        return _with_refine(options, ())
     kept, scores = kept_corrections(
         kinds,
         lambda chosen: (score(chosen) or 0.0) if chosen else recorded,
@@ -146,7 +148,7 @@ def _score(
     )
     _remove(folder)
     log = RunLog(folder, resume=False, interval=math.inf, writes=leads())
-    session = Session(capture, log, replace(options, fit=short), True, devices, segment)
+    session = Session(capture, log, replace(options, fit=short), True, devices, segment, trial=True)
     if session.held_out is None:
         return None
     try:

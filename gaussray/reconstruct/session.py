@@ -15,7 +15,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import refined_kinds, refined_views
 from gaussray.capture.capture import Capture
 from gaussray.capture.points import Points
-from gaussray.reconstruct.data.held_out_tiles import held_out_tiles
+from gaussray.reconstruct.data.held_out_tiles import held_out_tiles, trial_tiles
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
 from gaussray.reconstruct.data.pictures import Footage, footage, stacked
@@ -51,6 +51,7 @@ class Session:
         quiet: show no progress bars.
         devices: how many devices of every host share the rays of a step; None: all.
         segment: the views and the interval of time; None: the whole capture.
+        trial: hold out tiles of small captures, too, for short fits that are compared by them.
 
     Attributes:
         footage: the training pictures of the segment, and their cameras.
@@ -75,6 +76,7 @@ class Session:
         quiet: bool,
         devices: int | None = None,
         segment: Segment | None = None,
+        trial: bool = False,
     ):
         views = training_views(capture)
         part = segment or Segment(views, capture.time_range)
@@ -98,7 +100,8 @@ class Session:
         segment_owner = jnp.asarray(np.searchsorted(names, self.footage.name), jnp.int32)
         self.cameras = eqx.tree_at(lambda c: c.owner, cameras, segment_owner)
         self.activity = activity(self.footage)
-        held_out = held_out_tiles(self.footage, options.fit.validate, options.fit.seed)
+        draw = trial_tiles if trial else held_out_tiles
+        held_out = draw(self.footage, options.fit.validate, options.fit.seed)
         times, views_of_time = np.unique(self.footage.times, return_counts=True)
         single = len(times) == 1
         by_transients = not single and options.fit.transient and not options.fit.deforms

@@ -205,8 +205,9 @@ def _transients(
         if moved is not None and not moved.tile_counts().any():
             return None
         warnings.warn(
-            "stereo finds no points in what moves, so there are no transient Gaussians. They need "
-            "at least two pictures of every time; fit.motion=deformation does not.",
+            "stereo finds no points in what moves, so there are no transient Gaussians, and "
+            "nothing moves. If something does: they need at least two pictures of every time; "
+            "fit.motion=deformation does not.",
             CaptureWarning,
             stacklevel=2,
         )

@@ -184,7 +184,9 @@ def _summary(out: Path) -> Section:
         tiles.append(("PSNR of training rays", f"{psnr:.2f}", "dB"))
     size = report.get("scene") or json_document(out / "requirement.json").get("after")
     if size:
-        tiles.append(("Gaussians", f"{size['gaussians']:,}", f"{size['moving']:,} moving"))
+        kinds = f"{size['moving']:,} moving"
+        kinds += f", {size['transient']:,} transient" if size.get("transient") else ""
+        tiles.append(("Gaussians", f"{size['gaussians']:,}", kinds))
     file = out / "scene.npz"
     if file.is_file():
         tiles.append(("scene.npz", *file_size(file.stat().st_size)))

@@ -186,15 +186,31 @@ def test_the_loader_of_carla_rs_finds_every_pair(data, tmp_path):
             np.testing.assert_array_equal(stored(f"{name}_rs.png"), true)
 
 
+def bs_rsc_triples(root):
+    """Three neighbouring rolling shutters and the global shutter of the middle one, as the loader
+    of Cao et al. (2022) collects them (dataset/bsrsc.py of github.com/ljzycmd/BSRSC, `n_c`): each
+    entry of the root is a video, each of its GS/ a frame NUMBER.SUFFIX that RS/ has as well."""
+    found = []
+    for video in sorted(os.listdir(root)):
+        for name in sorted(os.listdir(os.path.join(root, video, "GS")))[1:-1]:
+            number, suffix = name.split(".")
+            near = [f"{int(number) + i:0{len(number)}d}.{suffix}" for i in (-1, 0, 1)]
+            rolling = [stored(os.path.join(root, video, "RS", one)) for one in near]
+            found.append((rolling, stored(os.path.join(root, video, "GS", near[1]))))
+    return found
+
+
 def test_the_loader_of_bs_rsc_finds_every_frame(data, tmp_path):
-    """Pictures RS/00000.png with a twin of the same name in GS, whose middle row is the same."""
+    """The middle row of a rolling shutter is that of its global shutter."""
     assert write_layout(data, tmp_path, "bs_rsc") == 6
-    rolling = sorted(tmp_path.glob("*/RS/?????.png"))
-    assert [p.name for p in rolling] == 2 * ["00000.png", "00001.png", "00002.png"]
-    for path, frame in zip(rolling, read_frames(data), strict=True):
-        twin = stored(path.parents[1] / "GS" / path.name)
-        np.testing.assert_array_equal(twin, stored(data / frame["labels"]["global_middle"]))
-        np.testing.assert_allclose(stored(path)[8], twin[8], atol=KEYS)
+    triples, frames = bs_rsc_triples(tmp_path), list(read_frames(data))
+    assert len(triples) == 2
+    for (rolling, twin), index in zip(triples, (0, 3), strict=True):
+        for one, frame in zip(rolling, frames[index : index + 3], strict=True):
+            np.testing.assert_array_equal(one, stored(data / frame["file_path"]))
+        true = stored(data / frames[index + 1]["labels"]["global_middle"])
+        np.testing.assert_array_equal(twin, true)
+        np.testing.assert_allclose(rolling[1][8], twin[8], atol=KEYS)
 
 
 def test_one_key_renders_the_labels_of_a_layout_and_writes_it(data, tmp_path, capsys):

@@ -4,7 +4,18 @@ import json
 
 import numpy as np
 import pytest
-from quads import FOCAL, RATE, SIZE, arc, looking, mover_at, picture, write_pictures, write_video
+from quads import (
+    FOCAL,
+    RATE,
+    SIZE,
+    arc,
+    looking,
+    mover_at,
+    picture,
+    textures,
+    write_pictures,
+    write_video,
+)
 from scipy.spatial.transform import Rotation
 
 from gaussray.capture.open import open_capture
@@ -195,15 +206,65 @@ def test_a_camera_that_moves_has_a_pose_for_each_timestamp(tmp_path, painted):
     assert steps.max() < 1.3 * steps.min()
 
 
-def test_pictures_that_share_nothing_are_refused_with_a_remedy(tmp_path):
-    rng = np.random.default_rng(0)
+def refused(folder, match, **options):
+    """Preparing a folder ends with this message and without a capture."""
+    out = folder.with_name("capture")
+    with pytest.raises((PrepareError, OSError), match=match):
+        prepare_capture(folder, out, options=PrepareOptions(sync=TOGETHER, **options))
+    assert not (out / "transforms.json").exists()
+
+
+def test_black_videos_are_refused(tmp_path):
     (tmp_path / "in").mkdir()
     for name in "ab":
-        frame = np.full((120, 160, 3), rng.integers(80, 160), np.uint8)
-        write_video(tmp_path / "in" / f"{name}.mp4", [frame] * 4)
-    options = PrepareOptions(sync=TOGETHER, poses=PosesOptions(rig="still"))
-    with pytest.raises(PrepareError, match="add cameras between, or give a calibration"):
-        prepare_capture(tmp_path / "in", tmp_path / "capture", options=options)
+        write_video(tmp_path / "in" / f"{name}.mp4", [np.zeros((120, 160, 3), np.uint8)] * 4)
+    refused(tmp_path / "in", "got 0 features a picture .*not black, overexposed")
+
+
+def test_videos_of_different_rooms_are_refused(tmp_path, painted):
+    (tmp_path / "in").mkdir()
+    for k, pose in enumerate(arc(2, -5, 5)):
+        frame = picture(pose, textures(seed=20) if k else painted)
+        write_video(tmp_path / "in" / f"{k}.mp4", [frame] * 4)
+    refused(tmp_path / "in", "add cameras between, or give a calibration")
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_a_lone_camera_that_stands_still_is_refused(tmp_path, painted, count):
+    (tmp_path / "in").mkdir()
+    write_video(tmp_path / "in" / "a.mp4", [picture(arc(1)[0], painted)] * count)
+    refused(tmp_path / "in", "got a single picture or a single camera.*poses.rig=moving")
+
+
+@pytest.mark.parametrize("turn", [0.0, 3.0])
+def test_pictures_from_one_place_are_refused(tmp_path, painted, turn):
+    """The camera stays as it is, or turns."""
+    targets = np.linspace(-turn / 2, turn / 2, 6)
+    poses = [looking((0, -3.5, 1.9), (x, 1.5, 0.8)) for x in targets]
+    write_pictures(tmp_path / "in", poses, painted)
+    refused(tmp_path / "in", "got pictures without parallax.*Move the camera sideways")
+
+
+def test_a_broken_picture_is_refused(tmp_path, painted):
+    write_pictures(tmp_path / "in", arc(3, -10, 10), painted)
+    path = tmp_path / "in" / "001.png"
+    path.write_bytes(path.read_bytes()[:5000])
+    refused(tmp_path / "in", "001.png: the picture is truncated or corrupt.*Copy it again")
+
+
+def test_pictures_of_several_sizes_are_refused(tmp_path, painted):
+    write_pictures(tmp_path / "in", arc(2, -10, 10), painted)
+    write_image(tmp_path / "in" / "z.png", picture(arc(1)[0], painted, size=(300, 240)))
+    refused(tmp_path / "in", "z.png.*one size.*to folders of their own")
+
+
+def test_a_broken_video_is_refused(tmp_path, painted):
+    (tmp_path / "in").mkdir()
+    for name in "ab":
+        write_video(tmp_path / "in" / f"{name}.mp4", [picture(arc(1)[0], painted)] * 4)
+    path = tmp_path / "in" / "b.mp4"
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    refused(tmp_path / "in", "b.mp4: the video is truncated or corrupt.*encode it again")
 
 
 def test_the_lens_of_a_fisheye_is_found(tmp_path, painted):

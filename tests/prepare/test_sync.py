@@ -143,3 +143,13 @@ def test_offsets_that_are_known_are_used(late):
 def test_sound_is_not_demanded_of_silent_videos(late):
     with pytest.raises(PrepareError, match="got sound and a, b, c"):
         synchronise(find_sources(late[0]), SyncOptions(method="sound"))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_videos_of_a_frame_or_two_start_together(tmp_path, count):
+    frames = list(np.random.default_rng(0).integers(0, 255, (count, 48, 64, 3), np.uint8))
+    for name in "ab":
+        write_video(tmp_path / f"{name}.mp4", frames)
+    found = synchronise(find_sources(tmp_path), SyncOptions())
+    assert found.offsets == {"a": 0.0, "b": 0.0}
+    assert found.method == ("none" if count == 1 else "motion")

@@ -15,7 +15,11 @@ import toy
 from gaussray.capture.formats.paired import Capture, View
 from gaussray.capture.points import Points
 from gaussray.reconstruct import step_plan
-from gaussray.reconstruct.data.held_out_tiles import held_out_batches, held_out_tiles
+from gaussray.reconstruct.data.held_out_tiles import (
+    held_out_batches,
+    held_out_tiles,
+    trial_tiles,
+)
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.effort import Machine, effort
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
@@ -238,6 +242,21 @@ def test_held_out_tiles_come_in_whole_batches_and_only_of_what_is_visible():
     small = Footage(pixel[:2], mask[:2], pair, np.array(["a"] * 2), 8)
     assert not held_out_tiles(small, 0.1, seed=3).any()
     assert held_out_batches(small, np.zeros((2, 150), bool), tiles=4) == []
+
+
+@pytest.mark.parametrize(
+    ("tiles", "held"), [(4, 0), (5, 1), (60, 12), (125, 25), (499, 25), (1000, 50)]
+)
+def test_a_trial_holds_out_tiles_of_small_captures_too(tiles, held):
+    """Twice as many tiles, half of them masked."""
+    mask = np.zeros((2, tiles, 8), np.uint8)
+    mask[1] = 255
+    camera = jax.tree.map(lambda x: jnp.stack([x] * 2), toy.camera(0.0, 0.0, 16, 16))
+    pixel = np.zeros((2, tiles, 64, 3), np.uint8)
+    footage = Footage(pixel, mask, camera, np.array(["a"] * 2), 8)
+    found = trial_tiles(footage, 0.05, seed=3)
+    assert found.sum() == found[1].sum() == held
+    np.testing.assert_array_equal(found, trial_tiles(footage, 0.05, seed=3))
 
 
 def test_a_resumed_run_keeps_the_plan():

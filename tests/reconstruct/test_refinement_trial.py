@@ -49,13 +49,6 @@ def test_a_fit_that_fails_keeps_nothing():
 GAIN = dict(zip(toy.CAMERAS, (0.6, 1.0, 1.3, 1.1), strict=True))
 
 
-@pytest.fixture
-def many_tiles(monkeypatch):
-    """Every second tile of a small capture is held out."""
-    monkeypatch.setattr(held_out_tiles, "_LEAST", 1)
-    monkeypatch.setattr("gaussray.reconstruct.refinement_trial._SHARE", 0.25)
-
-
 def capture_of(folder, gains):
     """The toy's capture of one instant, whose steps compile quickly, with gains of the cameras."""
     renderer = Renderer(toy.scene(), options=RenderOptions(samples=1), trace=toy.TRACE)
@@ -77,7 +70,7 @@ def options(**fit):
     )
 
 
-def test_wrong_exposures_are_refined_and_equal_ones_are_not(tmp_path, many_tiles, capsys):
+def test_wrong_exposures_are_refined_and_equal_ones_are_not(tmp_path, capsys):
     wrong = capture_of(tmp_path / "wrong", GAIN)
     reconstruct(wrong, tmp_path / "a", options=options())
     said = capsys.readouterr().out
@@ -92,10 +85,15 @@ def test_wrong_exposures_are_refined_and_equal_ones_are_not(tmp_path, many_tiles
     assert "info" not in json.loads((tmp_path / "b/cameras.json").read_text())
 
 
-def test_without_tiles_to_spare_corrections_are_kept_unchecked(tmp_path, capsys):
-    reconstruct(capture_of(tmp_path / "c", GAIN), tmp_path / "a", options=options())
-    assert "exposure) are kept unchecked" in capsys.readouterr().out
-    assert "info" in json.loads((tmp_path / "a/cameras.json").read_text())
+def test_without_tiles_to_spare_cameras_are_left_as_recorded(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(held_out_tiles, "_TRIAL_SHARE", 0.0)
+    monkeypatch.setattr("gaussray.reconstruct.refinement_trial._SHARE", 0.0)
+    capture = capture_of(tmp_path / "c", GAIN)
+    reconstruct(capture, tmp_path / "a", options=options())
+    said = capsys.readouterr().out
+    assert "cameras are left as recorded" in said and "fit.refine_gain=-1" in said
+    assert "info" not in json.loads((tmp_path / "a/cameras.json").read_text())
+    assert json.loads((tmp_path / "a/refine.json").read_text()) == {"kept": [], "psnr": {}}
 
 
 def test_a_run_that_is_resumed_goes_by_its_own_trial(tmp_path):

@@ -1,5 +1,6 @@
-"""OpenCV's YAML files intri.yml and extri.yml, as EasyMocap and ZJU-MoCap have them."""
+"""Pairs of OpenCV's YAML files, as EasyMocap, ZJU-MoCap and Pose2Sim's converter have them."""
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,8 @@ from gaussray.prepare.calibrations.known_camera import KnownCamera, check_name, 
 from gaussray.prepare.errors import PrepareError
 
 
-INTRINSICS_FILE, EXTRINSICS_FILE = "intri.yml", "extri.yml"
+# Names of both files, in lower case: EasyMocap's, and those of Pose2Sim's converter to EasyMocap.
+_PAIRS = (("intri.yml", "extri.yml"), ("intrinsic.yml", "extrinsic.yml"))
 
 
 class _Loader(yaml.SafeLoader):
@@ -22,27 +24,57 @@ class _Loader(yaml.SafeLoader):
 
 def _matrix(loader: _Loader, node: Any) -> np.ndarray:
     values = loader.construct_mapping(node, deep=True)
-    data = np.array(values["data"], np.float64)
-    return data.reshape(int(values["rows"]), int(values["cols"]))
+    # OpenCV 5 gives the sizes of vectors; before, they were matrices of one column.
+    sizes = values["sizes"] if "sizes" in values else (values["rows"], values["cols"])
+    return np.array(values["data"], np.float64).reshape([int(size) for size in sizes])
 
 
-_Loader.add_constructor("tag:yaml.org,2002:opencv-matrix", _matrix)
+for _tag in ("opencv-matrix", "opencv-nd-matrix"):
+    _Loader.add_constructor(f"tag:yaml.org,2002:{_tag}", _matrix)
 
 
-def read_easymocap(folder: Path) -> list[KnownCamera]:
-    """The cameras of intri.yml (`K_cam`, `dist_cam`) and extri.yml (`R_cam` a Rodrigues vector or
-    matrix or `Rot_cam` a matrix, `T_cam`), by the `names` that the files list.
+def easymocap_pair(path: Path) -> tuple[Path, Path] | None:
+    """The file of intrinsics and that of extrinsics in a folder, or with one of the two, whatever
+    the case of their names; None if `path` is neither.
+
+    Raises:
+        PrepareError: `path` is one of the two and the other is not beside it.
+    """
+    folder = path if path.is_dir() else path.parent
+    files = {file.name.lower(): file for file in sorted(folder.iterdir()) if file.is_file()}
+    for pair in _PAIRS:
+        missing = [name for name in pair if name not in files]
+        if not path.is_dir() and path.name.lower() in pair and missing:
+            raise PrepareError(f"{path}: {missing[0]} must be beside it, got no such file.")
+        if not missing and (path.is_dir() or path.name.lower() in pair):
+            return files[pair[0]], files[pair[1]]
+    return None
+
+
+def read_easymocap(intrinsics: Path, extrinsics: Path) -> list[KnownCamera]:
+    """The cameras of a pair of files, by the `names` that the files list.
+
+    The first has `K_cam` and `dist_cam` (or `D_cam`), the second `R_cam` (a Rodrigues vector or a
+    matrix) or `Rot_cam` (a matrix), and `T_cam`. `cam` is the name of the camera; where a file has
+    no such keys, its number in `names`, from 1, as Pose2Sim's converter writes.
+
+    Args:
+        intrinsics: The file of camera matrices and distortion.
+        extrinsics: The file of rotations and translations, world to camera (OpenCV).
 
     Raises:
         PrepareError: A file is no YAML of OpenCV, or lacks a matrix.
     """
-    inner, outer = (read_opencv_yaml(folder / n) for n in (INTRINSICS_FILE, EXTRINSICS_FILE))
+    inner, outer = read_opencv_yaml(intrinsics), read_opencv_yaml(extrinsics)
     names = outer.get("names") or inner.get("names") or []
     if not isinstance(names, list) or not names:
-        raise PrepareError(
-            f"{folder / EXTRINSICS_FILE}: must list the cameras as names, got {str(names)[:80]}."
-        )
-    return [_camera(folder, check_name(folder, name), inner, outer) for name in names]
+        raise PrepareError(f"{extrinsics}: must list the cameras as names, got {str(names)[:80]}.")
+    checked = [check_name(extrinsics, name) for name in names]
+    files = (
+        _KeyedFile(intrinsics, inner, _suffixes(inner, "K", checked)),
+        _KeyedFile(extrinsics, outer, _suffixes(outer, "T", checked)),
+    )
+    return [_camera(name, *files) for name in checked]
 
 
 def read_opencv_yaml(path: Path) -> dict[str, Any]:
@@ -64,29 +96,49 @@ def read_opencv_yaml(path: Path) -> dict[str, Any]:
     return content
 
 
-def _camera(folder: Path, name: str, inner: dict, outer: dict) -> KnownCamera:
-    def matrix(content: dict, file: str, keys: tuple[str, ...], sizes: tuple[int, ...]):
+def _suffixes(content: dict[str, Any], key: str, names: list[str]) -> dict[str, str]:
+    """What follows `K_` in the keys of each camera: its name, or its number in the file's list."""
+    if any(f"{key}_{name}" in content for name in names):
+        return {name: name for name in names}
+    listed = content.get("names")
+    order = [str(name) for name in listed] if isinstance(listed, list) and listed else names
+    return {name: str(number) for number, name in enumerate(order, 1)}
+
+
+@dataclasses.dataclass(frozen=True)
+class _KeyedFile:
+    """The values of one file, and what follows the `_` in the keys of each camera."""
+
+    path: Path
+    content: dict[str, Any]
+    suffix: dict[str, str]
+
+    def value(self, key: str, name: str) -> Any:
+        return self.content.get(f"{key}_{self.suffix.get(name, name)}")
+
+    def matrix(self, keys: tuple[str, ...], name: str, sizes: tuple[int, ...]) -> np.ndarray:
         for key in keys:
-            value = content.get(f"{key}_{name}")
+            value = self.value(key, name)
             if isinstance(value, np.ndarray) and value.size in sizes:
                 return value
         raise PrepareError(
-            f"{folder / file}: camera {name} must have {' or '.join(keys)}_{name} of "
-            f"{' or '.join(map(str, sizes))} numbers, got none."
+            f"{self.path}: camera {name} must have {' or '.join(keys)}_"
+            f"{self.suffix.get(name, name)} of {' or '.join(map(str, sizes))} numbers, got none."
         )
 
-    turn = matrix(outer, EXTRINSICS_FILE, ("Rot", "R"), (9, 3))
+
+def _camera(name: str, inner: _KeyedFile, outer: _KeyedFile) -> KnownCamera:
+    turn = outer.matrix(("Rot", "R"), name, (9, 3))
     if turn.size == 3:
         turn = Rotation.from_rotvec(turn.ravel()).as_matrix()
-    pose = np.column_stack(
-        [turn.reshape(3, 3), matrix(outer, EXTRINSICS_FILE, ("T",), (3,)).ravel()]
-    )
-    distortion = inner.get(f"dist_{name}", inner.get(f"D_{name}", np.zeros(4)))
-    size = [int(inner.get(f"{key}_{name}", 0) or 0) for key in ("W", "H")]
+    pose = np.column_stack([turn.reshape(3, 3), outer.matrix(("T",), name, (3,)).ravel()])
+    found = [inner.value(key, name) for key in ("dist", "D")]
+    distortion = next((value for value in found if value is not None), np.zeros(4))
+    size = [int(inner.value(key, name) or 0) for key in ("W", "H")]
     return opencv_camera(
-        folder,
+        inner.path,
         name,
-        matrix(inner, INTRINSICS_FILE, ("K",), (9,)).reshape(3, 3),
+        inner.matrix(("K",), name, (9,)).reshape(3, 3),
         np.array(distortion, np.float64).ravel(),
         pose,
         (size[0], size[1]),

@@ -9,11 +9,7 @@ import numpy as np
 from gaussray.prepare.calibrations.kalibr import read_kalibr
 from gaussray.prepare.calibrations.known_camera import KnownCamera
 from gaussray.prepare.calibrations.nerfstudio import read_nerfstudio
-from gaussray.prepare.calibrations.opencv_yaml import (
-    EXTRINSICS_FILE,
-    INTRINSICS_FILE,
-    read_easymocap,
-)
+from gaussray.prepare.calibrations.opencv_yaml import easymocap_pair, read_easymocap
 from gaussray.prepare.calibrations.pose2sim import read_toml
 from gaussray.prepare.calibrations.qualisys import read_qualisys
 from gaussray.prepare.errors import PrepareError
@@ -21,8 +17,9 @@ from gaussray.prepare.sources import Source
 
 
 CALIBRATION_KINDS = (
-    "Qualisys .qca.txt or .xml, Pose2Sim or Anipose .toml, a folder with intri.yml and extri.yml "
-    "(EasyMocap), Kalibr .yaml, or nerfstudio's transforms.json"
+    "Qualisys .qca.txt or .xml, Pose2Sim or Anipose .toml, intri.yml beside extri.yml "
+    "(EasyMocap) or Intrinsic.yml beside Extrinsic.yml (Pose2Sim), Kalibr .yaml, or nerfstudio's "
+    "transforms.json"
 )
 # A picture may be so much larger or smaller than its calibration without being another one: rows
 # and columns that an encoder adds or drops.
@@ -39,16 +36,21 @@ def read_calibration(path: Path | str) -> list[KnownCamera]:
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"poses.calibration={path}: no such file or folder.")
+    pair = easymocap_pair(path)
     if path.is_dir():
         inside = [p for p in sorted(path.iterdir()) if p.is_file() and _reader(p) is not None]
-        if (path / INTRINSICS_FILE).is_file() and (path / EXTRINSICS_FILE).is_file():
-            return read_easymocap(path)
+        # Pose2Sim writes its pair beside the TOML file, which also knows sizes and fisheyes.
+        if pair is not None and not any(p.suffix.lower() == ".toml" for p in inside):
+            return read_easymocap(*pair)
         if len(inside) != 1:
+            names = ", ".join(p.name for p in inside[:9]) or "none"
             raise PrepareError(
-                f"poses.calibration={path}: the folder must hold one calibration, got "
-                f"{len(inside)}. Name the file: {CALIBRATION_KINDS}."
+                f"poses.calibration={path}: the folder must hold one calibration, got {names}. "
+                f"Name the file: {CALIBRATION_KINDS}."
             )
         path = inside[0]
+    elif pair is not None:
+        return read_easymocap(*pair)
     reader = _reader(path)
     if reader is None:
         raise PrepareError(f"poses.calibration={path}: must be {CALIBRATION_KINDS}.")
@@ -57,8 +59,6 @@ def read_calibration(path: Path | str) -> list[KnownCamera]:
 
 def _reader(path: Path) -> Callable[[Path], list[KnownCamera]] | None:
     name = path.name.lower()
-    if name in (INTRINSICS_FILE, EXTRINSICS_FILE):
-        return lambda file: read_easymocap(file.parent)
     if name.endswith((".qca.txt", ".xml", ".qca")):
         return read_qualisys
     suffixes = {".toml": read_toml, ".yaml": read_kalibr, ".yml": read_kalibr}

@@ -10,6 +10,9 @@ from gaussray.reconstruct.data.pictures import Footage
 
 # Captures of fewer tiles have none to spare.
 _LEAST = 500
+# A trial holds out as many tiles of a small capture as 5 % of 500 are, but a fifth at most: of the
+# rest, short fits must still learn the scene.
+_TRIAL_LEAST, _TRIAL_SHARE = 25, 0.2
 # Times whose held-out tiles are looked at, at most.
 _MOST = 32
 
@@ -29,6 +32,27 @@ def held_out_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray
     held.reshape(-1)[chosen] = True
     visible = footage.visible_tiles()
     return held if visible is None else held & visible
+
+
+def trial_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray, "frames tiles"]:
+    """Which tiles short fits leave out that tell what helps a capture; also of small captures.
+
+    At least _TRIAL_LEAST of the tiles that are not masked as a whole are held out, but at most a
+    fifth of them where the share is smaller: none of fewer than five.
+
+    Args:
+        footage: the training pictures.
+        share: share of the tiles that are drawn, in [0, 1].
+        seed: seed of the draw.
+    """
+    visible = footage.visible_tiles()
+    shape = footage.pixel.shape[:2]
+    seen = np.flatnonzero(np.ones(shape, bool) if visible is None else visible)
+    least = min(_TRIAL_LEAST, int(_TRIAL_SHARE * len(seen)))
+    count = max(round(share * len(seen)), least)
+    held = np.zeros(shape, bool)
+    held.reshape(-1)[np.random.default_rng([seed, 1]).permutation(seen)[:count]] = True
+    return held
 
 
 def held_out_batches(

@@ -7,16 +7,17 @@ import jax
 import numpy as np
 
 from gaussray.scene.deformation import HEADS, Deformation
-from gaussray.scene.scene import Scene
+from gaussray.scene.scene import Scene, transient_count
 
 
 def scene_sizes(scene: Scene) -> dict[str, int]:
-    """How many Gaussians, rigid bodies, network heads, plane scales and rows a scene holds, its
-    degree of harmonics, and the bytes of all its arrays."""
+    """How many Gaussians (all, moving, transient), rigid bodies, network heads, plane scales and
+    rows a scene holds, its degree of harmonics, and the bytes of all its arrays."""
     degrees = [int(np.sqrt(x.harmonics.shape[1])) - 1 for x in (scene.static, scene.moving)]
     sizes = {
         "gaussians": scene.count,
         "moving": scene.moving.count,
+        "transient": transient_count(scene),
         "bodies": 0,
         "heads": 0,
         "scales": 0,
@@ -58,6 +59,8 @@ def summary_line(report: dict[str, Any], name: str = "the scene") -> str:
         if before.get(part)
     ]
     moving = f"{after['moving']:,} of {before['moving']:,} move"
+    if before.get("transient"):
+        moving += f", {after['transient']:,} of {before['transient']:,} are transient"
     if after.get("bodies"):
         moving += f", {after['bodies']} bod{'y' if after['bodies'] == 1 else 'ies'}"
     needs = [f"{after['gaussians']:,} of {before['gaussians']:,} Gaussians ({moving})", *field]

@@ -1,10 +1,13 @@
 """Calibrations in the words of their authors' documentation, with numbers that can be checked by
 hand. Pixel centres of the files are at whole numbers, ours at 0.5."""
 
+import re
+
 import numpy as np
 import pytest
 
 from gaussray.prepare.calibrations.read import read_calibration
+from gaussray.prepare.errors import PrepareError
 
 
 # A camera that looks along the world's x axis from (0.3, -0.2, -0.1), y down: z to x, x to -z.
@@ -145,6 +148,101 @@ def test_easymocap(tmp_path):
     assert (first.lens["cx"], first.lens["cy"], first.lens["fl_y"]) == (512, 384, 1001)
     found = [first.lens[key] for key in ("k1", "k2", "p1", "p2")]
     assert found == [-0.1, 0.02, 0.001, -0.002]
+
+
+# Pose2Sim's calib_toml_to_easymocap, of the camera of POSE2SIM and one more: it numbers the keys,
+# whatever the names, appends a zero to the distortion, and OpenCV writes what follows.
+NUMBERED_INTRINSICS = """%YAML:1.0
+---
+names:
+   - cam_01
+   - "7"
+K_1: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 1681.25, 0., 9.5950000000000000e+02, 0., 1680.5, 539.5, 0., 0.,
+       1. ]
+dist_1: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ -4.5499999999999999e-02, 0.13900000000000001,
+       5.9999999999999995e-04, 6.9999999999999999e-04, 0. ]
+K_2: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 900., 0., 500., 0., 900., 380., 0., 0., 1. ]
+dist_2: !!opencv-matrix
+   rows: 5
+   cols: 1
+   dt: d
+   data: [ 0., 0., 0., 0., 0. ]
+"""
+NUMBERED_EXTRINSICS = """%YAML:1.0
+---
+names:
+   - cam_01
+   - "7"
+R_1: !!opencv-matrix
+   rows: 3
+   cols: 1
+   dt: d
+   data: [ 0., -1.5707963267948966, 0. ]
+Rot_1: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 2.2204460492503131e-16, 0., -1., 0., 1., 0., 1., 0.,
+       2.2204460492503131e-16 ]
+T_1: !!opencv-matrix
+   rows: 3
+   cols: 1
+   dt: d
+   data: [ -0.10000000000000001, 0.20000000000000001,
+       -0.29999999999999999 ]
+R_2: !!opencv-matrix
+   rows: 3
+   cols: 1
+   dt: d
+   data: [ 0., 0., 0. ]
+Rot_2: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 1., 0., 0., 0., 1., 0., 0., 0., 1. ]
+T_2: !!opencv-matrix
+   rows: 3
+   cols: 1
+   dt: d
+   data: [ 0., 0., 3. ]
+"""
+
+# How OpenCV 5 begins a vector.
+ND_MATRIX = r"opencv-nd-matrix\n   sizes: [ \1 ]"
+
+
+@pytest.mark.parametrize("opencv", [4, 5])
+@pytest.mark.parametrize("named", ["", "Intrinsic.yml", "Extrinsic.yml"])
+def test_easymocap_files_of_pose2sim(tmp_path, named, opencv):
+    """The pair gives the same camera as the TOML file that it was made of, but its size."""
+    for name, text in (("Intrinsic", NUMBERED_INTRINSICS), ("Extrinsic", NUMBERED_EXTRINSICS)):
+        if opencv == 5:
+            text = text.replace("%YAML:1.0", "%YAML 1.2")
+            text = re.sub(r"opencv-matrix\n   rows: (.)\n   cols: 1", ND_MATRIX, text)
+            assert "nd-matrix" in text
+        (tmp_path / f"{name}.yml").write_text(text)
+    first, second = read_calibration(tmp_path / named)
+    path = tmp_path / "Calib.toml"
+    path.write_text(POSE2SIM.replace("FISHEYE", "false"))
+    (original,) = read_calibration(path)
+    assert (first.name, second.name) == ("cam_01", "7")
+    assert first.pose == pytest.approx(original.pose)
+    assert first.lens == original.lens | {"w": 0, "h": 0}
+    assert (second.lens["fl_x"], second.pose[2, 3]) == (900, 3)
+    with pytest.raises(PrepareError, match=r"got Calib.toml, Extrinsic.yml, Intrinsic.yml"):
+        read_calibration(tmp_path)
 
 
 # The second camera stands 0.11 to the right of the first, turned to the left by a right angle.

@@ -163,7 +163,7 @@ def test_another_size_is_scaled_and_another_shape_refused(tmp_path):
         ("a.yaml", "[]", "as Kalibr does"),
         ("a.yaml", "cam0: {camera_model: omni}", "must be a pinhole"),
         ("a.txt", "", "Qualisys .qca.txt"),
-        ("extri.yml", "a: 1", "no such file"),
+        ("extri.yml", "a: 1", "intri.yml must be beside it"),
     ],
 )
 def test_what_is_no_calibration_is_named(tmp_path, name, text, message):

@@ -169,6 +169,9 @@ def test_the_line_says_how_much_of_what_is_needed():
         "the scene needs 8,214 of 12,000 Gaussians (1,903 of 3,065 move, 1 body), 3 of 4 heads, "
         "1 of 2 scales of the field, harmonics of degree 0: 1.1 -> 0.4 MB, -0.03 dB"
     )
+    kinds = {"before": before | {"transient": 4000}, "after": after | {"transient": 3100}}
+    line = summary_line({**kinds, "file": 401_000})
+    assert "(1,903 of 3,065 move, 3,100 of 4,000 are transient, 1 body)" in line
 
 
 @pytest.mark.parametrize(

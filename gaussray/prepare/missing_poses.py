@@ -1,0 +1,69 @@
+"""Why structure from motion finds no poses, in a sentence with the remedy."""
+
+from pathlib import Path
+
+import numpy as np
+
+from gaussray.prepare.colmap import pycolmap
+
+
+# Features of a picture that shows nothing: black, out of focus, a bare wall. A poor picture of 320
+# x 240 has some hundred.
+_BARE = 30
+# Share of the pairs that a homography explains where there may be no parallax; and the observations
+# of points, as a share of the matches, below which there is none: those of a camera that only turns
+# are 0.2 % at most, those of a flat wall, seen from several places, 40 %.
+_FLAT, _EXPLAINED = 0.9, 0.05
+
+
+def lacks_parallax(database: Path, observations: int) -> bool:
+    """Whether homographies explain the pairs of pictures, and hardly any match becomes a point.
+
+    Args:
+        database: COLMAP database with verified matches.
+        observations: observations of the points of its best reconstruction.
+    """
+    colmap = pycolmap()
+    kinds = colmap.TwoViewGeometryConfiguration
+    homographies = (kinds.PLANAR, kinds.PANORAMIC, kinds.PLANAR_OR_PANORAMIC)
+    with colmap.Database.open(database) as db:
+        _, geometries = db.read_two_view_geometries()
+    matched = [(g.config, len(g.inlier_matches)) for g in geometries if len(g.inlier_matches)]
+    flat = [config in homographies for config, _ in matched]
+    total = sum(count for _, count in matched)
+    return bool(flat and np.mean(flat) >= _FLAT and observations < _EXPLAINED * total)
+
+
+def missing_poses_reason(database: Path) -> str:
+    """Why the pictures of a database have no poses or no points.
+
+    Args:
+        database: COLMAP database with features and verified matches.
+    """
+    with pycolmap().Database.open(database) as db:
+        images = db.read_all_images()
+        features = [db.num_keypoints_for_image(image.image_id) for image in images]
+    if len(images) < 2:
+        return (
+            "poses must be estimated from at least two pictures from different places, got a "
+            "single picture or a single camera that stands still. Add cameras, move the camera "
+            "(poses.rig=moving says that it does), or give a calibration as poses.calibration=FILE."
+        )
+    if np.median(features) < _BARE:
+        return (
+            f"the pictures must show texture, got {int(np.median(features))} features a picture "
+            "(median). Check that they are not black, overexposed or out of focus; "
+            "plain walls need posters, or a calibration as poses.calibration=FILE."
+        )
+    if lacks_parallax(database, 0):
+        return (
+            "the pictures must be taken from different places, got pictures without parallax. "
+            "Move the camera sideways between them, by about a tenth of the distance of what it "
+            "shows; turning it or zooming is not enough. Several cameras must not stand in one "
+            "place."
+        )
+    return (
+        "the pictures must share enough matches to find poses, got no pair that does. Cameras "
+        "must see the same textured things from less than about 30 degrees apart: add cameras "
+        "between, or give a calibration as poses.calibration=FILE."
+    )
