@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from gaussray.geometry import product
 from gaussray.scene.gaussians import Gaussians, whitening_matrix
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.response import opacity_on_ray, reach_radius, response
@@ -68,7 +69,7 @@ def _responses(gaussians: Gaussians, origin: Array, direction: Array) -> tuple[A
     entries = [whiten[:, i, j] for i in range(3) for j in range(3)]
     mean = [gaussians.mean[:, i] for i in range(3)]
     t, q = response(entries, mean, origin, direction)
-    return t, q, jnp.linalg.norm(whiten @ direction, axis=-1)
+    return t, q, jnp.linalg.norm(product("nij,j->ni", whiten, direction), axis=-1)
 
 
 def _alphas(gaussians: Gaussians, q: Array, options: TraceOptions) -> Array:
