@@ -146,7 +146,7 @@ def recorded(folder, pictures, kinds):
 
 
 def options(*refine, steps=100):
-    """Nothing learns but what is refined."""
+    """Nothing learns but what is refined, which is kept without a trial."""
     known = OptimizerOptions.__dataclass_fields__
     still = {name: 0.0 for name in known if name not in ("decay", *REFINABLE)}
     fast = {"pose": 2e-3, "lens": 2e-3, "shutter": 4e-2, "exposure": 4e-2, "offset": 4e-2}
@@ -154,7 +154,14 @@ def options(*refine, steps=100):
     return dataclasses.replace(
         toy.SHORT,
         fit=FitOptions(
-            fine=steps, tiles=12, block=25, balance=0.8, refine=refine, points=1, surround=0.0
+            fine=steps,
+            tiles=12,
+            block=25,
+            balance=0.8,
+            refine=refine,
+            refine_gain=-1.0,
+            points=1,
+            surround=0.0,
         ),
         optimizer=OptimizerOptions(**(still | fast | {"decay": 0.05})),
         loss=LossOptions(space=0.0, time=0.0, one=0.0),
