@@ -72,6 +72,8 @@ def on_page_markdown(markdown, page, config, files):
             return match[0]
         if not inside:
             target = target.removeprefix("../")
+        # The site has the pages of docs/ at its top.
+        target = re.sub(r"^((?:\.\./)*)docs/", r"\1", target)
         if Path(target).suffix not in SHOWN:
             return text
         return f"{picture}[{text}]({target}{anchor or ''})"

@@ -178,11 +178,11 @@ def calibrated_records(
 
 def calibration_table(report: dict[str, Any]) -> str:
     """A report as text: a line per unknown, the PSNR, then confounded unknowns."""
-    lines = [f"{'':<24}{'start':>12}{'value':>12}{'+-':>11}{'tiles +-':>11}  unit"]
+    lines = [f"{'':<24}{'start':>13}{'value':>13}{'+-':>11}{'tiles +-':>11}  unit"]
     for row in report["parameters"]:
         name = " ".join(filter(None, (row.get("camera"), row["name"])))
         errors = (row["standard_error"][key] for key in ("independent", "tiles"))
-        figures = f"{row['start']:>12.6g}{row['value']:>12.6g}"
+        figures = f"{row['start']:>13.6g}{row['value']:>13.6g}"
         lines.append(f"{name:<24}{figures}{''.join(f'{x:>11.2g}' for x in errors)}  {row['unit']}")
     before, after = report["psnr"]["before"], report["psnr"]["after"]
     return "\n".join([*lines, f"PSNR {before:.2f} -> {after:.2f} dB", *report["confounded"]])

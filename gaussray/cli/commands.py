@@ -278,7 +278,7 @@ def _pack(cfg: Configuration, devices: int | None) -> None:
         _say(f"{cfg.out}: {frames} frames in the layout {layout}.")
         return
     written = pack(cfg.data, cfg.out, frames_per_tar=count)
-    _say(f"{cfg.out}: {len(written)} tar files.")
+    _say(f"{cfg.out}: {len(written)} tar file{'s' * (len(written) != 1)}.")
 
 
 def _demo(cfg: Configuration, devices: int | None) -> dict[str, Any]:

@@ -70,6 +70,7 @@ def render_job(
     check_labels(labels)
     scene = load(cfg.scene)
     views = chosen_views(cfg, scene, rig.camera, cameras)
+    _note_of_cameras(views, rig.camera, note)
     in_scene_units = physical.apply_units(rig, units)
     check_used_keys(in_scene_units)
     records = rigs.frame_records(
@@ -85,6 +86,20 @@ def render_job(
     info = physical.units_record(rig, units)
     dataset = DatasetOptions(sensor, labels, fps, info, interval)
     return RenderJob(scene, records, options, trace, dataset)
+
+
+def _note_of_cameras(
+    views: Sequence[View], camera: rigs.CameraOptions, note: Callable[[str], Any]
+) -> None:
+    """Say which cameras are rendered where none of those that the default asks for is there."""
+    held_out = any(view.split == "test" for view in views)
+    if camera.kind == "capture" and camera.split == "test" and not camera.names and not held_out:
+        names = list(dict.fromkeys(view.camera_name for view in views))
+        some = ", ".join(names) if len(names) < 4 else f"{names[0]} to {names[-1]}"
+        note(
+            f"No camera is held out, so all {len(names)} are rendered ({some}); "
+            "camera.names=[CAMERA] chooses some."
+        )
 
 
 def _possible_labels(

@@ -287,6 +287,9 @@ def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, 
     if fit.minutes:
         minutes = f"{fit.minutes:.0f}" if fit.minutes >= 1 else f"{fit.minutes:.1g}"
         parts.append(f"about {minutes} minute{'s' * (minutes != '1')} (fit.minutes)")
+    elif still:
+        steps = fit.coarse + fit.fine
+        parts.append(f"{steps:,} step{'s' * (steps != 1)}")
     else:
         parts.append(f"{fit.coarse} + {fit.fine} steps")
     return ", ".join(parts) + "."

@@ -40,3 +40,12 @@ def test_the_table_has_a_line_for_every_number():
     lines = calibration_table(report).splitlines()
     assert lines[1].split() == ["focal", "100", "104.5", "0.01", "0.02", "px"]
     assert lines[2:] == ["PSNR 20.00 -> 30.00 dB", "x"]
+
+
+def test_numbers_of_the_table_never_touch():
+    error = {"independent": 0.0024, "tiles": 0.0061}
+    row = {"name": "shift.forward", "start": -0.00123456e-7, "value": -0.000645154}
+    report = {"parameters": [{**row, "standard_error": error, "unit": "scene"}]}
+    report.update(psnr={"before": 20.0, "after": 30.0}, confounded=[])
+    line = calibration_table(report).splitlines()[1]
+    assert line.split()[1:3] == ["-1.23456e-10", "-0.000645154"]

@@ -96,9 +96,14 @@ def test_what_is_set_stays_set():
 
 def test_given_steps_are_done_however_long_they_take():
     options = ReconstructOptions(fit=FitOptions(auto=True, coarse=10, fine=20))
-    chosen = effort(capture(), options, GPU)
+    chosen = effort(capture(times=(0.0, 1.0)), options, GPU)
     assert (chosen.options.fit.minutes, chosen.options.fit.coarse) == (0, 10)
     assert "10 + 20 steps" in chosen.sentence
+
+
+def test_a_static_capture_has_all_the_steps_in_one_stage():
+    options = ReconstructOptions(fit=FitOptions(auto=True, coarse=10, fine=2000))
+    assert ", 2,010 steps." in effort(capture(times=(0.0,)), options, GPU).sentence
 
 
 def from_two_places(points=None):

@@ -67,10 +67,13 @@ def _check_format(path: Path) -> None:
         names = ", ".join(dict.fromkeys(name for name, _ in SIGNATURES.values()))
         raise OSError(f"{path}: the picture cannot be opened: it is none of {names}.")
     name, suffixes = found[0]
-    if path.suffix.lower() not in suffixes or "?" in path.name:
+    cannot = f"{path}: the picture cannot be opened"
+    if "?" in path.name:
+        raise OSError(f"{cannot}: its name must not contain a question mark. Rename it.")
+    if path.suffix.lower() not in suffixes:
         raise OSError(
-            f"{path}: the picture cannot be opened: its name must end in {' or '.join(suffixes)}, "
-            f"without ?, for it is a {name} file. Rename it."
+            f"{cannot}: it is a {name} file, so its name must end in {' or '.join(suffixes)}. "
+            "Rename it."
         )
 
 

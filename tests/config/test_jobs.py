@@ -1,0 +1,40 @@
+"""What a render job says about the choices that nobody made."""
+
+import dataclasses
+
+import toy
+
+from gaussray.config.compose import compose_config
+from gaussray.config.jobs import render_job
+from gaussray.dataset.manifest import write_manifest
+from gaussray.render.rig.rig import load_views
+from gaussray.scene.store import save_scene
+
+
+def notes(folder, split, *overrides):
+    """The lines that a job gives about the cameras of a run with this split in place of others."""
+    save_scene(folder / "scene.npz", toy.scene())
+    listed = toy.records()
+    if split:
+        listed = [dataclasses.replace(record, split=split) for record in listed]
+    write_manifest(folder / "cameras.json", listed)
+    said = []
+    cfg = compose_config("render", [f"scene={folder}", f"out={folder}/out", *overrides])
+    render_job(cfg, lambda _: toy.scene(), load_views, said.append)
+    return [line for line in said if "held out" in line]
+
+
+def test_a_capture_that_holds_out_no_camera_says_which_are_rendered(tmp_path):
+    first, last = toy.CAMERAS[0], toy.CAMERAS[-1]
+    (line,) = notes(tmp_path, "train")
+    assert line.startswith(
+        f"No camera is held out, so all {len(toy.CAMERAS)} are rendered ({first}"
+    )
+    assert last in line and "camera.names=" in line
+
+
+def test_chosen_or_held_out_cameras_need_no_word(tmp_path):
+    assert not notes(tmp_path, None)
+    assert not notes(tmp_path, "train", f"camera.names=[{toy.CAMERAS[0]}]")
+    assert not notes(tmp_path, "train", "camera.split=train")
+    assert not notes(tmp_path, "train", "camera=orbit")
