@@ -124,13 +124,14 @@ def track(
 def _pixel_width(
     views: Camera, pivot: Float[Array, "bodies 3"], shrink: int
 ) -> Float[np.ndarray, " bodies"]:
-    """How wide a pixel of the shrunk pictures is at every body, in most of the views; 0 where none
-    shows it."""
-    slope = jax.vmap(jax.vmap(jax.jacfwd(project, argnums=1), (None, 0)), (0, None))(views, pivot)
-    pixels = np.linalg.norm(np.asarray(slope), axis=(2, 3)) / np.sqrt(2)
-    pixels = np.where(np.isfinite(pixels), pixels, 0)
-    width = [shrink / np.median(p[p > 0]) if np.any(p > 0) else 0.0 for p in pixels.T]
-    return np.array(width)
+    """Width in scene units of a pixel of the shrunk pictures at every body: the median over the
+    views that show it, 0 where none does."""
+    slope = jax.vmap(jax.vmap(jax.jacfwd(project, argnums=1), (None, 0)), (0, None))
+    pixels = np.linalg.norm(np.asarray(eqx.filter_jit(slope)(views, pivot)), axis=(2, 3))
+    # Both rows of the slope are about the focal length over the distance.
+    pixels = np.where(np.isfinite(pixels), pixels / np.sqrt(2), 0)
+    shown = (column[column > 0] for column in pixels.T)
+    return np.array([shrink / np.median(column) if len(column) else 0.0 for column in shown])
 
 
 def _known(
