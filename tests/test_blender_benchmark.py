@@ -18,7 +18,7 @@ SMALL += ["--held-cameras", "1", "--held-frames", "1", "--samples", "2", "--trut
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(
-        blender_python() is None, reason=f"needs bpy here, or {PYTHON_KEY} naming a Python with it"
+        blender_python() is None, reason=f"needs {PYTHON_KEY} to name a Python that has bpy"
     ),
 ]
 

@@ -18,7 +18,7 @@ SMALL += ["--samples", "2", "--truth-samples", "2"]
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(
-        blender_python() is None, reason=f"needs bpy here, or {PYTHON_KEY} naming a Python with it"
+        blender_python() is None, reason=f"needs {PYTHON_KEY} to name a Python that has bpy"
     ),
 ]
 

@@ -51,7 +51,7 @@ WRONG = {
 
 without_blender = pytest.mark.skipif(
     proof.blender_python() is None,
-    reason=f"no bpy here, and {proof.PYTHON_KEY} names no Python that has it",
+    reason=f"{proof.PYTHON_KEY} names no Python that has bpy",
 )
 
 
@@ -123,7 +123,7 @@ def test_unevenness_is_the_largest_difference_of_shares():
 
 def test_without_blender_the_remedy_is_named(monkeypatch, tmp_path):
     monkeypatch.setattr(proof, "blender_python", lambda: None)
-    with pytest.raises(RuntimeError, match=r"GAUSSRAY_BLENDER_PYTHON must name .*\[blender\]"):
+    with pytest.raises(RuntimeError, match=r"GAUSSRAY_BLENDER_PYTHON must name .*bpy==4.5"):
         proof.take_pictures(tmp_path, SIZE)
 
 

@@ -17,6 +17,7 @@ from gaussray.color import srgb_encode
 from gaussray.reconstruct.data.batches import Batch, tile_colors, tile_rays
 from gaussray.reconstruct.optimize import loss as losses, regularizer, relocation
 from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.dropout import Dropout, with_dropout
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.optimize.optimizer import (
     OptimizerOptions,
@@ -107,6 +108,7 @@ def loss_of(
     *,
     options: StepOptions,
     sizes: BlockSizes,
+    dropout: Dropout | None = None,
 ) -> tuple[Float[Array, ""], LossDetails]:
     """The loss of one step: the sum of its terms, each times its weight.
 
@@ -120,10 +122,14 @@ def loss_of(
         step: steps of the stage before this one; it chooses the samples of pixels.
         options: the options of a step.
         sizes: what the step is compiled for.
+        dropout: which Gaussians the step does without; None: it sees all.
     """
     rays, gain = step_rays(parameters, views, batch, cameras, step, options)
     truth, weight = tile_colors(batch)
-    scene = _dealt_out(scene_of(parameters, jnp.zeros(2), cameras.times), sizes.mesh)
+    scene = scene_of(parameters, jnp.zeros(2), cameras.times)
+    if dropout is not None:
+        scene = with_dropout(scene, dropout)
+    scene = _dealt_out(scene, sizes.mesh)
     pixels, report = trace_sharded(
         step_motion(scene, rays, batch.time, cameras, sizes.keys),
         rays,

@@ -1,11 +1,9 @@
 """Take the pictures, measure our cameras on them, and judge."""
 
 import importlib.metadata
-import importlib.util
 import json
 import os
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -36,9 +34,8 @@ def share_limit(pixels: int) -> float:
 
 
 def blender_python() -> str | None:
-    """The interpreter that has `bpy`: the one named in the environment, else this one, if any."""
-    named = os.environ.get(PYTHON_KEY)
-    return named or (sys.executable if importlib.util.find_spec("bpy") else None)
+    """The interpreter that has `bpy`, as the environment names it, if any."""
+    return os.environ.get(PYTHON_KEY)
 
 
 def take_pictures(out: Path, size: int) -> None:
@@ -46,8 +43,8 @@ def take_pictures(out: Path, size: int) -> None:
     python = blender_python()
     if python is None:
         raise RuntimeError(
-            f"{PYTHON_KEY} must name a Python 3.11 that has bpy 4.5, got nothing, and this one has "
-            "none. Install it here (pip install -e '.[blender]') or name one that has it."
+            f"{PYTHON_KEY} must name a Python 3.11 that has bpy 4.5, got nothing. Make an environment "
+            "for it (pip install 'bpy==4.5.*') and name its python."
         )
     module = f"{__package__}.render"
     command = [python, "-m", module, str(out.resolve()), "--size", str(size)]
