@@ -33,14 +33,14 @@ def main(argv: Sequence[str] | None = None) -> None:
     # They read pictures: not needed to know what the script is for.
     from gaussray.capture.formats.paired import read_capture
     from gaussray.reconstruct.log import RunLog
-    from gaussray.reconstruct.options import ReconstructOptions
+    from gaussray.reconstruct.options import FitOptions, ReconstructOptions
     from gaussray.reconstruct.run_progress import RunProgress
     from gaussray.reconstruct.session import Session
     from gaussray.reconstruct.start import initial_state, with_motion
 
     capture = read_capture(chosen.capture or SAMPLE)
     trace = replace(ReconstructOptions().trace, backend=backend(chosen.backend))
-    options = ReconstructOptions(trace=trace)
+    options = ReconstructOptions(fit=FitOptions(auto=False), trace=trace)
     rows = []
     with tempfile.TemporaryDirectory() as out:
         log = RunLog(Path(out), resume=False, interval=60.0)

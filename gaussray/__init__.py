@@ -31,6 +31,13 @@ if TYPE_CHECKING:
     from gaussray.camera.rays import Rays as Rays
     from gaussray.camera.shutter import Shutter as Shutter, rolling_shutter as rolling_shutter
     from gaussray.camera.trajectory import Trajectory as Trajectory
+    from gaussray.capture.capture import Capture as Capture
+    from gaussray.capture.open import open_capture as open_capture
+    from gaussray.dataset.images import write_image as write_image
+    from gaussray.reconstruct.options import (
+        FitOptions as FitOptions,
+        ReconstructOptions as ReconstructOptions,
+    )
     from gaussray.reconstruct.pipeline import reconstruct as reconstruct
     from gaussray.render.options import RenderOptions as RenderOptions
     from gaussray.render.picture import (
@@ -77,6 +84,10 @@ _MODULES = {
     "camera.rays": ("Rays",),
     "camera.shutter": ("Shutter", "rolling_shutter"),
     "camera.trajectory": ("Trajectory",),
+    "capture.capture": ("Capture",),
+    "capture.open": ("open_capture",),
+    "dataset.images": ("write_image",),
+    "reconstruct.options": ("FitOptions", "ReconstructOptions"),
     "render.options": ("RenderOptions",),
     "render.picture": ("Picture", "render_rays"),
     "render.plan": ("Plan", "plan"),

@@ -40,7 +40,9 @@ TRACE = TraceOptions(levels=0, group=2, chunk=8)
 # One block of steps per stage; what they find is poor. There is room for as many Gaussians as in
 # other fits of the tests, with which it shares its programs.
 SHORT = ReconstructOptions(
-    fit=FitOptions(coarse=10, fine=10, tiles=4, block=10, points=27, surround=0.0, start="given"),
+    fit=FitOptions(
+        auto=False, coarse=10, fine=10, tiles=4, block=10, points=27, surround=0.0, start="given"
+    ),
     track=TrackOptions(poses=0),
     field=FieldOptions(sides=(4, 6), channels=4, width=8),
     trace=TraceOptions(levels=0, group=2, chunk=8, transmittance_min=1e-2),

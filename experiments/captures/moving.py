@@ -27,7 +27,7 @@ from gaussray.dataset.images import side_by_side, srgb_levels, write_image
 from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.evaluate.pipeline import scene_size
 from gaussray.reconstruct.failed_fit import FailedFit
-from gaussray.reconstruct.options import FitOptions, ReconstructOptions
+from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.runtime.devices import DevicesOptions, begin as start_devices
 from gaussray.tracer.trace import TraceOptions
@@ -37,7 +37,7 @@ from gaussray.tracer.trace import TraceOptions
 _TRAINING = 11
 
 # What fit=auto chooses for a capture of several times on this machine.
-BASE = ReconstructOptions(fit=FitOptions(auto=True))
+BASE = ReconstructOptions()
 
 VARIANTS: dict[str, Variant] = {
     "auto": lambda o: o,

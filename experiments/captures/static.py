@@ -65,7 +65,7 @@ def base(steps: int, tiles: int, gaussians: int, degree: int) -> ReconstructOpti
     """Relocation with the published rates, for random points."""
     return ReconstructOptions(
         fit=FitOptions(
-            coarse=1, fine=steps - 1, tiles=tiles, tile_side=32, degree=degree,
+            auto=False, coarse=1, fine=steps - 1, tiles=tiles, tile_side=32, degree=degree,
             rise=max(steps // 7, 1), opacity=0.5, spread=0.6, points=gaussians // 4, surround=0.15,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
@@ -87,7 +87,7 @@ def _tiles(side: int) -> Variant:
 
 
 VARIANTS: dict[str, Variant] = {
-    "auto": lambda o: ReconstructOptions(fit=FitOptions(auto=True)),
+    "auto": lambda o: ReconstructOptions(),
     "base": lambda o: o,
     "split": lambda o: replaced(
         o, density__kind="split", density__opacity=0.02, density__growth=8.0, density__start=0.15,

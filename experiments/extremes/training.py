@@ -161,7 +161,7 @@ def options(steps: int, case: Case) -> ReconstructOptions:
     block = math.gcd(coarse, 250)
     return ReconstructOptions(
         fit=FitOptions(
-            coarse=coarse, fine=steps, tiles=8, block=block, points=200, surround=0.0,
+            auto=False, coarse=coarse, fine=steps, tiles=8, block=block, points=200, surround=0.0,
             refine=case.refine, checkpoint=1e9,
         ),
         track=TrackOptions(poses=32, rounds=2),

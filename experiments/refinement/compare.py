@@ -3,7 +3,6 @@
 python experiments/refinement/compare.py SCENE CAPTURE OUT [WAY ...]   (see README.md)
 """
 
-import dataclasses
 import json
 import shutil
 import sys
@@ -98,7 +97,7 @@ def recorded(filmed, folder, readout):
 
 def learnt(folder, truth, refine):
     """Figures of a reconstruction on the global film's held-out cameras."""
-    fit = dataclasses.replace(FitOptions(), refine=refine)
+    fit = FitOptions(auto=False, refine=refine)
     began = time.monotonic()
     scene = reconstruct(
         read_capture(folder / "capture"),

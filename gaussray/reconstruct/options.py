@@ -26,7 +26,8 @@ class FitOptions(eqx.Module):
     """The course of a reconstruction.
 
     Args:
-        auto: choose all that has its default by device and capture (`effort`).
+        auto: choose all that has its default by device and capture (`effort`), as `fit=auto` of the
+            command does. False: nothing is chosen, as with `fit=default`.
         minutes: duration of the steps, instead of their numbers `coarse` and `fine`; with `auto`,
             not where these are set or rigid bodies show what moves. 0: with `auto`, 3 on a GPU, 4
             on a CPU, or longer for a large capture; else the numbers of steps.
@@ -71,7 +72,7 @@ class FitOptions(eqx.Module):
         ValueError: a value is out of its range.
     """
 
-    auto: bool = eqx.field(static=True, default=False)
+    auto: bool = eqx.field(static=True, default=True)
     minutes: float = eqx.field(static=True, default=0.0)
     coarse: int = eqx.field(static=True, default=300)
     fine: int = eqx.field(static=True, default=2500)

@@ -46,7 +46,7 @@ def reconstruct(
     capture: Capture,
     out: Path | str,
     *,
-    options: ReconstructOptions,
+    options: ReconstructOptions | None = None,
     resume: bool = False,
     devices: int | None = None,
     quiet: bool = False,
@@ -74,7 +74,8 @@ def reconstruct(
     Args:
         capture: pictures and cameras; those of split "train" are used.
         out: the output folder.
-        options: all options, one class per config group.
+        options: all options, one class per config group; None: all defaults, which device and
+            capture decide (`FitOptions.auto`).
         resume: go on with the interrupted run in `out`. The result is the same as without the
             interruption.
         devices: how many devices of every host share the rays of a step (None: all). With several
@@ -94,6 +95,7 @@ def reconstruct(
         CaptureError: there are no training pictures, or they cannot be used together.
     """
     demand_training_pictures(capture)
+    options = ReconstructOptions() if options is None else options
     out, interval = Path(out), options.fit.checkpoint
     log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
     options, scores = _with_motion_tried(capture, out, options, resume, devices, quiet)

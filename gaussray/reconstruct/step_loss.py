@@ -181,7 +181,13 @@ def density_costs(
         window = jax.lax.stop_gradient(jnp.exp(-0.5 * age))
         kinds.append(Presence(parameters.transient, window, density.transient_cost))
     weights = {"opacity": density.opacity_cost, "scale": density.scale_cost}
+    if parameters.transient is not None and density.brevity_cost:
+        weights["brevity"] = density.brevity_cost
     costs = relocation.costs(kinds, cameras.extent)
+    if parameters.transient is not None and density.brevity_cost:
+        there = window * jax.lax.stop_gradient(transient.opacity)
+        brevity = jnp.sum(there * cameras.interval / transient.lifetime)
+        costs["brevity"] = brevity / jnp.maximum(jnp.sum(there > 1e-3), 1)
     total = sum((w * costs[name] for name, w in weights.items() if w), jnp.zeros(()))
     return total, {f"{name}_cost": costs[name] for name, w in weights.items() if w}
 

@@ -35,7 +35,7 @@ from gaussray.viewer.options import ViewOptions
 
 # Every group of conf/, its class, and the leaf that holds the defaults of the class.
 GROUPS = {
-    "fit": (stage.FitOptions, "default"),
+    "fit": (stage.FitOptions, "auto"),
     "track": (stage.TrackOptions, "default"),
     "field": (stage.FieldOptions, "default"),
     "loss": (stage.LossOptions, "default"),

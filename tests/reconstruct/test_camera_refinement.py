@@ -154,6 +154,7 @@ def options(*refine, steps=100):
     return dataclasses.replace(
         toy.SHORT,
         fit=FitOptions(
+            auto=False,
             fine=steps,
             tiles=12,
             block=25,
@@ -251,7 +252,8 @@ def soft(tmp_path_factory):
     folder = tmp_path_factory.mktemp("soft")
     capture = written(folder / "capture", listed, [renderer(c).color for _, c in listed])
     chosen = dataclasses.replace(
-        options(), fit=FitOptions(tiles=48, samples=8, balance=0.0, points=1, surround=0.0)
+        options(),
+        fit=FitOptions(auto=False, tiles=48, samples=8, balance=0.0, points=1, surround=0.0),
     )
     fit = fit_of(capture, folder, chosen)
     state = known_scene(fit)
@@ -382,7 +384,7 @@ def test_a_scene_is_learnt_through_every_effect_while_cameras_are_refined(tmp_pa
     listed = [(name, effects(camera)) for name, camera in frames()]
     renderer = Renderer(SCENE, options=RenderOptions(samples=16), trace=toy.TRACE)
     capture = written(tmp_path / "capture", listed, [renderer(c).color for _, c in listed])
-    fit = FitOptions(coarse=50, fine=150, tiles=8, block=10, points=1, refine=REFINABLE)
+    fit = FitOptions(auto=False, coarse=50, fine=150, tiles=8, block=10, points=1, refine=REFINABLE)
     reconstruct(capture, tmp_path, options=dataclasses.replace(toy.SHORT, fit=fit), quiet=True)
     lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
     # As for sharp pictures in test_reconstruct.

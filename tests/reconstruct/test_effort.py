@@ -31,7 +31,7 @@ from gaussray.tracer.trace import TraceOptions
 
 
 CPU, GPU = Machine(gpu=False), Machine(gpu=True)
-AUTO = ReconstructOptions(fit=FitOptions(auto=True))
+AUTO = ReconstructOptions()
 
 
 def capture(count=50, width=270, height=480, times=(0.0,)):
@@ -46,7 +46,7 @@ def capture(count=50, width=270, height=480, times=(0.0,)):
 
 
 def test_without_auto_nothing_is_chosen():
-    options = ReconstructOptions()
+    options = ReconstructOptions(fit=FitOptions(auto=False))
     assert effort(capture(), options, GPU)[1:] == (options, "", ())
 
 
@@ -83,7 +83,7 @@ def test_a_gpu_gets_more_than_a_cpu():
 
 def test_what_is_set_stays_set():
     options = ReconstructOptions(
-        fit=FitOptions(auto=True, degree=2, minutes=7.0), density=DensityOptions(gaussians=123)
+        fit=FitOptions(degree=2, minutes=7.0), density=DensityOptions(gaussians=123)
     )
     chosen = effort(capture(), options, GPU).options
     assert (chosen.fit.degree, chosen.fit.minutes) == (2, 7.0)
@@ -95,14 +95,14 @@ def test_what_is_set_stays_set():
 
 
 def test_given_steps_are_done_however_long_they_take():
-    options = ReconstructOptions(fit=FitOptions(auto=True, coarse=10, fine=20))
+    options = ReconstructOptions(fit=FitOptions(coarse=10, fine=20))
     chosen = effort(capture(times=(0.0, 1.0)), options, GPU)
     assert (chosen.options.fit.minutes, chosen.options.fit.coarse) == (0, 10)
     assert "10 + 20 steps" in chosen.sentence
 
 
 def test_a_static_capture_has_all_the_steps_in_one_stage():
-    options = ReconstructOptions(fit=FitOptions(auto=True, coarse=10, fine=2000))
+    options = ReconstructOptions(fit=FitOptions(coarse=10, fine=2000))
     assert ", 2,010 steps." in effort(capture(times=(0.0,)), options, GPU).sentence
 
 
@@ -115,7 +115,7 @@ def from_two_places(points=None):
 
 
 def test_rigid_bodies_keep_the_defaults_on_a_cpu_and_grow_on_a_gpu():
-    wanted = ReconstructOptions(fit=FitOptions(auto=True, motion="deformation"))
+    wanted = ReconstructOptions(fit=FitOptions(motion="deformation"))
     on_cpu, on_gpu = (effort(from_two_places(), wanted, m).options for m in (CPU, GPU))
     assert on_cpu == wanted
     assert on_gpu.density.interval and on_gpu.fit.fine > AUTO.fit.fine
@@ -132,7 +132,7 @@ def test_without_points_transient_gaussians_show_what_moves(machine):
 
 
 def test_a_gpu_tries_more_poses_unless_the_user_chose_some():
-    wanted = ReconstructOptions(fit=FitOptions(auto=True, motion="deformation"))
+    wanted = ReconstructOptions(fit=FitOptions(motion="deformation"))
     taken = from_two_places(None)
     assert effort(taken, wanted, GPU).options.track.poses > TrackOptions().poses
     own = replace(wanted, track=TrackOptions(poses=32))
@@ -169,10 +169,10 @@ def test_points_on_surfaces_let_rigid_bodies_be_found():
     tried = effort(from_two_places(many), AUTO, GPU)
     assert tried.rivals == ("deformation", "transient") and tried.options.fit.fine > 10_000
     assert effort(from_two_places(few), AUTO, GPU).options.fit.motion == "transient"
-    wanted = ReconstructOptions(fit=FitOptions(auto=True, motion="both"))
+    wanted = ReconstructOptions(fit=FitOptions(motion="both"))
     chosen = effort(from_two_places(many), wanted, GPU)
     assert chosen.options.fit.motion == "both" and not chosen.rivals
-    wanted = ReconstructOptions(fit=FitOptions(auto=True, motion="deformation"))
+    wanted = ReconstructOptions(fit=FitOptions(motion="deformation"))
     chosen = effort(from_two_places(few), wanted, GPU)
     assert chosen.options.fit.motion == "deformation" and not chosen.options.density.relocates
 

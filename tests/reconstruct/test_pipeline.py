@@ -36,6 +36,7 @@ pytestmark = pytest.mark.usefixtures("known_sizes")
 
 OPTIONS = ReconstructOptions(
     fit=FitOptions(
+        auto=False,
         coarse=100,
         fine=200,
         tiles=4,

@@ -23,6 +23,7 @@ from gaussray.scene.store import load_scene
 PREVIOUS = Path(__file__).parent / "previous"
 OPTIONS = ReconstructOptions(
     fit=FitOptions(
+        auto=False,
         coarse=20,
         fine=60,
         tiles=4,

@@ -38,6 +38,7 @@ SCENE = toy.carried(0.0, 1.0, speed=1.6)
 TIMES = tuple(np.linspace(0, 1, 9).tolist())
 OPTIONS = ReconstructOptions(
     fit=FitOptions(
+        auto=False,
         coarse=60,
         fine=60,
         points=1,

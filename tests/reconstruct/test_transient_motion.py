@@ -27,7 +27,7 @@ from gaussray.scene.transient import Transients
 pytestmark = pytest.mark.usefixtures("known_sizes")
 
 FIT = FitOptions(
-    coarse=1, fine=120, tiles=4, block=20, checkpoint=0.0, points=27, surround=0.0,
+    auto=False, coarse=1, fine=120, tiles=4, block=20, checkpoint=0.0, points=27, surround=0.0,
     start="given", motion="transient",
 )  # fmt: skip
 OPTIONS = replace(

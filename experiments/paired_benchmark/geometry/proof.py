@@ -43,8 +43,8 @@ def take_pictures(out: Path, size: int) -> None:
     python = blender_python()
     if python is None:
         raise RuntimeError(
-            f"{PYTHON_KEY} must name a Python 3.11 that has bpy 4.5, got nothing. Make an environment "
-            "for it (pip install 'bpy==4.5.*') and name its python."
+            f"{PYTHON_KEY} must name a Python 3.11 that has bpy 4.5, got nothing. "
+            "Make an environment for it (pip install 'bpy==4.5.*') and name its python."
         )
     module = f"{__package__}.render"
     command = [python, "-m", module, str(out.resolve()), "--size", str(size)]

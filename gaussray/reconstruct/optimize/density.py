@@ -68,6 +68,7 @@ class DensityOptions(eqx.Module):
     transient_cost: float = eqx.field(static=True, default=1.0)
     noise: float = eqx.field(static=True, default=80.0)
     dropout: float = eqx.field(static=True, default=0.0)
+    brevity_cost: float = eqx.field(static=True, default=0.0)
 
     def __check_init__(self):
         if self.kind not in DENSITY_KINDS:

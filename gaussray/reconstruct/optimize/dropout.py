@@ -37,6 +37,7 @@ def with_dropout(scene: Scene, dropout: Dropout) -> Scene:
         scene: the scene.
         dropout: key and probability.
     """
+
     def opacities(scene: Scene) -> list[Array]:
         kinds = (scene.static, scene.moving, scene.transient)
         return [kind.opacity for kind in kinds if kind is not None]
