@@ -10,7 +10,6 @@ from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize import relocation
-from gaussray.reconstruct.optimize.dropout import Dropout
 from gaussray.reconstruct.optimize.optimizer import (
     CaptureScale,
     Parameters,
@@ -125,14 +124,7 @@ def train_block(
         slope = jax.value_and_grad(loss_of, has_aux=True)
         cost_slope = jax.grad(density_costs, has_aux=True)
         (_, details), gradient = slope(
-            state.parameters,
-            views,
-            batch,
-            cameras,
-            state.step,
-            options=options,
-            sizes=sizes,
-            dropout=_dropout(schedule, state.step, options),
+            state.parameters, views, batch, cameras, state.step, options=options, sizes=sizes
         )
         cost_gradient, costs = cost_slope(state.parameters, batch.time, cameras, options.density)
         rate = rates(
@@ -160,15 +152,6 @@ def train_block(
     result = state, terms, error, needed, jnp.sum(dropped)
     # Every host reads the result.
     return jax.lax.with_sharding_constraint(result, NamedSharding(sizes.mesh, PartitionSpec()))
-
-
-def _dropout(schedule: Schedule, step: Int[Array, ""], options: StepOptions) -> Dropout | None:
-    """Which Gaussians a step does without: a share that rises in proportion to the steps done."""
-    if not options.density.dropout:
-        return None
-    key = jax.random.fold_in(jax.random.key(schedule.seed + 1), step)
-    done = step / jnp.maximum(schedule.steps, 1)
-    return Dropout(key, options.density.dropout * jnp.minimum(done, 1.0))
 
 
 def _explored(

@@ -17,7 +17,6 @@ from gaussray.color import srgb_encode
 from gaussray.reconstruct.data.batches import Batch, tile_colors, tile_rays
 from gaussray.reconstruct.optimize import loss as losses, regularizer, relocation
 from gaussray.reconstruct.optimize.density import DensityOptions
-from gaussray.reconstruct.optimize.dropout import Dropout, with_dropout
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.optimize.optimizer import (
     OptimizerOptions,
@@ -108,7 +107,6 @@ def loss_of(
     *,
     options: StepOptions,
     sizes: BlockSizes,
-    dropout: Dropout | None = None,
 ) -> tuple[Float[Array, ""], LossDetails]:
     """The loss of one step: the sum of its terms, each times its weight.
 
@@ -122,14 +120,10 @@ def loss_of(
         step: steps of the stage before this one; it chooses the samples of pixels.
         options: the options of a step.
         sizes: what the step is compiled for.
-        dropout: which Gaussians the step does without; None: it sees all.
     """
     rays, gain = step_rays(parameters, views, batch, cameras, step, options)
     truth, weight = tile_colors(batch)
-    scene = scene_of(parameters, jnp.zeros(2), cameras.times)
-    if dropout is not None:
-        scene = with_dropout(scene, dropout)
-    scene = _dealt_out(scene, sizes.mesh)
+    scene = _dealt_out(scene_of(parameters, jnp.zeros(2), cameras.times), sizes.mesh)
     pixels, report = trace_sharded(
         step_motion(scene, rays, batch.time, cameras, sizes.keys),
         rays,
@@ -181,13 +175,7 @@ def density_costs(
         window = jax.lax.stop_gradient(jnp.exp(-0.5 * age))
         kinds.append(Presence(parameters.transient, window, density.transient_cost))
     weights = {"opacity": density.opacity_cost, "scale": density.scale_cost}
-    if parameters.transient is not None and density.brevity_cost:
-        weights["brevity"] = density.brevity_cost
     costs = relocation.costs(kinds, cameras.extent)
-    if parameters.transient is not None and density.brevity_cost:
-        there = window * jax.lax.stop_gradient(transient.opacity)
-        brevity = jnp.sum(there * cameras.interval / transient.lifetime)
-        costs["brevity"] = brevity / jnp.maximum(jnp.sum(there > 1e-3), 1)
     total = sum((w * costs[name] for name, w in weights.items() if w), jnp.zeros(()))
     return total, {f"{name}_cost": costs[name] for name, w in weights.items() if w}
 

@@ -46,8 +46,6 @@ class DensityOptions(eqx.Module):
         transient_cost: relocate: how many times these costs a transient Gaussian costs.
         noise: relocate: noise of the positions of faint Gaussians, times covariance over extent; it
             falls like the learning rates.
-        dropout: the share of all Gaussians, drawn anew for each step, without which a stage's last
-            step trains; the share rises from 0 (DropGaussian: 0.2).
 
     Raises:
         ValueError: a value is out of its range.
@@ -67,8 +65,6 @@ class DensityOptions(eqx.Module):
     scale_cost: float = eqx.field(static=True, default=0.01)
     transient_cost: float = eqx.field(static=True, default=1.0)
     noise: float = eqx.field(static=True, default=80.0)
-    dropout: float = eqx.field(static=True, default=0.0)
-    brevity_cost: float = eqx.field(static=True, default=0.0)
 
     def __check_init__(self):
         if self.kind not in DENSITY_KINDS:
@@ -78,8 +74,6 @@ class DensityOptions(eqx.Module):
         for name in ("opacity_cost", "scale_cost", "transient_cost", "noise"):
             if getattr(self, name) < 0:
                 raise ValueError(f"density.{name} must be at least 0, got {getattr(self, name)}.")
-        if not 0 <= self.dropout < 1:
-            raise ValueError(f"density.dropout must be in [0, 1), got {self.dropout}.")
         if self.gaussians < 1:
             raise ValueError(f"density.gaussians must be at least 1, got {self.gaussians}.")
         if self.interval < 0:

@@ -339,8 +339,7 @@ def with_costs_paid(
         return jnp.where(second > 0, value - step, value).astype(value.dtype)
 
     def priced(tree):
-        both = [x for free in tree.kinds.values() for x in (free.logit_opacity, free.log_scale)]
-        return both + ([] if tree.transient is None else [tree.transient.log_lifetime])
+        return [x for free in tree.kinds.values() for x in (free.logit_opacity, free.log_scale)]
 
     rows = zip(*map(priced, (parameters, gradient, second_moments, rate)), strict=True)
     return eqx.tree_at(priced, parameters, [paid(*row) for row in rows])
