@@ -42,6 +42,9 @@ _SLOW = OptimizerOptions(
 )
 
 
+# Cameras that stand still from which on stereo finds enough of the surfaces for rigid bodies.
+_STEREO_CAMERAS = 5
+
 MOTION_NOUNS = {
     "deformation": "rigid bodies and a deformation field",
     "transient": "transient Gaussians",
@@ -113,7 +116,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     if still:
         chosen = _still(pixels, machine)
     elif names[:1] == ("deformation",):
-        alone = machine.gpu and not _has_still_cameras(views)
+        alone = machine.gpu and _still_cameras(views) < 2
         chosen = _field(pixels, machine) if alone else _bodies(machine, options.track)
     else:
         chosen = _brief(pixels, machine)
@@ -158,9 +161,10 @@ _CHOSEN = ("fit", "loss", "optimizer", "density", "trace", "track")
 def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> tuple[str, ...]:
     """The choices of fit.motion that may suit a capture of several times best, the likeliest first.
 
-    Rigid bodies are found on surface points by cameras that stand still; on a GPU there is time to
-    try whether they are better than transient Gaussians. These need at least two cameras that stand
-    still, or mostly two pictures of a time; without, there is the deformation field.
+    Rigid bodies are found by cameras that stand still, on surface points: given ones, or those that
+    stereo finds between many cameras. On a GPU there is time to try whether they are better than
+    transient Gaussians. These need at least two cameras that stand still, or mostly two pictures of
+    a time; without, there is the deformation field.
 
     Args:
         capture: the capture, of which training views and points count.
@@ -170,20 +174,22 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     fit, views = options.fit, training_views(capture)
     if fit.motion != "auto":
         return (fit.motion,)
-    if _has_still_cameras(views):
-        points = capture.points if fit.start != "stereo" else None
-        if points is None or len(points.position) < fit.points:
-            return ("transient",)
-        return ("deformation", "transient") if machine.gpu else ("deformation",)
+    still = _still_cameras(views)
+    if still >= 2:
+        points = capture.points if fit.start in ("auto", "given") else None
+        if points is not None and len(points.position) >= fit.points:
+            return ("deformation", "transient") if machine.gpu else ("deformation",)
+        stereo = fit.start in ("auto", "stereo") and still >= _STEREO_CAMERAS
+        return ("transient", "deformation") if machine.gpu and stereo else ("transient",)
     _, at_once = np.unique([view.time for view in views], return_counts=True)
     several = 2 * int(np.sum(at_once >= 2)) > len(at_once)
     return ("transient",) if several else ("deformation",)
 
 
-def _has_still_cameras(views: Sequence[View]) -> bool:
-    """Whether at least two cameras took three or more pictures from where they stand."""
+def _still_cameras(views: Sequence[View]) -> int:
+    """How many cameras took three or more pictures from where they stand."""
     _, pictures = np.unique(viewpoints(views), return_counts=True)
-    return int(np.sum(pictures >= 3)) >= 2
+    return int(np.sum(pictures >= 3))
 
 
 def _still(pixels: float, machine: Machine) -> ReconstructOptions:

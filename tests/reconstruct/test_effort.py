@@ -106,12 +106,17 @@ def test_a_static_capture_has_all_the_steps_in_one_stage():
     assert ", 2,010 steps." in effort(capture(times=(0.0,)), options, GPU).sentence
 
 
+def from_places(count, points=None):
+    """Four times from so many cameras that stand still."""
+    times = (0.0, 0.25, 0.5, 0.75)
+    base = capture(count=count, times=times)
+    views = [replace(v, camera_name=f"{i % count}") for i, v in enumerate(base.views)]
+    return replace(base, views=views, points=points)
+
+
 def from_two_places(points=None):
     """Four times from two cameras that stand still."""
-    times = (0.0, 0.25, 0.5, 0.75)
-    base = capture(count=2, times=times)
-    views = [replace(v, camera_name="ab"[i % 2]) for i, v in enumerate(base.views)]
-    return replace(base, views=views, points=points)
+    return from_places(2, points)
 
 
 def test_rigid_bodies_keep_the_defaults_on_a_cpu_and_grow_on_a_gpu():
@@ -175,6 +180,18 @@ def test_points_on_surfaces_let_rigid_bodies_be_found():
     wanted = ReconstructOptions(fit=FitOptions(motion="deformation"))
     chosen = effort(from_two_places(few), wanted, GPU)
     assert chosen.options.fit.motion == "deformation" and not chosen.options.density.relocates
+
+
+@pytest.mark.parametrize(
+    ("cameras", "start", "machine", "tried"),
+    [(5, "auto", GPU, True), (5, "stereo", GPU, True), (4, "auto", GPU, False),
+     (5, "random", GPU, False), (5, "given", GPU, False), (5, "auto", CPU, False)],
+)  # fmt: skip
+def test_stereo_between_many_cameras_lets_a_gpu_try_rigid_bodies(cameras, start, machine, tried):
+    options = ReconstructOptions(fit=FitOptions(start=start))
+    chosen = effort(from_places(cameras), options, machine)
+    assert chosen.options.fit.motion == "transient"
+    assert chosen.rivals == (("transient", "deformation") if tried else ())
 
 
 def test_a_fixed_plan_never_changes():
