@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 
 from gaussray.cli.help import COMMANDS, full_help, short_help, usage
+from gaussray.runtime.output import emit
 
 
 def program() -> None:
@@ -55,7 +56,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     words = list(sys.argv[1:] if arguments is None else arguments)
     text = _help(words)
     if text is not None:
-        print(text)
+        emit(f"{text}\n", sys.stdout)
         return
     from gaussray.cli.run import run_and_report
 

@@ -18,6 +18,7 @@ from gaussray.config.suggest import did_you_mean
 from gaussray.io.safe.limits import Limits, limit
 from gaussray.runtime.devices import DevicesOptions, begin, leads, leave, together
 from gaussray.runtime.lock import release_locks
+from gaussray.runtime.output import emit
 from gaussray.runtime.progress import (
     STYLES,
     check_style,
@@ -86,7 +87,8 @@ def _dispatch(words: list[str]) -> None:
     """Print the script for completion, or run the command."""
     if words[0] in ("--completion", "-sc"):
         # Hydra's spelling is -sc install=bash.
-        print(script(words[1].removeprefix("install=") if len(words) > 1 else "bash"), end="")
+        shell = words[1].removeprefix("install=") if len(words) > 1 else "bash"
+        emit(script(shell), sys.stdout)
     elif words[0] not in COMMANDS:
         names, hint = ", ".join(COMMANDS), did_you_mean(words[0], COMMANDS)
         raise ValueError(
@@ -149,7 +151,7 @@ def _fail(message: str, code: int = 2) -> None:
     """Print an error as one line and exit."""
     message = " ".join(message.split())
     end_line()
-    print(f"gaussray: {message}", file=sys.stderr)
+    emit(f"gaussray: {message}\n", sys.stderr)
     if style() == "json":
         say(message, "error", code=code)
     leave(code)

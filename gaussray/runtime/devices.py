@@ -15,6 +15,7 @@ from jax.experimental import multihost_utils
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 
 from gaussray.runtime.jit_cache import keep_programs
+from gaussray.runtime.output import emit
 
 
 _T = TypeVar("_T")
@@ -124,7 +125,7 @@ def _meet(options: DevicesOptions) -> None:
         # Without this JAX would use one device per process under SLURM.
         arguments["cluster_detection_method"] = "deactivate"
         process = f"process {options.process} of {options.hosts} at {options.coordinator}"
-        print(f"gaussray: {process} waits for the others", file=sys.stderr, flush=True)
+        emit(f"gaussray: {process} waits for the others\n", sys.stderr)
     try:
         jax.distributed.initialize(**arguments)
     except ValueError as error:

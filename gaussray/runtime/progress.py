@@ -14,6 +14,7 @@ from contextvars import ContextVar
 from typing import Any
 
 from gaussray.runtime.jit_cache import compiled
+from gaussray.runtime.output import emit
 
 
 # auto: a bar on a terminal, lines elsewhere.
@@ -67,7 +68,7 @@ def say(text: str, event: str = "message", **facts: Any) -> None:
         return
     if style() == "json":
         text = json.dumps({"event": event, "text": text} | facts)
-    print(text, flush=True)
+    emit(f"{text}\n", sys.stdout)
 
 
 @contextlib.contextmanager
@@ -101,14 +102,13 @@ def plain_warnings() -> Iterator[None]:
 def _warn(text: str) -> None:
     """A warning on stderr, as one line."""
     end_line()
-    print(f"gaussray: warning: {text}", file=sys.stderr, flush=True)
+    emit(f"gaussray: warning: {text}\n", sys.stderr)
 
 
 def end_line() -> None:
     """Start a new line if the terminal's last line is a progress bar."""
     if _open[0]:
-        sys.stderr.write("\n")
-        sys.stderr.flush()
+        emit("\n", sys.stderr)
         _open[0] = False
 
 
@@ -144,7 +144,8 @@ class Progress:
         self.name, self.total, self.patience, self.anew = name, total, patience, anew
         self.style = "quiet" if quiet else style() if write is None else "lines"
         self.parts = list(parts) or [(total, 1.0)]
-        self.write = write or (sys.stdout if self.style == "json" else sys.stderr).write
+        stream = sys.stdout if self.style == "json" else sys.stderr
+        self.write = write or (lambda text: emit(text, stream))
         self.begin, self.before = time.monotonic(), compiled()
         # Cost done and seconds worked, at every report.
         self.costs: list[float] = []
@@ -197,7 +198,6 @@ class Progress:
             line |= {"note": note, "spent": round(spent, 2)}
             line["left"] = None if left is None else round(left, 2)
             self.write(json.dumps(line) + "\n")
-            sys.stdout.flush()
             return
         times = f"{_clock(spent)} spent" + ("" if left is None else f", {_clock(left)} left")
         if self.style == "lines":
@@ -207,7 +207,6 @@ class Progress:
         text = f"{self.name:<12} {bar} {done}/{self.total}  {note}  {times}"
         width = shutil.get_terminal_size().columns - 1
         self.write(f"\r{text[:width]:<{width}}" + ("\n" if last else ""))
-        sys.stderr.flush()
         _open[0] = not last
 
 

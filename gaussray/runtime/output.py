@@ -1,0 +1,22 @@
+"""Text on stdout and stderr, whose reader may have gone."""
+
+import os
+from typing import Any
+
+
+def emit(text: str, stream: Any) -> None:
+    """Write text to a stream at once.
+
+    Once nobody reads a pipe any more (`gaussray reconstruct ... | head`), this text and all later
+    text is dropped, and the work goes on.
+
+    Args:
+        text: the text, with its line break.
+        stream: sys.stdout or sys.stderr.
+    """
+    try:
+        stream.write(text)
+        stream.flush()
+    except BrokenPipeError:
+        with open(os.devnull, "w") as nowhere:
+            os.dup2(nowhere.fileno(), stream.fileno())

@@ -1,0 +1,51 @@
+"""Text whose reader has gone is dropped, and the work goes on."""
+
+import subprocess
+import sys
+
+import pytest
+
+from gaussray.runtime.output import emit
+
+
+# Says that it works, waits until nobody reads any more, goes on, and leaves a file.
+WORK = """
+import sys, pathlib
+from gaussray.runtime.progress import Progress, say
+say("first")
+sys.stdin.readline()
+bar = Progress("work", 3, write=None)
+for done in range(1, 4):
+    say("more")
+    bar.report(done)
+pathlib.Path(sys.argv[1]).write_text("done")
+"""
+
+
+def test_work_goes_on_after_its_reader_has_gone(tmp_path):
+    command = [sys.executable, "-c", WORK, str(tmp_path / "result")]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with subprocess.Popen(command, text=True, **pipes) as work:
+        assert work.stdout.readline() == "first\n"
+        work.stdout.close()
+        work.stderr.close()
+        work.stdin.write("\n")
+        work.stdin.close()
+        assert work.wait(60) == 0
+    assert (tmp_path / "result").read_text() == "done"
+
+
+@pytest.mark.parametrize("words", [["render", "--help=all"], ["--completion"]])
+def test_a_closed_pipe_is_no_error_of_the_program(words):
+    code = "from gaussray.cli.main import program; program()"
+    command = [sys.executable, "-c", code, *words]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as program:
+        program.stdout.close()
+        assert program.stderr.read() == b""
+        assert program.wait(60) == 0
+
+
+def test_text_is_there_at_once(capsys):
+    emit("one\n", sys.stdout)
+    emit("two\n", sys.stderr)
+    assert capsys.readouterr() == ("one\n", "two\n")
