@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from gaussray.camera.corrections import (
+from gaussray.camera.refined_cameras import (
     color_matrices,
     corrections_summary,
     gains,

@@ -13,13 +13,9 @@ from gaussray.camera.corrections import (
     Corrections,
     apply_color_response,
     apply_corrections,
-    color_matrices,
     color_response,
-    corrections_summary,
     fix_gauge,
-    gains,
     no_corrections,
-    refined_frames,
     refined_kinds,
     require_correctable,
 )
@@ -31,6 +27,12 @@ from gaussray.camera.lens import (
     FTheta,
     KannalaBrandt,
     pinhole,
+)
+from gaussray.camera.refined_cameras import (
+    color_matrices,
+    corrections_summary,
+    gains,
+    refined_frames,
 )
 from gaussray.geometry import RigidTransform, multiply, turning
 

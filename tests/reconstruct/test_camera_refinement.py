@@ -13,9 +13,10 @@ import toy
 from gaussray.camera.aperture import Aperture
 from gaussray.camera.array import camera_set
 from gaussray.camera.camera import Camera, project
-from gaussray.camera.corrections import REFINABLE, fix_gauge, no_corrections, refined_frames
+from gaussray.camera.corrections import REFINABLE, fix_gauge, no_corrections
 from gaussray.camera.film import Film
 from gaussray.camera.lens import KannalaBrandt, pinhole
+from gaussray.camera.refined_cameras import refined_frames
 from gaussray.camera.shutter import Shutter
 from gaussray.camera.trajectory import Trajectory
 from gaussray.capture.formats.paired import read_capture
