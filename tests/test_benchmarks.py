@@ -23,6 +23,9 @@ from benchmarks.problem import cameras, dynamic_room
 from gaussray.scene.scene import at
 
 
+pytestmark = pytest.mark.ci
+
+
 SMALL = ["--side", "16", "--backend", "array"]
 ROOM = "200"
 PARTS = {"grid": (bench_grid.main, ["--gaussians", ROOM, "--keys", "1"])}

@@ -37,6 +37,7 @@ def equations(evaluator, value, blocks):
     return evaluator(SCENE, estimate, blocks, 1.0, keys=1)
 
 
+@pytest.mark.ci
 def test_slopes_are_those_of_differences(evaluator):
     rng = np.random.default_rng(1)
     light, mask = rng.uniform(size=(SIDE, SIDE, 3)), np.ones((SIDE, SIDE), bool)

@@ -493,6 +493,7 @@ command.program()
 """
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("level", [None, "1"])
 def test_the_compilers_own_log_is_not_shown_unless_it_is_asked_for(level):
     environment = {k: v for k, v in os.environ.items() if k != "TF_CPP_MIN_LOG_LEVEL"}

@@ -192,6 +192,7 @@ def test_photographs_of_one_camera_make_a_static_capture(tmp_path, painted):
     assert len({view.camera_name for view in capture.views}) == 7
 
 
+@pytest.mark.ci
 def test_a_camera_that_moves_has_a_pose_for_each_timestamp(tmp_path, painted):
     angles = np.radians(np.linspace(-20, 20, 10))
     path = [looking((5 * np.sin(a), 1.5 - 5 * np.cos(a), 1.8)) for a in angles]

@@ -116,6 +116,7 @@ def test_videos_with_sound_are_synchronised_by_it(tmp_path):
     assert found.offsets["b"] == pytest.approx(0.75, abs=0.002)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("track", ["none", "silence"])
 def test_a_muted_video_is_synchronised_by_motion_and_the_others_by_sound(tmp_path, painted, track):
     rate, noise = 16000, np.random.default_rng(3).normal(size=16000 * 12) * 0.2

@@ -337,6 +337,7 @@ def test_bodies_have_poses_as_far_as_the_rows_reach(tmp_path, pictures):
     assert ends == pytest.approx((expected[0], expected[-1]), abs=1e-6)
 
 
+@pytest.mark.ci
 def test_the_refined_cameras_are_written_and_what_was_found_is_said(
     tmp_path, pictures, monkeypatch, capsys
 ):

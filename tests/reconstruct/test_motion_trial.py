@@ -47,6 +47,7 @@ def test_of_five_cameras_one_is_held_out_at_each_time_of_fewer_every_fourth_time
     assert held_out_capture(replace(capture, views=short)) is None
 
 
+@pytest.mark.ci
 def test_a_scene_is_scored_on_what_is_held_out_and_a_failed_fit_loses(capture, tmp_path):
     part, fits = held_out_capture(capture), []
 

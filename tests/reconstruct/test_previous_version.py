@@ -20,6 +20,9 @@ from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.store import load_scene
 
 
+pytestmark = pytest.mark.ci
+
+
 PREVIOUS = Path(__file__).parent / "previous"
 OPTIONS = ReconstructOptions(
     fit=FitOptions(

@@ -70,6 +70,7 @@ def options(**fit):
     )
 
 
+@pytest.mark.ci
 def test_wrong_exposures_are_refined_and_equal_ones_are_not(tmp_path, capsys):
     wrong = capture_of(tmp_path / "wrong", GAIN)
     reconstruct(wrong, tmp_path / "a", options=options())

@@ -93,6 +93,7 @@ def test_the_views_of_a_scaled_capture_agree_with_the_whole_ones(capture):
         assert row_time(small.camera, 5) == pytest.approx(row_time(whole.camera, 10.5), abs=1e-6)
 
 
+@pytest.mark.ci
 def test_a_fit_of_smaller_pictures_shows_the_whole_ones(capture, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(pipeline, "this_machine", lambda: Slow(gpu=False))
     reconstruct(capture, tmp_path, options=OPTIONS)

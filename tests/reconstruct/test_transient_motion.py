@@ -124,6 +124,7 @@ def from_moving_cameras(tmp_path_factory, known_sizes):
         return read_capture(toy.write_capture(folder, toy.scene()))
 
 
+@pytest.mark.ci
 def test_where_cameras_move_what_stands_still_is_fitted_first(
     from_moving_cameras, tmp_path, monkeypatch
 ):

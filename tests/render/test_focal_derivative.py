@@ -14,6 +14,9 @@ from gaussray.camera.film import pixel_grid
 from gaussray.tracer.line import line_hits
 
 
+pytestmark = pytest.mark.ci
+
+
 FOCAL, SIDE = 24.0, 16
 # A ray that ends early does so behind a whole round of hits.
 TRACE = gaussray.TraceOptions(levels=0, group=2, transmittance_min=0.0)

@@ -179,6 +179,7 @@ def test_rays_see_what_the_camera_sees(shot):
     np.testing.assert_allclose(seen.alpha, picture.alpha, atol=EXACT)
 
 
+@pytest.mark.ci
 def test_jit_and_vmap_change_nothing_and_need_a_plan_or_an_earlier_call(dense):
     scene, camera, _ = dense
 
@@ -217,6 +218,7 @@ def test_a_key_shifts_the_samples(dense):
     assert 0 < np.abs(one - two).max() < 0.5
 
 
+@pytest.mark.ci
 def test_on_a_dense_scene_the_derivative_is_that_at_a_fixed_order_of_hits():
     """Colours jump where two Gaussians change places along a ray: that is what a finite difference
     of the picture sees beside the derivative, and all of it."""

@@ -188,6 +188,7 @@ def test_where_jax_is_at_work_no_hosts_can_be_met():
         begin(hosts)
 
 
+@pytest.mark.ci
 def test_without_a_cluster_hosts_must_be_named(tmp_path):
     code, said = ended(started(tmp_path, tmp_path, "render", "devices.hosts=0"))
     assert code == [2] and "devices.hosts must be 1 or more where no cluster says" in said[0][1]

@@ -133,6 +133,7 @@ def test_a_damaged_file_is_written_anew(folder):
     assert traced == [2, 2] and abs(path.stat().st_size - whole) < 0.1 * whole
 
 
+@pytest.mark.ci
 def test_a_program_that_jax_keeps_too_is_written_whole(folder):
     # JAX's own cache in the same folder, for programs of any length of compilation.
     env = os.environ | {
@@ -212,6 +213,7 @@ print(alone(jnp.zeros(4)), KeptProgram(each, ("each",))(np.zeros(4)))
 """
 
 
+@pytest.mark.ci
 def test_programs_of_one_and_of_two_devices_share_a_process(folder):
     env = os.environ | {"JAX_NUM_CPU_DEVICES": "2", "JAX_PLATFORMS": "cpu"}
     words = [sys.executable, "-c", TWO_DEVICES, str(folder)]

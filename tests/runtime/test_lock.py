@@ -58,6 +58,7 @@ def test_the_error_names_the_other_process_and_its_death_frees_the_folder(tmp_pa
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.ci
 def test_of_processes_that_take_turns_no_two_hold_the_lock_at_once(tmp_path):
     """A lost update would leave the sum too small: removal of the file must not split the lock."""
     (tmp_path / "count").write_text("0")

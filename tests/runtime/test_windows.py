@@ -57,6 +57,7 @@ def run_without_posix(program, *words):
     return done.stdout
 
 
+@pytest.mark.ci
 def test_no_module_needs_anything_of_posix(tmp_path):
     path = tmp_path / "a.txt"
     path.write_bytes(b"a\r\n")

@@ -5,11 +5,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 
 # A process has its devices for life, so two of them need a process of their own.
 HERE = Path(__file__).parent
 
 
+@pytest.mark.ci
 def test_two_devices_see_and_learn_what_one_does():
     env = os.environ | {"JAX_NUM_CPU_DEVICES": "2", "JAX_PLATFORMS": "cpu"}
     path = [str(HERE), str(HERE.parent), env.get("PYTHONPATH", "")]

@@ -119,6 +119,7 @@ def test_hits_that_were_not_kept_are_found_again_for_the_gradients(monkeypatch):
     assert color < SINGLE and max(errors.values()) < SINGLE, errors
 
 
+@pytest.mark.ci
 def test_gradients_of_moving_gaussians_reach_the_time():
     motion = wandering(*moving(COUNT, size=(0.1, 0.5)), np.float64)
     lines = shot(rays(), np.float64)

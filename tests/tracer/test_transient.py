@@ -254,6 +254,7 @@ def test_bundles_list_only_what_lives_in_their_own_time():
     assert int(both.needed[-3]) == int(one.needed[-3]) > 0
 
 
+@pytest.mark.ci
 def test_too_many_alive_are_counted_and_measured():
     motion, lines = scene(time_range=(0, 1)), shot(rays(), np.float64)
     _, report = look(motion, lines, options=OPTIONS, capacity=replace(ROOM, transient=5))

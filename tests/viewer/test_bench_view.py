@@ -9,6 +9,7 @@ from benchmarks import bench_view, record
 from gaussray.viewer.timing import PREVIEW_STAGES
 
 
+@pytest.mark.ci
 @pytest.mark.usefixtures("known_sizes")
 def test_the_page_s_pictures_are_timed(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(record, "RESULTS", tmp_path / "results")

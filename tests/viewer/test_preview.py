@@ -169,6 +169,7 @@ def test_lists_are_as_long_as_the_device_with_the_longest_wants():
     assert longer.cells[0] >= 90 and longer.pairs >= 70 and longer.slots == 64
 
 
+@pytest.mark.ci
 def test_two_cores_share_a_sketch(tmp_path):
     # A process has its devices for life.
     here = Path(__file__).parent

@@ -98,6 +98,7 @@ def assert_found(body):
     np.testing.assert_allclose(body.path[0], PATH, atol=METRES)
 
 
+@pytest.mark.ci
 def test_a_thrown_ball_is_found_at_every_instant(film):
     assert_found(tracked(*film))
 
@@ -206,6 +207,7 @@ def boxes_seen(angles):
     return encoded, jax.tree.map(lambda *x: jnp.stack(x), *cameras)
 
 
+@pytest.mark.ci
 def test_two_grey_boxes_that_occlude_one_another_are_found():
     # The cameras stand before the boxes, so that the near box hides the far one in most of them.
     angles = np.linspace(-0.5, 0.5, 5)

@@ -189,6 +189,7 @@ def test_cameras_in_objects_are_drawn_again_also_without_redraws():
         draw_sample(0, radius, make_none, options=FactoryOptions())
 
 
+@pytest.mark.ci
 def test_samples_of_the_command_keep_their_distance():
     def source(clearance):
         words = ["scene=sample", "sample=cameras", f"factory.clearance={clearance}"]

@@ -272,6 +272,7 @@ def killed(folder, out, at, camera):
     return finished if at else files
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("camera", ["quick", pytest.param("real", marks=pytest.mark.slow)])
 def test_a_data_set_that_was_killed_twice_is_that_of_an_undisturbed_run(tmp_path, camera):
     save_scene(tmp_path / "scene.npz", toy.scene(speed=0))

@@ -64,6 +64,7 @@ def test_the_stated_error_is_of_the_size_of_the_true_one(pinhole_points):
     assert 0.1 < np.median(error) / np.median(pinhole_points.error) < 3
 
 
+@pytest.mark.ci
 def test_fisheyes_find_the_same_plane():
     cameras = rig(fisheye(), PLACES)
     points = stereo_points(seen(cameras), cameras, options=QUICK)
@@ -103,6 +104,7 @@ def test_the_order_of_the_cameras_does_not_matter(pinhole_points):
     assert nearly_the_same(pinhole_points.position, points.position)
 
 
+@pytest.mark.ci
 def test_several_views_at_once_find_the_same(pinhole_points):
     cameras = rig(perspective(), PLACES)
     # Two views of 48 x 48 pixels with each of their neighbours; the last batch is not full.
