@@ -29,6 +29,7 @@ from gaussray.evaluate.pipeline import EvaluateOptions
 from gaussray.io import sample_data as samples
 from gaussray.io.sample_data import sample
 from gaussray.reconstruct import pipeline as stage
+from gaussray.reconstruct.effort import Effort
 from gaussray.render.rig.rig import load_views
 from gaussray.scene.store import save_scene
 
@@ -162,13 +163,14 @@ def python_blocks():
         yield pytest.param(text, id=f"{page}: {text.splitlines()[-1][:40]}", marks=slow)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("text", list(python_blocks()))
 def test_a_block_of_python_runs(text, tiny, monkeypatch):
     if "gaussray.torch" in text:
         pytest.importorskip("torch", reason="an extra")
     if "reconstruct(" in text:
         toy.write_paired(tiny / "experiments/quickstart/capture", toy.scene())
-        monkeypatch.setattr(stage, "ReconstructOptions", lambda: toy.SHORT)
+        monkeypatch.setattr(stage, "effort", lambda capture, *_: Effort(capture, toy.SHORT, ""))
     exec(compile(text, "page", "exec"), {})  # noqa: S102
 
 
@@ -245,6 +247,7 @@ def test_the_first_command_of_the_site_films_the_sample(tiny):
     assert (tiny / "runs/fisheye/fisheye.json").is_file()
 
 
+@pytest.mark.ci
 def test_the_tour_runs(tiny):
     text = (ROOT / "experiments" / "tour.py").read_text()
     assert text.count("\n# %%\n") == 10

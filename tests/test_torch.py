@@ -21,7 +21,7 @@ from gaussray.torch import RenderedFrames, SavedFrames, picture_tensors  # noqa:
 from gaussray.torch.tensors import pixel_times  # noqa: E402
 
 
-pytestmark = pytest.mark.usefixtures("known_sizes")
+pytestmark = [pytest.mark.ci, pytest.mark.usefixtures("known_sizes")]
 
 # Half floats of EXR files: 11 bits.
 HALF = 2**-11

@@ -28,6 +28,9 @@ from gaussray.scene.segmented import Clip
 from gaussray.scene.store import save_scene
 
 
+pytestmark = pytest.mark.ci
+
+
 SIDE, TIMES, READOUT = 32, (0.3, 0.7), 0.3
 # The bodies as far apart as the picture is high: rows that see nothing move say nothing of time.
 SCENE = toy.scene()

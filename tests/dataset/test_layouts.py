@@ -51,6 +51,7 @@ def stored(path):
     return read_stored(path, 16, 16).astype(float)
 
 
+@pytest.mark.ci
 def test_the_twins_of_a_rolling_shutter_agree_with_it_in_their_rows(data):
     """The first row of the picture is the first twin's; the middle row is the middle twin's, but
     for the states of the scene, between which a rolling shutter interpolates."""

@@ -84,6 +84,7 @@ def prepared(videos, tmp_path_factory):
     return out, prepare_capture(videos, out, options=options)
 
 
+@pytest.mark.ci
 def test_poses_and_focal_length_are_those_of_the_cameras(prepared):
     out, facts = prepared
     names = [f"cam{k}" for k in range(CAMERAS)]

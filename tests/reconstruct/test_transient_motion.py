@@ -90,6 +90,7 @@ def stopped_after(monkeypatch, name, calls):
         yield
 
 
+@pytest.mark.ci
 def test_what_moves_is_learnt_and_an_interrupted_run_goes_on_to_the_same_bytes(
     capture, tmp_path, monkeypatch
 ):

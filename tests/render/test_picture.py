@@ -110,6 +110,7 @@ PARAMETERS = {
 }
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_a_derivative_is_that_of_finite_differences(shot, slopes, name):
     scene, camera, _, value, _ = shot
@@ -127,6 +128,7 @@ def test_a_derivative_is_that_of_finite_differences(shot, slopes, name):
     np.testing.assert_allclose(slope[at], found, rtol=DIFFERENCES)
 
 
+@pytest.mark.ci
 def test_a_time_has_a_derivative_also_where_the_frame_is_an_instant(shot):
     scene, _, plan, value, grad = shot
     instant = dataclasses.replace(every_effect(), shutter=double(gaussray.Shutter(trigger=0.0)))
@@ -164,6 +166,7 @@ def test_the_picture_is_the_renderers_and_that_of_brute_force(shot):
     np.testing.assert_allclose(seen.color.reshape(-1, 3), np.mean(truth, axis=0), atol=EXACT)
 
 
+@pytest.mark.ci
 def test_rays_see_what_the_camera_sees(shot):
     scene, camera, _, _, _ = shot
     pixel = pixel_grid(camera.film).reshape(-1, 2)

@@ -96,6 +96,7 @@ def test_key_states_and_tints(keys):
     assert color < COLOR and max(errors.values()) < GRADIENT, errors
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("scene", ["resting", "moving", "mixed"])
 def test_transient_gaussians_at_times_of_rays(scene):
     motion = {
@@ -170,6 +171,7 @@ def test_many_calls_at_once_do_not_disturb_each_other():
             assert all(map(np.array_equal, found, expected))
 
 
+@pytest.mark.ci
 def test_thousands_on_one_ray_are_all_met_in_their_order():
     count = 3_000
     motion, lines = pile(count)

@@ -103,10 +103,12 @@ def test_a_thrown_ball_is_found_at_every_instant(film):
     assert_found(tracked(*film))
 
 
+@pytest.mark.ci
 def test_light_that_changes_by_half_does_not_mislead():
     assert_found(tracked(*filmed(light=(1.0, 0.5, 0.7))))
 
 
+@pytest.mark.ci
 def test_what_light_alone_changes_is_no_body():
     still = filmed(light=(1.0, 0.5, 0.7), path=0 * PATH, turn=[Rotation.identity()] * 3)
     assert tracked(*still).pivot.shape == (0, 3)

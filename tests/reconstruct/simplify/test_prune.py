@@ -100,6 +100,7 @@ def test_what_no_ray_has_met_stays_where_the_capture_has_it(seen, lavish):
     assert (np.asarray(scene.static.mean)[:, 2] > 30).sum() == HIDDEN
 
 
+@pytest.mark.ci
 def test_what_was_not_looked_at_stays(seen, lavish):
     few = dataclasses.replace(OPTIONS, weigh=1, tiles=1, instants=1)
     scene, _ = pruned(lavish, seen, options=few)

@@ -204,12 +204,14 @@ def test_a_table_of_even_steps_is_a_rolling_shutter():
     np.testing.assert_allclose(found - expected, 0 * (found - expected), atol=1e-3)
 
 
+@pytest.mark.ci
 def test_flow_of_a_body_that_turns_under_a_fisheye_that_rolls():
     scene = plates.moved(plates.plate(3.4), rate=1.2)
     world = World(readout=READOUT, fisheye=True, rate=1.2)
     compare_flow(scene, world, frames=(0.1, 0.2), readout=READOUT, fisheye=True)
 
 
+@pytest.mark.ci
 def test_flow_of_what_stands_still_under_a_moving_camera_that_rolls():
     eye = np.array([-2.0, 3.0, 0.0])
     scene = Scene(plates.plate(4.0), plates.NOTHING, None, toy.single([0, 1]))
@@ -221,6 +223,7 @@ def test_flow_of_what_stands_still_under_a_moving_camera_that_rolls():
     np.testing.assert_allclose(flow[seen] - expected, 0, atol=PIXELS)
 
 
+@pytest.mark.ci
 def test_geometry_of_a_plate_that_turns_while_rows_are_read():
     rate = 1.5
     scene = plates.moved(plates.plate(3.4), rate=rate)
@@ -330,6 +333,7 @@ def test_only_what_is_asked_for_is_made_and_unknown_names_are_refused():
         made(plates.camera(0.0), ["depth", "depth"])
 
 
+@pytest.mark.ci
 def test_labels_in_strips_are_the_labels(monkeypatch):
     monkeypatch.setattr(labels_of_frames, "default_capacity", default_capacity)
     scene = Scene(plates.plate(1.0), plates.NOTHING, None, toy.single([0, 1]))

@@ -31,6 +31,7 @@ def agree(found, true, tolerance=SINGLE):
     assert turned(found, true) < max(1e-6, tolerance**2)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("color", ["srgb", "linear"])
 @pytest.mark.parametrize("coefficients", [1, 16])
 def test_what_is_read_is_what_was_written(tmp_path, color, coefficients):
