@@ -31,8 +31,8 @@ def load(path: Path | str) -> Scene | Clip:
 
     Args:
         path: A scene file (.npz), the folder of a reconstruction, a trained model of 3D Gaussian
-            Splatting (.ply, .spz, .sog, .splat, whose colours are read as sRGB values, or .glb,
-            which says what they are), or "sample", the scene that comes with the package.
+            Splatting (.ply, .spz, .sog, .splat, .ksplat, whose colours are read as sRGB values,
+            or .glb, which says what they are), or "sample", the scene that comes with the package.
 
     Returns:
         The scene; a clip if the file holds several segments of time.

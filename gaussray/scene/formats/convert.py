@@ -48,8 +48,8 @@ def import_model(
     """Import a trained model of another program, and save it as `out`/scene.npz.
 
     Args:
-        source: a PLY, SPZ, SOG, .splat, GLB or USD file (a static scene), a .ftgs.ply file (a
-            moving one), or the folder of a model of 4DGaussians or of one of its iterations
+        source: a PLY, SPZ, SOG, .splat, .ksplat, GLB or USD file (a static scene), a .ftgs.ply
+            file (a moving one), or the folder of a model of 4DGaussians or of one of its iterations
             (`read_model`).
         out: folder of the scene.
         color: colours of the model: `srgb`, values of 8-bit pictures that it was fitted to,

@@ -16,6 +16,7 @@ from gaussray.scene.formats.compressed_ply import is_compressed_ply, read_compre
 from gaussray.scene.formats.gaussian_network import read_field
 from gaussray.scene.formats.gaussian_ply import read_gaussians, read_unconstrained
 from gaussray.scene.formats.gltf import read_gltf
+from gaussray.scene.formats.ksplat import read_ksplat
 from gaussray.scene.formats.sog import META, read_sog
 from gaussray.scene.formats.splat_file import read_splat
 from gaussray.scene.formats.spz import read_spz
@@ -32,12 +33,11 @@ FLAGS = {
     "opacity": "no_do",
     "harmonics": "no_dshs",
 }
-# A format without a safe and maintained reader.
-COMPRESSED = (".ksplat",)
 # Readers of other files that hold the Gaussians of a static model.
 READERS = {
     ".spz": read_spz,
     ".splat": read_splat,
+    ".ksplat": read_ksplat,
     ".sog": read_sog,
     ".glb": lambda path: read_gltf(path)[0],
     ".gltf": lambda path: read_gltf(path)[0],
@@ -61,8 +61,8 @@ def read_model(
     """Read a trained model.
 
     Args:
-        source: a PLY (also compressed), SPZ, SOG, .splat, GLB or USD file, the folder or meta.json
-            of a SOG scene, or the folder of an iteration or of a model.
+        source: a PLY (also compressed), SPZ, SOG, .splat, .ksplat, GLB or USD file, the folder or
+            meta.json of a SOG scene, or the folder of an iteration or of a model.
         iteration: iteration of a model's folder; None for the latest.
 
     Returns:
@@ -74,10 +74,6 @@ def read_model(
             shapes; the message names the file.
         FileNotFoundError: a file is missing.
     """
-    if Path(source).suffix in COMPRESSED:
-        raise ValueError(
-            f"{source}: {', '.join(COMPRESSED)} files must be exported as PLY or SOG first."
-        )
     reader = READERS.get(Path(source).suffix.lower())
     if reader is not None and not Path(source).is_dir():
         return reader(source), None, Path(source)

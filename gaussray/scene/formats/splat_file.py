@@ -10,6 +10,7 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, UInt8
 
 from gaussray.io.safe.files import opened
 from gaussray.io.safe.limits import within
@@ -39,16 +40,44 @@ def read_splat(path: Path | str) -> Gaussians:
             "Copy it again."
         )
     table = np.frombuffer(data, _RECORD)
-    good = np.isfinite(table["mean"]).all(axis=1) & np.isfinite(table["scale"]).all(axis=1)
-    table = table[good]
-    if not len(table):
-        raise ValueError(f"{path}: at least one Gaussian must be finite, got none.")
     quat = (table["quat"].astype(np.float32) - 128) / 128
-    quat[(quat == 0).all(axis=1), 0] = 1
+    above = np.zeros((len(table), 0, 3), np.float32)
+    return finite_gaussians(path, table["mean"], quat, table["scale"], table["rgba"], above)
+
+
+def finite_gaussians(
+    path: Path | str,
+    mean: Float[np.ndarray, "gaussians 3"],
+    quat: Float[np.ndarray, "gaussians 4"],
+    scale: Float[np.ndarray, "gaussians 3"],
+    rgba: UInt8[np.ndarray, "gaussians 4"],
+    above: Float[np.ndarray, "gaussians coefficients 3"],
+) -> Gaussians:
+    """The Gaussians whose numbers are finite.
+
+    Args:
+        path: The file, for the message.
+        mean: Places.
+        quat: Quaternions w x y z of any length; one of length 0 is no rotation.
+        scale: Scales; those of 0 become very thin.
+        rgba: Colours and opacities as bytes.
+        above: Harmonics above degree 0.
+
+    Raises:
+        ValueError: None is finite.
+    """
+    good = np.ones(len(mean), bool)
+    for part in (mean, quat, scale, above):
+        good &= np.isfinite(part.reshape(len(mean), -1)).all(axis=1)
+    if not good.any():
+        raise ValueError(f"{path}: at least one Gaussian must be finite, got none.")
+    mean, quat, scale, rgba, above = (x[good] for x in (mean, quat, scale, rgba, above))
+    quat = np.where((quat == 0).all(axis=1, keepdims=True), [1, 0, 0, 0], quat)
     quat /= np.linalg.norm(quat, axis=1, keepdims=True)
-    color = table["rgba"].astype(np.float32) / 255
-    harmonics = ((color[:, :3] - 0.5) / C0)[:, None, :]
+    color = rgba.astype(np.float32) / 255
+    constant = ((color[:, :3] - 0.5) / C0)[:, None, :]
     # A byte of 0 or 255 stands for half a step inside: opacities are neither 0 nor 1.
     opacity = np.clip(color[:, 3], 0.5 / 255, 1 - 0.5 / 255)
-    parts = table["mean"], quat, np.maximum(table["scale"], _THINNEST), opacity, harmonics
+    harmonics = np.concatenate([constant, above], axis=1)
+    parts = mean, quat, np.maximum(scale, _THINNEST), opacity, harmonics
     return Gaussians(*(jnp.asarray(part, jnp.float32) for part in parts))

@@ -253,7 +253,6 @@ def test_harmonics_of_a_lower_degree_do_not_take_residuals(tmp_path):
     [
         ("none.ply", None, "none.ply: no such file"),
         ("", None, "holds no point_cloud.ply. Name a PLY file"),
-        ("a.ksplat", None, "a.ksplat: .ksplat files must be exported as PLY or SOG"),
         ("a.ply", 3, "iteration must be null unless source is a model's folder"),
     ],
 )
