@@ -286,7 +286,8 @@ def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, 
     if scale < 1:
         parts.append(f"scaled by {scale:.2f} to {views[0].width} x {views[0].height}")
     if still or fit.transient:
-        parts.append(f"up to {max(options.density.gaussians, fit.points):,} Gaussians")
+        most = max(options.density.gaussians, fit.points)
+        parts.append(f"up to {most:,} Gaussians, or the starting points if these are more")
         parts.append(f"harmonics up to degree {fit.degree}")
     if not still:
         parts.append(f"motion by {MOTION_NOUNS[fit.motion]} (fit.motion)")
