@@ -83,10 +83,17 @@ def _section(path: Path | str, head: bytes) -> _Section:
     if len(head) < _SECTION_HEADER:
         raise _damaged(path, f"{_SECTION_HEADER} bytes for the header of each section")
     words, halves = np.frombuffer(head, "<u4"), np.frombuffer(head, "<u2")
-    width = float(np.frombuffer(head, "<f4")[4])
-    integers = (int(words[i]) for i in (1, 2, 3))
-    others = int(halves[10]), int(words[6]) or _STEPS, int(words[8]), int(words[9])
-    section = _Section(*integers, width, *others, int(halves[20]))
+    section = _Section(
+        gaussians=int(words[1]),
+        bucket_size=int(words[2]),
+        buckets=int(words[3]),
+        bucket_width=float(np.frombuffer(head, "<f4")[4]),
+        bucket_bytes=int(halves[10]),
+        steps=int(words[6]) or _STEPS,
+        full_buckets=int(words[8]),
+        other_buckets=int(words[9]),
+        degree=int(halves[20]),
+    )
     if section.degree not in _ABOVE:
         raise _damaged(path, f"harmonics up to degree 2, got {section.degree}")
     listed = section.full_buckets + section.other_buckets
