@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import jax
 import numpy as np
+from jaxtyping import Float
 
 from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera
@@ -53,10 +54,7 @@ def gains(
         The gains by camera name; empty if exposures are not refined.
     """
     exposure = None if corrections is None else fix_gauge(corrections, cameras).exposure
-    if exposure is None:
-        return {}
-    gain = np.exp(np.asarray(exposure, np.float64)).round(6)
-    return dict(zip(names, gain.tolist(), strict=True))
+    return _by_name(names, None if exposure is None else np.exp(np.asarray(exposure, np.float64)))
 
 
 def color_matrices(
@@ -73,10 +71,12 @@ def color_matrices(
         The matrices by camera name; empty if they are not refined.
     """
     matrix = None if corrections is None else fix_gauge(corrections, cameras).color_matrix
-    if matrix is None:
-        return {}
-    values = (np.eye(3) + np.asarray(matrix, np.float64)).round(6)
-    return dict(zip(names, values.tolist(), strict=True))
+    return _by_name(names, None if matrix is None else np.eye(3) + np.asarray(matrix, np.float64))
+
+
+def _by_name(names: Sequence[str], values: Float[np.ndarray, "cameras ..."] | None) -> dict:
+    """Rounded values by camera name; empty if there are none."""
+    return {} if values is None else dict(zip(names, values.round(6).tolist(), strict=True))
 
 
 def corrections_summary(

@@ -19,6 +19,7 @@ from gaussray.capture.capture import Capture, View, viewpoints
 from gaussray.capture.selection import Selection, selected
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
+from gaussray.reconstruct.motion_trial import CAMERAS
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
@@ -41,9 +42,6 @@ _SLOW = OptimizerOptions(
     lifetime=1e-2,
 )
 
-
-# Cameras that stand still from which on stereo finds enough of the surfaces for rigid bodies.
-_STEREO_CAMERAS = 5
 
 MOTION_NOUNS = {
     "deformation": "rigid bodies and a deformation field",
@@ -161,8 +159,9 @@ _CHOSEN = ("fit", "loss", "optimizer", "density", "trace", "track")
 def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> tuple[str, ...]:
     """The choices of fit.motion that may suit a capture of several times best, the likeliest first.
 
-    Rigid bodies are found by cameras that stand still, on surface points: given ones, or those that
-    stereo finds between many cameras. On a GPU there is time to try whether they are better than
+    Rigid bodies are found by cameras that stand still, on surface points: given ones, or those of
+    stereo. Whether stereo has found enough of them, only a trial tells that can spare a camera
+    (`motion_trial.CAMERAS`). On a GPU there is time to try whether they are better than
     transient Gaussians. These need at least two cameras that stand still, or mostly two pictures of
     a time; without, there is the deformation field.
 
@@ -179,7 +178,7 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
         points = capture.points if fit.start in ("auto", "given") else None
         if points is not None and len(points.position) >= fit.points:
             return ("deformation", "transient") if machine.gpu else ("deformation",)
-        stereo = fit.start in ("auto", "stereo") and still >= _STEREO_CAMERAS
+        stereo = fit.start in ("auto", "stereo") and still >= CAMERAS
         return ("transient", "deformation") if machine.gpu and stereo else ("transient",)
     _, at_once = np.unique([view.time for view in views], return_counts=True)
     several = 2 * int(np.sum(at_once >= 2)) > len(at_once)
@@ -287,7 +286,7 @@ def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, 
         parts.append(f"scaled by {scale:.2f} to {views[0].width} x {views[0].height}")
     if still or fit.transient:
         most = max(options.density.gaussians, fit.points)
-        parts.append(f"up to {most:,} Gaussians, or the starting points if these are more")
+        parts.append(f"up to {most:,} Gaussians, or all starting points if these are more")
         parts.append(f"harmonics up to degree {fit.degree}")
     if not still:
         parts.append(f"motion by {MOTION_NOUNS[fit.motion]} (fit.motion)")

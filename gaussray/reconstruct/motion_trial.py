@@ -40,7 +40,7 @@ from gaussray.tracer.shard import mesh
 _STEPS = 2000
 # Cameras from which on one of them is held out at each time, so many of them in turn; else times
 # from which on every fourth is.
-_CAMERAS, _IN_TURN, _TIMES = 5, 4, 8
+CAMERAS, _IN_TURN, _TIMES = 5, 4, 8
 # Ray bundles on which a trial is measured, at each of so many times.
 _TILES, _INSTANTS = 1024, 16
 
@@ -54,7 +54,7 @@ def held_out_capture(capture: Capture) -> Capture | None:
     views = training_views(capture)
     names = sorted({view.camera_name for view in views})
     times = sorted({view.time for view in views})
-    if len(names) >= _CAMERAS:
+    if len(names) >= CAMERAS:
         chosen = [names[int((k + 0.5) * len(names) / _IN_TURN)] for k in range(_IN_TURN)]
         turn = {time: chosen[i % _IN_TURN] for i, time in enumerate(times)}
         held = {id(view) for view in views if view.camera_name == turn[view.time]}

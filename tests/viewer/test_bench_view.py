@@ -20,5 +20,6 @@ def test_the_page_s_pictures_are_timed(tmp_path, monkeypatch, capsys):
         assert (line["width"], line["height"], line["rays"]) == (width, width, width**2)
         assert line["scene"] == "toy" and line["dropped"] == 0 and line["hits"] > 0
         assert all(line[stage] > 0 for stage in PREVIEW_STAGES)
+        assert line["final_s"] > 0
         assert line["fps"] == pytest.approx(1 / line["latency_s"])
     assert "tracing" in capsys.readouterr().out

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from gaussray.io.atomic import whole
 from gaussray.io.ply import read_vertices
@@ -96,7 +96,7 @@ def model_columns(path: Path | str, more: tuple[str, ...] = ()) -> tuple[np.ndar
     valid = (size.min(axis=1) >= _FLOAT.tiny) & np.isfinite(size).all(axis=1)
     for part in parts:
         valid &= np.isfinite(part).all(axis=tuple(range(1, part.ndim)))
-    _check_valid(path, valid)
+    demand_valid(path, valid)
     return tuple(part[valid] for part in parts)
 
 
@@ -199,7 +199,16 @@ def _columns(
     return columns
 
 
-def _check_valid(path: Path, valid: np.ndarray) -> None:
+def demand_valid(path: Path | str, valid: Bool[np.ndarray, " gaussians"]) -> None:
+    """Refuse a file without a finite Gaussian; warn of how many are dropped.
+
+    Args:
+        path: The file, for the message.
+        valid: Which Gaussians are finite.
+
+    Raises:
+        ValueError: None is.
+    """
     bad = int((~valid).sum())
     if bad == len(valid):
         raise ValueError(

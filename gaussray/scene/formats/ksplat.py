@@ -46,7 +46,8 @@ class _Section(NamedTuple):
 
 
 def read_ksplat(path: Path | str) -> Gaussians:
-    """The Gaussians of a `.ksplat` file; records that are not finite are dropped.
+    """The Gaussians of a `.ksplat` file; records that are not finite are dropped
+    with a warning.
 
     Raises:
         ValueError: The file is none of this format, is cut short, or holds no finite Gaussian.

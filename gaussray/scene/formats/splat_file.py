@@ -14,6 +14,7 @@ from jaxtyping import Float, UInt8
 
 from gaussray.io.safe.files import opened
 from gaussray.io.safe.limits import within
+from gaussray.scene.formats.gaussian_ply import demand_valid
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0
 
@@ -24,7 +25,7 @@ _THINNEST = 1e-9
 
 
 def read_splat(path: Path | str) -> Gaussians:
-    """The Gaussians of a `.splat` file; records that are not finite are dropped.
+    """The Gaussians of a `.splat` file; records that are not finite are dropped with a warning.
 
     Raises:
         ValueError: The size is no multiple of 32 bytes, or no record is finite.
@@ -53,7 +54,7 @@ def finite_gaussians(
     rgba: UInt8[np.ndarray, "gaussians 4"],
     above: Float[np.ndarray, "gaussians coefficients 3"],
 ) -> Gaussians:
-    """The Gaussians whose numbers are finite.
+    """The Gaussians whose numbers are finite; others are dropped with a warning.
 
     Args:
         path: The file, for the message.
@@ -69,8 +70,7 @@ def finite_gaussians(
     good = np.ones(len(mean), bool)
     for part in (mean, quat, scale, above):
         good &= np.isfinite(part.reshape(len(mean), -1)).all(axis=1)
-    if not good.any():
-        raise ValueError(f"{path}: at least one Gaussian must be finite, got none.")
+    demand_valid(path, good)
     mean, quat, scale, rgba, above = (x[good] for x in (mean, quat, scale, rgba, above))
     quat = np.where((quat == 0).all(axis=1, keepdims=True), [1, 0, 0, 0], quat)
     quat /= np.linalg.norm(quat, axis=1, keepdims=True)

@@ -159,6 +159,17 @@ def test_a_damaged_file_is_refused_with_what_is_wrong(tmp_path, model, change, m
         read_ksplat(path)
 
 
+def test_what_is_not_finite_is_dropped_with_a_warning(tmp_path, model):
+    mean = np.array(model.mean)
+    mean[4] = np.nan
+    broken = _rows(model, slice(None))
+    broken = type(broken)(mean, *(getattr(broken, name) for name in (*FIELDS[1:], "harmonics")))
+    path = written(tmp_path / "a.ksplat", [broken], 0, [1])
+    with pytest.warns(UserWarning, match="1 of 11 Gaussians are not finite"):
+        found = read_ksplat(path)
+    close_to(found, _rows(model, np.delete(np.arange(11), 4)), 0, 1)
+
+
 @pytest.mark.parametrize("size", [0, 100, 4096, 5000, -1])
 def test_a_file_that_is_cut_short_is_refused(tmp_path, model, size):
     path = written(tmp_path / "a.ksplat", [model], 2, [2])
