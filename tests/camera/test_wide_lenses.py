@@ -75,6 +75,7 @@ def look(lens, pixels):
     return jax.vmap(lens.direction)(pixels)
 
 
+@pytest.mark.ci
 @every_lens
 def test_direction_and_project_are_each_others_inverse_at_any_distance(name):
     lens, pixels = LENSES[name], filled(pixel_centers(17))

@@ -196,6 +196,7 @@ def test_jit_and_vmap_change_nothing_and_need_a_plan_or_an_earlier_call(dense):
     np.testing.assert_allclose(seen, expected, atol=EXACT)
 
 
+@pytest.mark.ci
 def test_a_plan_that_is_too_small_says_so_and_can_be_enlarged(dense):
     scene, camera, plan = dense
     small = dataclasses.replace(plan, capacity=dataclasses.replace(plan.capacity, pairs=1, slots=1))

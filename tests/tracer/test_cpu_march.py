@@ -85,6 +85,7 @@ def test_every_degree_of_colour(degree):
     assert color < SINGLE and max(errors.values()) < SINGLE, errors
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("keys", [1, 2, 3])
 def test_key_states_and_tints(keys):
     if keys == 1:

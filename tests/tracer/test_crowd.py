@@ -20,6 +20,7 @@ LARGE_OPTIONS = TraceOptions(k=32, bundle=2, levels=1, group=4, transmittance_mi
 LARGE_CAPACITY = Capacity((1250, 20_000), 160_000, 16_384)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize(
     "lens",
     [

@@ -58,6 +58,7 @@ def largest(mean, frame, opacity, origin, direction):
     return (best, weight[best]) if weight[best] > 0 else (-1, 0.0)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("keys", [pytest.param(1, marks=pytest.mark.slow), 3])
 def test_the_largest_weight_is_found_among_all(keys):
     every, rays = matter(keys=keys), lines()

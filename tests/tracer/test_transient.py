@@ -130,6 +130,7 @@ def test_pictures_between_two_times_are_those_of_all_gaussians_on_every_ray(keys
     assert_seen(*look(motion, lines, options=OPTIONS, capacity=ROOM), motion, lines)
 
 
+@pytest.mark.ci
 @pytest.mark.parametrize("keys", [1, 3])
 def test_pictures_and_gradients_are_those_of_all_gaussians_on_every_ray(keys):
     motion, lines, weight = scene(keys), shot(rays(), np.float64), weights()
