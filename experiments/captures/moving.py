@@ -46,6 +46,7 @@ VARIANTS: dict[str, Variant] = {
     "random": lambda o: replaced(o, fit__start="random"),
     "transient": lambda o: replaced(o, fit__motion="transient"),
     "both": lambda o: replaced(o, fit__motion="both"),
+    "control": lambda o: replaced(o, fit__motion="control_points"),
     "deformation": lambda o: replaced(
         o,
         fit__auto=False,

@@ -47,6 +47,7 @@ MOTION_NOUNS = {
     "deformation": "rigid bodies and a deformation field",
     "transient": "transient Gaussians",
     "both": "rigid bodies, a deformation field and transient Gaussians",
+    "control_points": "control points, a deformation field and transient Gaussians",
 }
 
 

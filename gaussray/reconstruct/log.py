@@ -206,6 +206,8 @@ def _rate_of(name: str) -> str:
         rates = {"log_scale": "scale", "logit_opacity": "opacity", "harmonics": "color"}
         rates["log_lifetime"] = "lifetime"
         return f"optimizer.{rates.get(part, part)}"
+    if rest.startswith("control."):
+        return f"optimizer.control_{part}"
     if kind == "corrections" or part in ("path", "turn", "light"):
         return f"optimizer.{part}"
     shared = {"planes": "planes", "mean[1]": "motion"}

@@ -18,8 +18,9 @@ STARTS = ("auto", "given", "stereo", "random")
 
 
 # What shows what moves: what suits the capture best (without fit.auto, bodies and a field); rigid
-# bodies and a deformation field; transient Gaussians; all of these.
-MOTIONS = ("auto", "deformation", "transient", "both")
+# bodies and a deformation field; transient Gaussians; all of these; control points, a deformation
+# field and transient Gaussians.
+MOTIONS = ("auto", "deformation", "transient", "both", "control_points")
 
 
 class FitOptions(eqx.Module):
@@ -134,12 +135,17 @@ class FitOptions(eqx.Module):
     @property
     def transient(self) -> bool:
         """Whether transient Gaussians show what moves, alone or besides others."""
-        return self.motion in ("transient", "both")
+        return self.motion in ("transient", "both", "control_points")
 
     @property
     def deforms(self) -> bool:
-        """Whether rigid bodies and a deformation field show what moves."""
+        """Whether a deformation field shows what moves, with rigid bodies or control points."""
         return self.motion != "transient"
+
+    @property
+    def control(self) -> bool:
+        """Whether Gaussians follow control points."""
+        return self.motion == "control_points"
 
 
 class ReconstructOptions(eqx.Module):

@@ -4,6 +4,7 @@ A new kind of initialiser is added in `initialize.initializer.initial_points`.
 """
 
 import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import equinox as eqx
@@ -18,8 +19,16 @@ from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.motion_mask import point_activity
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
 from gaussray.reconstruct.initialize.from_points import bodies, on_points, surrounding, thinned
-from gaussray.reconstruct.initialize.stereo.from_pictures import first_views
+from gaussray.reconstruct.initialize.stereo.from_pictures import (
+    MovingPoints,
+    first_views,
+    moving_points,
+)
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, hiding
+from gaussray.reconstruct.initialize.surface_tracking import (
+    tracked_surface,
+    with_surface_velocities,
+)
 from gaussray.reconstruct.initialize.transients import initial_transients, starting_times
 from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
 from gaussray.reconstruct.optimize.optimizer import Parameters, shortest_lifetime
@@ -29,7 +38,8 @@ from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.runtime.devices import agreed
 from gaussray.runtime.progress import Progress
-from gaussray.scene.bodies import Bodies, body_of, extrapolate_bodies
+from gaussray.scene.bodies import Bodies, Poses, body_of, extrapolate_bodies
+from gaussray.scene.control_points import ControlPoints
 from gaussray.scene.deformation import Deformation, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 from gaussray.scene.harmonics import C0
@@ -154,11 +164,14 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
     """
     parameters, progress = state.parameters, replace(progress, planned=0)
     deformation, transient = parameters.deformation, parameters.transient
+    clouds, control = None, None
+    if session.options.fit.control and session.has_videos and len(session.times) > 1:
+        clouds, control = _followed(session, parameters)
     if session.options.fit.deforms:
-        deformation = _deformation(session, parameters, progress)
+        deformation = _deformation(session, parameters, progress, control)
     if session.options.fit.transient:
         moved = _unexplained(session, state) if session.still_first else None
-        transient = _transients(session, parameters, moved)
+        transient = _transients(session, parameters, moved, clouds)
         if moved is not None:
             progress = replace(progress, moved=moved.tile_counts())
             session.loader.sampler.see_moved(moved.tile_counts())
@@ -177,19 +190,44 @@ def _unexplained(session: Session, state: State) -> UnexplainedPixels:
     )
 
 
-def _transients(
-    session: Session, parameters: Parameters, moved: UnexplainedPixels | None
-) -> UnconstrainedTransients | None:
-    """Transient Gaussians on the points that stereo finds in what moves, with rows for those that
-    density control may add; None where it finds nothing."""
-    fit, density = session.options.fit, session.options.density
+def _reporter(session: Session, what: str) -> Callable[[int, int], None]:
+    """A function that shows the progress of a piece of work, whose total it learns when called."""
     bar: list[Progress] = []
 
     def report(done: int, total: int) -> None:
         if not bar:
-            bar.append(session.progress_bar("stereo of what moves", total))
+            bar.append(session.progress_bar(what, total))
         bar[0].report(done)
 
+    return report
+
+
+def _followed(
+    session: Session, parameters: Parameters
+) -> tuple[Sequence[MovingPoints], ControlPoints | None]:
+    """The points that stereo finds in what moves at each time, and the control points that follow
+    those of the first; None where these are too few. Velocities are those of the control points."""
+    held, fit = occupied(parameters.static), session.options.fit
+    clouds: Sequence[MovingPoints] = moving_points(
+        session.footage,
+        starting_times(session.times, fit.instants).tolist(),
+        known=np.asarray(parameters.static.mean)[held],
+        report=_reporter(session, "stereo of what moves"),
+    )
+    control = tracked_surface(clouds, seed=fit.seed, report=_reporter(session, "track"))
+    control = agreed(control)
+    return (clouds if control is None else with_surface_velocities(clouds, control)), control
+
+
+def _transients(
+    session: Session,
+    parameters: Parameters,
+    moved: UnexplainedPixels | None,
+    clouds: Sequence[MovingPoints] | None,
+) -> UnconstrainedTransients | None:
+    """Transient Gaussians on the points that stereo finds in what moves, with rows for those that
+    density control may add; None where it finds nothing."""
+    fit, density = session.options.fit, session.options.density
     held = occupied(parameters.static)
     first = initial_transients(
         session.footage,
@@ -199,7 +237,8 @@ def _transients(
         seed=fit.seed,
         known=np.asarray(parameters.static.mean)[held],
         moved=moved,
-        report=report,
+        clouds=clouds,
+        report=_reporter(session, "stereo of what moves"),
     )
     if not first.count:
         if moved is not None and not moved.tile_counts().any():
@@ -219,9 +258,10 @@ def _transients(
 
 
 def _deformation(
-    session: Session, parameters: Parameters, progress: RunProgress
+    session: Session, parameters: Parameters, progress: RunProgress, control: ControlPoints | None
 ) -> Deformation | None:
-    """Tracked rigid bodies, and a field that does nothing yet; None without moving Gaussians."""
+    """Control points or tracked rigid bodies, and a field that does nothing yet; None without
+    moving Gaussians."""
     field = session.options.field
     moving = take_rows(parameters.moving, np.flatnonzero(occupied(parameters.moving)))
     if not len(moving.mean):
@@ -240,8 +280,21 @@ def _deformation(
         instants=field.instants or max(len(session.times), 2),
         channels=field.channels,
     )
-    tracked = _tracked(session, constrain(moving), progress)
-    return initial_deformation(network_key, planes, tracked, width=field.width)
+    if session.options.fit.control:
+        nothing = np.zeros((0, 3), np.float32)
+        tracked = bodies(nothing, session.times)
+        control = None if control is None else _over_readouts(session, control)
+    else:
+        tracked = _over_readouts(session, _tracked(session, constrain(moving), progress))
+    return initial_deformation(network_key, planes, tracked, width=field.width, control=control)
+
+
+def _over_readouts(session: Session, tracked: Poses) -> Poses:
+    """Bodies or control points with poses for the whole of the first and the last readout."""
+    # Tracking finds a body where it is in the middle of a readout.
+    half = (session.cameras.earlier + session.cameras.later) / 2
+    middle = tracked.time + jnp.asarray(session.cameras.later - half, tracked.time.dtype)
+    return extrapolate_bodies(eqx.tree_at(lambda b: b.time, tracked, middle), half, half)
 
 
 def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodies:
@@ -259,7 +312,7 @@ def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodi
         surface = take_rows(moving, np.zeros(0, int))
     position = np.asarray(surface.mean)
     groups = bodies(position, times, known=None if known is None else (known.pivot, known.radius))
-    tracked = track(
+    return track(
         groups,
         MovingGaussians(
             np.asarray(body_of(groups, surface.mean)),
@@ -273,10 +326,6 @@ def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodi
         seed=session.options.fit.seed,
         report=session.progress_bar("track", len(times) - 1).report,
     )
-    # Tracking finds a body where it is in the middle of a readout.
-    half = (session.cameras.earlier + session.cameras.later) / 2
-    middle = tracked.time + jnp.asarray(session.cameras.later - half, tracked.time.dtype)
-    return extrapolate_bodies(eqx.tree_at(lambda b: b.time, tracked, middle), half, half)
 
 
 def _initial_surface(session: Session) -> Gaussians:

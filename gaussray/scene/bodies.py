@@ -1,10 +1,23 @@
 """Rigid bodies: a translation and a rotation over time for each."""
 
+from typing import Protocol, TypeVar
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from gaussray.geometry import inlined, normalize_quaternion, product
+
+
+class HasPoses(Protocol):
+    """Things with poses at timestamps: bodies or control points."""
+
+    time: Float[Array, " instants"]
+    path: Float[Array, "bodies instants 3"]
+    turn: Float[Array, "bodies instants 4"]
+
+
+Poses = TypeVar("Poses", bound=HasPoses)
 
 
 class Bodies(eqx.Module):
@@ -45,8 +58,9 @@ def bodies_at_rest(
     return Bodies(pivot, radius, time, jnp.zeros((count, instants, 3), pivot.dtype), turn)
 
 
-def extrapolate_bodies(bodies: Bodies, earlier: float, later: float) -> Bodies:
-    """The same bodies with one more pose before the first timestamp and one after the last.
+def extrapolate_bodies(bodies: Poses, earlier: float, later: float) -> Poses:
+    """The same bodies, or control points, with a pose before the first timestamp and one after the
+    last.
 
     There they move on at constant speed.
 
@@ -65,7 +79,7 @@ def extrapolate_bodies(bodies: Bodies, earlier: float, later: float) -> Bodies:
             pairs = [(x, n[:, None].astype(x.dtype)) for x, n in zip(values, onward, strict=True)]
             values = [jnp.concatenate(p if end else p[::-1], axis=1) for p in pairs]
     time, path, turn = values
-    return Bodies(bodies.pivot, bodies.radius, time[0], path, turn)
+    return eqx.tree_at(lambda b: (b.time, b.path, b.turn), bodies, (time[0], path, turn))
 
 
 @inlined
@@ -99,10 +113,27 @@ def body_pose_at(
         bodies: The bodies.
         time: In the capture's unit.
     """
-    share = _pose_weights(bodies.time, time)
-    path = product("t,btc->bc", share, bodies.path)
-    turn = product("t,btc->bc", share, bodies.turn)
-    return path, normalize_quaternion(turn)
+    return pose_at(bodies.time, bodies.path, bodies.turn, time)
+
+
+@inlined
+def pose_at(
+    knots: Float[Array, " instants"],
+    path: Float[Array, "bodies instants 3"],
+    turn: Float[Array, "bodies instants 4"],
+    time: Float[Array, ""],
+) -> tuple[Float[Array, "bodies 3"], Float[Array, "bodies 4"]]:
+    """Translation and rotation at a time, from those at timestamps (`body_pose_at`).
+
+    Args:
+        knots: The timestamps.
+        path: Translations at the timestamps, in scene units.
+        turn: Rotations at the timestamps (w, x, y, z), of any non-zero length.
+        time: In the capture's unit.
+    """
+    share = _pose_weights(knots, time)
+    shift = product("t,btc->bc", share, path)
+    return shift, normalize_quaternion(product("t,btc->bc", share, turn))
 
 
 def _pose_weights(

@@ -1,4 +1,7 @@
-"""The deformation field: features of position and time become residuals of the Gaussians."""
+"""The deformation: rigid bodies or control points, then a field.
+
+Features of position and time become residuals of the Gaussians.
+"""
 
 import equinox as eqx
 import jax
@@ -7,6 +10,7 @@ from jaxtyping import Array, Float, PRNGKeyArray
 
 from gaussray.geometry import multiply, normalize_quaternion, product, rotation_matrix
 from gaussray.scene.bodies import Bodies, body_of, body_pose_at
+from gaussray.scene.control_points import ControlPoints, control_motion
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import harmonic_basis
 from gaussray.scene.planes import Planes, features
@@ -60,7 +64,8 @@ class Layer(eqx.Module):
 
 
 class Deformation(eqx.Module):
-    """A deformation field (4DGaussians, 4D-GRT): rigid bodies, then residuals of a network.
+    """A deformation field (4DGaussians, 4D-GRT): rigid bodies or control points, then residuals of
+    a network.
 
     Args:
         bodies: Rigid bodies, which move first.
@@ -71,6 +76,8 @@ class Deformation(eqx.Module):
         scale: Head of the log scale.
         tint: Head of the logarithm of the colour.
         light: Spherical harmonics of degree 2 of the light on a surface, by its normal.
+        control: Control points, with which all Gaussians move first, instead of with bodies; None
+            if bodies do.
     """
 
     bodies: Bodies
@@ -81,11 +88,12 @@ class Deformation(eqx.Module):
     scale: tuple[Layer, Layer] | None
     tint: tuple[Layer, Layer] | None
     light: Float[Array, "9 3"]
+    control: ControlPoints | None = None
 
     @property
     def instants(self) -> Float[Array, " instants"]:
         """The timestamps at which the motion was sampled."""
-        return self.bodies.time
+        return self.bodies.time if self.control is None else self.control.time
 
     def __call__(self, gaussians: Gaussians, time: Float[Array, ""]) -> Gaussians:
         """The Gaussians at a time (`deform`)."""
@@ -106,7 +114,12 @@ def head_output(
 
 
 def initial_deformation(
-    key: PRNGKeyArray, planes: Planes, bodies: Bodies, *, width: int
+    key: PRNGKeyArray,
+    planes: Planes,
+    bodies: Bodies,
+    *,
+    width: int,
+    control: ControlPoints | None = None,
 ) -> Deformation:
     """A deformation field that is the identity: Xavier's uniform weights, last layers zero.
 
@@ -115,6 +128,7 @@ def initial_deformation(
         planes: The feature planes.
         bodies: The rigid bodies.
         width: Width of the network's layers.
+        control: The control points; None for none.
     """
     keys = iter(jax.random.split(key, 5))
     dtype = planes.lower.dtype
@@ -130,16 +144,16 @@ def initial_deformation(
 
     trunk = layer(planes.width, width)
     heads = head(3), head(4), head(3), head(3)
-    return Deformation(bodies, planes, trunk, *heads, jnp.zeros((9, 3), dtype))
+    return Deformation(bodies, planes, trunk, *heads, jnp.zeros((9, 3), dtype), control)
 
 
 def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""]) -> Gaussians:
     """Deform Gaussians: their state at a time.
 
-    Each Gaussian first moves with its rigid body; the heads then add residuals to mean, unit
-    quaternion and log scale. A body's pose is a few numbers that all pixels of the body determine:
-    a field alone, as in HexPlane, loses a body that moves by its own size and turns between two
-    timestamps.
+    Each Gaussian first moves with its rigid body, or with the control points around it; the heads
+    then add residuals to mean, unit quaternion and log scale. A body's pose is a few numbers that
+    all pixels of the body determine: a field alone, as in HexPlane, loses a body that moves by its
+    own size and turns between two timestamps.
 
     Args:
         gaussians: The Gaussians before deformation.
@@ -154,7 +168,10 @@ def deform(gaussians: Gaussians, deformation: Deformation, time: Float[Array, ""
     def residual(head: tuple[Layer, Layer] | None) -> Array:
         return jnp.zeros((), hidden.dtype) if head is None else head_output(head, hidden)
 
-    pivot, path, turn = _body_motion(deformation.bodies, position, time)
+    if deformation.control is not None:
+        pivot, (path, turn) = position, control_motion(deformation.control, position, time)
+    else:
+        pivot, path, turn = _body_motion(deformation.bodies, position, time)
     arm = product("nij,nj->ni", rotation_matrix(turn), gaussians.mean - pivot)
     rotated = multiply(turn, normalize_quaternion(gaussians.quat))
     # The disc's axis, outwards: the light on a surface depends on its normal.

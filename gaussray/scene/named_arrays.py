@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array
 
 from gaussray.scene.bodies import Bodies
+from gaussray.scene.control_points import ControlPoints
 from gaussray.scene.deformation import HEADS, Deformation, Layer
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.planes import Planes
@@ -113,6 +114,9 @@ def deformation_from(
 
     names = ("pivot", "radius", "time", "path", "turn")
     bodies = Bodies(*(_array(array, f"{prefix}.bodies.{name}", path) for name in names))
+    control = None
+    if f"{prefix}.control.pivot" in array:
+        control = ControlPoints(*(_array(array, f"{prefix}.control.{n}", path) for n in names))
     return Deformation(
         bodies,
         _planes(array, f"{prefix}.planes", path),
@@ -122,6 +126,7 @@ def deformation_from(
         scale=head("scale"),
         tint=head("tint"),
         light=_array(array, f"{prefix}.light", path),
+        control=control,
     )
 
 

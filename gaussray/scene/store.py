@@ -23,6 +23,9 @@ segment i have the names that they would have in a file of their own, after the 
 Version 5 is version 3 for scenes with transient Gaussians, whose arrays are transient.mean,
 transient.velocity, transient.quat, transient.scale, transient.opacity, transient.harmonics,
 transient.instant, transient.lifetime and transient.plateau.
+
+Version 6 is version 3 for scenes with control points, deformation.control.{pivot,radius,time,path,
+turn}, with or without transient Gaussians.
 """
 
 from collections.abc import Sequence
@@ -33,7 +36,7 @@ import numpy as np
 
 from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.compression import compress_arrays, restore_arrays
-from gaussray.scene.deformation import HEADS
+from gaussray.scene.deformation import HEADS, Deformation
 from gaussray.scene.named_arrays import named_arrays, scene_from
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene
@@ -42,8 +45,10 @@ from gaussray.scene.segmented import Clip, segments_of
 
 FORMAT = "gaussray-scene"
 # A scene is written in the lowest version that can hold it.
-_VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT = 1, 2, 3, 4, 5
-VERSIONS = _VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT
+_VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT, CONTROL = 1, 2, 3, 4, 5, 6
+VERSIONS = _VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT, CONTROL
+# Versions whose header lists the arrays.
+_LISTS = LISTED, TRANSIENT, CONTROL
 # How arrays are stored: full keeps every bit, compact quantises (`compression`).
 PRECISIONS = ("full", "compact")
 
@@ -131,14 +136,16 @@ def _contents(
     if precision == "compact":
         codes, array = compress_arrays(array)
     header: dict[str, Any] = {"format": FORMAT, "version": _version(scene), "info": info}
-    if codes or header["version"] in (LISTED, TRANSIENT):
-        version = TRANSIENT if header["version"] == TRANSIENT else LISTED
+    if codes or header["version"] in _LISTS:
+        version = header["version"] if header["version"] in _LISTS else LISTED
         header |= {"version": version, "arrays": sorted(array), "codes": codes}
     return header, array
 
 
 def _version(scene: Scene) -> int:
     deformation = scene.deformation
+    if isinstance(deformation, Deformation) and deformation.control is not None:
+        return CONTROL
     if scene.transient is not None:
         return TRANSIENT
     if isinstance(deformation, ResidualField):
@@ -151,7 +158,7 @@ def _version(scene: Scene) -> int:
 
 def _scene(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> Scene:
     """The scene in a file."""
-    if header["version"] not in (LISTED, TRANSIENT):
+    if header["version"] not in _LISTS:
         return scene_from(array, path, residuals=header["version"] == RESIDUALS)
     entries, codes = header.get("arrays"), header.get("codes")
     if not isinstance(entries, list) or not isinstance(codes, dict):
@@ -168,7 +175,7 @@ def _scene(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> 
 def _clip(header: dict[str, Any], array: dict[str, np.ndarray], path: Path) -> Clip:
     """The clip in a file."""
     entries = header.get("segments")
-    versions = _VERSION, RESIDUALS, LISTED, TRANSIENT
+    versions = _VERSION, RESIDUALS, *_LISTS
     if not isinstance(entries, list) or not all(
         isinstance(part, dict) and part.get("version") in versions for part in entries
     ):

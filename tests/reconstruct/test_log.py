@@ -83,6 +83,7 @@ def test_a_folder_that_has_gone_is_told(tmp_path, state):
         ("deformation.mean[0].bias", "optimizer.network"),
         ("deformation.mean[1].bias", "optimizer.motion"),
         ("deformation.bodies.turn", "optimizer.turn"),
+        ("deformation.control.turn", "optimizer.control_turn"),
     ],
 )
 def test_a_parameter_that_is_not_finite_is_named_with_the_rate_to_lower(tmp_path, name, key):

@@ -1,6 +1,6 @@
 """The first transient Gaussians: on points that stereo finds in what moves, at many times."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -49,6 +49,7 @@ def initial_transients(
     seed: int,
     known: Float[np.ndarray, "known 3"] | None = None,
     moved: MovingPixels | None = None,
+    clouds: Sequence[MovingPoints] | None = None,
     report: Callable[[int, int], object] = lambda done, total: None,
 ) -> Transients:
     """Transient Gaussians on the moving points of several times, moving as stereo says.
@@ -64,12 +65,14 @@ def initial_transients(
         seed: of the choice of points.
         known: points of what stands still; they narrow the distances down.
         moved: which pixels of a frame move (`moving_points`).
+        clouds: the moving points of the times, if they are known; None looks for them.
         report: called with the work done and its total.
 
     Returns:
         The Gaussians; none if no two cameras show that anything moves.
     """
-    clouds = moving_points(footage, times.tolist(), moved=moved, known=known, report=report)
+    if clouds is None:
+        clouds = moving_points(footage, times.tolist(), moved=moved, known=known, report=report)
     total = sum(len(cloud.points.position) for cloud in clouds)
     dice = np.random.default_rng([seed, 2])
     share = min(1.0, count / max(total, 1))

@@ -27,7 +27,7 @@ _SECOND_DECAY = 0.999
 ADAM = optax.scale_by_adam(b2=_SECOND_DECAY, eps=1e-15)
 
 
-_BODY_FIELDS = ("pivot", "radius", "time", "path", "turn")
+_POSE_FIELDS = ("pivot", "radius", "time", "path", "turn")
 
 
 class Parameters(eqx.Module):
@@ -110,6 +110,8 @@ class OptimizerOptions(eqx.Module):
         lifetime: logarithms of lifetimes of transient Gaussians.
         path: paths of rigid bodies, in extents.
         turn: rotations of rigid bodies, as quaternions.
+        control_path: paths of control points, in extents.
+        control_turn: rotations of control points, as quaternions.
         light: light on surfaces by the direction of their normals.
         planes: feature planes of the deformation (4DGaussians: 1.6e-3).
         network: network of the deformation (4DGaussians: 1.6e-4).
@@ -137,6 +139,8 @@ class OptimizerOptions(eqx.Module):
     lifetime: float = eqx.field(static=True, default=2e-2)
     path: float = eqx.field(static=True, default=6e-3)
     turn: float = eqx.field(static=True, default=3e-2)
+    control_path: float = eqx.field(static=True, default=2e-4)
+    control_turn: float = eqx.field(static=True, default=1e-3)
     light: float = eqx.field(static=True, default=2e-2)
     planes: float = eqx.field(static=True, default=1e-2)
     network: float = eqx.field(static=True, default=1e-3)
@@ -151,21 +155,10 @@ class OptimizerOptions(eqx.Module):
 
     def __check_init__(self):
         for name in (
-            "mean",
-            "quat",
-            "scale",
-            "opacity",
-            "color",
-            "harmonics",
-            "velocity",
-            "instant",
-            "lifetime",
-            "path",
-            "turn",
-            "light",
-            "planes",
-            "network",
-            "motion",
+            *("mean", "quat", "scale", "opacity", "color", "harmonics"),
+            *("velocity", "instant", "lifetime"),
+            *("path", "turn", "control_path", "control_turn"),
+            *("light", "planes", "network", "motion"),
             *REFINABLE,
         ):
             if getattr(self, name) < 0:
@@ -238,13 +231,18 @@ def rates(
         planes = jax.tree.map(lambda _: options.planes * fall, parameters.deformation.planes)
         fixed = (jnp.zeros_like(fall),) * 4
         planes = eqx.tree_at(lambda p: (p.lower, p.upper, p.begin, p.end), planes, fixed)
-        bodies = (fixed[0],) * 3 + (options.path * extent * fall, options.turn * fall)
         deformation = eqx.tree_at(
-            lambda d: (d.planes, *(getattr(d.bodies, name) for name in _BODY_FIELDS)),
-            deformation,
-            (planes, *bodies),
+            lambda d: (d.planes, d.light), deformation, (planes, options.light * fall)
         )
-        deformation = eqx.tree_at(lambda d: d.light, deformation, options.light * fall)
+        poses = {"bodies": (options.path, options.turn)}
+        if parameters.deformation.control is not None:
+            poses["control"] = options.control_path, options.control_turn
+        for part, (path, turn) in poses.items():
+            deformation = eqx.tree_at(
+                lambda d, part=part: tuple(getattr(getattr(d, part), n) for n in _POSE_FIELDS),
+                deformation,
+                (*fixed[:3], path * extent * fall, turn * fall),
+            )
         if parameters.deformation.mean is not None:
             motion = options.motion * extent * fall
             deformation = eqx.tree_at(

@@ -38,12 +38,16 @@ def with_rows(gaussians: Kind, rows: int) -> Kind:
         gaussians: the Gaussians, in unconstrained values.
         rows: rows of the new arrays, at least as many as there are.
     """
-    missing = rows - gaussians.logit_opacity.shape[0]
+    held = gaussians.logit_opacity.shape[0]
+    missing = rows - held
     empty = jax.tree.map(lambda x: jnp.zeros((missing, *x.shape[1:]), x.dtype), gaussians)
+    # At places of the others: a field that all empty rows read at one place would wait for the
+    # gradients of all of them to be added up there.
+    place = gaussians.mean[jnp.arange(missing) % held] if held else empty.mean
     empty = eqx.tree_at(
-        lambda g: (g.quat, g.logit_opacity),
+        lambda g: (g.mean, g.quat, g.logit_opacity),
         empty,
-        (empty.quat.at[:, 0].set(1), jnp.full_like(empty.logit_opacity, EMPTY)),
+        (place, empty.quat.at[:, 0].set(1), jnp.full_like(empty.logit_opacity, EMPTY)),
     )
     return jax.tree.map(lambda a, b: jnp.concatenate([a, b]), gaussians, empty)
 

@@ -235,8 +235,7 @@ def rigid(
 ) -> tuple[Float[Array, "4"], Float[Array, "3"]]:
     """Rotation (quaternion) about the origin and displacement that best take points to others.
 
-    Weighted least squares: the quaternion is the eigenvector of the largest eigenvalue of Horn's
-    matrix (1987), found by squaring it.
+    Weighted least squares (`best_rotation`).
 
     Args:
         source: the points before they move.
@@ -246,24 +245,41 @@ def rigid(
     weight = weight / jnp.sum(weight)
     middle, goal = (jnp.sum(weight[:, None] * x, axis=0) for x in (source, target))
     s = product("ni,nj->ij", weight[:, None] * (source - middle[None]), target - goal[None])
-    trace = jnp.trace(s)
-    side = jnp.stack([s[1, 2] - s[2, 1], s[2, 0] - s[0, 2], s[0, 1] - s[1, 0]])
-    body = s + s.T - trace * jnp.eye(3, dtype=s.dtype)
-    horn = jnp.concatenate(
+    quat = best_rotation(s)
+    return quat, goal - product("ij,j->i", rotation_matrix(quat), middle)
+
+
+def best_rotation(spread: Float[Array, "*n 3 3"]) -> Float[Array, "*n 4"]:
+    """The rotation that best takes vectors a to vectors b, of their moments sum(a b^T).
+
+    The quaternion is the eigenvector of the largest eigenvalue of Horn's matrix (1987), found by
+    squaring it. Without vectors it is the identity.
+
+    Args:
+        spread: the moments, a first.
+    """
+    s = spread
+    trace = s[..., 0, 0] + s[..., 1, 1] + s[..., 2, 2]
+    side = jnp.stack(
         [
-            jnp.concatenate([trace[None], side])[None],
-            jnp.concatenate([side[:, None], body], axis=1),
-        ]
+            s[..., 1, 2] - s[..., 2, 1],
+            s[..., 2, 0] - s[..., 0, 2],
+            s[..., 0, 1] - s[..., 1, 0],
+        ],
+        axis=-1,
     )
+    body = s + jnp.swapaxes(s, -1, -2) - trace[..., None, None] * jnp.eye(3, dtype=s.dtype)
+    top = jnp.concatenate([trace[..., None], side], axis=-1)[..., None, :]
+    horn = jnp.concatenate([top, jnp.concatenate([side[..., None], body], axis=-1)], axis=-2)
     # All eigenvalues are at most the Frobenius norm in size: shifted by it, none is negative.
-    norm = jnp.sqrt(jnp.sum(horn**2)) + 1e-30
+    norm = jnp.sqrt(jnp.sum(horn**2, axis=(-2, -1), keepdims=True)) + 1e-30
     power = horn / norm + jnp.eye(4, dtype=s.dtype)
     for _ in range(12):
-        power = product("ij,jk->ik", power, power)
-        power = power / jnp.max(jnp.abs(power))
-    longest = jnp.argmax(jnp.sum(power**2, axis=0))
-    quat = normalize_quaternion(power[:, longest])
-    return quat, goal - product("ij,j->i", rotation_matrix(quat), middle)
+        power = product("...ij,...jk->...ik", power, power)
+        power = power / jnp.max(jnp.abs(power), axis=(-2, -1), keepdims=True)
+    longest = jnp.argmax(jnp.sum(power**2, axis=-2), axis=-1)
+    column = jnp.take_along_axis(power, longest[..., None, None], axis=-1)[..., 0]
+    return normalize_quaternion(column)
 
 
 def _point_motion(here, there, position, quat, shift, pivot, score, options):

@@ -1,0 +1,82 @@
+"""Control points: poses of places on a soft surface, which Gaussians nearby follow."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from gaussray.geometry import inlined, normalize_quaternion, product, rotation_matrix
+from gaussray.scene.bodies import pose_at
+
+
+# Columns of the table that is blended: displacement of the origin, rotation less the identity,
+# quaternion.
+_WIDTH = 3 + 9 + 4
+
+
+class ControlPoints(eqx.Module):
+    """Poses of control points at the timestamps of a capture.
+
+    A Gaussian moves with the control points near its place at the first timestamp: the average of
+    their rigid motions, weighted by exp(-d^2 / (2 radius^2)) of the distances d (linear blend
+    skinning; sparse control points, Huang et al. 2024). Far from all, the nearest one decides.
+
+    Args:
+        pivot: Place of each control point at the first timestamp, in scene units.
+        radius: Width of the weights of each, in scene units, above 0.
+        time: The timestamps.
+        path: Translation of each control point at each timestamp, in scene units.
+        turn: Rotation about the pivot (w, x, y, z) at each timestamp, of any non-zero length;
+            those of neighbours are averaged, so they lie in one half of the unit sphere.
+    """
+
+    pivot: Float[Array, "points 3"]
+    radius: Float[Array, " points"]
+    time: Float[Array, " instants"]
+    path: Float[Array, "points instants 3"]
+    turn: Float[Array, "points instants 4"]
+
+
+@inlined
+def control_weights(
+    points: ControlPoints, position: Float[Array, "gaussians 3"]
+) -> Float[Array, "gaussians points"]:
+    """Weight of every control point for every Gaussian; those of a Gaussian sum to 1.
+
+    Args:
+        points: The control points, at least one.
+        position: Centres of the Gaussians at the first timestamp, in scene units.
+    """
+    # From the middle of the points, so that the difference of squares keeps its digits.
+    middle = jnp.mean(points.pivot, axis=0)[None]
+    place, pivot = position - middle, points.pivot - middle
+    square = jnp.sum(place**2, axis=1)[:, None] + jnp.sum(pivot**2, axis=1)[None]
+    square = jnp.maximum(square - 2 * product("nd,md->nm", place, pivot), 0)
+    return jax.nn.softmax(-square / (2 * points.radius**2)[None], axis=1)
+
+
+@inlined
+def control_motion(
+    points: ControlPoints, position: Float[Array, "gaussians 3"], time: Float[Array, ""]
+) -> tuple[Float[Array, "gaussians 3"], Float[Array, "gaussians 4"]]:
+    """Displacement and rotation (a unit quaternion) of every Gaussian at a time.
+
+    Between the timestamps, poses are interpolated as those of rigid bodies (`bodies.pose_at`).
+
+    Args:
+        points: The control points, at least one.
+        position: Centres of the Gaussians at the first timestamp, in scene units. No gradient
+            reaches them.
+        time: In the capture's unit.
+    """
+    position = jax.lax.stop_gradient(position)
+    path, turn = pose_at(points.time, points.path, points.turn, time)
+    rotation = rotation_matrix(turn)
+    change = rotation - jnp.eye(3, dtype=rotation.dtype)[None]
+    # A place x goes to x + path + (R - 1) (x - pivot).
+    middle = jnp.mean(points.pivot, axis=0)
+    shift = path - product("mij,mj->mi", change, points.pivot - middle[None])
+    table = jnp.concatenate([shift, change.reshape(-1, 9), turn], axis=1)
+    blend = product("nm,mc->nc", control_weights(points, position), table)
+    turned = product("nij,nj->ni", blend[:, 3:12].reshape(-1, 3, 3), position - middle[None])
+    return blend[:, :3] + turned, normalize_quaternion(blend[:, 12:_WIDTH])
