@@ -24,6 +24,7 @@ from gaussray.reconstruct.simplify.prune import NeedOptions
 from gaussray.render.dataset import render_dataset
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.bodies import bodies_at_rest
+from gaussray.scene.control_points import ControlPoints
 from gaussray.scene.deformation import Deformation, FieldOptions, Layer, deform, initial_deformation
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0, constant_harmonics
@@ -71,7 +72,27 @@ def gaussians(mean, scale, color, opacity=0.9) -> Gaussians:
     return Gaussians(*parts, constant_harmonics(single(color), 0))
 
 
-def deformation(*, seed: int = 0, speed: float = 0.0, instants: int = 3) -> Deformation:
+def control_points(instants: int = 3) -> ControlPoints:
+    """Three control points that move along +x and turn about +z, each faster than the last."""
+    times = jnp.linspace(0, 1, instants, dtype=jnp.float32)
+    speed = single([0.3, 0.5, 0.7])[:, None] * times[None]
+    zero = jnp.zeros_like(speed)
+    return ControlPoints(
+        pivot=single([[-0.5, 0, 0], [0, 0.5, 0], [0.5, 0, 0]]),
+        radius=single([0.5, 0.4, 0.3]),
+        time=times,
+        path=jnp.stack([speed, zero, zero], axis=-1),
+        turn=jnp.stack([jnp.cos(speed), zero, zero, jnp.sin(speed)], axis=-1),
+    )
+
+
+def deformation(
+    *,
+    seed: int = 0,
+    speed: float = 0.0,
+    instants: int = 3,
+    control: ControlPoints | None = None,
+) -> Deformation:
     """A small field that leaves everything where it is at first and then moves it along +x, faster
     and faster, by `speed` in all for what stands at the origin."""
     planes = initial_planes(
@@ -80,7 +101,8 @@ def deformation(*, seed: int = 0, speed: float = 0.0, instants: int = 3) -> Defo
     )  # fmt: skip
     times = jnp.linspace(0, 1, instants, dtype=jnp.float32)
     bodies = bodies_at_rest(jnp.zeros((1, 3), jnp.float32), jnp.ones(1, jnp.float32), times)
-    field = initial_deformation(jax.random.key(seed + 1), planes, bodies, width=8)
+    key = jax.random.key(seed + 1)
+    field = initial_deformation(key, planes, bodies, width=8, control=control)
     if not speed:
         return field
     ramp = jnp.linspace(1.0, 4.0, instants, dtype=jnp.float32)[None, :, None, None]

@@ -1,6 +1,6 @@
 """Rigid bodies: a translation and a rotation over time for each."""
 
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,12 +9,16 @@ from jaxtyping import Array, Float, Int
 from gaussray.geometry import inlined, normalize_quaternion, product
 
 
+@runtime_checkable
 class HasPoses(Protocol):
     """Things with poses at timestamps: bodies or control points."""
 
-    time: Float[Array, " instants"]
-    path: Float[Array, "bodies instants 3"]
-    turn: Float[Array, "bodies instants 4"]
+    @property
+    def time(self) -> Float[Array, " instants"]: ...
+    @property
+    def path(self) -> Float[Array, "bodies instants 3"]: ...
+    @property
+    def turn(self) -> Float[Array, "bodies instants 4"]: ...
 
 
 Poses = TypeVar("Poses", bound=HasPoses)

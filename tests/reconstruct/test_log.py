@@ -88,7 +88,7 @@ def test_a_folder_that_has_gone_is_told(tmp_path, state):
 )
 def test_a_parameter_that_is_not_finite_is_named_with_the_rate_to_lower(tmp_path, name, key):
     free = unconstrain(toy.gaussians(np.zeros((2, 3)), 0.1, 0.5))
-    before = begin_state(Parameters(free, free, toy.deformation()))
+    before = begin_state(Parameters(free, free, toy.deformation(control=toy.control_points())))
 
     def place(state):
         node = state.parameters

@@ -14,7 +14,7 @@ import toy
 from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.formats.gaussian_folder import read_model
 from gaussray.scene.named_arrays import named_arrays
-from gaussray.scene.scene import Scene
+from gaussray.scene.scene import Scene, at
 from gaussray.scene.store import load_scene, save_scene
 
 
@@ -53,6 +53,25 @@ def test_the_documented_names_are_the_names(path):
     assert {"static.mean", "moving.harmonics", "time_range", "deformation.planes.space.0",
             "deformation.planes.begin", "deformation.trunk.weight",
             "deformation.rotation.1.bias"} <= set(array)  # fmt: skip
+
+
+@pytest.mark.parametrize("precision", ["full", "compact"])
+def test_round_trip_with_control_points_needs_version_6(tmp_path, precision):
+    scene = toy.scene(speed=0.4)
+    field = toy.deformation(speed=0.4, control=toy.control_points())
+    scene = dataclasses.replace(scene, deformation=field)
+    save_scene(tmp_path / "scene.npz", scene, precision=precision)
+    loaded = load_scene(tmp_path)
+    same(loaded.deformation.control, field.control)
+    header, array = read_arrays(tmp_path / "scene.npz", "gaussray-scene", 6)
+    assert header["version"] == 6
+    assert {f"deformation.control.{x}" for x in ("pivot", "path", "turn")} <= set(array)
+    # Rounded Gaussians are where they were at every time.
+    for time in (0.0, 0.3, 1.0):
+        there, here = (at(s, toy.single(time)).mean for s in (scene, loaded))
+        np.testing.assert_allclose(
+            np.sort(here, axis=0), np.sort(there, axis=0), atol=0 if precision == "full" else 1e-2
+        )
 
 
 def residual_scene(folder, *, encoded=False, **how):

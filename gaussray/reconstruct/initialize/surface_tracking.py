@@ -145,10 +145,13 @@ def tracked_surface(
             turns.append(turns[-1])
         else:
             target = _cloud((there - middle) / gap, shade, options.target, dice)
-            moved, turned = _registered(surface, target, jnp.asarray(start), turn, options)
-            places.append(np.asarray(moved))
-            flip = np.sum(np.asarray(turned) * turns[-1], axis=1, keepdims=True) < 0
-            turns.append(np.where(flip, -np.asarray(turned), np.asarray(turned)))
+            motion = _registered(surface, target, jnp.asarray(start), turn, options)
+            moved, turned = (np.asarray(x) for x in motion)
+            found = np.isfinite(moved).all() and np.isfinite(turned).all()
+            places.append(moved if found else places[-1])
+            turned = turned if found else turns[-1]
+            flip = np.sum(turned * turns[-1], axis=1, keepdims=True) < 0
+            turns.append(np.where(flip, -turned, turned))
         turn = jnp.asarray(turns[-1])
         report(k, len(clouds) - 1)
     path = gap * (np.stack(places, axis=1) - places[0][:, None])
@@ -258,10 +261,10 @@ def _registered(
     options: SurfaceOptions,
 ) -> tuple[Float[Array, "control 3"], Float[Array, "control 4"]]:
     """Places and rotations of the control points at another time, from a guess of both."""
-    count, (a, b) = len(surface.pivot), surface.edge
+    count, (a, b), dtype = len(surface.pivot), surface.edge, surface.pivot.dtype
     rows = jnp.arange(len(surface.position))[:, None]
-    hold = jnp.zeros((len(rows), count)).at[rows, surface.near].add(surface.weight)
-    stiffness = jnp.zeros((count, count))
+    hold = jnp.zeros((len(rows), count), dtype).at[rows, surface.near].add(surface.weight)
+    stiffness = jnp.zeros((count, count), dtype)
     for x, y, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
         stiffness = stiffness.at[x, y].add(sign * surface.strength)
     rest = surface.pivot[b] - surface.pivot[a]
@@ -295,12 +298,13 @@ def _registered(
         pull = jnp.zeros_like(place).at[b].add(push).at[a].add(-push)
         heavy = hold * weight[:, None]
         matrix = product("nc,nd->cd", heavy, hold) + stiff * stiffness
-        # Control points that nothing pulls at stay.
-        matrix = matrix + 1e-5 * jnp.eye(count)
-        side = product("nc,ni->ci", heavy, goal - arms(turn)) + stiff * pull + 1e-5 * place
+        # Control points that nothing pulls at stay; single precision needs so much of it.
+        stay = 1e-4 * (1 + stiff)
+        matrix = matrix + stay * jnp.eye(count, dtype=dtype)
+        side = product("nc,ni->ci", heavy, goal - arms(turn)) + stiff * pull + stay * place
         place = jax.scipy.linalg.solve(matrix, side, assume_a="pos")
         spans = surface.strength[:, None, None] * rest[:, :, None] * (place[b] - place[a])[:, None]
-        return place, best_rotation(jnp.zeros((count, 3, 3)).at[a].add(spans))
+        return place, best_rotation(jnp.zeros((count, 3, 3), dtype).at[a].add(spans))
 
     def one_round(motion, sizes):
         width, stiff = sizes
@@ -309,7 +313,7 @@ def _registered(
             motion = solved(*motion, weight, goal, stiff)
         return motion, None
 
-    sizes = [jnp.geomspace(*x, options.rounds) for x in (options.width, options.stiff)]
+    sizes = [jnp.geomspace(*x, options.rounds, dtype=dtype) for x in (options.width, options.stiff)]
     motion, _ = jax.lax.scan(one_round, (place, turn), tuple(sizes))
     return motion
 

@@ -268,12 +268,13 @@ def best_rotation(spread: Float[Array, "*n 3 3"]) -> Float[Array, "*n 4"]:
         ],
         axis=-1,
     )
-    body = s + jnp.swapaxes(s, -1, -2) - trace[..., None, None] * jnp.eye(3, dtype=s.dtype)
+    identity = jnp.broadcast_to(jnp.eye(3, dtype=s.dtype), s.shape)
+    body = s + jnp.swapaxes(s, -1, -2) - trace[..., None, None] * identity
     top = jnp.concatenate([trace[..., None], side], axis=-1)[..., None, :]
     horn = jnp.concatenate([top, jnp.concatenate([side[..., None], body], axis=-1)], axis=-2)
     # All eigenvalues are at most the Frobenius norm in size: shifted by it, none is negative.
     norm = jnp.sqrt(jnp.sum(horn**2, axis=(-2, -1), keepdims=True)) + 1e-30
-    power = horn / norm + jnp.eye(4, dtype=s.dtype)
+    power = horn / norm + jnp.broadcast_to(jnp.eye(4, dtype=s.dtype), horn.shape)
     for _ in range(12):
         power = product("...ij,...jk->...ik", power, power)
         power = power / jnp.max(jnp.abs(power), axis=(-2, -1), keepdims=True)
