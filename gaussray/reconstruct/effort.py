@@ -31,6 +31,8 @@ T = TypeVar("T", bound=eqx.Module)
 
 # Steps of each stage of rigid bodies on a GPU (fit=full); on a CPU those of fit=default.
 _BODIES_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6, motion="deformation")
+# The largest number of Gaussians with bodies, unless more points are there from the start.
+_MOST_BODIES = 200_000
 # Learning rates for the tens of thousands of steps that a GPU takes in minutes.
 _SLOW = OptimizerOptions(
     mean=5e-4,
@@ -118,7 +120,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         alone = machine.gpu and _still_cameras(views) < 2
         chosen = _field(pixels, machine) if alone else _bodies(machine, options.track)
     else:
-        chosen = _brief(pixels, machine)
+        chosen = _brief(pixels, machine, names[0])
     steps = options.fit.coarse, options.fit.fine
     options = with_defaults(options, chosen)
     if steps != (FitOptions().coarse, FitOptions().fine) or not chosen.fit.minutes:
@@ -163,8 +165,9 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     Rigid bodies are found by cameras that stand still, on surface points: given ones, or those of
     stereo. Whether stereo has found enough of them, only a trial tells that can spare a camera
     (`motion_trial.CAMERAS`). On a GPU there is time to try whether they are better than
-    transient Gaussians. These need at least two cameras that stand still, or mostly two pictures of
-    a time; without, there is the deformation field.
+    transient Gaussians, which as many cameras help to follow surfaces (control points). These need
+    at least two cameras that stand still, or mostly two pictures of a time; without, there is the
+    deformation field.
 
     Args:
         capture: the capture, of which training views and points count.
@@ -177,10 +180,13 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     still = _still_cameras(views)
     if still >= 2:
         points = capture.points if fit.start in ("auto", "given") else None
-        if points is not None and len(points.position) >= fit.points:
-            return ("deformation", "transient") if machine.gpu else ("deformation",)
-        stereo = fit.start in ("auto", "stereo") and still >= CAMERAS
-        return ("transient", "deformation") if machine.gpu and stereo else ("transient",)
+        given = points is not None and len(points.position) >= fit.points
+        several = machine.gpu and still >= CAMERAS
+        stereo = fit.start in ("auto", "stereo")
+        brief = "control_points" if several and (given or stereo) else "transient"
+        if given:
+            return ("deformation", brief) if machine.gpu else ("deformation",)
+        return (brief, "deformation") if several and stereo else (brief,)
     _, at_once = np.unique([view.time for view in views], return_counts=True)
     several = 2 * int(np.sum(at_once >= 2)) > len(at_once)
     return ("transient",) if several else ("deformation",)
@@ -226,8 +232,8 @@ def _still(pixels: float, machine: Machine) -> ReconstructOptions:
     )
 
 
-def _brief(pixels: float, machine: Machine) -> ReconstructOptions:
-    """For motion of any kind: transient Gaussians, with relocation and SSIM."""
+def _brief(pixels: float, machine: Machine, motion: str) -> ReconstructOptions:
+    """For motion of any kind: transient Gaussians (fit.motion), with relocation and SSIM."""
     low, high = (100_000, 1_000_000) if machine.gpu else (30_000, 60_000)
     gaussians = int(np.clip(pixels / 85, low, high))
     larger = float(np.clip(math.sqrt(pixels / machine.pixels), 1.0, 4.0))
@@ -240,7 +246,7 @@ def _brief(pixels: float, machine: Machine) -> ReconstructOptions:
             degree=2 if machine.gpu else 0,
             rise=1000 if machine.gpu else 0,
             opacity=0.5,
-            motion="transient",
+            motion=motion,
             points=gaussians // 4,
             instants=machine.instants,
         ),
@@ -268,7 +274,7 @@ def _bodies(machine: Machine, track: TrackOptions) -> ReconstructOptions:
         return ReconstructOptions(fit=FitOptions(motion="deformation"))
     return ReconstructOptions(
         fit=_BODIES_GPU,
-        density=DensityOptions(interval=100, growth=8.0),
+        density=DensityOptions(interval=100, growth=8.0, gaussians=_MOST_BODIES),
         trace=TraceOptions(levels=0, transmittance_min=1e-3),
         track=TrackOptions(poses=512, elite=40) if track == TrackOptions() else track,
     )
@@ -277,8 +283,8 @@ def _bodies(machine: Machine, track: TrackOptions) -> ReconstructOptions:
 def _field(pixels: float, machine: Machine) -> ReconstructOptions:
     """For a camera that moves alone, on a GPU: a deformation field of Gaussians that all times
     share."""
-    brief = _brief(pixels, machine)
-    return replace(brief, fit=replace(brief.fit, motion="deformation", coarse=3000))
+    brief = _brief(pixels, machine, "deformation")
+    return replace(brief, fit=replace(brief.fit, coarse=3000))
 
 
 def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, still: bool) -> str:

@@ -190,8 +190,14 @@ def test_points_on_surfaces_let_rigid_bodies_be_found():
 def test_stereo_between_many_cameras_lets_a_gpu_try_rigid_bodies(cameras, start, machine, tried):
     options = ReconstructOptions(fit=FitOptions(start=start))
     chosen = effort(from_places(cameras), options, machine)
-    assert chosen.options.fit.motion == "transient"
-    assert chosen.rivals == (("transient", "deformation") if tried else ())
+    brief = "control_points" if tried else "transient"
+    assert chosen.options.fit.motion == brief and chosen.options.density.relocates
+    assert chosen.rivals == ((brief, "deformation") if tried else ())
+    # Given points change which is likelier.
+    many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
+    given = effort(from_places(cameras, many), ReconstructOptions(), machine)
+    rival = "control_points" if cameras >= 5 else "transient"
+    assert given.rivals == (("deformation", rival) if machine.gpu else ())
 
 
 def test_a_fixed_plan_never_changes():

@@ -1,4 +1,4 @@
-"""fit.motion=transient: what moves is learnt as transient Gaussians; a run can be interrupted."""
+"""fit.motion=transient and control_points: what moves is learnt; a run can be interrupted."""
 
 import contextlib
 import itertools
@@ -15,6 +15,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.reconstruct import start
+from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
+from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.options import FitOptions
@@ -74,6 +76,13 @@ def arrays(out):
         return {name: file[name] for name in file.files}
 
 
+def same_bytes(one, two):
+    first, second = arrays(one), arrays(two)
+    assert first.keys() == second.keys()
+    for name, array in first.items():
+        assert_array_equal(array, second[name], err_msg=name)
+
+
 @contextlib.contextmanager
 def stopped_after(monkeypatch, name, calls):
     """A run is interrupted after so many calls of this method of its log."""
@@ -110,10 +119,7 @@ def test_what_moves_is_learnt_and_an_interrupted_run_goes_on_to_the_same_bytes(
     with pytest.raises(KeyboardInterrupt), stopped_after(monkeypatch, "record", 4):
         reconstruct(capture, two, options=OPTIONS, quiet=True)
     reconstruct(capture, two, options=OPTIONS, resume=True, quiet=True)
-    first, second = arrays(one), arrays(two)
-    assert first.keys() == second.keys()
-    for name, array in first.items():
-        assert_array_equal(array, second[name], err_msg=name)
+    same_bytes(one, two)
 
 
 @pytest.fixture(scope="module")
@@ -163,3 +169,60 @@ def test_where_stereo_finds_nothing_a_warning_says_what_to_do(capture, tmp_path,
         scene = reconstruct(capture, tmp_path, options=few, quiet=True)
     assert scene.transient is None and scene.deformation is None
     assert_allclose(scene.time_range, capture.time_range)
+
+
+CONTROL = replace(OPTIONS, fit=replace(FIT, fine=60, motion="control_points"))
+# Bodies of radius 0.15 are followed to a third of it.
+NEAR = 0.05
+
+
+def around_bodies(footage, times, **_):
+    """Points on balls where the two bodies of the toy are at every time, others at each."""
+    scene, clouds = toy.scene(), []
+    for k, time in enumerate(times):
+        dice = np.random.default_rng(k)
+        out = dice.normal(size=(2, 150, 3))
+        out /= np.linalg.norm(out, axis=-1, keepdims=True)
+        center = np.asarray(at(scene, toy.single(time)).mean)[25:, None]
+        position = (center + 0.15 * out).reshape(-1, 3).astype(np.float32)
+        color = (0.5 + 0.4 * out).reshape(-1, 3).astype(np.float32)
+        one = np.ones(len(position), np.float32)
+        found = StereoPoints(position, 0 * position, color, one, one, one)
+        clouds.append(MovingPoints(found, float(time), 0 * position, 3 * one))
+    return clouds
+
+
+@pytest.mark.ci
+def test_gaussians_follow_control_points_and_an_interrupted_run_goes_on_to_the_same_bytes(
+    capture, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(start, "moving_points", around_bodies)
+    one, two = tmp_path / "one", tmp_path / "two"
+    reconstruct(capture, one, options=CONTROL, quiet=True)
+    scene = load_scene(one)
+    assert scene.moving.count and scene.transient is not None
+    control = scene.deformation.control
+    # Each control point goes where its body goes.
+    path = np.asarray(control.path)
+    pivot, truth = np.asarray(control.pivot), toy.scene()
+    first, last = (np.asarray(at(truth, toy.single(t)).mean)[25:] for t in (0.0, 1.0))
+    own = np.argmin(np.linalg.norm(pivot[:, None] - first[None], axis=-1), axis=1)
+    assert_allclose(np.median(path[:, -1] - (last - first)[own], axis=0), 0, atol=NEAR)
+
+    with pytest.raises(KeyboardInterrupt), stopped_after(monkeypatch, "record", 3):
+        reconstruct(capture, two, options=CONTROL, quiet=True)
+    reconstruct(capture, two, options=CONTROL, resume=True, quiet=True)
+    same_bytes(one, two)
+
+
+def test_without_points_to_follow_there_is_a_field_alone(capture, tmp_path, monkeypatch):
+    def few(footage, times, **_):
+        nothing = around_bodies(footage, times)[0].points
+        nothing = StereoPoints(*(x[:0] for x in nothing))
+        empty = np.zeros(0, np.float32)
+        return [MovingPoints(nothing, float(t), nothing.position, empty) for t in times]
+
+    monkeypatch.setattr(start, "moving_points", few)
+    options = replace(CONTROL, fit=replace(CONTROL.fit, fine=20))
+    scene = reconstruct(capture, tmp_path, options=options, quiet=True)
+    assert scene.deformation is None or scene.deformation.control is None

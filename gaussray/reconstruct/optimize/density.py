@@ -40,7 +40,8 @@ class DensityOptions(eqx.Module):
         shrink: split: by how much the halves of a split Gaussian are smaller (3DGRT: 1.6).
         opacity: Gaussians below it are pruned or relocated (3DGRT: 0.005).
         growth: split: the largest number of Gaussians, in initial numbers.
-        gaussians: relocate: the largest number of Gaussians; it grows by 5 % each time.
+        gaussians: the largest number of Gaussians, if there are not more at first; where they are
+            relocated it grows by 5 % each time.
         opacity_cost: relocate: what the mean opacity of all Gaussians costs (MCMC: 0.01).
         scale_cost: relocate: what their mean scale costs, in extents (MCMC: 0.01).
         transient_cost: relocate: how many times these costs a transient Gaussian costs.
@@ -95,9 +96,8 @@ class DensityOptions(eqx.Module):
 
     def room(self, count: int) -> int:
         """The largest number of Gaussians that density control makes of `count`."""
-        if self.relocates:
-            return max(self.gaussians, count)
-        return int(count * self.growth)
+        most = max(self.gaussians, count)
+        return most if self.relocates else min(int(count * self.growth), most)
 
 
 @runtime_checkable

@@ -155,6 +155,8 @@ def test_relocation_keeps_the_rows_and_starts_moments_of_changed_ones_again():
     options = DensityOptions(kind="relocate", interval=100, opacity=0.1, gaussians=6)
     assert density_control(options) is relocate_dead
     assert (options.room(4), options.room(9)) == (6, 9)
+    grown = DensityOptions(growth=8.0, gaussians=20)
+    assert [grown.room(n) for n in (2, 4, 30)] == [16, 20, 30]
     after = relocate_dead(state, options=options, extent=EXTENT, limit=(0, 6), seed=0)
     moving = after.parameters.moving
     # The faint one became a copy; five percent of four are none.
