@@ -113,10 +113,10 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         capture = selected(capture, Selection(scale=scale))
         views = training_views(capture)
     pixels = float(sum(view.width * view.height for view in views))
-    names = () if still else motions(capture, options, machine)
+    names = motions(capture, options, machine)
     if still:
         chosen = _still(pixels, machine)
-    elif names[:1] == ("deformation",):
+    elif names[0] == "deformation":
         alone = machine.gpu and _still_cameras(views) < 2
         chosen = _field(pixels, machine) if alone else _bodies(machine, options.track)
     else:
@@ -125,7 +125,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     options = with_defaults(options, chosen)
     if steps != (FitOptions().coarse, FitOptions().fine) or not chosen.fit.minutes:
         options = replace(options, fit=replace(options.fit, minutes=0.0))
-    rivals = names if len(names) > 1 else ()
+    rivals = names if len(names) > 1 and not still else ()
     return Effort(capture, options, _sentence(options, views, scale, still), rivals)
 
 

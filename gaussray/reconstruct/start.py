@@ -164,17 +164,21 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
     """
     parameters, progress = state.parameters, replace(progress, planned=0)
     deformation, transient = parameters.deformation, parameters.transient
-    clouds, control = None, None
-    if session.options.fit.control and session.has_videos and len(session.times) > 1:
-        clouds, control = _followed(session, parameters)
-    if session.options.fit.deforms:
-        deformation = _deformation(session, parameters, progress, control)
-    if session.options.fit.transient:
+    clouds, control, moved, fit = [], None, None, session.options.fit
+    if fit.transient:
         moved = _unexplained(session, state) if session.still_first else None
-        transient = _transients(session, parameters, moved, clouds)
-        if moved is not None:
-            progress = replace(progress, moved=moved.tile_counts())
-            session.loader.sampler.see_moved(moved.tile_counts())
+        clouds = _clouds(session, parameters, moved)
+    if fit.control and session.has_videos:
+        control = tracked_surface(clouds, seed=fit.seed, report=_reporter(session, "track"))
+        control = agreed(control)
+        clouds = clouds if control is None else with_surface_velocities(clouds, control)
+    if fit.deforms:
+        deformation = _deformation(session, parameters, progress, control)
+    if fit.transient:
+        transient = _transients(session, clouds, moved)
+    if moved is not None:
+        progress = replace(progress, moved=moved.tile_counts())
+        session.loader.sampler.see_moved(moved.tile_counts())
     static, moving, corrections = parameters.static, parameters.moving, parameters.corrections
     return begin_state(Parameters(static, moving, deformation, corrections, transient)), progress
 
@@ -202,43 +206,32 @@ def _reporter(session: Session, what: str) -> Callable[[int, int], None]:
     return report
 
 
-def _followed(
-    session: Session, parameters: Parameters
-) -> tuple[Sequence[MovingPoints], ControlPoints | None]:
-    """The points that stereo finds in what moves at each time, and the control points that follow
-    those of the first; None where these are too few. Velocities are those of the control points."""
-    held, fit = occupied(parameters.static), session.options.fit
-    clouds: Sequence[MovingPoints] = moving_points(
+def _clouds(
+    session: Session, parameters: Parameters, moved: UnexplainedPixels | None
+) -> Sequence[MovingPoints]:
+    """The points that stereo finds in what moves at each time."""
+    held = occupied(parameters.static)
+    return moving_points(
         session.footage,
-        starting_times(session.times, fit.instants).tolist(),
+        starting_times(session.times, session.options.fit.instants).tolist(),
+        moved=moved,
         known=np.asarray(parameters.static.mean)[held],
         report=_reporter(session, "stereo of what moves"),
     )
-    control = tracked_surface(clouds, seed=fit.seed, report=_reporter(session, "track"))
-    control = agreed(control)
-    return (clouds if control is None else with_surface_velocities(clouds, control)), control
 
 
 def _transients(
-    session: Session,
-    parameters: Parameters,
-    moved: UnexplainedPixels | None,
-    clouds: Sequence[MovingPoints] | None,
+    session: Session, clouds: Sequence[MovingPoints], moved: UnexplainedPixels | None
 ) -> UnconstrainedTransients | None:
     """Transient Gaussians on the points that stereo finds in what moves, with rows for those that
     density control may add; None where it finds nothing."""
     fit, density = session.options.fit, session.options.density
-    held = occupied(parameters.static)
     first = initial_transients(
-        session.footage,
+        clouds,
         starting_times(session.times, fit.instants),
         count=density.gaussians // 2,
         degree=fit.degree,
         seed=fit.seed,
-        known=np.asarray(parameters.static.mean)[held],
-        moved=moved,
-        clouds=clouds,
-        report=_reporter(session, "stereo of what moves"),
     )
     if not first.count:
         if moved is not None and not moved.tile_counts().any():

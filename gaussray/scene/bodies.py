@@ -117,11 +117,11 @@ def body_pose_at(
         bodies: The bodies.
         time: In the capture's unit.
     """
-    return pose_at(bodies.time, bodies.path, bodies.turn, time)
+    return poses_at(bodies.time, bodies.path, bodies.turn, time)
 
 
 @inlined
-def pose_at(
+def poses_at(
     knots: Float[Array, " instants"],
     path: Float[Array, "bodies instants 3"],
     turn: Float[Array, "bodies instants 4"],

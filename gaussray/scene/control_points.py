@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from gaussray.geometry import inlined, normalize_quaternion, product, rotation_matrix
-from gaussray.scene.bodies import pose_at
+from gaussray.scene.bodies import poses_at
 
 
 # Columns of the table that is blended: displacement of the origin, rotation less the identity,
@@ -38,7 +38,7 @@ class ControlPoints(eqx.Module):
 
 
 @inlined
-def control_weights(
+def skinning_weights(
     points: ControlPoints, position: Float[Array, "gaussians 3"]
 ) -> Float[Array, "gaussians points"]:
     """Weight of every control point for every Gaussian; those of a Gaussian sum to 1.
@@ -61,7 +61,7 @@ def control_motion(
 ) -> tuple[Float[Array, "gaussians 3"], Float[Array, "gaussians 4"]]:
     """Displacement and rotation (a unit quaternion) of every Gaussian at a time.
 
-    Between the timestamps, poses are interpolated as those of rigid bodies (`bodies.pose_at`).
+    Between the timestamps, poses are interpolated as those of rigid bodies (`bodies.poses_at`).
 
     Args:
         points: The control points, at least one.
@@ -70,13 +70,13 @@ def control_motion(
         time: In the capture's unit.
     """
     position = jax.lax.stop_gradient(position)
-    path, turn = pose_at(points.time, points.path, points.turn, time)
+    path, turn = poses_at(points.time, points.path, points.turn, time)
     rotation = rotation_matrix(turn)
     change = rotation - jnp.eye(3, dtype=rotation.dtype)[None]
     # A place x goes to x + path + (R - 1) (x - pivot).
     middle = jnp.mean(points.pivot, axis=0)
     shift = path - product("mij,mj->mi", change, points.pivot - middle[None])
     table = jnp.concatenate([shift, change.reshape(-1, 9), turn], axis=1)
-    blend = product("nm,mc->nc", control_weights(points, position), table)
+    blend = product("nm,mc->nc", skinning_weights(points, position), table)
     turned = product("nij,nj->ni", blend[:, 3:12].reshape(-1, 3, 3), position - middle[None])
     return blend[:, :3] + turned, normalize_quaternion(blend[:, 12:_WIDTH])

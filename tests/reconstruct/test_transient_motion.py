@@ -41,7 +41,7 @@ OPTIONS = replace(
 FALL = 1.5
 
 
-def on_bodies(footage, times, *, count, degree, **_):
+def on_bodies(clouds, times, *, count, degree, **_):
     """Grey transient Gaussians where the two bodies of the toy are at every time."""
     scene, first = toy.scene(), 25
     mean = np.concatenate([np.asarray(at(scene, toy.single(t)).mean)[first:] for t in times])
@@ -64,6 +64,7 @@ def on_bodies(footage, times, *, count, degree, **_):
 def stereo(monkeypatch):
     """Stereo that finds the bodies, which pictures of 16 x 16 pixels do not show."""
     monkeypatch.setattr(start, "initial_transients", on_bodies)
+    monkeypatch.setattr(start, "moving_points", lambda *_, **__: [])
 
 
 @pytest.fixture(scope="module")
@@ -137,11 +138,11 @@ def test_where_cameras_move_what_stands_still_is_fitted_first(
 ):
     asked = []
 
-    def initial(footage, times, *, moved, **options):
+    def clouds(footage, times, *, moved, **options):
         asked.extend(moved(frame) for frame in range(len(footage.times)))
-        return on_bodies(footage, times, **options)
+        return []
 
-    monkeypatch.setattr(start, "initial_transients", initial)
+    monkeypatch.setattr(start, "moving_points", clouds)
     options = replace(OPTIONS, fit=replace(FIT, coarse=120, fine=60))
     one, two = tmp_path / "one", tmp_path / "two"
     reconstruct(from_moving_cameras, one, options=options, quiet=True)

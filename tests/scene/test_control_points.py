@@ -12,7 +12,7 @@ from jax.test_util import check_grads
 
 from gaussray.geometry import rotation_matrix
 from gaussray.scene.bodies import extrapolate_bodies
-from gaussray.scene.control_points import ControlPoints, control_motion, control_weights
+from gaussray.scene.control_points import ControlPoints, control_motion, skinning_weights
 from gaussray.scene.scene import at
 
 
@@ -53,7 +53,7 @@ def test_one_point_moves_all_as_a_rigid_body():
 def test_weights_and_motion_are_those_of_loops(index):
     control, x = points(), places()
     shift, turn = control_motion(control, x, TIMES[index])
-    weights = control_weights(control, x)
+    weights = skinning_weights(control, x)
     for i, place in enumerate(np.asarray(x)):
         d = np.linalg.norm(place - np.asarray(control.pivot), axis=1)
         w = np.exp(-0.5 * (d / np.asarray(control.radius)) ** 2)
@@ -88,7 +88,7 @@ def test_far_from_all_points_the_nearest_decides():
     control = dataclasses.replace(points(), radius=jnp.full(7, 0.1))
     x = control.pivot[3:4] + jnp.asarray([[0.0, 0, 60]])
     nearest = int(jnp.argmin(jnp.linalg.norm(x - control.pivot, axis=1)))
-    weights = control_weights(control, x)
+    weights = skinning_weights(control, x)
     assert weights[0, nearest] > 0.99 and np.isfinite(weights).all()
 
 
@@ -122,7 +122,9 @@ def test_points_that_reach_further_keep_their_weights():
     further = extrapolate_bodies(control, 0.1, 0.1)
     assert isinstance(further, ControlPoints) and further.path.shape == (7, 5, 3)
     x = places()
-    np.testing.assert_allclose(control_weights(further, x), control_weights(control, x), atol=EXACT)
+    np.testing.assert_allclose(
+        skinning_weights(further, x), skinning_weights(control, x), atol=EXACT
+    )
 
 
 def test_a_scene_moves_with_its_control_points():

@@ -212,7 +212,7 @@ def _surface(
     """The points with their control points, and the widths of these."""
     pivot = position[_spread_out(position, options.control)]
     tree = KDTree(pivot)
-    away, beside = tree.query(pivot, k=_NEIGHBOURS + 1)
+    away, beside = (np.asarray(x) for x in tree.query(pivot, k=_NEIGHBOURS + 1))
     radius = _WIDTH * away[:, 3]
     each = np.repeat(np.arange(len(pivot)), _NEIGHBOURS)
     distance, other = away[:, 1:].ravel(), beside[:, 1:].ravel()
@@ -308,10 +308,11 @@ def _registered(
 
     def one_round(motion, sizes):
         width, stiff = sizes
-        weight, goal = matched(*motion, width)
+        place, turn = motion
+        weight, goal = matched(place, turn, width)
         for _ in range(options.solves):
-            motion = solved(*motion, weight, goal, stiff)
-        return motion, None
+            place, turn = solved(place, turn, weight, goal, stiff)
+        return (place, turn), None
 
     sizes = [jnp.geomspace(*x, options.rounds, dtype=dtype) for x in (options.width, options.stiff)]
     motion, _ = jax.lax.scan(one_round, (place, turn), tuple(sizes))

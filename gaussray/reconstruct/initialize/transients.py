@@ -1,19 +1,14 @@
 """The first transient Gaussians: on points that stereo finds in what moves, at many times."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from gaussray.color import srgb_decode
-from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.initialize.from_points import appearance_of, discs, inliers
-from gaussray.reconstruct.initialize.stereo.from_pictures import (
-    MovingPixels,
-    MovingPoints,
-    moving_points,
-)
+from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
 from gaussray.scene.transient import Transients, interval_at
 
 
@@ -41,16 +36,12 @@ def starting_times(times: Float[np.ndarray, " times"], most: int) -> Float[np.nd
 
 
 def initial_transients(
-    footage: Footage,
+    clouds: Sequence[MovingPoints],
     times: Float[np.ndarray, " starts"],
     *,
     count: int,
     degree: int,
     seed: int,
-    known: Float[np.ndarray, "known 3"] | None = None,
-    moved: MovingPixels | None = None,
-    clouds: Sequence[MovingPoints] | None = None,
-    report: Callable[[int, int], object] = lambda done, total: None,
 ) -> Transients:
     """Transient Gaussians on the moving points of several times, moving as stereo says.
 
@@ -58,21 +49,15 @@ def initial_transients(
     moves at every time.
 
     Args:
-        footage: the training pictures and their cameras.
-        times: the times at which stereo looks for moving points.
+        clouds: the points that stereo finds in what moves, and their velocities, at each time.
+        times: the times.
         count: the largest number of Gaussians; each time gets its share of the points.
         degree: of the spherical harmonics.
         seed: of the choice of points.
-        known: points of what stands still; they narrow the distances down.
-        moved: which pixels of a frame move (`moving_points`).
-        clouds: the moving points of the times, if they are known; None looks for them.
-        report: called with the work done and its total.
 
     Returns:
-        The Gaussians; none if no two cameras show that anything moves.
+        The Gaussians; none if there are too few points.
     """
-    if clouds is None:
-        clouds = moving_points(footage, times.tolist(), moved=moved, known=known, report=report)
     total = sum(len(cloud.points.position) for cloud in clouds)
     dice = np.random.default_rng([seed, 2])
     share = min(1.0, count / max(total, 1))

@@ -1,11 +1,9 @@
 """The first transient Gaussians stand on the points of their time and move as these do."""
 
-import jax
 import numpy as np
 import pytest
 import toy
 
-from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.initialize import transients
 from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints, no_points
@@ -34,21 +32,18 @@ def cloud(time, count=COUNT):
 
 
 @pytest.fixture
-def seen(monkeypatch):
-    """Stereo that finds the square at every time but the last, and there too little."""
-    clouds = [*map(cloud, TIMES[:3]), cloud(TIMES[3], count=3)]
-    monkeypatch.setattr(transients, "moving_points", lambda *_, **__: clouds)
+def seen():
+    """The square at every time but the last, and there too little of it."""
+    return [*map(cloud, TIMES[:3]), cloud(TIMES[3], count=3)]
 
 
-def first(**changes):
+def first(clouds, **changes):
     options = {"count": 10**6, "degree": 1, "seed": 0} | changes
-    camera = jax.tree.map(lambda x: x[None], toy.camera())
-    footage = Footage(np.zeros((1, 4, 64, 3), np.uint8), None, camera, np.array(["a"]), 8)
-    return initial_transients(footage, TIMES, **options)
+    return initial_transients(clouds, TIMES, **options)
 
 
 def test_every_time_has_its_gaussians_which_live_until_the_next(seen):
-    found = first()
+    found = first(seen)
     times, counts = np.unique(np.asarray(found.instant), return_counts=True)
     # Three strays tell nothing of their size.
     np.testing.assert_allclose(times, TIMES[:3])
@@ -58,7 +53,7 @@ def test_every_time_has_its_gaussians_which_live_until_the_next(seen):
 
 
 def test_they_go_where_the_square_goes(seen):
-    found = first()
+    found = first(seen)
     own = np.asarray(found.instant) == 0.25
     known = np.asarray(found.velocity)[own, 0] == 2
     assert known.sum() == 0.9 * COUNT
@@ -69,15 +64,14 @@ def test_they_go_where_the_square_goes(seen):
 
 
 def test_a_budget_is_shared_by_all_times(seen):
-    found = first(count=90)
+    found = first(seen, count=90)
     counts = np.unique(np.asarray(found.instant), return_counts=True)[1]
     assert counts.tolist() == [30, 30, 30]
 
 
-def test_where_stereo_finds_nothing_there_are_none(monkeypatch):
+def test_where_stereo_finds_nothing_there_are_none():
     nothing = MovingPoints(no_points(), 0.0, np.zeros((0, 3)), np.zeros(0))
-    monkeypatch.setattr(transients, "moving_points", lambda *_, **__: [nothing] * 4)
-    assert first().count == 0
+    assert first([nothing] * 4).count == 0
 
 
 def test_few_times_are_all_taken_and_many_evenly():
