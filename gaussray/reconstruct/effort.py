@@ -113,7 +113,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         capture = selected(capture, Selection(scale=scale))
         views = training_views(capture)
     pixels = float(sum(view.width * view.height for view in views))
-    names = motions(capture, options, machine)
+    names: tuple[str, ...] = ("",) if still else motions(capture, options, machine)
     if still:
         chosen = _still(pixels, machine)
     elif names[0] == "deformation":
@@ -125,7 +125,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     options = with_defaults(options, chosen)
     if steps != (FitOptions().coarse, FitOptions().fine) or not chosen.fit.minutes:
         options = replace(options, fit=replace(options.fit, minutes=0.0))
-    rivals = names if len(names) > 1 and not still else ()
+    rivals = names if len(names) > 1 else ()
     return Effort(capture, options, _sentence(options, views, scale, still), rivals)
 
 

@@ -1,9 +1,10 @@
 """A trial of what shows what moves best: short fits without some pictures, which then decide.
 
 Rigid bodies with a field are better at rigid things of which surface points are known, transient
-Gaussians at all others. What a capture holds is not known before. So both are fitted for a short
-time without some pictures, and what shows the moving pixels of these better is taken. Still pixels
-do not count: the two choices differ in how they fit what stands still, too.
+Gaussians, with control points or without, at all others. What a capture holds is not known before.
+So both are fitted for a short time without some pictures, and what shows the moving pixels of these
+better is taken. Still pixels do not count: the two choices differ in how they fit what stands
+still, too.
 """
 
 import shutil

@@ -9,11 +9,6 @@ from gaussray.geometry import inlined, normalize_quaternion, product, rotation_m
 from gaussray.scene.bodies import poses_at
 
 
-# Columns of the table that is blended: displacement of the origin, rotation less the identity,
-# quaternion.
-_WIDTH = 3 + 9 + 4
-
-
 class ControlPoints(eqx.Module):
     """Poses of control points at the timestamps of a capture.
 
@@ -76,7 +71,9 @@ def control_motion(
     # A place x goes to x + path + (R - 1) (x - pivot).
     middle = jnp.mean(points.pivot, axis=0)
     shift = path - product("mij,mj->mi", change, points.pivot - middle[None])
+    # All that is blended, in one product.
     table = jnp.concatenate([shift, change.reshape(-1, 9), turn], axis=1)
     blend = product("nm,mc->nc", skinning_weights(points, position), table)
-    turned = product("nij,nj->ni", blend[:, 3:12].reshape(-1, 3, 3), position - middle[None])
-    return blend[:, :3] + turned, normalize_quaternion(blend[:, 12:_WIDTH])
+    shift, change, turn = jnp.split(blend, [3, 12], axis=1)
+    turned = product("nij,nj->ni", change.reshape(-1, 3, 3), position - middle[None])
+    return shift + turned, normalize_quaternion(turn)

@@ -73,6 +73,12 @@ def scene_from(
         deformation = _residual_field(array, "deformation", path)
     else:
         deformation = deformation_from(array, "deformation", path, required_heads)
+        control = None if deformation is None else deformation.control
+        if control is not None and not (control.radius.size and (control.radius > 0).all()):
+            raise ValueError(
+                f"{path}: the array 'deformation.control.radius' must hold numbers above 0; the "
+                "scene is damaged."
+            )
     time_range = _array(array, "time_range", path)
     times = np.asarray(time_range)
     if times.shape != (2,) or not times[0] <= times[1]:
@@ -115,7 +121,7 @@ def deformation_from(
     names = ("pivot", "radius", "time", "path", "turn")
     bodies = Bodies(*(_array(array, f"{prefix}.bodies.{name}", path) for name in names))
     control = None
-    if f"{prefix}.control.pivot" in array:
+    if any(name.startswith(f"{prefix}.control.") for name in array):
         control = ControlPoints(*(_array(array, f"{prefix}.control.{n}", path) for n in names))
     return Deformation(
         bodies,

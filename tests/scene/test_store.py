@@ -74,6 +74,15 @@ def test_round_trip_with_control_points_needs_version_6(tmp_path, precision):
         )
 
 
+def test_control_points_without_width_are_refused(tmp_path):
+    control = toy.control_points()
+    control = dataclasses.replace(control, radius=control.radius.at[1].set(0))
+    scene = dataclasses.replace(toy.scene(), deformation=toy.deformation(control=control))
+    save_scene(tmp_path / "scene.npz", scene)
+    with pytest.raises(ValueError, match="control.radius"):
+        load_scene(tmp_path)
+
+
 def residual_scene(folder, *, encoded=False, **how):
     """A scene that moves by residuals."""
     gaussians, field, _ = read_model(foreign.write_model(folder, **how))

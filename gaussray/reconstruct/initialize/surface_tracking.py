@@ -213,7 +213,8 @@ def _surface(
     pivot = position[_spread_out(position, options.control)]
     tree = KDTree(pivot)
     away, beside = (np.asarray(x) for x in tree.query(pivot, k=_NEIGHBOURS + 1))
-    radius = _WIDTH * away[:, 3]
+    # In gaps: points at one place must not make it 0.
+    radius = np.maximum(_WIDTH * away[:, 3], 0.1)
     each = np.repeat(np.arange(len(pivot)), _NEIGHBOURS)
     distance, other = away[:, 1:].ravel(), beside[:, 1:].ravel()
     strength = np.exp(-0.5 * (distance / (2 * radius[each])) ** 2)

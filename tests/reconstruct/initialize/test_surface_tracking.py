@@ -123,6 +123,14 @@ def test_a_part_without_anything_to_match_stays_finite(clouds):
     assert np.linalg.norm(found.path[:, 1], axis=1).max() < 1
 
 
+def test_points_at_one_place_keep_a_width(clouds):
+    first = clouds[0].points
+    same = first._replace(position=np.repeat(first.position[::9], 9, axis=0)[: len(first.scale)])
+    found = tracked_surface([clouds[0]._replace(points=same), *clouds[1:2]], options=OPTIONS)
+    assert found is None or all(np.isfinite(x).all() for x in jax.tree.leaves(found))
+    assert found is None or float(found.radius.min()) > 0
+
+
 def test_too_little_to_follow_is_none(clouds):
     assert tracked_surface([cloud(0.0, 0, count=20), *clouds[1:]], options=OPTIONS) is None
     assert tracked_surface(clouds[:1], options=OPTIONS) is None
