@@ -1,13 +1,14 @@
 """PSNR of held-out tiles."""
 
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax.sharding import NamedSharding, PartitionSpec
-from jaxtyping import Array
+from jaxtyping import Array, Float, Int
 
 from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera
@@ -16,6 +17,14 @@ from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.step_loss import BlockSizes, StepOptions, loss_of
 from gaussray.runtime.devices import everywhere
+
+
+class _Error(NamedTuple):
+    """Mean squared error of a batch, and what the tracer needed and dropped for lack of room."""
+
+    mse: Float[Array, ""]
+    needed: Int[Array, " sizes"]
+    dropped: Int[Array, ""]
 
 
 @eqx.filter_jit
@@ -27,27 +36,29 @@ def _square_error(
     *,
     options: StepOptions,
     sizes: BlockSizes,
-) -> Array:
-    """Mean squared error of a batch, infinite where the tracer had no room for all of it."""
+) -> _Error:
     _, details = loss_of(
         state.parameters, views, batch, cameras, state.step, options=options, sizes=sizes
     )
-    value = jnp.where(details.report.dropped > 0, jnp.inf, details.terms["mse"])
-    # Every host reads it.
-    return jax.lax.with_sharding_constraint(value, NamedSharding(sizes.mesh, PartitionSpec()))
+    report = details.report
+    # Every host reads them.
+    return jax.lax.with_sharding_constraint(
+        _Error(details.terms["mse"], report.needed, report.dropped),
+        NamedSharding(sizes.mesh, PartitionSpec()),
+    )
 
 
 def held_out_psnr(
     state: State,
     views: Camera,
-    batches: list[Batch],
+    batches: Sequence[Batch],
     cameras: CameraSet,
     *,
     options: StepOptions,
     sizes: BlockSizes,
+    enlarge: bool = False,
 ) -> float:
-    """PSNR in dB of the held-out tiles, without batches for which the tracer had no room; NaN if
-    these are more than half.
+    """PSNR in dB of all pixels of the held-out tiles together.
 
     Args:
         state: what is scored.
@@ -56,11 +67,31 @@ def held_out_psnr(
         cameras: the set of training cameras.
         options: how a step renders.
         sizes: what steps are compiled for.
+        enlarge: compile for larger sizes where the tracer has no room for a batch. Else such
+            batches do not count, and the result is NaN if these are more than half.
     """
-    known = [
-        float(_square_error(state, views, everywhere(batch, sizes.mesh), cameras,
-                            options=options, sizes=sizes))
-        for batch in batches
-    ]  # fmt: skip
-    finite = [value for value in known if np.isfinite(value)]
-    return psnr_from_mse(float(np.mean(finite))) if 2 * len(finite) >= len(known) else math.nan
+    errors, weights = [], []
+    for batch in batches:
+        drawn = everywhere(batch, sizes.mesh)
+        while True:
+            mse, needed, dropped = _square_error(
+                state, views, drawn, cameras, options=options, sizes=sizes
+            )
+            if not (enlarge and int(dropped)):
+                break
+            sizes = sizes.enlarged(needed)
+        if not int(dropped):
+            errors.append(float(mse))
+            weights.append(_distinct_pixels(batch))
+    if 2 * len(errors) < len(batches) or not sum(weights):
+        return math.nan
+    return psnr_from_mse(float(np.average(errors, weights=weights)))
+
+
+def _distinct_pixels(batch: Batch) -> int:
+    """Pixels that count, of a batch that may hold a tile several times."""
+    place = np.stack([np.asarray(batch.frame), np.asarray(batch.tile)])
+    _, first = np.unique(place, axis=1, return_index=True)
+    if batch.visible is None:
+        return len(first)
+    return int(np.asarray(batch.visible)[first].sum())

@@ -3,18 +3,20 @@
 A new kind of density control is added in `optimize.density`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Hashable
 from dataclasses import replace
 from functools import partial
 
 import jax
 import numpy as np
+from jaxtyping import Bool
 
 from gaussray.camera.array import CameraSet, rays_per_pixel
 from gaussray.camera.camera import Camera
 from gaussray.color import LEAST_MSE, psnr_from_mse
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.data.held_out_tiles import held_out_batches
+from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.held_out import held_out_psnr
 from gaussray.reconstruct.optimize.density import density_control, density_due
 from gaussray.reconstruct.optimize.rows import occupied
@@ -56,7 +58,8 @@ def run_stage(
     state, score = agreed(state), _held_out_score(session, stage, views, cameras)
     for done, batches in loader.blocks(stage, int(state.step), plan.most, fit.block):
         if sizes is None:
-            sizes = _saved_sizes(session, state, progress) or first_sizes(session, state, batches)
+            sizes = _known_sizes(session, stage, state, progress)
+            sizes = sizes or first_sizes(session, state, batches)
         # Steps that leave the state anywhere else would compile twice.
         course = schedule(plan.steps, fit.seed)
         state, drawn, course = everywhere((state, batches, course), session.mesh)
@@ -84,6 +87,8 @@ def run_stage(
         log.save_in_time(state, progress)
         if done >= plan.steps:
             break
+    if sizes is not None:
+        session.shared.note(_sizes_key(session, stage, state), sizes)
     return agreed(state), progress
 
 
@@ -103,23 +108,33 @@ def _held_out_score(
     return score
 
 
-def held_out_score(session: Session, state: State) -> float:
-    """PSNR in dB of the session's held-out tiles; NaN if the tracer has no room for most.
+def held_out_score(
+    session: Session,
+    state: State,
+    seen: Footage | None = None,
+    held: Bool[np.ndarray, "frames tiles"] | None = None,
+) -> float:
+    """PSNR in dB of tiles that no step has drawn, after a fit.
 
     Args:
-        session: the segment, with held-out tiles.
+        session: the segment.
         state: what is scored.
+        seen: the training pictures, perhaps with fewer pixels that count; None: those of the
+            session.
+        held: the tiles; None: those that the session holds out.
 
     Raises:
-        ValueError: no tiles are held out.
+        ValueError: there are no such tiles.
     """
-    views, cameras = everywhere((session.footage.camera, session.cameras), session.mesh)
-    score = _held_out_score(session, "fine", views, cameras)
-    if score is None or session.held_out is None:
+    seen, held = seen or session.footage, session.held_out if held is None else held
+    if held is None or not held.any():
         raise ValueError("fit.validate must be above 0 for tiles to be held out.")
-    batches = held_out_batches(session.footage, session.held_out, session.options.fit.tiles)
-    sizes = first_sizes(session, state, jax.tree.map(lambda *x: np.stack(x), *batches))
-    return score(agreed(state), sizes)
+    views, cameras = everywhere((session.footage.camera, session.cameras), session.mesh)
+    batches = held_out_batches(seen, held, session.options.fit.tiles)
+    sizes = session.shared.known(_sizes_key(session, "fine", state))
+    sizes = sizes or first_sizes(session, state, jax.tree.map(lambda *x: np.stack(x), *batches))
+    known, options = everywhere(agreed(state), session.mesh), step_options(session, "fine")
+    return held_out_psnr(known, views, batches, cameras, options=options, sizes=sizes, enlarge=True)
 
 
 def _say_stopped(session: Session, plan: StepPlan, done: int) -> None:
@@ -205,12 +220,15 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
     return BlockSizes(_capacity(numbers, session), mesh, keys)
 
 
-def _saved_sizes(session: Session, state: State, progress: RunProgress) -> BlockSizes | None:
-    """The sizes that an interrupted run was compiled for, so that it goes on with the same
-    programs; None where none are saved for this stage and as many devices."""
+def _known_sizes(
+    session: Session, stage: str, state: State, progress: RunProgress
+) -> BlockSizes | None:
+    """The sizes that an interrupted run was compiled for, or an earlier fit of the same pictures,
+    so that this one goes on with the same programs; None where none are known for this stage and
+    as many devices."""
     saved = progress.sizes
     if saved is None or not int(state.step):
-        return None
+        return session.shared.known(_sizes_key(session, stage, state))
     if (saved.stage, saved.devices) != (progress.stage, session.mesh.size):
         return None
     levels = session.options.trace.levels + 1
@@ -219,6 +237,14 @@ def _saved_sizes(session: Session, state: State, progress: RunProgress) -> Block
         return None
     capacity = _capacity(list(saved.sizes), session)
     return BlockSizes(capacity, session.mesh, session.key_states(state))
+
+
+def _sizes_key(session: Session, stage: str, state: State) -> tuple[Hashable, ...]:
+    """What decides which sizes the steps of a stage need: the rows of each kind of Gaussians, and
+    what a step draws of them."""
+    rows = tuple(len(part.mean) for part in state.parameters.kinds.values())
+    options, keys = session.options, session.key_states(state)
+    return "sizes", stage, rows, options.fit.tiles, options.fit.tile_side, options.trace, keys
 
 
 def _to_save(stage: str, sizes: BlockSizes) -> SavedSizes:

@@ -7,96 +7,78 @@ better is taken. Still pixels do not count: the two choices differ in how they f
 still, too.
 """
 
-import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
-from pathlib import Path
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Int
+from jaxtyping import Bool
 
-from gaussray.camera.array import camera_set
-from gaussray.capture.capture import Capture, View
-from gaussray.reconstruct.data.motion_mask import activity, moved_in_tiles
-from gaussray.reconstruct.data.pictures import Footage, footage
-from gaussray.reconstruct.data.segments import training_views
-from gaussray.reconstruct.failed_fit import FailedFit
+from gaussray.reconstruct.data.motion_mask import Activity, moved_in_tiles
+from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.tiles import cut, tile_pixels
+from gaussray.reconstruct.loop import held_out_score
+from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions
-from gaussray.reconstruct.simplify.candidate import whole_candidate
-from gaussray.reconstruct.simplify.measure import (
-    CandidateMeter,
-    Tracing,
-    TrainingViews,
-    tile_views,
-)
-from gaussray.runtime.devices import leads, wait
-from gaussray.scene.scene import Scene, key_count
-from gaussray.scene.segmented import Clip
-from gaussray.tracer.shard import mesh
+from gaussray.reconstruct.session import Session
+from gaussray.reconstruct.trial_fits import TrialFits
 
 
 # Steps of the fine stage of a trial.
 _STEPS = 2000
-# Cameras from which on one of them is held out at each time, so many of them in turn; else times
-# from which on every fourth is.
-CAMERAS, _IN_TURN, _TIMES = 5, 4, 8
-# Ray bundles on which a trial is measured, at each of so many times.
-_TILES, _INSTANTS = 1024, 16
-
-# Reconstructs a capture in a folder.
-Fit = Callable[[Capture, Path, ReconstructOptions], Scene | Clip]
+# Cameras from which on one of them is held out at each time, so many of them in turn.
+CAMERAS, _IN_TURN = 5, 4
+# Of fewer cameras, squares of so many pixels are held out, one of so many.
+_SQUARE, _OF = 32, 4
 
 
-def held_out_capture(capture: Capture) -> Capture | None:
-    """The training views of a capture, some of them as test views: at each time those of another of
-    four cameras, or every fourth time of few cameras; None if these are too few as well."""
-    views = training_views(capture)
-    names = sorted({view.camera_name for view in views})
-    times = sorted({view.time for view in views})
-    if len(names) >= CAMERAS:
-        chosen = [names[int((k + 0.5) * len(names) / _IN_TURN)] for k in range(_IN_TURN)]
-        turn = {time: chosen[i % _IN_TURN] for i, time in enumerate(times)}
-        held = {id(view) for view in views if view.camera_name == turn[view.time]}
-    elif len(times) >= _TIMES:
-        missing = set(times[2:-1:4])
-        held = {id(view) for view in views if view.time in missing}
-    else:
-        return None
-    split = [replace(v, split="test" if id(v) in held else "train") for v in views]
-    return replace(capture, views=split, effects={})
-
-
-def trial(
-    capture: Capture,
-    out: Path,
-    rivals: Mapping[str, ReconstructOptions],
-    fit: Fit,
-    devices: int | None,
-) -> dict[str, float]:
-    """PSNR in dB of the pixels that move in what is held out (of all where none does; 0 of a fit
-    that failed), for every choice of `fit.motion` and its options.
+def motion_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray, "frames tiles"]:
+    """Which tiles a trial holds out: at each time those of another of four cameras, or, of few
+    cameras, of squares that cover a quarter of each picture.
 
     Args:
-        capture: the capture with held-out views (`held_out_capture`).
-        out: the folder of the run; the trial's own is removed.
-        rivals: the options of each choice of fit.motion.
-        fit: reconstructs a capture in a folder.
-        devices: how many devices share the rays (None: all).
+        footage: the training pictures.
+        share: does not count.
+        seed: of the choice of squares.
     """
-    folder, scores = out / "trial", {}
+    names = np.unique(footage.name)
+    held = np.zeros(footage.pixel.shape[:2], bool)
+    if len(names) >= CAMERAS:
+        chosen = [names[int((k + 0.5) * len(names) / _IN_TURN)] for k in range(_IN_TURN)]
+        _, time = np.unique(footage.times, return_inverse=True)
+        held[footage.name == np.array(chosen)[time % _IN_TURN]] = True
+    else:
+        pixels = tile_pixels(footage.film, footage.side, footage.bundle)
+        rows, columns = (-(-n // _SQUARE) for n in (footage.film.height, footage.film.width))
+        dice = np.random.default_rng([seed, 4])
+        for frame in range(len(held)):
+            square = dice.random((rows, columns)) < 1 / _OF
+            every = np.kron(square, np.ones((_SQUARE, _SQUARE), bool))
+            picture = every[: footage.film.height, : footage.film.width]
+            held[frame] = cut(picture, pixels).any(axis=-1)
+    visible = footage.visible_tiles()
+    return held if visible is None else held & visible
+
+
+def motion_scores(
+    fits: TrialFits, rivals: Mapping[str, ReconstructOptions], nouns: Mapping[str, str]
+) -> dict[str, float]:
+    """PSNR in dB of the pixels that move in what is held out (of all where none does; 0 of a fit
+    that failed), for every choice of `fit.motion` and its options; nothing where no tile can be
+    held out.
+
+    Args:
+        fits: makes the short fits.
+        rivals: the options of each choice of fit.motion.
+        nouns: what to call each choice.
+    """
+    scores = {}
     for name, options in rivals.items():
-        _remove(folder)
-        short = replace(options.fit, auto=False, minutes=0.0, fine=_STEPS, refine=())
-        options = replace(options, fit=short, need=replace(options.need, loss=0.0))
-        try:
-            scene = fit(capture, folder, options)
-        except FailedFit:
-            scores[name] = 0.0
-            continue
-        scores[name] = _psnr(scene, capture.views, options, devices)
-    _remove(folder)
+        short = replace(options.fit, minutes=0.0, fine=_STEPS, refine=())
+        tried = replace(options, fit=short)
+        score = fits.score(f"trial of {nouns[name]}", tried, motion_tiles, moving_score)
+        if score is None:
+            return {}
+        scores[name] = score
     return scores
 
 
@@ -104,7 +86,7 @@ def trial_sentence(scores: Mapping[str, float], nouns: Mapping[str, str]) -> str
     """A line that tells how a trial ended.
 
     Args:
-        scores: PSNR in dB of every choice of fit.motion (`trial`), at least one.
+        scores: PSNR in dB of every choice of fit.motion (`motion_scores`), at least one.
         nouns: what to call each choice.
     """
     best = max(scores, key=lambda name: scores[name])
@@ -115,57 +97,31 @@ def trial_sentence(scores: Mapping[str, float], nouns: Mapping[str, str]) -> str
     )
 
 
-def _remove(folder: Path) -> None:
-    if leads():
-        shutil.rmtree(folder, ignore_errors=True)
-    wait("trial")
+def moving_score(session: Session, state: State) -> float:
+    """PSNR in dB of the moving pixels of the tiles that a session holds out; of all their pixels
+    where none moves.
+
+    Args:
+        session: a session that holds out tiles.
+        state: what is scored.
+    """
+    held, seen = session.held_out, moving_alone(session.footage, session.activity)
+    moving = seen.visible_tiles()
+    assert held is not None and moving is not None
+    if not (held & moving).any():
+        return held_out_score(session, state)
+    return held_out_score(session, state, seen, held & moving)
 
 
-def _psnr(
-    scene: Scene | Clip, views: Sequence[View], options: ReconstructOptions, devices: int | None
-) -> float:
-    """PSNR of a scene on the moving pixels of tiles of those views that are held out."""
-    assert isinstance(scene, Scene)
-    names = {view.camera_name for view in views if view.split == "test"}
-    # The other pictures of these cameras tell what moves, too.
-    own = [view for view in views if view.camera_name in names]
-    held = np.flatnonzero([view.split == "test" for view in own])
-    every = footage(own, side=options.trace.bundle, bundle=options.trace.bundle)
-    plain = _frames(every, held)
-    tracing = Tracing(options.trace, mesh(devices), _keys(scene, plain))
+def moving_alone(footage: Footage, activity: Activity) -> Footage:
+    """The same pictures, of which only the pixels count that differ from the temporal median.
 
-    def meter(seen: Footage) -> CandidateMeter:
-        views = TrainingViews(seen, seen.camera)
-        chosen = tile_views(views, tiles=_TILES, instants=_INSTANTS, weigh=1, seed=0)
-        return CandidateMeter(chosen.measured, tracing)
-
-    moving = meter(_frames(moving_alone(every), held))
-    return (moving if moving.weight else meter(plain)).psnr(whole_candidate(scene))
-
-
-def _frames(seen: Footage, rows: Int[np.ndarray, " rows"]) -> Footage:
-    """Some of the pictures."""
-    return replace(
-        seen,
-        pixel=seen.pixel[rows],
-        mask=None if seen.mask is None else seen.mask[rows],
-        camera=jax.tree.map(lambda x: x[rows], seen.camera),
-        name=seen.name[rows],
-        viewpoint=seen.viewpoints[rows],
-    )
-
-
-def moving_alone(seen: Footage) -> Footage:
-    """The same pictures, of which only the pixels count that differ from the temporal median."""
-    counts = moved_in_tiles(seen, activity(seen), np.arange(len(seen.pixel)))
-    visible = seen.visible(slice(None), slice(None))
+    Args:
+        footage: the training pictures.
+        activity: their temporal medians (`activity`).
+    """
+    counts = moved_in_tiles(footage, activity, np.arange(len(footage.pixel)))
+    visible = footage.visible(slice(None), slice(None))
     if visible is not None:
         counts &= visible
-    return replace(seen, mask=np.packbits(counts, axis=-1))
-
-
-def _keys(scene: Scene, seen: Footage) -> int:
-    """The number of key states of the scene across the times of one picture."""
-    cameras = camera_set(np.zeros(len(seen.name), int), seen.camera, extent=1.0, refine=())
-    span = float(jnp.asarray(cameras.earlier + cameras.later))
-    return key_count(scene, span) if span > 0 else 1
+    return replace(footage, mask=np.packbits(counts, axis=-1))

@@ -1,7 +1,7 @@
 """Stage 1: pictures become a scene."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -18,20 +18,22 @@ from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole, write_json
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.data.training_split import demand_training_pictures
-from gaussray.reconstruct.effort import MOTION_NOUNS, effort, this_machine
+from gaussray.reconstruct.effort import MOTION_NOUNS, Effort, effort, this_machine
 from gaussray.reconstruct.failed_fit import demand_detail, demand_success, warn_of_one_place
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.loop import run_stage
-from gaussray.reconstruct.motion_trial import held_out_capture, trial, trial_sentence
+from gaussray.reconstruct.motion_trial import motion_scores, trial_sentence
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
 from gaussray.reconstruct.refinement_trial import with_refinement_tried
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session, hand_over
+from gaussray.reconstruct.shared_results import SharedResults
 from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
 from gaussray.reconstruct.simplify.prune import pruned_scene
 from gaussray.reconstruct.simplify.summary import clip_report, summary_line
 from gaussray.reconstruct.start import continued_state, initial_state, with_motion
+from gaussray.reconstruct.trial_fits import TrialFits
 from gaussray.runtime.devices import leads, wait
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress, say
@@ -98,23 +100,21 @@ def reconstruct(
     options = ReconstructOptions() if options is None else options
     out, interval = Path(out), options.fit.checkpoint
     log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
-    options, scores = _with_motion_tried(capture, out, options, resume, devices, quiet)
-    capture, options, sentence_of_effort, _ = effort(capture, options, this_machine())
-    _say(sentence_of_effort, quiet or not leads())
+    chosen = effort(capture, options, this_machine())
+    capture, rivals = chosen.capture, _rivals(capture, options, chosen.rivals)
     warn_of_one_place(capture)
     course = segments(capture, options.fit.segment)
     if leads():
         sweep(out, deep=len(course) > 1)
-    options = with_refinement_tried(
-        capture,
-        out,
-        options,
-        course[0],
-        fitted=_fitted,
-        resume=resume,
-        devices=devices,
-        say=lambda line: _say(line, quiet or not leads()),
-    )
+
+    def told(line: str) -> None:
+        _say(line, quiet or not leads())
+
+    shared = SharedResults()
+    fits = TrialFits(capture, course[0], out, _fitted, shared, devices, quiet or not leads())
+    chosen, scores = _with_motion_tried(fits, chosen, rivals, resume, told)
+    told(chosen.sentence)
+    options = with_refinement_tried(fits, chosen.options, resume=resume, say=told)
     state, progress = log.resumed() if resume else (None, RunProgress(segments=len(course)))
     _demand_same_segments(progress, len(course))
     files = [out / "segments" / f"{i:04d}.npz" for i in range(1, len(course) + 1)]
@@ -123,7 +123,9 @@ def reconstruct(
     scenes: list[Any] = [load_scene(path) for path in finished]
     reports = [scene_info(path) for path in finished]
     for i in range(len(finished), len(course)):
-        session = Session(capture, log, options, quiet or not leads(), devices, course[i])
+        session = Session(
+            capture, log, options, quiet or not leads(), devices, course[i], shared=shared
+        )
         state, progress = _fitted(session, state, progress)
         scene, report = _pruned(session, state, progress, devices)
         report |= {"trial": scores} if scores else {}
@@ -142,6 +144,7 @@ def reconstruct(
             log.save(state, progress)
         # Its pictures make room for those of the next segment.
         del session
+        shared = SharedResults()
     result, report = scenes[0], reports[0]
     if len(course) > 1:
         result, report = Clip(tuple(scenes)), clip_report(reports)
@@ -159,43 +162,45 @@ def reconstruct(
     return result
 
 
+def _rivals(
+    capture: Capture, options: ReconstructOptions, names: Sequence[str]
+) -> dict[str, Effort]:
+    """What is chosen for the capture with each of these choices of fit.motion."""
+    return {
+        name: effort(
+            capture, replace(options, fit=replace(options.fit, motion=name)), this_machine()
+        )
+        for name in names
+    }
+
+
 def _with_motion_tried(
-    capture: Capture,
-    out: Path,
-    options: ReconstructOptions,
+    fits: TrialFits,
+    chosen: Effort,
+    rivals: Mapping[str, Effort],
     resume: bool,
-    devices: int | None,
-    quiet: bool,
-) -> tuple[ReconstructOptions, dict[str, float]]:
-    """The options with the fit.motion that a trial finds best, and its scores (`motion.json`); the
-    same options where there is nothing to try. A run that is resumed goes by its own trial."""
-    known, silent = out / "motion.json", quiet or not leads()
-
-    def with_motion(name: str) -> ReconstructOptions:
-        return replace(options, fit=replace(options.fit, motion=name))
-
-    def fit(capture: Capture, folder: Path, options: ReconstructOptions) -> Scene | Clip:
-        return reconstruct(capture, folder, options=options, devices=devices, quiet=quiet)
-
+    say: Callable[[str], None],
+) -> tuple[Effort, dict[str, float]]:
+    """The choice of fit.motion that a trial finds best, and the scores (`motion.json`); what is
+    chosen already where there is nothing to try. A run that is resumed goes by its own trial."""
+    known = fits.out / "motion.json"
     if resume:
         scores = json.loads(known.read_text()) if known.is_file() else {}
     else:
-        names = effort(capture, options, this_machine()).rivals
-        part = held_out_capture(capture) if names else None
         scores = {}
-        if part is not None:
-            _say("Short fits without some pictures tell what shows what moves best.", silent)
-            rivals = {name: effort(part, with_motion(name), this_machine()) for name in names}
-            chosen = {name: rival.options for name, rival in rivals.items()}
-            scores = trial(part, out, chosen, fit, devices)
+        if rivals:
+            say("Short fits without some pictures tell what shows what moves best.")
+            tried = {name: rival.options for name, rival in rivals.items()}
+            scores = motion_scores(fits, tried, MOTION_NOUNS)
         if leads():
             known.unlink(missing_ok=True)
             if scores:
                 write_json(known, scores)
-    if not scores or options.fit.motion != "auto":
-        return options, {}
-    _say(trial_sentence(scores, MOTION_NOUNS), silent)
-    return with_motion(max(scores, key=lambda name: scores[name])), scores
+    best = max(scores, key=lambda name: scores[name], default="")
+    if best not in rivals:
+        return chosen, {}
+    say(trial_sentence(scores, MOTION_NOUNS))
+    return rivals[best], scores
 
 
 def _demand_same_segments(progress: RunProgress, count: int) -> None:

@@ -5,31 +5,21 @@ that were right. So a correction is kept only if pictures that it has not seen g
 """
 
 import json
-import math
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
-from gaussray.capture.capture import Capture
 from gaussray.io.atomic import write_json
-from gaussray.reconstruct.data.segments import Segment
-from gaussray.reconstruct.log import NonFiniteLoss, RunLog
+from gaussray.reconstruct.data.held_out_tiles import trial_tiles
 from gaussray.reconstruct.loop import held_out_score
-from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions
-from gaussray.reconstruct.run_progress import RunProgress
-from gaussray.reconstruct.session import Session
-from gaussray.runtime.devices import leads, wait
+from gaussray.reconstruct.trial_fits import TrialFits
+from gaussray.runtime.devices import leads
 
 
 # Steps of a stage of a trial, at most; and the share of the tiles that is held out.
 _STEPS, _SHARE = 500, 0.05
 # The scores of a trial, in the run's folder; a run that is resumed goes by them.
 _FILE = "refine.json"
-
-# Fits all stages of a segment.
-Fitted = Callable[[Session, State | None, RunProgress], tuple[State, RunProgress]]
 
 
 def kept_corrections(
@@ -55,30 +45,22 @@ def kept_corrections(
 
 
 def with_refinement_tried(
-    capture: Capture,
-    out: Path,
+    fits: TrialFits,
     options: ReconstructOptions,
-    segment: Segment,
     *,
-    fitted: Fitted,
     resume: bool,
-    devices: int | None,
     say: Callable[[str], None] = lambda line: None,
 ) -> ReconstructOptions:
     """The options with the corrections that help (`kept_corrections`), without any where no tile
     can be held out; the same options where nothing is refined.
 
     Args:
-        capture: the capture.
-        out: the folder of the run, which gets refine.json.
+        fits: makes the short fits, in the folder of the run, which gets refine.json.
         options: the options; fit.refine names the corrections to try, fit.refine_gain the dB.
-        segment: the first segment, in which cameras are refined.
-        fitted: fits all stages of a segment.
         resume: whether the run goes on: then by the scores of its own trial.
-        devices: how many devices share the rays (None: all).
         say: gets lines on what is tried, and which corrections are kept.
     """
-    known, kinds = out / _FILE, options.fit.refine
+    known, kinds = fits.out / _FILE, options.fit.refine
     if not kinds or options.fit.refine_gain < 0:
         return options
     if resume:
@@ -86,8 +68,19 @@ def with_refinement_tried(
         return _with_refine(options, tuple(found["kept"]))
     say("Short fits tell by which corrections of cameras held-out tiles gain.")
 
+    fit = options.fit
+    short = replace(
+        fit,
+        minutes=0.0,
+        coarse=min(fit.coarse, _STEPS),
+        fine=min(fit.fine, _STEPS),
+        validate=_SHARE,
+    )
+
     def score(chosen: tuple[str, ...]) -> float | None:
-        return _score(capture, out, _with_refine(options, chosen), segment, fitted, devices)
+        tried = replace(options, fit=replace(short, refine=chosen))
+        name = f"trial of {', '.join(chosen) or 'recorded cameras'}"
+        return replace(fits, quiet=True).score(name, tried, trial_tiles, held_out_score)
 
     recorded = score(())
     if recorded is None:
@@ -126,43 +119,3 @@ def refinement_sentence(kept: Sequence[str], scores: dict[str, float]) -> str:
 
 def _with_refine(options: ReconstructOptions, kinds: tuple[str, ...]) -> ReconstructOptions:
     return replace(options, fit=replace(options.fit, refine=kinds))
-
-
-def _score(
-    capture: Capture,
-    out: Path,
-    options: ReconstructOptions,
-    segment: Segment,
-    fitted: Fitted,
-    devices: int | None,
-) -> float | None:
-    """PSNR in dB of the held-out tiles after a short fit; 0 if it failed, None if there are no such
-    tiles."""
-    fit, folder = options.fit, out / "trial"
-    short = replace(
-        fit,
-        minutes=0.0,
-        coarse=min(fit.coarse, _STEPS),
-        fine=min(fit.fine, _STEPS),
-        validate=_SHARE,
-    )
-    _remove(folder)
-    log = RunLog(folder, resume=False, interval=math.inf, writes=leads())
-    session = Session(capture, log, replace(options, fit=short), True, devices, segment, trial=True)
-    if session.held_out is None:
-        return None
-    try:
-        state, _ = fitted(session, None, RunProgress())
-        value = held_out_score(session, state)
-        return value if math.isfinite(value) else 0.0
-    except NonFiniteLoss:
-        return 0.0
-    finally:
-        del session
-        _remove(folder)
-
-
-def _remove(folder: Path) -> None:
-    if leads():
-        shutil.rmtree(folder, ignore_errors=True)
-    wait("refinement")

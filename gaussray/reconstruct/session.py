@@ -1,6 +1,7 @@
 """What a reconstruction has at hand while it works on one segment of a capture."""
 
 import math
+from collections.abc import Hashable
 from dataclasses import replace
 from functools import cached_property
 
@@ -15,7 +16,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import refined_kinds, refined_views
 from gaussray.capture.capture import Capture
 from gaussray.capture.points import Points
-from gaussray.reconstruct.data.held_out_tiles import held_out_tiles, trial_tiles
+from gaussray.reconstruct.data.held_out_tiles import HoldOut, held_out_tiles
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
 from gaussray.reconstruct.data.pictures import Footage, footage, stacked
@@ -29,6 +30,7 @@ from gaussray.reconstruct.optimize.rows import occupied, take_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
+from gaussray.reconstruct.shared_results import SharedResults
 from gaussray.runtime.progress import Progress
 from gaussray.scene.bodies import body_pose_at
 from gaussray.scene.deformation import Deformation
@@ -51,7 +53,8 @@ class Session:
         quiet: show no progress bars.
         devices: how many devices of every host share the rays of a step; None: all.
         segment: the views and the interval of time; None: the whole capture.
-        trial: hold out tiles of small captures, too, for short fits that are compared by them.
+        hold_out: which tiles no step draws; it gets fit.validate and fit.seed.
+        shared: what fits of the same pictures have in common; None: there are no others.
 
     Attributes:
         footage: the training pictures of the segment, and their cameras.
@@ -59,6 +62,7 @@ class Session:
         extent: the scene's length unit, half the diagonal of the cameras' bounding box.
         cameras: what the training cameras have in common, and which of them took each picture.
         activity: where the pictures change.
+        shared: what fits of the same pictures have in common.
         held_out: the tiles that no step draws, None if there are none.
         loader: draws the tiles of each step.
         times: the times of the training pictures, sorted.
@@ -76,7 +80,8 @@ class Session:
         quiet: bool,
         devices: int | None = None,
         segment: Segment | None = None,
-        trial: bool = False,
+        hold_out: HoldOut = held_out_tiles,
+        shared: SharedResults | None = None,
     ):
         views = training_views(capture)
         part = segment or Segment(views, capture.time_range)
@@ -100,8 +105,8 @@ class Session:
         segment_owner = jnp.asarray(np.searchsorted(names, self.footage.name), jnp.int32)
         self.cameras = eqx.tree_at(lambda c: c.owner, cameras, segment_owner)
         self.activity = activity(self.footage)
-        draw = trial_tiles if trial else held_out_tiles
-        held_out = draw(self.footage, options.fit.validate, options.fit.seed)
+        self.shared = shared or SharedResults()
+        held_out = hold_out(self.footage, options.fit.validate, options.fit.seed)
         times, views_of_time = np.unique(self.footage.times, return_counts=True)
         single = len(times) == 1
         by_transients = not single and options.fit.transient and not options.fit.deforms
@@ -130,7 +135,16 @@ class Session:
     @cached_property
     def initial_points(self) -> InitialPoints:
         """The points on which the first Gaussians of the capture stand."""
-        return initial_points(self.capture, self.footage, self.options.fit, self.progress_bar)
+        return self.shared.once(
+            ("points", *self.points_key),
+            lambda: initial_points(self.capture, self.footage, self.options.fit, self.progress_bar),
+        )
+
+    @property
+    def points_key(self) -> tuple[Hashable, ...]:
+        """The options that `initial_points` depends on."""
+        fit = self.options.fit
+        return fit.start, fit.points, fit.outliers, fit.deforms, fit.seed
 
     def progress_bar(self, work: str, total: int, patience: float = 0.0) -> Progress:
         """A progress bar for a piece of work on this segment.

@@ -34,7 +34,7 @@ from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
 from gaussray.reconstruct.optimize.optimizer import Parameters, shortest_lifetime
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
-from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.runtime.devices import agreed
 from gaussray.runtime.progress import Progress
@@ -169,8 +169,7 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
         moved = _unexplained(session, state) if session.still_first else None
         clouds = _clouds(session, parameters, moved)
     if fit.control and session.has_videos:
-        control = tracked_surface(clouds, seed=fit.seed, report=_reporter(session, "track"))
-        control = agreed(control)
+        control = agreed(_control_points(session, clouds, moved))
         clouds = clouds if control is None else with_surface_velocities(clouds, control)
     if fit.deforms:
         deformation = _deformation(session, parameters, progress, control)
@@ -210,14 +209,37 @@ def _clouds(
     session: Session, parameters: Parameters, moved: UnexplainedPixels | None
 ) -> Sequence[MovingPoints]:
     """The points that stereo finds in what moves at each time."""
-    held = occupied(parameters.static)
-    return moving_points(
-        session.footage,
-        starting_times(session.times, session.options.fit.instants).tolist(),
-        moved=moved,
-        known=np.asarray(parameters.static.mean)[held],
-        report=_reporter(session, "stereo of what moves"),
-    )
+    times = starting_times(session.times, session.options.fit.instants).tolist()
+
+    def found(known: Float[np.ndarray, "known 3"]) -> Sequence[MovingPoints]:
+        report = _reporter(session, "stereo of what moves")
+        return moving_points(session.footage, times, moved=moved, known=known, report=report)
+
+    if not _by_pictures_alone(session, moved):
+        held = occupied(parameters.static)
+        return found(np.asarray(parameters.static.mean)[held])
+    points, key = session.initial_points, ("moving points", *times, *session.points_key)
+    return session.shared.once(key, lambda: found(points.position))
+
+
+def _by_pictures_alone(session: Session, moved: UnexplainedPixels | None) -> bool:
+    """Whether the pictures tell what moves, and where what stands still is, before any fit."""
+    return moved is None and not session.later and session.initial_points.on_surfaces
+
+
+def _control_points(
+    session: Session, clouds: Sequence[MovingPoints], moved: UnexplainedPixels | None
+) -> ControlPoints | None:
+    """Control points that follow the surfaces of the first time."""
+    seed = session.options.fit.seed
+
+    def found() -> ControlPoints | None:
+        return tracked_surface(clouds, seed=seed, report=_reporter(session, "track"))
+
+    if not _by_pictures_alone(session, moved):
+        return found()
+    times = [cloud.time for cloud in clouds]
+    return session.shared.once(("control points", *times, *session.points_key), found)
 
 
 def _transients(
@@ -295,15 +317,24 @@ def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodi
 
     There are none where points do not lie on surfaces, nor where every camera took one picture.
     """
-    times, known = session.times, progress.bodies
     given, start = session.capture.points is not None, session.options.fit.start
     matched = start in ("auto", "stereo") and sum(progress.initial) > 0
     on_surfaces = matched or (given and start != "random")
-    if on_surfaces and session.has_videos:
-        surface = moving if session.later else _initial_surface(session)
-    else:
-        surface = take_rows(moving, np.zeros(0, int))
-    position = np.asarray(surface.mean)
+    if not (on_surfaces and session.has_videos):
+        return _tracked_bodies(session, take_rows(moving, np.zeros(0, int)), progress.bodies)
+    if session.later:
+        return _tracked_bodies(session, moving, progress.bodies)
+    options = session.options
+    return session.shared.once(
+        ("bodies", options.track, options.fit.moving, *session.points_key),
+        lambda: _tracked_bodies(session, _initial_surface(session), progress.bodies),
+    )
+
+
+def _tracked_bodies(session: Session, surface: Gaussians, known: KnownBodies | None) -> Bodies:
+    """The rigid bodies among the Gaussians of a surface, with their poses at all times; those
+    known from the segment before first."""
+    times, position = session.times, np.asarray(surface.mean)
     groups = bodies(position, times, known=None if known is None else (known.pivot, known.radius))
     return track(
         groups,

@@ -71,7 +71,9 @@ def compiled() -> float:
 def keep_programs(folder: str) -> Path | None:
     """Keep compiled programs in a folder, so that later processes load instead of compile them.
 
-    The environment variable JAX_COMPILATION_CACHE_DIR has precedence over `folder`.
+    The environment variables JAX_COMPILATION_CACHE_DIR and
+    JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS have precedence over `folder` and
+    `MIN_COMPILE_SECONDS`.
 
     Args:
         folder: the folder, or `auto` for a folder of the user's cache per kind of processor, since
@@ -87,6 +89,7 @@ def keep_programs(folder: str) -> Path | None:
     known = jax.config.values["jax_compilation_cache_dir"]
     if known:
         keep_machine_code(Path(known), _processor())
+        _keep_short_ones()
         return Path(known)
     if not folder:
         return None
@@ -99,8 +102,14 @@ def keep_programs(folder: str) -> Path | None:
         return None
     keep_machine_code(path, _processor())
     jax.config.update("jax_compilation_cache_dir", str(path))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", MIN_COMPILE_SECONDS)
+    _keep_short_ones()
     return path
+
+
+def _keep_short_ones() -> None:
+    """Keep programs that compile in less than JAX's second, too: a fit has hundreds of them."""
+    if "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS" not in os.environ:
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", MIN_COMPILE_SECONDS)
 
 
 def _cache() -> Path:

@@ -10,56 +10,110 @@ import toy
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.temporal_median import moving_mask
 from gaussray.reconstruct import effort, motion_trial, pipeline
+from gaussray.reconstruct.data.held_out_tiles import trial_tiles
+from gaussray.reconstruct.data.motion_mask import activity
 from gaussray.reconstruct.data.pictures import footage
-from gaussray.reconstruct.failed_fit import FailedFit
+from gaussray.reconstruct.data.segments import segments, training_views
+from gaussray.reconstruct.log import NonFiniteLoss
 from gaussray.reconstruct.motion_trial import (
-    held_out_capture,
+    motion_scores,
+    motion_tiles,
     moving_alone,
-    trial,
+    moving_score,
     trial_sentence,
 )
+from gaussray.reconstruct.optimize.optimizer import Parameters
+from gaussray.reconstruct.optimize.state import begin_state
+from gaussray.reconstruct.shared_results import SharedResults
+from gaussray.reconstruct.trial_fits import TrialFits
+from gaussray.scene.gaussians import unconstrain
 
 
 pytestmark = pytest.mark.usefixtures("known_sizes")
 
-AUTO = replace(toy.SHORT, fit=replace(toy.SHORT.fit, auto=True, points=20))
-RIVALS = {"deformation": toy.SHORT, "transient": toy.SHORT}
+TIMES = tuple(np.linspace(0, 1, 9).tolist())
 
 
 @pytest.fixture(scope="module")
 def capture(tmp_path_factory):
-    times = tuple(np.linspace(0, 1, 9).tolist())
     folder = tmp_path_factory.mktemp("capture")
-    return read_capture(toy.write_capture(folder, toy.scene(), times=times))
+    return read_capture(toy.write_capture(folder, toy.scene(), times=TIMES))
 
 
-def test_of_five_cameras_one_is_held_out_at_each_time_of_fewer_every_fourth_time(capture):
-    train = [view for view in capture.views if view.split == "train"]
-    few = held_out_capture(capture)
-    assert {v.time for v in few.views if v.split == "test"} == {0.25, 0.75}
-    assert len(few.views) == len(train)
-    five = [replace(v, camera_name=name) for name in "abcde" for v in train[:9]]
-    many = held_out_capture(replace(capture, views=five))
-    held = {v.time: v.camera_name for v in many.views if v.split == "test"}
-    assert [held[time] for time in sorted(held)] == list("abdeabdea")
-    assert sum(v.split == "test" for v in many.views) == 9
-    short = [v for v in train if v.time < 0.5]
-    assert held_out_capture(replace(capture, views=short)) is None
+def seen(views, side=8):
+    return footage(views, side=side, bundle=8)
+
+
+def fits_of(capture, out, fitted, shared=None):
+    part = segments(capture, 0)[0]
+    return TrialFits(capture, part, out, fitted, shared or SharedResults())
+
+
+def test_of_five_cameras_one_is_held_out_at_each_time(capture):
+    train = training_views(capture)
+    own = [view for view in train if view.camera_name == train[0].camera_name]
+    views = [replace(view, camera_name=name) for name in "abcde" for view in own]
+    pictures = seen(views)
+    held = motion_tiles(pictures, 0.0, 0)
+    # Whole pictures alone.
+    assert (held.all(axis=1) == held.any(axis=1)).all()
+    names = {float(pictures.times[k]): str(pictures.name[k]) for k in np.flatnonzero(held[:, 0])}
+    assert [names[time] for time in sorted(names)] == list("abdeabdea")
+    assert held[:, 0].sum() == 9
+
+
+def test_of_few_cameras_a_quarter_of_each_picture_is_held_out(capture):
+    views, shares = training_views(capture), []
+    for seed in range(40):
+        held = motion_tiles(seen(views), 0.0, seed)
+        np.testing.assert_array_equal(held, motion_tiles(seen(views), 0.0, seed))
+        shares.append(held.mean())
+    # The pictures are smaller than a square: each of them is held out or not.
+    assert held.all(axis=1).any() and not held.all()
+    # The mean of 40 draws of 18 pictures has a standard deviation of 0.02.
+    assert abs(np.mean(shares) - 0.25) < 0.06
+
+
+def test_a_tile_is_held_out_that_any_square_covers(capture, monkeypatch):
+    monkeypatch.setattr(motion_trial, "_SQUARE", 8)
+    views = training_views(capture)[:4]
+    small, large = (motion_tiles(seen(views, side), 0.0, 1) for side in (8, 16))
+    assert small.any() and not small.all()
+    np.testing.assert_array_equal(small.any(axis=1), large[:, 0])
+
+
+def test_what_is_masked_is_not_held_out(capture):
+    pictures = seen(training_views(capture))
+    mask = np.full((*pictures.pixel.shape[:2], 8), 255, np.uint8)
+    mask[:, 0] = 0
+    assert not motion_tiles(replace(pictures, mask=mask), 0.0, 0)[:, 0].any()
 
 
 @pytest.mark.ci
-def test_a_scene_is_scored_on_what_is_held_out_and_a_failed_fit_loses(capture, tmp_path):
-    part, fits = held_out_capture(capture), []
+def test_a_fit_is_scored_on_moving_pixels_that_no_step_draws_and_a_failed_one_loses(
+    capture, tmp_path
+):
+    tried, scene = [], toy.scene()
+    # Alone, what moves is in its place at the first time.
+    wrong = replace(scene, moving=scene.static)
 
-    def fit(given, folder, options):
-        assert given is part and options.fit.fine == motion_trial._STEPS
-        fits.append(folder)
-        if len(fits) == 3:
-            raise FailedFit("nothing")
-        scene = toy.scene()
-        return scene if len(fits) == 1 else replace(scene, static=scene.moving)
+    def fitted(session, state, progress):
+        tried.append(session.options.fit.motion)
+        assert state is None and session.options.fit.fine == motion_trial._STEPS
+        expected = motion_tiles(session.footage, 0.0, session.options.fit.seed)
+        np.testing.assert_array_equal(session.held_out, expected)
+        drawn = session.loader.batches("fine", 0, 20)
+        assert not expected[np.asarray(drawn.frame), np.asarray(drawn.tile)].any()
+        if len(tried) == 3:
+            raise NonFiniteLoss("nothing")
+        shown = scene if len(tried) == 1 else wrong
+        parts = unconstrain(shown.static), unconstrain(shown.moving), shown.deformation
+        return begin_state(Parameters(*parts, None)), progress
 
-    scores = trial(part, tmp_path, {**RIVALS, "both": toy.SHORT}, fit, None)
+    names = ("deformation", "transient", "both")
+    rivals = {name: replace(toy.SHORT, fit=replace(toy.SHORT.fit, motion=name)) for name in names}
+    scores = motion_scores(fits_of(capture, tmp_path, fitted), rivals, effort.MOTION_NOUNS)
+    assert tried == list(names)
     # Pictures of 8 bits of the scene itself.
     assert scores["deformation"] > 40 > scores["transient"] > scores["both"] == 0
     assert not (tmp_path / "trial").exists()
@@ -67,30 +121,69 @@ def test_a_scene_is_scored_on_what_is_held_out_and_a_failed_fit_loses(capture, t
     assert "fit.motion=deformation" in line and "transient Gaussians" in line
 
 
+def test_where_no_tile_can_be_held_out_nothing_is_tried(capture, tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        motion_trial, "motion_tiles", lambda seen, *_: np.zeros(seen.pixel.shape[:2], bool)
+    )
+    fits = fits_of(capture, tmp_path, lambda *_: pytest.fail("fitted"))
+    assert motion_scores(fits, {"deformation": toy.SHORT}, effort.MOTION_NOUNS) == {}
+    assert not (tmp_path / "trial").exists()
+
+
 def test_only_pixels_that_differ_from_the_temporal_median_count(capture):
-    train = [view for view in capture.views if view.split == "train"]
+    train = training_views(capture)
     one = [view for view in train if view.camera_name == train[0].camera_name]
-    seen = footage(one, side=8, bundle=8)
-    moving = moving_mask(seen.pictures(np.arange(len(one))) / np.float32(255))
+    pictures = seen(one)
+    moving = moving_mask(pictures.pictures(np.arange(len(one))) / np.float32(255))
     assert 0 < moving.mean() < 0.5
-    np.testing.assert_array_equal(moving_alone(seen).masks(np.arange(len(one))), moving)
+    alone = moving_alone(pictures, activity(pictures))
+    np.testing.assert_array_equal(alone.masks(np.arange(len(one))), moving)
     # What is masked does not count even if it moves.
-    hidden = moving_alone(replace(seen, mask=np.zeros((*seen.pixel.shape[:2], 8), np.uint8)))
-    assert not hidden.visible(slice(None), slice(None)).any()
+    hidden = replace(pictures, mask=np.zeros((*pictures.pixel.shape[:2], 8), np.uint8))
+    assert not moving_alone(hidden, activity(pictures)).visible(slice(None), slice(None)).any()
 
 
 def test_the_better_one_is_fitted_and_a_resumed_run_does_not_try_again(
     capture, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(pipeline, "this_machine", lambda: effort.Machine(gpu=True))
-    monkeypatch.setattr(pipeline, "trial", lambda *_: {"deformation": 20.0, "transient": 21.0})
-    known = capture, tmp_path, AUTO
-    chosen, scores = pipeline._with_motion_tried(*known, False, None, True)
-    assert chosen.fit.motion == "transient" and scores["transient"] == 21.0
+    def tried(resume):
+        fits = fits_of(capture, tmp_path, lambda *_: pytest.fail("fitted"))
+        return pipeline._with_motion_tried(fits, usual, rivals, resume, said.append)
+
+    said, names = [], ("deformation", "transient")
+    usual = effort.Effort(capture, toy.SHORT, "")
+    rivals = {name: effort.Effort(capture, toy.SHORT, name) for name in names}
+    monkeypatch.setattr(
+        pipeline, "motion_scores", lambda *_: {"deformation": 20.0, "transient": 21.0}
+    )
+    chosen, scores = tried(False)
+    assert chosen is rivals["transient"] and scores["transient"] == 21.0
     assert json.loads((tmp_path / "motion.json").read_text()) == scores
-    monkeypatch.setattr(pipeline, "trial", lambda *_: pytest.fail("tried again"))
-    assert pipeline._with_motion_tried(*known, True, None, True) == (chosen, scores)
+    assert "fit.motion=transient" in said[-1]
+    monkeypatch.setattr(pipeline, "motion_scores", lambda *_: pytest.fail("tried again"))
+    assert tried(True) == (chosen, scores)
     # Nothing is tried where the user chose, and nothing is left for a run to be resumed by.
-    same, none = pipeline._with_motion_tried(capture, tmp_path, chosen, False, None, True)
-    assert same == chosen and not none and not (tmp_path / "motion.json").exists()
-    assert pipeline._with_motion_tried(*known, True, None, True) == (AUTO, {})
+    rivals = {}
+    assert tried(False) == (usual, {}) and not (tmp_path / "motion.json").exists()
+    assert tried(True) == (usual, {})
+
+
+@pytest.mark.slow
+def test_fits_that_share_results_are_the_same_as_alone(capture, tmp_path):
+    """Points, bodies and sizes are found once, and the second fit ends with the same numbers."""
+
+    def scored(shared, name):
+        fits = fits_of(capture, tmp_path / name, pipeline._fitted, shared)
+        return fits.score(name, options, trial_tiles, measure)
+
+    def measure(session, state):
+        ends.append(np.asarray(state.parameters.static.mean))
+        return moving_score(session, state)
+
+    fit = replace(toy.SHORT.fit, validate=0.5, coarse=10, fine=10)
+    options, ends = replace(toy.SHORT, fit=fit), []
+    shared = SharedResults()
+    scores = [scored(shared, "a"), scored(shared, "b"), scored(SharedResults(), "c")]
+    assert scores[0] == scores[1] == scores[2] > 0
+    for other in ends[1:]:
+        np.testing.assert_array_equal(ends[0], other)

@@ -18,6 +18,8 @@ from gaussray.reconstruct.refinement_trial import (
     refinement_sentence,
     with_refinement_tried,
 )
+from gaussray.reconstruct.shared_results import SharedResults
+from gaussray.reconstruct.trial_fits import TrialFits
 from gaussray.render.options import RenderOptions
 from gaussray.render.renderer import Renderer
 
@@ -105,9 +107,8 @@ def test_a_run_that_is_resumed_goes_by_its_own_trial(tmp_path):
         raise AssertionError("nothing is fitted")
 
     def tried(**fit):
-        return with_refinement_tried(
-            capture, tmp_path, options(**fit), part, fitted=fitted, resume=True, devices=None
-        ).fit.refine
+        fits = TrialFits(capture, part, tmp_path, fitted, SharedResults())
+        return with_refinement_tried(fits, options(**fit), resume=True).fit.refine
 
     assert tried() == ("exposure",)
     (tmp_path / "refine.json").write_text('{"kept": []}')

@@ -4,7 +4,7 @@ import jax
 import pytest
 
 from gaussray.runtime import jit_cache as compilation
-from gaussray.runtime.jit_cache import keep_programs
+from gaussray.runtime.jit_cache import MIN_COMPILE_SECONDS, keep_programs
 
 
 @pytest.fixture
@@ -43,3 +43,18 @@ def test_a_folder_that_cannot_be_is_named_by_its_key(nowhere, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match=r"devices.programs=.*cannot be written"):
         keep_programs(str(tmp_path / "file" / "in"))
+
+
+@pytest.mark.parametrize(("wanted", "kept"), [(None, MIN_COMPILE_SECONDS), ("3", 1.0)])
+def test_short_programs_are_kept_in_a_known_folder_unless_the_user_says_otherwise(
+    nowhere, tmp_path, monkeypatch, wanted, kept
+):
+    name = "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"
+    monkeypatch.delenv(name, raising=False)
+    if wanted:
+        monkeypatch.setenv(name, wanted)
+    jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 1.0)
+    assert keep_programs("auto") == tmp_path
+    # JAX itself has read the variable, when it was imported.
+    assert jax.config.jax_persistent_cache_min_compile_time_secs == kept

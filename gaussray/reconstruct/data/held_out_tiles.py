@@ -1,5 +1,7 @@
 """Which tiles no training step draws, so that they can tell when a fit no longer improves."""
 
+from collections.abc import Callable
+
 import jax
 import numpy as np
 from jaxtyping import Bool, Int
@@ -7,6 +9,9 @@ from jaxtyping import Bool, Int
 from gaussray.reconstruct.data.batches import Batch, gather
 from gaussray.reconstruct.data.pictures import Footage
 
+
+# Says which tiles no step draws, of the pictures, a share of them and a seed.
+HoldOut = Callable[[Footage, float, int], Bool[np.ndarray, "frames tiles"]]
 
 # Captures of fewer tiles have none to spare.
 _LEAST = 500
