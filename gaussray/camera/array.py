@@ -63,7 +63,7 @@ def camera_set(
     position = np.asarray(camera.trajectory.translation, np.float64).mean(axis=1)
     position = np.stack([position[owner == i].mean(axis=0) for i in range(owner.max() + 1)])
     _, first_frame = np.unique(owner, return_index=True)
-    pixel = _pixel_angle(jax.tree.map(lambda x: x[first_frame], camera))
+    pixel = _pixel_angle(jax.tree.map(lambda x: jnp.asarray(np.asarray(x)[first_frame]), camera))
     times = np.unique(np.asarray(camera.time))
     interval = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
     first, last = time_window(camera.shutter, (film.width, film.height))
@@ -126,6 +126,7 @@ def rays_per_pixel(camera: Camera) -> int:
 
 
 @jax.jit
+@eqx.filter_jit
 def _pixel_angle(cameras: Camera) -> Float[Array, " cameras"]:
     """Angle between the rays of neighbouring pixels in the middle of the picture, in radians."""
     film = cameras.film

@@ -116,6 +116,7 @@ def unconstrain_transients(
     )
 
 
+@jax.jit
 def interval_at(
     times: Float[Array, " times"], instant: Float[Array, "*instants"]
 ) -> Float[Array, "*instants"]:

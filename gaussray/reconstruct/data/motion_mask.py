@@ -2,12 +2,13 @@
 
 from typing import NamedTuple
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float, UInt16
+from jaxtyping import Array, Bool, Float, Int, UInt16
 
-from gaussray.camera.camera import project
+from gaussray.camera.camera import Camera, project
 from gaussray.capture.temporal_median import differs, temporal_median
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.tiles import join, tile_of, tile_pixels
@@ -108,8 +109,7 @@ def point_activity(
     for name in np.unique(footage.viewpoints):
         frames = np.flatnonzero(footage.viewpoints == name)
         first = frames[np.argmin(times[frames])]
-        camera = jax.tree.map(lambda x, f=first: x[f], footage.camera)
-        pixel = np.asarray(jax.vmap(project, in_axes=(None, 0))(camera, jnp.asarray(position)))
+        pixel = np.asarray(_projected(footage.camera, jnp.asarray(first), jnp.asarray(position)))
         with np.errstate(invalid="ignore"):
             inside = np.all((pixel >= 0) & (pixel < (film.width, film.height)), axis=1)
         column, row = pixel[inside].astype(int).T
@@ -129,6 +129,15 @@ def point_activity(
     result = np.zeros(len(position))
     result[seen] = np.nanmedian(table[:, seen], axis=0)
     return result
+
+
+@eqx.filter_jit
+def _projected(
+    camera: Camera, frame: Int[Array, ""], position: Float[Array, "points 3"]
+) -> Float[Array, "points 2"]:
+    """Where the camera of a frame sees points, in pixels."""
+    own = jax.tree.map(lambda x: x[frame], camera)
+    return jax.vmap(project, in_axes=(None, 0))(own, position)
 
 
 def _visible(footage, frame, tile, place):

@@ -70,7 +70,7 @@ def uncovered_points(
     colors, filled, usual = [], len(position), typical_spread(views)
     for i in range(len(seen.frames)):
         dice = np.random.default_rng([seed, i, 4])
-        column, row, away, inside, ray, pixel = jax.device_get(
+        column, row, away, inside, ray, color, visible = jax.device_get(
             _looked_at(views, jnp.asarray(i), jnp.asarray(every))
         )
         nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
@@ -80,19 +80,19 @@ def uncovered_points(
         distance = np.full(cells, usual) if empty.all() else _with_gaps_filled(nearest)
         y, x = np.nonzero(empty)
         y, x = (side * k + dice.integers(side, size=len(k)) for k in (y, x))
-        channels, mask = jax.device_get(unpacked(jnp.asarray(pixel[y, x]), jnp.float32))
+        shade, mask = color[y, x], visible[y, x]
         direction = ray[:, y, x].T
         shown = mask & np.any(direction != 0, axis=1)
         along = distance[empty] * np.exp(dice.uniform(-_JITTER, _JITTER, len(y)))
         if plain is not None:
-            behind = like_backdrop(np.stack(channels, axis=1), plain)
+            behind = like_backdrop(shade, plain)
             farthest = np.quantile(away[inside], 0.98) if inside.any() else usual
             along = np.where(behind, _BEHIND * farthest, along)
             shown &= ~(behind & (plain.max() < BLACK))
         place = np.asarray(views.origin[i]) + direction * along[:, None]
         number = int(shown.sum())
         every[filled : filled + number] = place[shown]
-        colors.append(np.stack(channels, axis=1)[shown])
+        colors.append(shade[shown])
         filled += number
     color = np.concatenate([np.zeros((0, 3)), *colors]).astype(np.float64)
     return Points(every[len(position) : filled], srgb_decode(color).astype(np.float32))
@@ -115,13 +115,12 @@ def coverage(seen: StereoViewSet, position: Float[np.ndarray, "points 3"], *, co
     cells = views.size[0] // side, views.size[1] // side
     held = total = 0
     for i in range(len(seen.frames)):
-        column, row, away, inside, ray, pixel = jax.device_get(
+        column, row, away, inside, ray, color, mask = jax.device_get(
             _looked_at(views, jnp.asarray(i), jnp.asarray(position))
         )
-        channels, mask = jax.device_get(unpacked(jnp.asarray(pixel), jnp.float32))
         shown = mask & np.any(ray != 0, axis=0)
         if plain is not None:
-            shown &= ~like_backdrop(np.stack(channels, axis=-1), plain)
+            shown &= ~like_backdrop(color, plain)
         whole = shown[: cells[0] * side, : cells[1] * side]
         counts = whole.reshape(cells[0], side, cells[1], side).mean(axis=(1, 3)) >= 0.5
         nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
@@ -160,11 +159,11 @@ def hiding(
     hides = np.zeros(len(more), bool)
     for i in range(len(seen.frames)):
         hides |= np.linalg.norm(more - np.asarray(views.origin[i]), axis=1) < _CLEAR * size
-        column, row, away, inside, _, _ = jax.device_get(_looked_at(views, jnp.asarray(i), known))
+        column, row, away, inside, *_ = jax.device_get(_looked_at(views, jnp.asarray(i), known))
         nearest = _nearest(column[inside], row[inside], away[inside], cells, side)
         if not np.isfinite(nearest).any():
             continue
-        column, row, away, inside, _, _ = jax.device_get(_looked_at(views, jnp.asarray(i), balls))
+        column, row, away, inside, *_ = jax.device_get(_looked_at(views, jnp.asarray(i), balls))
         y, x = (
             np.clip(np.where(inside, place, 0).astype(int) // side, 0, number - 1)
             for place, number in zip((row, column), cells, strict=True)
@@ -238,10 +237,12 @@ def like_backdrop(
 def _looked_at(
     views: StereoViews, i: Int[Array, ""], position: Float[Array, "points 3"]
 ) -> tuple[Array, ...]:
-    """Column, row and distance at which a view sees points, whether it does, and its rays and
-    packed pixels."""
+    """Column, row and distance at which a view sees points, whether it does, its rays and colours,
+    and which of its pixels count."""
     own = views[i]
     alone = jax.tree.map(lambda x: x[None], own)
     column, row, inside = seen_at(alone, position.T)
     ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
-    return column[0], row[0], distance_from(alone, position.T)[0], inside[0], ray, own.pixel
+    channels, visible = unpacked(own.pixel, jnp.float32)
+    away = distance_from(alone, position.T)[0]
+    return column[0], row[0], away, inside[0], ray, jnp.stack(channels, axis=-1), visible
