@@ -25,10 +25,7 @@ from gaussray.reconstruct.initialize.stereo.from_pictures import (
     moving_points,
 )
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, hiding
-from gaussray.reconstruct.initialize.surface_tracking import (
-    tracked_surface,
-    with_surface_velocities,
-)
+from gaussray.reconstruct.initialize.surface_tracking import tracked_surface
 from gaussray.reconstruct.initialize.transients import initial_transients, starting_times
 from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
 from gaussray.reconstruct.optimize.optimizer import Parameters, shortest_lifetime
@@ -171,7 +168,6 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
     if fit.control and session.has_videos:
         control = tracked_surface(clouds, seed=fit.seed, report=_reporter(session, "track"))
         control = agreed(control)
-        clouds = clouds if control is None else with_surface_velocities(clouds, control)
     if fit.deforms:
         deformation = _deformation(session, parameters, progress, control)
     if fit.transient:

@@ -21,8 +21,9 @@ from gaussray.geometry import best_rotation, product, rotation_matrix
 from gaussray.reconstruct.initialize.from_points import inliers
 
 
-# Points below which nothing is registered.
-FEWEST = 64
+# Points below which nothing is registered, and of a time with more than _MOST, so many are used:
+# widths are in gaps between these.
+FEWEST, _MOST = 64, 12000
 # Control points that a moved point hangs on, and neighbours that a control point holds on to.
 _HELD_BY, _NEIGHBOURS = 4, 8
 # Width of a control point's weights, in distances to its third neighbour.
@@ -53,8 +54,8 @@ class RegistrationOptions(eqx.Module):
     target: int = eqx.field(static=True, default=12000)
     rounds: int = eqx.field(static=True, default=12)
     solves: int = eqx.field(static=True, default=3)
-    stiff: tuple[float, float] = eqx.field(static=True, default=(30.0, 1.0))
-    width: tuple[float, float] = eqx.field(static=True, default=(16.0, 2.0))
+    stiff: tuple[float, float] = eqx.field(static=True, default=(30.0, 0.3))
+    width: tuple[float, float] = eqx.field(static=True, default=(24.0, 3.0))
     color: float = eqx.field(static=True, default=0.15)
 
 
@@ -65,7 +66,7 @@ def registration_options(platform: str) -> RegistrationOptions:
         platform: kind of the device, as JAX names it; all but cpu are GPUs.
     """
     return (
-        RegistrationOptions(control=600, source=3000, target=6000)
+        RegistrationOptions(control=600, source=2000, target=4000)
         if platform == "cpu"
         else RegistrationOptions()
     )
@@ -112,10 +113,17 @@ class PaddedPoints(NamedTuple):
     color: Float[Array, "rows 3"]
 
 
-def registrable(position: Float[np.ndarray, "points 3"]) -> Int[np.ndarray, " rows"]:
-    """Rows of the points without strays."""
-    kept = inliers(position, _STRAY) if len(position) > 1 else np.zeros(len(position), bool)
-    return np.flatnonzero(kept)
+def registrable(
+    position: Float[np.ndarray, "points 3"], dice: np.random.Generator
+) -> Int[np.ndarray, " rows"]:
+    """Rows of the points without strays, or of a share of them, in random order.
+
+    Args:
+        position: the points.
+        dice: what draws the order.
+    """
+    rows = dice.permutation(len(position))[:_MOST]
+    return rows[inliers(position[rows], _STRAY)]
 
 
 def dense(position: Float[np.ndarray, "points 3"], gap: float) -> Bool[np.ndarray, " points"]:
@@ -262,23 +270,22 @@ def registered(
 @partial(jax.jit, static_argnames="options")
 def _registered(surface, pivot, edge, strength, there, start, options):
     count, (a, b), dtype = len(pivot), edge, pivot.dtype
-    rows = jnp.arange(len(surface.position))[:, None]
-    hold = jnp.zeros((len(rows), count), dtype).at[rows, surface.near].add(surface.weight)
-    real = jnp.sum(surface.weight, axis=1) > 0
+    near, hold = surface.near, surface.weight
+    real = jnp.sum(hold, axis=1) > 0
     stiffness = jnp.zeros((count, count), dtype)
     for x, y, sign in ((a, a, 1), (b, b, 1), (a, b, -1), (b, a, -1)):
         stiffness = stiffness.at[x, y].add(sign * strength)
     rest = pivot[b] - pivot[a]
-    lever = surface.position[:, None] - pivot[surface.near]
+    lever = surface.position[:, None] - pivot[near]
 
     def arms(turn):
-        turned = product("nkij,nkj->nki", rotation_matrix(turn)[surface.near], lever)
-        return jnp.sum(surface.weight[..., None] * turned, axis=1)
+        turned = product("nkij,nkj->nki", rotation_matrix(turn)[near], lever)
+        return jnp.sum(hold[..., None] * turned, axis=1)
 
     def matched(place, turn, width):
         """Weight and goal of each point: the mean of the point it is nearest to and of those that
         are nearest to it, by place and colour."""
-        now = product("nc,ci->ni", hold, place) + arms(turn)
+        now = jnp.sum(hold[..., None] * place[near], axis=1) + arms(turn)
         now = jnp.where(real[:, None], now, jnp.asarray(-_NOWHERE, dtype))
         ours = _features(now, surface.color, width, options.color)
         theirs = _features(there.position, there.color, width, options.color)
@@ -297,17 +304,18 @@ def _registered(surface, pivot, edge, strength, there, start, options):
         place, turn = motion
         weight, goal = matched(place, turn, width)
         heavy = hold * weight[:, None]
+        both = heavy[:, :, None] * hold[:, None, :]
         # Control points that nothing pulls at stay; single precision needs so much of it.
         stay = 1e-4 * (1 + stiff)
-        matrix = product("nc,nd->cd", heavy, hold) + stiff * stiffness
-        factor = cho_factor(matrix + stay * jnp.eye(count, dtype=dtype))
+        matrix = stiff * stiffness + stay * jnp.eye(count, dtype=dtype)
+        factor = cho_factor(matrix.at[near[:, :, None], near[:, None, :]].add(both))
         for _ in range(options.solves):
             rotation = rotation_matrix(turn)
             push = product("eij,ej->ei", 0.5 * (rotation[a] + rotation[b]), rest)
             push = stiff * strength[:, None] * push
             pull = jnp.zeros_like(place).at[b].add(push).at[a].add(-push)
-            side = product("nc,ni->ci", heavy, goal - arms(turn)) + pull + stay * place
-            place = cho_solve(factor, side)
+            lack = heavy[..., None] * (goal - arms(turn))[:, None]
+            place = cho_solve(factor, (pull + stay * place).at[near].add(lack))
             spans = strength[:, None, None] * rest[:, :, None] * (place[b] - place[a])[:, None]
             turn = best_rotation(jnp.zeros((count, 3, 3), dtype).at[a].add(spans))
         return (place, turn), None

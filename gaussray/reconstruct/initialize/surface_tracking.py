@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial import KDTree
 
 from gaussray.reconstruct.initialize.from_points import typical_gap
 from gaussray.reconstruct.initialize.nonrigid_registration import (
@@ -49,7 +48,7 @@ def tracked_surface(
     """
     options = options or registration_options(jax.default_backend())
     dice = np.random.default_rng([seed, 3])
-    own = registrable(clouds[0].points.position)
+    own = registrable(clouds[0].points.position, dice)
     if len(own) < FEWEST or len(clouds) < 2:
         return None
     position, color = clouds[0].points.position[own], clouds[0].points.color[own]
@@ -61,11 +60,11 @@ def tracked_surface(
     middle = position.mean(axis=0)
     position = (position - middle) / gap
     graph = control_graph(position, options.control)
-    chosen = np.sort(dice.permutation(len(position))[: options.source])
-    surface = embedded_points(position[chosen], color[chosen], graph, options.source)
+    position, color = position[: options.source], color[: options.source]
+    surface = embedded_points(position, color, graph, options.source)
     places, turns = [graph.pivot], [np.tile([1.0, 0, 0, 0], (options.control, 1))]
     for k, cloud in enumerate(clouds[1:], 1):
-        there = dice.permutation(registrable(cloud.points.position))[: options.target]
+        there = registrable(cloud.points.position, dice)[: options.target]
         # At constant speed so far, unless the points say otherwise.
         start = places[-1] if k < 2 else 2 * places[-1] - places[-2]
         motion = None
@@ -87,29 +86,3 @@ def tracked_surface(
         path=jnp.asarray(gap * (place - place[:, :1]), jnp.float32),
         turn=jnp.asarray(turn, jnp.float32),
     )
-
-
-def with_surface_velocities(
-    clouds: Sequence[MovingPoints], control: ControlPoints
-) -> list[MovingPoints]:
-    """The same points; those near a control point have its velocity until the next time (at the
-    last time, since the one before).
-
-    Args:
-        clouds: the moving points of each time.
-        control: the control points, with a pose for each of these times.
-    """
-    pivot, path, radius = (np.asarray(x) for x in (control.pivot, control.path, control.radius))
-    result = []
-    for k, cloud in enumerate(clouds):
-        other = k + 1 if k + 1 < len(clouds) else k - 1
-        if not len(cloud.points.position):
-            result.append(cloud)
-            continue
-        away, nearest = KDTree(pivot + path[:, k]).query(cloud.points.position)
-        near = away < 2 * radius[nearest]
-        step = (path[:, other] - path[:, k]) / (clouds[other].time - cloud.time)
-        velocity = np.where(near[:, None], step[nearest], cloud.velocity)
-        residual = np.where(near, 0.0, cloud.residual).astype(cloud.residual.dtype)
-        result.append(cloud._replace(velocity=velocity.astype(np.float32), residual=residual))
-    return result

@@ -23,9 +23,11 @@ from gaussray.reconstruct.initialize.nonrigid_registration import (
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 
 
-# Distances between features beyond which a point counts as lost, not as so much worse; the
-# difference of colours that counts as far as a gap; and the points around one that speak for it.
-_LOST, _COLOR, _AROUND = 3.0, 0.1, 12
+# The gaps and the difference of colours that count as 1 in a residual, and where it ends. Of points
+# without a match, the velocity of those around them is better than none: few shall count as lost.
+_GAPS, _COLOR, _LOST = 3.0, 0.3, 3.0
+# Points around one whose mean its residual is.
+_AROUND = 12
 
 
 class PointMotion(NamedTuple):
@@ -34,7 +36,7 @@ class PointMotion(NamedTuple):
     Args:
         displacement: in scene units.
         residual: mean distance of its moved surroundings from the points there by place and colour,
-            in gaps between points (3: lost).
+            in three gaps between points (3: lost).
     """
 
     displacement: Float[np.ndarray, "points 3"]
@@ -61,7 +63,7 @@ def point_motion(
     lost = PointMotion(
         np.zeros_like(here.position), np.full(len(here.scale), _LOST, here.position.dtype)
     )
-    own, other = registrable(here.position), registrable(there.position)
+    own, other = (registrable(x.position, dice) for x in (here, there))
     if min(len(own), len(other)) < FEWEST:
         return lost
     gap = typical_gap(here.position[own])
@@ -69,27 +71,24 @@ def point_motion(
     if len(own) < FEWEST:
         return lost
     middle = here.position[own].mean(axis=0)
-    position = (here.position - middle) / gap
-    own, other = dice.permutation(own), dice.permutation(other)[: options.target]
+    position, target = ((x.position - middle) / gap for x in (here, there))
     graph = control_graph(position[own], options.control)
-    own = own[: options.source]
-    surface = embedded_points(position[own], here.color[own], graph, options.source)
-    target = (there.position[other] - middle) / gap
-    goal = padded_points(target, there.color[other], options.target)
-    still = np.zeros((options.control, 4), np.float32)
-    still[:, 0] = 1
-    motion = registered(surface, graph, goal, (graph.pivot, still), options=options)
+    source, goal = own[: options.source], other[: options.target]
+    surface = embedded_points(position[source], here.color[source], graph, options.source)
+    match = padded_points(target[goal], there.color[goal], options.target)
+    still = np.tile([1.0, 0, 0, 0], (options.control, 1))
+    motion = registered(surface, graph, match, (graph.pivot, still), options=options)
     if motion is None:
         return lost
-    moved = gap * carried(position, graph, *motion) + middle
-    residual = _residual(here, moved, there)
-    return PointMotion((moved - here.position).astype(here.position.dtype), residual)
+    moved = (gap * carried(position, graph, *motion) + middle).astype(here.position.dtype)
+    residual = _residual(here, moved, StereoPoints(*(x[other] for x in there)))
+    return PointMotion(moved - here.position, residual)
 
 
 def _residual(here: StereoPoints, moved: np.ndarray, there: StereoPoints) -> np.ndarray:
     gap = typical_gap(there.position)
     ours, theirs = (
-        np.concatenate([place / gap, color / _COLOR], axis=1)
+        np.concatenate([place / (_GAPS * gap), color / _COLOR], axis=1)
         for place, color in ((moved, here.color), (there.position, there.color))
     )
     away, _ = KDTree(theirs).query(ours, distance_upper_bound=_LOST)
