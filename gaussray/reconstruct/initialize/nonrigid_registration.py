@@ -221,9 +221,12 @@ def carried(
     return np.sum(weight[..., None] * each, axis=1)
 
 
-def _held(position, graph):
+def _held(
+    position: Float[np.ndarray, "points 3"], graph: ControlGraph
+) -> tuple[Int[np.ndarray, "points held"], Float[np.ndarray, "points held"]]:
     """The control points that hold each point, and their weights."""
-    away, near = KDTree(graph.pivot[: graph.count]).query(position, k=_HELD_BY)
+    found = KDTree(graph.pivot[: graph.count]).query(position, k=_HELD_BY)
+    away, near = (np.asarray(x) for x in found)
     weight = np.exp(-0.5 * (away / graph.radius[near]) ** 2) + 1e-9
     return near, weight / weight.sum(axis=1, keepdims=True)
 
@@ -320,8 +323,11 @@ def _registered(surface, pivot, edge, strength, there, start, options):
             turn = best_rotation(jnp.zeros((count, 3, 3), dtype).at[a].add(spans))
         return (place, turn), None
 
-    sizes = [jnp.geomspace(*x, options.rounds, dtype=dtype) for x in (options.width, options.stiff)]
-    motion, _ = jax.lax.scan(one_round, start, tuple(sizes))
+    width, stiff = (
+        jnp.geomspace(first, last, options.rounds, dtype=dtype)
+        for first, last in (options.width, options.stiff)
+    )
+    motion, _ = jax.lax.scan(one_round, start, (width, stiff))
     return motion
 
 

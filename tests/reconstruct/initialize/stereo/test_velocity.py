@@ -55,7 +55,7 @@ def test_points_that_stand_still_do_not_move():
     here = cloud(*blob(1))
     motion = point_motion(here, here, options=SMALL)
     # A few points that have none around them are matched with, and do not match themselves.
-    assert np.median(np.abs(motion.displacement)) < 0.01 * GAP
+    assert np.median(np.abs(motion.displacement)) < 0.02 * GAP
     assert np.abs(motion.displacement).max() < GAP
     assert motion.residual.max() < 0.2
 
