@@ -23,7 +23,7 @@ from gaussray.reconstruct.initialize.from_points import inliers
 
 # Points below which nothing is registered, and of a time with more than _MOST, so many are used:
 # widths are in gaps between these.
-FEWEST, _MOST = 64, 12000
+FEWEST_POINTS, _MOST = 64, 12000
 # Control points that a moved point hangs on, and neighbours that a control point holds on to.
 _HELD_BY, _NEIGHBOURS = 4, 8
 # Width of a control point's weights, in distances to its third neighbour.
@@ -140,7 +140,7 @@ def control_graph(position: Float[np.ndarray, "points 3"], count: int) -> Contro
     """Control points on some of the points, each as far as possible from those before it.
 
     Args:
-        position: the points, in gaps; at least `FEWEST`.
+        position: the points, in gaps; at least `FEWEST_POINTS`.
         count: the number of control points with the missing rows; at most every second point
             becomes one.
     """

@@ -13,7 +13,7 @@ import numpy as np
 
 from gaussray.reconstruct.initialize.from_points import typical_gap
 from gaussray.reconstruct.initialize.nonrigid_registration import (
-    FEWEST,
+    FEWEST_POINTS,
     RegistrationOptions,
     control_graph,
     dense,
@@ -49,12 +49,12 @@ def tracked_surface(
     options = options or registration_options(jax.default_backend())
     dice = np.random.default_rng([seed, 3])
     own = registrable(clouds[0].points.position, dice)
-    if len(own) < FEWEST or len(clouds) < 2:
+    if len(own) < FEWEST_POINTS or len(clouds) < 2:
         return None
     position, color = clouds[0].points.position[own], clouds[0].points.color[own]
     gap = typical_gap(position)
     kept = dense(position, gap)
-    if kept.sum() < FEWEST:
+    if kept.sum() < FEWEST_POINTS:
         return None
     position, color = position[kept], color[kept]
     middle = position.mean(axis=0)
@@ -68,7 +68,7 @@ def tracked_surface(
         # At constant speed so far, unless the points say otherwise.
         start = places[-1] if k < 2 else 2 * places[-1] - places[-2]
         motion = None
-        if len(there) >= FEWEST:
+        if len(there) >= FEWEST_POINTS:
             found = (cloud.points.position[there] - middle) / gap
             target = padded_points(found, cloud.points.color[there], options.target)
             motion = registered(surface, graph, target, (start, turns[-1]), options=options)

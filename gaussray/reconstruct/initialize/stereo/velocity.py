@@ -9,7 +9,7 @@ from scipy.spatial import KDTree
 
 from gaussray.reconstruct.initialize.from_points import typical_gap
 from gaussray.reconstruct.initialize.nonrigid_registration import (
-    FEWEST,
+    FEWEST_POINTS,
     RegistrationOptions,
     carried,
     control_graph,
@@ -64,11 +64,11 @@ def point_motion(
         np.zeros_like(here.position), np.full(len(here.scale), _LOST, here.position.dtype)
     )
     own, other = (registrable(x.position, dice) for x in (here, there))
-    if min(len(own), len(other)) < FEWEST:
+    if min(len(own), len(other)) < FEWEST_POINTS:
         return lost
     gap = typical_gap(here.position[own])
     own = own[dense(here.position[own], gap)]
-    if len(own) < FEWEST:
+    if len(own) < FEWEST_POINTS:
         return lost
     middle = here.position[own].mean(axis=0)
     position, target = ((x.position - middle) / gap for x in (here, there))
