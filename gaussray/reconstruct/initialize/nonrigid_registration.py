@@ -36,7 +36,8 @@ _NOWHERE = 1e4
 
 
 class RegistrationOptions(eqx.Module):
-    """Settings of non-rigid registration, chosen on one synthetic capture with known motion.
+    """Settings of non-rigid registration, chosen for surface tracking on one synthetic capture with
+    known motion.
 
     Args:
         control: number of control points.
@@ -54,19 +55,19 @@ class RegistrationOptions(eqx.Module):
     target: int = eqx.field(static=True, default=12000)
     rounds: int = eqx.field(static=True, default=12)
     solves: int = eqx.field(static=True, default=3)
-    stiff: tuple[float, float] = eqx.field(static=True, default=(30.0, 0.3))
-    width: tuple[float, float] = eqx.field(static=True, default=(24.0, 3.0))
+    stiff: tuple[float, float] = eqx.field(static=True, default=(30.0, 1.0))
+    width: tuple[float, float] = eqx.field(static=True, default=(16.0, 2.0))
     color: float = eqx.field(static=True, default=0.15)
 
 
 def registration_options(platform: str) -> RegistrationOptions:
-    """Settings with which a device (cpu, gpu) needs about a second for a time.
+    """Settings with which a device (cpu, gpu) needs a second or two for a time.
 
     Args:
         platform: kind of the device, as JAX names it; all but cpu are GPUs.
     """
     return (
-        RegistrationOptions(control=600, source=2000, target=4000)
+        RegistrationOptions(control=600, source=3000, target=6000)
         if platform == "cpu"
         else RegistrationOptions()
     )

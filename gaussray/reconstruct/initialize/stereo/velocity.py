@@ -1,5 +1,6 @@
 """Displacements of moving points: one timestamp's points registered non-rigidly with another's."""
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -30,6 +31,17 @@ _GAPS, _COLOR, _LOST = 3.0, 0.3, 3.0
 _AROUND = 12
 
 
+def velocity_options(platform: str) -> RegistrationOptions:
+    """Settings for neighbouring times with which a device (cpu, gpu) needs about a second for each,
+    chosen on one synthetic capture with known motion: fast things are found by wide matches.
+
+    Args:
+        platform: kind of the device, as JAX names it; all but cpu are GPUs.
+    """
+    options = replace(registration_options(platform), stiff=(30.0, 0.3), width=(24.0, 3.0))
+    return replace(options, source=2000, target=4000) if platform == "cpu" else options
+
+
 class PointMotion(NamedTuple):
     """How each point moves until another timestamp.
 
@@ -58,7 +70,7 @@ def point_motion(
         options: how carefully to register; None chooses by device.
         seed: of the choice of points.
     """
-    options = options or registration_options(jax.default_backend())
+    options = options or velocity_options(jax.default_backend())
     dice = np.random.default_rng([seed, 3])
     lost = PointMotion(
         np.zeros_like(here.position), np.full(len(here.scale), _LOST, here.position.dtype)

@@ -1,17 +1,18 @@
 """Displacements by non-rigid registration: what moved, turned or bent is found again."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from gaussray.geometry import rotation_matrix, turning
 from gaussray.reconstruct.initialize import nonrigid_registration
-from gaussray.reconstruct.initialize.nonrigid_registration import RegistrationOptions
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints, no_points
-from gaussray.reconstruct.initialize.stereo.velocity import point_motion
+from gaussray.reconstruct.initialize.stereo.velocity import point_motion, velocity_options
 
 
-SMALL = RegistrationOptions(control=100, source=800, target=800)
+SMALL = replace(velocity_options("gpu"), control=100, source=800, target=800)
 # The gap between 800 points of the surface, of radius 1.
 GAP = 0.065
 
@@ -63,7 +64,7 @@ def test_points_that_stand_still_do_not_move():
 def test_points_that_are_not_matched_are_carried_by_those_around():
     place, color = blob(1, 3000)
     other, shade = blob(2)
-    few = RegistrationOptions(control=100, source=400, target=800)
+    few = replace(SMALL, source=400)
     motion = point_motion(cloud(place, color), cloud(moved(other), shade), options=few)
     error = np.linalg.norm(motion.displacement - (moved(place) - place), axis=1)
     assert np.quantile(error, 0.9) < 1.5 * GAP
@@ -85,6 +86,10 @@ def test_too_few_points_are_lost(counts):
     motion = point_motion(here, there, options=SMALL)
     assert motion.displacement.shape == here.position.shape and not motion.displacement.any()
     assert motion.residual.shape == here.scale.shape and (motion.residual == 3).all()
+
+
+def test_a_cpu_matches_fewer_points():
+    assert velocity_options("cpu").source < velocity_options("gpu").source
 
 
 def test_points_of_one_place_are_no_trouble():
