@@ -33,10 +33,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     # They read pictures: not needed to know what the script is for.
     from gaussray.capture.formats.paired import read_capture
     from gaussray.reconstruct.log import RunLog
+    from gaussray.reconstruct.motion import with_motion
     from gaussray.reconstruct.options import FitOptions, ReconstructOptions
     from gaussray.reconstruct.run_progress import RunProgress
     from gaussray.reconstruct.session import Session
-    from gaussray.reconstruct.start import initial_state, with_motion
+    from gaussray.reconstruct.start import initial_state
 
     capture = read_capture(chosen.capture or SAMPLE)
     trace = replace(ReconstructOptions().trace, backend=backend(chosen.backend))

@@ -142,6 +142,40 @@ def quaternion(rotation: Float[Array, "3 3"]) -> Float[Array, "4"]:
     return jnp.where(unit[0] < 0, -unit, unit)
 
 
+def best_rotation(spread: Float[Array, "*n 3 3"]) -> Float[Array, "*n 4"]:
+    """The rotation that best takes vectors a to vectors b, of their moments sum(a b^T).
+
+    The quaternion is the eigenvector of the largest eigenvalue of Horn's matrix (1987), found by
+    squaring it. Without vectors it is the identity.
+
+    Args:
+        spread: the moments, a first.
+    """
+    s = spread
+    trace = s[..., 0, 0] + s[..., 1, 1] + s[..., 2, 2]
+    side = jnp.stack(
+        [
+            s[..., 1, 2] - s[..., 2, 1],
+            s[..., 2, 0] - s[..., 0, 2],
+            s[..., 0, 1] - s[..., 1, 0],
+        ],
+        axis=-1,
+    )
+    identity = jnp.broadcast_to(jnp.eye(3, dtype=s.dtype), s.shape)
+    body = s + jnp.swapaxes(s, -1, -2) - trace[..., None, None] * identity
+    top = jnp.concatenate([trace[..., None], side], axis=-1)[..., None, :]
+    horn = jnp.concatenate([top, jnp.concatenate([side[..., None], body], axis=-1)], axis=-2)
+    # All eigenvalues are at most the Frobenius norm in size: shifted by it, none is negative.
+    norm = jnp.sqrt(jnp.sum(horn**2, axis=(-2, -1), keepdims=True)) + 1e-30
+    power = horn / norm + jnp.broadcast_to(jnp.eye(4, dtype=s.dtype), horn.shape)
+    for _ in range(12):
+        power = product("...ij,...jk->...ik", power, power)
+        power = power / jnp.max(jnp.abs(power), axis=(-2, -1), keepdims=True)
+    longest = jnp.argmax(jnp.sum(power**2, axis=-2), axis=-1)
+    column = jnp.take_along_axis(power, longest[..., None, None], axis=-1)[..., 0]
+    return normalize_quaternion(column)
+
+
 @inlined
 def slerp(
     start: Float[Array, "4"], end: Float[Array, "4"], fraction: Float[Array, ""]

@@ -10,6 +10,7 @@ from jax.test_util import check_grads
 from gaussray.geometry import (
     BLENDER_AXES,
     RigidTransform,
+    best_rotation,
     normalize,
     normalize_quaternion,
     quaternion,
@@ -135,6 +136,16 @@ def test_safe_norm_has_no_gradient_at_zero():
     assert safe_norm(jnp.zeros(3)) == 0
     np.testing.assert_array_equal(jax.grad(safe_norm)(jnp.zeros(3)), np.zeros(3))
     np.testing.assert_allclose(jax.grad(safe_norm)(jnp.array([3.0, 4])), [0.6, 0.8], atol=EXACT)
+
+
+def test_the_best_rotation_is_that_between_the_vectors():
+    dice = np.random.default_rng(0)
+    vectors = dice.normal(size=(5, 20, 3))
+    quat = quaternions(5)
+    turned = np.einsum("nij,nkj->nki", rotation_matrix(quat), vectors)
+    found = best_rotation(jnp.asarray(np.einsum("nki,nkj->nij", vectors, turned)))
+    np.testing.assert_allclose(rotation_matrix(found), rotation_matrix(quat), atol=1e-9)
+    np.testing.assert_allclose(best_rotation(jnp.zeros((3, 3))), [1, 0, 0, 0], atol=EXACT)
 
 
 def test_a_rigid_transform_and_its_inverse_cancel():

@@ -22,6 +22,7 @@ from gaussray.reconstruct.effort import MOTION_NOUNS, Effort, effort, this_machi
 from gaussray.reconstruct.failed_fit import demand_detail, demand_success, warn_of_one_place
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.loop import run_stage
+from gaussray.reconstruct.motion import with_motion
 from gaussray.reconstruct.motion_trial import motion_scores, trial_sentence
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
@@ -32,7 +33,7 @@ from gaussray.reconstruct.shared_results import SharedResults
 from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
 from gaussray.reconstruct.simplify.prune import pruned_scene
 from gaussray.reconstruct.simplify.summary import clip_report, summary_line
-from gaussray.reconstruct.start import continued_state, initial_state, with_motion
+from gaussray.reconstruct.start import continued_state, initial_state
 from gaussray.reconstruct.trial_fits import TrialFits
 from gaussray.runtime.devices import leads, wait
 from gaussray.runtime.lock import locks_output

@@ -3,48 +3,26 @@
 A new kind of initialiser is added in `initialize.initializer.initial_points`.
 """
 
-import warnings
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from gaussray.camera.corrections import Corrections, no_corrections
-from gaussray.capture.errors import CaptureWarning
-from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.motion_mask import point_activity
-from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
-from gaussray.reconstruct.initialize.from_points import bodies, on_points, surrounding, thinned
+from gaussray.reconstruct.initialize.from_points import on_points, surrounding, thinned
 from gaussray.reconstruct.initialize.stereo.from_pictures import (
-    MovingPoints,
     first_views,
-    moving_points,
 )
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, hiding
-from gaussray.reconstruct.initialize.surface_tracking import (
-    tracked_surface,
-    with_surface_velocities,
-)
-from gaussray.reconstruct.initialize.transients import initial_transients, starting_times
-from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
-from gaussray.reconstruct.optimize.optimizer import Parameters, shortest_lifetime
+from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
-from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
+from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.runtime.devices import agreed
-from gaussray.runtime.progress import Progress
-from gaussray.scene.bodies import Bodies, Poses, body_of, extrapolate_bodies
-from gaussray.scene.control_points import ControlPoints
-from gaussray.scene.deformation import Deformation, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
-from gaussray.scene.harmonics import C0
-from gaussray.scene.planes import initial_planes
-from gaussray.scene.transient import UnconstrainedTransients, unconstrain_transients
 
 
 def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunProgress]:
@@ -58,9 +36,9 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
         progress: the progress so far.
     """
     fit, (position, color, on_surfaces) = session.options.fit, session.initial_points
-    moves = _moves(session, position, on_surfaces=on_surfaces)
+    moves = may_move(session, position, on_surfaces=on_surfaces)
     if not fit.deforms:
-        # What moves gets transient Gaussians (`with_motion`).
+        # What moves gets transient Gaussians (`motion.with_motion`).
         position, color, moves = position[~moves], color[~moves], moves[~moves]
     if session.options.density.relocates:
         share = 0.5 if fit.transient else 1.0
@@ -102,7 +80,7 @@ def continued_state(
     """
     static = state.parameters.static
     gaussians = constrain(take_rows(static, np.flatnonzero(occupied(static))))
-    moves = _moves(session, np.asarray(gaussians.mean), on_surfaces=True)
+    moves = may_move(session, np.asarray(gaussians.mean), on_surfaces=True)
     progress = replace(progress, initial=_counts(moves))
     return _with_room(session, gaussians, moves, state.parameters.corrections, progress)
 
@@ -112,11 +90,17 @@ def _counts(moves: Bool[np.ndarray, " gaussians"]) -> tuple[int, int]:
     return int((~moves).sum()), int(moves.sum())
 
 
-def _moves(
+def may_move(
     session: Session, position: Float[np.ndarray, "points 3"], *, on_surfaces: bool
 ) -> Bool[np.ndarray, " points"]:
     """Which Gaussians may move. Of random points, and without cameras that stand still, pictures do
-    not tell: then all may, or none if only transient Gaussians move."""
+    not tell: then all may, or none if only transient Gaussians move.
+
+    Args:
+        session: the segment.
+        position: places of the Gaussians.
+        on_surfaces: whether they lie on surfaces.
+    """
     told, deforms = on_surfaces and session.has_videos, session.options.fit.deforms
     if len(session.times) == 1 or not (deforms or (told and not session.later)):
         return np.zeros(len(position), bool)
@@ -148,213 +132,3 @@ def _with_room(
 
     parameters = Parameters(part(~moves), part(moves), None, corrections)
     return begin_state(parameters), replace(progress, limit=limit)
-
-
-def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[State, RunProgress]:
-    """The state before the fine stage, with all that shows what moves (fit.motion): tracked rigid
-    bodies, a deformation field that does nothing yet, and transient Gaussians.
-
-    Args:
-        session: the segment.
-        state: the state after the coarse stage, or before the first step of a later segment.
-        progress: the progress so far, with the rigid bodies of the segment before.
-
-    Returns:
-        The state, and the progress, which has no plan of steps yet.
-    """
-    parameters, progress = state.parameters, replace(progress, planned=0)
-    deformation, transient = parameters.deformation, parameters.transient
-    clouds, control, moved, fit = [], None, None, session.options.fit
-    if fit.transient:
-        moved = _unexplained(session, state) if session.still_first else None
-        clouds = _clouds(session, parameters, moved)
-    if fit.control and session.has_videos:
-        control = agreed(_control_points(session, clouds, moved))
-        clouds = clouds if control is None else with_surface_velocities(clouds, control)
-    if fit.deforms:
-        deformation = _deformation(session, parameters, progress, control)
-    if fit.transient:
-        transient = _transients(session, clouds, moved)
-    if moved is not None:
-        progress = replace(progress, moved=moved.tile_counts())
-        session.loader.sampler.see_moved(moved.tile_counts())
-    static, moving, corrections = parameters.static, parameters.moving, parameters.corrections
-    return begin_state(Parameters(static, moving, deformation, corrections, transient)), progress
-
-
-def _unexplained(session: Session, state: State) -> UnexplainedPixels:
-    """Which pixels of a training frame the static Gaussians of a state do not show."""
-    static = state.parameters.static
-    return UnexplainedPixels(
-        session.footage,
-        *session.training_cameras(state),
-        constrain(take_rows(static, np.flatnonzero(occupied(static)))),
-        session.options.trace,
-    )
-
-
-def _reporter(session: Session, what: str) -> Callable[[int, int], None]:
-    """A function that shows the progress of a piece of work, whose total it learns when called."""
-    bar: list[Progress] = []
-
-    def report(done: int, total: int) -> None:
-        if not bar:
-            bar.append(session.progress_bar(what, total))
-        bar[0].report(done)
-
-    return report
-
-
-def _clouds(
-    session: Session, parameters: Parameters, moved: UnexplainedPixels | None
-) -> Sequence[MovingPoints]:
-    """The points that stereo finds in what moves at each time."""
-    times = starting_times(session.times, session.options.fit.instants).tolist()
-
-    def found(known: Float[np.ndarray, "known 3"]) -> Sequence[MovingPoints]:
-        report = _reporter(session, "stereo of what moves")
-        return moving_points(session.footage, times, moved=moved, known=known, report=report)
-
-    if not _by_pictures_alone(session, moved):
-        held = occupied(parameters.static)
-        return found(np.asarray(parameters.static.mean)[held])
-    points, key = session.initial_points, ("moving points", *times, *session.points_key)
-    return session.shared.once(key, lambda: found(points.position))
-
-
-def _by_pictures_alone(session: Session, moved: UnexplainedPixels | None) -> bool:
-    """Whether the pictures tell what moves, and where what stands still is, before any fit."""
-    return moved is None and not session.later and session.initial_points.on_surfaces
-
-
-def _control_points(
-    session: Session, clouds: Sequence[MovingPoints], moved: UnexplainedPixels | None
-) -> ControlPoints | None:
-    """Control points that follow the surfaces of the first time."""
-    seed = session.options.fit.seed
-
-    def found() -> ControlPoints | None:
-        return tracked_surface(clouds, seed=seed, report=_reporter(session, "track"))
-
-    if not _by_pictures_alone(session, moved):
-        return found()
-    times = [cloud.time for cloud in clouds]
-    return session.shared.once(("control points", *times, *session.points_key), found)
-
-
-def _transients(
-    session: Session, clouds: Sequence[MovingPoints], moved: UnexplainedPixels | None
-) -> UnconstrainedTransients | None:
-    """Transient Gaussians on the points that stereo finds in what moves, with rows for those that
-    density control may add; None where it finds nothing."""
-    fit, density = session.options.fit, session.options.density
-    first = initial_transients(
-        clouds,
-        starting_times(session.times, fit.instants),
-        count=density.gaussians // 2,
-        degree=fit.degree,
-        seed=fit.seed,
-    )
-    if not first.count:
-        if moved is not None and not moved.tile_counts().any():
-            return None
-        warnings.warn(
-            "stereo finds no points in what moves, so there are no transient Gaussians, and "
-            "nothing moves. If something does: they need at least two pictures of every time; "
-            "fit.motion=deformation does not.",
-            CaptureWarning,
-            stacklevel=2,
-        )
-        return None
-    rows = density.gaussians if density.relocates else first.count
-    step = 8 * session.mesh.size
-    shortest = shortest_lifetime(session.cameras.times, first.instant)
-    return with_rows(unconstrain_transients(first, shortest), -(-rows // step) * step)
-
-
-def _deformation(
-    session: Session, parameters: Parameters, progress: RunProgress, control: ControlPoints | None
-) -> Deformation | None:
-    """Control points or tracked rigid bodies, and a field that does nothing yet; None without
-    moving Gaussians."""
-    field = session.options.field
-    moving = take_rows(parameters.moving, np.flatnonzero(occupied(parameters.moving)))
-    if not len(moving.mean):
-        return None
-    begin, end = session.time_range
-    # Stray points must not stretch the box: beyond it the field continues its border.
-    lower, upper = np.quantile(moving.mean, (0.02, 0.98), axis=0).astype(np.float32)
-    margin = 0.1 * (float((upper - lower).max()) or session.extent)
-    planes_key, network_key = jax.random.split(jax.random.key(session.options.fit.seed))
-    planes = initial_planes(
-        planes_key,
-        jnp.asarray(lower - margin),
-        jnp.asarray(upper + margin),
-        (begin - session.cameras.earlier, end + session.cameras.later),
-        sides=field.sides,
-        instants=field.instants or max(len(session.times), 2),
-        channels=field.channels,
-    )
-    if session.options.fit.control:
-        nothing = np.zeros((0, 3), np.float32)
-        tracked = bodies(nothing, session.times)
-        control = None if control is None else _over_readouts(session, control)
-    else:
-        tracked = _over_readouts(session, _tracked(session, constrain(moving), progress))
-    return initial_deformation(network_key, planes, tracked, width=field.width, control=control)
-
-
-def _over_readouts(session: Session, tracked: Poses) -> Poses:
-    """Bodies or control points with poses for the whole of the first and the last readout."""
-    # Tracking finds a body where it is in the middle of a readout.
-    half = (session.cameras.earlier + session.cameras.later) / 2
-    middle = tracked.time + jnp.asarray(session.cameras.later - half, tracked.time.dtype)
-    return extrapolate_bodies(eqx.tree_at(lambda b: b.time, tracked, middle), half, half)
-
-
-def _tracked(session: Session, moving: Gaussians, progress: RunProgress) -> Bodies:
-    """The rigid bodies among what moves, with their poses at all times.
-
-    There are none where points do not lie on surfaces, nor where every camera took one picture.
-    """
-    given, start = session.capture.points is not None, session.options.fit.start
-    matched = start in ("auto", "stereo") and sum(progress.initial) > 0
-    on_surfaces = matched or (given and start != "random")
-    if not (on_surfaces and session.has_videos):
-        return _tracked_bodies(session, take_rows(moving, np.zeros(0, int)), progress.bodies)
-    if session.later:
-        return _tracked_bodies(session, moving, progress.bodies)
-    options = session.options
-    return session.shared.once(
-        ("bodies", options.track, options.fit.moving, *session.points_key),
-        lambda: _tracked_bodies(session, _initial_surface(session), progress.bodies),
-    )
-
-
-def _tracked_bodies(session: Session, surface: Gaussians, known: KnownBodies | None) -> Bodies:
-    """The rigid bodies among the Gaussians of a surface, with their poses at all times; those
-    known from the segment before first."""
-    times, position = session.times, np.asarray(surface.mean)
-    groups = bodies(position, times, known=None if known is None else (known.pivot, known.radius))
-    return track(
-        groups,
-        MovingGaussians(
-            np.asarray(body_of(groups, surface.mean)),
-            position,
-            np.asarray(rotation_matrix(surface.quat))[:, :, 2],
-            np.asarray(surface.harmonics[:, 0] * C0 + 0.5),
-        ),
-        session.shown,
-        session.footage.camera,
-        options=session.options.track,
-        seed=session.options.fit.seed,
-        report=session.progress_bar("track", len(times) - 1).report,
-    )
-
-
-def _initial_surface(session: Session) -> Gaussians:
-    """Discs on the initial points that move. They have the colours of the surface; those of fitted
-    Gaussians, which overlap, make up for one another."""
-    position, color, on_surfaces = session.initial_points
-    moves = _moves(session, position, on_surfaces=on_surfaces)
-    return on_points(position[moves], color[moves], degree=0, opacity=1.0)

@@ -27,6 +27,7 @@ from gaussray.reconstruct import loop, step as training
 from gaussray.reconstruct.data.batches import gather
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 from gaussray.reconstruct.log import RunLog
+from gaussray.reconstruct.motion import with_motion
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.optimize.optimizer import OptimizerOptions, Parameters
 from gaussray.reconstruct.optimize.state import begin_state
@@ -34,7 +35,7 @@ from gaussray.reconstruct.options import FitOptions
 from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session
-from gaussray.reconstruct.start import initial_state, with_motion
+from gaussray.reconstruct.start import initial_state
 from gaussray.reconstruct.step_loss import BlockSizes
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.gaussians import unconstrain

@@ -44,6 +44,13 @@ def merged(
     return position[first[order]], mean[order]
 
 
+def typical_gap(position: Float[np.ndarray, "points 3"]) -> float:
+    """Median distance of a point to its nearest neighbour, of at most 2,000 points."""
+    some = position[:: max(1, len(position) // 2000)]
+    distance = KDTree(position).query(some, k=2)[0][:, 1]
+    return float(np.median(distance)) or 1e-6 * float(np.ptp(position)) or 1.0
+
+
 def inliers(position: Float[np.ndarray, "points 3"], limit: float) -> Bool[np.ndarray, " points"]:
     """Which points are not much further from their neighbours than usual.
 

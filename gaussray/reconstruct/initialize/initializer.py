@@ -13,7 +13,13 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.points import Points
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.initialize.from_points import between, in_common_view, inliers, merged
+from gaussray.reconstruct.initialize.from_points import (
+    between,
+    in_common_view,
+    inliers,
+    merged,
+    typical_gap,
+)
 from gaussray.reconstruct.initialize.stereo.from_pictures import (
     first_views,
     points_from_pictures,
@@ -21,7 +27,6 @@ from gaussray.reconstruct.initialize.stereo.from_pictures import (
 )
 from gaussray.reconstruct.initialize.stereo.guess import guessed_points
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, coverage, uncovered_points
-from gaussray.reconstruct.initialize.stereo.velocity import typical_gap
 from gaussray.reconstruct.options import FitOptions
 from gaussray.runtime.progress import Progress
 

@@ -13,6 +13,7 @@ from gaussray.reconstruct.initialize.from_points import (
     on_points,
     surrounding,
     thinned,
+    typical_gap,
 )
 from gaussray.reconstruct.session import scene_extent
 from gaussray.scene.bodies import body_of
@@ -32,6 +33,11 @@ def sphere(count, dice):
 def grid():
     """A regular grid, whose border has neighbours on one side alone."""
     return np.stack(np.meshgrid(*[np.arange(12.0)] * 3), axis=-1).reshape(-1, 3).astype(np.float32)
+
+
+def test_a_typical_gap_is_that_to_the_nearest_point():
+    assert typical_gap(3 * grid()) == 3
+    assert typical_gap(np.zeros((9, 3))) > 0
 
 
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e3])

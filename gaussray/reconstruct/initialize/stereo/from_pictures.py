@@ -28,16 +28,10 @@ from gaussray.reconstruct.initialize.stereo.options import (
 )
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints, no_points
 from gaussray.reconstruct.initialize.stereo.silhouette import silhouette_points
-from gaussray.reconstruct.initialize.stereo.velocity import (
-    RegistrationOptions,
-    registered,
-    registration_for,
-)
+from gaussray.reconstruct.initialize.stereo.velocity import point_motion
 from gaussray.reconstruct.initialize.stereo.views import stereo_views
 
 
-# The longest displacement between two timestamps, in diagonals of the moving points' box.
-_REACH = 0.25
 # Points of what moves per moving pixel of a picture, below which silhouettes fill up.
 _ENOUGH = 0.25
 
@@ -139,7 +133,6 @@ def moving_points(
     *,
     moved: MovingPixels | None = None,
     options: StereoOptions | None = None,
-    registration: RegistrationOptions | None = None,
     known: Float[np.ndarray, "known 3"] | None = None,
     report: StereoReport = lambda done, total: None,
 ) -> list[MovingPoints]:
@@ -153,13 +146,11 @@ def moving_points(
         moved: which pixels of a frame move; None compares with the temporal medians of the cameras
             that stand still.
         options: how carefully to match; None chooses by device and number of cameras.
-        registration: how to find the velocities; None chooses by device.
         known: points of what stands still; they narrow the distances down.
         report: called with the number of steps done and their total, two for each timestamp.
     """
     moved = moved or MedianMasks(footage)
     options = options or options_for(jax.default_backend(), len(np.unique(footage.name)))
-    registration = registration or registration_for(jax.default_backend())
     clouds = []
     for time in times:
         views = moving_views(footage, float(time), moved)
@@ -169,17 +160,8 @@ def moving_points(
     for k, cloud in enumerate(clouds):
         other = k + 1 if k + 1 < len(clouds) else k - 1
         velocity, residual = np.zeros_like(cloud.position), np.full(len(cloud.scale), 3.0)
-        if 0 <= other < len(clouds) and len(cloud.scale) and len(clouds[other].scale):
-            size = np.ptp(np.concatenate([cloud.position, clouds[other].position]), axis=0)
-            motion = registered(
-                cloud.position,
-                cloud.color,
-                clouds[other].position,
-                clouds[other].color,
-                reach=_REACH * float(np.linalg.norm(size)),
-                options=registration,
-                seed=k,
-            )
+        if 0 <= other < len(clouds):
+            motion = point_motion(cloud, clouds[other], seed=k)
             velocity = motion.displacement / (times[other] - times[k])
             residual = motion.residual
         result.append(MovingPoints(cloud, float(times[k]), velocity, residual))

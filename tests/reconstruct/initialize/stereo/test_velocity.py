@@ -1,77 +1,108 @@
-"""Velocities by patch registration: a patch that is moved and turned is found again."""
+"""Displacements by non-rigid registration: what moved, turned or bent is found again."""
 
 from dataclasses import replace
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from gaussray.geometry import rotation_matrix, turning
-from gaussray.reconstruct.initialize.stereo.velocity import (
-    RegistrationOptions,
-    registered,
-    rigid,
-)
+from gaussray.reconstruct.initialize import nonrigid_registration
+from gaussray.reconstruct.initialize.stereo.points import StereoPoints, no_points
+from gaussray.reconstruct.initialize.stereo.velocity import point_motion, velocity_options
 
 
-SMALL = RegistrationOptions(seeds=24, patch=24, hypotheses=24, points=512, around=3, own=8)
-# Displacements of points that are sampled anew, in gaps between points.
-RIGHT = 1.0
-# The same numbers, rounded in another order (float64).
-SAME = 1e-9
+SMALL = replace(velocity_options("gpu"), control=100, source=800, target=800)
+# The gap between 800 points of the surface, of radius 1.
+GAP = 0.065
 
 
-def blob(dice, count=400):
-    """A bumpy closed surface with smooth colours, at the points that `dice` draw on it."""
-    normal = dice.normal(size=(count, 3))
+def cloud(position, color):
+    one = np.ones(len(position))
+    return StereoPoints(position, np.zeros_like(position), color, one, one, one)
+
+
+def blob(seed, count=800):
+    """A bumpy closed surface with smooth colours, at points that are drawn on it."""
+    normal = np.random.default_rng(seed).normal(size=(count, 3))
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     radius = 1 + 0.3 * np.sin(3 * normal[:, :1]) + 0.2 * np.cos(4 * normal[:, 1:2])
-    color = 0.5 + 0.5 * np.sin(4 * normal + [0, 1, 2])
-    return radius * normal, color
+    return radius * normal, 0.5 + 0.5 * np.sin(4 * normal + [0, 1, 2])
 
 
-def test_a_rigid_motion_is_recovered_exactly_from_matches():
-    dice = np.random.default_rng(0)
-    source = jnp.asarray(dice.normal(size=(20, 3)))
-    quat = turning(jnp.asarray([0.3, -1.1, 0.7]))
-    shift = jnp.asarray([0.2, 0.5, -3.0])
-    target = source @ rotation_matrix(quat).T + shift[None]
-    found, way = rigid(source, target, jnp.asarray(dice.random(20) + 0.1))
-    assert np.allclose(rotation_matrix(found), rotation_matrix(quat), atol=1e-9)
-    assert np.allclose(way, shift, atol=1e-9)
+def moved(place):
+    """Turned by 0.3 radians, and by half a radius aside."""
+    turn = np.asarray(rotation_matrix(turning(jnp.asarray([0.0, 0.0, 0.3]))))
+    return place @ turn.T + [0.4, -0.25, 0.15]
 
 
-def test_points_of_a_moved_and_turned_surface_get_their_displacements():
-    place, color = blob(np.random.default_rng(1))
-    turn = np.asarray(rotation_matrix(turning(jnp.asarray([0.0, 0.0, 0.4]))))
-    shift = np.array([0.8, -0.5, 0.3])
-    other, shade = blob(np.random.default_rng(2))
-    motion = registered(place, color, other @ turn.T + shift, shade, reach=2.0, options=SMALL)
-    error = np.linalg.norm(motion.displacement - (place @ turn.T + shift - place), axis=1)
-    gap = 0.09  # of 400 points on this surface
-    assert np.median(error) < RIGHT * gap
-    assert np.quantile(error, 0.9) < 3 * RIGHT * gap
-    nearest = np.linalg.norm(other @ turn.T + shift - place[:, None], axis=-1).min(axis=1)
-    assert np.median(error) < 0.3 * np.median(nearest)
+def bent(place):
+    """Sheared by more, the further up."""
+    return place + 0.2 * np.stack([place[:, 2] ** 2, np.sin(2 * place[:, 0]), 0 * place[:, 0]], 1)
 
 
-def test_patches_at_once_move_as_one_after_the_other():
-    place, color = blob(np.random.default_rng(1))
-    other, shade = blob(np.random.default_rng(2))
-    motions = [
-        registered(place, color, other + 0.3, shade, reach=2.0, options=options)
-        for options in (SMALL, replace(SMALL, at_once=10))
-    ]
-    assert np.allclose(motions[0].displacement, motions[1].displacement, atol=SAME)
+@pytest.mark.parametrize("way", [moved, bent])
+def test_points_of_another_time_tell_the_displacements(way):
+    place, color = blob(1)
+    other, shade = blob(2)
+    motion = point_motion(cloud(place, color), cloud(way(other), shade), options=SMALL)
+    error = np.linalg.norm(motion.displacement - (way(place) - place), axis=1)
+    assert np.median(error) < 0.5 * GAP
+    assert np.quantile(error, 0.9) < 1.5 * GAP
+    assert (motion.residual < 1).all()
 
 
 def test_points_that_stand_still_do_not_move():
-    place, color = blob(np.random.default_rng(1))
-    motion = registered(place, color, place, color, reach=1.0, options=SMALL)
-    assert np.abs(motion.displacement).max() < 1e-6
-    assert motion.residual.max() < 1e-3
+    here = cloud(*blob(1))
+    motion = point_motion(here, here, options=SMALL)
+    # A few points that have none around them are matched with, and do not match themselves.
+    assert np.median(np.abs(motion.displacement)) < 0.02 * GAP
+    assert np.abs(motion.displacement).max() < GAP
+    assert motion.residual.max() < 0.2
 
 
-def test_too_few_points_are_lost():
-    place, color = np.zeros((3, 3)), np.zeros((3, 3))
-    motion = registered(place, color, place, color, reach=1.0, options=SMALL)
-    assert not motion.displacement.any() and (motion.residual > 1).all()
+def test_points_that_are_not_matched_are_carried_by_those_around():
+    place, color = blob(1, 3000)
+    other, shade = blob(2)
+    few = replace(SMALL, source=400)
+    motion = point_motion(cloud(place, color), cloud(moved(other), shade), options=few)
+    error = np.linalg.norm(motion.displacement - (moved(place) - place), axis=1)
+    assert np.quantile(error, 0.9) < 1.5 * GAP
+
+
+def test_what_has_nothing_to_match_is_lost():
+    """A second surface far away is gone at the other time."""
+    place, color = blob(1)
+    here = cloud(np.concatenate([place, place + 30]), np.tile(color, (2, 1)))
+    motion = point_motion(here, cloud(moved(blob(2)[0]), blob(2)[1]), options=SMALL)
+    assert np.isfinite(motion.displacement).all()
+    assert (motion.residual[:800] < 2).mean() > 0.95
+    assert (motion.residual[800:] == 3).all()
+
+
+@pytest.mark.parametrize("counts", [(0, 0), (0, 800), (800, 0), (3, 800), (800, 60), (60, 60)])
+def test_too_few_points_are_lost(counts):
+    here, there = (cloud(*blob(1, count)) if count else no_points() for count in counts)
+    motion = point_motion(here, there, options=SMALL)
+    assert motion.displacement.shape == here.position.shape and not motion.displacement.any()
+    assert motion.residual.shape == here.scale.shape and (motion.residual == 3).all()
+
+
+def test_a_cpu_matches_fewer_points():
+    assert velocity_options("cpu").source < velocity_options("gpu").source
+
+
+def test_points_of_one_place_are_no_trouble():
+    here = cloud(np.ones((200, 3)), np.full((200, 3), 0.5))
+    for there in (here, cloud(*blob(1))):
+        for motion in (point_motion(here, there), point_motion(there, here)):
+            assert np.isfinite(motion.displacement).all() and np.isfinite(motion.residual).all()
+
+
+def test_a_registration_without_an_answer_is_lost(monkeypatch):
+    def nothing(surface, pivot, *_):
+        return pivot * np.nan, np.ones((len(pivot), 4))
+
+    monkeypatch.setattr(nonrigid_registration, "_registered", nothing)
+    motion = point_motion(cloud(*blob(1)), cloud(*blob(2)), options=SMALL)
+    assert not motion.displacement.any() and (motion.residual == 3).all()
