@@ -59,7 +59,7 @@ def motion_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray, 
     return held if visible is None else held & visible
 
 
-def motion_scores(
+def motion_trial_scores(
     fits: TrialFits, rivals: Mapping[str, ReconstructOptions], nouns: Mapping[str, str]
 ) -> dict[str, float]:
     """PSNR in dB of the pixels that move in what is held out (of all where none does; 0 of a fit
@@ -86,7 +86,7 @@ def trial_sentence(scores: Mapping[str, float], nouns: Mapping[str, str]) -> str
     """A line that tells how a trial ended.
 
     Args:
-        scores: PSNR in dB of every choice of fit.motion (`motion_scores`), at least one.
+        scores: PSNR in dB of every choice of fit.motion (`motion_trial_scores`), at least one.
         nouns: what to call each choice.
     """
     best = max(scores, key=lambda name: scores[name])

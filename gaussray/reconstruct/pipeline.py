@@ -23,7 +23,7 @@ from gaussray.reconstruct.failed_fit import demand_detail, demand_success, warn_
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.loop import run_stage
 from gaussray.reconstruct.motion import with_motion
-from gaussray.reconstruct.motion_trial import motion_scores, trial_sentence
+from gaussray.reconstruct.motion_trial import motion_trial_scores, trial_sentence
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
 from gaussray.reconstruct.refinement_trial import with_refinement_tried
@@ -192,7 +192,7 @@ def _with_motion_tried(
         if rivals:
             say("Short fits without some pictures tell what shows what moves best.")
             tried = {name: rival.options for name, rival in rivals.items()}
-            scores = motion_scores(fits, tried, MOTION_NOUNS)
+            scores = motion_trial_scores(fits, tried, MOTION_NOUNS)
         if leads():
             known.unlink(missing_ok=True)
             if scores:

@@ -16,8 +16,8 @@ from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.data.segments import segments, training_views
 from gaussray.reconstruct.log import NonFiniteLoss
 from gaussray.reconstruct.motion_trial import (
-    motion_scores,
     motion_tiles,
+    motion_trial_scores,
     moving_alone,
     moving_score,
     trial_sentence,
@@ -112,7 +112,7 @@ def test_a_fit_is_scored_on_moving_pixels_that_no_step_draws_and_a_failed_one_lo
 
     names = ("deformation", "transient", "both")
     rivals = {name: replace(toy.SHORT, fit=replace(toy.SHORT.fit, motion=name)) for name in names}
-    scores = motion_scores(fits_of(capture, tmp_path, fitted), rivals, effort.MOTION_NOUNS)
+    scores = motion_trial_scores(fits_of(capture, tmp_path, fitted), rivals, effort.MOTION_NOUNS)
     assert tried == list(names)
     # Pictures of 8 bits of the scene itself.
     assert scores["deformation"] > 40 > scores["transient"] > scores["both"] == 0
@@ -126,7 +126,7 @@ def test_where_no_tile_can_be_held_out_nothing_is_tried(capture, tmp_path, monke
         motion_trial, "motion_tiles", lambda seen, *_: np.zeros(seen.pixel.shape[:2], bool)
     )
     fits = fits_of(capture, tmp_path, lambda *_: pytest.fail("fitted"))
-    assert motion_scores(fits, {"deformation": toy.SHORT}, effort.MOTION_NOUNS) == {}
+    assert motion_trial_scores(fits, {"deformation": toy.SHORT}, effort.MOTION_NOUNS) == {}
     assert not (tmp_path / "trial").exists()
 
 
@@ -154,13 +154,13 @@ def test_the_better_one_is_fitted_and_a_resumed_run_does_not_try_again(
     usual = effort.Effort(capture, toy.SHORT, "")
     rivals = {name: effort.Effort(capture, toy.SHORT, name) for name in names}
     monkeypatch.setattr(
-        pipeline, "motion_scores", lambda *_: {"deformation": 20.0, "transient": 21.0}
+        pipeline, "motion_trial_scores", lambda *_: {"deformation": 20.0, "transient": 21.0}
     )
     chosen, scores = tried(False)
     assert chosen is rivals["transient"] and scores["transient"] == 21.0
     assert json.loads((tmp_path / "motion.json").read_text()) == scores
     assert "fit.motion=transient" in said[-1]
-    monkeypatch.setattr(pipeline, "motion_scores", lambda *_: pytest.fail("tried again"))
+    monkeypatch.setattr(pipeline, "motion_trial_scores", lambda *_: pytest.fail("tried again"))
     assert tried(True) == (chosen, scores)
     # Nothing is tried where the user chose, and nothing is left for a run to be resumed by.
     rivals = {}

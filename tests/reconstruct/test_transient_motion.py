@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.paired import read_capture
-from gaussray.reconstruct import start
+from gaussray.reconstruct import motion
 from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 from gaussray.reconstruct.log import RunLog
@@ -63,8 +63,8 @@ def on_bodies(clouds, times, *, count, degree, **_):
 @pytest.fixture(autouse=True)
 def stereo(monkeypatch):
     """Stereo that finds the bodies, which pictures of 16 x 16 pixels do not show."""
-    monkeypatch.setattr(start, "initial_transients", on_bodies)
-    monkeypatch.setattr(start, "moving_points", lambda *_, **__: [])
+    monkeypatch.setattr(motion, "initial_transients", on_bodies)
+    monkeypatch.setattr(motion, "moving_points", lambda *_, **__: [])
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +142,7 @@ def test_where_cameras_move_what_stands_still_is_fitted_first(
         asked.extend(moved(frame) for frame in range(len(footage.times)))
         return []
 
-    monkeypatch.setattr(start, "moving_points", clouds)
+    monkeypatch.setattr(motion, "moving_points", clouds)
     options = replace(OPTIONS, fit=replace(FIT, coarse=120, fine=60))
     one, two = tmp_path / "one", tmp_path / "two"
     reconstruct(from_moving_cameras, one, options=options, quiet=True)
@@ -164,7 +164,7 @@ def test_where_stereo_finds_nothing_a_warning_says_what_to_do(capture, tmp_path,
     def nothing(*arguments, **options):
         return jax.tree.map(lambda x: x[:0], on_bodies(*arguments, **options))
 
-    monkeypatch.setattr(start, "initial_transients", nothing)
+    monkeypatch.setattr(motion, "initial_transients", nothing)
     few = replace(OPTIONS, fit=replace(FIT, fine=20))
     with pytest.warns(CaptureWarning, match="fit.motion=deformation"):
         scene = reconstruct(capture, tmp_path, options=few, quiet=True)
@@ -197,7 +197,7 @@ def around_bodies(footage, times, **_):
 def test_gaussians_follow_control_points_and_an_interrupted_run_goes_on_to_the_same_bytes(
     capture, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(start, "moving_points", around_bodies)
+    monkeypatch.setattr(motion, "moving_points", around_bodies)
     one, two = tmp_path / "one", tmp_path / "two"
     reconstruct(capture, one, options=CONTROL, quiet=True)
     scene = load_scene(one)
@@ -223,7 +223,7 @@ def test_without_points_to_follow_there_is_a_field_alone(capture, tmp_path, monk
         empty = np.zeros(0, np.float32)
         return [MovingPoints(nothing, float(t), nothing.position, empty) for t in times]
 
-    monkeypatch.setattr(start, "moving_points", few)
+    monkeypatch.setattr(motion, "moving_points", few)
     options = replace(CONTROL, fit=replace(CONTROL.fit, fine=20))
     scene = reconstruct(capture, tmp_path, options=options, quiet=True)
     assert scene.deformation is None or scene.deformation.control is None

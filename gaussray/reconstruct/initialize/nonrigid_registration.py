@@ -266,14 +266,22 @@ def registered(
     pivot, strength, place, turn = (
         jnp.asarray(x, jnp.float32) for x in (graph.pivot, graph.strength, *start)
     )
-    motion = _registered(surface, pivot, graph.edge, strength, there, (place, turn), options)
+    sizes = [
+        jnp.asarray(np.geomspace(first, last, options.rounds), pivot.dtype)
+        for first, last in (options.width, options.stiff)
+    ]
+    control = pivot, graph.edge, strength
+    motion = _registered(
+        surface, control, there, (place, turn), sizes, options.color, solves=options.solves
+    )
     place, turn = (np.asarray(x) for x in motion)
     return (place, turn) if np.isfinite(place).all() and np.isfinite(turn).all() else None
 
 
-@partial(jax.jit, static_argnames="options")
-def _registered(surface, pivot, edge, strength, there, start, options):
-    count, (a, b), dtype = len(pivot), edge, pivot.dtype
+@partial(jax.jit, static_argnames="solves")
+def _registered(surface, control, there, start, sizes, shade, *, solves):
+    pivot, (a, b), strength = control
+    count, dtype = len(pivot), pivot.dtype
     near, hold = surface.near, surface.weight
     real = jnp.sum(hold, axis=1) > 0
     stiffness = jnp.zeros((count, count), dtype)
@@ -291,8 +299,8 @@ def _registered(surface, pivot, edge, strength, there, start, options):
         are nearest to it, by place and colour."""
         now = jnp.sum(hold[..., None] * place[near], axis=1) + arms(turn)
         now = jnp.where(real[:, None], now, jnp.asarray(-_NOWHERE, dtype))
-        ours = _features(now, surface.color, width, options.color)
-        theirs = _features(there.position, there.color, width, options.color)
+        ours = _features(now, surface.color, width, shade)
+        theirs = _features(there.position, there.color, width, shade)
         square = jnp.sum(ours**2, axis=1)[:, None] + jnp.sum(theirs**2, axis=1)[None]
         square = square - 2 * product("nd,md->nm", ours, theirs)
         best, back = jnp.argmin(square, axis=1), jnp.argmin(square, axis=0)
@@ -313,7 +321,7 @@ def _registered(surface, pivot, edge, strength, there, start, options):
         stay = 1e-4 * (1 + stiff)
         matrix = stiff * stiffness + stay * jnp.eye(count, dtype=dtype)
         factor = cho_factor(matrix.at[near[:, :, None], near[:, None, :]].add(both))
-        for _ in range(options.solves):
+        for _ in range(solves):
             rotation = rotation_matrix(turn)
             push = product("eij,ej->ei", 0.5 * (rotation[a] + rotation[b]), rest)
             push = stiff * strength[:, None] * push
@@ -324,11 +332,7 @@ def _registered(surface, pivot, edge, strength, there, start, options):
             turn = best_rotation(jnp.zeros((count, 3, 3), dtype).at[a].add(spans))
         return (place, turn), None
 
-    width, stiff = (
-        jnp.geomspace(first, last, options.rounds, dtype=dtype)
-        for first, last in (options.width, options.stiff)
-    )
-    motion, _ = jax.lax.scan(one_round, start, (width, stiff))
+    motion, _ = jax.lax.scan(one_round, start, tuple(sizes))
     return motion
 
 

@@ -1,8 +1,8 @@
 """Control points on soft surfaces, followed from one time's stereo points to the next.
 
 Some points of the first time become control points. Their motion to each later time is found by
-non-rigid registration (`nonrigid_registration`). What is matched is always the first time's points,
-so errors do not add up.
+non-rigid registration (`nonrigid_registration`), which begins where the velocities of the time
+before lead. What is matched is always the first time's points, so errors do not add up.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,10 +10,13 @@ from collections.abc import Callable, Sequence
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
+from scipy.spatial import KDTree
 
 from gaussray.reconstruct.initialize.from_points import typical_gap
 from gaussray.reconstruct.initialize.nonrigid_registration import (
     FEWEST_POINTS,
+    ControlGraph,
     RegistrationOptions,
     control_graph,
     dense,
@@ -27,6 +30,10 @@ from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
 from gaussray.scene.control_points import ControlPoints
 
 
+# Points around a control point that tell where it goes.
+_AROUND = 8
+
+
 def tracked_surface(
     clouds: Sequence[MovingPoints],
     *,
@@ -37,7 +44,8 @@ def tracked_surface(
     """Control points on the moving surfaces of the first time, with their poses at all times.
 
     Args:
-        clouds: the moving points of each time, the earliest first.
+        clouds: the moving points of each time, the earliest first; their velocities lead to the
+            next.
         options: how carefully to register; None chooses by device.
         seed: of the choice of points.
         report: called with the number of times done and their total.
@@ -65,8 +73,8 @@ def tracked_surface(
     places, turns = [graph.pivot], [np.tile([1.0, 0, 0, 0], (options.control, 1))]
     for k, cloud in enumerate(clouds[1:], 1):
         there = registrable(cloud.points.position, dice)[: options.target]
-        # At constant speed so far, unless the points say otherwise.
-        start = places[-1] if k < 2 else 2 * places[-1] - places[-2]
+        steps = _steps(clouds[k - 1], cloud.time - clouds[k - 1].time, (middle, gap))
+        start = _ahead(graph, places, *steps)
         motion = None
         if len(there) >= FEWEST_POINTS:
             found = (cloud.points.position[there] - middle) / gap
@@ -86,3 +94,35 @@ def tracked_surface(
         path=jnp.asarray(gap * (place - place[:, :1]), jnp.float32),
         turn=jnp.asarray(turn, jnp.float32),
     )
+
+
+def _steps(
+    cloud: MovingPoints, duration: float, unit: tuple[Float[np.ndarray, "3"], float]
+) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
+    """The points of a time whose velocities are believed, and how far they go meanwhile; in gaps
+    from the middle."""
+    middle, gap = unit
+    known = cloud.believed
+    return (cloud.points.position[known] - middle) / gap, cloud.velocity[known] * duration / gap
+
+
+def _ahead(
+    graph: ControlGraph,
+    places: Sequence[Float[np.ndarray, "control 3"]],
+    position: Float[np.ndarray, "points 3"],
+    step: Float[np.ndarray, "points 3"],
+) -> Float[np.ndarray, "control 3"]:
+    """Where control points are expected next: they go as the points around them, and at constant
+    speed where there are none."""
+    last = places[-1]
+    onward = last if len(places) < 2 else 2 * last - places[-2]
+    if len(position) < _AROUND:
+        return onward
+    real = slice(0, graph.count)
+    away, near = KDTree(position).query(last[real], k=_AROUND)
+    weight = np.exp(-0.5 * (away / (2 * graph.radius[real, None])) ** 2)
+    total = weight.sum(axis=1, keepdims=True)
+    mean = np.sum(weight[..., None] * step[near], axis=1) / np.maximum(total, 1e-9)
+    sure, ahead = total / (total + 1), onward.copy()
+    ahead[real] = sure * (last[real] + mean) + (1 - sure) * onward[real]
+    return ahead

@@ -14,8 +14,6 @@ from gaussray.scene.transient import Transients, interval_at
 
 # Opacity of the first transient Gaussians, and their least thickness relative to their width.
 _OPACITY, _FLAT = 0.5, 0.3
-# Residual of a registration above which a velocity is not believed, in gaps between points.
-_LOST = 2.0
 # Points of one time further from their neighbours than usual by more than this many standard
 # deviations are left out (`fit.outliers` for what stands still): they would begin as large as that.
 _STRAY = 5.0
@@ -89,7 +87,7 @@ def _on_cloud(cloud: MovingPoints, share: float, dice: np.random.Generator) -> t
     # A few points have no neighbours that would tell their size.
     rows = np.sort(dice.permutation(kept)[: count if count > _FEWEST else 0])
     position = found.position[rows]
-    believed = (cloud.residual[rows] < _LOST)[:, None]
+    believed = cloud.believed[rows][:, None]
     velocity = np.where(believed, cloud.velocity[rows], 0)
     shape, axes = discs(position, spread=1.0, flat=_FLAT)
     color = srgb_decode(np.clip(found.color[rows], 0, 1).astype(np.float64))

@@ -114,3 +114,22 @@ def test_points_at_one_place_keep_a_width(clouds):
 def test_too_little_to_follow_is_none(clouds):
     assert tracked_surface([cloud(0.0, 0, count=20), *clouds[1:]], options=OPTIONS) is None
     assert tracked_surface(clouds[:1], options=OPTIONS) is None
+
+
+def test_velocities_lead_to_what_moves_farther_than_matches_reach(clouds):
+    """The sheet rests and then jumps by three times its width; its velocities know."""
+    jump = np.array([3.0, 0, 0], np.float32)
+    first, second, last = (cloud(0.0, seed) for seed in (1, 2, 3))
+    last = last._replace(points=last.points._replace(position=last.points.position + jump))
+    second, last = second._replace(time=0.25), last._replace(time=0.5)
+    told = second._replace(
+        velocity=np.tile(4 * jump, (len(second.velocity), 1)), residual=0 * second.residual
+    )
+
+    def error(between):
+        found = tracked_surface([first, between, last], options=OPTIONS)
+        return np.median(np.linalg.norm(np.asarray(found.path[:, 2]) - jump, axis=1))
+
+    assert error(told) < NEAR
+    # Velocities that are not believed do not count.
+    assert error(told._replace(residual=second.residual)) > 10 * NEAR

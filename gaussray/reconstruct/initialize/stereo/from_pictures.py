@@ -32,6 +32,8 @@ from gaussray.reconstruct.initialize.stereo.velocity import point_motion
 from gaussray.reconstruct.initialize.stereo.views import stereo_views
 
 
+# Residual of a registration from which on a velocity is not believed.
+_BELIEVED = 2.0
 # Points of what moves per moving pixel of a picture, below which silhouettes fill up.
 _ENOUGH = 0.25
 
@@ -63,13 +65,18 @@ class MovingPoints(NamedTuple):
         points: the points.
         time: the timestamp, in the capture's unit.
         velocity: in scene units per unit of time.
-        residual: of the registration that found the velocity, in gaps between points (3: lost).
+        residual: of the registration that found the velocity (`PointMotion`; 3: lost).
     """
 
     points: StereoPoints
     time: float
     velocity: Float[np.ndarray, "points 3"]
     residual: Float[np.ndarray, " points"]
+
+    @property
+    def believed(self) -> Bool[np.ndarray, " points"]:
+        """Which points have a velocity that is believed."""
+        return self.residual < _BELIEVED
 
 
 def points_from_pictures(

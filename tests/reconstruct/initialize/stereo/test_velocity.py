@@ -100,8 +100,8 @@ def test_points_of_one_place_are_no_trouble():
 
 
 def test_a_registration_without_an_answer_is_lost(monkeypatch):
-    def nothing(surface, pivot, *_):
-        return pivot * np.nan, np.ones((len(pivot), 4))
+    def nothing(surface, control, *rest, solves):
+        return control[0] * np.nan, np.ones((len(control[0]), 4))
 
     monkeypatch.setattr(nonrigid_registration, "_registered", nothing)
     motion = point_motion(cloud(*blob(1)), cloud(*blob(2)), options=SMALL)
