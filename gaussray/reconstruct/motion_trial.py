@@ -60,7 +60,7 @@ def motion_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray, 
 
 
 def motion_trial_scores(
-    fits: TrialFits, rivals: Mapping[str, ReconstructOptions], nouns: Mapping[str, str]
+    fits: TrialFits, rivals: Mapping[str, ReconstructOptions]
 ) -> dict[str, float]:
     """PSNR in dB of the pixels that move in what is held out (of all where none does; 0 of a fit
     that failed), for every choice of `fit.motion` and its options; nothing where no tile can be
@@ -69,13 +69,12 @@ def motion_trial_scores(
     Args:
         fits: makes the short fits.
         rivals: the options of each choice of fit.motion.
-        nouns: what to call each choice.
     """
     scores = {}
     for name, options in rivals.items():
         short = replace(options.fit, minutes=0.0, fine=_STEPS, refine=())
         tried = replace(options, fit=short)
-        score = fits.score(f"trial of {nouns[name]}", tried, motion_tiles, moving_score)
+        score = fits.score(f"trial of {name}", tried, motion_tiles, moving_score)
         if score is None:
             return {}
         scores[name] = score

@@ -190,9 +190,11 @@ def _with_motion_tried(
     else:
         scores = {}
         if rivals:
-            say("Short fits without some pictures tell what shows what moves best.")
+            say(
+                "Short fits without some pictures, of some minutes, tell what shows what moves best."
+            )
             tried = {name: rival.options for name, rival in rivals.items()}
-            scores = motion_trial_scores(fits, tried, MOTION_NOUNS)
+            scores = motion_trial_scores(fits, tried)
         if leads():
             known.unlink(missing_ok=True)
             if scores:
@@ -217,7 +219,7 @@ def _fitted(
     session: Session, state: State | None, progress: RunProgress
 ) -> tuple[State, RunProgress]:
     """All stages that are left of a segment."""
-    demand_detail(session.footage)
+    session.shared.once("detail", lambda: demand_detail(session.footage))
     if state is None:
         state, progress = initial_state(session, progress)
     else:

@@ -112,7 +112,7 @@ def test_a_fit_is_scored_on_moving_pixels_that_no_step_draws_and_a_failed_one_lo
 
     names = ("deformation", "transient", "both")
     rivals = {name: replace(toy.SHORT, fit=replace(toy.SHORT.fit, motion=name)) for name in names}
-    scores = motion_trial_scores(fits_of(capture, tmp_path, fitted), rivals, effort.MOTION_NOUNS)
+    scores = motion_trial_scores(fits_of(capture, tmp_path, fitted), rivals)
     assert tried == list(names)
     # Pictures of 8 bits of the scene itself.
     assert scores["deformation"] > 40 > scores["transient"] > scores["both"] == 0
@@ -126,7 +126,7 @@ def test_where_no_tile_can_be_held_out_nothing_is_tried(capture, tmp_path, monke
         motion_trial, "motion_tiles", lambda seen, *_: np.zeros(seen.pixel.shape[:2], bool)
     )
     fits = fits_of(capture, tmp_path, lambda *_: pytest.fail("fitted"))
-    assert motion_trial_scores(fits, {"deformation": toy.SHORT}, effort.MOTION_NOUNS) == {}
+    assert motion_trial_scores(fits, {"deformation": toy.SHORT}) == {}
     assert not (tmp_path / "trial").exists()
 
 
