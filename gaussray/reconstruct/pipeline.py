@@ -190,9 +190,7 @@ def _with_motion_tried(
     else:
         scores = {}
         if rivals:
-            say(
-                "Short fits without some pictures, of some minutes, tell what shows what moves best."
-            )
+            say("Short fits of some minutes, without some pictures, tell what shows motion best.")
             tried = {name: rival.options for name, rival in rivals.items()}
             scores = motion_trial_scores(fits, tried)
         if leads():
