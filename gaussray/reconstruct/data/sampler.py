@@ -160,7 +160,7 @@ class Sampler:
         own = self._own[instant]
         visible = np.ones((1, 1)) if self._visible is None else self._visible[own]
         level = _cumulative(np.broadcast_to(visible, (len(own), self._moved.shape[1])))
-        moved = self._moved[own]
+        moved = self._moved[own] * visible
         if self._balance and moved.any():
             level = (1 - self._balance) * level + self._balance * _cumulative(moved)
         if self._error and self._errors is not None:

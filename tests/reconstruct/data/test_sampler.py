@@ -93,6 +93,16 @@ def test_tiles_without_a_visible_pixel_are_never_drawn():
         sampler(0.3, visible=np.zeros((3, 5), bool))
 
 
+@pytest.mark.parametrize("balance", [0.5, 1.0])
+def test_what_moves_in_a_tile_that_may_not_be_drawn_does_not_count(balance):
+    """Held-out tiles have moving pixels; none of them may be learnt from."""
+    visible = np.ones((3, 5), bool)
+    visible[1, 3] = False
+    expected = np.where(visible, 1 / 9, 0.0)
+    expected[2] = 0
+    np.testing.assert_allclose(shares(sampler(balance, visible=visible)), expected, atol=SHARE)
+
+
 def test_a_share_is_drawn_in_proportion_to_the_errors():
     errors = two_cameras()
     frame, tile = (x.reshape(-1) for x in np.mgrid[:2, :5])
