@@ -50,6 +50,7 @@ OPTIONS = ReconstructOptions(
         surround=0.0,
         moving=0.4,
         refine=("exposure",),
+        refine_gain=-1,
     ),
     # So few steps shall not end in a standstill.
     optimizer=OptimizerOptions(decay=0.1),
