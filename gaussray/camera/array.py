@@ -126,7 +126,6 @@ def rays_per_pixel(camera: Camera) -> int:
 
 
 @jax.jit
-@eqx.filter_jit
 def _pixel_angle(cameras: Camera) -> Float[Array, " cameras"]:
     """Angle between the rays of neighbouring pixels in the middle of the picture, in radians."""
     film = cameras.film

@@ -93,5 +93,5 @@ def _distinct_pixels(batch: Batch) -> int:
     place = np.stack([np.asarray(batch.frame), np.asarray(batch.tile)])
     _, first = np.unique(place, axis=1, return_index=True)
     if batch.visible is None:
-        return len(first)
+        return len(first) * batch.side**2
     return int(np.asarray(batch.visible)[first].sum())

@@ -5,7 +5,7 @@ A new kind of density control is added in `optimize.density`.
 
 from collections.abc import Callable, Hashable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 
 import jax
 import numpy as np
@@ -98,12 +98,16 @@ def _held_out_score(
     """The PSNR of the held-out tiles as a function of the state; None if there are none."""
     if session.held_out is None:
         return None
-    batches = held_out_batches(session.footage, session.held_out, session.options.fit.tiles)
-    options = step_options(session, stage)
+    held, options = session.held_out, step_options(session, stage)
+
+    @cache
+    def batches() -> list[Batch]:
+        # Only timed stages look at them.
+        return held_out_batches(session.footage, held, session.options.fit.tiles)
 
     def score(state: State, sizes: BlockSizes) -> float:
         known = everywhere(state, session.mesh)
-        return held_out_psnr(known, views, batches, cameras, options=options, sizes=sizes)
+        return held_out_psnr(known, views, batches(), cameras, options=options, sizes=sizes)
 
     return score
 

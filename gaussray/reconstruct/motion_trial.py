@@ -119,8 +119,9 @@ def moving_alone(footage: Footage, activity: Activity) -> Footage:
         footage: the training pictures.
         activity: their temporal medians (`activity`).
     """
-    counts = moved_in_tiles(footage, activity, np.arange(len(footage.pixel)))
-    visible = footage.visible(slice(None), slice(None))
-    if visible is not None:
-        counts &= visible
-    return replace(footage, mask=np.packbits(counts, axis=-1))
+    mask = []
+    # One after another: a bit for each pixel takes an eighth of the memory.
+    for frame in range(len(footage.pixel)):
+        counts, visible = moved_in_tiles(footage, activity, [frame])[0], footage.visible(frame)
+        mask.append(np.packbits(counts if visible is None else counts & visible, axis=-1))
+    return replace(footage, mask=np.stack(mask))

@@ -153,7 +153,7 @@ def moving_points(
         moved: which pixels of a frame move; None compares with the temporal medians of the cameras
             that stand still.
         options: how carefully to match; None chooses by device and number of cameras.
-        known: points of what stands still; they narrow the distances down.
+        known: points of the scene; they narrow the distances down.
         report: called with the number of steps done and their total, two for each timestamp.
     """
     moved = moved or MedianMasks(footage)
