@@ -1,9 +1,8 @@
 """Non-rigid registration of points with those of another time, by an embedded deformation.
 
-Points move with the control points near them (Sumner et al. 2007). They are matched with the points
-of the other time by place and colour, and the control points move to where the matches want them,
-as rigidly as possible among neighbours (Sorkine and Alexa 2007). Matches are wide and the surface
-is stiff at first. Arrays are padded, so that clouds of any size share one program.
+Points that hang on control points are matched with the points of the other time by place and
+colour, and the control points move to where the matches want them, as rigidly as possible among
+neighbours (Sorkine and Alexa 2007). Matches are wide and the surface is stiff at first.
 """
 
 from functools import partial
@@ -14,25 +13,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import cho_factor, cho_solve
-from jaxtyping import Array, Bool, Float, Int
-from scipy.spatial import KDTree
+from jaxtyping import Array, Float
 
 from gaussray.geometry import best_rotation, product, rotation_matrix
-from gaussray.reconstruct.initialize.from_points import inliers
+from gaussray.reconstruct.initialize.embedded_deformation import (
+    FEWEST_POINTS,
+    NOWHERE,
+    ControlGraph,
+    EmbeddedPoints,
+    RestingSurface,
+    padded_rows,
+)
 
 
-# Points below which nothing is registered, and of a time with more than _MOST, so many are used:
-# widths are in gaps between these.
-FEWEST_POINTS, _MOST = 64, 12000
-# Control points that a moved point hangs on, and neighbours that a control point holds on to.
-_HELD_BY, _NEIGHBOURS = 4, 8
-# Width of a control point's weights, in distances to its third neighbour.
-_WIDTH = 0.7
-# Points further from their neighbours than usual by so many standard deviations are left out, and
-# those with fewer points than _AROUND within four gaps are no place for a control point.
-_STRAY, _AROUND = 5.0, 8
-# Where missing rows are, in gaps: points of the other time here, others on the opposite side.
-_NOWHERE = 1e4
+# Places and rotations of control points.
+ControlPose = tuple[Float[np.ndarray, "control 3"], Float[np.ndarray, "control 4"]]
 
 
 class RegistrationOptions(eqx.Module):
@@ -73,117 +68,11 @@ def registration_options(platform: str) -> RegistrationOptions:
     )
 
 
-class ControlGraph(NamedTuple):
-    """Control points in gaps, which hold one another; padded.
-
-    Args:
-        count: number of control points, without the missing rows after them.
-        pivot: their places.
-        radius: widths of their weights; those of missing rows are 1.
-        edge: pairs of neighbours: each and one of its neighbours.
-        strength: weight of each pair; 0 in missing rows.
-    """
-
-    count: int
-    pivot: Float[np.ndarray, "control 3"]
-    radius: Float[np.ndarray, " control"]
-    edge: tuple[Int[np.ndarray, " pairs"], Int[np.ndarray, " pairs"]]
-    strength: Float[np.ndarray, " pairs"]
-
-
-class EmbeddedPoints(NamedTuple):
-    """Points in gaps, and how they hang on control points.
-
-    Args:
-        position: the points.
-        color: their colours.
-        near: the control points that hold each.
-        weight: their weights, of sum 1; 0 in missing rows.
-    """
-
-    position: Float[Array, "points 3"]
-    color: Float[Array, "points 3"]
-    near: Int[Array, "points held"]
-    weight: Float[Array, "points held"]
-
-
 class PaddedPoints(NamedTuple):
     """Points of another time, in gaps, and rows far away."""
 
     position: Float[Array, "rows 3"]
     color: Float[Array, "rows 3"]
-
-
-def registrable(
-    position: Float[np.ndarray, "points 3"], dice: np.random.Generator
-) -> Int[np.ndarray, " rows"]:
-    """Rows of the points without strays, or of a share of them, in random order.
-
-    Args:
-        position: the points.
-        dice: what draws the order.
-    """
-    rows = dice.permutation(len(position))[:_MOST]
-    return rows[inliers(position[rows], _STRAY)]
-
-
-def dense(position: Float[np.ndarray, "points 3"], gap: float) -> Bool[np.ndarray, " points"]:
-    """Which points have others around them.
-
-    Args:
-        position: the points.
-        gap: the typical one between them.
-    """
-    return KDTree(position).query_ball_point(position, 4 * gap, return_length=True) >= _AROUND
-
-
-def control_graph(position: Float[np.ndarray, "points 3"], count: int) -> ControlGraph:
-    """Control points on some of the points, each as far as possible from those before it.
-
-    Args:
-        position: the points, in gaps; at least `FEWEST_POINTS`.
-        count: the number of control points with the missing rows; at most every second point
-            becomes one.
-    """
-    pivot = position[_spread_out(position, min(count, len(position) // 2))]
-    away, beside = (np.asarray(x) for x in KDTree(pivot).query(pivot, k=_NEIGHBOURS + 1))
-    # In gaps: points at one place must not make it 0.
-    radius = np.maximum(_WIDTH * away[:, 3], 0.1)
-    strength = np.exp(-0.5 * (away[:, 1:] / (2 * radius[:, None])) ** 2)
-    lack = count - len(pivot)
-    itself = np.arange(len(pivot), count)[:, None]
-    beside = np.concatenate([beside[:, 1:], np.repeat(itself, _NEIGHBOURS, axis=1)])
-    return ControlGraph(
-        len(pivot),
-        _with_rows(pivot, lack, -_NOWHERE),
-        np.pad(radius, (0, lack), constant_values=1),
-        (np.repeat(np.arange(count), _NEIGHBOURS), beside.ravel()),
-        _with_rows(strength, lack, 0).ravel(),
-    )
-
-
-def embedded_points(
-    position: Float[np.ndarray, "points 3"],
-    color: Float[np.ndarray, "points 3"],
-    graph: ControlGraph,
-    rows: int,
-) -> EmbeddedPoints:
-    """Points on the control points near them, padded.
-
-    Args:
-        position: the points, in gaps.
-        color: their colours.
-        graph: the control points.
-        rows: how many there shall be.
-    """
-    near, weight = _held(position, graph)
-    lack = rows - len(position)
-    return EmbeddedPoints(
-        jnp.asarray(_with_rows(position, lack, 0), jnp.float32),
-        jnp.asarray(_with_rows(color, lack, 0), jnp.float32),
-        jnp.asarray(_with_rows(near, lack, 0)),
-        jnp.asarray(_with_rows(weight, lack, 0), jnp.float32),
-    )
 
 
 def padded_points(
@@ -197,63 +86,43 @@ def padded_points(
         rows: how many there shall be.
     """
     lack = rows - len(position)
-    far, shade = _with_rows(position, lack, _NOWHERE), _with_rows(color, lack, 0)
+    far, shade = padded_rows(position, lack, NOWHERE), padded_rows(color, lack, 0)
     return PaddedPoints(jnp.asarray(far, jnp.float32), jnp.asarray(shade, jnp.float32))
 
 
-def carried(
+def registered_surface(
+    surface: RestingSurface,
     position: Float[np.ndarray, "points 3"],
-    graph: ControlGraph,
-    place: Float[np.ndarray, "control 3"],
-    turn: Float[np.ndarray, "control 4"],
-) -> Float[np.ndarray, "points 3"]:
-    """Where points are once the control points have moved.
+    color: Float[np.ndarray, "points 3"],
+    start: ControlPose,
+    *,
+    options: RegistrationOptions,
+) -> ControlPose | None:
+    """Places (in gaps) and rotations of the control points of a surface at another time; None
+    where that has too few points, or there are none.
 
     Args:
-        position: the points beside the control points at rest, in gaps.
-        graph: the control points.
-        place: their places.
-        turn: their rotations, as quaternions.
+        surface: the points of one time.
+        position: points of the other time, in the world; of more than options.target the first.
+        color: their colours.
+        start: a guess of the places and rotations.
+        options: how carefully to register.
     """
-    near, weight = _held(position, graph)
-    rotation = np.asarray(rotation_matrix(jnp.asarray(turn)))[near]
-    lever = position[:, None] - graph.pivot[near]
-    each = np.einsum("nkij,nkj->nki", rotation, lever) + np.asarray(place)[near]
-    return np.sum(weight[..., None] * each, axis=1)
-
-
-def _held(
-    position: Float[np.ndarray, "points 3"], graph: ControlGraph
-) -> tuple[Int[np.ndarray, "points held"], Float[np.ndarray, "points held"]]:
-    """The control points that hold each point, and their weights."""
-    found = KDTree(graph.pivot[: graph.count]).query(position, k=_HELD_BY)
-    away, near = (np.asarray(x) for x in found)
-    weight = np.exp(-0.5 * (away / graph.radius[near]) ** 2) + 1e-9
-    return near, weight / weight.sum(axis=1, keepdims=True)
-
-
-def _spread_out(position: Float[np.ndarray, "n 3"], count: int) -> Int[np.ndarray, " count"]:
-    """Some of the points, each as far as possible from those before it."""
-    chosen, away = [len(position) // 2], np.full(len(position), np.inf)
-    for _ in range(count - 1):
-        step = position - position[chosen[-1]]
-        away = np.minimum(away, np.einsum("ni,ni->n", step, step))
-        chosen.append(int(away.argmax()))
-    return np.array(chosen)
-
-
-def _with_rows(array: np.ndarray, lack: int, value: float) -> np.ndarray:
-    return np.pad(array, ((0, lack), (0, 0)), constant_values=value)
+    if len(position) < FEWEST_POINTS:
+        return None
+    there = surface.in_gaps(position[: options.target])
+    goal = padded_points(there, color[: options.target], options.target)
+    return registered(surface.points, surface.graph, goal, start, options=options)
 
 
 def registered(
     surface: EmbeddedPoints,
     graph: ControlGraph,
     there: PaddedPoints,
-    start: tuple[Float[np.ndarray, "control 3"], Float[np.ndarray, "control 4"]],
+    start: ControlPose,
     *,
     options: RegistrationOptions,
-) -> tuple[Float[np.ndarray, "control 3"], Float[np.ndarray, "control 4"]] | None:
+) -> ControlPose | None:
     """Places and rotations of the control points at another time; None where there are none.
 
     Args:
@@ -298,7 +167,7 @@ def _registered(surface, control, there, start, sizes, shade, *, solves):
         """Weight and goal of each point: the mean of the point it is nearest to and of those that
         are nearest to it, by place and colour."""
         now = jnp.sum(hold[..., None] * place[near], axis=1) + arms(turn)
-        now = jnp.where(real[:, None], now, jnp.asarray(-_NOWHERE, dtype))
+        now = jnp.where(real[:, None], now, jnp.asarray(-NOWHERE, dtype))
         ours = _features(now, surface.color, width, shade)
         theirs = _features(there.position, there.color, width, shade)
         square = jnp.sum(ours**2, axis=1)[:, None] + jnp.sum(theirs**2, axis=1)[None]

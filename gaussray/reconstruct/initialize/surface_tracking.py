@@ -13,17 +13,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
-from gaussray.reconstruct.initialize.from_points import typical_gap
-from gaussray.reconstruct.initialize.nonrigid_registration import (
-    FEWEST_POINTS,
-    ControlGraph,
-    RegistrationOptions,
-    control_graph,
-    dense,
-    embedded_points,
-    padded_points,
-    registered,
+from gaussray.reconstruct.initialize.embedded_deformation import (
+    RestingSurface,
     registrable,
+    resting_surface,
+)
+from gaussray.reconstruct.initialize.nonrigid_registration import (
+    RegistrationOptions,
+    registered_surface,
     registration_options,
 )
 from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
@@ -56,30 +53,20 @@ def tracked_surface(
     """
     options = options or registration_options(jax.default_backend())
     dice = np.random.default_rng([seed, 3])
-    own = registrable(clouds[0].points.position, dice)
-    if len(own) < FEWEST_POINTS or len(clouds) < 2:
+    first = clouds[0].points
+    own = registrable(first.position, dice)
+    surface = resting_surface(
+        first.position[own], first.color[own], control=options.control, source=options.source
+    )
+    if surface is None or len(clouds) < 2:
         return None
-    position, color = clouds[0].points.position[own], clouds[0].points.color[own]
-    gap = typical_gap(position)
-    kept = dense(position, gap)
-    if kept.sum() < FEWEST_POINTS:
-        return None
-    position, color = position[kept], color[kept]
-    middle = position.mean(axis=0)
-    position = (position - middle) / gap
-    graph = control_graph(position, options.control)
-    position, color = position[: options.source], color[: options.source]
-    surface = embedded_points(position, color, graph, options.source)
+    graph, gap = surface.graph, surface.gap
     places, turns = [graph.pivot], [np.tile([1.0, 0, 0, 0], (options.control, 1))]
     for k, cloud in enumerate(clouds[1:], 1):
-        there = registrable(cloud.points.position, dice)[: options.target]
-        steps = _steps(clouds[k - 1], cloud.time - clouds[k - 1].time, (middle, gap))
-        start = _ahead(graph, places, *steps)
-        motion = None
-        if len(there) >= FEWEST_POINTS:
-            found = (cloud.points.position[there] - middle) / gap
-            target = padded_points(found, cloud.points.color[there], options.target)
-            motion = registered(surface, graph, target, (start, turns[-1]), options=options)
+        there = registrable(cloud.points.position, dice)
+        start = _ahead(surface, places, clouds[k - 1], cloud.time)
+        found, shade = cloud.points.position[there], cloud.points.color[there]
+        motion = registered_surface(surface, found, shade, (start, turns[-1]), options=options)
         # Nothing to follow: as before.
         moved, turned = motion or (places[-1], turns[-1])
         flip = np.sum(turned * turns[-1], axis=1, keepdims=True) < 0
@@ -88,7 +75,7 @@ def tracked_surface(
         report(k, len(clouds) - 1)
     place, turn = (np.stack(x, axis=1)[: graph.count] for x in (places, turns))
     return ControlPoints(
-        pivot=jnp.asarray(gap * place[:, 0] + middle, jnp.float32),
+        pivot=jnp.asarray(gap * place[:, 0] + surface.middle, jnp.float32),
         radius=jnp.asarray(gap * graph.radius[: graph.count], jnp.float32),
         time=jnp.asarray([cloud.time for cloud in clouds], jnp.float32),
         path=jnp.asarray(gap * (place - place[:, :1]), jnp.float32),
@@ -96,26 +83,18 @@ def tracked_surface(
     )
 
 
-def _steps(
-    cloud: MovingPoints, duration: float, unit: tuple[Float[np.ndarray, "3"], float]
-) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
-    """The points of a time whose velocities are believed, and how far they go meanwhile; in gaps
-    from the middle."""
-    middle, gap = unit
-    known = cloud.believed
-    return (cloud.points.position[known] - middle) / gap, cloud.velocity[known] * duration / gap
-
-
 def _ahead(
-    graph: ControlGraph,
+    surface: RestingSurface,
     places: Sequence[Float[np.ndarray, "control 3"]],
-    position: Float[np.ndarray, "points 3"],
-    step: Float[np.ndarray, "points 3"],
+    cloud: MovingPoints,
+    time: float,
 ) -> Float[np.ndarray, "control 3"]:
-    """Where control points are expected next: they go as the points around them, and at constant
-    speed where there are none."""
-    last = places[-1]
+    """Where control points are expected next: they go as the points around them of the time before,
+    and at constant speed where none of these has a velocity that is believed."""
+    last, graph = places[-1], surface.graph
     onward = last if len(places) < 2 else 2 * last - places[-2]
+    position = surface.in_gaps(cloud.points.position[cloud.believed])
+    step = cloud.velocity[cloud.believed] * (time - cloud.time) / surface.gap
     if len(position) < _AROUND:
         return onward
     real = slice(0, graph.count)

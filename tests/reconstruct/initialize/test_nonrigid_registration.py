@@ -6,14 +6,16 @@ import pytest
 
 from gaussray.geometry import rotation_matrix, turning
 from gaussray.reconstruct.initialize import nonrigid_registration
-from gaussray.reconstruct.initialize.nonrigid_registration import (
-    RegistrationOptions,
+from gaussray.reconstruct.initialize.embedded_deformation import (
     carried,
     control_graph,
     embedded_points,
+    registrable,
+)
+from gaussray.reconstruct.initialize.nonrigid_registration import (
+    RegistrationOptions,
     padded_points,
     registered,
-    registrable,
     registration_options,
 )
 

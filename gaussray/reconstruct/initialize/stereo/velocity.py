@@ -8,17 +8,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import KDTree
 
+from gaussray.reconstruct.initialize.embedded_deformation import (
+    carried,
+    registrable,
+    resting_surface,
+)
 from gaussray.reconstruct.initialize.from_points import typical_gap
 from gaussray.reconstruct.initialize.nonrigid_registration import (
-    FEWEST_POINTS,
     RegistrationOptions,
-    carried,
-    control_graph,
-    dense,
-    embedded_points,
-    padded_points,
-    registered,
-    registrable,
+    registered_surface,
     registration_options,
 )
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints
@@ -76,23 +74,19 @@ def point_motion(
         np.zeros_like(here.position), np.full(len(here.scale), _LOST, here.position.dtype)
     )
     own, other = (registrable(x.position, dice) for x in (here, there))
-    if min(len(own), len(other)) < FEWEST_POINTS:
+    surface = resting_surface(
+        here.position[own], here.color[own], control=options.control, source=options.source
+    )
+    if surface is None:
         return lost
-    gap = typical_gap(here.position[own])
-    own = own[dense(here.position[own], gap)]
-    if len(own) < FEWEST_POINTS:
-        return lost
-    middle = here.position[own].mean(axis=0)
-    position, target = ((x.position - middle) / gap for x in (here, there))
-    graph = control_graph(position[own], options.control)
-    source, goal = own[: options.source], other[: options.target]
-    surface = embedded_points(position[source], here.color[source], graph, options.source)
-    match = padded_points(target[goal], there.color[goal], options.target)
-    still = np.tile([1.0, 0, 0, 0], (options.control, 1))
-    motion = registered(surface, graph, match, (graph.pivot, still), options=options)
+    start = surface.graph.pivot, np.tile([1.0, 0, 0, 0], (options.control, 1))
+    motion = registered_surface(
+        surface, there.position[other], there.color[other], start, options=options
+    )
     if motion is None:
         return lost
-    moved = (gap * carried(position, graph, *motion) + middle).astype(here.position.dtype)
+    place = carried(surface.in_gaps(here.position), surface.graph, *motion)
+    moved = (surface.gap * place + surface.middle).astype(here.position.dtype)
     residual = _residual(here, moved, StereoPoints(*(x[other] for x in there)))
     return PointMotion(moved - here.position, residual)
 
