@@ -200,16 +200,20 @@ def _still_cameras(views: Sequence[View]) -> int:
 
 def _still(pixels: float, machine: Machine) -> ReconstructOptions:
     """For pictures of one time: relocation under a budget, SSIM, harmonics by degrees."""
-    share = 25 if machine.gpu else 50
-    low, high = (50_000, 1_000_000) if machine.gpu else (10_000, 40_000)
-    gaussians = int(np.clip(pixels / share, low, high))
     larger = float(np.clip(math.sqrt(pixels / machine.pixels), 1.0, 4.0))
+    # Beyond, a step takes so much longer that the same time shows less
+    # (experiments/captures/README.md).
+    share = 25 if machine.gpu else 50
+    low, high = (50_000, 250_000 * larger) if machine.gpu else (10_000, 40_000)
+    gaussians = int(np.clip(pixels / share, low, high))
     return ReconstructOptions(
         fit=FitOptions(
             minutes=machine.minutes * larger,
             tiles=64 if machine.gpu else 4,
             tile_side=32,
             validate=0.015,
+            # Much of a picture may be plain: a wall, the sky, what an object stands before.
+            error=0.5,
             degree=3 if machine.gpu else 1,
             rise=1000 if machine.gpu else 300,
             opacity=0.5,

@@ -56,7 +56,8 @@ class FitOptions(eqx.Module):
         points: random points if there are none; if there are fewer, the rest are put between
             them (`from_points.between`).
         surround: random Gaussians around the points, in numbers of points: for what is far away,
-            and for what mirrors show (`from_points.surrounding`); none before what a picture shows.
+            and for what mirrors show (`from_points.surrounding`); none before what a picture shows,
+            nor around what stands before a plain backdrop.
         footprint: the least size of a Gaussian, in pixels of the camera that sees it most finely.
         outliers: points further from their neighbours than usual by more than this many standard
             deviations are left out (`from_points.inliers`). 0 keeps all.

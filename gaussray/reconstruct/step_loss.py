@@ -14,6 +14,7 @@ from gaussray.camera.corrections import apply_color_response, refined_views
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import step_samples
 from gaussray.color import srgb_encode
+from gaussray.reconstruct.data.backdrop import shows_nothing
 from gaussray.reconstruct.data.batches import Batch, tile_colors, tile_rays
 from gaussray.reconstruct.optimize import loss as losses, regularizer, relocation
 from gaussray.reconstruct.optimize.density import DensityOptions
@@ -60,7 +61,8 @@ class StepOptions(eqx.Module):
 
     def weights(self) -> dict[str, float]:
         """The weight of every term of the loss, by the term's name."""
-        return {name: getattr(self.loss, name) for name in ("l1", "dssim", "space", "time", "one")}
+        names = ("l1", "dssim", "nothing", "space", "time", "one")
+        return {name: getattr(self.loss, name) for name in names}
 
 
 class BlockSizes(eqx.Module):
@@ -142,6 +144,9 @@ def loss_of(
     terms = losses.terms(
         image, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
     )
+    if options.loss.nothing:
+        opacity = 1 - jnp.mean(pixels.transmittance, axis=0)
+        terms["nothing"] = jnp.mean(jnp.where((weight > 0) & shows_nothing(truth), opacity, 0))
     if parameters.deformation is not None:
         terms |= regularizer.plane_terms(parameters.deformation.planes)
     weights = options.weights()

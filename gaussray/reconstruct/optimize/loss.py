@@ -18,6 +18,9 @@ class LossOptions(eqx.Module):
     Args:
         l1: mean absolute difference of sRGB-encoded colours (4D-GRT: 1; 3DGS and 3DGRT: 0.8).
         dssim: 1 - SSIM of sRGB-encoded colours (4D-GRT: 0; 3DGS and 3DGRT: 0.2).
+        nothing: mean opacity of the pixels that show nothing, where pictures have a black backdrop
+            (`data.backdrop`): what is black before it costs nothing else, and hides things from
+            other cameras. 0 where they have none.
         space: plane regulariser in space (`regularizer.plane_terms`).
         time: plane regulariser in time.
         one: plane regulariser towards a field that does not change.
@@ -28,12 +31,13 @@ class LossOptions(eqx.Module):
 
     l1: float = eqx.field(static=True, default=1.0)
     dssim: float = eqx.field(static=True, default=0.0)
+    nothing: float = eqx.field(static=True, default=0.1)
     space: float = eqx.field(static=True, default=1e-4)
     time: float = eqx.field(static=True, default=1e-3)
     one: float = eqx.field(static=True, default=1e-4)
 
     def __check_init__(self):
-        for name in ("l1", "dssim", "space", "time", "one"):
+        for name in ("l1", "dssim", "nothing", "space", "time", "one"):
             if getattr(self, name) < 0:
                 raise ValueError(f"loss.{name} must be at least 0, got {getattr(self, name)}.")
 

@@ -87,7 +87,8 @@ def tile_views(
 
     Args:
         views: the training pictures.
-        tiles: ray bundles of the tiles of the first kind, at each time.
+        tiles: ray bundles of the tiles of the first kind, at each time; of fewer times than
+            `instants`, so many more that their number stays.
         instants: the largest number of times, which are evenly spread.
         weigh: ray bundles of the tiles of the second kind, about so many at all times together.
         seed: seed of both choices.
@@ -99,7 +100,9 @@ def tile_views(
     tiles = min(tiles, tile_count * int(frames.max()))
     chosen = np.unique(np.linspace(0, len(times) - 1, instants).round().astype(int))
     # More would be the same tiles again.
-    batches = min(-(-weigh // (tiles * len(chosen))), -(-tile_count * int(frames.max()) // tiles))
+    most = -(-tile_count * int(frames.max()) // tiles)
+    batches = min(-(-weigh // (tiles * len(chosen))), most)
+    repeats = min(-(-instants // len(chosen)), most)
     gains = np.ones((len(seen.times), 3), seen.times.dtype) if gain is None else np.asarray(gain)
     means, measured, weighed, counted = _mean_colors(seen), [], [], 0
     for i, time in enumerate(times[chosen]):
@@ -111,8 +114,8 @@ def tile_views(
         # on the tiles that were weighed alone.
         drawn = np.random.default_rng([seed, 1 + i]).permutation(count)
         counted += min(batches * tiles, count)
-        for part, cells, size in ((measured, drawn, tiles), (weighed, passed, batches * tiles)):
-            for cell in np.resize(cells, size).reshape(-1, tiles):
+        for part, cells, number in ((measured, drawn, repeats), (weighed, passed, batches)):
+            for cell in np.resize(cells, number * tiles).reshape(-1, tiles):
                 frame, tile = at_time[cell // tile_count], cell % tile_count
                 known = gains[frame], means[frame]
                 part.append(_tile_view(views, known, frame, tile, time))

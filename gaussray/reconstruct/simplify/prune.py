@@ -41,7 +41,8 @@ class NeedOptions(eqx.Module):
         loss: the largest loss of PSNR in dB, on training rays, for which one thing (the faintest
             Gaussians, one network head, ...) is removed. 0 switches pruning off.
         tiles: ray bundles (trace.bundle^2 pixels each) on which the loss is measured, at each time.
-        instants: the number of times, evenly spread, at which the loss is measured.
+        instants: the number of times, evenly spread, at which the loss is measured. Of fewer times
+            more bundles are taken, tiles x instants in all.
         weigh: further ray bundles, in all, on which the contribution of each Gaussian is measured.
         precision: how the scene is saved. `compact` quantises it (`scene.compression`), `full`
             keeps every bit.

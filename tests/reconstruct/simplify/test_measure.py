@@ -76,6 +76,14 @@ def test_fewer_instants_and_tiles_are_spread_evenly(seen):
     assert len(further) == 2 and further[0].truth.shape == (2 * TRACE.bundle**2, 3)
 
 
+def test_fewer_times_than_instants_are_measured_on_as_many_tiles(seen):
+    views = TrainingViews(seen, seen.camera)
+    measured = tile_views(views, tiles=2, instants=6, weigh=1, seed=0).measured
+    assert [float(look.time) for look in measured] == [t for t in toy.TIMES for _ in range(2)]
+    first, second = (np.asarray(look.rays.direction) for look in measured[:2])
+    assert np.any(first != second)
+
+
 def test_what_all_gaussians_add_is_what_they_cover(seen, whole):
     scene = toy.scene()
     meter = CandidateMeter(whole[0], Tracing(TRACE, mesh(1)))

@@ -14,14 +14,10 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.capture.points import Points
 from gaussray.color import srgb_decode
+from gaussray.reconstruct.data.backdrop import is_black, like_backdrop
 from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet, some_views
 from gaussray.reconstruct.initialize.stereo.neighbours import typical_spread
-from gaussray.reconstruct.initialize.stereo.uncovered import (
-    BLACK,
-    VIEWS,
-    backdrop,
-    like_backdrop,
-)
+from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, backdrop
 from gaussray.reconstruct.initialize.stereo.views import (
     StereoViews,
     rays,
@@ -74,7 +70,7 @@ def guessed_points(seen: StereoViewSet, *, count: int, seed: int) -> Points:
         if plain is not None:
             behind = like_backdrop(np.moveaxis(color, 0, -1), plain)
             away = np.where(behind, depth[-1], away)
-            shown &= ~(behind & (plain.max() < BLACK))
+            shown &= ~(behind & is_black(plain))
         places.append((np.asarray(views.origin[i])[:, None] + ray[:, shown] * away[shown]).T)
         colors.append(color[:, shown].T)
     color = np.concatenate([np.zeros((0, 3)), *colors]).astype(np.float64)

@@ -18,6 +18,7 @@ from scipy.ndimage import distance_transform_edt
 
 from gaussray.capture.points import Points
 from gaussray.color import srgb_decode
+from gaussray.reconstruct.data.backdrop import backdrop_among, is_black, like_backdrop
 from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet, some_views
 from gaussray.reconstruct.initialize.stereo.matching import reduction
 from gaussray.reconstruct.initialize.stereo.neighbours import typical_spread
@@ -38,13 +39,10 @@ _PIXELS, _FINEST, _COARSEST = 33_000, 4, 16
 VIEWS = 120
 # By how much distances differ from that of the nearest points, as a logarithm.
 _JITTER = 0.2
-# A colour is a backdrop's if at least this share of all pixels at the pictures' borders differs
-# from it by no more than so much (of 1, in each channel; what is as near to it is backdrop, too).
-_BACKDROP, _EVEN = 0.5, 0.012
 # Standard deviations up to which a ball hides what is behind it, and within which no camera stands.
 _REACH, _CLEAR = 2.0, 3.0
-# Distance of a backdrop, in distances of the farthest points; colours below are black.
-_BEHIND, BLACK = 3.0, 0.02
+# Distance of a backdrop, in distances of the farthest points.
+_BEHIND = 3.0
 
 
 def uncovered_points(
@@ -88,7 +86,7 @@ def uncovered_points(
             behind = like_backdrop(shade, plain)
             farthest = np.quantile(away[inside], 0.98) if inside.any() else usual
             along = np.where(behind, _BEHIND * farthest, along)
-            shown &= ~(behind & (plain.max() < BLACK))
+            shown &= ~(behind & is_black(plain))
         place = np.asarray(views.origin[i]) + direction * along[:, None]
         number = int(shown.sum())
         every[filled : filled + number] = place[shown]
@@ -214,23 +212,7 @@ def backdrop(views: StereoViews) -> Float[np.ndarray, "3"] | None:
         [x.reshape(-1) for x in (pixel[:, [0, -1]], pixel[:, 1:-1, 0], pixel[:, 1:-1, -1])]
     )
     channels, mask = jax.device_get(unpacked(jnp.asarray(border), jnp.float32))
-    color = np.stack(channels, axis=1)[mask]
-    if not len(color):
-        return None
-    middle = np.median(color, axis=0)
-    return middle if like_backdrop(color, middle).mean() >= _BACKDROP else None
-
-
-def like_backdrop(
-    color: Float[np.ndarray, "*pixels 3"], plain: Float[np.ndarray, "3"]
-) -> Bool[np.ndarray, "*pixels"]:
-    """Which colours differ from that of a backdrop by no more than noise.
-
-    Args:
-        color: sRGB-encoded colours, in 0..1.
-        plain: sRGB-encoded colour of the backdrop.
-    """
-    return np.all(np.abs(color - plain) <= _EVEN, axis=-1)
+    return backdrop_among(np.stack(channels, axis=1)[mask])
 
 
 @eqx.filter_jit
