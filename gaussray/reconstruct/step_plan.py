@@ -55,11 +55,12 @@ class Plateau:
     Args:
         patience: share of all steps so far that may pass without improvement.
         gain: what counts as improvement on the best score before.
+        looks: scores without improvement, of which one alone may be chance.
     """
 
-    def __init__(self, patience: float = 0.2, gain: float = 0.05):
-        self._patience, self._gain = patience, gain
-        self._best, self._since = -np.inf, 0
+    def __init__(self, patience: float = 0.2, gain: float = 0.05, looks: int = 3):
+        self._patience, self._gain, self._looks = patience, gain, looks
+        self._best, self._since, self._worse = -np.inf, 0, 0
 
     def reached(self, step: int, score: float) -> bool:
         """Whether the score has not improved for too long; a NaN starts the wait anew.
@@ -68,12 +69,13 @@ class Plateau:
             step: steps that are done.
             score: the score after them, where more is better; NaN where it is not known.
         """
+        self._worse += 1
         if math.isnan(score):
             # Unknown is no reason to end.
-            self._since = step
+            self._since, self._worse = step, 0
         elif score > self._best + self._gain:
-            self._best, self._since = score, step
-        return step - self._since > self._patience * step
+            self._best, self._since, self._worse = score, step, 0
+        return self._worse >= self._looks and step - self._since > self._patience * step
 
 
 class TimedPlan(StepPlan):

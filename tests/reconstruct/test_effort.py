@@ -236,6 +236,10 @@ def test_a_plateau_begins_where_the_score_gained_nothing_for_a_fifth_of_the_step
     scores = {100: 20.0, 200: 21.0, 220: 21.04, 240: 20.9, 251: 21.04}
     assert [plateau.reached(*pair) for pair in scores.items()] == [False] * 4 + [True]
     assert not plateau.reached(260, 21.06)
+    # Looks far apart: one or two of them may be chance.
+    rare = Plateau(patience=0.2, gain=0.05)
+    assert not any(rare.reached(250 * k, score) for k, score in enumerate((20.0, 19.9, 19.8), 1))
+    assert rare.reached(1000, 19.9)
     # What could not be measured ends nothing.
     assert not plateau.reached(400, math.nan) and not plateau.reached(410, 20.0)
 

@@ -3,15 +3,23 @@
 import dataclasses
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import toy
 
 from gaussray.camera.array import camera_set
+from gaussray.reconstruct.data.batches import Batch
+from gaussray.reconstruct.data.tiles import tile_order
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.optimize.optimizer import OptimizerOptions, Parameters
-from gaussray.reconstruct.step_loss import StepOptions, density_costs
+from gaussray.reconstruct.optimize.state import begin_state
+from gaussray.reconstruct.step import measure_sizes
+from gaussray.reconstruct.step_loss import StepOptions, density_costs, loss_of
+from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.gaussians import unconstrain
+from gaussray.scene.scene import Scene
+from gaussray.tracer.shard import mesh
 from gaussray.tracer.trace import TraceOptions
 
 
@@ -54,4 +62,55 @@ def test_a_weight_of_zero_switches_a_cost_off_and_splitting_has_none():
 def test_every_term_has_the_weight_of_its_key():
     options = StepOptions(LossOptions(l1=0.8, dssim=0.2), OptimizerOptions(), TraceOptions())
     weights = options.weights()
-    assert weights["l1"] == 0.8 and weights["dssim"] == 0.2
+    assert weights["l1"] == 0.8 and weights["dssim"] == 0.2 and weights["nothing"] == 0.1
+
+
+def loss_before_black(opacity, loss):
+    """The loss and its terms of a picture that is black but for a corner, where a black Gaussian
+    covers the middle."""
+    side = 16
+    camera = jax.tree.map(lambda x: x[None], toy.camera(0.0, 0.0, side, side))
+    truth = np.zeros((1, side**2, 3), np.uint8)
+    truth[:, :40] = 200
+    batch = Batch(
+        jnp.zeros((1, 1), jnp.int32),
+        jnp.zeros((1, 1), jnp.int32),
+        TIMES,
+        jnp.asarray(truth)[None],
+        None,
+    )
+    options = StepOptions(loss, OptimizerOptions(), TraceOptions(bundle=8, k=8))
+    black = toy.gaussians(np.zeros((1, 3)), 0.3, 0.0)
+    none = unconstrain(jax.tree.map(lambda x: x[:0], black))
+    faded = dataclasses.replace(black, opacity=opacity[None])
+    parts = Parameters(unconstrain(faded), none, None)
+    seen = camera_set(np.arange(1), camera, extent=EXTENT)
+    state = begin_state(Parameters(unconstrain(black), none, None))
+    sizes = measure_sizes(state, camera, batch, seen, options=options, mesh=mesh(1))
+    one = jax.tree.map(lambda x: x[0], batch)
+    value, details = loss_of(parts, camera, one, seen, state.step, options=options, sizes=sizes)
+    return value, details.terms, truth[0, :, 0] == 0
+
+
+def test_what_is_black_before_a_black_backdrop_costs_its_opacity():
+    loss, opacity = LossOptions(space=0.0, time=0.0, one=0.0, nothing=0.1), toy.single(0.6)
+    _, terms, empty = loss_before_black(opacity, loss)
+    black = toy.gaussians(np.zeros((1, 3)), 0.3, 0.0, opacity=0.6)
+    renderer = Renderer(
+        Scene(black),
+        options=RenderOptions(samples=1),
+        trace=TraceOptions(bundle=8, k=8),
+    )
+    alpha = renderer(toy.camera(0.0, 0.0, 16, 16)).alpha
+    places = tile_order(16, 8)
+    expected = np.where(empty, np.asarray(alpha).reshape(-1)[places], 0).mean()
+    assert expected > 0.03
+    np.testing.assert_allclose(terms["nothing"], expected, rtol=1e-4)
+
+
+def test_nothing_else_makes_black_before_black_fade():
+    def slope(weight):
+        loss = LossOptions(space=0.0, time=0.0, one=0.0, nothing=weight)
+        return jax.grad(lambda x: loss_before_black(x, loss)[0])(toy.single(0.6))
+
+    assert abs(slope(0.0)) < CLOSE < 1e-3 < slope(0.1)

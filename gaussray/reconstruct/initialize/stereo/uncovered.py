@@ -1,8 +1,9 @@
 """Points for what no point stands on: plain walls, ceilings, what a single camera sees.
 
-Where matching fails, each picture still tells colours. A ray without a point gets one, about as far
-away as the nearest points beside it in the picture; training moves it where it belongs. Without, a
-fit has nothing there to begin with, and density control only adds where something is.
+Where matching fails, each picture still tells colours. A ray without a point gets one, about where
+other pictures show its colour too (`agreement`), and where that does not tell, as far away as the
+nearest points beside it in the picture; training moves it where it belongs. Without, a fit has
+nothing there to begin with, and density control only adds where something is.
 
 Before a plain backdrop (a studio's, or what transparent pixels are composited over) that would fill
 the air around things with Gaussians that hide them from other sides. Rays that see it get a point
@@ -19,6 +20,7 @@ from scipy.ndimage import distance_transform_edt
 from gaussray.capture.points import Points
 from gaussray.color import srgb_decode
 from gaussray.reconstruct.data.backdrop import backdrop_among, is_black, like_backdrop
+from gaussray.reconstruct.initialize.stereo.agreement import agreeing_distance
 from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet, some_views
 from gaussray.reconstruct.initialize.stereo.matching import reduction
 from gaussray.reconstruct.initialize.stereo.neighbours import typical_spread
@@ -60,7 +62,8 @@ def uncovered_points(
     seen = some_views(seen, VIEWS)
     views, side = _with_cells(seen, count)
     plain = backdrop(views)
-    cells = views.size[0] // side, views.size[1] // side
+    large = stereo_views(seen.pictures, seen.cameras, seen.masks, factor=views.factor * side)
+    cells = large.size
     most = len(seen.frames) * cells[0] * cells[1]
     # Rows for all points that may be added: one program does for all views.
     every = np.full((len(position) + most, 3), np.nan, np.float32)
@@ -75,7 +78,8 @@ def uncovered_points(
         empty = ~np.isfinite(nearest)
         if not empty.any():
             continue
-        distance = np.full(cells, usual) if empty.all() else _with_gaps_filled(nearest)
+        beside = np.full(cells, usual) if empty.all() else _with_gaps_filled(nearest)
+        distance = agreeing_distance(large, i, beside, dice)
         y, x = np.nonzero(empty)
         y, x = (side * k + dice.integers(side, size=len(k)) for k in (y, x))
         shade, mask = color[y, x], visible[y, x]

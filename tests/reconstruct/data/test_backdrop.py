@@ -1,0 +1,68 @@
+"""Plain backdrops are told by the pictures' borders, whatever stands before them; only what is as
+dark as a black one shows nothing."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import toy
+
+from gaussray.reconstruct.data.backdrop import backdrop_of, is_black, like_backdrop, shows_nothing
+from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.tiles import cut, tile_pixels
+
+
+SIZE, FRAMES = 32, 3
+# A colour of single precision.
+CLOSE = 1e-6
+
+
+def footage_of(pictures, masks=None):
+    """Footage of these pictures, in tiles of 8 x 8 pixels."""
+    camera = jax.tree.map(lambda x: jnp.stack([x] * FRAMES), toy.camera(0.0, 0.0, SIZE, SIZE))
+    pixels = tile_pixels(toy.camera(0.0, 0.0, SIZE, SIZE).film, 8)
+    packed = None
+    if masks is not None:
+        packed = np.stack([np.packbits(cut(mask, pixels), axis=-1) for mask in masks])
+    tiles = np.stack([cut(picture, pixels) for picture in pictures])
+    return Footage(tiles, packed, camera, np.array(["a"] * FRAMES), 8)
+
+
+def thing_before(color, noise=0):
+    """A textured thing in the middle of pictures of one colour, give or take some levels."""
+    dice = np.random.default_rng(0)
+    pictures = np.full((FRAMES, SIZE, SIZE, 3), color, int)
+    pictures += dice.integers(-noise, noise + 1, pictures.shape)
+    pictures[:, 6:-6, 6:-6] = dice.integers(0, 255, (FRAMES, SIZE - 12, SIZE - 12, 3))
+    return np.clip(pictures, 0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize("color", [(0, 0, 0), (255, 255, 255), (20, 180, 40)])
+def test_the_colour_of_the_borders_is_the_backdrop(color):
+    found = backdrop_of(footage_of(thing_before(color, noise=2)))
+    assert np.abs(found - np.array(color) / 255).max() < 1.01 / 255
+    assert is_black(found) == (color == (0, 0, 0))
+    floats = (thing_before(color) / 255).astype(np.float32)
+    np.testing.assert_allclose(backdrop_of(footage_of(floats)), np.array(color) / 255, atol=CLOSE)
+
+
+def test_pictures_of_a_room_have_none():
+    dice = np.random.default_rng(1)
+    pictures = dice.integers(0, 255, (FRAMES, SIZE, SIZE, 3)).astype(np.uint8)
+    assert backdrop_of(footage_of(pictures)) is None and not is_black(None)
+
+
+def test_masked_pixels_do_not_count():
+    pictures = thing_before((0, 0, 0))
+    pictures[:, :, : SIZE // 2] = 200
+    masks = np.ones((FRAMES, SIZE, SIZE), bool)
+    masks[:, :, : SIZE // 2] = False
+    assert not is_black(backdrop_of(footage_of(pictures)))
+    assert is_black(backdrop_of(footage_of(pictures, masks)))
+    assert backdrop_of(footage_of(pictures, masks & False)) is None
+
+
+def test_only_what_is_as_dark_as_the_backdrop_shows_nothing():
+    levels = np.array([[0, 0, 0], [3, 2, 3], [0, 0, 4], [40, 0, 0]]) / 255
+    assert list(np.asarray(shows_nothing(jnp.asarray(levels)))) == [True, True, False, False]
+    assert list(like_backdrop(levels, np.zeros(3))) == [True, True, False, False]
