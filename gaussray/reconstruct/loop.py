@@ -195,6 +195,7 @@ def step_options(session: Session, stage: str) -> StepOptions:
         formed=session.later,
         rise=options.fit.rise,
         density=options.density,
+        backdrop=session.backdrop,
     )
 
 

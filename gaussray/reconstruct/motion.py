@@ -78,6 +78,7 @@ def _unexplained(session: Session, state: State) -> UnexplainedPixels:
         *session.training_cameras(state),
         constrain(take_rows(static, np.flatnonzero(occupied(static)))),
         session.options.trace,
+        session.backdrop,
     )
 
 

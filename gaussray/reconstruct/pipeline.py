@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gaussray.camera.refined_cameras import (
     color_matrices,
     corrections_summary,
@@ -16,6 +18,7 @@ from gaussray.camera.refined_cameras import (
 from gaussray.capture.capture import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole, write_json
+from gaussray.reconstruct.backdrop_shell import with_backdrop_shell
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.data.training_split import demand_training_pictures
 from gaussray.reconstruct.effort import MOTION_NOUNS, Effort, effort, this_machine
@@ -241,6 +244,9 @@ def _pruned(
 ) -> tuple[Scene, dict[str, Any]]:
     """The scene of a fitted state after pruning, and the report."""
     scene, unmet = session.scene(state, progress)
+    if session.backdrop is not None:
+        eye = np.asarray(session.footage.camera.trajectory.translation).reshape(-1, 3)
+        scene, unmet = with_backdrop_shell(scene, unmet, np.array(session.backdrop), eye)
     bars: list[Progress] = []
 
     def shown(done: int, total: int, what: str) -> None:

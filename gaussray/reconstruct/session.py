@@ -16,7 +16,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import refined_kinds, refined_views
 from gaussray.capture.capture import Capture
 from gaussray.capture.points import Points
-from gaussray.reconstruct.data.backdrop import backdrop_of, is_black
+from gaussray.reconstruct.data.backdrop import Plain, backdrop_of
 from gaussray.reconstruct.data.held_out_tiles import HoldOut, held_out_tiles
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
@@ -97,7 +97,12 @@ class Session:
             folder=log.out,
             report=self.progress_bar("read", len(part.views), patience=2.0).report,
         )
-        options = _before_backdrop(options, backdrop_of(self.footage))
+        plain = backdrop_of(self.footage)
+        self.backdrop: Plain | None = None
+        if plain is not None:
+            self.backdrop = float(plain[0]), float(plain[1]), float(plain[2])
+            # What stands before it is all that there is.
+            options = eqx.tree_at(lambda o: o.fit, options, replace(options.fit, surround=0.0))
         self.options = _with_tile_levels(options, self.footage)
         every = self.footage.camera if len(part.views) == len(views) else stacked(views)
         names, owner = np.unique([view.camera_name for view in views], return_inverse=True)
@@ -257,18 +262,6 @@ def hand_over(session: Session, state: State, progress: RunProgress) -> tuple[St
         moved=None,
     )
     return begin_state(Parameters(static, moving, None, state.parameters.corrections)), progress
-
-
-def _before_backdrop(
-    options: ReconstructOptions, plain: Float[np.ndarray, "3"] | None
-) -> ReconstructOptions:
-    """The options without random Gaussians around what stands before a plain backdrop, and without
-    a cost of opacity where there is no black one."""
-    if plain is not None:
-        options = eqx.tree_at(lambda o: o.fit, options, replace(options.fit, surround=0.0))
-    if not is_black(plain):
-        options = eqx.tree_at(lambda o: o.loss, options, replace(options.loss, nothing=0.0))
-    return options
 
 
 def _with_tile_levels(options: ReconstructOptions, footage: Footage) -> ReconstructOptions:

@@ -14,7 +14,7 @@ from gaussray.camera.corrections import apply_color_response, refined_views
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import step_samples
 from gaussray.color import srgb_encode
-from gaussray.reconstruct.data.backdrop import shows_nothing
+from gaussray.reconstruct.data.backdrop import Plain, before_backdrop, like_backdrop
 from gaussray.reconstruct.data.batches import Batch, tile_colors, tile_rays
 from gaussray.reconstruct.optimize import loss as losses, regularizer, relocation
 from gaussray.reconstruct.optimize.density import DensityOptions
@@ -47,6 +47,7 @@ class StepOptions(eqx.Module):
         formed: whether static Gaussians were fitted in an earlier segment (`rates`).
         rise: steps after which harmonics of the next degree begin to learn (`rates`).
         density: what opacity and scale cost, and the noise of positions.
+        backdrop: sRGB-encoded colour of what is behind everything; None: the pictures show a room.
     """
 
     loss: LossOptions
@@ -58,6 +59,7 @@ class StepOptions(eqx.Module):
     formed: bool = eqx.field(static=True, default=False)
     rise: int = eqx.field(static=True, default=0)
     density: DensityOptions = eqx.field(default_factory=DensityOptions)
+    backdrop: Plain | None = eqx.field(static=True, default=None)
 
     def weights(self) -> dict[str, float]:
         """The weight of every term of the loss, by the term's name."""
@@ -133,7 +135,10 @@ def loss_of(
         capacity=sizes.capacity,
         mesh=sizes.mesh,
     )
-    light = pixels.color if rays.weight is None else rays.weight[..., None] * pixels.color
+    light = pixels.color
+    if options.backdrop is not None:
+        light = before_backdrop(light, pixels.transmittance, options.backdrop)
+    light = light if rays.weight is None else rays.weight[..., None] * light
     color = jnp.mean(light, axis=0)
     image = losses.developed(
         srgb_encode(color if gain is None else apply_color_response(gain, color)), truth
@@ -144,9 +149,10 @@ def loss_of(
     terms = losses.terms(
         image, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
     )
-    if options.loss.nothing:
+    if options.loss.nothing and options.backdrop is not None:
+        nothing = (weight > 0) & like_backdrop(truth, jnp.asarray(options.backdrop, truth.dtype))
         opacity = 1 - jnp.mean(pixels.transmittance, axis=0)
-        terms["nothing"] = jnp.mean(jnp.where((weight > 0) & shows_nothing(truth), opacity, 0))
+        terms["nothing"] = jnp.mean(jnp.where(nothing, opacity, 0))
     if parameters.deformation is not None:
         terms |= regularizer.plane_terms(parameters.deformation.planes)
     weights = options.weights()

@@ -79,7 +79,8 @@ def loss_before_black(opacity, loss):
         jnp.asarray(truth)[None],
         None,
     )
-    options = StepOptions(loss, OptimizerOptions(), TraceOptions(bundle=8, k=8))
+    trace = TraceOptions(bundle=8, k=8)
+    options = StepOptions(loss, OptimizerOptions(), trace, backdrop=(0.0, 0.0, 0.0))
     black = toy.gaussians(np.zeros((1, 3)), 0.3, 0.0)
     none = unconstrain(jax.tree.map(lambda x: x[:0], black))
     faded = dataclasses.replace(black, opacity=opacity[None])

@@ -12,6 +12,7 @@ from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.points import Points
 from gaussray.geometry import rotation_matrix
+from gaussray.reconstruct.data.backdrop import backdrop_of
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.initialize.from_points import (
     between,
@@ -110,8 +111,13 @@ def points_of_capture(
     """
     position, color = cleaned(points, options.outliers)
     if footage is not None:
-        views = still_views(footage)
-        added = uncovered_points(views, position, count=options.points, seed=options.seed)
+        added = uncovered_points(
+            still_views(footage),
+            position,
+            count=options.points,
+            seed=options.seed,
+            plain=backdrop_of(footage),
+        )
         position = np.concatenate([position, added.position])
         color = np.concatenate([color, added.color])
     missing = max(options.points - len(position), 0) if len(position) else 0
@@ -131,7 +137,8 @@ def covers(known: Points, footage: Footage, options: FitOptions) -> bool:
         options: fit.points is about how many cells all pictures have together.
     """
     seen = first_views(footage, VIEWS)
-    return coverage(seen, known.position, count=options.points) >= COVERED
+    plain = backdrop_of(footage)
+    return coverage(seen, known.position, count=options.points, plain=plain) >= COVERED
 
 
 def points_in_view(footage: Footage, options: FitOptions) -> InitialPoints:
@@ -156,7 +163,9 @@ def points_at_guessed_distances(footage: Footage, options: FitOptions) -> Initia
         footage: the training pictures and their cameras.
         options: fit.points and fit.seed.
     """
-    guessed = guessed_points(still_views(footage), count=options.points, seed=options.seed)
+    guessed = guessed_points(
+        still_views(footage), count=options.points, seed=options.seed, plain=backdrop_of(footage)
+    )
     if not len(guessed.position):
         return points_in_view(footage, options)
     return InitialPoints(guessed.position, guessed.color, on_surfaces=False)

@@ -18,6 +18,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.rays import Rays
 from gaussray.capture.temporal_median import differs
 from gaussray.color import srgb_encode
+from gaussray.reconstruct.data.backdrop import Plain, before_backdrop
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.still_cameras import camera_frames, without_specks
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
@@ -48,6 +49,7 @@ class UnexplainedPixels:
         gain: the `color_response` of each frame to linear light; None: light as it is.
         still: the Gaussians that stand still.
         options: how to trace them.
+        plain: sRGB-encoded colour of a backdrop behind them; None if there is none.
     """
 
     def __init__(
@@ -57,7 +59,9 @@ class UnexplainedPixels:
         gain: Float[Array, "frames 3 ..."] | None,
         still: Gaussians,
         options: TraceOptions,
+        plain: Plain | None = None,
     ):
+        self._plain = plain
         self._footage, self._camera = footage, camera
         self._gain = None if gain is None else np.asarray(gain)
         self._motion, self._trace = resting(still), replace(options, levels=0)
@@ -107,7 +111,11 @@ class UnexplainedPixels:
             self._capacity = measure(self._motion, seen, options=self._trace, headroom=1.5)
         while True:
             light, needed, dropped = _light(
-                self._motion, seen, options=self._trace, capacity=self._capacity
+                self._motion,
+                seen,
+                options=self._trace,
+                capacity=self._capacity,
+                plain=self._plain,
             )
             if not int(dropped):
                 break
@@ -135,11 +143,14 @@ def _bundled_rays(view: StereoViews, bundle: int) -> Rays:
 
 @eqx.filter_jit
 def _light(
-    motion: Motion, seen: Rays, *, options: TraceOptions, capacity: Capacity
+    motion: Motion, seen: Rays, *, options: TraceOptions, capacity: Capacity, plain: Plain | None
 ) -> tuple[Float[Array, "slots 3"], Int[Array, " sizes"], Int[Array, ""]]:
     """Linear light of rays, list sizes, and how many entries were dropped."""
     pixels, report = trace(motion, seen, options=options, capacity=capacity)
-    return pixels.color, report.needed, report.dropped
+    light = pixels.color
+    if plain is not None:
+        light = before_backdrop(light, pixels.transmittance, plain)
+    return light, report.needed, report.dropped
 
 
 def _enlarged(

@@ -18,9 +18,8 @@ class LossOptions(eqx.Module):
     Args:
         l1: mean absolute difference of sRGB-encoded colours (4D-GRT: 1; 3DGS and 3DGRT: 0.8).
         dssim: 1 - SSIM of sRGB-encoded colours (4D-GRT: 0; 3DGS and 3DGRT: 0.2).
-        nothing: mean opacity of the pixels that show nothing, where pictures have a black backdrop
-            (`data.backdrop`): what is black before it costs nothing else, and hides things from
-            other cameras. 0 where they have none.
+        nothing: mean opacity of the pixels that show a plain backdrop (`data.backdrop`): what has
+            its colour before it costs nothing else, and hides things from other cameras.
         space: plane regulariser in space (`regularizer.plane_terms`).
         time: plane regulariser in time.
         one: plane regulariser towards a field that does not change.

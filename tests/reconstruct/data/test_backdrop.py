@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 import toy
 
-from gaussray.reconstruct.data.backdrop import backdrop_of, is_black, like_backdrop, shows_nothing
+from gaussray.color import srgb_encode
+from gaussray.reconstruct.data.backdrop import backdrop_of, before_backdrop, like_backdrop
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 
@@ -41,7 +42,6 @@ def thing_before(color, noise=0):
 def test_the_colour_of_the_borders_is_the_backdrop(color):
     found = backdrop_of(footage_of(thing_before(color, noise=2)))
     assert np.abs(found - np.array(color) / 255).max() < 1.01 / 255
-    assert is_black(found) == (color == (0, 0, 0))
     floats = (thing_before(color) / 255).astype(np.float32)
     np.testing.assert_allclose(backdrop_of(footage_of(floats)), np.array(color) / 255, atol=CLOSE)
 
@@ -49,20 +49,32 @@ def test_the_colour_of_the_borders_is_the_backdrop(color):
 def test_pictures_of_a_room_have_none():
     dice = np.random.default_rng(1)
     pictures = dice.integers(0, 255, (FRAMES, SIZE, SIZE, 3)).astype(np.uint8)
-    assert backdrop_of(footage_of(pictures)) is None and not is_black(None)
+    assert backdrop_of(footage_of(pictures)) is None
 
 
 def test_masked_pixels_do_not_count():
     pictures = thing_before((0, 0, 0))
-    pictures[:, :, : SIZE // 2] = 200
+    pictures[:, :, : 3 * SIZE // 4] = 200
     masks = np.ones((FRAMES, SIZE, SIZE), bool)
-    masks[:, :, : SIZE // 2] = False
-    assert not is_black(backdrop_of(footage_of(pictures)))
-    assert is_black(backdrop_of(footage_of(pictures, masks)))
+    masks[:, :, : 3 * SIZE // 4] = False
+    assert np.all(backdrop_of(footage_of(pictures)) > 0.5)
+    assert np.all(backdrop_of(footage_of(pictures, masks)) == 0)
     assert backdrop_of(footage_of(pictures, masks & False)) is None
 
 
-def test_only_what_is_as_dark_as_the_backdrop_shows_nothing():
+def test_only_what_hardly_differs_from_the_backdrop_is_like_it():
     levels = np.array([[0, 0, 0], [3, 2, 3], [0, 0, 4], [40, 0, 0]]) / 255
-    assert list(np.asarray(shows_nothing(jnp.asarray(levels)))) == [True, True, False, False]
-    assert list(like_backdrop(levels, np.zeros(3))) == [True, True, False, False]
+    for plain in (np.zeros(3), np.array([0.9, 0.5, 0.1])):
+        found = like_backdrop(levels + plain, plain)
+        assert list(found) == [True, True, False, False]
+        on_device = like_backdrop(jnp.asarray(levels + plain), jnp.asarray(plain))
+        np.testing.assert_array_equal(found, on_device)
+
+
+def test_the_rest_of_a_ray_ends_at_the_backdrop():
+    color, rest = np.array([[0.2, 0.1, 0.0], [0.0, 0.0, 0.0]]), np.array([0.25, 1.0])
+    plain = (1.0, 0.5, 0.0)
+    seen = before_backdrop(jnp.asarray(color), jnp.asarray(rest), plain)
+    # sRGB 1/2 is 0.2140 of the light.
+    np.testing.assert_allclose(seen[0], [0.45, 0.1 + 0.25 * 0.214041, 0.0], atol=CLOSE)
+    np.testing.assert_allclose(srgb_encode(np.asarray(seen[1])), plain, atol=CLOSE)

@@ -32,6 +32,7 @@ def started(monkeypatch):
         monkeypatch.setattr(initializer, "first_views", lambda *_: None)
         monkeypatch.setattr(initializer, "coverage", lambda *_, **__: covered)
         monkeypatch.setattr(initializer, "still_views", lambda *_: None)
+        monkeypatch.setattr(initializer, "backdrop_of", lambda *_: None)
         monkeypatch.setattr(initializer, "uncovered_points", lambda *_, **__: cloud(0, 2))
         monkeypatch.setattr(initializer, "guessed_points", lambda *_, **__: cloud(guessed, 3))
         plain = inspect.unwrap(initializer.points_at_guessed_distances)

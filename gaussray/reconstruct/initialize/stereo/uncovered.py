@@ -6,8 +6,7 @@ nearest points beside it in the picture; training moves it where it belongs. Wit
 nothing there to begin with, and density control only adds where something is.
 
 Before a plain backdrop (a studio's, or what transparent pixels are composited over) that would fill
-the air around things with Gaussians that hide them from other sides. Rays that see it get a point
-far behind everything, and none if it is black: where nothing is, a picture is black.
+the air around things with Gaussians that hide them from other sides. Rays that see it get none.
 """
 
 import equinox as eqx
@@ -19,7 +18,7 @@ from scipy.ndimage import distance_transform_edt
 
 from gaussray.capture.points import Points
 from gaussray.color import srgb_decode
-from gaussray.reconstruct.data.backdrop import backdrop_among, is_black, like_backdrop
+from gaussray.reconstruct.data.backdrop import like_backdrop
 from gaussray.reconstruct.initialize.stereo.agreement import agreeing_distance
 from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet, some_views
 from gaussray.reconstruct.initialize.stereo.matching import reduction
@@ -43,12 +42,15 @@ VIEWS = 120
 _JITTER = 0.2
 # Standard deviations up to which a ball hides what is behind it, and within which no camera stands.
 _REACH, _CLEAR = 2.0, 3.0
-# Distance of a backdrop, in distances of the farthest points.
-_BEHIND = 3.0
 
 
 def uncovered_points(
-    seen: StereoViewSet, position: Float[np.ndarray, "points 3"], *, count: int, seed: int
+    seen: StereoViewSet,
+    position: Float[np.ndarray, "points 3"],
+    *,
+    count: int,
+    seed: int,
+    plain: Float[np.ndarray, "3"] | None = None,
 ) -> Points:
     """A point for every cell of a picture in which none of the points lies.
 
@@ -58,10 +60,10 @@ def uncovered_points(
         count: about how many cells all pictures have together; cells are at least 4 and at most 16
             pixels of a reduced picture wide.
         seed: of the choice of pixels and distances.
+        plain: the colour of a backdrop, which gets no points; None if there is none.
     """
     seen = some_views(seen, VIEWS)
     views, side = _with_cells(seen, count)
-    plain = backdrop(views)
     large = stereo_views(seen.pictures, seen.cameras, seen.masks, factor=views.factor * side)
     cells = large.size
     most = len(seen.frames) * cells[0] * cells[1]
@@ -87,10 +89,7 @@ def uncovered_points(
         shown = mask & np.any(direction != 0, axis=1)
         along = distance[empty] * np.exp(dice.uniform(-_JITTER, _JITTER, len(y)))
         if plain is not None:
-            behind = like_backdrop(shade, plain)
-            farthest = np.quantile(away[inside], 0.98) if inside.any() else usual
-            along = np.where(behind, _BEHIND * farthest, along)
-            shown &= ~(behind & is_black(plain))
+            shown &= ~like_backdrop(shade, plain)
         place = np.asarray(views.origin[i]) + direction * along[:, None]
         number = int(shown.sum())
         every[filled : filled + number] = place[shown]
@@ -100,7 +99,13 @@ def uncovered_points(
     return Points(every[len(position) : filled], srgb_decode(color).astype(np.float32))
 
 
-def coverage(seen: StereoViewSet, position: Float[np.ndarray, "points 3"], *, count: int) -> float:
+def coverage(
+    seen: StereoViewSet,
+    position: Float[np.ndarray, "points 3"],
+    *,
+    count: int,
+    plain: Float[np.ndarray, "3"] | None = None,
+) -> float:
     """In which share of the pictures' cells any of the points lies.
 
     Cells that are masked, or show a plain backdrop, for the most part do not count; without any
@@ -110,10 +115,10 @@ def coverage(seen: StereoViewSet, position: Float[np.ndarray, "points 3"], *, co
         seen: the pictures.
         position: the points, in the world.
         count: about how many cells all pictures have together (`uncovered_points`).
+        plain: the colour of a backdrop; None if there is none.
     """
     seen = some_views(seen, VIEWS)
     views, side = _with_cells(seen, count)
-    plain = backdrop(views)
     cells = views.size[0] // side, views.size[1] // side
     held = total = 0
     for i in range(len(seen.frames)):
@@ -206,17 +211,6 @@ def _with_gaps_filled(
     empty = ~np.isfinite(nearest)
     beside = np.asarray(distance_transform_edt(empty, return_distances=False, return_indices=True))
     return nearest[beside[0], beside[1]]
-
-
-def backdrop(views: StereoViews) -> Float[np.ndarray, "3"] | None:
-    """The sRGB-encoded colour of a plain backdrop; None if the pictures have none: the colour that
-    most pixels at the borders of all pictures share."""
-    pixel = np.asarray(views.pixel)
-    border = np.concatenate(
-        [x.reshape(-1) for x in (pixel[:, [0, -1]], pixel[:, 1:-1, 0], pixel[:, 1:-1, -1])]
-    )
-    channels, mask = jax.device_get(unpacked(jnp.asarray(border), jnp.float32))
-    return backdrop_among(np.stack(channels, axis=1)[mask])
 
 
 @eqx.filter_jit

@@ -1,0 +1,64 @@
+"""The shell that shows a plain backdrop: of its colour in every direction, behind everything, and
+spared by pruning."""
+
+import jax.numpy as jnp
+import numpy as np
+import toy
+
+from gaussray.color import srgb_decode
+from gaussray.reconstruct.backdrop_shell import even_directions, with_backdrop_shell
+from gaussray.render.renderer import Renderer, RenderOptions
+from gaussray.scene.scene import Scene
+
+
+PLAIN = np.array([1.0, 0.8, 0.4])
+EYES = np.array([[3.0, 0, 0], [-3, 0, 0], [0, 0, 3], [0, 1, -3]])
+# Rays end where a thousandth of their light is left; colours of the shell are of single precision.
+REST = 2e-3
+
+
+def test_directions_are_spread_evenly():
+    found = even_directions(600)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-12)
+    assert np.abs(found.mean(axis=0)).max() < 1e-3
+    gap = np.sort(2 - 2 * found @ found.T, axis=1)[:, 1] ** 0.5
+    assert gap.min() > 0.6 * gap.max()
+
+
+def test_every_direction_shows_the_colour_of_the_backdrop():
+    thing = Scene(toy.gaussians(np.zeros((1, 3)), 0.3, (0.1, 0.4, 0.2)))
+    scene, stays = with_backdrop_shell(thing, np.zeros(1, bool), PLAIN, EYES)
+    render = Renderer(scene, options=RenderOptions(samples=1), trace=toy.TRACE)
+    before = Renderer(thing, options=RenderOptions(samples=1), trace=toy.TRACE)
+    light = srgb_decode(PLAIN)
+    for angle in np.linspace(0, 2 * np.pi, 5)[:-1]:
+        camera = toy.camera(angle, 0.0, 32, 32)
+        shown, alone = render(camera), before(camera)
+        empty = np.asarray(alone.alpha) == 0
+        assert 0.1 < empty.mean() < 1
+        assert np.abs(np.asarray(shown.color)[empty] - light).max() < REST
+        # What stands before it is as it was, and the backdrop fills the rest.
+        filled = np.asarray(alone.color) + (1 - np.asarray(alone.alpha))[..., None] * light
+        assert np.abs(np.asarray(shown.color) - filled).max() < 2 * REST
+    assert len(stays) == scene.static.count + scene.moving.count
+
+
+def test_all_cameras_are_inside_and_its_gaussians_stay():
+    unmet = np.zeros(27, bool)
+    unmet[-1] = True
+    scene, stays = with_backdrop_shell(toy.scene(), unmet, PLAIN, EYES)
+    count = toy.scene().static.count
+    added = scene.static.count - count
+    shell = np.asarray(scene.static.mean)[count:]
+    middle = EYES.mean(axis=0)
+    away = np.linalg.norm(shell - middle, axis=1)
+    assert away.min() > 2 * np.linalg.norm(EYES - middle, axis=1).max()
+    assert stays[count : count + added].all() and stays[-1] and stays.sum() == added + 1
+    assert scene.moving.count == toy.scene().moving.count
+
+
+def test_black_is_nothing():
+    scene = toy.scene()
+    same, stays = with_backdrop_shell(scene, np.zeros(27, bool), np.full(3, 0.01), EYES)
+    assert same is scene and not stays.any()
+    assert jnp.asarray(scene.static.mean).shape == same.static.mean.shape
