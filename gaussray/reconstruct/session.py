@@ -16,7 +16,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import refined_kinds, refined_views
 from gaussray.capture.capture import Capture
 from gaussray.capture.points import Points
-from gaussray.reconstruct.data.backdrop import Plain, backdrop_of
+from gaussray.reconstruct.data.backdrop import BackdropColor, backdrop_of
 from gaussray.reconstruct.data.held_out_tiles import HoldOut, held_out_tiles
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
@@ -98,7 +98,7 @@ class Session:
             report=self.progress_bar("read", len(part.views), patience=2.0).report,
         )
         plain = backdrop_of(self.footage)
-        self.backdrop: Plain | None = None
+        self.backdrop: BackdropColor | None = None
         if plain is not None:
             self.backdrop = float(plain[0]), float(plain[1]), float(plain[2])
             # What stands before it is all that there is.

@@ -14,7 +14,7 @@ from gaussray.camera.corrections import apply_color_response, refined_views
 from gaussray.camera.rays import Rays
 from gaussray.camera.sampling import step_samples
 from gaussray.color import srgb_encode
-from gaussray.reconstruct.data.backdrop import Plain, before_backdrop, like_backdrop
+from gaussray.reconstruct.data.backdrop import BackdropColor, before_backdrop, like_backdrop
 from gaussray.reconstruct.data.batches import Batch, tile_colors, tile_rays
 from gaussray.reconstruct.optimize import loss as losses, regularizer, relocation
 from gaussray.reconstruct.optimize.density import DensityOptions
@@ -59,7 +59,7 @@ class StepOptions(eqx.Module):
     formed: bool = eqx.field(static=True, default=False)
     rise: int = eqx.field(static=True, default=0)
     density: DensityOptions = eqx.field(default_factory=DensityOptions)
-    backdrop: Plain | None = eqx.field(static=True, default=None)
+    backdrop: BackdropColor | None = eqx.field(static=True, default=None)
 
     def weights(self) -> dict[str, float]:
         """The weight of every term of the loss, by the term's name."""

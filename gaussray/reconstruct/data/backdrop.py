@@ -1,4 +1,6 @@
-"""Plain backdrops: a studio's, or the colour that transparent pixels are composited over."""
+"""BackdropColor backdrops: a studio's, or the colour that transparent pixels are composited over."""
+
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -14,9 +16,9 @@ _SHARE, _EVEN = 0.5, 0.012
 # Pictures whose borders are looked at.
 _LOOKED_AT = 32
 
-Pixels = np.ndarray | Array
+_Values = np.ndarray | Array
 # The sRGB-encoded colour of a backdrop, as a constant of a program.
-Plain = tuple[float, float, float]
+BackdropColor = tuple[float, float, float]
 
 
 def backdrop_of(footage: Footage) -> Float[np.ndarray, "3"] | None:
@@ -38,20 +40,20 @@ def backdrop_of(footage: Footage) -> Float[np.ndarray, "3"] | None:
 
 
 def like_backdrop(
-    color: Float[Pixels, "*pixels 3"], plain: Float[Pixels, "3"]
-) -> Bool[Pixels, "*pixels"]:
+    color: Float[_Values, "*pixels 3"], plain: Float[_Values, "3"]
+) -> Bool[_Values, "*pixels"]:
     """Which colours differ from that of a backdrop by no more than noise: JPEG does not keep it.
 
     Args:
         color: sRGB-encoded colours, in 0..1.
         plain: sRGB-encoded colour of the backdrop.
     """
-    apart = abs(color - plain.reshape(*[1] * (color.ndim - 1), 3))
+    apart: Any = abs(color - plain.reshape(*[1] * (color.ndim - 1), 3))
     return (apart <= _EVEN).all(axis=-1)
 
 
 def before_backdrop(
-    color: Float[Array, "*rays 3"], transmittance: Float[Array, "*rays"], plain: Plain
+    color: Float[Array, "*rays 3"], transmittance: Float[Array, "*rays"], plain: BackdropColor
 ) -> Float[Array, "*rays 3"]:
     """Linear light of rays whose rest ends at a backdrop.
 

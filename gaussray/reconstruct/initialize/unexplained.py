@@ -18,7 +18,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.rays import Rays
 from gaussray.capture.temporal_median import differs
 from gaussray.color import srgb_encode
-from gaussray.reconstruct.data.backdrop import Plain, before_backdrop
+from gaussray.reconstruct.data.backdrop import BackdropColor, before_backdrop
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.still_cameras import camera_frames, without_specks
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
@@ -59,7 +59,7 @@ class UnexplainedPixels:
         gain: Float[Array, "frames 3 ..."] | None,
         still: Gaussians,
         options: TraceOptions,
-        plain: Plain | None = None,
+        plain: BackdropColor | None = None,
     ):
         self._plain = plain
         self._footage, self._camera = footage, camera
@@ -143,7 +143,12 @@ def _bundled_rays(view: StereoViews, bundle: int) -> Rays:
 
 @eqx.filter_jit
 def _light(
-    motion: Motion, seen: Rays, *, options: TraceOptions, capacity: Capacity, plain: Plain | None
+    motion: Motion,
+    seen: Rays,
+    *,
+    options: TraceOptions,
+    capacity: Capacity,
+    plain: BackdropColor | None,
 ) -> tuple[Float[Array, "slots 3"], Int[Array, " sizes"], Int[Array, ""]]:
     """Linear light of rays, list sizes, and how many entries were dropped."""
     pixels, report = trace(motion, seen, options=options, capacity=capacity)
