@@ -1,11 +1,18 @@
 """The shell that shows a plain backdrop: of its colour in every direction, behind everything, and
 spared by pruning."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
+import pytest
 import toy
 
+from gaussray.capture.formats.paired import read_capture
 from gaussray.color import srgb_decode
+from gaussray.dataset.images import write_image
+from gaussray.dataset.manifest import write_manifest
+from gaussray.reconstruct import reconstruct
 from gaussray.reconstruct.backdrop_shell import even_directions, with_backdrop_shell
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.scene import Scene
@@ -62,3 +69,43 @@ def test_black_is_nothing():
     same, stays = with_backdrop_shell(scene, np.zeros(27, bool), np.full(3, 0.01), EYES)
     assert same is scene and not stays.any()
     assert jnp.asarray(scene.static.mean).shape == same.static.mean.shape
+
+
+@pytest.fixture(scope="module")
+def before_white(tmp_path_factory):
+    """Balls before white, and the folder of a capture of them."""
+    folder = tmp_path_factory.mktemp("white")
+    place = np.array([[-0.5, 0, 0], [0.4, 0.3, 0.2], [0.2, -0.5, 0], [0.7, -0.1, 0.3]])
+    color = np.array([[0.6, 0.1, 0.1], [0.1, 0.4, 0.1], [0.1, 0.1, 0.5], [0.4, 0.3, 0.0]])
+    balls = Scene(toy.gaussians(place, 0.12, color))
+    render = Renderer(balls, options=RenderOptions(samples=1), trace=toy.TRACE)
+    listed = toy.records(times=[0.0])
+    for record in listed:
+        seen = render(record.camera)
+        white = np.asarray(seen.color) + 1 - np.asarray(seen.alpha)[..., None]
+        write_image(folder / record.file_path, white)
+    toy.write_points(folder / "points3d.ply", balls)
+    write_manifest(folder / "transforms.json", listed, extra={"ply_file_path": "points3d.ply"})
+    return balls, folder
+
+
+@pytest.mark.ci
+def test_an_object_before_white_is_fitted_with_its_backdrop(before_white, tmp_path):
+    balls, folder = before_white
+    fit = dataclasses.replace(toy.SHORT.fit, coarse=120, fine=30, points=40)
+    density = dataclasses.replace(toy.SHORT.density, kind="relocate", gaussians=60)
+    options = dataclasses.replace(toy.SHORT, fit=fit, density=density)
+    scene = reconstruct(read_capture(folder), tmp_path / "run", options=options, quiet=True)
+    # Opposite to all training cameras, the balls are before white, too.
+    for angle in (0.15, np.pi):
+        camera = toy.camera(angle, 0.0, toy.SIZE, toy.SIZE)
+        views = (
+            Renderer(x, options=RenderOptions(samples=1), trace=toy.TRACE)(camera)
+            for x in (balls, scene)
+        )
+        truth, found = views
+        empty = np.asarray(truth.alpha) < 1e-3
+        light = np.asarray(found.color)
+        assert empty.sum() > 20 and np.median(np.abs(light[empty] - 1)) < 2 * REST
+        solid = np.asarray(truth.alpha) > 0.8
+        assert solid.any() and light[solid].mean() < 0.6

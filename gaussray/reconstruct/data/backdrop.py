@@ -1,4 +1,4 @@
-"""BackdropColor backdrops: a studio's, or the colour that transparent pixels are composited over."""
+"""Plain backdrops: a studio's, or the colour that transparent pixels are composited over."""
 
 from typing import Any
 
