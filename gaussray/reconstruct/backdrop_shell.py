@@ -13,7 +13,7 @@ from gaussray.scene.scene import Scene
 # A backdrop whose channels are below this is black: where nothing is, a picture is black.
 _BLACK = 0.02
 # Gaussians of the shell: rays through any place of it keep less than a thousandth of their light.
-_COUNT = 600
+_COUNT = 300
 # Radius of the shell, in distances of the farthest camera or Gaussian from its middle, of which a
 # share is taken for strays.
 _RADIUS, _STRAYS = 5.0, 0.02

@@ -25,7 +25,7 @@ REST = 2e-3
 
 
 def test_directions_are_spread_evenly():
-    found = even_directions(600)
+    found = even_directions(300)
     np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-12)
     assert np.abs(found.mean(axis=0)).max() < 1e-3
     gap = np.sort(2 - 2 * found @ found.T, axis=1)[:, 1] ** 0.5
