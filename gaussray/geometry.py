@@ -11,6 +11,7 @@ import functools
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 
@@ -219,3 +220,11 @@ class RigidTransform(eqx.Module):
     def inverse_apply(self, point: Float[Array, "3"]) -> Float[Array, "3"]:
         """Point of the target frame in the source frame."""
         return product("ji,j->i", rotation_matrix(self.quat), point - self.translation)
+
+
+def even_directions(count: int) -> Float[np.ndarray, "count 3"]:
+    """Unit vectors that cover the sphere evenly: a spiral by the golden angle."""
+    i = np.arange(count) + 0.5
+    z, turn = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
+    flat = np.sqrt(1 - z * z)
+    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)

@@ -11,6 +11,7 @@ from gaussray.geometry import (
     BLENDER_AXES,
     RigidTransform,
     best_rotation,
+    even_directions,
     normalize,
     normalize_quaternion,
     quaternion,
@@ -163,3 +164,11 @@ def test_a_length_whose_square_is_no_single_number_is_right(length):
     value, slope = jax.value_and_grad(safe_norm)(vector)
     np.testing.assert_allclose(value, length, rtol=1e-6)
     np.testing.assert_allclose(slope, [0.6, 0, -0.8], rtol=1e-6)
+
+
+def test_directions_are_spread_evenly():
+    found = even_directions(300)
+    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 1, atol=1e-12)
+    assert np.abs(found.mean(axis=0)).max() < 1e-3
+    gap = np.sort(2 - 2 * found @ found.T, axis=1)[:, 1] ** 0.5
+    assert gap.min() > 0.6 * gap.max()

@@ -1,6 +1,6 @@
 """Fit folders of photographs of a still scene, score held-out views, compare settings.
 
-    python -m experiments.captures.static prepare SOURCE OUT [--scale S]
+    python -m experiments.captures.static prepare SOURCE OUT [--scale S] [--hold N]
     python -m experiments.captures.static fit OUT... [--variants NAME ...] [--steps N]
 
 Each fit prints one line: variant, PSNR and SSIM of the held-out views, seconds (with compilation),
@@ -8,9 +8,6 @@ steps and Gaussians.
 """
 
 import argparse
-import json
-import shutil
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -33,32 +30,20 @@ from gaussray.runtime.devices import DevicesOptions, begin as start_devices
 from gaussray.tracer.trace import TraceOptions
 
 
-# Every so many frames one is held out.
-HOLD = 7
-
-
-def prepare(source: Path, out: Path, scale: float) -> None:
-    """A copy of a capture with transforms.json at a scale: without frames that have no image, each
-    HOLD-th frame (in the order of the names) held out."""
-    document = json.loads((source / "transforms.json").read_text())
-    frames = sorted(document["frames"], key=lambda frame: frame["file_path"])
-    found = [frame for frame in frames if (source / frame["file_path"]).is_file()]
-    with tempfile.TemporaryDirectory() as folder:
-        for frame in found:
-            target = Path(folder) / frame["file_path"]
-            target.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(source / frame["file_path"], target)
-        (Path(folder) / "transforms.json").write_text(json.dumps(document | {"frames": found}))
-        views = open_capture(folder, selection=Selection(scale=scale)).views
-        records = []
-        for i, view in enumerate(views):
-            name = f"images/{view.image.stem}.png"
-            (out / name).parent.mkdir(parents=True, exist_ok=True)
-            write_image(out / name, srgb_levels(read_encoded(view)))
-            split = "train" if i % HOLD else "test"
-            records.append(FrameRecord(name, view.camera, view.camera_name, split))
+def prepare(source: Path, out: Path, scale: float, hold: int, background: str) -> None:
+    """A copy of a capture of stills at a scale, each `hold`-th picture (in the order of the names)
+    held out, and alpha composited over the background."""
+    chosen = Selection(scale=scale)
+    views = open_capture(source, background=background, selection=chosen).views
+    records = []
+    for i, view in enumerate(sorted(views, key=lambda view: view.image)):
+        name = f"images/{view.image.stem}.png"
+        (out / name).parent.mkdir(parents=True, exist_ok=True)
+        write_image(out / name, srgb_levels(read_encoded(view)))
+        split = "train" if i % hold else "test"
+        records.append(FrameRecord(name, view.camera, view.camera_name, split))
     write_manifest(out / "transforms.json", records)
-    print(f"{out}: {len(found)} of {len(frames)} frames have an image")
+    print(f"{out}: {len(records)} pictures")
 
 
 def base(steps: int, tiles: int, gaussians: int, degree: int) -> ReconstructOptions:
@@ -152,6 +137,8 @@ def main() -> None:
     command.add_argument("source", type=Path)
     command.add_argument("out", type=Path)
     command.add_argument("--scale", type=float, default=1.0)
+    command.add_argument("--hold", type=int, default=7)
+    command.add_argument("--background", default="auto")
     command = commands.add_parser("fit")
     fit_arguments(command, VARIANTS, "base")
     command.add_argument("--steps", type=int, default=3000)
@@ -160,7 +147,7 @@ def main() -> None:
     command.add_argument("--degree", type=int, default=3)
     chosen = parser.parse_args()
     if chosen.command == "prepare":
-        prepare(chosen.source, chosen.out, chosen.scale)
+        prepare(chosen.source, chosen.out, chosen.scale, chosen.hold, chosen.background)
         return
     devices = start_devices(DevicesOptions())
     print("| capture | variant | PSNR | SSIM | seconds | steps | Gaussians |\n|" + "---|" * 7)

@@ -1,11 +1,15 @@
 """A plain backdrop in the scene: a shell of Gaussians of its colour around everything."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float
 
 from gaussray.color import srgb_decode
+from gaussray.geometry import even_directions
+from gaussray.reconstruct.data.backdrop import BackdropColor
 from gaussray.reconstruct.initialize.from_points import on_points
 from gaussray.scene.scene import Scene
 
@@ -14,15 +18,15 @@ from gaussray.scene.scene import Scene
 _BLACK = 0.02
 # Gaussians of the shell: rays through any place of it keep less than a thousandth of their light.
 _COUNT = 300
-# Radius of the shell, in distances of the farthest camera or Gaussian from its middle, of which a
-# share is taken for strays.
+# Radius of the shell, in distances of the farthest camera or Gaussian from its middle; the share of
+# Gaussians that are taken for strays.
 _RADIUS, _STRAYS = 5.0, 0.02
 
 
 def with_backdrop_shell(
     scene: Scene,
     unmet: Bool[np.ndarray, " gaussians"],
-    plain: Float[np.ndarray, "3"],
+    plain: BackdropColor,
     eye: Float[np.ndarray, "cameras 3"],
 ) -> tuple[Scene, Bool[np.ndarray, " with_shell"]]:
     """A scene with a shell of its backdrop's colour, which no pruning takes away; none of black.
@@ -36,7 +40,7 @@ def with_backdrop_shell(
     Returns:
         The scene, and which of its Gaussians must stay.
     """
-    if plain.max() < _BLACK:
+    if max(plain) < _BLACK:
         return scene, unmet
     middle = eye.mean(axis=0)
     around = np.linalg.norm(np.asarray(scene.static.mean) - middle, axis=1)
@@ -44,22 +48,10 @@ def with_backdrop_shell(
     if len(around):
         farthest = max(farthest, float(np.quantile(around, 1 - _STRAYS)))
     place = (middle + _RADIUS * farthest * even_directions(_COUNT)).astype(np.float32)
-    light = np.broadcast_to(srgb_decode(plain.astype(np.float64)), place.shape)
+    light = np.broadcast_to(srgb_decode(np.array(plain)), place.shape)
     degree = int(np.sqrt(scene.static.harmonics.shape[1])) - 1
     shell = on_points(place, light.astype(np.float32), degree=degree, opacity=0.99)
     static = jax.tree.map(lambda a, b: jnp.concatenate([a, b]), scene.static, shell)
     count = scene.static.count
     stays = np.concatenate([unmet[:count], np.ones(_COUNT, bool), unmet[count:]])
-    return (
-        Scene(static, scene.moving, scene.deformation, scene.time_range, scene.transient),
-        stays,
-    )
-
-
-def even_directions(count: int) -> Float[np.ndarray, "count 3"]:
-    """Unit vectors spread evenly over all directions: a Fibonacci lattice on the sphere."""
-    k = np.arange(count) + 0.5
-    z = 1 - 2 * k / count
-    turn = np.pi * (1 + np.sqrt(5)) * k
-    side = np.sqrt(1 - z**2)
-    return np.stack([side * np.cos(turn), side * np.sin(turn), z], axis=1)
+    return replace(scene, static=static), stays

@@ -246,7 +246,7 @@ def _pruned(
     scene, unmet = session.scene(state, progress)
     if session.backdrop is not None:
         eye = np.asarray(session.footage.camera.trajectory.translation).reshape(-1, 3)
-        scene, unmet = with_backdrop_shell(scene, unmet, np.array(session.backdrop), eye)
+        scene, unmet = with_backdrop_shell(scene, unmet, session.backdrop, eye)
     bars: list[Progress] = []
 
     def shown(done: int, total: int, what: str) -> None:

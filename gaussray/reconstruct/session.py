@@ -16,7 +16,7 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import refined_kinds, refined_views
 from gaussray.capture.capture import Capture
 from gaussray.capture.points import Points
-from gaussray.reconstruct.data.backdrop import BackdropColor, backdrop_of
+from gaussray.reconstruct.data.backdrop import backdrop_of
 from gaussray.reconstruct.data.held_out_tiles import HoldOut, held_out_tiles
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
@@ -97,10 +97,8 @@ class Session:
             folder=log.out,
             report=self.progress_bar("read", len(part.views), patience=2.0).report,
         )
-        plain = backdrop_of(self.footage)
-        self.backdrop: BackdropColor | None = None
-        if plain is not None:
-            self.backdrop = float(plain[0]), float(plain[1]), float(plain[2])
+        self.backdrop = backdrop_of(self.footage)
+        if self.backdrop is not None:
             # What stands before it is all that there is.
             options = eqx.tree_at(lambda o: o.fit, options, replace(options.fit, surround=0.0))
         self.options = _with_tile_levels(options, self.footage)

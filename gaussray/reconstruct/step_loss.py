@@ -150,7 +150,7 @@ def loss_of(
         image, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
     )
     if options.loss.nothing and options.backdrop is not None:
-        nothing = (weight > 0) & like_backdrop(truth, jnp.asarray(options.backdrop, truth.dtype))
+        nothing = (weight > 0) & like_backdrop(truth, options.backdrop)
         opacity = 1 - jnp.mean(pixels.transmittance, axis=0)
         terms["nothing"] = jnp.mean(jnp.where(nothing, opacity, 0))
     if parameters.deformation is not None:

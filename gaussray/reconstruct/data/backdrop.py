@@ -21,7 +21,7 @@ _Values = np.ndarray | Array
 BackdropColor = tuple[float, float, float]
 
 
-def backdrop_of(footage: Footage) -> Float[np.ndarray, "3"] | None:
+def backdrop_of(footage: Footage) -> BackdropColor | None:
     """The sRGB-encoded colour of a plain backdrop; None if the pictures have none.
 
     Args:
@@ -35,12 +35,13 @@ def backdrop_of(footage: Footage) -> Float[np.ndarray, "3"] | None:
     if not len(border):
         return None
     color = border.astype(np.float32) / footage.scale
-    middle = np.median(color, axis=0)
-    return middle if like_backdrop(color, middle).mean() >= _SHARE else None
+    red, green, blue = np.median(color, axis=0).tolist()
+    plain = red, green, blue
+    return plain if like_backdrop(color, plain).mean() >= _SHARE else None
 
 
 def like_backdrop(
-    color: Float[_Values, "*pixels 3"], plain: Float[_Values, "3"]
+    color: Float[_Values, "*pixels 3"], plain: BackdropColor
 ) -> Bool[_Values, "*pixels"]:
     """Which colours differ from that of a backdrop by no more than noise: JPEG does not keep it.
 
@@ -48,7 +49,7 @@ def like_backdrop(
         color: sRGB-encoded colours, in 0..1.
         plain: sRGB-encoded colour of the backdrop.
     """
-    apart: Any = abs(color - plain.reshape(*[1] * (color.ndim - 1), 3))
+    apart: Any = abs(color - np.array(plain, color.dtype).reshape(*[1] * (color.ndim - 1), 3))
     return (apart <= _EVEN).all(axis=-1)
 
 

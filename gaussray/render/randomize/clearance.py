@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from gaussray.camera.camera import Camera, camera_rays
 from gaussray.camera.shutter import row_moments
 from gaussray.dataset.manifest import rotation_and_position
+from gaussray.geometry import even_directions
 from gaussray.render.rig.placed import bounding_ball
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.scene import Scene, at
@@ -115,7 +116,7 @@ class FreeSpace:
         if len(distance) and distance.min() < _SAME_PLACE:
             return True
         matter = self._matter(round(time, 6))
-        around = place + clearance * _even_directions(_DIRECTIONS)
+        around = place + clearance * even_directions(_DIRECTIONS)
         near = np.linalg.norm(matter.mean - place, axis=1) < matter.reach + clearance
         if (self._light(_part(matter.gaussians, near), place, around) < _CLEAR).any():
             return False
@@ -176,11 +177,3 @@ def _part(gaussians: Gaussians, chosen: np.ndarray) -> Gaussians:
     )  # fmt: skip
     there = jnp.arange(length) < len(index)
     return eqx.tree_at(lambda g: g.opacity, part, jnp.where(there, part.opacity, 0))
-
-
-def _even_directions(count: int) -> Float[np.ndarray, "count 3"]:
-    """Unit vectors that cover the sphere evenly: a spiral by the golden angle."""
-    i = np.arange(count) + 0.5
-    z, turn = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
-    flat = np.sqrt(1 - z * z)
-    return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)

@@ -41,7 +41,7 @@ def thing_before(color, noise=0):
 @pytest.mark.parametrize("color", [(0, 0, 0), (255, 255, 255), (20, 180, 40)])
 def test_the_colour_of_the_borders_is_the_backdrop(color):
     found = backdrop_of(footage_of(thing_before(color, noise=2)))
-    assert np.abs(found - np.array(color) / 255).max() < 1.01 / 255
+    assert np.abs(np.array(found) - np.array(color) / 255).max() < 1.01 / 255
     floats = (thing_before(color) / 255).astype(np.float32)
     np.testing.assert_allclose(backdrop_of(footage_of(floats)), np.array(color) / 255, atol=CLOSE)
 
@@ -57,17 +57,17 @@ def test_masked_pixels_do_not_count():
     pictures[:, :, : 3 * SIZE // 4] = 200
     masks = np.ones((FRAMES, SIZE, SIZE), bool)
     masks[:, :, : 3 * SIZE // 4] = False
-    assert np.all(backdrop_of(footage_of(pictures)) > 0.5)
-    assert np.all(backdrop_of(footage_of(pictures, masks)) == 0)
+    assert min(backdrop_of(footage_of(pictures))) > 0.5
+    assert backdrop_of(footage_of(pictures, masks)) == (0, 0, 0)
     assert backdrop_of(footage_of(pictures, masks & False)) is None
 
 
 def test_only_what_hardly_differs_from_the_backdrop_is_like_it():
     levels = np.array([[0, 0, 0], [3, 2, 3], [0, 0, 4], [40, 0, 0]]) / 255
-    for plain in (np.zeros(3), np.array([0.9, 0.5, 0.1])):
-        found = like_backdrop(levels + plain, plain)
+    for plain in ((0.0, 0.0, 0.0), (0.9, 0.5, 0.1)):
+        found = like_backdrop(levels + np.array(plain), plain)
         assert list(found) == [True, True, False, False]
-        on_device = like_backdrop(jnp.asarray(levels + plain), jnp.asarray(plain))
+        on_device = like_backdrop(jnp.asarray(levels + np.array(plain)), plain)
         np.testing.assert_array_equal(found, on_device)
 
 

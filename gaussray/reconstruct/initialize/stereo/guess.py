@@ -4,11 +4,10 @@ behind them.
 """
 
 import numpy as np
-from jaxtyping import Float
 
 from gaussray.capture.points import Points
 from gaussray.color import srgb_decode
-from gaussray.reconstruct.data.backdrop import like_backdrop
+from gaussray.reconstruct.data.backdrop import BackdropColor, like_backdrop
 from gaussray.reconstruct.initialize.stereo.agreement import WINDOW, agreeing_distance
 from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet, some_views
 from gaussray.reconstruct.initialize.stereo.neighbours import typical_spread
@@ -17,7 +16,7 @@ from gaussray.reconstruct.initialize.stereo.views import rays, stereo_views, unp
 
 
 def guessed_points(
-    seen: StereoViewSet, *, count: int, seed: int, plain: Float[np.ndarray, "3"] | None = None
+    seen: StereoViewSet, *, count: int, seed: int, plain: BackdropColor | None = None
 ) -> Points:
     """About `count` points at the distances where colours agree best, none on a plain backdrop.
 

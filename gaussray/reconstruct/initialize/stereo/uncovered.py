@@ -18,7 +18,7 @@ from scipy.ndimage import distance_transform_edt
 
 from gaussray.capture.points import Points
 from gaussray.color import srgb_decode
-from gaussray.reconstruct.data.backdrop import like_backdrop
+from gaussray.reconstruct.data.backdrop import BackdropColor, like_backdrop
 from gaussray.reconstruct.initialize.stereo.agreement import agreeing_distance
 from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet, some_views
 from gaussray.reconstruct.initialize.stereo.matching import reduction
@@ -50,7 +50,7 @@ def uncovered_points(
     *,
     count: int,
     seed: int,
-    plain: Float[np.ndarray, "3"] | None = None,
+    plain: BackdropColor | None = None,
 ) -> Points:
     """A point for every cell of a picture in which none of the points lies.
 
@@ -104,7 +104,7 @@ def coverage(
     position: Float[np.ndarray, "points 3"],
     *,
     count: int,
-    plain: Float[np.ndarray, "3"] | None = None,
+    plain: BackdropColor | None = None,
 ) -> float:
     """In which share of the pictures' cells any of the points lies.
 

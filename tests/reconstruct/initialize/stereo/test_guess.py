@@ -59,7 +59,7 @@ def test_a_plain_backdrop_gets_no_points(level):
     whole = shown.dtype.type(level if shown.dtype == np.uint8 else level / 255)
     shown[:, :, : SIZE // 2] = whole
     count = 4 * (SIZE // FACTOR) ** 2
-    plain = np.full(3, level / 255)
+    plain = (level / 255,) * 3
     found = guessed_points(pictures(shown=shown), count=count, seed=0, plain=plain)
     # Colours of the plane are between the two.
     assert len(found.position) == count // 2
