@@ -16,6 +16,9 @@ typedef unsigned int u32;
 #define INFINITE __int_as_float(0x7f800000)
 #define EPSILON 1.1920929e-7f
 #define SLACK (16 * EPSILON)
+// By so much of an ellipsoid's height the peaks that rays compute may be nearer than its least one:
+// they are rounded, most of all along thin discs.
+#define PEAK_SLACK 1e-3f
 // Below this cosine to the axis a bundle is too wide for planes: it is then tested as everywhere.
 #define WIDEST 0.05f
 #define BUCKETS 1024
@@ -77,13 +80,22 @@ __device__ __forceinline__ bool finite(Vector v) {
 // Half-spaces n.x >= offset that hold all rays: near plane, four sides. `reach` is the largest
 // n.origin of the near plane, infinity if distances are not bounded. `begin` and `end` are where on
 // the arcs of the motion the group's times lie: the number of an arc, and the fraction of it.
+// `cosine` is the least one between a ray and the normal of the near plane.
 struct Bounds {
   float4 plane[5];
-  float reach, begin, end, unused;
+  float reach, begin, end, cosine;
 #if TRANSIENT
   // The earliest and the latest time of the group.
   float earliest, latest, more[2];
 #endif
+};
+
+// Rays that begin at one place (`one`): along axis + x u + y v, x from left to right, y from down to
+// up.
+struct Fan {
+  Vector origin, axis, u, v;
+  float left, right, down, up;
+  bool one;
 };
 
 // Which ray of a group is at a pixel, in column x and row y of the group.
@@ -185,11 +197,11 @@ __device__ Vector sum(Team team, Vector v) {
 }
 
 // Of a group that begins with ray `begin`, the `count` rays `slot(0)`, `slot(1)`, ... in so many
-// `samples`, seen by a team of threads.
+// `samples`, seen by a team of threads; also as a fan.
 template <class Team, class Slot>
 __device__ Bounds bound(Team team, const float *origin, const float *direction,
                         const float4 *weight, const float *time, size_t begin, int samples,
-                        int count, Slot slot) {
+                        int count, Slot slot, Fan &fan) {
   auto each = [&](auto visit) {
     for (int i = team.rank(); i < count * samples; i += team.size()) {
       size_t ray = begin + (size_t)(i / count) * RAYS + slot(i % count);
@@ -231,8 +243,11 @@ __device__ Bounds bound(Team team, const float *origin, const float *direction,
   Vector u = normalize(dot(along, along) > 1e-12f ? along : helper), v = cross(axis, u);
   float low = INFINITE, left = INFINITE, right = -INFINITE, down = INFINITE, up = -INFINITE;
   float nearest = INFINITE, farthest = -INFINITE;
+  const Vector start = load(origin, begin + slot(0));
+  bool apart = false;
   each([&](size_t, Vector o, Vector d) {
     float depth = dot(d, axis);
+    apart = apart || !(o.x == start.x && o.y == start.y && o.z == start.z);
     low = fminf(low, depth);
     float inverse = 1 / (depth > WIDEST ? depth : 1);
     left = fminf(left, dot(d, u) * inverse);
@@ -263,6 +278,9 @@ __device__ Bounds bound(Team team, const float *origin, const float *direction,
     b.plane[i + 1] = {side[i].x, side[i].y, side[i].z, team.minimum(offset[i]) - slack};
   b.reach = narrow ? farthest + slack : INFINITE;
   for (int i = 0; i < 5 && !narrow; i++) b.plane[i] = {0, 0, 0, some ? 0 : INFINITE};
+  b.cosine = narrow ? low : 0;
+  const bool one = narrow && team.minimum(apart ? 0 : 1) == 1;
+  fan = {start, axis, u, v, left, right, down, up, one};
   return b;
 }
 
@@ -431,25 +449,85 @@ __device__ __forceinline__ bool touches(const Bounds &b, const Body &body, const
   return inside;
 }
 
-// A distance that no ray of the group has to travel less to meet it.
-__device__ __forceinline__ float nearest(const Bounds &b, const Body &body, const float4 *keyed) {
+// Squared lengths of the axes, inverted; 0 where that is not finite.
+__device__ __forceinline__ Vector inverse_squares(const Frame &e) {
+  float inverse[3];
+  for (int i = 0; i < 3; i++) {
+    inverse[i] = 1 / (e.f[i] * e.f[i] + e.f[3 + i] * e.f[3 + i] + e.f[6 + i] * e.f[6 + i]);
+    if (!(inverse[i] < INFINITE)) inverse[i] = 0;
+  }
+  return {inverse[0], inverse[1], inverse[2]};
+}
+
+// F^T x
+__device__ __forceinline__ Vector across_axes(const Frame &e, Vector x) {
+  return {e.f[0] * x.x + e.f[3] * x.y + e.f[6] * x.z, e.f[1] * x.x + e.f[4] * x.y + e.f[7] * x.z,
+          e.f[2] * x.x + e.f[5] * x.y + e.f[8] * x.z};
+}
+
+__device__ __forceinline__ Vector termwise(Vector a, Vector b) {
+  return {a.x * b.x, a.y * b.y, a.z * b.z};
+}
+
+// A lower bound of n.x over the peaks x of an ellipsoid |A (x - mean)| <= 1, A = F^-1, along the rays
+// of a group: not where the ellipsoid begins, but where rays are nearest to its centre. The ellipsoid
+// is F, smaller by `shrink`, anywhere from the mean + `first` to the mean + `last`.
+//
+// At a peak y = A (x - mean) is normal to A d. Of w = F^T n, whose product with A d is n.d, the part
+// normal to A d is at most sqrt(w^2 - (n.d / |A d|)^2), and |A d| <= |A n| + |d - n| / (least axis).
+// If all rays begin at o, x = o + s e with e = axis + x u + y v, and
+// s = (A e).(A (mean - o)) / (A e)^2: the numerator is least and the denominator largest at corners.
+__device__ __forceinline__ float least_peak(const Bounds &b, const Fan &fan, const Frame &e,
+                                            float shrink, Vector first, Vector last) {
+  const Vector n = {b.plane[0].x, b.plane[0].y, b.plane[0].z};
+  const Vector w = across_axes(e, n), inverse = inverse_squares(e);
+  const float middle = dot(n, e.mean) + fminf(dot(n, first), dot(n, last));
+  const float height = sqrtf(dot(w, w)), an = sqrtf(dot(termwise(w, inverse), termwise(w, inverse)));
+  const float thin = sqrtf(fmaxf(inverse.x, fmaxf(inverse.y, inverse.z)));
+  const float apart = sqrtf(fmaxf(2 - 2 * b.cosine, 0) + SLACK);
+  const float along = b.cosine / (an + apart * thin);
+  float part = sqrtf(fmaxf(height * height * (1 + SLACK) - along * along, 0));
+  const bool fine = inverse.x > 0 && inverse.y > 0 && inverse.z > 0 && an > 0;
+  part = fine ? fminf(part + PEAK_SLACK * height, height) : height;
+  float least = middle - shrink * part;
+  if (!fine || !fan.one) return least;
+  const Vector p = e.mean - fan.origin;
+  const Vector q = across_axes(e, p + first), r = across_axes(e, p + last);
+  const Vector aq = termwise(q, inverse), ar = termwise(r, inverse);
+  float numerator = INFINITE, denominator = 0;
+  for (int i = 0; i < 4; i++) {
+    const Vector d = fan.axis + (i & 1 ? fan.right : fan.left) * fan.u +
+                     (i & 2 ? fan.up : fan.down) * fan.v;
+    const Vector ad = termwise(across_axes(e, d), inverse);
+    numerator = fminf(numerator, fminf(dot(ad, aq), dot(ad, ar)));
+    denominator = fmaxf(denominator, dot(ad, ad));
+  }
+  numerator -= SLACK * sqrtf(denominator * fmaxf(dot(aq, aq), dot(ar, ar)));
+  const float s = numerator / denominator;
+  // Not a number where axes are too thin or too long.
+  if (numerator > 0 && s < INFINITE)
+    least = fmaxf(least, s + dot(n, fan.origin) - shrink * PEAK_SLACK * height);
+  return least;
+}
+
+// A distance that no ray of the group has to travel less to the peak of a hit.
+__device__ __forceinline__ float nearest(const Bounds &b, const Fan &fan, const Body &body,
+                                         const float4 *keyed) {
   float least = INFINITE;
-  auto see = [&](const Frame &e, float reach) {
-    float2 s = support(e, b.plane[0]);
-    least = fminf(least, s.x - reach * sqrtf(s.y));
-  };
+  const Vector still = {0, 0, 0};
 #if TRANSIENT
   if (body.moving < -1) {
     const Sweep swept = sweep(b, body);
-    const Vector n = normal(b.plane[0]);
-    see(body.rest, swept.shrink);
-    least += fminf(dot(n, swept.first), dot(n, swept.last));
+    least = least_peak(b, fan, body.rest, swept.shrink, swept.first, swept.last);
   } else
 #endif
   if (body.moving < 0)
-    see(body.rest, 1);
+    least = least_peak(b, fan, body.rest, 1, still, still);
   else
-    sweep(b, keyed, body.moving, [&](const Frame &e) { see(e, body.reach); });
+    sweep(b, keyed, body.moving, [&](const Frame &e) {
+      float2 s = support(e, b.plane[0]);
+      least = fminf(least, s.x - body.reach * sqrtf(s.y));
+    });
   return fmaxf(least - b.reach - SLACK * (fabsf(least) + fabsf(b.reach)), 0.0f);
 }
 
@@ -463,6 +541,7 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
        const float4 *state, const float4 *keyed, const float4 *window, int *list, float *bounds,
        Bounds *bands, int *count, int *found, float *distance) {
   __shared__ Bounds b;
+  __shared__ Fan fan;
   __shared__ float scratch[8];
   __shared__ u32 histogram[BUCKETS], lowest[BUCKETS], partial[8];
   __shared__ u32 total, low, high;
@@ -472,10 +551,12 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   const size_t first_ray = (size_t)blockIdx.x * GROUP;
   {
     Block team = {scratch};
+    Fan rays;
     Bounds mine = bound(team, origin, direction, weight, time, first_ray, SAMPLES, GROUP,
-                        [](int i) { return i; });
+                        [](int i) { return i; }, rays);
     if (threadIdx.x == 0) {
       b = mine;
+      fan = rays;
       total = 0;
       low = 0x7f800000u;
       high = 0;
@@ -484,9 +565,10 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   for (int base = 0; base < BANDS * SAMPLES; base += 256 / WIDE) {
     const int at = base + threadIdx.x / WIDE, i = min(at, BANDS * SAMPLES - 1);
     const int sample = i / BANDS, band = i % BANDS;
+    Fan unused;
     Bounds mine = bound(Lanes(), origin, direction, weight, time,
                         (size_t)sample * RAYS + first_ray, 1, rays_in(band),
-                        [band](int i) { return slot_in(band, i); });
+                        [band](int i) { return slot_in(band, i); }, unused);
     if (at == i && threadIdx.x % WIDE == 0)
       bands[((size_t)sample * (RAYS / GROUP) + blockIdx.x) * BANDS + band] = mine;
   }
@@ -512,7 +594,7 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
         if (in) {
           Body met = body(extent, window, id, last);
           in = touches<0, 5>(b, met, keyed);
-          if (in) near = nearest(b, met, keyed);
+          if (in) near = nearest(b, fan, met, keyed);
         }
         u32 mine = __ballot_sync(ALL, in);
         u32 at = 0;

@@ -236,6 +236,20 @@ def test_thousands_on_one_ray_are_all_met_in_their_order():
 
 
 @pytest.mark.gpu
+@pytest.mark.parametrize("jitter", [0.0, 0.05])
+@pytest.mark.parametrize("size", [(0.3, 0.6), (0.003, 0.6)])
+@pytest.mark.parametrize("fading", [False, True])
+def test_in_deep_fog_bounds_of_peaks_keep_the_order(jitter, size, fading):
+    fog = gaussians(COUNT, seed=4, size=size)
+    motion = resting(fog._replace(opacity=np.full(COUNT, 0.05)))
+    if fading:
+        motion = beside(motion, fleeting(COUNT, seed=3, size=size))
+    lines = rays(jitter=jitter, spread=0.02)._replace(time=np.full(RAYS, 0.4))
+    color, errors = errors_on_device(motion, lines, replace(OPTIONS, k=2, bundle=8))
+    assert color < COLOR and max(errors.values()) < GRADIENT, errors
+
+
+@pytest.mark.gpu
 def test_equal_distances_are_taken_in_the_order_of_the_gaussians():
     lines = shot(rays(jitter=0.0))
     capacity = Capacity((512, 512), 8192, 1024)
