@@ -20,6 +20,7 @@ from gaussray.reconstruct.data.still_cameras import (
     camera_frames,
     median_picture,
 )
+from gaussray.reconstruct.initialize.stereo.carving import PIXELS, contradicted
 from gaussray.reconstruct.initialize.stereo.matching import reduction, stereo_points
 from gaussray.reconstruct.initialize.stereo.options import (
     StereoOptions,
@@ -29,7 +30,7 @@ from gaussray.reconstruct.initialize.stereo.options import (
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints, no_points
 from gaussray.reconstruct.initialize.stereo.silhouette import silhouette_points
 from gaussray.reconstruct.initialize.stereo.velocity import point_motion
-from gaussray.reconstruct.initialize.stereo.views import stereo_views
+from gaussray.reconstruct.initialize.stereo.views import StereoViews, stereo_views
 
 
 # Residual of a registration from which on a velocity is not believed.
@@ -111,16 +112,16 @@ def points_from_pictures(
     steps = 2 * len(still.frames), 2 * (0 if first is None else len(first[0].frames))
     parts = []
     if len(still.frames) > 1:
-        parts.append(
-            stereo_points(
-                *still[:1],
-                still.cameras,
-                still.masks,
-                options=options,
-                known=position,
-                report=lambda done: report(done, sum(steps)),
-            )
+        matched = stereo_points(
+            *still[:1],
+            still.cameras,
+            still.masks,
+            options=options,
+            known=position,
+            report=lambda done: report(done, sum(steps)),
         )
+        wrong = contradicted(carving_views(still), matched.position, matched.color)
+        parts.append(StereoPoints(*(x[~wrong] for x in matched)))
     if first is not None:
         parts.append(
             _moving(
@@ -265,6 +266,16 @@ def _stack(pictures, scale):
     return (
         np.stack(pictures) if pictures else np.zeros((0, 1, 1, 3), np.uint8 if scale > 1 else float)
     )
+
+
+def carving_views(seen: StereoViewSet) -> StereoViews:
+    """The pictures by which points are judged (`carving.contradicted`).
+
+    Args:
+        seen: pictures that show what stands still.
+    """
+    factor = reduction(seen.pictures.shape[1:3], PIXELS)
+    return stereo_views(seen.pictures, seen.cameras, seen.masks, factor=factor)
 
 
 def some_views(views: StereoViewSet, most: int) -> StereoViewSet:

@@ -20,6 +20,7 @@ from gaussray.capture.points import Points
 from gaussray.color import srgb_decode
 from gaussray.reconstruct.data.backdrop import BackdropColor, like_backdrop
 from gaussray.reconstruct.initialize.stereo.agreement import agreeing_distance
+from gaussray.reconstruct.initialize.stereo.carving import contradicted
 from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet, some_views
 from gaussray.reconstruct.initialize.stereo.matching import reduction
 from gaussray.reconstruct.initialize.stereo.neighbours import typical_spread
@@ -52,7 +53,8 @@ def uncovered_points(
     seed: int,
     plain: BackdropColor | None = None,
 ) -> Points:
-    """A point for every cell of a picture in which none of the points lies.
+    """A point for every cell of a picture in which none of the points lies, unless other pictures
+    contradict it (`carving.contradicted`).
 
     Args:
         seen: pictures that show what stands still.
@@ -95,8 +97,11 @@ def uncovered_points(
         every[filled : filled + number] = place[shown]
         colors.append(shade[shown])
         filled += number
-    color = np.concatenate([np.zeros((0, 3)), *colors]).astype(np.float64)
-    return Points(every[len(position) : filled], srgb_decode(color).astype(np.float32))
+    color = np.concatenate([np.zeros((0, 3)), *colors])
+    found = every[len(position) : filled]
+    right = ~contradicted(views, found, color.astype(np.float32), fixed=position)
+    light = srgb_decode(color[right].astype(np.float64))
+    return Points(found[right], light.astype(np.float32))
 
 
 def coverage(
