@@ -1,8 +1,8 @@
 """The tracer on a CUDA device: lists and march in four kernels of CUDA C++.
 
-- `gather` gives every 16 x 16 pixels one list of the Gaussians they may meet, nearest first. `sift`
-  marks which warps of these pixels may meet each entry: those where a column and a row of pixels
-  that may meet it cross.
+- `gather` gives every 16 x 16 pixels one list of the Gaussians they may meet, in the order of the
+  least distance at which a ray of theirs may peak in them. `sift` marks which warps of these pixels
+  may meet each entry: those where a column and a row of pixels that may meet it cross.
 - `forward` marches a warp of eight neighbouring rays through the list, with four lanes per ray. The
   lanes share the entries among them, and each keeps its nearest pending hits in registers. A hit is
   blended once no later entry can be nearer, so the order is exact, and a ray stops when its
@@ -55,8 +55,8 @@ class Lists(NamedTuple):
     """The Gaussians that each group of rays may meet, in `slots` places.
 
     Args:
-        index: the Gaussians, in order of their smallest distance.
-        bound: that distance.
+        index: the Gaussians, in order of the least distance at which a ray may peak in them.
+        bound: that distance, or less.
         met: a bit for each entry and warp of rays: whether the warp may meet the entry.
         count: number of entries; above `slots` some are missing.
         turn: the groups in the order in which they are marched, longest lists first.

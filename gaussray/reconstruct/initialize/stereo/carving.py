@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from gaussray.reconstruct.data.backdrop import BackdropColor, like_backdrop
 from gaussray.reconstruct.initialize.stereo.views import (
     StereoViews,
     distance_from,
@@ -43,6 +44,7 @@ def contradicted(
     color: Float[np.ndarray, "points 3"],
     *,
     fixed: Float[np.ndarray, "fixed 3"] | None = None,
+    plain: BackdropColor | None = None,
 ) -> Bool[np.ndarray, " points"]:
     """Which points more pictures contradict than confirm.
 
@@ -55,6 +57,7 @@ def contradicted(
         position: the points, in the world.
         color: theirs, sRGB-encoded, in 0..1.
         fixed: points that hide others and stay.
+        plain: the colour of a backdrop, which confirms nothing: it is seen without a point, too.
     """
     count, fixed = len(position), np.zeros((0, 3)) if fixed is None else fixed
     total = count + len(fixed)
@@ -65,14 +68,17 @@ def contradicted(
     place, shade = (np.full((rows, 3), np.nan, np.float32) for _ in range(2))
     place[:total] = np.concatenate([position, fixed])
     shade[:count] = color
+    backed = np.zeros(total, bool)
+    if plain is not None:
+        backed[:count] = like_backdrop(color, plain)
     looks = _looks(views, jnp.asarray(place), jnp.asarray(shade), total)
     for _ in range(_ROUNDS):
         confirmed, against = (np.zeros(total, np.int32) for _ in range(2))
         for look in looks:
-            visible = look.index[_visible(look, keep)]
-            differs = look.differs[_visible(look, keep)]
-            np.add.at(confirmed, visible[~differs], 1)
-            np.add.at(against, visible[differs], 1)
+            visible = _visible(look, keep)
+            confirmed[look.index[visible & ~look.differs]] += 1
+            against[look.index[visible & look.differs]] += 1
+        confirmed[backed] = 0
         gone = keep & (against > _EACH * confirmed + _AT_ALL)
         gone[count:] = False
         keep &= ~gone

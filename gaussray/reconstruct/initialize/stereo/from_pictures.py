@@ -13,6 +13,7 @@ from scipy.ndimage import binary_dilation
 from gaussray.camera.camera import Camera
 from gaussray.capture.points import Points
 from gaussray.color import srgb_decode
+from gaussray.reconstruct.data.backdrop import backdrop_of
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.still_cameras import (
     FEWEST_FRAMES,
@@ -120,7 +121,8 @@ def points_from_pictures(
             known=position,
             report=lambda done: report(done, sum(steps)),
         )
-        wrong = contradicted(carving_views(still), matched.position, matched.color)
+        plain = backdrop_of(footage)
+        wrong = contradicted(carving_views(still), matched.position, matched.color, plain=plain)
         parts.append(StereoPoints(*(x[~wrong] for x in matched)))
     if first is not None:
         parts.append(

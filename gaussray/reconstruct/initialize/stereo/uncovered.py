@@ -99,7 +99,7 @@ def uncovered_points(
         filled += number
     color = np.concatenate([np.zeros((0, 3)), *colors])
     found = every[len(position) : filled]
-    right = ~contradicted(views, found, color.astype(np.float32), fixed=position)
+    right = ~contradicted(views, found, color.astype(np.float32), fixed=position, plain=plain)
     light = srgb_decode(color[right].astype(np.float64))
     return Points(found[right], light.astype(np.float32))
 
