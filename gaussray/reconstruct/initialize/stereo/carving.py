@@ -6,6 +6,8 @@ something of another colour. Such points are removed, the nearest ones first; wh
 is judged after them. A start with them is a fog that a fit takes thousands of steps to clear.
 """
 
+from typing import NamedTuple
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -21,13 +23,12 @@ from gaussray.reconstruct.initialize.stereo.views import (
 )
 
 
-# Pixels that a picture is reduced to for it, about.
-PIXELS = 33_000
 # Difference of a channel (of 1) from which on a picture contradicts a point, if no pixel beside the
 # point's own differs less.
 _DIFFERENT = 0.1
-# Contradictions of one picture that confirms a point, and of none, from which on it is removed.
-_EACH, _AT_ALL = 0.5, 1.0
+# A point stays while no more pictures contradict it than this share of those that confirm it, and
+# one more.
+_SHARE, _ONE_MORE = 0.5, 1
 # The nearest point of a cell hides what is farther away by this factor. Points in a cell, about,
 # and sides of cells in pixels.
 _BEHIND, _IN_CELL, _FINEST, _COARSEST = 1.03, 8, 4, 16
@@ -46,14 +47,14 @@ def contradicted(
     fixed: Float[np.ndarray, "fixed 3"] | None = None,
     plain: BackdropColor | None = None,
 ) -> Bool[np.ndarray, " points"]:
-    """Which points more pictures contradict than confirm.
+    """Which points too many pictures contradict: more than half as many as confirm them, and one.
 
     A picture that sees a point with nothing in front of it confirms it by showing its colour there,
     and contradicts it otherwise. Exposure and white balance may differ from picture to picture: the
     median difference of each picture does not count.
 
     Args:
-        views: the pictures, reduced to about PIXELS, that show what stands still.
+        views: small pictures that show what stands still (`from_pictures.small_views`).
         position: the points, in the world.
         color: theirs, sRGB-encoded, in 0..1.
         fixed: points that hide others and stay.
@@ -79,7 +80,7 @@ def contradicted(
             confirmed[look.index[visible & ~look.differs]] += 1
             against[look.index[visible & look.differs]] += 1
         confirmed[backed] = 0
-        gone = keep & (against > _EACH * confirmed + _AT_ALL)
+        gone = keep & (against > _SHARE * confirmed + _ONE_MORE)
         gone[count:] = False
         keep &= ~gone
         if gone.sum() < 1e-3 * count:
@@ -88,7 +89,7 @@ def contradicted(
     return removed if removed.sum() <= _MOST * count else np.zeros(count, bool)
 
 
-class _Look(eqx.Module):
+class _Look(NamedTuple):
     """The points that lie within one picture: their numbers, cells and distances, whether the
     picture shows another colour there, and the number of cells."""
 
@@ -105,14 +106,15 @@ def _looks(views: StereoViews, place: Array, shade: Array, total: int) -> list[_
     looks = []
     for i in range(len(views.origin)):
         number = jnp.asarray(i)
-        column, row, away, inside, offset = jax.device_get(_seen(views, number, place, shade))
+        x, y, *rest = _seen(views, number, place, shade)
+        column, row, away, inside, offset = jax.device_get((x, y, *rest))
         side = np.sqrt(_IN_CELL * h * w / max(inside.sum(), 1))
         side = int(np.clip(round(side), _FINEST, _COARSEST))
         across = -(-w // side)
         # The colour of most points differs by the picture's exposure.
         known = inside & np.isfinite(offset[:, 0])
         usual = np.median(offset[known], axis=0) if known.any() else np.zeros(3, np.float32)
-        differs = np.asarray(_differs(views, number, place, shade, jnp.asarray(usual)))
+        differs = np.asarray(_differs(views.pixel[number], x, y, shade, jnp.asarray(usual)))
         index = np.flatnonzero(inside[:total])
         cell = (row[index] // side).astype(np.int32) * across + (column[index] // side).astype(int)
         looks.append(
@@ -135,7 +137,7 @@ def _seen(
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Column, row and distance of the points in a view, whether it sees and counts them, and by how
     much its colours there differ from theirs."""
-    alone = jax.tree.map(lambda x: x[i][None], views)
+    alone = views[i[None]]
     column, row, inside = (x[0] for x in seen_at(alone, place.T))
     color, counts = _pixels_at(alone.pixel[0], column, row)
     away = distance_from(alone, place.T)[0]
@@ -144,19 +146,18 @@ def _seen(
 
 @eqx.filter_jit
 def _differs(
-    views: StereoViews,
-    i: Int[Array, ""],
-    place: Float[Array, "n 3"],
+    pixel: Int[Array, "h w"],
+    column: Float[Array, " n"],
+    row: Float[Array, " n"],
     shade: Float[Array, "n 3"],
     usual: Float[Array, "3"],
 ) -> Bool[Array, " n"]:
-    """Whether a view shows other colours than those of the points there, at all nine pixels."""
-    alone = jax.tree.map(lambda x: x[i][None], views)
-    column, row, _ = (x[0] for x in seen_at(alone, place.T))
+    """Whether a picture, but for its usual difference, shows other colours than those of the points
+    at all nine pixels around them."""
     least = jnp.full(column.shape, jnp.inf, column.dtype)
     for down in (-1, 0, 1):
         for right in (-1, 0, 1):
-            color, _ = _pixels_at(alone.pixel[0], column + right, row + down)
+            color, _ = _pixels_at(pixel, column + right, row + down)
             least = jnp.minimum(least, jnp.max(jnp.abs(color - (shade + usual[None])), axis=1))
     return least > _DIFFERENT
 

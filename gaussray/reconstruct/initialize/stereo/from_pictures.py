@@ -21,7 +21,7 @@ from gaussray.reconstruct.data.still_cameras import (
     camera_frames,
     median_picture,
 )
-from gaussray.reconstruct.initialize.stereo.carving import PIXELS, contradicted
+from gaussray.reconstruct.initialize.stereo.carving import contradicted
 from gaussray.reconstruct.initialize.stereo.matching import reduction, stereo_points
 from gaussray.reconstruct.initialize.stereo.options import (
     StereoOptions,
@@ -38,6 +38,8 @@ from gaussray.reconstruct.initialize.stereo.views import StereoViews, stereo_vie
 _BELIEVED = 2.0
 # Points of what moves per moving pixel of a picture, below which silhouettes fill up.
 _ENOUGH = 0.25
+# Pixels that a picture in which points are looked at is reduced to, at most.
+_SMALL = 33_000
 
 StereoReport = Callable[[int, int], object]
 # Which pixels of a frame move; None where that is not known.
@@ -122,7 +124,7 @@ def points_from_pictures(
             report=lambda done: report(done, sum(steps)),
         )
         plain = backdrop_of(footage)
-        wrong = contradicted(carving_views(still), matched.position, matched.color, plain=plain)
+        wrong = contradicted(small_views(still), matched.position, matched.color, plain=plain)
         parts.append(StereoPoints(*(x[~wrong] for x in matched)))
     if first is not None:
         parts.append(
@@ -270,13 +272,13 @@ def _stack(pictures, scale):
     )
 
 
-def carving_views(seen: StereoViewSet) -> StereoViews:
-    """The pictures by which points are judged (`carving.contradicted`).
+def small_views(seen: StereoViewSet) -> StereoViews:
+    """The pictures, reduced to _SMALL pixels, in which points are looked at.
 
     Args:
         seen: pictures that show what stands still.
     """
-    factor = reduction(seen.pictures.shape[1:3], PIXELS)
+    factor = reduction(seen.pictures.shape[1:3], _SMALL)
     return stereo_views(seen.pictures, seen.cameras, seen.masks, factor=factor)
 
 

@@ -21,8 +21,11 @@ from gaussray.color import srgb_decode
 from gaussray.reconstruct.data.backdrop import BackdropColor, like_backdrop
 from gaussray.reconstruct.initialize.stereo.agreement import agreeing_distance
 from gaussray.reconstruct.initialize.stereo.carving import contradicted
-from gaussray.reconstruct.initialize.stereo.from_pictures import StereoViewSet, some_views
-from gaussray.reconstruct.initialize.stereo.matching import reduction
+from gaussray.reconstruct.initialize.stereo.from_pictures import (
+    StereoViewSet,
+    small_views,
+    some_views,
+)
 from gaussray.reconstruct.initialize.stereo.neighbours import typical_spread
 from gaussray.reconstruct.initialize.stereo.views import (
     StereoViews,
@@ -34,9 +37,8 @@ from gaussray.reconstruct.initialize.stereo.views import (
 )
 
 
-# Pixels that a picture is reduced to, at most; and the sides of cells of which each is to hold a
-# point, in these pixels.
-_PIXELS, _FINEST, _COARSEST = 33_000, 4, 16
+# Sides of cells of which each is to hold a point, in pixels of `small_views`.
+_FINEST, _COARSEST = 4, 16
 # Pictures that are looked at, at most.
 VIEWS = 120
 # By how much distances differ from that of the nearest points, as a logarithm.
@@ -187,8 +189,7 @@ def hiding(
 
 def _with_cells(seen: StereoViewSet, count: int) -> tuple[StereoViews, int]:
     """Reduced pictures, and the side of cells of which all pictures have `count`, about."""
-    factor = reduction(seen.pictures.shape[1:3], _PIXELS)
-    views = stereo_views(seen.pictures, seen.cameras, seen.masks, factor=factor)
+    views = small_views(seen)
     h, w = views.size
     side = np.sqrt(len(seen.frames) * h * w / max(count, 1))
     return views, min(int(np.clip(round(side), _FINEST, _COARSEST)), h, w)
