@@ -30,6 +30,7 @@ from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0, constant_harmonics
 from gaussray.scene.planes import initial_planes
 from gaussray.scene.scene import Scene, at
+from gaussray.scene.transient import Transients
 from gaussray.tracer.trace import TraceOptions
 
 
@@ -70,6 +71,23 @@ def gaussians(mean, scale, color, opacity=0.9) -> Gaussians:
     opacity = np.full(count, opacity, np.float32)
     parts = (single(x) for x in (mean, quat, scale, opacity))
     return Gaussians(*parts, constant_harmonics(single(color), 0))
+
+
+def transients(count: int = 5, seed: int = 0) -> Transients:
+    """Random transient Gaussians about times in [0, 1]."""
+    dice = np.random.default_rng(seed)
+    parts = {
+        "mean": dice.normal(size=(count, 3)),
+        "velocity": dice.normal(size=(count, 3)),
+        "quat": dice.normal(size=(count, 4)),
+        "scale": dice.uniform(0.01, 0.2, (count, 3)),
+        "opacity": dice.uniform(0.1, 0.9, count),
+        "harmonics": dice.normal(size=(count, 1, 3)),
+        "instant": dice.uniform(0, 1, count),
+        "lifetime": dice.uniform(0.05, 0.2, count),
+        "plateau": dice.uniform(0, 0.1, count) * (np.arange(count) % 2),
+    }
+    return Transients(**{k: single(v) for k, v in parts.items()})
 
 
 def control_points(instants: int = 3) -> ControlPoints:

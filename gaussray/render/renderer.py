@@ -53,6 +53,7 @@ from gaussray.render.stages import (
 from gaussray.render.views import FrameView, FrameViews, mark_single_batch
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import SCENE_RULE, Clip, segment_edges, segments_of
+from gaussray.scene.spare_rows import with_spare_rows
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
@@ -85,7 +86,8 @@ class Renderer:
         self.options = options or RenderOptions()
         self.trace = trace or TraceOptions()
         self.mesh = device_mesh(devices)
-        flat = [jax.tree.flatten(one) for one in self.scenes]
+        self._roomy = [with_spare_rows(one) for one in self.scenes]
+        flat = [jax.tree.flatten(one) for one in self._roomy]
         self._flat = [(self._on_all_devices(leaves), structure) for leaves, structure in flat]
         self._capacity: dict[tuple, Capacity] = {}
         self._staged = uses_stages(self.options, self.trace)
@@ -275,7 +277,7 @@ class Renderer:
         return jax.device_put(tree, NamedSharding(self.mesh, PartitionSpec()))
 
     def _measure(self, batch: FrameBatch, part: Part, trace: TraceOptions) -> Capacity:
-        scene = self.scenes[batch.views[0].segment]
+        scene = self._roomy[batch.views[0].segment]
         if self._staged:
             return self._first_sizes(batch, PlacedPart(part, trace), scene)
         unknown = ProgramSettings(Capacity((), 0, 0), batch.keys, self.options, trace, None)

@@ -30,6 +30,7 @@ from gaussray.render.stages import (
 )
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segment_edges, segments_of
+from gaussray.scene.spare_rows import with_spare_rows
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
@@ -96,7 +97,7 @@ class PreviewRenderer:
     ):
         self._edges, self.trace, self.keys = segment_edges(scene), trace, keys
         self._like = dataclasses.replace(options, chunk_rows=0, error=0.0)
-        self.scenes = segments_of(scene)
+        self.scenes = [with_spare_rows(one) for one in segments_of(scene)]
         self._staged = uses_stages(self._like, trace)
         self._mesh = device_mesh(None if jax.default_backend() == "cpu" else 1)
         self._flat = [jax.tree.flatten(jax.tree.map(jax.numpy.asarray, s)) for s in self.scenes]

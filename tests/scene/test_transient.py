@@ -13,11 +13,10 @@ from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.formats.convert import export_model
 from gaussray.scene.formats.gaussian_ply import read_gaussians
 from gaussray.scene.point_tracks import FREE, group_of, point_path
-from gaussray.scene.scene import Scene, at, key_count, transient_count
+from gaussray.scene.scene import at, key_count, transient_count
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import as_stored, load_scene, save_scene
 from gaussray.scene.transient import (
-    Transients,
     constrain_transients,
     interval_at,
     squared_age,
@@ -30,26 +29,9 @@ from gaussray.scene.transient import (
 ROUNDING = 1e-5
 
 
-def crowd(count=5, seed=0):
-    """Random transient Gaussians about times in [0, 1]."""
-    dice = np.random.default_rng(seed)
-    parts = {
-        "mean": dice.normal(size=(count, 3)),
-        "velocity": dice.normal(size=(count, 3)),
-        "quat": dice.normal(size=(count, 4)),
-        "scale": dice.uniform(0.01, 0.2, (count, 3)),
-        "opacity": dice.uniform(0.1, 0.9, count),
-        "harmonics": dice.normal(size=(count, 1, 3)),
-        "instant": dice.uniform(0, 1, count),
-        "lifetime": dice.uniform(0.05, 0.2, count),
-        "plateau": dice.uniform(0, 0.1, count) * (np.arange(count) % 2),
-    }
-    return Transients(**{k: toy.single(v) for k, v in parts.items()})
-
-
 def scene():
     """What stands still, what moves, and what is there for a short time."""
-    return replace(toy.scene(), transient=crowd())
+    return replace(toy.scene(), transient=toy.transients())
 
 
 def test_the_window_is_flat_and_then_a_gaussian():
@@ -59,7 +41,7 @@ def test_the_window_is_flat_and_then_a_gaussian():
 
 
 def test_gaussians_are_displaced_by_their_velocity_and_dimmed_by_their_window():
-    one = crowd(1)
+    one = toy.transients(1)
     now = transients_at(one, one.instant[0] + 0.1)
     np.testing.assert_allclose(now.mean, one.mean + 0.1 * one.velocity, rtol=ROUNDING)
     window = np.exp(-0.5 * (0.1 / one.lifetime) ** 2)
@@ -67,7 +49,7 @@ def test_gaussians_are_displaced_by_their_velocity_and_dimmed_by_their_window():
 
 
 def test_the_derivative_of_the_window_is_that_of_finite_differences():
-    x = jax.tree.map(lambda x: jnp.asarray(x, jnp.float64), crowd())
+    x = jax.tree.map(lambda x: jnp.asarray(x, jnp.float64), toy.transients())
     names = ("instant", "lifetime", "velocity", "plateau")
 
     def seen(values, time):
@@ -80,7 +62,7 @@ def test_the_derivative_of_the_window_is_that_of_finite_differences():
 
 
 def test_unconstrained_values_are_the_same_gaussians_and_keep_the_floor_of_the_lifetime():
-    x, shortest = crowd(), 0.02
+    x, shortest = toy.transients(), 0.02
     again = constrain_transients(unconstrain_transients(x, shortest), shortest)
     for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(x), strict=True):
         np.testing.assert_allclose(a, b, rtol=ROUNDING)
@@ -106,8 +88,8 @@ def test_the_interval_at_an_instant_is_the_longer_one_beside_the_nearest_timesta
 
 def test_a_floor_for_each_gaussian_is_kept_by_each():
     floor = toy.single([0.01, 0.02, 0.04, 0.05, 0.1])
-    again = constrain_transients(unconstrain_transients(crowd(), floor), floor)
-    expected = np.maximum(crowd().lifetime, 1.01 * floor)
+    again = constrain_transients(unconstrain_transients(toy.transients(), floor), floor)
+    expected = np.maximum(toy.transients().lifetime, 1.01 * floor)
     np.testing.assert_allclose(again.lifetime, expected, rtol=ROUNDING)
 
 
@@ -132,14 +114,14 @@ def test_beyond_the_clip_they_rest():
 
 def test_they_ask_for_no_key_states():
     still = toy.scene(speed=0)
-    assert key_count(replace(still, transient=crowd()), 1.0) == 1
+    assert key_count(replace(still, transient=toy.transients()), 1.0) == 1
 
 
 def test_a_point_on_one_travels_at_its_velocity_and_belongs_to_what_moves():
     whole, time = scene(), toy.single(0.4)
     first = whole.static.count + whole.moving.count
     point = toy.single([1.0, 2.0, 3.0])
-    for part in (whole, Scene(whole.static, whole.moving, None, whole.time_range, crowd())):
+    for part in (whole, replace(whole, deformation=None)):
         path = point_path(part, jnp.asarray(first + 2), point, time)
         expected = point + 0.3 * whole.transient.velocity[2]
         np.testing.assert_allclose(path(toy.single(0.7)), expected, rtol=ROUNDING)
@@ -151,7 +133,7 @@ def test_a_point_on_one_travels_at_its_velocity_and_belongs_to_what_moves():
 
 @pytest.mark.parametrize("speed", [0.4, 0.0])
 def test_a_file_holds_every_bit_and_an_old_reader_refuses_it(tmp_path, speed):
-    whole = replace(toy.scene(speed=speed), transient=crowd())
+    whole = replace(toy.scene(speed=speed), transient=toy.transients())
     save_scene(tmp_path / "scene.npz", whole)
     found = load_scene(tmp_path)
     assert jax.tree.structure(found) == jax.tree.structure(whole)
@@ -187,7 +169,7 @@ def test_arrays_that_make_no_transients_are_refused_by_name(tmp_path, name, valu
 
 
 def test_a_compact_file_is_off_by_half_a_step_and_loses_nothing_twice():
-    whole = replace(scene(), transient=crowd(200))
+    whole = replace(scene(), transient=toy.transients(200))
     kept = as_stored(whole, precision="compact")
     again = as_stored(kept, precision="compact")
     for a, b in zip(jax.tree.leaves(again), jax.tree.leaves(kept), strict=True):
@@ -208,7 +190,7 @@ def test_a_compact_file_is_off_by_half_a_step_and_loses_nothing_twice():
 def test_an_export_holds_those_that_are_alive_at_its_time(tmp_path):
     whole = scene()
     with pytest.raises(ValueError, match="time must be given"):
-        export_model(replace(toy.scene(speed=0), transient=crowd()), tmp_path / "a.ply")
+        export_model(replace(toy.scene(speed=0), transient=toy.transients()), tmp_path / "a.ply")
     written, _ = export_model(whole, tmp_path / "a.ply", 0.4, color="linear", degree=0)
     every = at(whole, toy.single(0.4))
     persistent = whole.static.count + whole.moving.count

@@ -1,5 +1,7 @@
 """A scene with parts removed on trial, in arrays that keep their shapes."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -13,6 +15,8 @@ from gaussray.scene.deformation import HEADS, Deformation, Layer
 from gaussray.scene.gaussians import Gaussians, concatenate, fold_tint, principal_axes
 from gaussray.scene.planes import Planes, features
 from gaussray.scene.scene import Scene
+from gaussray.scene.spare_rows import enlarged
+from gaussray.scene.transient import Transients
 
 
 class Candidate(eqx.Module):
@@ -32,10 +36,32 @@ class Candidate(eqx.Module):
 
 
 def whole_candidate(scene: Scene) -> Candidate:
-    """The scene with nothing removed."""
-    count = scene.static.count + scene.moving.count
-    kept, resting = jnp.ones(count, bool), jnp.zeros(scene.moving.count, bool)
-    return Candidate(scene, scene.moving, kept, resting)
+    """The scene with nothing removed but what is transparent: spare rows."""
+    kept = jnp.concatenate([scene.static.opacity, scene.moving.opacity]) > 0
+    return Candidate(scene, scene.moving, kept, jnp.zeros(scene.moving.count, bool))
+
+
+def in_shape_of(candidate: Candidate, scene: Scene) -> Candidate:
+    """Another scene, whole, in arrays of a candidate's shapes as far as it fits into them: its
+    programs then serve both.
+
+    Args:
+        candidate: the candidate.
+        scene: the other scene, with no more coefficients of harmonics.
+    """
+
+    def shaped(own: Gaussians, like: Gaussians) -> Gaussians:
+        more = like.harmonics.shape[1] - own.harmonics.shape[1]
+        if own.count > like.count or not own.count or more < 0:
+            return own
+        harmonics = np.pad(np.asarray(own.harmonics), ((0, 0), (0, more), (0, 0)))
+        return enlarged(replace(own, harmonics=jnp.asarray(harmonics)), like.count)
+
+    like, transient = candidate.scene, scene.transient
+    if transient is not None and like.transient is not None:
+        transient = enlarged(transient, max(like.transient.count, transient.count))
+    static, moving = shaped(scene.static, like.static), shaped(scene.moving, like.moving)
+    return whole_candidate(replace(scene, static=static, moving=moving, transient=transient))
 
 
 def begin_candidate(
@@ -119,7 +145,8 @@ def finished_scene(candidate: Candidate) -> Scene:
 
     These are harmonics of the highest degrees that are zero; a deformation of nothing; bodies that
     hold nothing; heads whose last layer is zero, and scales of the planes that the trunk does not
-    look at, or the whole field if no head is left; rows of time planes that are all the same.
+    look at, or the whole field if no head is left; rows of time planes that are all the same; and
+    transparent transient Gaussians (spare rows).
     """
     scene, deformation = candidate.scene, candidate.scene.deformation
     # On the host: nothing shall be compiled for every number of rows.
@@ -138,7 +165,16 @@ def finished_scene(candidate: Candidate) -> Scene:
     still, mobile = (
         jax.tree.map(jnp.asarray, _without_zeros(x)) for x in (still, take_rows(moving, moved))
     )
-    return Scene(still, mobile, deformation, scene.time_range, scene.transient)
+    return Scene(still, mobile, deformation, scene.time_range, _visible(scene.transient))
+
+
+def _visible(transient: Transients | None) -> Transients | None:
+    """The transient Gaussians that are not transparent."""
+    if transient is None or np.all(np.asarray(transient.opacity) > 0):
+        return transient
+    return jax.tree.map(
+        jnp.asarray, take_rows(transient, np.flatnonzero(np.asarray(transient.opacity)))
+    )
 
 
 def _joined(first: Gaussians, second: Gaussians) -> Gaussians:
@@ -173,7 +209,7 @@ def without_scale(
     candidate: Candidate, scale: int, times: Float[np.ndarray, " instants"]
 ) -> Candidate:
     """The candidate with the features of one scale of its planes replaced by their mean over the
-    moving Gaussians and some times.
+    moving Gaussians that it keeps and some times.
 
     Args:
         candidate: a candidate with a deformation field.
@@ -183,14 +219,18 @@ def without_scale(
     field = _field(candidate)
     own = scale_rows(field.planes)[scale]
     place, weight = candidate.scene.moving.mean, field.trunk.weight
-    mean = _mean_features(field.planes, place, jnp.asarray(times, place.dtype))[own]
+    kept = candidate.kept[candidate.scene.static.count :]
+    mean = _mean_features(field.planes, place, kept, jnp.asarray(times, place.dtype))[own]
     trunk = Layer(weight.at[own].set(0), field.trunk.bias + product("i,io->o", mean, weight[own]))
     return eqx.tree_at(lambda d: d.scene.deformation.trunk, candidate, trunk)
 
 
 @eqx.filter_jit
-def _mean_features(planes: Planes, place: Array, times: Array) -> Float[Array, " features"]:
-    every = jax.lax.map(lambda time: jnp.mean(features(planes, place, time), axis=0), times)
+def _mean_features(
+    planes: Planes, place: Array, kept: Bool[Array, " moving"], times: Array
+) -> Float[Array, " features"]:
+    share = jnp.where(kept, 1, 0) / jnp.maximum(jnp.sum(kept), 1).astype(place.dtype)
+    every = jax.lax.map(lambda time: share @ features(planes, place, time), times)
     return jnp.mean(every, axis=0)
 
 

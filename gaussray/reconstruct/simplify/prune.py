@@ -14,7 +14,7 @@ from gaussray.reconstruct.simplify.candidate import (
     Candidate,
     begin_candidate,
     finished_scene,
-    whole_candidate,
+    in_shape_of,
     with_degree,
     with_steady,
     without_head,
@@ -31,6 +31,7 @@ from gaussray.reconstruct.simplify.measure import (
 from gaussray.reconstruct.simplify.summary import scene_sizes
 from gaussray.scene.deformation import HEADS, Deformation
 from gaussray.scene.scene import Scene
+from gaussray.scene.spare_rows import with_spare_rows
 from gaussray.scene.store import PRECISIONS, as_stored
 
 
@@ -73,16 +74,21 @@ BISECTIONS = 8
 
 
 class _Removals:
-    """Removes parts from a candidate, one after another, each if it costs at most `bound` dB."""
+    """Removes parts from a candidate, a scene of these sizes, one after another, each if it costs
+    at most `bound` dB."""
 
     def __init__(
-        self, candidate: Candidate, meter: CandidateMeter, bound: float, report: ProgressReport
+        self,
+        candidate: Candidate,
+        sizes: dict[str, int],
+        meter: CandidateMeter,
+        bound: float,
+        report: ProgressReport,
     ):
-        self.candidate, self.meter, self.bound = candidate, meter, bound
+        self.candidate, self.meter, self.bound, self.sizes = candidate, meter, bound, sizes
         self._report, self._plan, self._measured = report, _measurements(candidate.scene), 0
         self.begin("nothing")
         self.psnr = self._cost(candidate, "what does nothing")
-        self.sizes = scene_sizes(candidate.scene)
         self.steps: list[dict[str, Any]] = []
         self._record("what does nothing", candidate, self.psnr, True)
 
@@ -184,15 +190,18 @@ def pruned_scene(
     )
     field = scene.deformation
     times = np.zeros(0) if field is None else np.asarray(field.instants)
-    candidate, change = begin_candidate(scene, times)
+    candidate, change = begin_candidate(with_spare_rows(scene), times)
+    if unmet is not None:
+        unmet = _with_spare(unmet, scene.static.count, candidate)
     meter = CandidateMeter(chosen.measured, tracing)
     one_color = one_color_psnr(chosen.measured)
     if not options.loss:
         scores = {"psnr": meter.psnr(candidate), "one_color": one_color}
         return as_stored(scene, precision=precision), scores | {"precision": precision}
-    removals = _Removals(candidate, meter, options.loss, report)
+    sizes = scene_sizes(scene)
+    removals = _Removals(candidate, sizes, meter, options.loss, report)
     scores = {"psnr": removals.psnr, "one_color": one_color}
-    before = scene_sizes(scene) | {"psnr": round(removals.psnr, 4)}
+    before = sizes | {"psnr": round(removals.psnr, 4)}
     removals.begin("prune")
     _remove_faint(removals, chosen, unmet)
     if isinstance(field, Deformation):
@@ -206,7 +215,7 @@ def pruned_scene(
     removals.begin("rounding")
     scene = finished_scene(removals.candidate)
     stored = as_stored(scene, precision=precision)
-    if removals.remove("rounding", whole_candidate(stored)):
+    if removals.remove("rounding", in_shape_of(removals.candidate, stored)):
         scene = stored
     else:
         precision = "full"
@@ -223,6 +232,7 @@ def _remove_faint(
     candidate = removals.candidate
     weight = removals.meter.weights(candidate, tiles.weighed)
     order = np.argsort(weight, kind="stable")
+    order = order[np.asarray(candidate.kept)[order]]
     order = order if unmet is None else order[~unmet[order]]
     order = order if tiles.complete else order[weight[order] > 0]
 
@@ -231,6 +241,15 @@ def _remove_faint(
         return eqx.tree_at(lambda d: d.kept, candidate, kept)
 
     removals.remove_most("faint Gaussians", len(order), without)
+
+
+def _with_spare(
+    unmet: Bool[np.ndarray, " gaussians"], static: int, candidate: Candidate
+) -> Bool[np.ndarray, " rows"]:
+    """`unmet`, of a scene of so many static Gaussians, for all rows of its candidate."""
+    scene = candidate.scene
+    parts = (unmet[:static], scene.static.count), (unmet[static:], scene.moving.count)
+    return np.concatenate([np.pad(own, (0, rows - len(own))) for own, rows in parts])
 
 
 def _changed(

@@ -13,6 +13,7 @@ from gaussray.reconstruct.simplify.candidate import (
     at_time,
     begin_candidate,
     finished_scene,
+    in_shape_of,
     whole_candidate,
     with_degree,
     with_steady,
@@ -24,6 +25,7 @@ from gaussray.scene.deformation import initial_deformation
 from gaussray.scene.harmonics import constant_harmonics
 from gaussray.scene.planes import features, initial_planes
 from gaussray.scene.scene import Scene, at
+from gaussray.scene.spare_rows import enlarged
 
 
 # Sums of a few dozen numbers near 1 in single precision.
@@ -204,3 +206,26 @@ def test_degrees_are_lowered_of_one_kind_alone(scene):
     }
     # One that came to rest brings its degree along.
     assert counts == {"static": (1, 4), "moving": (4, 1)}
+
+
+def test_a_scene_in_the_shape_of_a_candidate_is_the_scene(scene):
+    roomy = enlarged(scene.static, scene.static.count + 3)
+    more = np.pad(roomy.harmonics, ((0, 0), (0, 3), (0, 0)))
+    like = dataclasses.replace(
+        scene,
+        static=dataclasses.replace(roomy, harmonics=jnp.asarray(more)),
+        moving=enlarged(scene.moving, scene.moving.count + 2),
+        transient=enlarged(toy.transients(), 9),
+    )
+    stored = dataclasses.replace(scene, transient=toy.transients())
+    found = in_shape_of(whole_candidate(like), stored)
+    assert jax.tree.map(np.shape, found) == jax.tree.map(np.shape, whole_candidate(like))
+    ended = finished_scene(found)
+    assert_alike(shown(ended, toy.single(0.3)), shown(stored, toy.single(0.3)))
+    assert ended.transient.count == toy.transients().count
+
+
+def test_a_scene_too_large_for_the_shape_keeps_its_own(scene):
+    small = dataclasses.replace(scene, static=jax.tree.map(lambda x: x[:1], scene.static))
+    assert scene.static.count > 1
+    assert in_shape_of(whole_candidate(small), scene).scene.static.count == scene.static.count
