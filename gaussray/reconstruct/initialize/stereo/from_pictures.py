@@ -2,7 +2,6 @@
 timestamps with its velocities."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -130,7 +129,7 @@ def points_from_pictures(
         parts.append(
             _moving(
                 *first,
-                replace(options, match_moving=True),
+                options,
                 report=lambda done: report(steps[0] + done, sum(steps)),
             )
         )
@@ -248,17 +247,15 @@ def _moving(views, moved, options, known=None, report=lambda done: None) -> Ster
     h, w = (n // factor * factor for n in moved.shape[1:])
     middle = slice(factor // 2, None, factor)
     wanted = moved[:, :h, :w][:, middle, middle]
-    matched = no_points()
-    if options.match_moving:
-        matched = stereo_points(
-            views.pictures,
-            views.cameras,
-            views.masks,
-            options=with_silhouette(options),
-            known=known,
-            wanted=wanted,
-            report=report,
-        )
+    matched = stereo_points(
+        views.pictures,
+        views.cameras,
+        views.masks,
+        options=with_silhouette(options),
+        known=known,
+        wanted=wanted,
+        report=report,
+    )
     if len(matched.position) >= _ENOUGH * wanted.sum() / len(wanted):
         return matched
     seen = stereo_views(views.pictures, views.cameras, views.masks, factor=factor)

@@ -19,10 +19,8 @@ class StereoOptions(eqx.Module):
     ZNCC regularised by the noise of a picture (`noise`, of full scale). A point stays if it costs
     less than `cost` and at least `confirm` other views see a surface there. Of all, about `points`
     are kept. Where a view masks a point, it says nothing; with `silhouette` above 0 it counts
-    against the point, by so much for each view beyond the first. What moves is matched at every
-    timestamp only with `match_moving`; without, it gets points inside its silhouettes alone, which
-    takes a tenth of the time. As many views are matched at once as have `at_once` samples (pixels
-    times neighbours): a GPU is not busy with one small picture.
+    against the point, by so much for each view beyond the first. As many views are matched at once
+    as have `at_once` samples (pixels times neighbours): a GPU is not busy with one small picture.
     """
 
     pixels: int = eqx.field(static=True, default=140_000)
@@ -40,7 +38,6 @@ class StereoOptions(eqx.Module):
     confirm: int = eqx.field(static=True, default=2)
     points: int = eqx.field(static=True, default=100_000)
     silhouette: float = eqx.field(static=True, default=0.0)
-    match_moving: bool = eqx.field(static=True, default=True)
     at_once: int = eqx.field(static=True, default=1)
     seed: int = eqx.field(static=True, default=0)
 
@@ -82,7 +79,6 @@ def options_for(platform: str, views: int) -> StereoOptions:
         modes=2,
         rounds=1,
         points=60_000,
-        match_moving=False,
     )
 
 
