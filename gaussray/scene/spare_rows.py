@@ -15,7 +15,7 @@ from gaussray.scene.scene import Scene
 from gaussray.scene.transient import Transients
 
 
-Kind = TypeVar("Kind", bound=Gaussians | Transients)
+AnyGaussians = TypeVar("AnyGaussians", bound=Gaussians | Transients)
 
 # Numbers of rows are multiples of a power of two over this: a sixteenth more than needed, at most.
 _PARTS = 32
@@ -55,7 +55,7 @@ def with_spare_rows(scene: Scene) -> Scene:
     return replace(scene, static=static, moving=moving, transient=transient)
 
 
-def enlarged(gaussians: Kind, rows: int) -> Kind:
+def enlarged(gaussians: AnyGaussians, rows: int) -> AnyGaussians:
     """The Gaussians and transparent copies of the first ones, in so many rows.
 
     On the host: nothing is compiled for every number of Gaussians.
