@@ -51,7 +51,7 @@ def run_stage(
     """
     fit, log, loader = session.options.fit, session.log, session.loader
     progress = replace(progress, stage=stage)
-    plan = step_plan(session, progress)
+    plan = planned_steps(session, progress)
     bar, count = session.progress_bar(stage, plan.steps), _gaussian_count(state)
     sizes: BlockSizes | None = None
     views, cameras = everywhere((session.footage.camera, session.cameras), session.mesh)
@@ -73,7 +73,7 @@ def run_stage(
             # Nothing is lost: the block is discarded and run again with enough room.
             sizes = sizes.enlarged(needed)
         log.demand_finite(terms, state, after, progress)
-        loader.tell(batches, np.asarray(error))
+        loader.note_errors(batches, np.asarray(error))
         progress = replace(progress, sizes=_to_save(stage, sizes), tile_errors=loader.tile_errors())
         state = _with_density_control(session, after, progress, before=done, steps=plan.steps)
         count = count if state is after else _gaussian_count(state)
@@ -146,7 +146,7 @@ def _say_stopped(session: Session, plan: StepPlan, done: int) -> None:
         say(f"Held-out tiles no longer improve at step {done}: the fit ends at step {plan.steps}.")
 
 
-def step_plan(session: Session, progress: RunProgress) -> StepPlan:
+def planned_steps(session: Session, progress: RunProgress) -> StepPlan:
     """The number of steps of the current stage.
 
     Where all pictures share one time there is one stage, which takes the steps of both, or as many

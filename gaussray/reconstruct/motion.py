@@ -2,7 +2,7 @@
 bodies, a deformation field, and transient Gaussians (fit.motion)."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import equinox as eqx
@@ -29,7 +29,6 @@ from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.start import may_move
 from gaussray.runtime.devices import agreed
-from gaussray.runtime.progress import Progress
 from gaussray.scene.bodies import Bodies, Poses, body_of, extrapolate_bodies
 from gaussray.scene.control_points import ControlPoints
 from gaussray.scene.deformation import Deformation, initial_deformation
@@ -82,18 +81,6 @@ def _unexplained(session: Session, state: State) -> UnexplainedPixels:
     )
 
 
-def _reporter(session: Session, what: str) -> Callable[[int, int], None]:
-    """A function that shows the progress of a piece of work, whose total it learns when called."""
-    bar: list[Progress] = []
-
-    def report(done: int, total: int) -> None:
-        if not bar:
-            bar.append(session.progress_bar(what, total))
-        bar[0].report(done)
-
-    return report
-
-
 def _clouds(
     session: Session, parameters: Parameters, moved: UnexplainedPixels | None
 ) -> Sequence[MovingPoints]:
@@ -101,7 +88,7 @@ def _clouds(
     times = starting_times(session.times, session.options.fit.instants).tolist()
 
     def found(known: Float[np.ndarray, "known 3"]) -> Sequence[MovingPoints]:
-        report = _reporter(session, "stereo of what moves")
+        report = session.progress_report("stereo of what moves")
         return moving_points(session.footage, times, moved=moved, known=known, report=report)
 
     if not _by_pictures_alone(session, moved):
@@ -123,7 +110,7 @@ def _control_points(
     seed = session.options.fit.seed
 
     def found() -> ControlPoints | None:
-        return tracked_surface(clouds, seed=seed, report=_reporter(session, "track"))
+        return tracked_surface(clouds, seed=seed, report=session.progress_report("track"))
 
     if not _by_pictures_alone(session, moved):
         return found()

@@ -40,7 +40,7 @@ from gaussray.reconstruct.start import continued_state, initial_state
 from gaussray.reconstruct.trial_fits import TrialFits
 from gaussray.runtime.devices import leads, wait
 from gaussray.runtime.lock import locks_output
-from gaussray.runtime.progress import Progress, say
+from gaussray.runtime.progress import say
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene, save_scene, scene_info
@@ -247,14 +247,6 @@ def _pruned(
     if session.backdrop is not None:
         eye = np.asarray(session.footage.camera.trajectory.translation).reshape(-1, 3)
         scene, unmet = with_backdrop_shell(scene, unmet, session.backdrop, eye)
-    bars: list[Progress] = []
-
-    def shown(done: int, total: int, what: str) -> None:
-        # The total is known at the first measurement.
-        if not bars:
-            bars.append(session.progress_bar("need", total, patience=2.0))
-        bars[0].report(done, what)
-
     return pruned_scene(
         scene,
         TrainingViews(session.footage, *session.training_cameras(state)),
@@ -262,7 +254,7 @@ def _pruned(
         tracing=Tracing(session.options.trace, mesh(devices), session.key_states(state)),
         seed=session.options.fit.seed,
         unmet=unmet,
-        report=shown,
+        report=session.progress_report("need", patience=2.0),
     )
 
 

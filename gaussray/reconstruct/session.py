@@ -32,7 +32,7 @@ from gaussray.reconstruct.optimize.state import State, begin_state
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
 from gaussray.reconstruct.shared_results import SharedResults
-from gaussray.runtime.progress import Progress
+from gaussray.runtime.progress import Progress, ProgressReport
 from gaussray.scene.bodies import body_pose_at
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import constrain, fold_tint, unconstrain
@@ -140,9 +140,10 @@ class Session:
     @cached_property
     def initial_points(self) -> InitialPoints:
         """The points on which the first Gaussians of the capture stand."""
+        report = self.progress_report("stereo")
         return self.shared.once(
             ("points", *self.points_key),
-            lambda: initial_points(self.capture, self.footage, self.options.fit, self.progress_bar),
+            lambda: initial_points(self.capture, self.footage, self.options.fit, report),
         )
 
     @property
@@ -161,6 +162,25 @@ class Session:
         """
         name = f"{self.name}: {work}" if self.name else work
         return Progress(name, total, quiet=self.quiet, patience=patience)
+
+    def progress_report(self, work: str, patience: float = 0.0) -> ProgressReport:
+        """A function that shows the progress of a piece of work, whose total it is told.
+
+        Args:
+            work: name of the work, shown after the segment's.
+            patience: work shorter than this, in seconds, is not shown.
+
+        Returns:
+            A function of the number of units done, their total, and words about the last one.
+        """
+        bars: list[Progress] = []
+
+        def report(done: int, total: int, note: str = "") -> None:
+            if not bars:
+                bars.append(self.progress_bar(work, total, patience))
+            bars[0].report(done, note)
+
+        return report
 
     def resume(self, state: State, progress: RunProgress) -> None:
         """Prepare the session to go on with the state of an interrupted run.

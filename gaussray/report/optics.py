@@ -116,7 +116,7 @@ def aperture_drawing(title: str, camera: Camera) -> Markup:
     parts, place = [], _fit_to_drawing(np.array([[-1.2, -1.4], [3.8, 1.4]]) * radius, _HEIGHT - 20)
     for ink, (name, (pixel, aside)) in enumerate(spots.items()):
         places = np.asarray(pixel, np.float32), u.astype(np.float32)
-        dots = np.asarray(_passed(_is_instantaneous(camera), *places))[:, :2]
+        dots = np.asarray(_passed(_at_one_instant(camera), *places))[:, :2]
         dots = dots[np.isfinite(dots).all(axis=1)] * (1, -1) + (aside, 0)
         path = "".join("M{:.1f} {:.1f}h0".format(*place(x)) for x in dots)
         parts.append(tag("path", d=path, class_="dots", stroke=f"var(--c{ink})", stroke_width=2))
@@ -178,7 +178,7 @@ def _focus(camera: Camera) -> tuple[float, float]:
     return float(distance), float(camera.aperture.radius)
 
 
-def _is_instantaneous(camera: Camera) -> Camera:
+def _at_one_instant(camera: Camera) -> Camera:
     return dataclasses.replace(camera, aperture=focused(camera.aperture, camera.time))
 
 
@@ -195,7 +195,7 @@ def _rays(
         return np.zeros_like(direction), direction
     u = np.stack([lens, np.full_like(lens, 0.5)], axis=-1)
     places = pixel.astype(np.float32), u.astype(np.float32)
-    origin, direction = jax.device_get(_traced(_is_instantaneous(camera), *places))
+    origin, direction = jax.device_get(_traced(_at_one_instant(camera), *places))
     has_ray = np.abs(direction).max(axis=(1, 2)) > 0
     return np.asarray(origin)[has_ray], np.asarray(direction)[has_ray]
 

@@ -11,7 +11,7 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextvars import ContextVar
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 from gaussray.runtime.jit_cache import compiled
 from gaussray.runtime.output import emit
@@ -110,6 +110,20 @@ def end_line() -> None:
     if _open[0]:
         emit("\n", sys.stderr)
         _open[0] = False
+
+
+@runtime_checkable
+class ProgressReport(Protocol):
+    """Shows how far a piece of work is."""
+
+    def __call__(self, done: int, total: int, note: str = "", /) -> None:
+        """Report units of work.
+
+        Args:
+            done: number of finished units.
+            total: number of all units, the same in every call.
+            note: further words about the work.
+        """
 
 
 class Progress:

@@ -98,7 +98,7 @@ class Loader:
                     ahead = thread.submit(self.batches, stage, after, sizes[after])
                 yield at, batches
 
-    def tell(self, batches: Batch, error: np.ndarray) -> None:
+    def note_errors(self, batches: Batch, error: np.ndarray) -> None:
         """Note the errors of a block's tiles; they count from the next block but one on.
 
         Args:
@@ -106,7 +106,7 @@ class Loader:
             error: error of each of its tiles in the loss, (steps, tiles).
         """
         if self.errors is not None:
-            self.errors.tell(np.asarray(batches.frame), np.asarray(batches.tile), error)
+            self.errors.note_errors(np.asarray(batches.frame), np.asarray(batches.tile), error)
 
     def tile_errors(self) -> TileErrorState | None:
         """The errors that a checkpoint must hold; None if tiles are not drawn by error."""

@@ -38,8 +38,8 @@ class TileErrors:
         self._mean = np.full((int(camera.max()) + 1, tiles), np.nan, np.float32)
         self._told = np.zeros((0, 2), np.int32), np.zeros(0, np.float32)
 
-    def tell(self, frame: np.ndarray, tile: np.ndarray, error: np.ndarray) -> None:
-        """Take the errors of a block; `learn` must be called before the next `tell`.
+    def note_errors(self, frame: np.ndarray, tile: np.ndarray, error: np.ndarray) -> None:
+        """Take the errors of a block; `learn` must be called before the next `note_errors`.
 
         Args:
             frame: the frame of each tile that the block drew, of any shape.

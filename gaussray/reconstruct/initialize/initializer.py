@@ -1,7 +1,6 @@
 """Which points the first Gaussians stand on: an initialiser, chosen by what the capture holds."""
 
 import warnings
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -29,7 +28,7 @@ from gaussray.reconstruct.initialize.stereo.from_pictures import (
 from gaussray.reconstruct.initialize.stereo.guess import guessed_points
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, coverage, uncovered_points
 from gaussray.reconstruct.options import FitOptions
-from gaussray.runtime.progress import Progress
+from gaussray.runtime.progress import ProgressReport
 
 
 # Points of stereo below which the pictures do not overlap.
@@ -56,12 +55,8 @@ class InitialPoints(NamedTuple):
     on_surfaces: bool
 
 
-# The progress bar of a piece of work: of its name and its number of steps.
-Bar = Callable[[str, int], Progress]
-
-
 def initial_points(
-    capture: Capture, footage: Footage, options: FitOptions, bar: Bar
+    capture: Capture, footage: Footage, options: FitOptions, report: ProgressReport
 ) -> InitialPoints:
     """The points that the first Gaussians stand on, as fit.start says: those of the capture, those
     that stereo finds in the pictures, or random ones.
@@ -74,7 +69,7 @@ def initial_points(
         footage: the training pictures and their cameras.
         options: source and number of the points, outliers, and what shows motion: if transient
             Gaussians do, stereo leaves out what moves.
-        bar: makes the progress bar of stereo.
+        report: called with the steps of stereo.
     """
     given, start = capture.points, options.start
     if start == "random" or (start == "given" and given is None):
@@ -82,7 +77,7 @@ def initial_points(
     known = None if start == "stereo" else given
     if known is not None and (start == "given" or covers(known, footage, options)):
         return points_of_capture(known, options)
-    matched = points_of_stereo(footage, options, known, bar)
+    matched = points_of_stereo(footage, options, known, report)
     if known is not None:
         return points_of_capture(filled_up(known, matched), options, footage)
     if len(matched.position) < FEWEST:
@@ -172,7 +167,7 @@ def points_at_guessed_distances(footage: Footage, options: FitOptions) -> Initia
 
 
 def points_of_stereo(
-    footage: Footage, options: FitOptions, known: Points | None, bar: Bar
+    footage: Footage, options: FitOptions, known: Points | None, report: ProgressReport
 ) -> Points:
     """The points that stereo finds in the training pictures.
 
@@ -180,15 +175,8 @@ def points_of_stereo(
         footage: the training pictures and their cameras.
         options: without a deformation (fit.motion) what moves gets no points.
         known: points of the capture, which narrow the distances down; None if there are none.
-        bar: makes the progress bar.
+        report: called after every step.
     """
-    progress: list[Progress] = []
-
-    def report(done: int, total: int) -> None:
-        if not progress:
-            progress.append(bar("stereo", total))
-        progress[0].report(done)
-
     return points_from_pictures(footage, known=known, moving=options.deforms, report=report)
 
 

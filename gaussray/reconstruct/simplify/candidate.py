@@ -234,7 +234,7 @@ def _mean_features(
     return jnp.mean(every, axis=0)
 
 
-def with_steady(candidate: Candidate, scale: int) -> Candidate:
+def without_change_in_time(candidate: Candidate, scale: int) -> Candidate:
     """The candidate with the time planes of one scale at their mean over time.
 
     Args:

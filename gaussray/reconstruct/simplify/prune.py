@@ -16,7 +16,7 @@ from gaussray.reconstruct.simplify.candidate import (
     finished_scene,
     in_shape_of,
     with_degree,
-    with_steady,
+    without_change_in_time,
     without_head,
     without_scale,
 )
@@ -29,6 +29,7 @@ from gaussray.reconstruct.simplify.measure import (
     tile_views,
 )
 from gaussray.reconstruct.simplify.summary import scene_sizes
+from gaussray.runtime.progress import ProgressReport
 from gaussray.scene.deformation import HEADS, Deformation
 from gaussray.scene.scene import Scene
 from gaussray.scene.spare_rows import with_spare_rows
@@ -67,8 +68,6 @@ class NeedOptions(eqx.Module):
             )
 
 
-# Called with the number of measurements done, their total, and what the last one was of.
-ProgressReport = Callable[[int, int, str], None]
 # Measurements that bisection takes to come within a hundredth.
 BISECTIONS = 8
 
@@ -172,7 +171,7 @@ def pruned_scene(
         tracing: how candidates are traced.
         seed: for the choice of tiles.
         unmet: Gaussians that no training ray meets. They stay: other cameras may see them.
-        report: called after every measurement.
+        report: called after every measurement, with what it was of.
 
     Returns:
         The scene as it is saved, and a report: `scene_sizes` and PSNR `before` and `after`, every
@@ -284,7 +283,8 @@ def _reduce_field(removals: _Removals, times: Float[np.ndarray, " instants"]) ->
             f"scale {scale}", without_scale(removals.candidate, scale, times)
         ):
             removals.remove(
-                f"change of scale {scale} in time", with_steady(removals.candidate, scale)
+                f"change of scale {scale} in time",
+                without_change_in_time(removals.candidate, scale),
             )
 
 

@@ -83,7 +83,7 @@ def test_tiles_without_a_visible_pixel_are_never_drawn():
     visible = np.ones((3, 5), bool)
     visible[0, :4] = visible[2] = False
     errors = two_cameras()
-    errors.tell(np.array([0]), np.array([1]), np.array([0.9]))
+    errors.note_errors(np.array([0]), np.array([1]), np.array([0.9]))
     errors.learn()
     masked = sampler(0.3, visible=visible, error=0.3, errors=errors)
     assert (shares(masked)[~visible] == 0).all()
@@ -107,7 +107,7 @@ def test_a_share_is_drawn_in_proportion_to_the_errors():
     errors = two_cameras()
     frame, tile = (x.reshape(-1) for x in np.mgrid[:2, :5])
     told = np.arange(10) / 10
-    errors.tell(frame, tile, told)
+    errors.note_errors(frame, tile, told)
     errors.learn()
     expected = np.zeros((3, 5))
     expected[:2] = 0.6 * told.reshape(2, 5) / told.sum() + 0.4 * 0.5 / 10
@@ -119,7 +119,7 @@ def test_a_share_is_drawn_in_proportion_to_the_errors():
 def test_what_was_never_drawn_counts_as_the_worst_and_cameras_share_their_instants():
     errors = two_cameras()
     assert (errors.of(np.array([0, 2])) == 1).all()
-    errors.tell(np.array([[0, 1]]), np.array([[2, 4]]), np.array([[0.25, 0.5]]))
+    errors.note_errors(np.array([[0, 1]]), np.array([[2, 4]]), np.array([[0.25, 0.5]]))
     assert (errors.of(np.array([0])) == 1).all()
     errors.learn()
     expected = np.full((3, 5), 0.5)
@@ -130,9 +130,9 @@ def test_what_was_never_drawn_counts_as_the_worst_and_cameras_share_their_instan
 def test_errors_are_an_exponential_mean():
     errors, rate = two_cameras(), TileErrors.RATE
     for value in (0.8, 0.4):
-        errors.tell(np.array([1]), np.array([0]), np.array([value]))
+        errors.note_errors(np.array([1]), np.array([0]), np.array([value]))
         errors.learn()
-    errors.tell(np.array([2, 1]), np.array([0, 0]), np.array([0.2, 0.4]))
+    errors.note_errors(np.array([2, 1]), np.array([0, 0]), np.array([0.2, 0.4]))
     errors.learn()
     mean = (1 - rate) * 0.8 + rate * 0.4
     mean = 0.3 + (1 - rate) ** 2 * (mean - 0.3)
@@ -142,9 +142,9 @@ def test_errors_are_an_exponential_mean():
 
 def test_errors_are_kept_and_restored_with_what_was_told_last():
     errors, again = two_cameras(), two_cameras()
-    errors.tell(np.array([0]), np.array([1]), np.array([0.5]))
+    errors.note_errors(np.array([0]), np.array([1]), np.array([0.5]))
     errors.learn()
-    errors.tell(np.array([1]), np.array([1]), np.array([0.25]))
+    errors.note_errors(np.array([1]), np.array([1]), np.array([0.25]))
     again.restore(errors.state())
     np.testing.assert_array_equal(again.of(np.arange(3)), errors.of(np.arange(3)))
     errors.learn()

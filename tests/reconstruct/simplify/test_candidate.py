@@ -16,7 +16,7 @@ from gaussray.reconstruct.simplify.candidate import (
     in_shape_of,
     whole_candidate,
     with_degree,
-    with_steady,
+    without_change_in_time,
     without_head,
     without_scale,
 )
@@ -185,7 +185,7 @@ def test_a_scale_is_replaced_by_its_mean(scene, scale):
 
 
 def test_a_time_plane_that_is_steady_is_kept_as_one_row(scene):
-    candidate = with_steady(whole_candidate(scene), 1)
+    candidate = without_change_in_time(whole_candidate(scene), 1)
     finished = finished_scene(candidate)
     time = finished.deformation.planes.time
     assert [x.shape[1] for x in time] == [3, 1]
