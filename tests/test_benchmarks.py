@@ -9,6 +9,7 @@ from toy import single
 
 from benchmarks import (
     bench_deformation,
+    bench_first,
     bench_grid,
     bench_reconstruct,
     bench_render,
@@ -98,6 +99,16 @@ def test_pictures_are_near_the_exact_ones(results, bench):
     for line in lines_of(results, bench):
         assert line["dropped"] == 0 and line["backend"] == "array"
         assert line["psnr_vs_exact"] > TRACED[bench] and line["max_error"] < 0.1
+
+
+@slow
+def test_a_second_process_measures_the_same_picture(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(bench_first, "RESULTS", tmp_path)
+    bench_first.main(["--gaussians", "200", "203", "--side", "16"])
+    few, more = lines_of(tmp_path, "first")
+    assert few["rows"] == more["rows"] >= 203
+    assert min(few[name] for name in ("import_s", "first_s", "second_s")) > 0
+    assert "first_s" in capsys.readouterr().out
 
 
 def test_exponent_of_a_power_law():

@@ -86,8 +86,8 @@ class Renderer:
         self.options = options or RenderOptions()
         self.trace = trace or TraceOptions()
         self.mesh = device_mesh(devices)
-        self._roomy = [with_spare_rows(one) for one in self.scenes]
-        flat = [jax.tree.flatten(one) for one in self._roomy]
+        self._padded = [with_spare_rows(one) for one in self.scenes]
+        flat = [jax.tree.flatten(one) for one in self._padded]
         self._flat = [(self._on_all_devices(leaves), structure) for leaves, structure in flat]
         self._capacity: dict[tuple, Capacity] = {}
         self._staged = uses_stages(self.options, self.trace)
@@ -161,7 +161,7 @@ class Renderer:
         """Frames that are being rendered, in one part, in strips or in chunks of rows."""
         film = views[0].camera.film
         if views[0].keys:
-            scene = self.scenes[views[0].segment]
+            scene = self._padded[views[0].segment]
             rows, trace = strip_plan(film, self.options, self.trace, scene.count)
         else:
             rows, trace = min(self.options.chunk_rows, film.height), self.trace
@@ -277,7 +277,7 @@ class Renderer:
         return jax.device_put(tree, NamedSharding(self.mesh, PartitionSpec()))
 
     def _measure(self, batch: FrameBatch, part: Part, trace: TraceOptions) -> Capacity:
-        scene = self._roomy[batch.views[0].segment]
+        scene = self._padded[batch.views[0].segment]
         if self._staged:
             return self._first_sizes(batch, PlacedPart(part, trace), scene)
         unknown = ProgramSettings(Capacity((), 0, 0), batch.keys, self.options, trace, None)

@@ -7,7 +7,6 @@ from typing import TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Gaussians
@@ -37,15 +36,13 @@ def with_spare_rows(scene: Scene) -> Scene:
     and at the places of others.
 
     Args:
-        scene: the scene. One whose numbers are traced, or whose deformation holds numbers of its
-            own for each Gaussian (a `ResidualField`), keeps the moving Gaussians that it has.
+        scene: the scene, of numbers, not inside of jit. A `ResidualField` holds numbers for each
+            moving Gaussian, so these stay as many as they are.
 
     Returns:
         Static, moving and transient Gaussians in the order of before, each kind with the added ones
         last.
     """
-    if any(isinstance(x, Tracer) for x in jax.tree.leaves(scene)):
-        return scene
     moving, transient = scene.moving, scene.transient
     if scene.deformation is None or isinstance(scene.deformation, Deformation):
         moving = enlarged(moving, round_count(moving.count))

@@ -8,7 +8,8 @@ import toy
 from hypothesis import given, strategies
 
 from gaussray.render.picture import render
-from gaussray.scene.scene import Scene, at
+from gaussray.scene.residual_field import ResidualField
+from gaussray.scene.scene import Scene
 from gaussray.scene.spare_rows import enlarged, round_count, with_spare_rows
 
 
@@ -51,9 +52,9 @@ def test_scenes_of_about_the_same_size_have_the_same_shapes():
 
 def test_every_gaussian_stays_where_it_is_and_the_others_are_transparent():
     scene = crowd(70)
-    roomy = with_spare_rows(scene)
+    padded = with_spare_rows(scene)
     for name in ("static", "moving", "transient"):
-        own, spare = getattr(scene, name), getattr(roomy, name)
+        own, spare = getattr(scene, name), getattr(padded, name)
         assert spare.count == round_count(70) > 70
         jax.tree.map(lambda a, b: np.testing.assert_array_equal(a, b[:70]), own, spare)
         assert not np.any(spare.opacity[70:])
@@ -62,10 +63,10 @@ def test_every_gaussian_stays_where_it_is_and_the_others_are_transparent():
 
 def test_no_picture_shows_spare_rows():
     scene, camera = crowd(70), toy.camera(0.3, 0.4)
-    shown, roomy = (render(one, camera) for one in (scene, with_spare_rows(scene)))
+    shown, padded = (render(one, camera) for one in (scene, with_spare_rows(scene)))
     assert np.ptp(shown.color) > 0.1
-    np.testing.assert_allclose(roomy.color, shown.color, atol=SAME)
-    np.testing.assert_allclose(roomy.alpha, shown.alpha, atol=SAME)
+    np.testing.assert_allclose(padded.color, shown.color, atol=SAME)
+    np.testing.assert_allclose(padded.alpha, shown.alpha, atol=SAME)
 
 
 def test_none_stay_none_and_few_stay_as_they_are():
@@ -76,13 +77,9 @@ def test_none_stay_none_and_few_stay_as_they_are():
     jax.tree.map(np.testing.assert_array_equal, small, same)
 
 
-def test_a_traced_scene_stays_as_it_is():
+def test_what_a_field_counts_one_by_one_stays_as_many():
     scene = crowd(70)
-
-    @jax.jit
-    def count_of(mean):
-        static = replace(scene.static, mean=mean)
-        return np.float32(with_spare_rows(replace(scene, static=static)).static.count) + mean[0, 0]
-
-    assert count_of(scene.static.mean) == 70 + scene.static.mean[0, 0]
-    assert at(with_spare_rows(scene), toy.single(0.2)).count == 3 * round_count(70)
+    heads = dict.fromkeys(("mean", "rotation", "scale", "opacity", "harmonics", "logit_opacity"))
+    field = ResidualField(scene.deformation.planes, (), **heads)
+    padded = with_spare_rows(replace(scene, deformation=field))
+    assert padded.moving.count == 70 and padded.static.count == round_count(70)

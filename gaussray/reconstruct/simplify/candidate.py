@@ -9,14 +9,12 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from gaussray.geometry import normalize_quaternion, product
-from gaussray.reconstruct.optimize.rows import EMPTY, take_rows
-from gaussray.scene.bodies import body_of
-from gaussray.scene.deformation import HEADS, Deformation, Layer
+from gaussray.reconstruct.optimize.rows import EMPTY
+from gaussray.scene.deformation import Deformation, Layer
 from gaussray.scene.gaussians import Gaussians, concatenate, fold_tint, principal_axes
 from gaussray.scene.planes import Planes, features
 from gaussray.scene.scene import Scene
 from gaussray.scene.spare_rows import enlarged
-from gaussray.scene.transient import Transients
 
 
 class Candidate(eqx.Module):
@@ -140,55 +138,6 @@ def at_time(candidate: Candidate, time: Float[Array, ""]) -> Gaussians:
     return eqx.tree_at(lambda g: g.opacity, every, opacity)
 
 
-def finished_scene(candidate: Candidate) -> Scene:
-    """The scene of a candidate, without parts that have no effect.
-
-    These are harmonics of the highest degrees that are zero; a deformation of nothing; bodies that
-    hold nothing; heads whose last layer is zero, and scales of the planes that the trunk does not
-    look at, or the whole field if no head is left; rows of time planes that are all the same; and
-    transparent transient Gaussians (spare rows).
-    """
-    scene, deformation = candidate.scene, candidate.scene.deformation
-    # On the host: nothing shall be compiled for every number of rows.
-    parts = scene.static, scene.moving, candidate.rest, candidate.kept, candidate.resting
-    static, moving, rest, kept, resting = jax.device_get(parts)
-    stay, move = np.split(kept, [len(static.mean)])
-    still = _joined(
-        take_rows(static, np.flatnonzero(stay)), take_rows(rest, np.flatnonzero(move & resting))
-    )
-    moved = np.flatnonzero(move & ~resting)
-    if not len(moved):
-        deformation = None
-    elif isinstance(deformation, Deformation):
-        held = np.asarray(body_of(deformation.bodies, scene.moving.mean))[moved]
-        deformation = _simplified(deformation, held)
-    still, mobile = (
-        jax.tree.map(jnp.asarray, _without_zeros(x)) for x in (still, take_rows(moving, moved))
-    )
-    return Scene(still, mobile, deformation, scene.time_range, _visible(scene.transient))
-
-
-def _visible(transient: Transients | None) -> Transients | None:
-    """The transient Gaussians that are not transparent."""
-    if transient is None or np.all(np.asarray(transient.opacity) > 0):
-        return transient
-    return jax.tree.map(
-        jnp.asarray, take_rows(transient, np.flatnonzero(np.asarray(transient.opacity)))
-    )
-
-
-def _joined(first: Gaussians, second: Gaussians) -> Gaussians:
-    """Both sets of rows, on the host."""
-    most = max(x.harmonics.shape[1] for x in (first, second))
-
-    def padded(x: Gaussians) -> Gaussians:
-        missing = most - x.harmonics.shape[1]
-        harmonics = np.pad(x.harmonics, ((0, 0), (0, missing), (0, 0)))
-        return eqx.tree_at(lambda g: g.harmonics, x, harmonics)
-
-    return jax.tree.map(lambda a, b: np.concatenate([a, b]), padded(first), padded(second))
-
-
 def without_head(candidate: Candidate, name: str) -> Candidate:
     """The candidate without the residual of one head of the deformation network.
 
@@ -272,54 +221,3 @@ def scale_rows(planes: Planes) -> list[np.ndarray]:
     """Which rows of the trunk belong to each scale."""
     widths = [plane.shape[-1] for plane in planes.space]
     return np.split(np.arange(sum(widths)), np.cumsum(widths)[:-1]) if widths else []
-
-
-def _simplified(deformation: Deformation, held: np.ndarray) -> Deformation:
-    """The deformation for Gaussians that these bodies hold, without what does nothing."""
-    bodies, planes, trunk = deformation.bodies, deformation.planes, deformation.trunk
-    held = np.unique(held)
-    held = held[held < len(bodies.pivot)]
-    bodies = eqx.tree_at(
-        lambda b: (b.pivot, b.radius, b.path, b.turn),
-        bodies,
-        (bodies.pivot[held], bodies.radius[held], bodies.path[held], bodies.turn[held]),
-    )
-    heads = [_or_none(getattr(deformation, name)) for name in HEADS]
-    rows = scale_rows(planes)
-    used = [s for s, own in enumerate(rows) if np.any(np.asarray(trunk.weight[own]))]
-    weight, bias = (
-        trunk.weight[np.concatenate([np.arange(0), *(rows[s] for s in used)])],
-        trunk.bias,
-    )
-    if not any(heads):
-        used, weight, bias = [], weight[:0, :0], bias[:0]
-    planes = eqx.tree_at(
-        lambda p: (p.space, p.time),
-        planes,
-        (tuple(planes.space[s] for s in used), tuple(_shortest(planes.time[s]) for s in used)),
-    )
-    field = eqx.tree_at(
-        lambda d: [d.bodies, d.planes, d.trunk],
-        deformation,
-        [bodies, planes, Layer(weight, bias)],
-    )
-    return eqx.tree_at(
-        lambda d: [getattr(d, name) for name in HEADS], field, heads, is_leaf=lambda x: x is None
-    )
-
-
-def _without_zeros(gaussians: Gaussians) -> Gaussians:
-    used = np.any(np.asarray(gaussians.harmonics), axis=(0, 2))
-    cut = min(n for n in (1, 4, 9, 16) if not used[n:].any())
-    return eqx.tree_at(lambda g: g.harmonics, gaussians, gaussians.harmonics[:, :cut])
-
-
-def _or_none(head: tuple[Layer, Layer] | None) -> tuple[Layer, Layer] | None:
-    """The head, if it adds anything."""
-    adds = head is not None and any(np.any(np.asarray(x)) for x in jax.tree.leaves(head[1]))
-    return head if adds else None
-
-
-def _shortest(plane: Array) -> Array:
-    """One row of a time plane whose rows are all the same."""
-    return plane[:, :1] if np.all(np.asarray(plane == plane[:, :1])) else plane

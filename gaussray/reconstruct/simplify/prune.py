@@ -13,13 +13,13 @@ from jaxtyping import Array, Bool, Float, Int
 from gaussray.reconstruct.simplify.candidate import (
     Candidate,
     begin_candidate,
-    finished_scene,
     in_shape_of,
     with_degree,
     without_change_in_time,
     without_head,
     without_scale,
 )
+from gaussray.reconstruct.simplify.finished import finished_scene
 from gaussray.reconstruct.simplify.measure import (
     CandidateMeter,
     ChosenTiles,

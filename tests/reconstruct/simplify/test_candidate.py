@@ -12,7 +12,6 @@ import toy
 from gaussray.reconstruct.simplify.candidate import (
     at_time,
     begin_candidate,
-    finished_scene,
     in_shape_of,
     whole_candidate,
     with_degree,
@@ -20,6 +19,7 @@ from gaussray.reconstruct.simplify.candidate import (
     without_head,
     without_scale,
 )
+from gaussray.reconstruct.simplify.finished import finished_scene
 from gaussray.scene.bodies import Bodies
 from gaussray.scene.deformation import initial_deformation
 from gaussray.scene.harmonics import constant_harmonics
@@ -209,11 +209,11 @@ def test_degrees_are_lowered_of_one_kind_alone(scene):
 
 
 def test_a_scene_in_the_shape_of_a_candidate_is_the_scene(scene):
-    roomy = enlarged(scene.static, scene.static.count + 3)
-    more = np.pad(roomy.harmonics, ((0, 0), (0, 3), (0, 0)))
+    padded = enlarged(scene.static, scene.static.count + 3)
+    more = np.pad(padded.harmonics, ((0, 0), (0, 3), (0, 0)))
     like = dataclasses.replace(
         scene,
-        static=dataclasses.replace(roomy, harmonics=jnp.asarray(more)),
+        static=dataclasses.replace(padded, harmonics=jnp.asarray(more)),
         moving=enlarged(scene.moving, scene.moving.count + 2),
         transient=enlarged(toy.transients(), 9),
     )
