@@ -197,11 +197,11 @@ __device__ Vector sum(Team team, Vector v) {
 }
 
 // Of a group that begins with ray `begin`, the `count` rays `slot(0)`, `slot(1)`, ... in so many
-// `samples`, seen by a team of threads; also as a fan.
+// `samples`, seen by a team of threads; also as a fan, where one is asked for.
 template <class Team, class Slot>
 __device__ Bounds bound(Team team, const float *origin, const float *direction,
                         const float4 *weight, const float *time, size_t begin, int samples,
-                        int count, Slot slot, Fan &fan) {
+                        int count, Slot slot, Fan *fan) {
   auto each = [&](auto visit) {
     for (int i = team.rank(); i < count * samples; i += team.size()) {
       size_t ray = begin + (size_t)(i / count) * RAYS + slot(i % count);
@@ -279,8 +279,11 @@ __device__ Bounds bound(Team team, const float *origin, const float *direction,
   b.reach = narrow ? farthest + slack : INFINITE;
   for (int i = 0; i < 5 && !narrow; i++) b.plane[i] = {0, 0, 0, some ? 0 : INFINITE};
   b.cosine = narrow ? low : 0;
-  const bool one = narrow && team.minimum(apart ? 0 : 1) == 1;
-  fan = {start, axis, u, v, left, right, down, up, one};
+  if (fan) {
+    // Of every team, also one of no rays: a shuffle that some lanes of a warp leave out never ends.
+    const float together = team.minimum(apart ? 0 : 1);
+    *fan = {start, axis, u, v, left, right, down, up, narrow && together == 1};
+  }
   return b;
 }
 
@@ -553,7 +556,7 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
     Block team = {scratch};
     Fan rays;
     Bounds mine = bound(team, origin, direction, weight, time, first_ray, SAMPLES, GROUP,
-                        [](int i) { return i; }, rays);
+                        [](int i) { return i; }, &rays);
     if (threadIdx.x == 0) {
       b = mine;
       fan = rays;
@@ -565,10 +568,9 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   for (int base = 0; base < BANDS * SAMPLES; base += 256 / WIDE) {
     const int at = base + threadIdx.x / WIDE, i = min(at, BANDS * SAMPLES - 1);
     const int sample = i / BANDS, band = i % BANDS;
-    Fan unused;
     Bounds mine = bound(Lanes(), origin, direction, weight, time,
                         (size_t)sample * RAYS + first_ray, 1, rays_in(band),
-                        [band](int i) { return slot_in(band, i); }, unused);
+                        [band](int i) { return slot_in(band, i); }, nullptr);
     if (at == i && threadIdx.x % WIDE == 0)
       bands[((size_t)sample * (RAYS / GROUP) + blockIdx.x) * BANDS + band] = mine;
   }

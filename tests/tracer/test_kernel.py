@@ -249,6 +249,21 @@ def test_in_deep_fog_bounds_of_peaks_keep_the_order(jitter, size, fading):
     assert color < COLOR and max(errors.values()) < GRADIENT, errors
 
 
+@pytest.mark.parametrize("formed", [[3], range(40, 48), range(0, 256, 17)])
+def test_rays_that_no_lens_forms_stop_none_of_their_neighbours(formed):
+    # Warps in which some lanes bound rays and others have none: a fisheye's corners.
+    lines, none = rays(256, spread=0.1), np.ones(256, bool)
+    none[list(formed)] = False
+    lines.direction[none] = 0
+    options = replace(OPTIONS, bundle=8)
+    motion = resting(gaussians(COUNT, size=(0.1, 0.5)))
+    pixels, report = look(motion, shot(lines), options=options, capacity=roomy(options))
+    seen = lines._replace(**{k: v[~none] for k, v in lines._asdict().items()})
+    expected = stacked(reference.trace(motion, shot(seen)))
+    assert int(report.dropped) == 0 and np.all(stacked(pixels)[none, :3] == 0)
+    assert np.mean(np.abs(stacked(pixels)[~none] - expected)[:, :3]) < COLOR
+
+
 @pytest.mark.gpu
 def test_equal_distances_are_taken_in_the_order_of_the_gaussians():
     lines = shot(rays(jitter=0.0))
