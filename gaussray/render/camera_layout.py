@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Hashable
 from typing import NamedTuple
 
 import jax
@@ -32,16 +33,55 @@ class CameraLayout(NamedTuple):
         return jax.tree.unflatten(self.structure, [x.reshape(s).astype(d) for x, s, d in arrays])
 
 
+class _Packing(NamedTuple):
+    """What `pack_camera` makes of all cameras of one structure.
+
+    Args:
+        layout: layout of the row.
+        sources: for each array of the layout which array of the camera it is, or the array itself
+            where it follows from the structure alone.
+    """
+
+    layout: CameraLayout
+    sources: tuple[int | np.ndarray, ...]
+
+
+# By structure, shapes and types; cleared when it has grown to the given size.
+_packings: dict[Hashable, _Packing] = {}
+_MOST = 256
+
+
 def pack_camera(camera: Camera) -> tuple[Float[np.ndarray, " numbers"], CameraLayout]:
     """A camera on the host as one row of numbers, with their layout.
 
     The number of aperture blades and the direction of the shutter become numbers: cameras that
     differ in them share their programs.
     """
-    size = camera.film.width, camera.film.height
-    camera = jax.tree.map(to_device, camera)
-    aperture, shutter = with_edges(camera.aperture), with_readout_factors(camera.shutter, size)
-    camera = jax.device_get(dataclasses.replace(camera, aperture=aperture, shutter=shutter))
     leaves, structure = jax.tree.flatten(camera)
-    layout = CameraLayout(structure, tuple(x.shape for x in leaves), tuple(x.dtype for x in leaves))
-    return np.concatenate([x.ravel() for x in leaves]), layout
+    leaves = [np.asarray(x) for x in leaves]
+    key = structure, tuple((x.shape, x.dtype) for x in leaves)
+    packing = _packings.get(key)
+    if packing is None:
+        if len(_packings) >= _MOST:
+            _packings.clear()
+        packing = _packings[key] = _packing(camera)
+    layout = packing.layout
+    parts = [leaves[x] if isinstance(x, int) else x for x in packing.sources]
+    typed = zip(parts, layout.dtypes, strict=True)
+    return np.concatenate([x.astype(dtype).ravel() for x, dtype in typed]), layout
+
+
+def _packing(camera: Camera) -> _Packing:
+    """How to pack cameras like this one. Their classes send every number to the device and back,
+    which takes longer than to render a picture there: this is done once for all of them."""
+    size = camera.film.width, camera.film.height
+    there = jax.tree.map(to_device, camera)
+    aperture, shutter = with_edges(there.aperture), with_readout_factors(there.shutter, size)
+    there = jax.device_get(dataclasses.replace(there, aperture=aperture, shutter=shutter))
+    given = [path for path, _ in jax.tree.leaves_with_path(camera)]
+    packed = jax.tree.leaves_with_path(there)
+    leaves = [x for _, x in packed]
+    layout = CameraLayout(
+        jax.tree.structure(there), tuple(x.shape for x in leaves), tuple(x.dtype for x in leaves)
+    )
+    return _Packing(layout, tuple(given.index(at) if at in given else x for at, x in packed))
