@@ -79,11 +79,11 @@ PLACES = [
 ]
 
 
-def seen(cameras):
-    """The pictures of the plane, by intersecting the rays of the pixels' centres."""
+def places_on_plane(cameras):
+    """Where the rays of all pixels' centres meet the plane [cameras, h, w, 3], and how far away."""
     column, row = np.meshgrid(np.arange(SIZE) + 0.5, np.arange(SIZE) + 0.5)
     pixel = jnp.asarray(np.stack([column.ravel(), row.ravel()], axis=-1))
-    pictures = []
+    places, distances = [], []
     for k in range(len(cameras.time)):
         camera = jax.tree.map(lambda x, k=k: x[k], cameras)
         pose = RigidTransform(camera.trajectory.quat[0], camera.trajectory.translation[0])
@@ -91,8 +91,13 @@ def seen(cameras):
         ray = np.asarray(jax.vmap(pose.rotate)(jnp.asarray(ray)))
         origin = np.asarray(pose.translation)
         away = (OFFSET - origin @ NORMAL) / np.maximum(ray @ NORMAL, 1e-3)
-        picture = texture(origin + away[:, None] * ray)
-        # Far off the texture is finer than a pixel.
-        picture = np.where(away[:, None] < 8, picture, 0.5)
-        pictures.append(picture.reshape(SIZE, SIZE, 3))
-    return np.stack(pictures)
+        places.append((origin + away[:, None] * ray).reshape(SIZE, SIZE, 3))
+        distances.append(away.reshape(SIZE, SIZE))
+    return np.stack(places), np.stack(distances)
+
+
+def seen(cameras):
+    """The pictures of the plane, by intersecting the rays of the pixels' centres."""
+    places, away = places_on_plane(cameras)
+    # Far off the texture is finer than a pixel.
+    return np.where(away[..., None] < 8, texture(places), 0.5)

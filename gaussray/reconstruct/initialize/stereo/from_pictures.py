@@ -21,7 +21,7 @@ from gaussray.reconstruct.data.still_cameras import (
     median_picture,
 )
 from gaussray.reconstruct.initialize.stereo.carving import contradicted
-from gaussray.reconstruct.initialize.stereo.matching import reduction, stereo_points
+from gaussray.reconstruct.initialize.stereo.matching import reduced_mask, reduction, stereo_points
 from gaussray.reconstruct.initialize.stereo.options import (
     StereoOptions,
     options_for,
@@ -243,10 +243,7 @@ def moving_views(
 def _moving(views, moved, options, known=None, report=lambda done: None) -> StereoPoints:
     """Points of the pixels that move; a silhouette that misses a point counts against it. Where
     fewer of them match than a share of the pixels, points inside the silhouettes fill up."""
-    factor = reduction(moved.shape[1:], options.pixels)
-    h, w = (n // factor * factor for n in moved.shape[1:])
-    middle = slice(factor // 2, None, factor)
-    wanted = moved[:, :h, :w][:, middle, middle]
+    wanted = reduced_mask(moved, options)
     matched = stereo_points(
         views.pictures,
         views.cameras,
@@ -258,6 +255,7 @@ def _moving(views, moved, options, known=None, report=lambda done: None) -> Ster
     )
     if len(matched.position) >= _ENOUGH * wanted.sum() / len(wanted):
         return matched
+    factor = reduction(moved.shape[1:], options.pixels)
     seen = stereo_views(views.pictures, views.cameras, views.masks, factor=factor)
     inside = silhouette_points(seen, wanted)
     return StereoPoints(*(np.concatenate(x) for x in zip(matched, inside, strict=True)))

@@ -13,6 +13,7 @@ from gaussray.camera.camera import Camera
 from gaussray.reconstruct.initialize.stereo.consistency import Agreement, agreement
 from gaussray.reconstruct.initialize.stereo.neighbours import StereoPairs, stereo_pairs
 from gaussray.reconstruct.initialize.stereo.options import StereoOptions
+from gaussray.reconstruct.initialize.stereo.pixel_list import pixel_list
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 from gaussray.reconstruct.initialize.stereo.refine import Surface, refine
 from gaussray.reconstruct.initialize.stereo.subsample import evenly
@@ -28,6 +29,10 @@ from gaussray.reconstruct.initialize.stereo.views import (
 
 T = TypeVar("T")
 
+# Share of the pixels that count above which pictures are refined whole, not in parts.
+_MOST = 0.5
+# Pixels beside those that count that are refined, too.
+_BESIDE = 2
 # Pixels of disparity between two levels of the sweep, which is of pictures of half the size.
 _STRIDE = 2.5
 
@@ -45,7 +50,8 @@ def stereo_points(
     """Points of all surfaces that pictures of one instant show from several sides.
 
     Plane sweep, refinement and cross-view check of every view against its neighbours; then an even
-    share of the points that other views confirm.
+    share of the points that other views confirm. Only pixels that count, and those beside them, are
+    refined.
 
     Args:
         pictures: sRGB-encoded, bytes or floats in 0..1.
@@ -67,8 +73,10 @@ def stereo_points(
     pairs = stereo_pairs(views, options.neighbours, known)
     count, surfaces, parts = len(pictures), [], []
     batches = _batches(views, pairs, options.at_once)
+    samples = len(batches[0]) * pairs.neighbour.shape[1]
+    part = _part_size(views.size, masks, options.part // samples)
     for rows in batches:
-        surfaces.append(matched(views, rows, pairs, options))
+        surfaces.append(matched(views, rows, pairs, part, options))
         report(min(int(rows[-1]) + 1, count))
     surface = jax.tree.map(lambda *x: jnp.concatenate(x)[:count], *surfaces)
     for rows in batches:
@@ -92,6 +100,14 @@ def _batches(
     return list(rows.reshape(batches, -1))
 
 
+def _part_size(
+    size: tuple[int, int], masks: Bool[np.ndarray, "views h w"] | None, pixels: int
+) -> int:
+    """Pixels of a view that are refined at once: so many, or all of a picture if most count."""
+    most = masks is None or masks.mean() > _MOST
+    return size[0] * size[1] if most else max(min(pixels, size[0] * size[1]), 1)
+
+
 def reduction(size: tuple[int, int], pixels: int) -> int:
     """The integer by which a picture is reduced to have about `pixels` at most.
 
@@ -102,15 +118,35 @@ def reduction(size: tuple[int, int], pixels: int) -> int:
     return max(1, int(np.ceil(np.sqrt(size[0] * size[1] / pixels) - 0.05)))
 
 
+def reduced_mask(
+    mask: Bool[np.ndarray, "views h w"], options: StereoOptions
+) -> Bool[np.ndarray, "views rows columns"]:
+    """The masks of the reduced pictures that are matched: those of the pixels' middles.
+
+    Args:
+        mask: one of each picture.
+        options: how many pixels pictures are reduced to.
+    """
+    factor = reduction(mask.shape[1:], options.pixels)
+    h, w = (n // factor * factor for n in mask.shape[1:])
+    middle = slice(factor // 2, None, factor)
+    return mask[:, :h, :w][:, middle, middle]
+
+
 def matched(
-    views: StereoViews, rows: Int[np.ndarray, " rows"], pairs: StereoPairs, options: StereoOptions
+    views: StereoViews,
+    rows: Int[np.ndarray, " rows"],
+    pairs: StereoPairs,
+    part: int,
+    options: StereoOptions,
 ) -> Surface:
-    """The surfaces that these views show, stacked.
+    """The surfaces that these views show, stacked; as the sweep finds them where no pixel counts.
 
     Args:
         views: all views.
         rows: indices of the views that are matched.
         pairs: neighbours and distances of all views.
+        part: how many pixels of each view are refined at once.
         options: how carefully to look.
     """
     dtype, first = views.origin.dtype, pairs.farthest[rows]
@@ -118,7 +154,8 @@ def matched(
     count = np.ceil(span / (_STRIDE * pairs.step[rows])).clip(8, options.depths).astype(int)
     step = jnp.asarray(span / (count - 1), dtype)
     levels = DepthLevels(jnp.asarray(first, dtype), step, jnp.asarray(count))
-    return _matched(views, jnp.asarray(rows), jnp.asarray(pairs.neighbour[rows]), levels, options)
+    around = jnp.asarray(pairs.neighbour[rows])
+    return _matched(views, jnp.asarray(rows), around, levels, part, options)
 
 
 @eqx.filter_jit
@@ -127,19 +164,32 @@ def _matched(
     rows: Int[Array, " rows"],
     neighbour: Int[Array, "rows neighbours"],
     levels: DepthLevels,
+    part: int,
     options: StereoOptions,
 ) -> Surface:
-    def one(parts):
-        i, around, levels = parts
+    _, counts = unpacked(views.pixel[rows], views.origin.dtype)
+    # Others' points are compared with the four pixels around their places, and motion may not show
+    # in one picture: what is beside the pixels that count is refined, too.
+    window = (1, 2 * _BESIDE + 1, 2 * _BESIDE + 1)
+    counts = jax.lax.reduce_window(
+        counts, False, jax.lax.bitwise_or, window, (1, 1, 1), padding="SAME"
+    )
+    # All views of a batch go through as many parts: otherwise every one of them would copy the
+    # surfaces of those that are done.
+    parts = -(-jnp.max(jnp.sum(counts, axis=(1, 2), dtype=jnp.int32)) // part)
+
+    def one(row):
+        i, around, levels, counts = row
         own, near = views[i], views[around]
         ray = rays(own.lens, own.world_from_camera, own.size, own.factor)
         small = halved(own)
         small_ray = rays(small.lens, small.world_from_camera, small.size, small.factor)
         swept = sweep_planes(small, small_ray, halved(near), levels, options)
         candidates = jax.tree.map(lambda x: _doubled(x, own.size), swept)
-        return refine(own, ray, near, candidates, levels, options)
+        pixels = pixel_list(counts, parts, part)
+        return refine(own, ray, near, candidates, levels, pixels, options)
 
-    return jax.lax.map(one, (rows, neighbour, levels), batch_size=len(rows))
+    return jax.lax.map(one, (rows, neighbour, levels, counts), batch_size=len(rows))
 
 
 def _doubled(value: Float[Array, "... rows columns"], size: tuple[int, int]):

@@ -12,7 +12,7 @@ class StereoOptions(eqx.Module):
     is matched. Every view is compared with `neighbours` others at no more than `depths` distances
     (as many as steps of 2.5 pixels need), on spheres about the camera and on planes of `tilts`
     inclinations (degrees, four directions each), in pictures of half the size and windows of
-    (2 `radius` + 1)^2 pixels. The `modes` best distances are refined in the whole pictures, in
+    (2 `radius` + 1)^2 pixels. The `modes` best distances are refined at full size, in
     `rounds` rounds of propagation and search.
 
     A cost is `zncc` (1 - ZNCC) + (1 - `zncc`) min(colour difference / `color`, 1), at most 1, with
@@ -21,6 +21,8 @@ class StereoOptions(eqx.Module):
     are kept. Where a view masks a point, it says nothing; with `silhouette` above 0 it counts
     against the point, by so much for each view beyond the first. As many views are matched at once
     as have `at_once` samples (pixels times neighbours): a GPU is not busy with one small picture.
+    Where masks leave less than half of the pixels, these and those within two pixels of them are
+    refined alone, in parts of `part` samples.
     """
 
     pixels: int = eqx.field(static=True, default=140_000)
@@ -39,6 +41,7 @@ class StereoOptions(eqx.Module):
     points: int = eqx.field(static=True, default=100_000)
     silhouette: float = eqx.field(static=True, default=0.0)
     at_once: int = eqx.field(static=True, default=1)
+    part: int = eqx.field(static=True, default=2**13)
     seed: int = eqx.field(static=True, default=0)
 
     def __check_init__(self):
@@ -51,6 +54,7 @@ class StereoOptions(eqx.Module):
             "modes",
             "points",
             "at_once",
+            "part",
         ):
             if getattr(self, name) < 1:
                 raise ValueError(f"stereo.{name} must be at least 1, got {getattr(self, name)}.")
@@ -67,7 +71,7 @@ def options_for(platform: str, views: int) -> StereoOptions:
         views: number of pictures; on a CPU more than 50 of them are reduced further.
     """
     if platform != "cpu":
-        return StereoOptions(at_once=2**23)
+        return StereoOptions(at_once=2**23, part=2**20)
     # 50 views of 135 x 240 is what the time was measured with; more views get smaller pictures.
     pixels = int(min(33_000, max(12_000, 33_000 * 50 / max(views, 1))))
     return StereoOptions(

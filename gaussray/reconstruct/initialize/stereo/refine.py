@@ -17,6 +17,7 @@ from gaussray.reconstruct.initialize.stereo.cost import (
     window,
 )
 from gaussray.reconstruct.initialize.stereo.options import StereoOptions
+from gaussray.reconstruct.initialize.stereo.pixel_list import PixelList
 from gaussray.reconstruct.initialize.stereo.sweep import DepthCandidates, DepthLevels
 from gaussray.reconstruct.initialize.stereo.views import (
     StereoViews,
@@ -72,10 +73,12 @@ def refine(
     near: StereoViews,
     candidates: DepthCandidates,
     levels: DepthLevels,
+    pixels: PixelList,
     options: StereoOptions,
 ) -> Surface:
-    """The best plane of every pixel: the candidates first, then the `moves`, each kept where it
-    costs less (PatchMatch stereo, Bleyer et al. 2011, in which all pixels move at once).
+    """The best plane of every listed pixel: the candidates first, then the `moves`, each kept where
+    it costs less (PatchMatch stereo, Bleyer et al. 2011, in which all pixels move at once). Other
+    pixels keep their best candidates.
 
     Args:
         own: the view whose surface is looked for.
@@ -83,28 +86,47 @@ def refine(
         near: its neighbours.
         candidates: distances and normals to start from, at the size of its picture.
         levels: inverse distances of the sweep: moves stay between them and are counted in steps.
+        pixels: the pixels that are refined.
         options: number of rounds, size of the windows, and the cost's weights.
     """
-    patch = _Patch(own, ray, near, options)
-
-    def pick(surface: Surface, hypothesis):
-        inverse, normal = hypothesis
-        return _better(surface, inverse, normal, patch.cost(inverse, normal)), None
-
-    empty = Surface(candidates.inverse[0], candidates.normal[0], jnp.full_like(ray[0], 2))
-    surface, _ = jax.lax.scan(pick, empty, (candidates.inverse, candidates.normal))
-
+    patch = _Patch(own, ray, near, pixels, options)
     last = levels.first + (levels.count - 1) * levels.step
 
-    def move(surface: Surface, change):
-        hypothesis = _moved(surface, ray, change, levels.step, own.world_from_camera)
-        facing = -jnp.sum(hypothesis[1] * ray, axis=0)
-        allowed = (hypothesis[0] >= levels.first) & (hypothesis[0] <= last) & (facing > _GRAZING)
-        cost = jnp.where(allowed, patch.cost(*hypothesis), 2)
-        return _better(surface, *hypothesis, cost), None
+    def with_cheaper(surface: Surface, hypothesis):
+        """The surface with the planes that `hypothesis` names for each part, where they cost
+        less."""
 
+        def one(k, result):
+            inverse, normal, allowed = hypothesis(k)
+            cost = jnp.where(allowed, patch.cost(k, inverse, normal), 2)
+            before = jax.tree.map(lambda x: pixels.part(k, x), surface)
+            after = _better(before, inverse, normal, cost)
+            return jax.tree.map(lambda x, part: pixels.with_part(k, x, part), result, after)
+
+        return jax.lax.fori_loop(0, pixels.parts, one, surface)
+
+    def pick(surface: Surface, candidate):
+        def hypothesis(k):
+            return *(pixels.part(k, x) for x in candidate), True
+
+        return with_cheaper(surface, hypothesis), None
+
+    def move(surface: Surface, change):
+        def hypothesis(k):
+            inverse, normal = _moved(surface, patch.ray, pixels, k, change, levels.step, own)
+            facing = -jnp.sum(normal * pixels.part(k, patch.ray), axis=0)
+            allowed = (inverse >= levels.first) & (inverse <= last) & (facing > _GRAZING)
+            return inverse, normal, allowed
+
+        return with_cheaper(surface, hypothesis), None
+
+    inverse, normal = (pixels.listed(x) for x in (candidates.inverse, candidates.normal))
+    surface = Surface(inverse[0], normal[0], jnp.full_like(inverse[0], 2))
+    surface, _ = jax.lax.scan(pick, surface, (inverse, normal))
     table = jnp.asarray(moves(options.rounds), ray.dtype)
-    return jax.lax.scan(move, surface, table)[0]
+    surface, _ = jax.lax.scan(move, surface, table)
+    swept = Surface(*(x[0] for x in candidates))
+    return jax.tree.map(pixels.picture, surface, swept)
 
 
 def _better(surface, inverse, normal, cost):
@@ -117,19 +139,22 @@ def _better(surface, inverse, normal, cost):
     )
 
 
-def _moved(surface, ray, change, step, axes):
-    """Inverse distance and normal of the hypothesis that a move makes of the surface."""
-    shift = -change[:2].astype(jnp.int32)
-    rolled = jax.tree.map(lambda x: jnp.roll(x, shift, axis=(-2, -1)), (surface, ray))
-    other, its_ray = rolled
+def _moved(surface, rays, pixels, k, change, step, own):
+    """Inverse distance and normal of the hypothesis that a move makes of the surface, for the
+    pixels of a part."""
+    h, w = own.size
+    row, column = jnp.divmod(pixels.part(k, pixels.pixel), w)
+    offset = change[:2].astype(jnp.int32)
+    row, column = jnp.clip(row + offset[0], 0, h - 1), jnp.clip(column + offset[1], 0, w - 1)
+    slot = pixels.slot.reshape(-1)[row * w + column]
+    normal, its_ray, ray = surface.normal[:, slot], rays[:, slot], pixels.part(k, rays)
     # The plane through the other pixel's point, met by this pixel's ray: 1/t = 1/t' (n r)/(n r').
-    facing = jnp.sum(other.normal * its_ray, axis=0)
-    along = jnp.sum(other.normal * ray, axis=0)
-    inverse = other.inverse * along / jnp.where(facing < -1e-6, facing, -1)
+    facing = jnp.sum(normal * its_ray, axis=0)
+    along = jnp.sum(normal * ray, axis=0)
+    inverse = surface.inverse[slot] * along / jnp.where(facing < -1e-6, facing, -1)
     inverse = inverse + change[2] * step
-    first, second = _tangents(other.normal, axes)
-    normal = normalize_first(other.normal + change[3] * first + change[4] * second)
-    return inverse, normal
+    first, second = _tangents(normal, own.world_from_camera)
+    return inverse, normalize_first(normal + change[3] * first + change[4] * second)
 
 
 def _tangents(normal, axes):
@@ -150,31 +175,39 @@ def normalize_first(vector: Float[Array, "3 ..."]) -> Float[Array, "3 ..."]:
 
 
 class _Patch:
-    """The windows of a view, to be compared with its neighbours' on any planes."""
+    """The windows of a view's listed pixels, to be compared with its neighbours' on any planes."""
 
-    def __init__(self, own, ray, near, options):
-        self.own, self.ray, self.near, self.options = own, ray, near, options
-        color, _ = unpacked(own.pixel, ray.dtype)
-        self.padded = tuple(jnp.pad(c, options.radius, mode="edge") for c in color)
+    def __init__(self, own, ray, near, pixels, options):
+        self.own, self.near, self.pixels, self.options = own, near, pixels, options
         side = np.arange(-options.radius, options.radius + 1)
         rows, columns = np.meshgrid(side, side, indexing="ij")
         # Every second pixel, as on a chess board, tells as much as all.
         keep = (rows + columns) % 2 == 0
         self.taps = jnp.asarray(np.stack([rows[keep], columns[keep]], axis=-1), jnp.int32)
         padded = jnp.pad(ray, ((0, 0), (1, 1), (1, 1)), mode="edge")
-        self.right = _where_formed(padded[:, 1:-1, 2:], padded[:, 1:-1, :-2], ray)
-        self.down = _where_formed(padded[:, 2:, 1:-1], padded[:, :-2, 1:-1], ray)
-        self.reference = self._mean(lambda place: window(self._shifted(place)))
+        right = _where_formed(padded[:, 1:-1, 2:], padded[:, 1:-1, :-2], ray)
+        down = _where_formed(padded[:, 2:, 1:-1], padded[:, :-2, 1:-1], ray)
+        self.ray, self.right, self.down = (pixels.listed(x) for x in (ray, right, down))
+        self.packed = self._listed_windows()
+        self.reference = self._mean(lambda _, packed: window(self._color(packed)), self.packed)
 
-    def cost(self, inverse, normal):
-        """Cost of one plane at every pixel."""
-        formed = jnp.any(self.ray != 0, axis=0) & (inverse > 0)
+    def _listed_windows(self):
+        """The packed pixels [taps, slots] of the windows about the listed ones."""
+        h, w = self.own.size
+        row, column = jnp.divmod(self.pixels.pixel, w)
+        row = jnp.clip(row[None] + self.taps[:, :1], 0, h - 1)
+        column = jnp.clip(column[None] + self.taps[:, 1:], 0, w - 1)
+        return self.own.pixel.reshape(-1)[row * w + column]
+
+    def cost(self, k, inverse, normal):
+        """Cost of one plane at every pixel of a part."""
+        own = tuple(self.pixels.part(k, x) for x in (self.ray, self.right, self.down))
+        formed = jnp.any(own[0] != 0, axis=0) & (inverse > 0)
         distance = 1 / jnp.where(formed, inverse, 1)
         # The map of a window's pixels into a neighbour is linear, with the slopes that the places
         # of two points beside the window's middle give.
         (x, y, sees), right, down = (
-            seen_at(self.near, self._on_plane(ray, distance, normal))
-            for ray in (self.ray, self.right, self.down)
+            seen_at(self.near, self._on_plane(own[0], ray, distance, normal)) for ray in own
         )
         slopes = [
             jnp.where(inside, beside - middle, 0)
@@ -183,51 +216,47 @@ class _Patch:
         ]
         area = jnp.abs(slopes[0] * slopes[3] - slopes[1] * slopes[2])
         sees = sees & formed[None] & (area < _STRETCH**2) & (area > _STRETCH**-2)
-        cost = patch_cost(self.reference, self._compared(x, y, slopes), self.options)
+        reference = jax.tree.map(lambda x: self.pixels.part(k, x)[None], self.reference)
+        cost = patch_cost(reference, self._compared(k, x, y, slopes), self.options)
         _, hit = sampled(self.near.pixel, x, y)
         if not self.options.silhouette:
             return best_half(cost, sees & hit)
         return misses(best_half(cost, sees), sees, hit, self.options.silhouette)
 
-    def _on_plane(self, ray, distance, normal):
+    def _on_plane(self, middle, ray, distance, normal):
         """Where a ray beside a pixel's own meets the pixel's plane."""
-        own = jnp.sum(normal * self.ray, axis=0)
+        own = jnp.sum(normal * middle, axis=0)
         other = jnp.sum(normal * ray, axis=0)
         ratio = jnp.clip(own / jnp.where(other < -1e-3, other, -1e-3), 0.3, 3)
-        return self.own.origin[:, None, None] + ray * (distance * ratio)[None]
+        return self.own.origin[:, None] + ray * (distance * ratio)[None]
 
-    def _compared(self, x, y, slopes) -> Comparison:
+    def _compared(self, k, x, y, slopes) -> Comparison:
         """What the neighbours show of the windows about these places."""
         h, w = self.own.size
         right_x, right_y, down_x, down_y = slopes
 
-        def tap(place):
+        def tap(place, packed):
             row, column = place
             u = jnp.clip(x + right_x * column + down_x * row, 0.5, w - 0.5)
             v = jnp.clip(y + right_y * column + down_y * row, 0.5, h - 0.5)
             color, _ = sampled(self.near.pixel, u, v)
-            return comparison(self._shifted(place), color)
+            return comparison(tuple(c[None] for c in self._color(packed)), color)
 
-        return self._mean(tap)
+        return self._mean(tap, self.pixels.part(k, self.packed))
 
-    def _mean(self, tap):
-        """Mean of what `tap` says of every place of a window."""
-        kind = jax.eval_shape(tap, self.taps[0])
+    def _mean(self, tap, packed):
+        """Mean of what `tap` says of every place of a window and the packed pixels there."""
+        kind = jax.eval_shape(tap, self.taps[0], packed[0])
         empty = jax.tree.map(lambda like: jnp.zeros(like.shape, like.dtype), kind)
 
         def add(whole, place):
-            return jax.tree.map(jnp.add, whole, tap(place)), None
+            return jax.tree.map(jnp.add, whole, tap(*place)), None
 
-        whole, _ = jax.lax.scan(add, empty, self.taps)
+        whole, _ = jax.lax.scan(add, empty, (self.taps, packed))
         return jax.tree.map(lambda value: value / len(self.taps), whole)
 
-    def _shifted(self, place):
-        """The view's colours, [1, h, w] each: of every pixel the one at an offset from it."""
-        start = place + self.options.radius
-        size = self.own.size
-        return tuple(
-            jax.lax.dynamic_slice(c, (start[0], start[1]), size)[None] for c in self.padded
-        )
+    def _color(self, packed):
+        return unpacked(packed, self.ray.dtype)[0]
 
 
 def _where_formed(ahead, behind, ray):

@@ -15,6 +15,7 @@ from textured_plane import (
 )
 
 from gaussray.reconstruct.initialize.stereo.cost import best_half, misses
+from gaussray.reconstruct.initialize.stereo.pixel_list import pixel_list
 from gaussray.reconstruct.initialize.stereo.refine import _Patch
 from gaussray.reconstruct.initialize.stereo.sweep import _level_cost, windowed
 from gaussray.reconstruct.initialize.stereo.views import rays, stereo_views, unpacked
@@ -88,10 +89,12 @@ def test_refinement_costs_a_pixel_what_loops_over_its_window_do(views):
     own, near = views[0], views[np.array([1, 2, 3, 4])]
     origin = np.asarray(own.origin)
     distance = (OFFSET - origin @ NORMAL) / np.einsum("i,ihw->hw", NORMAL, np.asarray(ray))
-    normal = jnp.broadcast_to(-jnp.asarray(NORMAL)[:, None, None], ray.shape)
-    cost = jax.jit(lambda d, n: _Patch(own, ray, near, QUICK).cost(1 / d, n))(
-        jnp.asarray(distance), normal
-    )
+    normal = jnp.broadcast_to(-jnp.asarray(NORMAL)[:, None], (3, distance.size))
+    # All pixels, in one part.
+    pixels = pixel_list(jnp.ones(own.size, bool), jnp.asarray(1), distance.size)
+    cost = jax.jit(
+        lambda d, n: _Patch(own, ray, near, pixels, QUICK).cost(jnp.asarray(0), 1 / d, n)
+    )(jnp.asarray(distance.ravel()), normal).reshape(own.size)
     pictures = pictures_of(views)
     rays_at = np.asarray(ray)
     middle = rays_at[:, row, column]
