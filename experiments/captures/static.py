@@ -96,11 +96,11 @@ VARIANTS: dict[str, Variant] = {
     "opaque": lambda o: replaced(o, fit__opacity=0.9),
     "faint": lambda o: replaced(o, fit__opacity=0.1),
     "published": lambda o: replaced(
-        o, optimizer__mean=1.6e-4, optimizer__quat=1e-3, optimizer__scale=5e-3,
+        o, optimizer__mean=0.1, optimizer__quat=1e-3, optimizer__scale=5e-3,
         optimizer__color=2.5e-3, optimizer__harmonics=1.25e-4, optimizer__decay=0.1,
     ),
     "slow": lambda o: replaced(
-        o, optimizer__mean=5e-4, optimizer__quat=3e-3, optimizer__scale=1e-2,
+        o, optimizer__quat=3e-3, optimizer__scale=1e-2,
         optimizer__color=7e-3,
     ),
     "still": lambda o: replaced(o, density__noise=0.0),

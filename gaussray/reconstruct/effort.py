@@ -33,9 +33,8 @@ T = TypeVar("T", bound=eqx.Module)
 _BODIES_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6, motion="deformation")
 # The largest number of Gaussians with bodies, unless more points are there from the start.
 _MOST_BODIES = 200_000
-# Learning rates for the tens of thousands of steps that a GPU takes in minutes.
-_SLOW = OptimizerOptions(
-    mean=5e-4,
+# Learning rates for the thousands of steps that a GPU takes in a minute.
+_THOUSANDS = OptimizerOptions(
     quat=3e-3,
     scale=1e-2,
     color=7e-3,
@@ -43,6 +42,10 @@ _SLOW = OptimizerOptions(
     instant=5e-3,
     lifetime=1e-2,
 )
+# Those of 3DGS, for tens of thousands of steps of stills (experiments/captures/README.md).
+_TENS_OF_THOUSANDS = OptimizerOptions(mean=0.15, quat=1e-3, scale=5e-3, color=2.5e-3)
+# Steps, and minutes, of fewer of which a fit of stills is too short for these.
+_FEW_STEPS, _FEW_MINUTES = 7000, 0.5
 
 
 MOTION_NOUNS = {
@@ -115,7 +118,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     pixels = float(sum(view.width * view.height for view in views))
     names: tuple[str, ...] = ("",) if still else motions(capture, options, machine)
     if still:
-        chosen = _still(pixels, machine)
+        chosen = _still(pixels, machine, options.fit)
     elif names[0] == "deformation":
         alone = machine.gpu and _still_cameras(views) < 2
         chosen = _field(pixels, machine) if alone else _bodies(machine, options.track)
@@ -198,8 +201,12 @@ def _still_cameras(views: Sequence[View]) -> int:
     return int(np.sum(pictures >= 3))
 
 
-def _still(pixels: float, machine: Machine) -> ReconstructOptions:
+def _still(pixels: float, machine: Machine, wanted: FitOptions) -> ReconstructOptions:
     """For pictures of one time: relocation under a budget, SSIM, harmonics by degrees."""
+    short = 0 < wanted.minutes < _FEW_MINUTES
+    if (wanted.coarse, wanted.fine) != (FitOptions().coarse, FitOptions().fine):
+        short = wanted.coarse + wanted.fine < _FEW_STEPS
+    on_gpu = _THOUSANDS if short else _TENS_OF_THOUSANDS
     larger = float(np.clip(math.sqrt(pixels / machine.pixels), 1.0, 4.0))
     # Beyond, a step takes so much longer that the same time shows less
     # (experiments/captures/README.md).
@@ -221,7 +228,7 @@ def _still(pixels: float, machine: Machine) -> ReconstructOptions:
             points=gaussians // 4,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
-        optimizer=_SLOW if machine.gpu else OptimizerOptions(),
+        optimizer=on_gpu if machine.gpu else OptimizerOptions(),
         density=DensityOptions(
             kind="relocate",
             interval=100 if machine.gpu else 25,
@@ -255,7 +262,7 @@ def _brief(pixels: float, machine: Machine, motion: str) -> ReconstructOptions:
             instants=machine.instants,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
-        optimizer=_SLOW if machine.gpu else OptimizerOptions(),
+        optimizer=_THOUSANDS if machine.gpu else OptimizerOptions(),
         density=DensityOptions(
             kind="relocate",
             interval=100 if machine.gpu else 25,

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Int
 
-from gaussray.camera.array import CameraSet
+from gaussray.camera.array import CameraSet, pixel_spacing
 from gaussray.camera.camera import Camera
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize import relocation
@@ -118,7 +118,10 @@ def train_block(
         needed, and how many list entries were dropped.
     """
 
+    # Once for the block: distances to the cameras hardly change within one.
     bounds = scale_bounds(state.parameters, cameras, options.footprint)
+    kinds = state.parameters.kinds
+    spacing = {kind: pixel_spacing(cameras, free.mean) for kind, free in kinds.items()}
 
     def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)
@@ -131,7 +134,7 @@ def train_block(
             state.parameters,
             state.step,
             options=options.optimizer,
-            scale=CaptureScale(cameras.extent, cameras.interval),
+            scale=CaptureScale(spacing, cameras.extent, cameras.interval),
             steps=schedule.steps,
             refine=options.refine,
             formed=options.formed,

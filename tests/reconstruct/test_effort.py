@@ -60,6 +60,24 @@ def test_photographs_of_one_time_get_relocation_under_a_budget_and_a_time(machin
     assert f"{fit.minutes:.0f} minutes" in chosen.sentence
 
 
+@pytest.mark.parametrize(
+    ("set_by_user", "short"),
+    [
+        ({}, False),
+        ({"minutes": 1.0}, False),
+        ({"minutes": 0.25}, True),
+        ({"coarse": 1, "fine": 2999}, True),
+        ({"coarse": 1, "fine": 19999}, False),
+    ],
+)
+def test_stills_learn_faster_on_a_gpu_where_steps_are_few(set_by_user, short):
+    options = ReconstructOptions(fit=FitOptions(**set_by_user))
+    chosen = effort(capture(), options, GPU).options.optimizer
+    moving = effort(capture(times=(0.0, 1.0)), options, GPU).options.optimizer
+    assert (chosen.mean, chosen.color) == ((0.25, 7e-3) if short else (0.15, 2.5e-3))
+    assert (moving.mean, moving.color) == (0.25, 7e-3)
+
+
 def test_larger_captures_get_more_gaussians_and_more_time():
     small, large = (effort(capture(n), AUTO, GPU).options for n in (50, 800))
     assert large.density.gaussians > small.density.gaussians

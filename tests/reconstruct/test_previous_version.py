@@ -37,7 +37,8 @@ OPTIONS = ReconstructOptions(
         refine=("exposure",),
     ),
     track=TrackOptions(poses=8, points=4, elite=2, rounds=1, blur=(0.5,)),
-    optimizer=OptimizerOptions(decay=0.1),
+    # What the previous version's rate of means, 1e-3 extents, is in pixels of this capture.
+    optimizer=OptimizerOptions(mean=6.4e-3, decay=0.1),
     density=DensityOptions(interval=10, threshold=1e-5),
     field=toy.SHORT.field,
     trace=toy.SHORT.trace,

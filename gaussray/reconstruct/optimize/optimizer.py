@@ -1,5 +1,6 @@
 """Adam with a learning rate and a schedule for every kind of parameter."""
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import equinox as eqx
@@ -93,12 +94,13 @@ def transients_of(free: UnconstrainedTransients, times: Float[Array, " times"]) 
 class OptimizerOptions(eqx.Module):
     """Learning rates of Adam at the start of a stage.
 
-    They fall exponentially to a share `decay` at the end of the stage. Rates of lengths are
-    multiplied by the scene's extent. Rates of cameras apply to what fit.refine names; they rise
+    They fall exponentially to a share `decay` at the end of the stage. Means learn in pixels of the
+    camera that sees them most finely, however large things and pictures are; rates of other lengths
+    are multiplied by the scene's extent. Rates of cameras apply to what fit.refine names; they rise
     from 0 to the middle of the stage and fall after it.
 
     Args:
-        mean: means of Gaussians, in extents (3DGS: 1.6e-4, for 30,000 steps).
+        mean: means of Gaussians, in pixels (3DGS: 1.6e-4 extents, for 30,000 steps).
         quat: rotations of Gaussians (3DGS: 1e-3).
         scale: logarithms of scales (3DGS: 5e-3).
         opacity: logits of opacities (3DGS: 0.05).
@@ -128,7 +130,7 @@ class OptimizerOptions(eqx.Module):
         ValueError: a rate is negative, or `decay` is not in (0, 1].
     """
 
-    mean: float = eqx.field(static=True, default=1e-3)
+    mean: float = eqx.field(static=True, default=0.25)
     quat: float = eqx.field(static=True, default=1e-2)
     scale: float = eqx.field(static=True, default=2e-2)
     opacity: float = eqx.field(static=True, default=0.05)
@@ -168,9 +170,10 @@ class OptimizerOptions(eqx.Module):
 
 
 class CaptureScale(NamedTuple):
-    """Units of a capture in which its Gaussians learn: the extent of its cameras in scene units,
-    and the time from one frame to the next."""
+    """Units in which Gaussians learn: the distance of neighbouring pixels at each of them, by kind
+    (`pixel_spacing`), the extent of the cameras, and the time from one frame to the next."""
 
+    spacing: Mapping[str, Float[Array, " gaussians"]]
     extent: float | Float[Array, ""]
     interval: float | Float[Array, ""] = 1.0
 
@@ -199,17 +202,17 @@ def rates(
             with which its stage ended.
         rise: harmonics of degree n have rate 0 for the first n x `rise` steps.
     """
-    extent, interval = scale
+    spacing, extent, interval = scale
     steps = jnp.maximum(steps, 1)
     fall = options.decay ** (step / steps)
 
-    def gaussians(free: Kind, fall: Array) -> Kind:
+    def gaussians(kind: str, free: Kind, fall: Array) -> Kind:
         # The constant harmonic is the colour; the others learn more slowly.
         degree = np.floor(np.sqrt(np.arange(free.harmonics.shape[1])))[None, :, None]
         color = jnp.where(degree == 0, options.color, options.harmonics) * fall
         color = jnp.where(degree * rise <= step, color, 0)
         rate = {
-            "mean": options.mean * extent * fall,
+            "mean": options.mean * spacing[kind][:, None] * fall,
             "quat": options.quat * fall,
             "log_scale": options.scale * fall,
             "logit_opacity": options.opacity * fall,
@@ -248,11 +251,12 @@ def rates(
             deformation = eqx.tree_at(
                 lambda d: (d.mean[1].weight, d.mean[1].bias), deformation, (motion, motion)
             )
-    static = gaussians(parameters.static, jnp.full_like(fall, options.decay) if formed else fall)
-    moving = gaussians(parameters.moving, fall)
+    still = jnp.full_like(fall, options.decay) if formed else fall
+    static = gaussians("static", parameters.static, still)
+    moving = gaussians("moving", parameters.moving, fall)
     transient = None
     if parameters.transient is not None:
-        transient = gaussians(parameters.transient, fall)
+        transient = gaussians("transient", parameters.transient, fall)
     corrections, refined = parameters.corrections, refined_kinds(parameters.corrections)
     if refined:
         # A scene that is not formed yet gives wrong gradients of cameras.

@@ -26,7 +26,7 @@ from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.gaussians import unconstrain
 
 
-OPTIONS, SCALE = OptimizerOptions(), CaptureScale(3.0)
+OPTIONS, EXTENT = OptimizerOptions(), 3.0
 SCENE = ("static", "moving", "deformation")
 FIXED = ("lower", "upper", "begin", "end")
 
@@ -41,15 +41,22 @@ def parameters():
     return Parameters(unconstrain(scene.static), unconstrain(scene.moving), scene.deformation)
 
 
+def units(parameters):
+    """Pixels at the Gaussians that lie ever farther apart, and an extent."""
+    counts = {kind: len(free.mean) for kind, free in parameters.kinds.items()}
+    return CaptureScale({kind: 0.1 * jnp.arange(1.0, n + 1) for kind, n in counts.items()}, EXTENT)
+
+
 def rate_at(parameters, step, **changes):
-    options = OptimizerOptions(**changes)
-    return rates(parameters, jnp.asarray(step), options=options, scale=SCALE, steps=100)
+    options, scale = OptimizerOptions(**changes), units(parameters)
+    return rates(parameters, jnp.asarray(step), options=options, scale=scale, steps=100)
 
 
-def test_the_means_learn_in_proportion_to_the_extent(parameters):
+def test_the_means_learn_in_pixels(parameters):
     rate = rate_at(parameters, 0)
     for side in (rate.static, rate.moving):
-        np.testing.assert_allclose(side.mean, 3 * OPTIONS.mean, rtol=1e-6)
+        pixels = 0.1 * np.arange(1, len(side.mean) + 1)[:, None]
+        np.testing.assert_allclose(side.mean, OPTIONS.mean * pixels, rtol=1e-6)
         np.testing.assert_allclose(side.quat, OPTIONS.quat, rtol=1e-6)
         np.testing.assert_allclose(side.log_scale, OPTIONS.scale, rtol=1e-6)
         np.testing.assert_allclose(side.logit_opacity, OPTIONS.opacity, rtol=1e-6)
@@ -93,7 +100,7 @@ def test_harmonics_of_the_next_degree_begin_to_learn_after_so_many_steps(paramet
             learning,
             jnp.asarray(step),
             options=OPTIONS,
-            scale=SCALE,
+            scale=units(learning),
             steps=100,
             rise=10,
         ).static.harmonics
@@ -124,7 +131,7 @@ def test_bounds_and_pivots_never_move_and_everything_else_does(parameters):
     )
     np.testing.assert_allclose(
         moved.static.mean,
-        parameters.static.mean - 3 * OPTIONS.mean,
+        parameters.static.mean - OPTIONS.mean * units(parameters).spacing["static"][:, None],
         rtol=1e-4,
         atol=1e-6,
     )
@@ -145,7 +152,7 @@ def test_cameras_learn_what_is_named_and_nothing_else(parameters):
         kept,
         jnp.asarray(50),
         options=OPTIONS,
-        scale=SCALE,
+        scale=units(parameters),
         steps=100,
         refine=("pose", "exposure"),
     ).corrections
