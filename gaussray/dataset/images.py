@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, UInt8
 
 from gaussray.color import srgb_encode
+from gaussray.dataset.levels import host_levels, require_finite, srgb_table
 from gaussray.io.atomic import whole
 from gaussray.io.safe.openimageio import oiio
 
@@ -29,11 +30,9 @@ def srgb_levels(
     image = np.asarray(image)
     if image.dtype == np.uint8:
         return image
-    bad = image.size - int(np.isfinite(image).sum())
-    if bad:
-        raise ValueError(
-            f"a picture stored in 8 bits must be finite, got {bad} values that are not."
-        )
+    require_finite(image.size - int(np.isfinite(image).sum()))
+    if encode is srgb_encode and image.dtype in (np.float32, np.float16):
+        return host_levels(image.astype(np.float32, copy=False), srgb_table())
     encoded = np.clip(encode(image.astype(np.float64)), 0, 1)
     return np.floor(255 * encoded + 0.5).astype(np.uint8)
 
@@ -58,17 +57,41 @@ def write_image(path: Path | str, image: np.ndarray | Array, *, depth: str = "ha
             raise ValueError(f"{path}: an EXR picture must be linear light, got 8-bit levels.")
         if depth not in ("half", "float"):
             raise ValueError(f"depth must be one of half, float, got {depth!r}.")
-        finite = image[np.isfinite(image)]
-        if depth == "half" and finite.size and np.abs(finite).max() > 65504:
-            raise ValueError(
-                f"{path}: a half-float picture must stay within 65504, "
-                f"got {np.abs(finite).max()}. Use depth='float'."
-            )
-        _write(path, image.astype(np.float32), depth)
+        if depth == "float":
+            image = image.astype(np.float32, copy=False)
+        elif image.dtype != np.float16:
+            check_half(path, np.max(np.abs(image), where=np.isfinite(image), initial=0))
+            image = image.astype(np.float32, copy=False)
+        _write(path, image, depth)
     else:
         raise ValueError(f"{path}: a picture's suffix must be .png or .exr, got {path.suffix!r}.")
 
 
+def check_half(path: Path, largest: float | np.floating) -> None:
+    """Check that half floats can hold a picture.
+
+    Args:
+        path: The file, for the message.
+        largest: Its largest finite magnitude.
+
+    Raises:
+        ValueError: They cannot.
+    """
+    if largest > MOST_HALF:
+        raise ValueError(
+            f"{path}: a half-float picture must stay within {MOST_HALF}, "
+            f"got {largest}. Use depth='float'."
+        )
+
+
+# libpng's number of the Paeth filter. With it and run lengths alone (`rle`), renderings take 31 to
+# 43 % of the time of all filters and level 4, and between 13 % less and 0.4 % more space.
+_PAETH = 128
+# Halves take 8 to 39 % less time than with the usual level 4, and 1 % more space; floats, whose
+# last bits are noise, 8 to 46 % less time, and up to 7 % more space.
+_ZIP_HALF, _ZIP_FLOAT = "zip:2", "zip:1"
+# The largest half float.
+MOST_HALF = 65504
 # The last chunk of every PNG.
 _IEND = b"\0\0\0\0IEND\xaeB`\x82"
 
@@ -165,8 +188,6 @@ def _with_texts(sheet, texts, font):
 def _write(path, image, kind):
     image = image if image.ndim == 3 else image[..., None]
     spec = oiio.ImageSpec(image.shape[1], image.shape[0], image.shape[2], kind)
-    # Half the time of the default 6, and within 2 % of its file size.
-    spec["png:compressionLevel"] = 4
     spec["oiio:ColorSpace"] = "srgb_rec709_scene" if kind == "uint8" else "lin_rec709_scene"
     write_pixels(path, image, spec)
 
@@ -185,6 +206,9 @@ def write_pixels(path: Path, image: np.ndarray, spec: "oiio.ImageSpec") -> None:
     if path.suffix == ".exr":
         # Otherwise OpenImageIO writes the current date.
         spec["DateTime"] = ""
+        spec["compression"] = _ZIP_FLOAT if spec.format == oiio.FLOAT else _ZIP_HALF
+    elif spec.format == oiio.UINT8:
+        spec["png:filter"], spec["compression"] = _PAETH, "rle"
     with whole(path) as partial:
         file = oiio.ImageOutput.create(str(partial))
         if file is None:

@@ -41,7 +41,7 @@ def write_layers(path: Path | str, layers: Mapping[str, np.ndarray]) -> None:
         if image.dtype.kind in "iu" and np.abs(image).max(initial=0) >= 1 << 24:
             raise ValueError(f"{path}: {name} must be below 2^24, got {np.abs(image).max()}.")
     planes = [image.reshape(*image.shape[:2], -1) for image in layers.values()]
-    _write(path, np.concatenate(planes, axis=2).astype(np.float32), names)
+    _write(path, np.concatenate(planes, axis=2, dtype=np.float32), names)
 
 
 def read_layers(path: Path | str) -> dict[str, np.ndarray]:

@@ -5,7 +5,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +14,6 @@ import numpy as np
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
 from gaussray.camera.focus_pull import FocusPull
-from gaussray.camera.lens import AbstractLens
 from gaussray.camera.trajectory import pose_at
 from gaussray.geometry import BLENDER_AXES, rotation_matrix
 from gaussray.io.atomic import whole
@@ -52,8 +51,24 @@ class FrameRecord:
     labels: Mapping[str, str] | None = None
 
 
+class ManifestEntry(NamedTuple):
+    """What a manifest says about a picture.
+
+    Args:
+        keys: All keys, also those that other pictures share.
+        tables: The arrays that the keys name, by file name.
+    """
+
+    keys: dict[str, Any]
+    tables: Mapping[str, np.ndarray]
+
+
 def write_manifest(
-    path: Path | str, views: Sequence[FrameRecord], *, extra: Mapping[str, Any] | None = None
+    path: Path | str,
+    views: Sequence[FrameRecord],
+    *,
+    extra: Mapping[str, Any] | None = None,
+    entries: Mapping[str, ManifestEntry] | None = None,
 ) -> None:
     """Write a manifest, from which the capture readers read the same cameras, bit for bit.
 
@@ -65,6 +80,7 @@ def write_manifest(
         views: the pictures.
         extra: further top-level keys, such as `ply_file_path`, `time_unit`, or `info`, in which
             readers accept anything.
+        entries: entries of pictures that have been made already (`manifest_entry`), by file.
 
     Raises:
         ValueError: there are no frames, a number is not finite, or `extra` has a key of frames.
@@ -72,8 +88,9 @@ def write_manifest(
     path = Path(path)
     if not views:
         raise ValueError(f"{path}: a manifest must list at least one frame, got none.")
-    cameras = jax.device_get([view.camera for view in views])
-    frames = [_frame(*pair) for pair in zip(views, cameras, strict=True)]
+    made = entries or {}
+    listed = [made.get(view.file_path) or manifest_entry(view) for view in views]
+    frames = [entry.keys for entry in listed]
     first = frames[0]
     shared = {
         key: value
@@ -86,35 +103,39 @@ def write_manifest(
     top = {**shared, **(extra or {})}
     try:
         lines = [f" {json.dumps(k)}: {json.dumps(v, allow_nan=False)}," for k, v in top.items()]
-        entries = [
+        texts = [
             json.dumps({k: v for k, v in frame.items() if k not in shared}, allow_nan=False)
             for frame in frames
         ]
     except ValueError as error:
         raise ValueError(f"{path}: every number written must be finite, got {error}.") from error
-    _write_tables(path.parent, [camera.lens for camera in cameras])
-    text = "\n".join(["{", *lines, ' "frames": [', "  " + ",\n  ".join(entries), " ]", "}", ""])
+    tables = {name: rays for entry in listed for name, rays in entry.tables.items()}
+    for name, rays in tables.items():
+        with whole(path.parent / name) as partial:
+            np.savez_compressed(partial, rays=rays)
+    text = "\n".join(["{", *lines, ' "frames": [', "  " + ",\n  ".join(texts), " ]", "}", ""])
     with whole(path) as partial:
         partial.write_text(text, encoding="utf-8")
 
 
-def _write_tables(folder: Path, lenses: Sequence[AbstractLens]) -> None:
-    """Write the arrays that the records of these lenses name."""
-    tables = {name: rays for lens in lenses for name, rays in lens.record().tables.items()}
-    for name, rays in tables.items():
-        with whole(folder / name) as partial:
-            np.savez_compressed(partial, rays=rays)
+def manifest_entry(view: FrameRecord) -> ManifestEntry:
+    """The entry of a picture in a manifest.
 
+    Args:
+        view: the picture.
 
-def _frame(view, camera):
+    Raises:
+        ValueError: the split is neither train nor test.
+    """
+    camera = jax.device_get(view.camera)
     if view.split not in ("train", "test"):
         raise ValueError(f"split must be one of train, test, got {view.split!r}.")
-    film = camera.film
+    film, lens = camera.film, camera.lens.record()
     frame = {
         **{"file_path": view.file_path, "camera": view.camera_name, "split": view.split},
         **{"time": json_numbers(camera.time), "transform_matrix": camera_to_world(camera)},
         **{"w": film.width, "h": film.height},
-        **camera.lens.record().keys,
+        **lens.keys,
     }
     blocks = {
         "film": _film(film),
@@ -128,7 +149,7 @@ def _frame(view, camera):
     for key in ("samples", "mask_path", "depth_file_path", "labels"):
         if getattr(view, key) is not None:
             frame[key] = getattr(view, key)
-    return frame
+    return ManifestEntry(frame, lens.tables)
 
 
 def _film(film):

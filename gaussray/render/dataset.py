@@ -1,8 +1,7 @@
 """Renders a dataset: pictures of a scene, as a paired capture in a folder."""
 
 import dataclasses
-import os
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
@@ -11,24 +10,24 @@ from typing import Any
 import numpy as np
 
 from gaussray.camera.camera import with_chromatic
-from gaussray.camera.sensor.sensor import SensorOptions, check_sensor
-from gaussray.dataset.manifest import FrameRecord
+from gaussray.camera.sensor.sensor import check_sensor
+from gaussray.dataset.manifest import FrameRecord, ManifestEntry
 from gaussray.io.atomic import sweep
 from gaussray.render.aov.files import labels_exist, with_label_files, write_labels
 from gaussray.render.aov.labeller import Labeller
 from gaussray.render.dataset_files import (
     Videos,
     claim_folder,
+    picture_entry,
     require_files,
-    video_name,
     write_manifests,
     write_sample_count,
 )
-from gaussray.render.develop import sensor_of, write_picture
-from gaussray.render.frame import Frame
+from gaussray.render.develop import develop_picture, sensor_of, write_picture
+from gaussray.render.frame import DevelopedFrame
 from gaussray.render.options import NO_SENSOR, DatasetOptions, RenderOptions
 from gaussray.render.renderer import Renderer
-from gaussray.runtime.devices import agreed, leads, share, wait
+from gaussray.runtime.devices import agreed, cores, leads, share, together, wait
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import Progress
 from gaussray.scene.scene import Scene
@@ -83,29 +82,32 @@ def render_dataset(
     exists = agreed(np.array([(out / record.file_path).exists() for record in records]))
     missing = [record for record, there in zip(records, exists, strict=True) if not there]
     assigned = share(missing)
-    frames = renderer.film(
-        with_chromatic(record.camera, sensor_of(record, options.sensor).chromatic)
-        for record in assigned
+    frames = renderer.film_developed(
+        (
+            with_chromatic(record.camera, sensor_of(record, options.sensor).chromatic)
+            for record in assigned
+        ),
+        lambda i, values: develop_picture(
+            assigned[i], values, sensor_of(assigned[i], options.sensor)
+        ),
     )
-    remaining = Counter(map(video_name, missing))
     progress = Progress("render", len(assigned), quiet=quiet or not leads())
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        videos = Videos(out, records, options.fps, pool)
-        for done, record in enumerate(
-            _write_pictures(out, assigned, frames, options.sensor, pool), 1
-        ):
+    # Where other hosts render a part, videos wait for all pictures.
+    rendered = () if together() else assigned
+    entries: dict[str, ManifestEntry] = {}
+    with ThreadPoolExecutor(cores()) as pool, Videos(out, records, options.fps, rendered) as videos:
+        for done, (record, stored) in enumerate(_write_pictures(out, assigned, frames, pool), 1):
             progress.report(done, record.effect)
             finished(record)
-            remaining[video_name(record)] -= 1
-            # A video that other hosts render a part of waits for them.
-            if leads() and not remaining[video_name(record)]:
-                videos.begin(video_name(record))
+            videos.add(record, stored)
+            # Now, while the devices render, and not one after another at the end.
+            entries[record.file_path] = picture_entry(out, record)
         if options.labels:
             _write_labels(out, renderer, records, options, quiet=quiet)
         wait("pictures")
         if leads():
             require_files(out, records)
-            write_manifests(out, records, options)
+            write_manifests(out, records, options, entries)
             videos.finish()
     wait("videos")
     return out
@@ -149,30 +151,31 @@ def _settings(renderer: Renderer, options: DatasetOptions) -> tuple[Any, ...]:
 def _write_pictures(
     out: Path,
     records: Sequence[FrameRecord],
-    frames: Iterator[Frame],
-    sensor: SensorOptions,
+    frames: Iterator[DevelopedFrame],
     pool: ThreadPoolExecutor,
-) -> Iterator[FrameRecord]:
-    """Yield the records as their pictures are written, in order. The cores compress pictures while
-    the devices render the next ones; pictures that wait are bounded in number and in bytes."""
-    cores, waiting = os.cpu_count() or 1, deque[tuple[FrameRecord, Future[None]]]()
+) -> Iterator[tuple[FrameRecord, np.ndarray]]:
+    """Yield the records and what their pictures store as these are written, in order. The cores
+    compress pictures while the devices render the next ones; pictures that wait are bounded in
+    number and in bytes."""
+    waiting = deque[tuple[FrameRecord, np.ndarray, Future[None]]]()
     for record, frame in zip(records, frames, strict=True):
-        path = out / record.file_path
+        path, stored = out / record.file_path, frame.values.values
         if frame.error is not None:
             write_sample_count(path, frame.samples, frame.error)
-        writing = pool.submit(write_picture, path, record, frame.color, sensor_of(record, sensor))
-        waiting.append((record, writing))
-        while len(waiting) > min(2 * cores, BACKLOG // frame.color.nbytes):
+        waiting.append((record, stored, pool.submit(write_picture, path, frame.values)))
+        while len(waiting) > min(2 * cores(), BACKLOG // stored.nbytes):
             yield _next_written(waiting)
     while waiting:
         yield _next_written(waiting)
 
 
-def _next_written(waiting: deque[tuple[FrameRecord, Future[None]]]) -> FrameRecord:
-    """The record of the oldest picture, when it is written."""
-    record, writing = waiting.popleft()
+def _next_written(
+    waiting: deque[tuple[FrameRecord, np.ndarray, Future[None]]],
+) -> tuple[FrameRecord, np.ndarray]:
+    """The oldest picture, when it is written."""
+    record, stored, writing = waiting.popleft()
     writing.result()
-    return record
+    return record, stored
 
 
 def _write_labels(

@@ -3,9 +3,11 @@
 import dataclasses
 import json
 import time as clock
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
+from queue import SimpleQueue
+from threading import Lock
 from typing import Any
 
 import jax
@@ -14,7 +16,12 @@ from jaxtyping import Float
 
 from gaussray.camera.sensor.sensor import sensor_record
 from gaussray.capture.picture_file import read_stored
-from gaussray.dataset.manifest import FrameRecord, write_manifest
+from gaussray.dataset.manifest import (
+    FrameRecord,
+    ManifestEntry,
+    manifest_entry,
+    write_manifest,
+)
 from gaussray.dataset.video import write_video
 from gaussray.io.atomic import demand, whole
 from gaussray.io.safe.files import read_json
@@ -23,7 +30,7 @@ from gaussray.render.aov.labeller import PICTURE_LABELS
 from gaussray.render.develop import sensor_of
 from gaussray.render.frame import SHARE
 from gaussray.render.options import NO_SENSOR, DatasetOptions
-from gaussray.runtime.devices import leads, together
+from gaussray.runtime.devices import cores, leads, together
 from gaussray.runtime.provenance import array_digest
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
@@ -31,6 +38,8 @@ from gaussray.scene.segmented import Clip
 
 # Seconds within which a shared folder shows the files that another host has written.
 _NETWORK_DELAY = 90.0
+# Bytes of frames that may wait to be encoded in videos.
+MOST_KEPT = 1024**3
 # The file that records the inputs of a dataset.
 INPUTS_FILE = "render.sha256"
 
@@ -93,15 +102,31 @@ def require_files(out: Path, records: Sequence[FrameRecord]) -> None:
         clock.sleep(0.5)
 
 
-def write_manifests(out: Path, records: Sequence[FrameRecord], options: DatasetOptions) -> None:
+def picture_entry(out: Path, record: FrameRecord) -> ManifestEntry:
+    """The entry in a manifest of a picture that is written.
+
+    Args:
+        out: Folder of the dataset.
+        record: The frame.
+    """
+    return manifest_entry(_with_samples(out, record))
+
+
+def write_manifests(
+    out: Path,
+    records: Sequence[FrameRecord],
+    options: DatasetOptions,
+    entries: Mapping[str, ManifestEntry],
+) -> None:
     """Write one manifest per effect, with sensor, labels and `info`.
 
     Args:
         out: Folder of the dataset.
         records: The frames.
         options: Sensor, labels and info.
+        entries: Entries of pictures that have been made already, by file.
     """
-    records = [_with_samples(out, record) for record in records]
+    entries = {r.file_path: entries.get(r.file_path) or picture_entry(out, r) for r in records}
     for effect in dict.fromkeys(record.effect for record in records):
         name = "transforms" if effect == "pinhole" else effect
         frames = [r for r in records if r.effect == effect]
@@ -115,7 +140,7 @@ def write_manifests(out: Path, records: Sequence[FrameRecord], options: DatasetO
             extra["color_space"] = "linear"
         if facts:
             extra["info"] = facts
-        write_manifest(out / f"{name}.json", frames, extra=extra)
+        write_manifest(out / f"{name}.json", frames, extra=extra, entries=entries)
 
 
 def write_sample_count(picture: Path, samples: int, error: Float[np.ndarray, "h w"]) -> None:
@@ -148,32 +173,92 @@ def video_name(record: FrameRecord) -> str:
 
 
 class Videos:
-    """Encodes a video for every effect and camera from the pictures in the folder."""
+    """Encodes a video for every effect and camera, in a thread for each, while frames are rendered.
+
+    Frames are taken from memory as they are rendered. Those that were there before, or for which
+    memory has no room, are read from the pictures in the folder.
+
+    Args:
+        out: Folder of the dataset.
+        records: All frames.
+        fps: Frames per second.
+        rendered: The frames that `add` will bring, in the order of `records`.
+    """
 
     def __init__(
-        self, out: Path, records: Sequence[FrameRecord], fps: float, pool: ThreadPoolExecutor
+        self,
+        out: Path,
+        records: Sequence[FrameRecord],
+        fps: float,
+        rendered: Sequence[FrameRecord],
     ):
-        self._out, self._fps, self._pool = out, fps, pool
+        self._out, self._fps = out, fps
+        self._rendered = {record.file_path for record in rendered}
         self._frames: dict[str, list[FrameRecord]] = {}
         for record in records:
             self._frames.setdefault(video_name(record), []).append(record)
+        self._arrived = {name: SimpleQueue[np.ndarray | None]() for name in self._frames}
+        self._kept, self._counting = 0, Lock()
         self._encoding: dict[str, Future[None]] = {}
+        self._pool = ThreadPoolExecutor(cores(), thread_name_prefix="video")
+        self._stopped = False
 
-    def begin(self, name: str) -> None:
-        """Encode a video whose pictures are all there, while other pictures are rendered."""
-        if name not in self._encoding:
-            self._encoding[name] = self._pool.submit(self._write, name)
+    def __enter__(self) -> "Videos":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """After an error, unfinished videos are given up."""
+        self._stopped = kind is not None
+        for arrived in self._arrived.values():
+            arrived.put(None)
+        self._pool.shutdown(cancel_futures=self._stopped)
+
+    def add(self, record: FrameRecord, stored: np.ndarray) -> None:
+        """Take the next frame, whose picture is written.
+
+        Args:
+            record: The frame.
+            stored: The values of its picture.
+        """
+        name = video_name(record)
+        if record.file_path in self._rendered and len(self._frames[name]) > 1:
+            kept = self._keep(stored.nbytes)
+            self._arrived[name].put(stored if kept else None)
+            self._begin(name)
 
     def finish(self) -> None:
         """Encode the remaining videos, and wait for all."""
-        for name in self._frames:
-            self.begin(name)
+        for name, records in self._frames.items():
+            if len(records) > 1:
+                self._begin(name)
         for video in self._encoding.values():
             video.result()
 
-    def _write(self, name: str) -> None:
-        records, film = self._frames[name], self._frames[name][0].camera.film
-        if len(records) > 1:
-            size = film.width, film.height
-            pictures = (read_stored(self._out / r.file_path, *size) for r in records)
-            write_video(self._out / f"{name}.mp4", pictures, self._fps)
+    def _begin(self, name: str) -> None:
+        if name not in self._encoding:
+            path = self._out / f"{name}.mp4"
+            self._encoding[name] = self._pool.submit(
+                write_video, path, self._pictures(name), self._fps
+            )
+
+    def _pictures(self, name: str) -> Iterator[np.ndarray]:
+        """The frames of a video, each as soon as it is there."""
+        for record in self._frames[name]:
+            film, stored = record.camera.film, None
+            if record.file_path in self._rendered:
+                stored = self._arrived[name].get()
+            if self._stopped:
+                raise InterruptedError("the frames of the video will not be rendered")
+            if stored is None:
+                stored = read_stored(self._out / record.file_path, film.width, film.height)
+            else:
+                self._keep(-stored.nbytes)
+            yield stored
+
+    def _keep(self, size: int) -> bool:
+        """Whether memory has room for so many bytes of frames, which then count as kept."""
+        with self._counting:
+            if self._kept + size > MOST_KEPT:
+                return False
+            self._kept += size
+            return True

@@ -1,12 +1,15 @@
 """Develops linear light by the sensor into the values of a picture file."""
 
 import dataclasses
+from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, UInt8
+from jaxtyping import Array, Float, Int, Shaped, UInt8
 
 from gaussray.camera.sensor.noise import picture_key
 from gaussray.camera.sensor.sensor import (
@@ -16,7 +19,8 @@ from gaussray.camera.sensor.sensor import (
     sensor_numbers,
     sensor_steps,
 )
-from gaussray.dataset.images import srgb_levels, write_image
+from gaussray.dataset.images import check_half, write_image
+from gaussray.dataset.levels import device_levels, encoded_table, require_finite, srgb_table
 from gaussray.dataset.manifest import FrameRecord
 from gaussray.render.aov.files import SHARP
 from gaussray.render.options import NO_SENSOR
@@ -45,24 +49,59 @@ def without_unused_seed(sensor: SensorOptions) -> SensorOptions:
     return NO_SENSOR if same else sensor
 
 
-def write_picture(
-    path: Path, record: FrameRecord, light: Float[np.ndarray, "h w 3"], sensor: SensorOptions
-) -> None:
-    """Develop a picture by the sensor and write it.
+class DevelopedPicture(NamedTuple):
+    """The values that a picture file stores, and whether its format can hold them.
+
+    Args:
+        values: 8-bit levels of a PNG; linear light of an EXR, in half or single precision.
+        unfit: How many values of the light are not finite.
+        largest: The largest finite magnitude of the light.
+    """
+
+    values: Shaped[Array | np.ndarray, "h w 3"]
+    unfit: Int[Array | np.ndarray, ""]
+    largest: Float[Array | np.ndarray, ""]
+
+
+def develop_picture(
+    record: FrameRecord, values: Float[Array, "..."], sensor: SensorOptions
+) -> DevelopedPicture:
+    """Develop a picture by the sensor for its file, on the device of its values.
+
+    Args:
+        record: The frame.
+        values: Pixels in rows, of any shape; linear light first, other values are ignored.
+        sensor: The sensor.
+    """
+    film = record.camera.film
+    size = film.height, film.width
+    if Path(record.file_path).suffix != ".exr":
+        return _develop_levels(record, values, sensor, size)
+    if sensor == NO_SENSOR:
+        return _store(values, size, "half")
+    light = sensor_values(record, _light(values, size), sensor)
+    return _store(light, size, "float" if sensor.bits > HALF_BITS else "half")
+
+
+def write_picture(path: Path, picture: DevelopedPicture) -> None:
+    """Write a developed picture.
 
     Args:
         path: The file, `.png` or `.exr`.
-        record: The frame.
-        light: Linear light.
-        sensor: The sensor.
+        picture: The picture, on the host.
+
+    Raises:
+        ValueError: The format cannot hold the light.
+        OSError: The file cannot be written.
     """
     if path.suffix != ".exr":
-        write_image(path, picture_levels(record, light, sensor))
-    elif sensor == NO_SENSOR:
-        write_image(path, light)
+        require_finite(int(picture.unfit))
+        write_image(path, picture.values)
+    elif picture.values.dtype == np.float16:
+        check_half(path, float(picture.largest))
+        write_image(path, picture.values)
     else:
-        depth = "float" if sensor.bits > HALF_BITS else "half"
-        write_image(path, _sensor_values(record, light, sensor), depth=depth)
+        write_image(path, picture.values, depth="float")
 
 
 def picture_levels(
@@ -72,21 +111,55 @@ def picture_levels(
 
     Args:
         record: The frame.
-        light: Linear light.
+        light: Linear light, which may be of another size than the frame.
         sensor: The sensor.
+
+    Raises:
+        ValueError: A value is not finite.
     """
+    size = light.shape[0], light.shape[1]
+    picture = jax.device_get(_develop_levels(record, jnp.asarray(light), sensor, size))
+    require_finite(int(picture.unfit))
+    return picture.values
+
+
+def _develop_levels(
+    record: FrameRecord,
+    values: Float[Array, "..."],
+    sensor: SensorOptions,
+    size: tuple[int, int],
+) -> DevelopedPicture:
     if sensor == NO_SENSOR:
-        return srgb_levels(light)
-    light = _sensor_values(record, light, sensor)
+        return _store(values, size, "srgb")
+    light = sensor_values(record, _light(values, size), sensor)
     if sensor.tone == "srgb":
-        return srgb_levels(light)
-    return srgb_levels(light, lambda x: encode(jnp.asarray(x), options=sensor))
+        return _store(light, size, "srgb")
+    curve = SensorOptions(tone=sensor.tone, table=sensor.table)
+    return _store(_encode(light, options=curve), size, "encoded")
 
 
-def _sensor_values(
-    record: FrameRecord, light: Float[np.ndarray, "h w 3"], sensor: SensorOptions
-) -> Float[np.ndarray, "h w 3"]:
-    return np.asarray(sensor_values(record, jnp.asarray(light), sensor))
+@partial(jax.jit, static_argnames=("size", "form"))
+def _store(values: Float[Array, "..."], size: tuple[int, int], form: str) -> DevelopedPicture:
+    """The picture of a size (height, width) in a form: 8-bit levels of light to be encoded (`srgb`)
+    or of values that are encoded already (`encoded`), halves or floats."""
+    light = _light(values, size)
+    finite = jnp.isfinite(light)
+    stored = {
+        "srgb": lambda: device_levels(light, srgb_table()),
+        "encoded": lambda: device_levels(light, encoded_table()),
+        "half": lambda: light.astype(jnp.float16),
+        "float": lambda: light.astype(jnp.float32),
+    }[form]()
+    unfit = jnp.sum(~finite, dtype=jnp.int32)
+    return DevelopedPicture(stored, unfit, jnp.max(jnp.where(finite, jnp.abs(light), 0)))
+
+
+@partial(jax.jit, static_argnames="size")
+def _light(values: Float[Array, "..."], size: tuple[int, int]) -> Float[Array, "h w 3"]:
+    return values.reshape(*size, -1)[..., :3]
+
+
+_encode = eqx.filter_jit(encode)
 
 
 def sensor_values(

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from itertools import count as numbers
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -36,6 +37,20 @@ class Frame(eqx.Module):
     seconds: float
     hits: int
     compiled: bool
+    samples: int
+    error: Float[np.ndarray, "h w"] | None = None
+
+
+class DevelopedFrame(NamedTuple):
+    """A frame that was developed on its device.
+
+    Args:
+        values: What its development returned, on the host.
+        samples: Rays per pixel.
+        error: As in `Frame`.
+    """
+
+    values: Any
     samples: int
     error: Float[np.ndarray, "h w"] | None = None
 

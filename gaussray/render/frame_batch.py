@@ -1,7 +1,8 @@
 """Frames that are rendered together, and their pictures as they come from the devices."""
 
 import time as clock
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -76,6 +77,11 @@ class FrameBatch:
         size = len(self.views) * self.film.width * self.film.height * 5 * 4
         return min(max(_BYTES // size, 1), MOST_IN_FLIGHT)
 
+    @property
+    def incomplete(self) -> bool:
+        """Whether lists were too short, so that a part must be rendered again."""
+        return any(np.asarray(part.report.dropped).any() for part in self.parts)
+
 
 def fetch_pictures(values: Array, place: PlacedPart, count: int) -> list[np.ndarray]:
     """Fetch the frames of a batch, one from each device, without a further copy.
@@ -89,5 +95,28 @@ def fetch_pictures(values: Array, place: PlacedPart, count: int) -> list[np.ndar
         return [np.asarray(values)]
     if place.slots is not None:
         return [np.asarray(values).reshape(-1, values.shape[-1])[place.slots]]
+    return [np.asarray(picture) for picture in _of_each_device(values, count)]
+
+
+def develop_frames(batch: FrameBatch, develop: Sequence[Callable[[Array], Any]]) -> list[Any]:
+    """Begin to develop the frames of a batch on their devices, right behind their programs.
+
+    Args:
+        batch: The batch, under way.
+        develop: What turns the values of each frame into arrays.
+
+    Returns:
+        The arrays of each frame, under way; nothing if a device has only parts of a frame.
+    """
+    part, *further = batch.parts
+    values, one_device = part.values, len(part.values.devices()) == 1
+    if further or part.place.slots is not None or (values.ndim == 2 and not one_device):
+        return []
+    frames = [values] if one_device else _of_each_device(values, len(batch.views))
+    return [function(frame) for function, frame in zip(develop, frames, strict=True)]
+
+
+def _of_each_device(values: Array, count: int) -> list[Array]:
+    """The frames of a batch with a leading axis of devices."""
     shards = sorted(values.addressable_shards, key=lambda shard: shard.index[0].start)
-    return [np.asarray(shard.data) for shard in shards[:count]]
+    return [shard.data for shard in shards[:count]]

@@ -4,10 +4,11 @@ import itertools
 import threading
 import time as clock
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -21,6 +22,7 @@ from gaussray.io.plain_values import to_device
 from gaussray.io.validate import check_kind
 from gaussray.render.compiled import ProgramSettings, prepare_trace, render_frames, render_part
 from gaussray.render.frame import (
+    DevelopedFrame,
     Frame as Frame,
     channels,
     join_rows,
@@ -32,6 +34,7 @@ from gaussray.render.frame_batch import (
     FrameBatch,
     PlacedPart,
     TracedPart,
+    develop_frames,
     fetch_pictures,
 )
 from gaussray.render.options import RenderOptions as RenderOptions
@@ -57,6 +60,9 @@ from gaussray.scene.spare_rows import with_spare_rows
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
+
+
+_T = TypeVar("_T")
 
 
 class Renderer:
@@ -135,21 +141,46 @@ class Renderer:
             yield from map(self, cameras)
             return
         parts: list[Frame] = []
-        for view, part in self._segment_frames(cameras):
+        for view, part in self._film(cameras, lambda batch: partial(self._finish, batch)):
             parts.append(part)
             if view.last:
                 yield merge_segments(parts)
                 parts = []
 
-    def _segment_frames(self, cameras: Iterable[Camera]) -> Iterator[tuple[FrameView, Frame]]:
-        """What every segment shows of every frame."""
-        waiting: deque[tuple[list[FrameView], Future[list[Frame]]]] = deque()
+    def film_developed(
+        self, cameras: Iterable[Camera], develop: Callable[[int, Array], Any]
+    ) -> Iterator[DevelopedFrame]:
+        """Render many frames as `film` does, and fetch of each only what its development returns.
+
+        Args:
+            cameras: The cameras.
+            develop: From a frame's number and values on a device (rows of pixels, colour first).
+        """
+        if self.options.error or len(self.scenes) > 1:
+            for number, frame in enumerate(self.film(cameras)):
+                values = jax.device_get(develop(number, jnp.asarray(frame.color)))
+                yield DevelopedFrame(values, frame.samples, frame.error)
+            return
+        numbers = itertools.count()
+
+        def begin(batch: FrameBatch) -> Callable[[], list[DevelopedFrame]]:
+            own = [partial(develop, next(numbers)) for _ in batch.views]
+            # A device would do it later only behind the frames that are begun in between.
+            return partial(self._finish_developed, batch, own, develop_frames(batch, own))
+
+        yield from (frame for _, frame in self._film(cameras, begin))
+
+    def _film(
+        self, cameras: Iterable[Camera], finish: Callable[[FrameBatch], Callable[[], list[_T]]]
+    ) -> Iterator[tuple[FrameView, _T]]:
+        """What every segment shows of every frame; a thread runs what `finish` returns."""
+        waiting: deque[tuple[list[FrameView], Future[list[_T]]]] = deque()
         with ThreadPoolExecutor(MOST_IN_FLIGHT) as pool:
             for views, lone in mark_single_batch(
                 self._views.batches(self._views.views(cameras), self.mesh.size)
             ):
                 batch = self._begin(views, alone=self.mesh.size == 1 or lone)
-                waiting.append((views, pool.submit(self._finish, batch)))
+                waiting.append((views, pool.submit(finish(batch))))
                 # After a compilation lists may turn out too short: better for one frame than eight.
                 while waiting and (len(waiting) > batch.in_flight or batch.compiled):
                     begun, frames = waiting.popleft()
@@ -230,6 +261,15 @@ class Renderer:
                 for i in range(count)
             )
         ]
+
+    def _finish_developed(
+        self, batch: FrameBatch, develop: list[Callable[[Array], Any]], values: list[Any]
+    ) -> list[DevelopedFrame]:
+        """The developed frames of a batch; `values` of incomplete ones are made anew."""
+        if not values or batch.incomplete:
+            frames = zip(develop, self._finish(batch), strict=True)
+            values = [f(jnp.asarray(frame.color)) for f, frame in frames]
+        return [DevelopedFrame(x, self.options.samples) for x in jax.device_get(values)]
 
     def _part(self, top: int, batch: FrameBatch) -> PlacedPart:
         """The part of a batch whose first row is `top`, on the devices."""

@@ -2,6 +2,8 @@
 
 import dataclasses
 import json
+import threading
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -19,10 +21,11 @@ from gaussray.camera.shutter import interlaced_row_times
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.picture_file import read_stored
 from gaussray.color import srgb_decode
+from gaussray.dataset.images import write_image
 from gaussray.dataset.layers import read_layers
 from gaussray.evaluate import pipeline as evaluation
 from gaussray.evaluate.pipeline import EvaluateOptions, evaluate
-from gaussray.render import dataset, develop
+from gaussray.render import dataset, dataset_files, develop
 from gaussray.render.dataset import render_dataset
 from gaussray.render.options import DatasetOptions, RenderOptions
 from gaussray.render.parts import PIXEL, RAY, SAMPLE
@@ -33,7 +36,7 @@ ONE = RenderOptions(samples=1)
 # Half a code of each picture; sRGB values are up to 2.3 times as far apart in light.
 CODES = (0.5 + 0.5 * 2.3) / 255
 # Room for one picture that waits to be written.
-SCARCE = toy.SIZE**2 * 3 * 4
+SCARCE = toy.SIZE**2 * 3
 
 shoot = jax.jit(camera_rays)
 
@@ -166,6 +169,87 @@ def test_what_cannot_be_written_stops_the_run_and_what_was_written_stays(tmp_pat
     monkeypatch.setattr(develop, "write_image", write)
     render_dataset(renderer(toy.scene()), records, tmp_path, quiet=True)
     assert len(read_capture(tmp_path).views) == 4
+
+
+@pytest.mark.parametrize("suffix", ["png", "exr"])
+def test_pictures_are_those_of_light_that_is_written_from_the_host(tmp_path, suffix):
+    records = [
+        dataclasses.replace(one, file_path=str(Path(one.file_path).with_suffix(f".{suffix}")))
+        for one in toy.records()[:3]
+    ]
+    render_dataset(renderer(toy.scene()), records, tmp_path / "data", quiet=True)
+    frames = renderer(toy.scene()).film(record.camera for record in records)
+    for record, frame in zip(records, frames, strict=True):
+        path = tmp_path / "host" / record.file_path
+        write_image(path, frame.color)
+        assert (tmp_path / "data" / record.file_path).read_bytes() == path.read_bytes()
+
+
+def videos_of(folder):
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.mp4"))}
+
+
+def test_videos_are_the_same_from_memory_and_from_files(tmp_path, monkeypatch):
+    # Frames of one camera after another's, and of all cameras at a time.
+    records = toy.records()
+    mixed = sorted(records, key=lambda record: float(record.camera.time))
+    render_dataset(renderer(toy.scene()), records, tmp_path / "memory", quiet=True)
+    expected = videos_of(tmp_path / "memory")
+    assert len(expected) == len(toy.CAMERAS)
+    with monkeypatch.context() as patch:
+        patch.setattr(dataset_files, "read_stored", lambda *_: pytest.fail("it is in memory"))
+        render_dataset(renderer(toy.scene()), mixed, tmp_path / "mixed", quiet=True)
+    assert videos_of(tmp_path / "mixed") == expected
+    monkeypatch.setattr(dataset_files, "MOST_KEPT", 0)
+    render_dataset(renderer(toy.scene()), records, tmp_path / "files", quiet=True)
+    assert videos_of(tmp_path / "files") == expected
+    # After an interruption, frames that were there come from their files.
+    for path in (tmp_path / "memory").glob("*.mp4"):
+        path.unlink()
+    (tmp_path / "memory" / records[1].file_path).unlink()
+    monkeypatch.undo()
+    render_dataset(renderer(toy.scene()), records, tmp_path / "memory", quiet=True)
+    assert videos_of(tmp_path / "memory") == expected
+
+
+@pytest.mark.parametrize("number", [0, 5])
+def test_a_picture_that_cannot_be_written_ends_all_threads_and_leaves_no_part(
+    tmp_path, monkeypatch, number
+):
+    records = toy.records()
+
+    def refuse(path, picture):
+        if path == tmp_path / records[number].file_path:
+            raise OSError(f"{path}: no space left")
+        develop.write_picture(path, picture)
+
+    monkeypatch.setattr(dataset, "write_picture", refuse)
+    with pytest.raises(OSError, match="no space left"):
+        render_dataset(renderer(toy.scene()), records, tmp_path, quiet=True)
+    assert not [path for path in tmp_path.rglob("*") if ".part" in path.name]
+    assert not (tmp_path / "transforms.json").exists()
+    assert not [one for one in threading.enumerate() if one.name.startswith("video")]
+
+
+def test_a_video_that_cannot_be_written_is_told_when_the_pictures_are_there(tmp_path, monkeypatch):
+    def refuse(path, frames, fps):
+        next(iter(frames))
+        raise OSError(f"{path}: the video cannot be written")
+
+    monkeypatch.setattr(dataset_files, "write_video", refuse)
+    records = toy.records()
+    with pytest.raises(OSError, match="mp4: the video cannot be written"):
+        render_dataset(renderer(toy.scene()), records, tmp_path, quiet=True)
+    assert all((tmp_path / record.file_path).exists() for record in records)
+
+
+def test_light_that_is_not_finite_stops_the_run(tmp_path, monkeypatch):
+    def broken(record, values, sensor):
+        return develop.develop_picture(record, values.reshape(-1, 5).at[7].set(jnp.nan), sensor)
+
+    monkeypatch.setattr(dataset, "develop_picture", broken)
+    with pytest.raises(ValueError, match="a picture stored in 8 bits must be finite, got 3 "):
+        render_dataset(renderer(toy.scene()), toy.records()[:2], tmp_path, quiet=True)
 
 
 def filmed(folder, records, sensor, info=None):

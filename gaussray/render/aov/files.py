@@ -1,7 +1,6 @@
 """Label files of a dataset, and ground-truth pictures of other cameras (`PICTURE_LABELS`)."""
 
 import dataclasses
-import os
 from collections import deque
 from collections.abc import Callable, Collection, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -24,6 +23,7 @@ from gaussray.render.aov.labeller import (
     Labeller,
     check_labels,
 )
+from gaussray.runtime.devices import cores
 
 
 # The label of the pictures without effects, of which no sensor changes the light.
@@ -117,15 +117,14 @@ def write_labels(
     """
     near = neighbour_cameras([r for r in records if r.effect not in PICTURE_LABELS], interval)
     waiting: deque[tuple[FrameRecord, Future[None]]] = deque()
-    cores = os.cpu_count() or 1
-    with ThreadPoolExecutor(cores) as pool:
+    with ThreadPoolExecutor(cores()) as pool:
         for record in records:
             if record.file_path not in assigned:
                 continue
             before, after = near[record.file_path]
             values = labeller(record.camera, labels, before=before, after=after)
             waiting.append((record, pool.submit(_write, out, record, values)))
-            while len(waiting) > cores:
+            while len(waiting) > cores():
                 yield _next_written(waiting)
         while waiting:
             yield _next_written(waiting)
