@@ -1,9 +1,12 @@
-"""One training step on the sample capture: time by part of the course.
+"""One training step: time by part of the course, and by number of devices.
 
 python -m benchmarks.bench_reconstruct [--steps 50] [--stages coarse fine]
+python -m benchmarks.bench_reconstruct --capture DIR --auto --stages coarse --devices 1 2
 
 A step is rays of one instant, the scene at its time, trace, loss, gradients and Adam; ten of them
-run as one program and are waited for.
+run as one program and are waited for. Without --capture it is the sample's, without --auto the
+options are those of fit=quick. Several devices share the rays of a step; `against_first` divides
+the time by that of the first number of devices.
 """
 
 import tempfile
@@ -29,41 +32,62 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--steps", type=int, default=50)
     parser.add_argument("--stages", nargs="+", default=["coarse", "fine"])
     parser.add_argument("--capture", help="another capture than the sample")
+    parser.add_argument("--auto", action="store_true", help="options as fit=auto chooses them")
+    parser.add_argument("--devices", type=int, nargs="+", help="default: all")
     chosen = parser.parse_args(argv)
     # They read pictures: not needed to know what the script is for.
-    from gaussray.capture.formats.paired import read_capture
+    from gaussray.capture.open import open_capture
+    from gaussray.reconstruct.effort import effort, this_machine
+    from gaussray.reconstruct.options import FitOptions, ReconstructOptions
+
+    capture = open_capture(chosen.capture or SAMPLE)
+    if chosen.auto:
+        found = effort(capture, ReconstructOptions(), this_machine())
+        capture, options = found.capture, found.options
+    else:
+        options = ReconstructOptions(fit=FitOptions(auto=False))
+    trace = replace(options.trace, backend=backend(chosen.backend))
+    rows: list[dict] = []
+    for devices in chosen.devices or [None]:
+        own = _rows(capture, replace(options, trace=trace), devices, chosen)
+        for row, first in zip(own, rows[: len(own)] or own, strict=True):
+            row["against_first"] = row["run_s_median"] / first["run_s_median"]
+        rows += own
+    show(rows, "effect", "gaussians", "rays", "backend", "devices", "compile_s", "run_s_median",
+         "against_first", "loss", "dropped")  # fmt: skip
+
+
+def _rows(capture, options, devices: int | None, chosen) -> list[dict]:
+    """The stages of a capture on so many devices (None: all), a line each."""
     from gaussray.reconstruct.log import RunLog
     from gaussray.reconstruct.motion import with_motion
-    from gaussray.reconstruct.options import FitOptions, ReconstructOptions
     from gaussray.reconstruct.run_progress import RunProgress
     from gaussray.reconstruct.session import Session
     from gaussray.reconstruct.start import initial_state
 
-    capture = read_capture(chosen.capture or SAMPLE)
-    trace = replace(ReconstructOptions().trace, backend=backend(chosen.backend))
-    options = ReconstructOptions(fit=FitOptions(auto=False), trace=trace)
     rows = []
     with tempfile.TemporaryDirectory() as out:
         log = RunLog(Path(out), resume=False, interval=60.0)
-        session = Session(capture, log, options, True)
+        session = Session(capture, log, options, True, devices)
         state, progress = initial_state(session, RunProgress())
         for stage in chosen.stages:
             if stage == "fine":
                 state, progress = with_motion(session, state, progress)
             state, seconds, terms, dropped = _stepped(session, state, stage, chosen.steps)
-            parameters = state.parameters
-            count = sum(x.logit_opacity.shape[0] for x in (parameters.static, parameters.moving))
+            count = sum(len(kind.mean) for kind in state.parameters.kinds.values())
+            side = max(options.fit.tile_side, options.trace.bundle)
             rows.append(
                 record(
                     "reconstruct_step",
                     effect=stage,
                     scene=chosen.capture or "quickstart",
                     gaussians=count,
-                    rays=options.fit.tiles * trace.bundle**2,
+                    rays=options.fit.tiles * side**2,
                     samples=1,
-                    k=trace.k,
-                    backend=trace.backend,
+                    k=options.trace.k,
+                    backend=options.trace.backend,
                     direction="forward_backward",
+                    devices=session.mesh.size,
                     compile_s=round(BLOCK * (seconds[0] - min(seconds)), 2),
                     run_s_median=float(np.median(seconds[1:])),
                     run_s_min=float(min(seconds[1:])),
@@ -71,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> None:
                     dropped=dropped,
                 )
             )
-    show(rows, "effect", "gaussians", "rays", "backend", "compile_s", "run_s_median", "dropped")
+    return rows
 
 
 def _stepped(session, state, stage: str, steps: int):

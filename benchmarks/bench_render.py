@@ -13,7 +13,8 @@ in blocks of 16 rows and row by row (the paper's way).
 
 `--scene` films a trained scene at the sample capture's held-out cameras and fetches every picture.
 
-Errors are against double precision in random pixels, each ray at its own time.
+Errors are against double precision in random pixels, each ray at its own time. Where gsplat can be
+used (`peer.py`) it renders the pinhole's Gaussians, standing still, in the same process.
 """
 
 from collections.abc import Sequence
@@ -22,7 +23,7 @@ from itertools import product
 
 import numpy as np
 
-from benchmarks import exact
+from benchmarks import exact, peer
 from benchmarks.frames import Shot, filmed, true_pixels
 from benchmarks.problem import SAMPLE, cameras, dynamic_room
 from benchmarks.record import backend, begin, record, show
@@ -67,7 +68,8 @@ def main(argv: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(argv)
     rows = in_capture(chosen) if chosen.scene else in_room(chosen)
     names = ("effect", "gaussians", "samples", "k", "backend", "compile_s", "latency_s", "fps")
-    show(rows, *names, "psnr_vs_exact", "max_error", "dropped")
+    peers = peer.COLUMNS[:-1] if peer.usable() and chosen.room else ()
+    show(rows, *names, "psnr_vs_exact", "max_error", "dropped", *peers)
 
 
 def in_room(chosen) -> list[dict]:
@@ -86,10 +88,14 @@ def in_room(chosen) -> list[dict]:
             trace = TraceOptions(k=k, backend=chosen.backend)
             shots.append(Shot(scene, views[kind], options, trace, truth[kind, samples]))
             names.append(effect)
-    return [
-        record("render", effect=effect, scene="dynamic_room", **figures)
-        for effect, (figures, _) in zip(names, filmed(shots, jobs=chosen.jobs), strict=True)
-    ]
+    rows = []
+    for effect, shot, (figures, _) in zip(
+        names, shots, filmed(shots, jobs=chosen.jobs), strict=True
+    ):
+        if effect == "pinhole":
+            figures |= peer.scene_columns(shot.scene, shot.camera, figures["run_s_median"])
+        rows.append(record("render", effect=effect, scene="dynamic_room", **figures))
+    return rows
 
 
 def _shot(effect: str) -> tuple[str, int]:

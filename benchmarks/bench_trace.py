@@ -3,17 +3,19 @@
 python -m benchmarks.bench_trace [--gaussians 10000] [--side 128] [--k 4 8 16]
 
 Rays and Gaussians are given: what is timed is the search for candidates and the march, and with
-forward_backward the gradient of the mean square of the colours in every parameter.
+forward_backward the gradient of the mean square of the colours in every parameter. Where gsplat can
+be used (`peer.py`) it renders the same picture in the same process.
 """
 
+import math
 from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from benchmarks import exact
-from benchmarks.problem import room, room_rays
+from benchmarks import exact, peer
+from benchmarks.problem import cameras, room, room_rays
 from benchmarks.record import backend, begin, record, show, timed
 from gaussray.tracer.bundle import morton_tiles
 from gaussray.tracer.motion import still
@@ -39,13 +41,14 @@ def main(argv: Sequence[str] | None = None) -> None:
         for k in chosen.k:
             options = TraceOptions(k=k, backend=backend(chosen.backend))
             capacity = capacity or measure(still(scene), rays, options=options)
-            rows += _measured(scene, rays, options, capacity, some, truth)
+            rows += _measured(scene, rays, options, capacity, some, truth, order[some])
     names = ("gaussians", "k", "backend", "direction", "compile_s", "run_s_median", "latency_s")
-    show(rows, *names, "psnr_vs_exact", "max_error", "dropped")
+    peers = peer.COLUMNS if peer.usable() else ()
+    show(rows, *names, "psnr_vs_exact", "max_error", "dropped", *peers)
 
 
-def _measured(scene, rays, options, capacity, some, truth) -> list[dict]:
-    devices = mesh()
+def _measured(scene, rays, options, capacity, some, truth, pixels_of_some) -> list[dict]:
+    devices, view = mesh(), cameras(math.isqrt(len(rays.time)))["pinhole"]
 
     def forward(gaussians, rays):
         return trace_sharded(
@@ -59,6 +62,13 @@ def _measured(scene, rays, options, capacity, some, truth) -> list[dict]:
     for direction, function in (("forward", run), ("forward_backward", jax.jit(jax.grad(loss)))):
         figures = timed(function, scene, rays)
         pixels, report = run(scene, rays)
+        beside = peer.columns(
+            scene,
+            view,
+            figures["run_s_median"],
+            gradients=direction == "forward_backward",
+            truth=(pixels_of_some, truth),
+        )
         rows.append(
             record(
                 "trace",
@@ -74,6 +84,7 @@ def _measured(scene, rays, options, capacity, some, truth) -> list[dict]:
                 **exact.errors(np.asarray(pixels.color)[some], truth),
                 hits_per_ray=int(report.hits) / len(rays.time),
                 dropped=int(report.dropped),
+                **beside,
             )
         )
     return rows

@@ -14,7 +14,8 @@ Every case is the generated room with one thing changed, seen by the pinhole cam
 * fast: a tenth of them moves, and a rolling shutter reads for an interval of the capture.
 
 `ns_a_hit` is the time of a frame divided by its hits; `against_room` divides it by the room's, in
-the same run. Goal: never above 4.
+the same run. Goal: never above 4. Where gsplat can be used (`peer.py`) it renders the same
+Gaussians, standing still, in the same process. Goal: never above 3 times its 3dgut.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,6 +25,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from benchmarks import peer
 from benchmarks.frames import Shot, filmed, true_pixels
 from benchmarks.problem import EYE, cameras, dynamic_room, room
 from benchmarks.record import begin, record, show
@@ -53,7 +55,8 @@ def main(argv: Sequence[str] | None = None) -> None:
         scenes |= {name: CASES[name](chosen.count, chosen.side) for name in chosen.cases}
     rows = _measured(scenes, chosen)
     show(rows, *("scene", "gaussians", "hits_per_ray", "backend", "compile_s", "latency_s", "fps"),
-         *("ns_a_hit", "against_room", "psnr_vs_exact", "max_error", "dropped"))  # fmt: skip
+         *("ns_a_hit", "against_room", "psnr_vs_exact", "max_error", "dropped"),
+         *(peer.COLUMNS[:-1] if peer.usable() else ()))  # fmt: skip
 
 
 def _measured(scenes: dict[str, tuple[Scene, Camera]], chosen) -> list[dict]:
@@ -68,6 +71,7 @@ def _measured(scenes: dict[str, tuple[Scene, Camera]], chosen) -> list[dict]:
         cost = 1e9 * figures["run_s_median"] / max(hits, 1)
         against = cost / rows[0]["ns_a_hit"] if rows else 1.0
         extra = {"ns_a_hit": cost, "against_room": against}
+        extra |= peer.scene_columns(*scenes[name], figures["run_s_median"])
         rows.append(record("worst", effect="pinhole", scene=name, **figures, **extra))
     return rows
 

@@ -10,6 +10,7 @@ has no meaning for a bench is null. The environment's BENCH_RESULTS is another f
 
 import argparse
 import importlib.metadata
+import importlib.util
 import json
 import os
 import sys
@@ -40,6 +41,9 @@ _BATCHES, _SECONDS, _MOST = 5, 0.1, 20
 def begin(doc: str | None) -> argparse.ArgumentParser:
     """The arguments that all scripts share; all CPU cores are used."""
     use_all_cores(arrays="array" in sys.argv)
+    if importlib.util.find_spec("gsplat"):
+        # Leave memory to PyTorch, which shares the device.
+        os.environ.setdefault("XLA_PYTHON_CLIENT_PREALLOCATE", "false")
     parser = argparse.ArgumentParser(
         description=doc, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -70,17 +74,20 @@ def on_cuda(name: str) -> bool:
     return cuda.available() and backend(name) == "kernel"
 
 
-def timed(function: Callable, *arguments: Any) -> dict[str, float]:
+def timed(
+    function: Callable, *arguments: Any, wait: Callable[[Any], Any] = jax.block_until_ready
+) -> dict[str, float]:
     """Seconds of a call, as a rate and as a delay.
 
     Calls are made back to back and waited for once, as a program does that lets the device run
     ahead; `run_s_median` and `run_s_min` are over five such batches, `latency_s` is one call waited
-    for. `compile_s` is what the first call took longer than that.
+    for. `compile_s` is what the first call took longer than that. `wait` returns when a result is
+    there.
     """
 
     def once() -> float:
         began = time.perf_counter()
-        jax.block_until_ready(function(*arguments))
+        wait(function(*arguments))
         return time.perf_counter() - began
 
     first = once()
@@ -91,7 +98,7 @@ def timed(function: Callable, *arguments: Any) -> dict[str, float]:
         began = time.perf_counter()
         for _ in range(calls):
             result = function(*arguments)
-        jax.block_until_ready(result)
+        wait(result)
         seconds.append((time.perf_counter() - began) / calls)
     return {
         "compile_s": round(max(first - latency, 0.0), 3),

@@ -1,5 +1,6 @@
 """Every benchmark runs, says all that it should, and is drawn."""
 
+import dataclasses
 import json
 
 import jax
@@ -9,6 +10,7 @@ from toy import single
 
 from benchmarks import (
     bench_deformation,
+    bench_disk,
     bench_first,
     bench_grid,
     bench_reconstruct,
@@ -17,10 +19,13 @@ from benchmarks import (
     bench_trace,
     bench_worst,
     exact,
+    peer,
     record,
     trade,
 )
 from benchmarks.problem import cameras, dynamic_room
+from gaussray.camera.camera import project
+from gaussray.camera.lens.perspective import Pinhole
 from gaussray.scene.scene import at
 
 
@@ -111,6 +116,18 @@ def test_a_second_process_measures_the_same_picture(tmp_path, monkeypatch, capsy
     assert "first_s" in capsys.readouterr().out
 
 
+@slow
+def test_every_kind_of_file_is_measured(tmp_path, monkeypatch):
+    monkeypatch.setattr(record, "RESULTS", tmp_path)
+    bench_disk.main(["--frames", "8", "--gaussians", ROOM, *SMALL])
+    lines = lines_of(tmp_path, "disk")
+    assert {line["kind"] for line in lines} == {"png", "exr", "video", "labels"}
+    for line in lines:
+        assert set(record.KEYS) <= set(line)
+        assert min(line[name] for name in ("one_thread", "all_threads", "kilobytes")) > 0
+        assert line["fps"] == pytest.approx(line["data_set"])
+
+
 def test_exponent_of_a_power_law():
     x = np.array([1.0, 3.0, 10.0])
     assert bench_scaling.exponent(x, 5 * x**0.7) == pytest.approx(0.7)
@@ -163,6 +180,37 @@ def test_larger_and_fainter_gaussians_are_as_dense():
     wide = bench_scaling.spread(scene, 2.0).static
     before = scene.static.opacity * scene.static.scale[:, 0] * scene.static.scale[:, 1]
     np.testing.assert_allclose(wide.opacity * wide.scale[:, 0] * wide.scale[:, 1], before, 1e-6)
+
+
+def test_cameras_of_the_peer_see_points_where_ours_do():
+    camera = cameras(64)["pinhole"]
+    lens = Pinhole((40.0, 44.0), (30.0, 33.0), (0.1, -0.05, 0.01, -0.02, 0.03, 0.01, 0.0, 0.02))
+    camera = dataclasses.replace(camera, lens=lens)
+    view = peer.peer_view(camera)
+    places = np.random.default_rng(0).uniform(-1, 1, (20, 3)) + [0, 0, -0.4]
+    x, y, z = view.camera_from_world[:3] @ np.concatenate([places, np.ones((20, 1))], axis=1).T
+    k = view.radial
+    p1, p2 = view.tangential
+    x, y = x / z, y / z
+    square = x**2 + y**2
+    radial = (1 + square * (k[0] + square * (k[1] + square * k[2]))) / (
+        1 + square * (k[3] + square * (k[4] + square * k[5]))
+    )
+    bent = np.stack(
+        [
+            x * radial + 2 * p1 * x * y + p2 * (square + 2 * x**2),
+            y * radial + 2 * p2 * x * y + p1 * (square + 2 * y**2),
+            np.ones(20),
+        ]
+    )
+    seen = (view.intrinsics @ bent)[:2].T
+    ours = [project(camera, single(place)) for place in places]
+    np.testing.assert_allclose(seen, ours, atol=1e-3)
+
+
+def test_where_gsplat_is_not_installed_nothing_is_added():
+    scene = dynamic_room(200)
+    assert peer.scene_columns(scene, cameras(16)["pinhole"], 1.0) == {} or peer.usable()
 
 
 @slow

@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 
 from experiments.captures.fits import varied
+from experiments.captures.gsplat_mcmc import focus
 from experiments.captures.moving import BASE, HEAD, VARIANTS, line, mean_scores
+from gaussray.camera.camera import Camera
+from gaussray.camera.lens.perspective import Pinhole
+from gaussray.camera.placement import look_at
 from gaussray.evaluate.metrics import psnr
 
 
@@ -46,3 +50,14 @@ def test_a_row_has_a_figure_for_each_heading(tmp_path):
     keys += ("training_psnr", "training_moving", "seconds")
     row = dict.fromkeys((*keys, "steps", "static", "moving_ones", "transient"), 1.0)
     assert line(tmp_path, "given", row).count("|") == len(HEAD) + 1
+
+
+def test_the_point_that_cameras_look_at_is_where_their_axes_meet():
+    target = np.array([0.3, -0.2, 1.0])
+    eyes = target + 2.0 * np.array([[1, 0, 0], [0, 1, 0], [0, 0.6, 0.8], [-0.8, 0, 0.6]])
+    lens = Pinhole((8.0, 8.0), (4.0, 4.0))
+    places = [(tuple(eye), tuple(target.tolist())) for eye in eyes.tolist()]
+    cameras = [Camera((8, 8), lens, trajectory=look_at(*place)) for place in places]
+    centre, scale = focus(cameras)
+    np.testing.assert_allclose(centre, target, atol=1e-5)
+    assert scale == pytest.approx(0.5, abs=1e-5)
