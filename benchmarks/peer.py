@@ -49,6 +49,11 @@ class PeerView(NamedTuple):
     radial: np.ndarray
     tangential: np.ndarray
 
+    @property
+    def distorted(self) -> bool:
+        """Whether the lens bends rays, which `ewa` cannot."""
+        return bool(np.any(self.radial) or np.any(self.tangential))
+
 
 def usable() -> bool:
     """Whether gsplat is installed and JAX computes on a CUDA device."""
@@ -95,7 +100,7 @@ def rasterize(view: PeerView, values: dict[str, Any], kind: str, **options: Any)
         return torch.tensor(x, dtype=torch.float32, device="cuda")[None]
 
     settings = RASTERIZERS[kind]
-    if np.any(view.radial) or np.any(view.tangential):
+    if view.distorted:
         if kind == "ewa":
             raise ValueError("gsplat's ewa rasterizer has no distortion: use 3dgut.")
         settings = settings | {
@@ -123,7 +128,8 @@ def columns(
     gradients: bool = False,
     truth: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> dict[str, float]:
-    """Figures of both rasterizers; none where gsplat cannot be used.
+    """Figures of both rasterizers (of 3dgut alone where the lens is distorted); none where gsplat
+    cannot be used.
 
     Args:
         gaussians: all of them, at one time.
@@ -140,7 +146,7 @@ def columns(
     view, values = peer_view(camera), _tensors(gaussians)
     degree = int(np.sqrt(gaussians.harmonics.shape[1])) - 1
     figures: dict[str, float] = {}
-    for kind in RASTERIZERS:
+    for kind in ("3dgut",) if view.distorted else RASTERIZERS:
 
         def forward(kind: str = kind):
             return rasterize(view, values, kind, sh_degree=degree)[0]
@@ -159,14 +165,14 @@ def columns(
 
 
 def scene_columns(scene: Scene, camera: Camera, ours: float) -> dict[str, float]:
-    """`columns` of a scene as it is at the time of a camera.
+    """`columns` of a scene as it is at the time of a camera; none for a lens that gsplat has not.
 
     Args:
         scene: the scene.
-        camera: a pinhole.
+        camera: the camera.
         ours: seconds of the tracer for a frame.
     """
-    if not usable():
+    if not usable() or not isinstance(camera.lens, Pinhole):
         return {}
     return columns(at(scene, jnp.asarray(camera.time)), camera, ours)
 

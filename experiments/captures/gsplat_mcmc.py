@@ -30,6 +30,7 @@ from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
 from gaussray.capture.selection import Selection
 from gaussray.evaluate.metrics import psnr, ssim
+from gaussray.scene.harmonics import C0
 
 
 RATES = {
@@ -85,7 +86,7 @@ def start(extent: float, seed: int) -> dict[str, Any]:
         "scales": np.repeat(size[:, None], 3, axis=1),
         "quats": dice.uniform(size=(START, 4)),
         "opacities": np.full(START, np.log(OPACITY / (1 - OPACITY))),
-        "sh0": (dice.uniform(size=(START, 1, 3)) - 0.5) / 0.28209479177387814,
+        "sh0": (dice.uniform(size=(START, 1, 3)) - 0.5) / C0,
         "shN": np.zeros((START, (DEGREE + 1) ** 2 - 1, 3)),
     }
     tensors = {k: torch.tensor(x, dtype=torch.float32, device="cuda") for k, x in arrays.items()}

@@ -21,8 +21,8 @@ from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.evaluate.metrics import psnr, ssim
 from gaussray.reconstruct.failed_fit import FailedFit
 from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
-from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.simplify.prune import NeedOptions
 from gaussray.render.renderer import Renderer, RenderOptions

@@ -21,8 +21,8 @@ from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.motion_trial import CAMERAS
 from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
-from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.tracer.trace import TraceOptions
 

@@ -5,8 +5,8 @@ import equinox as eqx
 from gaussray.camera.corrections import REFINABLE
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
-from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
 from gaussray.reconstruct.simplify.prune import NeedOptions
 from gaussray.scene.deformation import FieldOptions
 from gaussray.tracer.trace import TraceOptions

@@ -10,14 +10,8 @@ from gaussray.camera.array import CameraSet, pixel_spacing
 from gaussray.camera.camera import Camera
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize import relocation
-from gaussray.reconstruct.optimize.optimizer import (
-    CaptureScale,
-    Parameters,
-    descend,
-    rates,
-    scene_of,
-    with_costs_paid,
-)
+from gaussray.reconstruct.optimize.learning_rates import CaptureScale, rates
+from gaussray.reconstruct.optimize.optimizer import Parameters, descend, scene_of, with_costs_paid
 from gaussray.reconstruct.optimize.scale_bounds import scale_bounds, with_scale_bounds
 from gaussray.reconstruct.optimize.state import State, accumulated_statistics
 from gaussray.reconstruct.step_loss import (

@@ -18,13 +18,9 @@ from gaussray.reconstruct.data.backdrop import BackdropColor, before_backdrop, l
 from gaussray.reconstruct.data.batches import Batch, tile_colors, tile_rays
 from gaussray.reconstruct.optimize import loss as losses, regularizer, relocation
 from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
-from gaussray.reconstruct.optimize.optimizer import (
-    OptimizerOptions,
-    Parameters,
-    scene_of,
-    transients_of,
-)
+from gaussray.reconstruct.optimize.optimizer import Parameters, scene_of, transients_of
 from gaussray.reconstruct.optimize.relocation import Presence
 from gaussray.scene.scene import Scene
 from gaussray.scene.transient import squared_age

@@ -46,7 +46,7 @@ class _Packing(NamedTuple):
     sources: tuple[int | np.ndarray, ...]
 
 
-# By structure, shapes and types; cleared when it has grown to the given size.
+# By structure, precision, shapes and types; cleared when it has grown to the given size.
 _packings: dict[Hashable, _Packing] = {}
 _MOST = 256
 
@@ -59,7 +59,8 @@ def pack_camera(camera: Camera) -> tuple[Float[np.ndarray, " numbers"], CameraLa
     """
     leaves, structure = jax.tree.flatten(camera)
     leaves = [np.asarray(x) for x in leaves]
-    key = structure, tuple((x.shape, x.dtype) for x in leaves)
+    # The precision of devices may change while a process runs.
+    key = structure, jnp.result_type(float), tuple((x.shape, x.dtype) for x in leaves)
     packing = _packings.get(key)
     if packing is None:
         if len(_packings) >= _MOST:

@@ -28,8 +28,9 @@ from gaussray.reconstruct.data.batches import gather
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.motion import with_motion
+from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
-from gaussray.reconstruct.optimize.optimizer import OptimizerOptions, Parameters
+from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.options import FitOptions
 from gaussray.reconstruct.pipeline import reconstruct

@@ -13,7 +13,7 @@ from gaussray.capture.formats.paired import read_capture
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.density import DensityOptions
-from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
+from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.render.renderer import Renderer, RenderOptions

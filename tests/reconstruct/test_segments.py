@@ -19,7 +19,7 @@ from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.loop import step_options
-from gaussray.reconstruct.optimize.optimizer import OptimizerOptions
+from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.rows import occupied
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.pipeline import reconstruct

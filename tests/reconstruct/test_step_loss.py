@@ -11,8 +11,9 @@ from gaussray.camera.array import camera_set
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.data.tiles import tile_order
 from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
-from gaussray.reconstruct.optimize.optimizer import OptimizerOptions, Parameters
+from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.step import measure_sizes
 from gaussray.reconstruct.step_loss import StepOptions, density_costs, loss_of

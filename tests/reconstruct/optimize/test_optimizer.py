@@ -12,14 +12,10 @@ import toy
 from gaussray.camera.corrections import no_corrections
 from gaussray.reconstruct.data.sampler import TileErrorState
 from gaussray.reconstruct.initialize.from_points import between, in_common_view, on_points
-from gaussray.reconstruct.optimize import optimizer
+from gaussray.reconstruct.optimize import learning_rates, optimizer
 from gaussray.reconstruct.optimize.checkpoint import load_checkpoint, save_checkpoint
-from gaussray.reconstruct.optimize.optimizer import (
-    CaptureScale,
-    OptimizerOptions,
-    Parameters,
-    scene_of,
-)
+from gaussray.reconstruct.optimize.learning_rates import CaptureScale, OptimizerOptions
+from gaussray.reconstruct.optimize.optimizer import Parameters, scene_of
 from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress, SavedSizes
 from gaussray.scene.array_file import read_arrays, write_arrays
@@ -30,7 +26,7 @@ OPTIONS, EXTENT = OptimizerOptions(), 3.0
 SCENE = ("static", "moving", "deformation")
 FIXED = ("lower", "upper", "begin", "end")
 
-rates, descend = eqx.filter_jit(optimizer.rates), eqx.filter_jit(optimizer.descend)
+rates, descend = eqx.filter_jit(learning_rates.rates), eqx.filter_jit(optimizer.descend)
 with_costs_paid = eqx.filter_jit(optimizer.with_costs_paid)
 
 
@@ -60,6 +56,13 @@ def test_the_means_learn_in_pixels(parameters):
         np.testing.assert_allclose(side.quat, OPTIONS.quat, rtol=1e-6)
         np.testing.assert_allclose(side.log_scale, OPTIONS.scale, rtol=1e-6)
         np.testing.assert_allclose(side.logit_opacity, OPTIONS.opacity, rtol=1e-6)
+
+
+@pytest.mark.parametrize("mean", [1e-3, 1.6e-4])
+def test_a_rate_of_means_in_extents_is_refused(mean):
+    with pytest.raises(ValueError, match=r"optimizer\.mean must be 0 or at least 0\.002"):
+        OptimizerOptions(mean=mean)
+    assert OptimizerOptions(mean=0.0).mean == 0
 
 
 def test_what_a_network_adds_to_means_is_learnt_in_proportion_to_the_extent(parameters):
@@ -148,7 +151,7 @@ def test_a_scene_holds_physical_values(parameters):
 def test_cameras_learn_what_is_named_and_nothing_else(parameters):
     corrections = no_corrections(("pose", "shutter", "exposure"), 3, toy.rolling(toy.camera()))
     kept = Parameters(parameters.static, parameters.moving, parameters.deformation, corrections)
-    rate = eqx.filter_jit(optimizer.rates)(
+    rate = eqx.filter_jit(learning_rates.rates)(
         kept,
         jnp.asarray(50),
         options=OPTIONS,
