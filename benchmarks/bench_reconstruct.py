@@ -37,12 +37,13 @@ def main(argv: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(argv)
     # They read pictures: not needed to know what the script is for.
     from gaussray.capture.open import open_capture
-    from gaussray.reconstruct.effort import effort, this_machine
+    from gaussray.reconstruct.effort import effort
+    from gaussray.reconstruct.machine import this_machine
     from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 
     capture = open_capture(chosen.capture or SAMPLE)
     if chosen.auto:
-        found = effort(capture, ReconstructOptions(), this_machine())
+        found = effort(capture, ReconstructOptions(), this_machine(1))
         capture, options = found.capture, found.options
     else:
         options = ReconstructOptions(fit=FitOptions(auto=False))

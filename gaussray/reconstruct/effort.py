@@ -12,16 +12,15 @@ from dataclasses import replace
 from typing import NamedTuple, TypeVar
 
 import equinox as eqx
-import jax
 import numpy as np
 
 from gaussray.capture.capture import Capture, View, viewpoints
 from gaussray.capture.selection import Selection, selected
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
+from gaussray.reconstruct.machine import Machine
 from gaussray.reconstruct.motion_trial import CAMERAS
 from gaussray.reconstruct.optimize.density import DensityOptions
-from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.optimize.loss import LossOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.tracer.trace import TraceOptions
@@ -33,18 +32,7 @@ T = TypeVar("T", bound=eqx.Module)
 _BODIES_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6, motion="deformation")
 # The largest number of Gaussians with bodies, unless more points are there from the start.
 _MOST_BODIES = 200_000
-# Learning rates for the thousands of steps that a GPU takes in a minute.
-_THOUSANDS = OptimizerOptions(
-    quat=3e-3,
-    scale=1e-2,
-    color=7e-3,
-    velocity=1.25e-4,
-    instant=5e-3,
-    lifetime=1e-2,
-)
-# Those of 3DGS, for tens of thousands of steps of stills (experiments/captures/README.md).
-_TENS_OF_THOUSANDS = OptimizerOptions(mean=0.15, quat=1e-3, scale=5e-3, color=2.5e-3)
-# Steps, and minutes, of fewer of which a fit of stills is too short for these.
+# Steps, and minutes, of fewer of which a fit of stills is too short for slow learning rates.
 _FEW_STEPS, _FEW_MINUTES = 7000, 0.5
 
 
@@ -56,34 +44,6 @@ MOTION_NOUNS = {
 }
 
 
-class Machine(NamedTuple):
-    """What decides how much work fits into the time."""
-
-    gpu: bool
-
-    @property
-    def minutes(self) -> float:
-        """Minutes for a capture of `pixels` or fewer."""
-        return 3.0 if self.gpu else 4.0
-
-    @property
-    def pixels(self) -> float:
-        """Training pixels from which on a capture is large."""
-        return 2e7 if self.gpu else 2e6
-
-    @property
-    def instants(self) -> int:
-        """Times at which transient Gaussians start, at most."""
-        return 30 if self.gpu else 16
-
-    def most_pixels(self, still: bool) -> float:
-        """Training pixels beyond which pictures are scaled down. For stills on a CPU it was
-        measured (experiments/captures/README.md), for captures of several times it was not."""
-        if self.gpu:
-            return 1e9
-        return 3e6 if still else 1e7
-
-
 class Effort(NamedTuple):
     """Capture and options of a fit, a sentence about what was chosen, and the choices of fit.motion
     of which a trial must tell which is best (none, or the chosen one and others)."""
@@ -92,11 +52,6 @@ class Effort(NamedTuple):
     options: ReconstructOptions
     sentence: str
     rivals: tuple[str, ...] = ()
-
-
-def this_machine() -> Machine:
-    """The machine that runs this process."""
-    return Machine(jax.default_backend() == "gpu")
 
 
 def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> Effort:
@@ -111,6 +66,8 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         return Effort(capture, options, "")
     views = training_views(capture)
     still = len({view.time for view in views}) == 1
+    if options.fit.tiles != FitOptions().tiles:
+        machine = machine._replace(gpus=1)
     scale = _scale(views, machine)
     if scale < 1:
         capture = selected(capture, Selection(scale=scale))
@@ -206,7 +163,6 @@ def _still(pixels: float, machine: Machine, wanted: FitOptions) -> ReconstructOp
     short = 0 < wanted.minutes < _FEW_MINUTES
     if (wanted.coarse, wanted.fine) != (FitOptions().coarse, FitOptions().fine):
         short = wanted.coarse + wanted.fine < _FEW_STEPS
-    on_gpu = _THOUSANDS if short else _TENS_OF_THOUSANDS
     larger = float(np.clip(math.sqrt(pixels / machine.pixels), 1.0, 4.0))
     # Beyond, a step takes so much longer that the same time shows less
     # (experiments/captures/README.md).
@@ -216,7 +172,7 @@ def _still(pixels: float, machine: Machine, wanted: FitOptions) -> ReconstructOp
     return ReconstructOptions(
         fit=FitOptions(
             minutes=machine.minutes * larger,
-            tiles=64 if machine.gpu else 4,
+            tiles=machine.tiles,
             tile_side=32,
             validate=0.015,
             # Much of a picture may be plain: a wall, the sky, what an object stands before.
@@ -228,7 +184,7 @@ def _still(pixels: float, machine: Machine, wanted: FitOptions) -> ReconstructOp
             points=gaussians // 4,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
-        optimizer=on_gpu if machine.gpu else OptimizerOptions(),
+        optimizer=machine.rates(many_steps=not short),
         density=DensityOptions(
             kind="relocate",
             interval=100 if machine.gpu else 25,
@@ -251,7 +207,7 @@ def _brief(pixels: float, machine: Machine, motion: str) -> ReconstructOptions:
     return ReconstructOptions(
         fit=FitOptions(
             minutes=machine.minutes * larger,
-            tiles=64 if machine.gpu else 4,
+            tiles=machine.tiles,
             tile_side=32,
             validate=0.015,
             degree=2 if machine.gpu else 0,
@@ -262,7 +218,7 @@ def _brief(pixels: float, machine: Machine, motion: str) -> ReconstructOptions:
             instants=machine.instants,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
-        optimizer=_THOUSANDS if machine.gpu else OptimizerOptions(),
+        optimizer=machine.rates(many_steps=False),
         density=DensityOptions(
             kind="relocate",
             interval=100 if machine.gpu else 25,

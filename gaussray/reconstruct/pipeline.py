@@ -21,10 +21,11 @@ from gaussray.io.atomic import sweep, whole, write_json
 from gaussray.reconstruct.backdrop_shell import with_backdrop_shell
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.data.training_split import demand_training_pictures
-from gaussray.reconstruct.effort import MOTION_NOUNS, Effort, effort, this_machine
+from gaussray.reconstruct.effort import MOTION_NOUNS, Effort, effort
 from gaussray.reconstruct.failed_fit import demand_detail, demand_success, warn_of_one_place
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.loop import run_stage
+from gaussray.reconstruct.machine import Machine, this_machine
 from gaussray.reconstruct.motion import with_motion
 from gaussray.reconstruct.motion_trial import motion_trial_scores, trial_sentence
 from gaussray.reconstruct.optimize.state import State
@@ -104,8 +105,9 @@ def reconstruct(
     options = ReconstructOptions() if options is None else options
     out, interval = Path(out), options.fit.checkpoint
     log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
-    chosen = effort(capture, options, this_machine())
-    capture, rivals = chosen.capture, _rivals(capture, options, chosen.rivals)
+    machine = this_machine(devices)
+    chosen = effort(capture, options, machine)
+    capture, rivals = chosen.capture, _rivals(capture, options, machine, chosen.rivals)
     warn_of_one_place(capture)
     course = segments(capture, options.fit.segment)
     if leads():
@@ -167,13 +169,11 @@ def reconstruct(
 
 
 def _rivals(
-    capture: Capture, options: ReconstructOptions, names: Sequence[str]
+    capture: Capture, options: ReconstructOptions, machine: Machine, names: Sequence[str]
 ) -> dict[str, Effort]:
     """What is chosen for the capture with each of these choices of fit.motion."""
     return {
-        name: effort(
-            capture, replace(options, fit=replace(options.fit, motion=name)), this_machine()
-        )
+        name: effort(capture, replace(options, fit=replace(options.fit, motion=name)), machine)
         for name in names
     }
 

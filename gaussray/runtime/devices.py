@@ -24,7 +24,8 @@ _T = TypeVar("_T")
 class DevicesOptions(eqx.Module):
     """Which devices and hosts run a command.
 
-    The result is that of one device, up to the order of sums. All hosts share the output folder.
+    The result is that of one device, up to the order of sums; but `fit=auto` gives each GPU as many
+    rays as a single one gets. All hosts share the output folder.
 
     Args:
         count: devices of each host; 0 for all (of a CPU: `cpu_devices`).

@@ -14,8 +14,9 @@ from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import write_manifest
 from gaussray.evaluate.metrics import psnr
 from gaussray.reconstruct import pipeline
-from gaussray.reconstruct.effort import Machine, effort
+from gaussray.reconstruct.effort import effort
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
+from gaussray.reconstruct.machine import Machine
 from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.render.rig.rig import load_views
@@ -95,7 +96,7 @@ def test_the_views_of_a_scaled_capture_agree_with_the_whole_ones(capture):
 
 @pytest.mark.ci
 def test_a_fit_of_smaller_pictures_shows_the_whole_ones(capture, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(pipeline, "this_machine", lambda: Slow(gpu=False))
+    monkeypatch.setattr(pipeline, "this_machine", lambda devices: Slow(gpu=False))
     reconstruct(capture, tmp_path, options=OPTIONS)
     assert f"scaled by 0.50 to {SMALL} x {SMALL}" in capsys.readouterr().out
     assert {(view.width, view.height) for view in load_views(tmp_path, None)} == {(SMALL, SMALL)}

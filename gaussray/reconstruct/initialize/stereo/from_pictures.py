@@ -105,7 +105,9 @@ def points_from_pictures(
         Positions in the world and linear colours; none where fewer than two views overlap.
     """
     still = still_views(footage)
-    options = options or options_for(jax.default_backend(), len(still.frames))
+    if options is None:
+        pixels = still.pictures[..., 0].size if len(np.unique(footage.times)) == 1 else 0
+        options = options_for(jax.default_backend(), len(still.frames), still_pixels=pixels)
     still = some_views(still, options.views)
     position = None if known is None else known.position
     first = None

@@ -5,6 +5,10 @@ from dataclasses import replace
 import equinox as eqx
 
 
+# Of pictures that show no motion on a GPU: pixels for each point, and points at most.
+_PIXELS, _MOST_POINTS = 25, 250_000
+
+
 class StereoOptions(eqx.Module):
     """Settings of stereo matching.
 
@@ -18,11 +22,11 @@ class StereoOptions(eqx.Module):
     A cost is `zncc` (1 - ZNCC) + (1 - `zncc`) min(colour difference / `color`, 1), at most 1, with
     ZNCC regularised by the noise of a picture (`noise`, of full scale). A point stays if it costs
     less than `cost` and at least `confirm` other views see a surface there. Of all, about `points`
-    are kept. Where a view masks a point, it says nothing; with `silhouette` above 0 it counts
-    against the point, by so much for each view beyond the first. As many views are matched at once
-    as have `at_once` samples (pixels times neighbours): a GPU is not busy with one small picture.
-    Where masks leave less than half of the pixels, these and those within two pixels of them are
-    refined alone, in parts of `part` samples.
+    are kept, and `moving` of what moves at a timestamp. Where a view masks a point, it says
+    nothing; with `silhouette` above 0 it counts against the point, by so much for each view beyond
+    the first. As many views are matched at once as have `at_once` samples (pixels times
+    neighbours): a GPU is not busy with one small picture. Where masks leave less than half of the
+    pixels, these and those within two pixels of them are refined alone, in parts of `part` samples.
     """
 
     pixels: int = eqx.field(static=True, default=140_000)
@@ -39,6 +43,7 @@ class StereoOptions(eqx.Module):
     cost: float = eqx.field(static=True, default=0.35)
     confirm: int = eqx.field(static=True, default=2)
     points: int = eqx.field(static=True, default=100_000)
+    moving: int = eqx.field(static=True, default=25_000)
     silhouette: float = eqx.field(static=True, default=0.0)
     at_once: int = eqx.field(static=True, default=1)
     part: int = eqx.field(static=True, default=2**13)
@@ -53,6 +58,7 @@ class StereoOptions(eqx.Module):
             "radius",
             "modes",
             "points",
+            "moving",
             "at_once",
             "part",
         ):
@@ -63,15 +69,18 @@ class StereoOptions(eqx.Module):
                 raise ValueError(f"stereo.{name} must be in [0, 1], got {getattr(self, name)}.")
 
 
-def options_for(platform: str, views: int) -> StereoOptions:
+def options_for(platform: str, views: int, *, still_pixels: int = 0) -> StereoOptions:
     """Settings with which stereo takes seconds on a GPU or a minute and a half on two CPU cores.
 
     Args:
         platform: kind of the device, as JAX names it; all but cpu are GPUs.
         views: number of pictures; on a CPU more than 50 of them are reduced further.
+        still_pixels: pixels of all pictures, if these show no motion: on a GPU, which has the time
+            for as many Gaussians, each 25 of them may have a point.
     """
     if platform != "cpu":
-        return StereoOptions(at_once=2**23, part=2**20)
+        points = min(max(still_pixels // _PIXELS, StereoOptions().points), _MOST_POINTS)
+        return StereoOptions(points=points, at_once=2**23, part=2**20)
     # 50 views of 135 x 240 is what the time was measured with; more views get smaller pictures.
     pixels = int(min(33_000, max(12_000, 33_000 * 50 / max(views, 1))))
     return StereoOptions(
@@ -83,9 +92,10 @@ def options_for(platform: str, views: int) -> StereoOptions:
         modes=2,
         rounds=1,
         points=60_000,
+        moving=15_000,
     )
 
 
 def with_silhouette(options: StereoOptions) -> StereoOptions:
-    """The settings for what moves: silhouettes count, and a quarter of the points is kept."""
-    return replace(options, silhouette=0.12, points=max(options.points // 4, 1))
+    """The settings for what moves: silhouettes count, and `moving` points are kept."""
+    return replace(options, silhouette=0.12, points=options.moving)

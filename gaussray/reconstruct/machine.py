@@ -1,0 +1,84 @@
+"""The machine that runs a fit, and what it has the time for."""
+
+import math
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+
+from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
+
+
+# Learning rates for the thousands of steps that a GPU takes in a minute.
+_THOUSANDS = OptimizerOptions(
+    quat=3e-3,
+    scale=1e-2,
+    color=7e-3,
+    velocity=1.25e-4,
+    instant=5e-3,
+    lifetime=1e-2,
+)
+# Those of 3DGS, for tens of thousands of steps of stills (experiments/captures/README.md).
+_TENS_OF_THOUSANDS = OptimizerOptions(mean=0.1, quat=1e-3, scale=5e-3, color=2.5e-3)
+# Tiles of a step for each GPU, and on a CPU.
+_TILES_GPU, _TILES_CPU = 64, 4
+# The rates that rise with the number of rays in a step.
+_WITH_RAYS = ("mean", "quat", "scale", "color", "harmonics")
+
+
+class Machine(NamedTuple):
+    """What decides how much work fits into the time: whether there is a GPU, and how many GPUs
+    share the rays of a step."""
+
+    gpu: bool
+    gpus: int = 1
+
+    @property
+    def tiles(self) -> int:
+        """Tiles of 32 x 32 pixels in a step: as many for each GPU as keep one busy."""
+        return _TILES_GPU * self.gpus if self.gpu else _TILES_CPU
+
+    @property
+    def minutes(self) -> float:
+        """Minutes for a capture of `pixels` or fewer."""
+        return 3.0 if self.gpu else 4.0
+
+    @property
+    def pixels(self) -> float:
+        """Training pixels from which on a capture is large."""
+        return 2e7 if self.gpu else 2e6
+
+    @property
+    def instants(self) -> int:
+        """Times at which transient Gaussians start, at most."""
+        return 30 if self.gpu else 16
+
+    def most_pixels(self, still: bool) -> float:
+        """Training pixels beyond which pictures are scaled down. For stills on a CPU it was
+        measured (experiments/captures/README.md), for captures of several times it was not."""
+        if self.gpu:
+            return 1e9
+        return 3e6 if still else 1e7
+
+    def rates(self, *, many_steps: bool) -> OptimizerOptions:
+        """The learning rates. Of n times as many rays (n GPUs) the gradient is less noisy, and Adam
+        takes steps larger by the square root of n (Grendel, Zhao et al. 2024).
+
+        Args:
+            many_steps: whether a GPU takes tens of thousands of steps, of stills.
+        """
+        if not self.gpu:
+            return OptimizerOptions()
+        rates, factor = _TENS_OF_THOUSANDS if many_steps else _THOUSANDS, math.sqrt(self.gpus)
+        return replace(rates, **{name: getattr(rates, name) * factor for name in _WITH_RAYS})
+
+
+def this_machine(devices: int | None = None) -> Machine:
+    """The machine that runs this process, with its hosts.
+
+    Args:
+        devices: how many devices of every host are used; None for all.
+    """
+    if jax.default_backend() != "gpu":
+        return Machine(gpu=False)
+    return Machine(gpu=True, gpus=(devices or jax.local_device_count()) * jax.process_count())
