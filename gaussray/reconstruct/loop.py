@@ -33,6 +33,8 @@ from gaussray.tracer.traverse import Capacity
 
 # Share of the minutes of a fit in which what stands still is fitted first.
 _STILL_SHARE = 0.25
+# Sizes of what tiles see: persistent and transient Gaussians.
+_SEEN = 2
 
 
 def run_stage(
@@ -211,7 +213,7 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
     """
     mesh, keys, density = session.mesh, session.key_states(state), session.options.density
     count = _gaussian_count(state)
-    capacity = measure_sizes(
+    sizes = measure_sizes(
         state,
         session.footage.camera,
         batches,
@@ -220,9 +222,8 @@ def first_sizes(session: Session, state: State, batches: Batch) -> BlockSizes:
         mesh=mesh,
         keys=keys,
         growth=(density.room(count) / max(count, 1)) ** 0.5 if density.interval else 1.0,
-    ).capacity
-    numbers = [int(n) for n in agreed(np.array(_numbers(capacity)))]
-    return BlockSizes(_capacity(numbers, session), mesh, keys)
+    )
+    return _sizes([int(n) for n in agreed(np.array(_numbers(sizes)))], session, state)
 
 
 def _known_sizes(
@@ -236,12 +237,9 @@ def _known_sizes(
         return session.shared.known(_sizes_key(session, stage, state))
     if (saved.stage, saved.devices) != (progress.stage, session.mesh.size):
         return None
-    levels = session.options.trace.levels + 1
-    transient = state.parameters.transient is not None
-    if len(saved.sizes) != levels + 2 + transient:
+    if len(saved.sizes) not in (n := _least_numbers(session, state), n + _SEEN):
         return None
-    capacity = _capacity(list(saved.sizes), session)
-    return BlockSizes(capacity, session.mesh, session.key_states(state))
+    return _sizes(list(saved.sizes), session, state)
 
 
 def _sizes_key(session: Session, stage: str, state: State) -> tuple[Hashable, ...]:
@@ -253,19 +251,27 @@ def _sizes_key(session: Session, stage: str, state: State) -> tuple[Hashable, ..
 
 
 def _to_save(stage: str, sizes: BlockSizes) -> SavedSizes:
-    return SavedSizes(stage, sizes.mesh.size, tuple(_numbers(sizes.capacity)))
+    return SavedSizes(stage, sizes.mesh.size, tuple(_numbers(sizes)))
 
 
-def _numbers(capacity: Capacity) -> list[int]:
-    """The sizes of a capacity in a row; that of transient Gaussians last, if there are any."""
+def _numbers(sizes: BlockSizes) -> list[int]:
+    """All sizes in a row: lists, transient Gaussians if there are any, and what tiles see."""
+    capacity = sizes.capacity
     transient = [capacity.transient] if capacity.transient else []
-    return [*capacity.cells, capacity.pairs, capacity.slots, *transient]
+    return [*capacity.cells, capacity.pairs, capacity.slots, *transient, *sizes.seen]
 
 
-def _capacity(numbers: list[int], session: Session) -> Capacity:
-    """The capacity of which `_numbers` gives the sizes."""
-    levels = session.options.trace.levels + 1
-    return Capacity(tuple(numbers[:levels]), *numbers[levels:])
+def _least_numbers(session: Session, state: State) -> int:
+    """How many `_numbers` there are without those of what tiles see."""
+    transient = state.parameters.transient is not None
+    return session.options.trace.levels + 3 + transient
+
+
+def _sizes(numbers: list[int], session: Session, state: State) -> BlockSizes:
+    """The sizes of which `_numbers` gives the numbers."""
+    levels, least = session.options.trace.levels + 1, _least_numbers(session, state)
+    capacity = Capacity(tuple(numbers[:levels]), *numbers[levels:least])
+    return BlockSizes(capacity, session.mesh, session.key_states(state), tuple(numbers[least:]))
 
 
 def _with_density_control(

@@ -1,5 +1,7 @@
 """A block of training steps in one compiled program: loss, gradients, Adam, exploration."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -11,7 +13,7 @@ from gaussray.camera.camera import Camera
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize import relocation
 from gaussray.reconstruct.optimize.learning_rates import CaptureScale, rates
-from gaussray.reconstruct.optimize.optimizer import Parameters, descend, scene_of, with_costs_paid
+from gaussray.reconstruct.optimize.optimizer import descend, scene_of, with_costs_paid
 from gaussray.reconstruct.optimize.scale_bounds import scale_bounds, with_scale_bounds
 from gaussray.reconstruct.optimize.state import State, accumulated_statistics
 from gaussray.reconstruct.step_loss import (
@@ -22,7 +24,16 @@ from gaussray.reconstruct.step_loss import (
     step_motion,
     step_rays,
 )
+from gaussray.tracer.options import on_kernel
+from gaussray.tracer.seen import seen_counts, seen_part
 from gaussray.tracer.trace import measure
+from gaussray.tracer.traverse import enlarged_size
+
+
+# Tiles of a step up to which it pays to look for the Gaussians that they see before tracing. Room
+# for steps that see more than those that were measured, and the share of all Gaussians from which
+# on all are traced.
+_MOST_BLOCKS, _MORE_SEEN, _FEW = 16, 1.25, 0.7
 
 
 class Schedule(eqx.Module):
@@ -70,17 +81,46 @@ def measure_sizes(
         growth: factor by which the lists are expected to grow until the stage ends.
     """
 
-    @eqx.filter_jit
-    def first_step(state, views, batch, cameras):
+    def traced(state, views, batch, cameras):
         rays, _ = step_rays(state.parameters, views, batch, cameras, state.step, options)
         scene = scene_of(state.parameters, jnp.zeros(2), cameras.times)
-        part = jax.tree.map(lambda x: x[:, : -(-x.shape[1] // mesh.size)], rays)
-        return step_motion(scene, rays, batch.time, cameras, keys), part
+        return step_motion(scene, rays, batch.time, cameras, keys), rays
 
-    motion, rays = first_step(state, views, jax.tree.map(lambda x: x[0], batches), cameras)
-    return BlockSizes(
-        measure(motion, rays, options=options.trace, headroom=2.0 * growth), mesh, keys
-    )
+    @eqx.filter_jit
+    def counts(state, views, batches, cameras):
+        def of_step(batch):
+            motion, rays = traced(state, views, batch, cameras)
+            return seen_counts(motion, rays, blocks=tiles, options=options.trace)
+
+        return jnp.max(jax.lax.map(of_step, batches), axis=0)
+
+    @eqx.filter_jit
+    def first_step(state, views, batch, cameras, places):
+        motion, rays = traced(state, views, batch, cameras)
+        if places:
+            motion = seen_part(motion, rays, blocks=tiles, places=places, options=options.trace)[0]
+        return motion, jax.tree.map(lambda x: x[:, : -(-x.shape[1] // mesh.size)], rays)
+
+    tiles, places = batches.tile.shape[1], ()
+    first = jax.tree.map(lambda x: x[0], batches)
+    if tiles <= _MOST_BLOCKS and not on_kernel(options.trace, views.time.dtype):
+        # Few of the Gaussians: their number grows with that of all.
+        seen = counts(state, views, batches, cameras)
+        rows = [part.mean.shape[0] for part in state.parameters.kinds.values()]
+        places = _places([int(n) for n in seen], sum(rows[:2]), sum(rows[2:]), growth**2)
+    motion, rays = first_step(state, views, first, cameras, places)
+    capacity = measure(motion, rays, options=options.trace, headroom=2.0 * growth)
+    return BlockSizes(capacity, mesh, keys, places)
+
+
+def _places(
+    seen: list[int], persistent: int, transient: int, growth: float
+) -> tuple[int, int] | tuple[()]:
+    """Places for what the tiles of a step see; none where that is most of the Gaussians anyway."""
+    wanted = [enlarged_size(0, n, headroom=_MORE_SEEN * growth) for n in seen]
+    kept, brief = (min(n, rows) for n, rows in zip(wanted, (persistent, transient), strict=True))
+    few = kept + brief < _FEW * (persistent + transient)
+    return (max(kept, 1), max(brief, 1)) if few else ()
 
 
 @eqx.filter_jit
@@ -138,13 +178,13 @@ def train_block(
         parameters, adam = descend(state.parameters, gradient, state.adam, rate)
         if options.density.relocates:
             parameters = with_costs_paid(parameters, cost_gradient, adam, rate)
-        parameters = _explored(parameters, cameras, schedule, state.step, options)
         parameters = with_scale_bounds(parameters, bounds)
         state = State(parameters, adam, static, moving, state.step + 1, transient)
         report = details.report
         return state, (details.terms | costs, details.error, report.needed, report.dropped)
 
     state, (terms, error, needed, dropped) = jax.lax.scan(step, state, batches)
+    state = _explored(state, cameras, schedule, batches.tile.shape[0], options)
     terms, needed = jax.tree.map(jnp.mean, terms), jnp.max(needed, axis=0)
     result = state, terms, error, needed, jnp.sum(dropped)
     # Every host reads the result.
@@ -152,21 +192,19 @@ def train_block(
 
 
 def _explored(
-    parameters: Parameters,
-    cameras: CameraSet,
-    schedule: Schedule,
-    step: Int[Array, ""],
-    options: StepOptions,
-) -> Parameters:
-    """Noise on the positions of faint Gaussians, if they are relocated."""
+    state: State, cameras: CameraSet, schedule: Schedule, steps: int, options: StepOptions
+) -> State:
+    """Noise on the positions of faint Gaussians, if they are relocated: that of all steps of a
+    block at once, as it takes as long as a fifth of a step on a CPU."""
     density = options.density
     if not density.relocates or not density.noise:
-        return parameters
-    fall = options.optimizer.decay ** (step / jnp.maximum(schedule.steps, 1))
-    key = jax.random.fold_in(jax.random.key(schedule.seed), step)
-    kinds = parameters.kinds
-    moved = [
-        relocation.explore(free, own_key, size=density.noise * fall, extent=cameras.extent)
-        for free, own_key in zip(kinds.values(), jax.random.split(key, len(kinds)), strict=True)
-    ]
-    return eqx.tree_at(lambda p: [*p.kinds.values()], parameters, moved)
+        return state
+    fall = options.optimizer.decay ** (state.step / jnp.maximum(schedule.steps, 1))
+    key = jax.random.fold_in(jax.random.key(schedule.seed), state.step)
+    kinds = state.parameters.kinds
+    explore = partial(
+        relocation.explore, size=density.noise * fall, extent=cameras.extent, steps=steps
+    )
+    keys = jax.random.split(key, len(kinds))
+    moved = [explore(free, own) for free, own in zip(kinds.values(), keys, strict=True)]
+    return eqx.tree_at(lambda s: [*s.parameters.kinds.values()], state, moved)

@@ -1,5 +1,7 @@
 """The loss of a training step: its rays, the picture they see, the terms, and their sum."""
 
+from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import equinox as eqx
@@ -24,10 +26,12 @@ from gaussray.reconstruct.optimize.optimizer import Parameters, scene_of, transi
 from gaussray.reconstruct.optimize.relocation import Presence
 from gaussray.scene.scene import Scene
 from gaussray.scene.transient import squared_age
+from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import Motion, scene_motion
+from gaussray.tracer.seen import seen_part
 from gaussray.tracer.shard import trace_sharded
 from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity
-from gaussray.tracer.traverse import Capacity
+from gaussray.tracer.traverse import Capacity, enlarged_size
 
 
 class StepOptions(eqx.Module):
@@ -70,16 +74,22 @@ class BlockSizes(eqx.Module):
         capacity: sizes of the tracer's lists.
         mesh: the devices that share the rays.
         keys: the number of key states of the scene across a step; 1: all its rays share one time.
+        seen: places for the persistent and the transient Gaussians that the tiles of a step may
+            meet (`seen_part`); none: all Gaussians are traced.
     """
 
     capacity: Capacity
     mesh: Mesh = eqx.field(static=True)
     keys: int = eqx.field(static=True, default=1)
+    seen: tuple[int, ...] = eqx.field(static=True, default=())
 
     def enlarged(self, needed) -> "BlockSizes":
         """Sizes for a block whose lists needed this much room."""
-        capacity = enlarged_capacity(self.capacity, [int(n) for n in needed], headroom=1.5)
-        return BlockSizes(capacity, self.mesh, self.keys)
+        lists = len(needed) - len(self.seen)
+        capacity = enlarged_capacity(self.capacity, [int(n) for n in needed[:lists]], headroom=1.5)
+        seen = zip(self.seen, needed[lists:], strict=True)
+        grown = tuple(enlarged_size(one, int(n), headroom=1.5, near=1.0) for one, n in seen)
+        return BlockSizes(capacity, self.mesh, self.keys, grown)
 
 
 class LossDetails(NamedTuple):
@@ -124,13 +134,8 @@ def loss_of(
     rays, gain = step_rays(parameters, views, batch, cameras, step, options)
     truth, weight = tile_colors(batch)
     scene = _dealt_out(scene_of(parameters, jnp.zeros(2), cameras.times), sizes.mesh)
-    pixels, report = trace_sharded(
-        step_motion(scene, rays, batch.time, cameras, sizes.keys),
-        rays,
-        options=options.trace,
-        capacity=sizes.capacity,
-        mesh=sizes.mesh,
-    )
+    motion = step_motion(scene, rays, batch.time, cameras, sizes.keys)
+    pixels, report = _traced(motion, rays, len(batch.tile), options, sizes)
     light = pixels.color
     if options.backdrop is not None:
         light = before_backdrop(light, pixels.transmittance, options.backdrop)
@@ -156,6 +161,21 @@ def loss_of(
     terms["mse"] = jnp.sum((image - truth) ** 2) / (3 * jnp.maximum(jnp.sum(weight), 1))
     error = _tile_errors(image, truth, weight, batch)
     return total, LossDetails(terms, report, rays.origin.reshape(-1, 3), error)
+
+
+def _traced(
+    motion: Motion, rays: Rays, tiles: int, options: StepOptions, sizes: BlockSizes
+) -> tuple[Pixels, Report]:
+    """The pixels that the rays of a step see, and the tracer's report with what is `seen`."""
+    trace = partial(trace_sharded, options=options.trace, capacity=sizes.capacity, mesh=sizes.mesh)
+    if not sizes.seen:
+        return trace(motion, rays)
+    places = (sizes.seen[0], sizes.seen[1])
+    part = seen_part(motion, rays, blocks=tiles, places=places, options=options.trace)
+    pixels, report = trace(part.motion, rays)
+    missing = jnp.sum(jnp.maximum(part.needed - jnp.asarray(places), 0), dtype=jnp.int32)
+    needed = jnp.concatenate([report.needed, part.needed])
+    return pixels, replace(report, needed=needed, dropped=report.dropped + missing)
 
 
 def density_costs(

@@ -1,5 +1,7 @@
 """Bundles of coherent rays and conservative bounds around them."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -39,17 +41,22 @@ class Bundles(eqx.Module):
     latest: Float[Array, "*bundles"]
 
 
-def bound_bundles(rays: Rays, key_time: Float[Array, " keys"]) -> Bundles:
+def bound_bundles(
+    rays: Rays, key_time: Float[Array, " keys"], *, row: int | None = None
+) -> Bundles:
     """Bound bundles of rays. No gradient.
 
     Args:
         rays: Rays of the shape (bundles, rays of one bundle).
         key_time: Key times of the motion.
+        row: Number of rays in the first row of a bundle; None for a square bundle.
     """
-    return jax.vmap(_bound_bundle, in_axes=(0, None))(jax.lax.stop_gradient(rays), key_time)
+    row_end = _row_end(rays.direction.shape[1]) if row is None else row - 1
+    bound = partial(_bound_bundle, key_time=key_time, row_end=row_end)
+    return jax.vmap(bound)(jax.lax.stop_gradient(rays))
 
 
-def _bound_bundle(rays: Rays, key_time: Array) -> Bundles:
+def _bound_bundle(rays: Rays, key_time: Array, row_end: int) -> Bundles:
     d, o = rays.direction, rays.origin
     real = jnp.any(d != 0, axis=-1) & jnp.isfinite(rays.time)
     real = real & jnp.all(jnp.isfinite(d) & jnp.isfinite(o), axis=-1)
@@ -57,7 +64,7 @@ def _bound_bundle(rays: Rays, key_time: Array) -> Bundles:
     some = jnp.any(real)
     axis = normalize(jnp.sum(d, axis=0))
     # The side from the first to the middle ray of the bundle's first run follows the pixel rows.
-    along = d[_row_end(d.shape[0])] - d[0]
+    along = d[row_end] - d[0]
     along = along - jnp.sum(along * axis) * axis
     x_axis, y_axis = jnp.eye(3, dtype=d.dtype)[:2]
     helper = jnp.where(jnp.abs(axis[0]) < 0.6, x_axis, y_axis)

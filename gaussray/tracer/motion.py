@@ -236,7 +236,7 @@ def replace_invalid(g: Gaussians, fine: Bool[Array, " gaussians"]) -> Gaussians:
         shape = [-1 if i == axis else 1 for i in range(x.ndim)]
         return jnp.where(fine.reshape(shape), x, 1)
 
-    return _map_arrays(replace, g)
+    return map_arrays(replace, g)
 
 
 def pad_gaussians(g: Gaussians) -> Gaussians:
@@ -245,11 +245,16 @@ def pad_gaussians(g: Gaussians) -> Gaussians:
     def pad(x: Array, axis: int) -> Array:
         return jnp.pad(x, [(0, 1) if i == axis else (0, 0) for i in range(x.ndim)])
 
-    return _map_arrays(pad, g)
+    return map_arrays(pad, g)
 
 
-def _map_arrays(change: Callable[[Array, int], Array], g: Gaussians) -> Gaussians:
-    """A change of every array; `change` gets the array and the axis of the Gaussians."""
+def map_arrays(change: Callable[[Array, int], Array], g: Gaussians) -> Gaussians:
+    """Gaussians with key states after a change of every array.
+
+    Args:
+        change: gets an array and its axis of the Gaussians.
+        g: Gaussians with key states.
+    """
     return Gaussians(
         mean=change(g.mean, 1),
         quat=change(g.quat, 1),

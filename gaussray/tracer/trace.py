@@ -30,7 +30,7 @@ from gaussray.tracer.prepare import (
     time_span as time_span,
 )
 from gaussray.tracer.table import Lanes, gaussian_table, table_columns
-from gaussray.tracer.traverse import Candidates, Capacity, candidates
+from gaussray.tracer.traverse import Candidates, Capacity, candidates, enlarged_size
 
 
 class Report(eqx.Module):
@@ -305,22 +305,14 @@ def measure(
 def enlarged_capacity(capacity: Capacity, needed: list[int], *, headroom: float = 1.3) -> Capacity:
     """Enlarge every size that is exceeded, or used to more than 0.8.
 
-    Enlarging all of them at once saves compilations. Sizes are rounded up to an eighth of a power
-    of two, so that growth recompiles rarely; slots to a power of two.
+    Enlarging all of them at once saves compilations. Slots are rounded up to a power of two.
 
     Args:
         capacity: The sizes.
         needed: The needed sizes (`Report.needed`).
         headroom: Factor of the needed sizes.
     """
-
-    def grown(present: int, wanted: int, near: float = 0.8) -> int:
-        if wanted <= near * present:
-            return present
-        target = max(int(wanted * headroom), 16)
-        step = max(1 << (target.bit_length() - 3), 1)
-        return -(-target // step) * step
-
+    grown = partial(enlarged_size, headroom=headroom)
     levels = len(capacity.cells)
     cells, (pairs, slots, *transient) = needed[:levels], needed[levels:]
     return Capacity(

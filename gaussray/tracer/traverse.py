@@ -32,6 +32,23 @@ class Capacity(eqx.Module):
     transient: int = eqx.field(static=True, default=0)
 
 
+def enlarged_size(present: int, wanted: int, *, headroom: float, near: float = 0.8) -> int:
+    """A size of lists that leaves room. Rounded up to an eighth of a power of two, so that growth
+    recompiles rarely.
+
+    Args:
+        present: the size so far; it stays while less than a share of it is needed.
+        wanted: the needed size.
+        headroom: factor of the needed size.
+        near: that share.
+    """
+    if wanted <= near * present:
+        return present
+    target = max(int(wanted * headroom), 16)
+    step = max(1 << (target.bit_length() - 3), 1)
+    return -(-target // step) * step
+
+
 class Candidates(eqx.Module):
     """The list of every bundle: `index[start : start + count]`.
 

@@ -194,18 +194,21 @@ def explore(
     *,
     size: float | Float[Array, ""],
     extent: float | Float[Array, ""],
+    steps: int = 1,
 ) -> Kind:
-    """Positions with the noise of one step of Langevin dynamics.
+    """Positions with the noise of some steps of Langevin dynamics.
 
     The noise is normal, stretched by the Gaussian's covariance, and only for what is hardly
     visible: times sigmoid(100 (0.005 - opacity)). No step is longer than the Gaussian's longest
-    axis, so that large ones do not leave the scene.
+    axis, so that large ones do not leave the scene. The sum of n steps is as one that is larger by
+    the square root of n.
 
     Args:
         free: the Gaussians of one kind.
         key: random key of the noise.
         size: factor of the noise: `DensityOptions.noise`, falling like the learning rates.
         extent: the scene's length unit, by which the covariance is divided.
+        steps: how many steps the noise is the sum of.
     """
     opacity = jax.nn.sigmoid(free.logit_opacity)
     faint = jax.nn.sigmoid(_SHARP * (_NOISY - opacity)) * _held(free)
@@ -215,7 +218,7 @@ def explore(
     along = jnp.sum(frame * dice[:, :, None], axis=1)
     step = size * jnp.sum(frame * along[:, None, :], axis=2) / extent
     length = jnp.sqrt(jnp.sum(step * step, axis=1) + 1e-30)
-    held = faint * jnp.minimum(1, jnp.max(scale, axis=1) / length)
+    held = faint * jnp.minimum(1, jnp.max(scale, axis=1) / length) * steps**0.5
     return eqx.tree_at(lambda f: f.mean, free, free.mean + held[:, None] * step)
 
 

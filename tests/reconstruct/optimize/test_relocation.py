@@ -34,7 +34,8 @@ def costs_of(free, extent, window=None):
 
 
 shared = jax.jit(shared_by_copies)
-unconstrained, priced, wandered = map(jax.jit, (unconstrain, costs_of, explore))
+unconstrained, priced = map(jax.jit, (unconstrain, costs_of))
+wandered = jax.jit(explore, static_argnames="steps")
 slopes = jax.jit(jax.grad(lambda *seen: sum(costs_of(*seen).values())))
 
 
@@ -228,6 +229,18 @@ def test_only_the_faint_explore_and_by_their_covariance():
     found = np.asarray(moved[::2], np.float64)
     # 2000 draws: relative errors of variances of some 3 %.
     np.testing.assert_allclose(found.T @ found / len(found), expected, atol=0.15 * expected.max())
+
+
+def test_the_noise_of_many_steps_is_that_of_their_sum():
+    free = crowd(np.full(4000, 1e-4))
+    for size in (0.01, 80.0):  # The latter is cut at the longest axis.
+        moved = [
+            wandered(free, key, size=size, extent=1.0, steps=steps).mean - free.mean
+            for key, steps in zip(jax.random.split(jax.random.key(1), 2), (1, 16), strict=True)
+        ]
+        one, many = (np.sqrt(np.mean(np.square(x, dtype=np.float64))) for x in moved)
+        # 12,000 numbers: relative errors of 1 %.
+        assert many == pytest.approx(4 * one, rel=0.05)
 
 
 def test_no_step_of_exploration_is_longer_than_the_gaussian():

@@ -1,0 +1,148 @@
+"""The part of a scene that a few blocks of rays may meet. All other Gaussians need not be sorted,
+listed or differentiated."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
+
+from gaussray.camera.rays import Rays
+from gaussray.tracer.bundle import Bundles, bound_bundles
+from gaussray.tracer.motion import (
+    Motion,
+    clipped_time,
+    control_points,
+    map_arrays,
+    merge_rest,
+)
+from gaussray.tracer.options import TraceOptions
+from gaussray.tracer.prepare import time_span
+from gaussray.tracer.response import reach_radius
+from gaussray.tracer.window import swept_between, time_window_of
+
+
+# Rounding errors, in units of the last place, that must not hide a Gaussian.
+_SLACK = 8
+
+
+class SeenPart(NamedTuple):
+    """The Gaussians of a motion that blocks of rays may meet.
+
+    Args:
+        motion: these Gaussians, in a fixed number of places; an empty place has opacity 0.
+        needed: the places that persistent and transient ones need.
+    """
+
+    motion: Motion
+    needed: Int[Array, "2"]
+
+
+def seen_part(
+    motion: Motion,
+    rays: Rays,
+    *,
+    blocks: int,
+    places: tuple[int, int],
+    options: TraceOptions,
+) -> SeenPart:
+    """The part of a motion that rays may meet; the first of its Gaussians if there are too many.
+
+    A trace of it gives what a trace of the whole motion gives. Gradients reach the whole motion.
+
+    Args:
+        motion: the scene across the times of the rays.
+        rays: samples of the same rays, with a leading axis, in blocks of equal length.
+        blocks: number of blocks. Each is bounded by half-spaces, so its rays should be coherent.
+        places: places for persistent Gaussians and for transient ones.
+        options: how the rays are traced.
+    """
+    motion = merge_rest(motion)
+    masks = _seen(motion, rays, blocks, options)
+    needed = jnp.stack([jnp.sum(mask, dtype=jnp.int32) for mask in masks])
+    index, there = _places(masks[0], places[0])
+
+    def pick(x: Array, axis: int = 0) -> Array:
+        return jnp.take(x, index, axis, mode="fill", fill_value=1, indices_are_sorted=True)
+
+    kept = map_arrays(pick, motion.gaussians)
+    kept = replace(kept, opacity=jnp.where(there, kept.opacity, 0))
+    transient = motion.transient
+    if transient is not None:
+        index, there = _places(masks[1], places[1])
+        transient = jax.tree.map(pick, transient)
+        transient = replace(transient, opacity=jnp.where(there, transient.opacity, 0))
+    return SeenPart(replace(motion, gaussians=kept, transient=transient), needed)
+
+
+def seen_counts(
+    motion: Motion, rays: Rays, *, blocks: int, options: TraceOptions
+) -> Int[Array, "2"]:
+    """How many places `seen_part` needs for persistent and for transient Gaussians.
+
+    Args:
+        motion: the scene across the times of the rays.
+        rays: samples of the same rays, with a leading axis, in blocks of equal length.
+        blocks: number of blocks.
+        options: how the rays are traced.
+    """
+    masks = _seen(merge_rest(motion), rays, blocks, options)
+    return jnp.stack([jnp.sum(mask, dtype=jnp.int32) for mask in masks])
+
+
+def _places(mask: Bool[Array, " gaussians"], places: int) -> tuple[Array, Bool[Array, " places"]]:
+    """The rows under a mask, in their order, and which places have one."""
+    count = mask.shape[0]
+    index = jnp.nonzero(mask, size=places, fill_value=count)[0].astype(jnp.int32)
+    return index, index < count
+
+
+def _seen(motion: Motion, rays: Rays, blocks: int, options: TraceOptions) -> tuple[Array, Array]:
+    """Which persistent and which transient Gaussians may be met. What is not finite is seen, so
+    that the tracer counts it."""
+    motion, rays = jax.lax.stop_gradient((motion, rays))
+    block = jax.tree.map(
+        lambda x: jnp.moveaxis(x.reshape(x.shape[0], blocks, -1, *x.shape[2:]), 0, 1).reshape(
+            blocks, -1, *x.shape[2:]
+        ),
+        rays,
+    )
+    # Rays come in square bundles: the first row of one shows how a block is turned.
+    bounds = bound_bundles(block, motion.time, row=options.bundle)
+    g = motion.gaussians
+    reach = reach_radius(g.opacity, options.alpha_min)
+    mean, frame = control_points(motion)
+    if motion.keys == 1:
+        longest = jnp.max(g.scale, axis=-1)
+    else:
+        longest = jnp.sqrt(jnp.sum(frame * frame, axis=(-2, -1)))
+    persistent = _touched(bounds, mean, reach[None] * longest) & ~(reach <= 0)
+    transient = motion.transient
+    if transient is None:
+        return persistent, jnp.zeros(0, bool)
+    reach = reach_radius(transient.opacity, options.alpha_min)
+    span = clipped_time(motion.time_range, time_span(rays))
+    swept = swept_between(time_window_of(transient), reach, span[0], span[1])
+    ends = jnp.stack([transient.mean + x for x in (swept.first, swept.last)])
+    size = reach * swept.shrink * jnp.max(transient.scale, axis=-1)
+    briefly = _touched(bounds, ends, jnp.broadcast_to(size, ends.shape[:2]))
+    return persistent, briefly & ~(swept.shrink <= 0)
+
+
+def _touched(
+    bounds: Bundles, center: Float[Array, "keys gaussians 3"], size: Float[Array, "keys gaussians"]
+) -> Bool[Array, " gaussians"]:
+    """Whether the hull of the spheres of each Gaussian reaches into all half-spaces of a block."""
+    eps = _SLACK * jnp.finfo(center.dtype).eps
+    x = [center[..., i] for i in range(3)]
+    size = size * (1 + eps) + eps * sum(jnp.abs(a) for a in x)
+
+    def by(normal: Float[Array, "sides 3"], offset: Float[Array, " sides"]) -> Array:
+        inside = jnp.ones(center.shape[1], bool)
+        for n, least in zip(normal, offset, strict=True):
+            support = sum(n[i] * x[i] for i in range(3)) + size
+            inside = inside & ~(jnp.max(support, axis=0) < least)
+        return inside
+
+    return jnp.any(jax.vmap(by)(bounds.normal, bounds.offset), axis=0)
