@@ -5,6 +5,7 @@ from functools import partial
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
 from jaxtyping import Array, Int
 
@@ -30,10 +31,12 @@ from gaussray.tracer.trace import measure
 from gaussray.tracer.traverse import enlarged_size
 
 
-# Tiles of a step up to which it pays to look for the Gaussians that they see before tracing. Room
-# for steps that see more than those that were measured, and the share of all Gaussians from which
-# on all are traced.
-_MOST_BLOCKS, _MORE_SEEN, _FEW = 16, 1.25, 0.7
+# Tiles of a step up to which it pays to look for the Gaussians that they see before tracing, and
+# the share of all Gaussians from which on all are traced.
+_MOST_BLOCKS, _FEW = 16, 0.7
+# Room for steps that see more than those that were measured, and whose lists are longer, where all
+# Gaussians are traced and where those that are seen are.
+_MORE_SEEN, _MORE_LISTED = 1.6, (2.0, 4.0)
 
 
 class Schedule(eqx.Module):
@@ -67,13 +70,13 @@ def measure_sizes(
     keys: int = 1,
     growth: float = 1.0,
 ) -> BlockSizes:
-    """The sizes to compile a block of steps for: twice those that its first step needs, as steps
-    see different tiles.
+    """The sizes to compile a block of steps for: a multiple of those that its first step needs, as
+    steps see different tiles.
 
     Args:
         state: the state before the block.
         views: the recorded cameras of all training frames, stacked.
-        batches: the tiles of every step, with a leading axis of steps; the first step is measured.
+        batches: the tiles of every step, with a leading axis of steps.
         cameras: the set of training cameras.
         options: how a step renders.
         mesh: the devices that share the rays.
@@ -92,7 +95,7 @@ def measure_sizes(
             motion, rays = traced(state, views, batch, cameras)
             return seen_counts(motion, rays, blocks=tiles, options=options.trace)
 
-        return jnp.max(jax.lax.map(of_step, batches), axis=0)
+        return jax.lax.map(of_step, batches)
 
     @eqx.filter_jit
     def first_step(state, views, batch, cameras, places):
@@ -104,20 +107,22 @@ def measure_sizes(
     tiles, places = batches.tile.shape[1], ()
     first = jax.tree.map(lambda x: x[0], batches)
     if tiles <= _MOST_BLOCKS and not on_kernel(options.trace, views.time.dtype):
-        # Few of the Gaussians: their number grows with that of all.
-        seen = counts(state, views, batches, cameras)
+        seen = np.asarray(counts(state, views, batches, cameras))
         rows = [part.mean.shape[0] for part in state.parameters.kinds.values()]
-        places = _places([int(n) for n in seen], sum(rows[:2]), sum(rows[2:]), growth**2)
+        # Their number grows with that of all.
+        places = _places(seen.max(axis=0), sum(rows[:2]), sum(rows[2:]), growth**2)
     motion, rays = first_step(state, views, first, cameras, places)
-    capacity = measure(motion, rays, options=options.trace, headroom=2.0 * growth)
+    # Of few Gaussians, lists differ more from step to step: tiles may look at one place.
+    headroom = _MORE_LISTED[bool(places)] * growth
+    capacity = measure(motion, rays, options=options.trace, headroom=headroom)
     return BlockSizes(capacity, mesh, keys, places)
 
 
 def _places(
-    seen: list[int], persistent: int, transient: int, growth: float
+    seen: Int[np.ndarray, "2"], persistent: int, transient: int, growth: float
 ) -> tuple[int, int] | tuple[()]:
     """Places for what the tiles of a step see; none where that is most of the Gaussians anyway."""
-    wanted = [enlarged_size(0, n, headroom=_MORE_SEEN * growth) for n in seen]
+    wanted = [enlarged_size(0, int(n), headroom=_MORE_SEEN * growth) for n in seen]
     kept, brief = (min(n, rows) for n, rows in zip(wanted, (persistent, transient), strict=True))
     few = kept + brief < _FEW * (persistent + transient)
     return (max(kept, 1), max(brief, 1)) if few else ()
