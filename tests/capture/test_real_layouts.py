@@ -363,6 +363,10 @@ def test_a_capture_of_dynamic_3d_gaussians_opens(tmp_path):
         (lambda d: d["fn"][1].pop(), "as many cameras at time step 1, got 2, 2, 1, 2"),
         (lambda d: d["k"][0][1][0].__setitem__(1, 0.5), "frame 1: k must be .*without skew"),
         (lambda d: d["w2c"][0].__setitem__(0, [[0.0] * 4] * 4), "frame 0: w2c must be an inv"),
+        (
+            lambda d: d["w2c"][0].__setitem__(0, np.diag([-1.0, 1, 1, 1]).tolist()),
+            "frame 0: w2c must be a world-to-camera matrix without reflection",
+        ),
         (lambda d: d["fn"][0].__setitem__(0, "../../x.png"), "must name a file in"),
     ],
 )
