@@ -81,7 +81,7 @@ def _rows(capture, options, devices: int | None, chosen) -> list[dict]:
                 record(
                     "reconstruct_step",
                     effect=stage,
-                    scene=chosen.capture or "quickstart",
+                    scene=Path(chosen.capture).name if chosen.capture else "quickstart",
                     gaussians=count,
                     rays=options.fit.tiles * side**2,
                     samples=1,

@@ -258,7 +258,7 @@ def _numbers(sizes: BlockSizes) -> list[int]:
     """All sizes in a row: lists, transient Gaussians if there are any, and what tiles see."""
     capacity = sizes.capacity
     transient = [capacity.transient] if capacity.transient else []
-    return [*capacity.cells, capacity.pairs, capacity.slots, *transient, *sizes.seen]
+    return [*capacity.cells, capacity.pairs, capacity.slots, *transient, *(sizes.seen or ())]
 
 
 def _least_numbers(session: Session, state: State) -> int:
@@ -271,7 +271,8 @@ def _sizes(numbers: list[int], session: Session, state: State) -> BlockSizes:
     """The sizes of which `_numbers` gives the numbers."""
     levels, least = session.options.trace.levels + 1, _least_numbers(session, state)
     capacity = Capacity(tuple(numbers[:levels]), *numbers[levels:least])
-    return BlockSizes(capacity, session.mesh, session.key_states(state), tuple(numbers[least:]))
+    seen = (numbers[-2], numbers[-1]) if len(numbers) > least else None
+    return BlockSizes(capacity, session.mesh, session.key_states(state), seen)
 
 
 def _with_density_control(

@@ -34,9 +34,9 @@ from gaussray.tracer.traverse import enlarged_size
 # Tiles of a step up to which it pays to look for the Gaussians that they see before tracing, and
 # the share of all Gaussians from which on all are traced.
 _MOST_BLOCKS, _FEW = 16, 0.7
-# Room for steps that see more than those that were measured, and whose lists are longer, where all
-# Gaussians are traced and where those that are seen are.
-_MORE_SEEN, _MORE_LISTED = 1.6, (2.0, 4.0)
+# Room for steps that see more Gaussians than those that were measured, and for longer lists. Lists
+# of what is seen alone differ more from step to step: several tiles may look at one place.
+_MORE_SEEN, _LONGER, _LONGER_SEEN = 1.6, 2.0, 4.0
 
 
 class Schedule(eqx.Module):
@@ -100,11 +100,11 @@ def measure_sizes(
     @eqx.filter_jit
     def first_step(state, views, batch, cameras, places):
         motion, rays = traced(state, views, batch, cameras)
-        if places:
+        if places is not None:
             motion = seen_part(motion, rays, blocks=tiles, places=places, options=options.trace)[0]
         return motion, jax.tree.map(lambda x: x[:, : -(-x.shape[1] // mesh.size)], rays)
 
-    tiles, places = batches.tile.shape[1], ()
+    tiles, places = batches.tile.shape[1], None
     first = jax.tree.map(lambda x: x[0], batches)
     if tiles <= _MOST_BLOCKS and not on_kernel(options.trace, views.time.dtype):
         seen = np.asarray(counts(state, views, batches, cameras))
@@ -112,20 +112,19 @@ def measure_sizes(
         # Their number grows with that of all.
         places = _places(seen.max(axis=0), sum(rows[:2]), sum(rows[2:]), growth**2)
     motion, rays = first_step(state, views, first, cameras, places)
-    # Of few Gaussians, lists differ more from step to step: tiles may look at one place.
-    headroom = _MORE_LISTED[bool(places)] * growth
-    capacity = measure(motion, rays, options=options.trace, headroom=headroom)
+    longer = growth * (_LONGER if places is None else _LONGER_SEEN)
+    capacity = measure(motion, rays, options=options.trace, headroom=longer)
     return BlockSizes(capacity, mesh, keys, places)
 
 
 def _places(
     seen: Int[np.ndarray, "2"], persistent: int, transient: int, growth: float
-) -> tuple[int, int] | tuple[()]:
-    """Places for what the tiles of a step see; none where that is most of the Gaussians anyway."""
+) -> tuple[int, int] | None:
+    """Places for what the tiles of a step see; None where that is most of the Gaussians anyway."""
     wanted = [enlarged_size(0, int(n), headroom=_MORE_SEEN * growth) for n in seen]
     kept, brief = (min(n, rows) for n, rows in zip(wanted, (persistent, transient), strict=True))
     few = kept + brief < _FEW * (persistent + transient)
-    return (max(kept, 1), max(brief, 1)) if few else ()
+    return (max(kept, 1), max(brief, 1)) if few else None
 
 
 @eqx.filter_jit

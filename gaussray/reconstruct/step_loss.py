@@ -75,21 +75,23 @@ class BlockSizes(eqx.Module):
         mesh: the devices that share the rays.
         keys: the number of key states of the scene across a step; 1: all its rays share one time.
         seen: places for the persistent and the transient Gaussians that the tiles of a step may
-            meet (`seen_part`); none: all Gaussians are traced.
+            meet (`seen_part`); None: all Gaussians are traced.
     """
 
     capacity: Capacity
     mesh: Mesh = eqx.field(static=True)
     keys: int = eqx.field(static=True, default=1)
-    seen: tuple[int, ...] = eqx.field(static=True, default=())
+    seen: tuple[int, int] | None = eqx.field(static=True, default=None)
 
     def enlarged(self, needed) -> "BlockSizes":
         """Sizes for a block whose lists needed this much room."""
-        lists = len(needed) - len(self.seen)
-        capacity = enlarged_capacity(self.capacity, [int(n) for n in needed[:lists]], headroom=1.5)
-        seen = zip(self.seen, needed[lists:], strict=True)
-        grown = tuple(enlarged_size(one, int(n), headroom=1.5, near=1.0) for one, n in seen)
-        return BlockSizes(capacity, self.mesh, self.keys, grown)
+        lists, seen = [int(n) for n in needed], self.seen
+        if seen is not None:
+            grown = partial(enlarged_size, headroom=1.5, near=1.0)
+            seen = grown(seen[0], lists[-2]), grown(seen[1], lists[-1])
+            lists = lists[:-2]
+        capacity = enlarged_capacity(self.capacity, lists, headroom=1.5)
+        return BlockSizes(capacity, self.mesh, self.keys, seen)
 
 
 class LossDetails(NamedTuple):
@@ -168,12 +170,11 @@ def _traced(
 ) -> tuple[Pixels, Report]:
     """The pixels that the rays of a step see, and the tracer's report with what is `seen`."""
     trace = partial(trace_sharded, options=options.trace, capacity=sizes.capacity, mesh=sizes.mesh)
-    if not sizes.seen:
+    if sizes.seen is None:
         return trace(motion, rays)
-    places = (sizes.seen[0], sizes.seen[1])
-    part = seen_part(motion, rays, blocks=tiles, places=places, options=options.trace)
+    part = seen_part(motion, rays, blocks=tiles, places=sizes.seen, options=options.trace)
     pixels, report = trace(part.motion, rays)
-    missing = jnp.sum(jnp.maximum(part.needed - jnp.asarray(places), 0), dtype=jnp.int32)
+    missing = jnp.sum(jnp.maximum(part.needed - jnp.asarray(sizes.seen), 0), dtype=jnp.int32)
     needed = jnp.concatenate([report.needed, part.needed])
     return pixels, replace(report, needed=needed, dropped=report.dropped + missing)
 

@@ -25,7 +25,7 @@ class DevicesOptions(eqx.Module):
     """Which devices and hosts run a command.
 
     The result is that of one device, up to the order of sums; but `fit=auto` gives each GPU as many
-    rays as a single one gets. All hosts share the output folder.
+    rays as a single one gets, except for rigid bodies. All hosts share the output folder.
 
     Args:
         count: devices of each host; 0 for all (of a CPU: `cpu_devices`).

@@ -128,7 +128,8 @@ def _seen(motion: Motion, rays: Rays, blocks: int, options: TraceOptions) -> tup
     ends = jnp.stack([transient.mean + x for x in (swept.first, swept.last)])
     size = reach * swept.shrink * jnp.max(transient.scale, axis=-1)
     briefly = _touched(bounds, ends, jnp.broadcast_to(size, ends.shape[:2]))
-    return persistent, briefly & ~(swept.shrink <= 0)
+    known = jnp.isfinite(transient.instant + transient.lifetime + transient.plateau + reach)
+    return persistent, (briefly & ~(swept.shrink <= 0)) | ~known
 
 
 def _touched(

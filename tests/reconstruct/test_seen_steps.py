@@ -62,7 +62,7 @@ def test_loss_and_gradients_are_those_of_all_gaussians(problem):
     assert sizes.seen and sizes.seen[0] < 0.5 * COUNT
     # Lists for all Gaussians are longer than for those that are seen.
     capacity = dataclasses.replace(sizes.capacity, cells=(COUNT,), pairs=COUNT * 8, slots=COUNT)
-    whole = dataclasses.replace(sizes, capacity=capacity, seen=())
+    whole = dataclasses.replace(sizes, capacity=capacity, seen=None)
     (value, details), gradient = slope(*parts, sizes)
     (expected, other), known = slope(*parts, whole)
     assert int(details.report.dropped) == int(other.report.dropped) == 0

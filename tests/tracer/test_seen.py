@@ -103,11 +103,16 @@ def test_pixels_and_gradients_are_those_of_the_whole_scene(name):
 
 
 def test_what_is_not_finite_is_kept_for_the_tracer_to_count():
-    motion, lines = SCENES["still"][0](), blocks(0.01, (0.5, 0.5))
+    motion, lines = SCENES["transient"][0](), blocks(0.01, (0.4, 0.6))
     mean = motion.gaussians.mean.at[0, :3].set(jnp.nan)
-    broken = replace(motion, gaussians=replace(motion.gaussians, mean=mean))
-    _, (_, _, report) = filmed(broken, lines, weights(), (COUNT, 1))
-    assert int(report.skipped) == 3
+    instant = motion.transient.instant.at[:2].set(jnp.nan)
+    broken = replace(
+        motion,
+        gaussians=replace(motion.gaussians, mean=mean),
+        transient=replace(motion.transient, instant=instant),
+    )
+    _, (_, _, report) = filmed(broken, lines, weights(), (COUNT, COUNT))
+    assert int(report.skipped) == 5
 
 
 def test_places_that_lack_are_told():
