@@ -62,6 +62,8 @@ class FitOptions(eqx.Module):
         outliers: points further from their neighbours than usual by more than this many standard
             deviations are left out (`from_points.inliers`). 0 keeps all.
         memory: gigabytes of pictures that are kept in memory; more are kept in a file.
+        equalize: even out exposures and light that change over time, where cameras that stand still
+            tell (`equalization`); light that changes becomes a part of the scene.
         samples: rays per pixel over pixel filter, aperture and exposure. 0: 1, or 4 if a camera has
             an aperture or an exposure time.
         refine: the parameters of the cameras that are learnt too (`corrections.REFINABLE`).
@@ -98,6 +100,7 @@ class FitOptions(eqx.Module):
     footprint: float = eqx.field(static=True, default=0.35)
     outliers: float = eqx.field(static=True, default=5.0)
     memory: float = eqx.field(static=True, default=4.0)
+    equalize: bool = eqx.field(static=True, default=True)
     samples: int = eqx.field(static=True, default=0)
     refine: tuple[str, ...] = eqx.field(static=True, default=())
     refine_gain: float = eqx.field(static=True, default=0.3)

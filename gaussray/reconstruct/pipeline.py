@@ -132,6 +132,7 @@ def reconstruct(
         session = Session(
             capture, log, options, quiet or not leads(), devices, course[i], shared=shared
         )
+        _say(session.equalization.sentence if session.equalization else "", session.quiet)
         state, progress = _fitted(session, state, progress)
         scene, report = _pruned(session, state, progress, devices)
         report |= {"trial": scores} if scores else {}
@@ -247,7 +248,7 @@ def _pruned(
     if session.backdrop is not None:
         eye = np.asarray(session.footage.camera.trajectory.translation).reshape(-1, 3)
         scene, unmet = with_backdrop_shell(scene, unmet, session.backdrop, eye)
-    return pruned_scene(
+    scene, report = pruned_scene(
         scene,
         TrainingViews(session.footage, *session.training_cameras(state)),
         options=session.options.need,
@@ -256,6 +257,9 @@ def _pruned(
         unmet=unmet,
         report=session.progress_report("need", patience=2.0),
     )
+    if session.equalization is not None:
+        scene = replace(scene, light=session.equalization.light)
+    return scene, report
 
 
 def _save(path: Path, scene: Scene | Clip, report: dict[str, Any]) -> None:

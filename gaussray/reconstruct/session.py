@@ -17,6 +17,7 @@ from gaussray.camera.corrections import refined_kinds, refined_views
 from gaussray.capture.capture import Capture
 from gaussray.capture.points import Points
 from gaussray.reconstruct.data.backdrop import backdrop_of
+from gaussray.reconstruct.data.equalize import equalization, equalized
 from gaussray.reconstruct.data.held_out_tiles import HoldOut, held_out_tiles
 from gaussray.reconstruct.data.loader import Loader
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
@@ -58,7 +59,8 @@ class Session:
         shared: what fits of the same pictures have in common; None: there are no others.
 
     Attributes:
-        footage: the training pictures of the segment, and their cameras.
+        footage: the training pictures of the segment, evened out, and their cameras.
+        equalization: what was evened out; None for nothing.
         names: the names of all training cameras of the capture, sorted.
         extent: the scene's length unit, half the diagonal of the cameras' bounding box.
         cameras: what the training cameras have in common, and which of them took each picture.
@@ -97,6 +99,13 @@ class Session:
             folder=log.out,
             report=self.progress_bar("read", len(part.views), patience=2.0).report,
         )
+        # Of a part alone, the usual exposure would be another than that of the next one.
+        whole = part.time_range == capture.time_range
+        self.equalization = None
+        if options.fit.equalize and whole:
+            self.equalization = equalization(self.footage)
+        if self.equalization is not None:
+            self.footage = equalized(self.footage, self.equalization)
         self.backdrop = backdrop_of(self.footage)
         if self.backdrop is not None:
             # What stands before it is all that there is.

@@ -15,6 +15,7 @@ from gaussray.scene.bodies import Bodies
 from gaussray.scene.control_points import ControlPoints
 from gaussray.scene.deformation import HEADS, Deformation, Layer
 from gaussray.scene.gaussians import Gaussians
+from gaussray.scene.light import Light
 from gaussray.scene.planes import Planes
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene
@@ -88,7 +89,7 @@ def scene_from(
         )
     static, moving = (_gaussians(array, prefix, path) for prefix in ("static", "moving"))
     transient = _transients(array, path)
-    scene = Scene(static, moving, deformation, time_range, transient)
+    scene = Scene(static, moving, deformation, time_range, transient, _light(array, path))
     wrong = shape_error(scene)
     if wrong:
         raise ValueError(f"{path}: its arrays do not fit together ({wrong}); the scene is damaged.")
@@ -150,6 +151,19 @@ def _transients(array: dict[str, np.ndarray], path: Path) -> Transients | None:
             "least 0; the scene is damaged."
         )
     return Transients(**values)
+
+
+def _light(array: dict[str, np.ndarray], path: Path) -> Light | None:
+    if not any(name.startswith("light.") for name in array):
+        return None
+    time, gain = (_array(array, f"light.{name}", path) for name in ("time", "gain"))
+    fits = time.ndim == 1 and time.size and gain.shape == (time.size, 3)
+    if not fits or (np.diff(time) <= 0).any() or not (np.asarray(gain) > 0).all():
+        raise ValueError(
+            f"{path}: the array 'light.time' must increase and 'light.gain' hold three numbers "
+            "above 0 for each time; the scene is damaged."
+        )
+    return Light(time, gain)
 
 
 def _rows(

@@ -13,6 +13,7 @@ from gaussray.io.plain_values import readable, value_text, vector
 from gaussray.io.validate import check_kind
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Gaussians, concatenate
+from gaussray.scene.light import Light
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.transient import Transients, transients_at
 
@@ -28,6 +29,7 @@ class Scene(eqx.Module):
             nothing moves.
         transient: Gaussians that live for a short time and move along straight lines; None for
             none.
+        light: Light that changes over time; None for light that does not.
     """
 
     static: Gaussians
@@ -37,6 +39,7 @@ class Scene(eqx.Module):
         default=(0.0, 1.0), converter=vector("scene.time_range", 2)
     )
     transient: Transients | None = None
+    light: Light | None = None
 
     def __post_init__(self):
         check_kind("scene.static", self.static, Gaussians, "gaussray.Gaussians")
@@ -70,21 +73,22 @@ def transient_count(scene: Scene) -> int:
 def at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
     """All Gaussians of a scene at one time: static, then moving, then transient ones.
 
-    The opacity of a transient one is its opacity at this time, 0 or nearly 0 for most.
+    The opacity of a transient one is its opacity at this time, 0 or nearly 0 for most. Their
+    colours are those in the light of this time.
 
     Args:
         scene: The scene.
         time: In the unit of `scene.time_range`.
     """
     gaussians = persistent_at(scene, time)
-    if scene.transient is None:
-        return gaussians
-    time = jnp.clip(time, scene.time_range[0], scene.time_range[1])
-    return concatenate(gaussians, transients_at(scene.transient, time))
+    if scene.transient is not None:
+        now = jnp.clip(time, scene.time_range[0], scene.time_range[1])
+        gaussians = concatenate(gaussians, transients_at(scene.transient, now))
+    return gaussians if scene.light is None else scene.light.on(gaussians, time)
 
 
 def persistent_at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
-    """The static and the moving Gaussians of a scene at a time, in this order.
+    """The static and the moving Gaussians of a scene at a time, in this order, in usual light.
 
     Args:
         scene: The scene.

@@ -26,6 +26,8 @@ transient.instant, transient.lifetime and transient.plateau.
 
 Version 6 is version 3 for scenes with control points, deformation.control.{pivot,radius,time,path,
 turn}, with or without transient Gaussians.
+
+Version 7 is version 3 for scenes in changing light, light.{time,gain}, whatever else they have.
 """
 
 from collections.abc import Sequence
@@ -45,10 +47,10 @@ from gaussray.scene.segmented import Clip, segments_of
 
 FORMAT = "gaussray-scene"
 # A scene is written in the lowest version that can hold it.
-_VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT, CONTROL = 1, 2, 3, 4, 5, 6
-VERSIONS = _VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT, CONTROL
+_VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT, CONTROL, LIGHT = 1, 2, 3, 4, 5, 6, 7
+VERSIONS = _VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT, CONTROL, LIGHT
 # Versions whose header lists the arrays.
-_LISTS = LISTED, TRANSIENT, CONTROL
+_LISTS = LISTED, TRANSIENT, CONTROL, LIGHT
 # How arrays are stored: full keeps every bit, compact quantises (`compression`).
 PRECISIONS = ("full", "compact")
 
@@ -144,6 +146,8 @@ def _contents(
 
 def _version(scene: Scene) -> int:
     deformation = scene.deformation
+    if scene.light is not None:
+        return LIGHT
     if isinstance(deformation, Deformation) and deformation.control is not None:
         return CONTROL
     if scene.transient is not None:

@@ -1,6 +1,7 @@
 """Motion of Gaussians within a frame: parabolas between key times."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import equinox as eqx
 import jax
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.scene.gaussians import Gaussians, concatenate, principal_axes
+from gaussray.scene.light import Light
 from gaussray.scene.scene import Scene, moving_at, persistent_at
 from gaussray.scene.transient import Transients
 
@@ -29,6 +31,8 @@ class Motion(eqx.Module):
     `transient` are Gaussians that live for a short time; they come last. They have no key states:
     every ray meets them where they are, and as opaque as they are, at its own time. Times outside
     of `time_range` (None: there are no limits) count for them as its ends.
+
+    `light` is a factor of what each ray sees, at its own time (`lit`); None is 1.
     """
 
     time: Float[Array, " keys"]
@@ -36,6 +40,7 @@ class Motion(eqx.Module):
     rest: Gaussians | None = None
     transient: Transients | None = None
     time_range: Float[Array, "2"] | None = None
+    light: Light | None = None
 
     @property
     def keys(self) -> int:
@@ -86,10 +91,24 @@ def scene_motion(
     """
     transient = scene.transient if scene.transient is not None and scene.transient.count else None
     if key_time.shape[0] == 1 or scene.deformation is None:
-        return still(persistent_at(scene, key_time[0]), transient, time_range)
+        motion = still(persistent_at(scene, key_time[0]), transient, time_range)
+        return replace(motion, light=scene.light)
     rest = scene.static if scene.static.count else None
     limits = None if transient is None else time_range
-    return Motion(key_time, moving_at(scene, key_time), rest, transient, limits)
+    return Motion(key_time, moving_at(scene, key_time), rest, transient, limits, scene.light)
+
+
+def lit(
+    motion: Motion, color: Float[Array, "*rays 3"], time: Float[Array, "*rays"]
+) -> Float[Array, "*rays 3"]:
+    """Colours in the light of the rays' own times.
+
+    Args:
+        motion: the scene, whose light counts.
+        color: linear light of the rays, in usual light.
+        time: times of the rays, in the capture's unit.
+    """
+    return color if motion.light is None else color * motion.light.at(time)
 
 
 def merge_rest(motion: Motion) -> Motion:
@@ -97,7 +116,7 @@ def merge_rest(motion: Motion) -> Motion:
     if motion.rest is None:
         return motion
     every = concatenate(motion.rest, motion.gaussians)
-    return Motion(motion.time, every, None, motion.transient, motion.time_range)
+    return replace(motion, gaussians=every, rest=None)
 
 
 def clipped_time(

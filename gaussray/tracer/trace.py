@@ -16,7 +16,7 @@ from gaussray.tracer.bundle import FAN, bound_bundles
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.grid import build_grid
 from gaussray.tracer.march import march
-from gaussray.tracer.motion import Motion, clipped_time, control_weights
+from gaussray.tracer.motion import Motion, clipped_time, control_weights, lit
 from gaussray.tracer.options import (
     BACKENDS as BACKENDS,
     TraceOptions as TraceOptions,
@@ -98,7 +98,8 @@ def _trace_kernel(
     transmittance = jnp.moveaxis(transmittance, 0, 1).reshape(samples, -1)[:, :count]
     needed, dropped = scene.with_transient_count(jnp.max(needed, axis=0), jnp.sum(dropped))
     report = Report(needed, dropped, scene.skipped_count(stage.skipped), jnp.sum(hits))
-    return Pixels(sums[..., :3], transmittance, sums[..., 3]), report
+    color = lit(scene.motion, sums[..., :3], rays.time)
+    return Pixels(color, transmittance, sums[..., 3]), report
 
 
 def total_hits(hits: Int[Array, "..."]) -> Float[Array, ""]:
@@ -159,7 +160,8 @@ def march_lists(
             slots,
         )
         flat = channels.reshape(4, -1)[:, :count]
-        pixels = Pixels(flat[:3].T, transmittance.reshape(-1)[:count], flat[3])
+        color = lit(motion, flat[:3].T, rays.time)
+        pixels = Pixels(color, transmittance.reshape(-1)[:count], flat[3])
         return pixels, total_hits(hits)
 
     pixels, hits = map_leading(one, rays)

@@ -46,6 +46,7 @@ def color_by_vector(
         gaussians=paint(motion.gaussians),
         rest=None if rest is None else paint(rest),
         transient=transient,
+        light=None,
     )
 
 

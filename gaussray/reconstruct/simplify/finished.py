@@ -40,7 +40,8 @@ def finished_scene(candidate: Candidate) -> Scene:
     still, mobile = (
         jax.tree.map(jnp.asarray, _without_zeros(x)) for x in (still, take_rows(moving, moved))
     )
-    return Scene(still, mobile, deformation, scene.time_range, _visible(scene.transient))
+    transient = _visible(scene.transient)
+    return Scene(still, mobile, deformation, scene.time_range, transient, scene.light)
 
 
 def _visible(transient: Transients | None) -> Transients | None:

@@ -255,12 +255,17 @@ def _drop_faint(gaussians: Gaussians, persistent: int) -> Gaussians:
     return jax.tree.map(lambda x: x[np.flatnonzero(alive)], gaussians)
 
 
+def _changes(scene: Scene) -> bool:
+    moves = scene.deformation is not None or transient_count(scene) > 0
+    return moves or scene.light is not None
+
+
 def _export_time(scene: Scene | Clip, time: float | None) -> float:
     begin, end = (float(x) for x in scene.time_range)
     if time is None:
-        if isinstance(scene, Clip) or scene.deformation is not None or transient_count(scene):
+        if isinstance(scene, Clip) or _changes(scene):
             raise ValueError(
-                f"time must be given for a scene that moves, in its range {begin:g} ... {end:g}."
+                f"time must be given for a scene that changes, in its range {begin:g} ... {end:g}."
             )
         return begin
     # The range is in single precision: 0.1 must not be outside of 0 ... 0.1.

@@ -65,7 +65,9 @@ def export_transients(scene: Scene | Clip, out: Path | str, *, color: str, degre
     if leads():
         write_ftgs(out, whole)
     words = f"{whole.count} Gaussians, {parts[0].count} of which stand still"
-    return words + (f"; {approximated} plateaus became Gaussian windows." if approximated else ".")
+    notes = [f"{approximated} plateaus became Gaussian windows"] if approximated else []
+    notes += ["the change of light over time is left out"] if scene.light is not None else []
+    return "; ".join([words, *notes]) + "."
 
 
 def _static_transients(gaussians: Gaussians) -> Transients:

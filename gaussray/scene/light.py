@@ -1,0 +1,44 @@
+"""Light that changes over time: lamps that flicker or are dimmed, clouds, the time of day."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from gaussray.scene.gaussians import Gaussians, fold_tint
+
+
+class Light(eqx.Module):
+    """Factor of all that the scene emits, as a function of time.
+
+    A ray sees its colour times the factor at its own time: linear between the times, constant
+    before the first and after the last one.
+
+    Args:
+        time: increasing times, in the capture's unit.
+        gain: factors of linear red, green and blue at these times, above 0.
+    """
+
+    time: Float[Array, " times"]
+    gain: Float[Array, "times 3"]
+
+    def at(self, time: Float[Array, "*rays"]) -> Float[Array, "*rays 3"]:
+        """The factor at times.
+
+        Args:
+            time: in the capture's unit.
+        """
+        channels = [jnp.interp(time, self.time, self.gain[:, c]) for c in range(3)]
+        return jnp.stack(channels, axis=-1)
+
+    def on(self, gaussians: Gaussians, time: Float[Array, ""]) -> Gaussians:
+        """Gaussians in the light of one time: the same colours times the factor, as harmonics.
+
+        Args:
+            gaussians: as they are in the usual light.
+            time: in the capture's unit.
+        """
+        factor = jnp.broadcast_to(self.at(time), gaussians.mean.shape)
+        tint = factor if gaussians.tint is None else gaussians.tint * factor
+        return fold_tint(replace(gaussians, tint=tint))
