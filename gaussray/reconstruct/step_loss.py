@@ -133,6 +133,7 @@ def loss_of(
         options: the options of a step.
         sizes: what the step is compiled for.
     """
+    batch = _tiles_dealt_out(batch, sizes.mesh)
     rays, gain = step_rays(parameters, views, batch, cameras, step, options)
     truth, weight = tile_colors(batch)
     scene = _dealt_out(scene_of(parameters, jnp.zeros(2), cameras.times), sizes.mesh)
@@ -169,7 +170,13 @@ def _traced(
     motion: Motion, rays: Rays, tiles: int, options: StepOptions, sizes: BlockSizes
 ) -> tuple[Pixels, Report]:
     """The pixels that the rays of a step see, and the tracer's report with what is `seen`."""
-    trace = partial(trace_sharded, options=options.trace, capacity=sizes.capacity, mesh=sizes.mesh)
+    trace = partial(
+        trace_sharded,
+        options=options.trace,
+        capacity=sizes.capacity,
+        mesh=sizes.mesh,
+        dealt=tiles % sizes.mesh.size == 0,
+    )
     if sizes.seen is None:
         return trace(motion, rays)
     part = seen_part(motion, rays, blocks=tiles, places=sizes.seen, options=options.trace)
@@ -261,6 +268,18 @@ def _tile_errors(image: Array, truth: Array, weight: Array, batch: Batch) -> Flo
     tiles = batch.tile.shape[0]
     difference = jnp.sum(jnp.abs(image - truth).reshape(tiles, -1), axis=1)
     return difference / (3 * jnp.maximum(jnp.sum(weight.reshape(tiles, -1), axis=1), 1))
+
+
+def _tiles_dealt_out(batch: Batch, mesh: Mesh) -> Batch:
+    """The tiles with as many on each device, which then computes their rays, pixels and loss."""
+    if mesh.size == 1 or len(batch.tile) % mesh.size:
+        return batch
+
+    def spread(x: Array) -> Array:
+        own = PartitionSpec("rays") if x.ndim else PartitionSpec()
+        return jax.lax.with_sharding_constraint(x, NamedSharding(mesh, own))
+
+    return jax.tree.map(spread, batch)
 
 
 def _dealt_out(scene: Scene, mesh: Mesh) -> Scene:

@@ -35,10 +35,12 @@ def trace_sharded(
     options: TraceOptions,
     capacity: Capacity,
     mesh: Mesh | None,
+    dealt: bool = False,
 ) -> tuple[Pixels, Report]:
     """`trace` with the rays divided among devices; each device has the whole scene. Same result.
 
-    Neighbouring blocks of bundles go to different devices, so that the work is even.
+    Neighbouring blocks of bundles go to different devices, so that the work is even; unless the
+    rays are dealt out already: then they and their pixels stay where they are.
 
     Args:
         motion: As for `trace`.
@@ -46,6 +48,8 @@ def trace_sharded(
         options: As for `trace`.
         capacity: List sizes of one device.
         mesh: The devices; None or a single one is `trace` itself.
+        dealt: Whether each device gets the run of rays that it holds, as many blocks of bundles as
+            every other one.
 
     Returns:
         The pixels, and a report: `needed` is the largest of all devices, counts are sums.
@@ -88,5 +92,7 @@ def trace_sharded(
         out_specs=(split, everywhere),
         check_vma=False,
     )
+    if dealt:
+        return spread(motion, rays)
     pixels, report = spread(motion, jax.tree.map(deal, rays))
     return jax.tree.map(collect, pixels), report

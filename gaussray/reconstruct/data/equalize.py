@@ -80,7 +80,7 @@ def equalization(footage: Footage) -> Equalization | None:
             cameras.append(own)
     light, usual = _shared(log_gain, footage.times, cameras), np.zeros_like(log_gain)
     if light is not None:
-        usual = np.log(light.at(footage.times))
+        usual = _log_gain(light, footage.times)
     for own in cameras:
         rest = log_gain[own] - usual[own]
         log_gain[own] = 0 if _is_slight(rest) else rest
@@ -143,7 +143,7 @@ def _is_slight(log_gain: Float[np.ndarray, "times 3"]) -> bool:
 def _shared(
     log_gain: Float[np.ndarray, "frames 3"],
     time: Float[np.ndarray, " frames"],
-    cameras: Sequence[Int[np.ndarray, " frames"]],
+    cameras: Sequence[Int[np.ndarray, "_"]],
 ) -> Light | None:
     """The light that explains most of what cameras have found; None if none does."""
     if len(cameras) < _CAMERAS:
@@ -155,9 +155,13 @@ def _shared(
         return None
     medians = np.stack([np.median(log_gain[known[time[known] == t]], axis=0) for t in enough])
     light = Light(jnp.asarray(enough), jnp.exp(jnp.asarray(medians - np.median(medians, axis=0))))
-    rest = log_gain - np.log(light.at(time))
+    rest = log_gain - _log_gain(light, time)
     left = [np.var(rest[own]) / max(float(np.var(log_gain[own])), 1e-12) for own in cameras]
     return None if _is_slight(medians) or np.median(left) > _LEFT else light
+
+
+def _log_gain(light: Light, time: Float[np.ndarray, " frames"]) -> Float[np.ndarray, "frames 3"]:
+    return np.log(np.asarray(light.at(jnp.asarray(time)), np.float64))
 
 
 def equalized(footage: Footage, found: Equalization) -> Footage:
