@@ -84,7 +84,7 @@ def test_machine_code_is_lit_too():
 @pytest.mark.gpu
 @pytest.mark.skipif(not cuda.available(), reason="needs a CUDA device")
 def test_cuda_kernels_are_lit_too():
-    in_single_precision(TraceOptions(backend="cuda", transmittance_min=0.0))
+    in_single_precision(TraceOptions(backend="kernel", transmittance_min=0.0))
 
 
 def test_gradients_reach_the_light_and_the_times():
