@@ -11,6 +11,7 @@ from jaxtyping import Array, Bool, Float, Int
 from gaussray.camera.rays import Rays
 from gaussray.geometry import normalize, product
 from gaussray.tracer.motion import active_controls
+from gaussray.tracer.options import TraceOptions
 
 
 # Bundles of one level share a bundle of the next coarser level, FAN neighbours at a time.
@@ -96,6 +97,48 @@ def _bound_bundle(rays: Rays, key_time: Array, row_end: int) -> Bundles:
 def _row_end(count: int) -> int:
     """Last ray of the first row of a square bundle."""
     return max(int(np.sqrt(count)) - 1, 0) if count > 1 else 0
+
+
+def bounds_of_levels(
+    rays: Rays, key_time: Float[Array, " keys"], options: TraceOptions
+) -> list[Bundles]:
+    """Bounds of all bundles, from the coarsest level to the finest.
+
+    Args:
+        rays: samples of the same rays, with a leading axis: a bundle holds all of them.
+        key_time: Key times of the motion.
+        options: size and levels of the bundles.
+    """
+    each = jax.vmap(lambda one: split_into_bundles(one, options))(rays)
+    bundled = jax.tree.map(
+        lambda x: jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1, *x.shape[3:]), each
+    )
+    levels = [bound_bundles(bundled, key_time)]
+    for _ in range(options.levels):
+        bundled = jax.tree.map(
+            lambda x: x.reshape(x.shape[0] // FAN, FAN * x.shape[1], *x.shape[2:]), bundled
+        )
+        levels.insert(0, bound_bundles(bundled, key_time))
+    return levels
+
+
+def split_into_bundles(rays: Rays, options: TraceOptions) -> Rays:
+    """Split rays into (bundles, rays of a bundle); rays of direction zero, which hit nothing, pad.
+
+    Args:
+        rays: rays in a coherent order, without an axis of samples.
+        options: how to trace: size and levels of the bundles.
+    """
+    each = options.bundle**2
+    block = each * FAN**options.levels
+    count = rays.time.shape[0]
+    padding = max(-(-count // block), 1) * block - count
+
+    def split(x: Array) -> Array:
+        x = jnp.pad(x, ((0, padding),) + ((0, 0),) * (x.ndim - 1))
+        return x.reshape(-1, each, *x.shape[1:])
+
+    return jax.tree.map(split, rays)
 
 
 def morton_tiles(width: int, height: int, side: int, levels: int) -> Int[np.ndarray, " slots"]:

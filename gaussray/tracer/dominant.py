@@ -8,10 +8,11 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
+from gaussray.tracer.bundle import split_into_bundles
 from gaussray.tracer.k_nearest import nearest_hits, slot_mask, sort_key
 from gaussray.tracer.response import opacity_on_ray, reach_radius
 from gaussray.tracer.table import Columns, Lanes, gaussian_table, ray_response, table_columns
-from gaussray.tracer.trace import Prepared, TraceOptions, ray_lanes, split_into_bundles
+from gaussray.tracer.trace import Prepared, TraceOptions, ray_lanes
 from gaussray.tracer.traverse import Candidates
 
 

@@ -12,7 +12,7 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.camera.rays import Rays
 from gaussray.tracer import kernel
-from gaussray.tracer.bundle import FAN, bound_bundles
+from gaussray.tracer.bundle import bounds_of_levels, split_into_bundles
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.grid import build_grid
 from gaussray.tracer.march import march
@@ -20,6 +20,7 @@ from gaussray.tracer.motion import Motion, clipped_time, control_weights, lit
 from gaussray.tracer.options import (
     BACKENDS as BACKENDS,
     TraceOptions as TraceOptions,
+    lists_directly,
     on_cpu_kernel,
     on_kernel,
 )
@@ -216,25 +217,26 @@ def find_candidates(
         options: as for `trace`.
         capacity: as for `trace`.
     """
-    motion, rays = jax.lax.stop_gradient((motion, rays))
-    scene = prepare_for_rays(motion, rays, replace(options, backend="array"), capacity)
-    motion, grid = scene.motion, scene.grid
-    if grid is None:
-        grid = build_grid(motion, alpha_min=options.alpha_min, span=scene.span)
-    each = jax.vmap(lambda one: split_into_bundles(one, options))(_with_sample_axis(rays))
-    bundled = jax.tree.map(
-        lambda x: jnp.moveaxis(x, 0, 1).reshape(x.shape[1], -1, *x.shape[3:]), each
-    )
-    levels = [bound_bundles(bundled, motion.time)]
-    for _ in range(options.levels):
-        bundled = jax.tree.map(
-            lambda x: x.reshape(x.shape[0] // FAN, FAN * x.shape[1], *x.shape[2:]), bundled
+    motion, rays = jax.lax.stop_gradient((motion, _with_sample_axis(rays)))
+    directly = lists_directly(options, rays.time.shape[1], rays.time.dtype)
+    sorting = options if directly else replace(options, backend="array")
+    scene = prepare_for_rays(motion, rays, sorting, capacity)
+    levels = bounds_of_levels(rays, scene.motion.time, options)
+    if directly and scene.grid is None:
+        # Numba takes as long to import as a small picture to render.
+        from gaussray.tracer.cpu_lists import find_lists
+
+        lists, skipped = find_lists(
+            scene.motion, levels, scene.span, options=options, capacity=capacity
         )
-        levels.insert(0, bound_bundles(bundled, motion.time))
-    lists = candidates(grid, levels, capacity=capacity)
+    else:
+        grid = scene.grid
+        if grid is None:
+            grid = build_grid(scene.motion, alpha_min=options.alpha_min, span=scene.span)
+        lists, skipped = candidates(grid, levels, capacity=capacity), grid.dropped
     needed, dropped = scene.with_transient_count(lists.needed, lists.dropped)
     lists = replace(lists, needed=needed, dropped=dropped)
-    return lists, scene.skipped_count(grid.dropped)
+    return lists, scene.skipped_count(skipped)
 
 
 def _with_sample_axis(rays: Rays) -> Rays:
@@ -323,22 +325,3 @@ def enlarged_capacity(capacity: Capacity, needed: list[int], *, headroom: float 
         slots=1 << max(grown(capacity.slots, slots, near=1.0) - 1, 1).bit_length(),
         transient=grown(capacity.transient, *transient) if transient else capacity.transient,
     )
-
-
-def split_into_bundles(rays: Rays, options: TraceOptions) -> Rays:
-    """Split rays into (bundles, rays of a bundle); rays of direction zero, which hit nothing, pad.
-
-    Args:
-        rays: rays in a coherent order, without an axis of samples.
-        options: how to trace: size and levels of the bundles.
-    """
-    each = options.bundle**2
-    block = each * FAN**options.levels
-    count = rays.time.shape[0]
-    padding = max(-(-count // block), 1) * block - count
-
-    def split(x: Array) -> Array:
-        x = jnp.pad(x, ((0, padding),) + ((0, 0),) * (x.ndim - 1))
-        return x.reshape(-1, each, *x.shape[1:])
-
-    return jax.tree.map(split, rays)

@@ -143,7 +143,7 @@ def _is_slight(log_gain: Float[np.ndarray, "times 3"]) -> bool:
 def _shared(
     log_gain: Float[np.ndarray, "frames 3"],
     time: Float[np.ndarray, " frames"],
-    cameras: Sequence[Int[np.ndarray, "_"]],
+    cameras: Sequence[np.ndarray],
 ) -> Light | None:
     """The light that explains most of what cameras have found; None if none does."""
     if len(cameras) < _CAMERAS:

@@ -1,0 +1,141 @@
+"""Lists that are found without a grid hold every hit, and count what finds no place."""
+
+from dataclasses import replace
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import reference
+from pictures import seen_through
+from scenes import (
+    OPTIONS,
+    RAYS,
+    beside,
+    fleeting,
+    gaussians,
+    moving,
+    rays,
+    resting,
+    shot,
+    wandering,
+)
+
+from gaussray.tracer import options as tracer_options
+from gaussray.tracer.options import lists_directly
+from gaussray.tracer.trace import find_candidates, prepare_for_rays
+from gaussray.tracer.traverse import Capacity
+
+
+pytestmark = pytest.mark.skipif(
+    not tracer_options.has_machine_code() or jax.default_backend() != "cpu",
+    reason="needs Numba and a CPU",
+)
+
+# Hits that a rounding of single precision could lift over the cut-off do not count.
+ALPHA_MIN = (1 + 1e-4) / 255
+COUNT = 400
+ROOM = Capacity((50, 800), 16 * COUNT, COUNT, COUNT)
+EACH = OPTIONS.bundle**2
+SIZES = {"size": (0.02, 0.2)}
+
+search = eqx.filter_jit(find_candidates)
+
+
+def rolling(lines):
+    """Rows read one after the other over all key states."""
+    return lines._replace(time=np.linspace(-0.1, 1.1, RAYS))
+
+
+SCENES = {
+    "still": lambda: resting(gaussians(COUNT, **SIZES)),
+    "moving": lambda: wandering(*moving(COUNT, keys=3, amount=0.2, **SIZES)),
+    "transient": lambda: beside(resting(gaussians(200, **SIZES)), fleeting(200, seed=3, **SIZES)),
+}
+PICTURES = {
+    "narrow": lambda: rolling(rays(jitter=0.0)),
+    "depth_of_field": lambda: rolling(rays(jitter=0.2)),
+    "huge_lens": lambda: rolling(rays(jitter=3.0, spread=1.0)),
+    "every_way": lambda: rolling(rays(place=(0, 0, 0), spread=50.0)),
+    "fisheye": lambda: seen_through("polynomial"),
+}
+
+
+def members(lists):
+    """The Gaussians of every list."""
+    index, start, count = (np.asarray(x) for x in (lists.index, lists.start, lists.count))
+    return [index[s : s + c] for s, c in zip(start, count, strict=True)]
+
+
+@pytest.mark.parametrize("levels", [0, 1])
+@pytest.mark.parametrize("picture", PICTURES)
+@pytest.mark.parametrize("scene", SCENES)
+def test_every_hit_is_in_the_list_of_its_bundle(scene, picture, levels):
+    motion, lines = SCENES[scene](), shot(PICTURES[picture]())
+    options = replace(OPTIONS, levels=levels)
+    ready = prepare_for_rays(motion, lines, options, ROOM)
+    assert ready.grid is None and lists_directly(options, RAYS, lines.time.dtype)
+    lists, skipped = search(motion, lines, options=options, capacity=ROOM)
+    assert int(lists.dropped) == int(skipped) == 0
+    hit = np.isfinite(reference.hits(ready.motion, lines, alpha_min=ALPHA_MIN)[0])
+    assert np.any(hit)
+    for ray in range(RAYS):
+        own = members(lists)[ray // EACH]
+        assert len(set(own)) == len(own)
+        assert set(np.flatnonzero(hit[ray])) <= set(own)
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_lists_are_as_short_as_those_of_a_grid(scene, monkeypatch):
+    lines = seen_through("pinhole", radius=0.0)
+    if scene == "transient":
+        # Those that are there at some time of all rays are listed: here they share one.
+        lines = lines._replace(time=np.full(RAYS, 0.5))
+    motion, lines = SCENES[scene](), shot(lines)
+    own, _ = search(motion, lines, options=OPTIONS, capacity=ROOM)
+    monkeypatch.setattr(tracer_options, "_FEW_BUNDLES", 0)
+    wide = replace(ROOM, pairs=ROOM.pairs + 1)  # another program
+    grids, _ = search(motion, lines, options=OPTIONS, capacity=wide)
+    # Those of a coarse bundle's cell that no ray of the bundle can meet are left out.
+    assert 0 < int(jnp.sum(own.count)) <= 1.02 * int(jnp.sum(grids.count))
+    for one, other in zip(members(own), members(grids), strict=True):
+        assert len(set(one) - set(other)) <= 0.02 * len(other) + 1
+
+
+def test_what_finds_no_place_is_counted_and_what_is_needed_suffices():
+    motion, lines = SCENES["still"](), shot(PICTURES["narrow"]())
+    whole, _ = search(motion, lines, options=OPTIONS, capacity=ROOM)
+    pairs, longest = (int(n) for n in np.asarray(whole.needed)[-2:])
+    assert pairs == int(jnp.sum(whole.count)) and longest == int(jnp.max(whole.count))
+    for room, lost in (
+        (replace(ROOM, pairs=pairs, slots=longest), 0),
+        (replace(ROOM, pairs=pairs - 5), 5),
+    ):
+        lists, _ = search(motion, lines, options=OPTIONS, capacity=room)
+        assert int(lists.dropped) == lost
+        np.testing.assert_array_equal(lists.needed, whole.needed)
+    short, _ = search(motion, lines, options=OPTIONS, capacity=replace(ROOM, slots=longest - 1))
+    assert int(short.dropped) == int(jnp.sum(whole.count == longest))
+    for one, other in zip(members(short), members(whole), strict=True):
+        np.testing.assert_array_equal(one, other[: longest - 1])
+
+
+def test_gaussians_that_are_not_finite_are_counted_and_in_no_list():
+    matter = gaussians(COUNT, **SIZES)
+    matter.mean[3], matter.scale[7, 1], matter.opacity[9] = np.nan, np.inf, np.nan
+    lists, skipped = search(
+        resting(matter), shot(PICTURES["narrow"]()), options=OPTIONS, capacity=ROOM
+    )
+    assert int(skipped) == 3
+    assert not {3, 7, 9} & set(np.concatenate(members(lists)))
+
+
+def test_rays_that_form_no_bundle_and_scenes_of_nothing_have_empty_lists():
+    lines = PICTURES["narrow"]()
+    lines.direction[:EACH] = 0
+    lists, _ = search(SCENES["still"](), shot(lines), options=OPTIONS, capacity=ROOM)
+    assert int(lists.count[0]) == 0 < int(jnp.max(lists.count))
+    nothing = resting(gaussians(COUNT, **SIZES)._replace(opacity=np.zeros(COUNT)))
+    lists, _ = search(nothing, shot(lines), options=OPTIONS, capacity=ROOM)
+    assert int(jnp.sum(lists.count)) == 0
