@@ -232,13 +232,14 @@ def known_sizes():
     share what is compiled. Where they are too short after all, they grow as ever."""
     from gaussray.reconstruct import loop
     from gaussray.reconstruct.simplify import measure as simplify
+    from gaussray.reconstruct.step import needs_grid
     from gaussray.reconstruct.step_loss import BlockSizes
     from gaussray.render import renderer as render
     from gaussray.tracer.traverse import Capacity
 
-    def room(trace, transients):
+    def room(trace, transients, grid=True):
         briefly = 64 if transients is not None else 0
-        return Capacity((512,) * (trace.levels + 1), 512, 64, briefly)
+        return Capacity((512,) * (trace.levels + 1) * grid, 512, 64, briefly)
 
     def of_picture(renderer, batch, part, trace):
         return room(trace, renderer.scenes[batch.views[0].segment].transient)
@@ -246,8 +247,9 @@ def known_sizes():
     def of_candidate(motion, rays, *, options, headroom):
         return room(options, motion.transient)
 
-    def of_block(state, *_, options, mesh, keys, growth):
-        return BlockSizes(room(options.trace, state.parameters.transient), mesh, keys)
+    def of_block(state, views, batches, *_, options, mesh, keys, growth):
+        grid = needs_grid(batches.tile.shape[1], options.trace, views.time.dtype)
+        return BlockSizes(room(options.trace, state.parameters.transient, grid), mesh, keys)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(render.Renderer, "_measure", of_picture)

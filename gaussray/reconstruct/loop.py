@@ -23,7 +23,7 @@ from gaussray.reconstruct.optimize.rows import occupied
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.run_progress import RunProgress, SavedSizes
 from gaussray.reconstruct.session import Session
-from gaussray.reconstruct.step import measure_sizes, schedule, train_block
+from gaussray.reconstruct.step import measure_sizes, needs_grid, schedule, train_block
 from gaussray.reconstruct.step_loss import BlockSizes, StepOptions
 from gaussray.reconstruct.step_plan import StepPlan, TimedPlan
 from gaussray.runtime.devices import agreed, everywhere
@@ -264,12 +264,18 @@ def _numbers(sizes: BlockSizes) -> list[int]:
 def _least_numbers(session: Session, state: State) -> int:
     """How many `_numbers` there are without those of what tiles see."""
     transient = state.parameters.transient is not None
-    return session.options.trace.levels + 3 + transient
+    return _levels(session) + 2 + transient
+
+
+def _levels(session: Session) -> int:
+    """For how many levels of bundles a step finds cells."""
+    trace, dtype = session.options.trace, session.footage.camera.time.dtype
+    return (trace.levels + 1) * needs_grid(session.options.fit.tiles, trace, dtype)
 
 
 def _sizes(numbers: list[int], session: Session, state: State) -> BlockSizes:
     """The sizes of which `_numbers` gives the numbers."""
-    levels, least = session.options.trace.levels + 1, _least_numbers(session, state)
+    levels, least = _levels(session), _least_numbers(session, state)
     capacity = Capacity(tuple(numbers[:levels]), *numbers[levels:least])
     seen = (numbers[-2], numbers[-1]) if len(numbers) > least else None
     return BlockSizes(capacity, session.mesh, session.key_states(state), seen)

@@ -97,8 +97,7 @@ def find_lists(
     numbers = np.asarray([threads, bundles // coarse.offset.shape[0]], np.int32)
     index, start, count, sizes, _ = call(*shapes, *_sides(fine), *_sides(coarse), numbers)
     pairs, longest, lost = sizes
-    needed = jnp.stack([jnp.zeros((), jnp.int32)] * len(levels) + [pairs, longest])
-    return Candidates(index, start, count, needed, lost), invalid
+    return Candidates(index, start, count, jnp.stack([pairs, longest]), lost), invalid
 
 
 def _shapes(

@@ -10,8 +10,6 @@ from gaussray.tracer import cuda
 
 
 BACKENDS = ("auto", "array", "kernel")
-# Bundles up to which looking at every Gaussian takes a CPU less time than sorting all.
-_FEW_BUNDLES = 256
 
 
 class TraceOptions(eqx.Module):
@@ -105,16 +103,3 @@ def on_cpu_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
     single = jnp.dtype(dtype) == jnp.float32
     on_cpu = jax.default_backend() == "cpu"
     return options.backend != "array" and single and on_cpu and has_machine_code()
-
-
-def lists_directly(options: TraceOptions, rays: int, dtype: DTypeLike) -> bool:
-    """Whether the lists of rays are found in machine code, without a grid (cpu_lists.py): this is a
-    CPU, and bundles are few.
-
-    Args:
-        options: Options of the tracer.
-        rays: Number of rays, without samples.
-        dtype: Precision of the rays.
-    """
-    few = -(-rays // options.bundle**2) <= _FEW_BUNDLES
-    return few and on_cpu_kernel(options, dtype)

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 from gaussray.camera.rays import Rays
 from gaussray.tracer.grid import Grid, build_grid
 from gaussray.tracer.motion import Motion, clipped_time, merge_rest
-from gaussray.tracer.options import TraceOptions, lists_directly, on_kernel
+from gaussray.tracer.options import TraceOptions, on_kernel
 from gaussray.tracer.traverse import Capacity
 from gaussray.tracer.window import AliveTransients, alive_transients
 
@@ -52,12 +52,7 @@ class Prepared(eqx.Module):
 
 
 def prepare(
-    motion: Motion,
-    span: Float[Array, "2"],
-    *,
-    options: TraceOptions,
-    capacity: Capacity,
-    sort: bool = True,
+    motion: Motion, span: Float[Array, "2"], *, options: TraceOptions, capacity: Capacity
 ) -> Prepared:
     """Prepare a motion for several traces within a span of time.
 
@@ -66,7 +61,6 @@ def prepare(
         span: the earliest and the latest time of any ray.
         options: how it will be traced.
         capacity: that of the traces.
-        sort: whether their lists come from a grid.
     """
     alive, transient = None, motion.transient
     span = jax.lax.stop_gradient(span)
@@ -79,7 +73,7 @@ def prepare(
     grid = None
     if not on_kernel(options, motion.gaussians.mean.dtype):
         motion = merge_rest(motion)
-        if sort:
+        if capacity.cells:
             fixed = jax.lax.stop_gradient(motion)
             grid = build_grid(fixed, alpha_min=options.alpha_min, span=span)
     return Prepared(motion, grid, span, alive)
@@ -98,8 +92,7 @@ def prepare_for_rays(
     """
     if isinstance(motion, Prepared):
         return motion
-    few = lists_directly(options, rays.time.shape[-1], rays.time.dtype)
-    return prepare(motion, time_span(rays), options=options, capacity=capacity, sort=not few)
+    return prepare(motion, time_span(rays), options=options, capacity=capacity)
 
 
 def time_span(rays: Rays) -> Float[Array, "2"]:

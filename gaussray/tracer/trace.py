@@ -20,7 +20,6 @@ from gaussray.tracer.motion import Motion, clipped_time, control_weights, lit
 from gaussray.tracer.options import (
     BACKENDS as BACKENDS,
     TraceOptions as TraceOptions,
-    lists_directly,
     on_cpu_kernel,
     on_kernel,
 )
@@ -122,7 +121,7 @@ def map_leading(function: Callable, tree):
 
 def _slot_needs(count: Array, options: TraceOptions, capacity: Capacity) -> tuple[Array, Array]:
     """`needed` and `dropped` of lists that only have `slots`."""
-    none = jnp.zeros(options.levels + 2, jnp.int32)
+    none = jnp.zeros(len(capacity.cells) + 1, jnp.int32)
     needed = jnp.append(none, jnp.max(count))
     return needed, jnp.sum(jnp.maximum(count - capacity.slots, 0), dtype=jnp.int32)
 
@@ -218,11 +217,9 @@ def find_candidates(
         capacity: as for `trace`.
     """
     motion, rays = jax.lax.stop_gradient((motion, _with_sample_axis(rays)))
-    directly = lists_directly(options, rays.time.shape[1], rays.time.dtype)
-    sorting = options if directly else replace(options, backend="array")
-    scene = prepare_for_rays(motion, rays, sorting, capacity)
+    scene = prepare_for_rays(motion, rays, replace(options, backend="array"), capacity)
     levels = bounds_of_levels(rays, scene.motion.time, options)
-    if directly and scene.grid is None:
+    if not capacity.cells:
         # Numba takes as long to import as a small picture to render.
         from gaussray.tracer.cpu_lists import find_lists
 
@@ -278,6 +275,7 @@ def measure(
     options: TraceOptions,
     capacity: Capacity | None = None,
     headroom: float = 1.3,
+    grid: bool = True,
 ) -> Capacity:
     """Measure the list sizes of a trace. On the host, outside jit.
 
@@ -287,11 +285,13 @@ def measure(
         options: Options of the tracer.
         capacity: Sizes to start from, enlarged until none overflows; None is a small guess.
         headroom: Factor of the needed sizes, for other frames and steps.
+        grid: Whether lists are found in a grid. Without one they are by machine code on a CPU alone
+            (`options.on_cpu_kernel`).
     """
-    trial = capacity
+    trial, levels = capacity, (options.levels + 1) * grid
     if trial is None:
         bundles = -(-rays.time.shape[-1] // options.bundle**2)
-        trial = Capacity((256 * bundles,) * (options.levels + 1), 512 * bundles, 1024)
+        trial = Capacity((256 * bundles,) * levels, 512 * bundles, 1024)
     if motion.transient is not None and not trial.transient:
         # Known without a search, and all other sizes depend on it.
         trial = replace(trial, transient=max(int(_count_alive(motion, rays, options)), 1))
@@ -300,9 +300,7 @@ def measure(
         needed = [int(n) for n in needed]
         wanted = enlarged_capacity(trial, needed, headroom=headroom)
         if int(dropped) == 0:
-            return enlarged_capacity(
-                Capacity((1,) * (options.levels + 1), 1, 1), needed, headroom=headroom
-            )
+            return enlarged_capacity(Capacity((1,) * levels, 1, 1), needed, headroom=headroom)
         trial = wanted
 
 

@@ -20,7 +20,9 @@ class Capacity(eqx.Module):
     """Static sizes of the lists of one trace, which `trace.measure` finds.
 
     Args:
-        cells: largest number of (bundle, cell) pairs of each level, coarsest first.
+        cells: largest number of (bundle, cell) pairs of each level, coarsest first. None at all:
+            lists are found without a grid (cpu_lists.py), which takes a CPU less time if bundles
+            are few.
         pairs: largest number of (bundle, Gaussian) pairs.
         slots: longest list of one bundle.
         transient: largest number of transient Gaussians that are alive during the rays' times.

@@ -15,28 +15,29 @@ from scenes import (
     beside,
     fleeting,
     gaussians,
+    look,
     moving,
     rays,
     resting,
     shot,
+    stacked,
     wandering,
 )
 
-from gaussray.tracer import options as tracer_options
-from gaussray.tracer.options import lists_directly
-from gaussray.tracer.trace import find_candidates, prepare_for_rays
+from gaussray.runtime.devices import has_machine_code
+from gaussray.tracer.trace import find_candidates, measure, prepare_for_rays
 from gaussray.tracer.traverse import Capacity
 
 
 pytestmark = pytest.mark.skipif(
-    not tracer_options.has_machine_code() or jax.default_backend() != "cpu",
+    not has_machine_code() or jax.default_backend() != "cpu",
     reason="needs Numba and a CPU",
 )
 
 # Hits that a rounding of single precision could lift over the cut-off do not count.
 ALPHA_MIN = (1 + 1e-4) / 255
 COUNT = 400
-ROOM = Capacity((50, 800), 16 * COUNT, COUNT, COUNT)
+ROOM, GRID = Capacity((), 16 * COUNT, COUNT, COUNT), (50, 800)
 EACH = OPTIONS.bundle**2
 SIZES = {"size": (0.02, 0.2)}
 
@@ -75,7 +76,7 @@ def test_every_hit_is_in_the_list_of_its_bundle(scene, picture, levels):
     motion, lines = SCENES[scene](), shot(PICTURES[picture]())
     options = replace(OPTIONS, levels=levels)
     ready = prepare_for_rays(motion, lines, options, ROOM)
-    assert ready.grid is None and lists_directly(options, RAYS, lines.time.dtype)
+    assert ready.grid is None
     lists, skipped = search(motion, lines, options=options, capacity=ROOM)
     assert int(lists.dropped) == int(skipped) == 0
     hit = np.isfinite(reference.hits(ready.motion, lines, alpha_min=ALPHA_MIN)[0])
@@ -87,16 +88,14 @@ def test_every_hit_is_in_the_list_of_its_bundle(scene, picture, levels):
 
 
 @pytest.mark.parametrize("scene", SCENES)
-def test_lists_are_as_short_as_those_of_a_grid(scene, monkeypatch):
+def test_lists_are_as_short_as_those_of_a_grid(scene):
     lines = seen_through("pinhole", radius=0.0)
     if scene == "transient":
         # Those that are there at some time of all rays are listed: here they share one.
         lines = lines._replace(time=np.full(RAYS, 0.5))
     motion, lines = SCENES[scene](), shot(lines)
     own, _ = search(motion, lines, options=OPTIONS, capacity=ROOM)
-    monkeypatch.setattr(tracer_options, "_FEW_BUNDLES", 0)
-    wide = replace(ROOM, pairs=ROOM.pairs + 1)  # another program
-    grids, _ = search(motion, lines, options=OPTIONS, capacity=wide)
+    grids, _ = search(motion, lines, options=OPTIONS, capacity=replace(ROOM, cells=GRID))
     # Those of a coarse bundle's cell that no ray of the bundle can meet are left out.
     assert 0 < int(jnp.sum(own.count)) <= 1.02 * int(jnp.sum(grids.count))
     for one, other in zip(members(own), members(grids), strict=True):
@@ -139,3 +138,13 @@ def test_rays_that_form_no_bundle_and_scenes_of_nothing_have_empty_lists():
     nothing = resting(gaussians(COUNT, **SIZES)._replace(opacity=np.zeros(COUNT)))
     lists, _ = search(nothing, shot(lines), options=OPTIONS, capacity=ROOM)
     assert int(jnp.sum(lists.count)) == 0
+
+
+def test_measured_sizes_suffice_and_pixels_are_those_of_a_grid():
+    motion, lines = SCENES["transient"](), shot(PICTURES["narrow"]())
+    room = measure(motion, lines, options=OPTIONS, grid=False)
+    assert room.cells == ()
+    pixels, report = look(motion, lines, options=OPTIONS, capacity=room)
+    assert int(report.dropped) == 0
+    usual, _ = look(motion, lines, options=OPTIONS, capacity=replace(ROOM, cells=GRID))
+    np.testing.assert_allclose(stacked(pixels), stacked(usual), atol=1e-6)
