@@ -176,7 +176,8 @@ def test_a_block_that_dropped_entries_is_run_again_with_the_room_that_it_needed(
     monkeypatch.setattr(BlockSizes, "enlarged", enlarged)
     reconstruct(capture, tmp_path, options=BRIEF, quiet=True)
     (needed,) = asked
-    assert needed.shape == (3,) and (needed > 0).all()
+    # Pairs and the longest list; before these, cells, where there is a grid.
+    assert needed.shape in ((2,), (3,)) and (needed > 0).all()
     assert_same(brief, tmp_path)
 
 
