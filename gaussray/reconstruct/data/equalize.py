@@ -14,8 +14,8 @@ from gaussray.reconstruct.data.still_cameras import FEWEST_FRAMES, camera_frames
 from gaussray.scene.light import Light
 
 
-# Pixels of each picture that are compared, at most.
-_PIXELS = 4096
+# Pixels of each picture that are compared, at most, and of all pictures of a camera together.
+_PIXELS, _IN_ALL = 4096, 1 << 18
 # sRGB-encoded values that are compared: darker ones are noise, brighter ones may be clipped.
 _DARK, _BRIGHT = 0.1, 0.95
 # A pixel agrees with its picture's gain if it differs from it by less, in natural logarithms.
@@ -117,7 +117,8 @@ def _levels(footage: Footage, own: Int[np.ndarray, " frames"]) -> Float[np.ndarr
     """Logarithms of linear light of some pixels of a camera's pictures; NaN where one channel is
     too dark, too bright, or the pixel does not count."""
     tiles, pixels = footage.pixel.shape[1:3]
-    some = np.linspace(0, tiles * pixels - 1, min(tiles * pixels, _PIXELS)).round().astype(int)
+    most = min(tiles * pixels, _PIXELS, max(_IN_ALL // len(own), _LEAST))
+    some = np.linspace(0, tiles * pixels - 1, most).round().astype(int)
     tile, place = np.divmod(some, pixels)
     result = np.empty((len(own), len(some), 3))
     for row, frame in enumerate(own):
