@@ -112,13 +112,14 @@ host_arrays.install()
 gc.set_threshold(50_000, 20, 20)
 
 
-# Compiles the machine code that rays march in on a CPU, as `machine_code_once` does.
+# Compiles the machine code of the tracer on a CPU, as `machine_code_once` does.
 COMPILE = """
 import sys, filelock
 with filelock.FileLock(sys.argv[1]):
-    from gaussray.tracer import cpu_march
+    from gaussray.tracer import cpu_lists, cpu_march
     cpu_march.register_forward()
     cpu_march.register_backward()
+    cpu_lists.register_lists()
 """
 COMPILING = pytest.StashKey[subprocess.Popen]()
 
@@ -140,17 +141,17 @@ def pytest_unconfigure(config):
 @pytest.fixture(scope="session", autouse=True)
 def machine_code_once():
     """One process compiles machine code; others that need it wait, and load it."""
-    from gaussray.tracer import cpu_march
+    from gaussray.tracer import cpu_call
 
     COMPILED.mkdir(parents=True, exist_ok=True)
-    lock, entry = filelock.FileLock(COMPILED / "machine_code.lock"), cpu_march.entry
+    lock, entry = filelock.FileLock(COMPILED / "machine_code.lock"), cpu_call.entry
 
     def compiled(function):
         with lock:
             return entry(function)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cpu_march, "entry", compiled)
+        patch.setattr(cpu_call, "entry", compiled)
         yield
 
 

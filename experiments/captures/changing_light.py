@@ -9,8 +9,6 @@ stops each way, in linear light; what exceeds full scale is clipped.
 """
 
 import argparse
-import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +17,8 @@ from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.dataset.images import write_image
+from gaussray.dataset.manifest import FrameRecord, write_manifest
+from gaussray.prepare.document import write_points
 
 
 # Periods over the duration of the capture: slow, and a few frames long.
@@ -39,22 +39,32 @@ def main() -> None:
     parser.add_argument("--lamp", type=float, default=0.0, help="stops")
     parser.add_argument("--exposure", type=float, default=0.0, help="stops")
     chosen = parser.parse_args()
-    manifest = json.loads((chosen.capture / "transforms.json").read_text())
-    cameras = sorted({frame["camera"] for frame in manifest["frames"]})
-    views = {view.image: view for view in open_capture(chosen.capture).views}
-    for frame in manifest["frames"]:
-        view = views[chosen.capture / frame["file_path"]]
-        change = chosen.lamp * stops(view.time, 0)
+    capture, records = open_capture(chosen.capture), []
+    cameras = sorted({view.camera_name for view in capture.views})
+    for i, view in enumerate(capture.views):
+        change = chosen.lamp * stops(share_of(view.time, capture.time_range), 0)
         if view.split == "train":
-            change += chosen.exposure * stops(view.time, 1 + cameras.index(view.camera_name))
+            own = 1 + cameras.index(view.camera_name)
+            change += chosen.exposure * stops(share_of(view.time, capture.time_range), own)
         light = srgb_decode(read_encoded(view) / 255.0) * 2**change
-        frame["file_path"] = str(Path(frame["file_path"]).with_suffix(".png"))
-        name = chosen.out / frame["file_path"]
-        name.parent.mkdir(parents=True, exist_ok=True)
-        write_image(name, np.rint(255 * srgb_encode(np.clip(light, 0, 1))).astype(np.uint8))
-    (chosen.out / "transforms.json").write_text(json.dumps(manifest, indent=1))
-    for points in chosen.capture.glob("*.ply"):
-        shutil.copy(points, chosen.out / points.name)
+        name = f"images/{view.camera_name}/{i:05d}.png"
+        (chosen.out / name).parent.mkdir(parents=True, exist_ok=True)
+        levels = np.rint(255 * srgb_encode(np.clip(light, 0, 1))).astype(np.uint8)
+        write_image(chosen.out / name, levels)
+        records.append(FrameRecord(name, view.camera, view.camera_name, view.split))
+    extra = {"time_unit": capture.time_unit}
+    if capture.points is not None:
+        colors = np.rint(255 * srgb_encode(np.clip(np.asarray(capture.points.color), 0, 1)))
+        place = np.asarray(capture.points.position)
+        write_points(chosen.out / "points3d.ply", place, colors.astype(np.uint8))
+        extra["ply_file_path"] = "points3d.ply"
+    write_manifest(chosen.out / "transforms.json", records, extra=extra)
+
+
+def share_of(time: float, time_range: tuple[float, float]) -> float:
+    """A time as a share of the capture's duration."""
+    begin, end = time_range
+    return (time - begin) / ((end - begin) or 1.0)
 
 
 if __name__ == "__main__":

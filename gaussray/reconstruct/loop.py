@@ -235,7 +235,8 @@ def _known_sizes(
     saved = progress.sizes
     if saved is None or not int(state.step):
         return session.shared.known(_sizes_key(session, stage, state))
-    if (saved.stage, saved.devices) != (progress.stage, session.mesh.size):
+    here = progress.stage, session.mesh.size, _levels(session)
+    if (saved.stage, saved.devices, saved.levels) != here:
         return None
     if len(saved.sizes) not in (n := _least_numbers(session, state), n + _SEEN):
         return None
@@ -251,7 +252,8 @@ def _sizes_key(session: Session, stage: str, state: State) -> tuple[Hashable, ..
 
 
 def _to_save(stage: str, sizes: BlockSizes) -> SavedSizes:
-    return SavedSizes(stage, sizes.mesh.size, tuple(_numbers(sizes)))
+    levels = len(sizes.capacity.cells)
+    return SavedSizes(stage, sizes.mesh.size, levels, tuple(_numbers(sizes)))
 
 
 def _numbers(sizes: BlockSizes) -> list[int]:

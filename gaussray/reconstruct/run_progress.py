@@ -25,10 +25,12 @@ class KnownBodies(eqx.Module):
 
 
 class SavedSizes(eqx.Module):
-    """The static sizes that the steps of a `stage` were compiled for, on so many `devices`."""
+    """The static sizes that the steps of a `stage` were compiled for, on so many `devices`; the
+    first of them are those of so many `levels` of bundles."""
 
     stage: str = eqx.field(static=True)
     devices: int = eqx.field(static=True)
+    levels: int = eqx.field(static=True)
     sizes: tuple[int, ...] = eqx.field(static=True)
 
 
@@ -79,7 +81,8 @@ def progress_to_json(progress: RunProgress) -> dict[str, Any]:
         block["bodies"] = {"pivot": p.bodies.pivot.tolist(), "radius": p.bodies.radius.tolist()}
     if p.sizes is not None:
         sizes = list(p.sizes.sizes)
-        block["room"] = {"stage": p.sizes.stage, "devices": p.sizes.devices, "sizes": sizes}
+        saved = {"stage": p.sizes.stage, "devices": p.sizes.devices, "levels": p.sizes.levels}
+        block["room"] = saved | {"sizes": sizes}
     if p.metrics_bytes is not None:
         block["metrics"] = p.metrics_bytes
     return block
@@ -141,9 +144,10 @@ def _sizes(block: Any) -> SavedSizes | None:
     if not isinstance(block, dict):
         return None
     stage, devices, sizes = block.get("stage"), block.get("devices", 0), block.get("sizes")
+    levels = block.get("levels", -1)
     if not isinstance(sizes, list) or not _are_counts([devices, *sizes], 1) or stage not in STAGES:
         return None
-    return SavedSizes(stage, devices, tuple(sizes))
+    return SavedSizes(stage, devices, levels, tuple(sizes)) if _are_counts([levels], 0) else None
 
 
 def _are_counts(values: Sequence[Any], least: int) -> bool:

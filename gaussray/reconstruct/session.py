@@ -101,9 +101,10 @@ class Session:
         )
         # Of a part alone, the usual exposure would be another than that of the next one.
         whole = part.time_range == capture.time_range
-        self.equalization = None
+        self.shared, self.equalization = shared or SharedResults(), None
         if options.fit.equalize and whole:
-            self.equalization = equalization(self.footage)
+            # Trials and the fit read the same pictures.
+            self.equalization = self.shared.once("equalization", lambda: equalization(self.footage))
         if self.equalization is not None:
             self.footage = equalized(self.footage, self.equalization)
         self.backdrop = backdrop_of(self.footage)
@@ -119,7 +120,6 @@ class Session:
         segment_owner = jnp.asarray(np.searchsorted(names, self.footage.name), jnp.int32)
         self.cameras = eqx.tree_at(lambda c: c.owner, cameras, segment_owner)
         self.activity = activity(self.footage)
-        self.shared = shared or SharedResults()
         held_out = hold_out(self.footage, options.fit.validate, options.fit.seed)
         times, views_of_time = np.unique(self.footage.times, return_counts=True)
         single = len(times) == 1

@@ -32,7 +32,7 @@ class Light(eqx.Module):
         channels = [jnp.interp(time, self.time, self.gain[:, c]) for c in range(3)]
         return jnp.stack(channels, axis=-1)
 
-    def on(self, gaussians: Gaussians, time: Float[Array, ""]) -> Gaussians:
+    def applied_to(self, gaussians: Gaussians, time: Float[Array, ""]) -> Gaussians:
         """Gaussians in the light of one time: the same colours times the factor, as harmonics.
 
         Args:

@@ -84,7 +84,7 @@ def at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
     if scene.transient is not None:
         now = jnp.clip(time, scene.time_range[0], scene.time_range[1])
         gaussians = concatenate(gaussians, transients_at(scene.transient, now))
-    return gaussians if scene.light is None else scene.light.on(gaussians, time)
+    return gaussians if scene.light is None else scene.light.applied_to(gaussians, time)
 
 
 def persistent_at(scene: Scene, time: Float[Array, ""]) -> Gaussians:

@@ -10,6 +10,7 @@ import functools
 import hashlib
 import inspect
 import os
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,8 @@ from llvmlite import ir
 from numba import cfunc, njit, types
 from numba.core import cgutils
 from numba.np.numpy_support import carray
+
+from gaussray.runtime.devices import cores
 
 
 # Only compiled code calls these functions: they need no wrappers.
@@ -277,14 +280,30 @@ def join_threads(identifiers, shared):
     shared[1] = 0
 
 
-def register(name: str, handler: Any) -> None:
-    """Make a compiled function known to XLA on CPUs.
+def thread_count() -> int:
+    """Threads of a call: the processors of this process, shared by the devices that JAX makes of
+    them, each of which may call at once."""
+    return max(1, cores() // jax.local_device_count("cpu"))
+
+
+# Threads may ask for the same function at the same time.
+_registering = threading.Lock()
+
+
+def register(name: str, function: Callable) -> None:
+    """Compile a function, or load it from disk, and make it known to XLA on CPUs; only once.
 
     Args:
         name: name under which `jax.ffi.ffi_call` calls it.
-        handler: the function, compiled by `entry`.
+        function: a function of one 64-bit number, to be compiled by `entry`.
     """
-    capsule = ctypes.pythonapi.PyCapsule_New
+    with _registering:
+        _register(name, function)
+
+
+@functools.cache
+def _register(name: str, function: Callable) -> None:
+    handler, capsule = entry(function), ctypes.pythonapi.PyCapsule_New
     capsule.restype = ctypes.py_object
     capsule.argtypes = [ctypes.c_void_p, ctypes.c_char_p, ctypes.c_void_p]
     jax.ffi.register_ffi_target(

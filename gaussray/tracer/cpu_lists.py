@@ -1,9 +1,7 @@
 """Candidate lists of few bundles on a CPU, in machine code: every coarse bundle looks at all
 Gaussians, and its own bundles at those that it keeps. Nothing is sorted."""
 
-import functools
 import math
-import threading
 from typing import Any, NamedTuple
 
 import jax
@@ -11,11 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from gaussray.runtime.devices import cores
 from gaussray.tracer.bundle import Bundles
 from gaussray.tracer.cpu_call import (
     call_frame,
-    entry,
     entry_address,
     floats,
     integers,
@@ -29,6 +25,7 @@ from gaussray.tracer.cpu_call import (
     shared_address,
     shared_state,
     start_threads,
+    thread_count,
 )
 from gaussray.tracer.motion import Motion, clipped_time, control_points, is_valid
 from gaussray.tracer.options import TraceOptions
@@ -42,7 +39,6 @@ _LISTS = "gaussray_candidate_lists"
 _SLACK = np.float32(1e-6)
 # Spheres that are tested before those that pass are noted: as vectors, and in the nearest cache.
 _RUN = 1024
-_registering = threading.Lock()
 
 
 class _Shapes(NamedTuple):
@@ -81,7 +77,7 @@ def find_lists(
         options: how rays are traced.
         capacity: sizes of the lists.
     """
-    _register()
+    register_lists()
     shapes, invalid = _shapes(motion, span, options.alpha_min)
     fine, coarse = levels[-1], levels[-2] if len(levels) > 1 else levels[-1]
     bundles, slots = fine.offset.shape[0], capacity.slots
@@ -93,8 +89,7 @@ def find_lists(
         ),
         vmap_method="sequential",
     )
-    threads = max(1, cores() // jax.local_device_count("cpu"))
-    numbers = np.asarray([threads, bundles // coarse.offset.shape[0]], np.int32)
+    numbers = np.asarray([thread_count(), bundles // coarse.offset.shape[0]], np.int32)
     index, start, count, sizes, _ = call(*shapes, *_sides(fine), *_sides(coarse), numbers)
     pairs, longest, lost = sizes
     return Candidates(index, start, count, jnp.stack([pairs, longest]), lost), invalid
@@ -294,12 +289,6 @@ def _find(argument):
     return 0
 
 
-def _register() -> None:
-    """Compile the search, or load it from disk, and make it known to XLA."""
-    with _registering:
-        _register_once()
-
-
-@functools.cache
-def _register_once() -> None:
-    register(_LISTS, entry(_find))
+def register_lists() -> None:
+    """Make the search known to XLA (`register`)."""
+    register(_LISTS, _find)

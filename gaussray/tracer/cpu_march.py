@@ -1,18 +1,12 @@
 """The march of ray bundles on a CPU as a JAX function: `march` of march.py, in machine code."""
 
-import functools
-import threading
-from collections.abc import Callable
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from gaussray.runtime.devices import cores
 from gaussray.tracer.cpu_bundle import list_range, march_inputs
 from gaussray.tracer.cpu_call import (
-    entry,
     entry_address,
     flat_floats,
     floats,
@@ -25,6 +19,7 @@ from gaussray.tracer.cpu_call import (
     shared_address,
     shared_state,
     start_threads,
+    thread_count,
 )
 from gaussray.tracer.cpu_kernel import backward_bundles, forward_bundles
 from gaussray.tracer.options import TraceOptions
@@ -34,8 +29,6 @@ from gaussray.tracer.table import Columns, Lanes
 
 _FORWARD, _BACKWARD = "gaussray_march_forward", "gaussray_march_backward"
 _ZERO = np.float32(0)
-# Threads may ask for the same function at the same time.
-_registering = threading.Lock()
 
 
 @machine_code
@@ -87,26 +80,13 @@ def _sum_gradients(frame):
 
 
 def register_forward() -> None:
-    """Compile the forward march, or load it from disk, and make it known to XLA."""
-    with _registering:
-        _register(_FORWARD, _forward)
+    """Make the forward march known to XLA (`register`)."""
+    register(_FORWARD, _forward)
 
 
 def register_backward() -> None:
-    """Compile the backward march, or load it from disk, and make it known to XLA."""
-    with _registering:
-        _register(_BACKWARD, _backward)
-
-
-@functools.cache
-def _register(name: str, function: Callable) -> None:
-    register(name, entry(function))
-
-
-def _threads() -> int:
-    """Threads of a call: the processors of this process, shared by the devices that JAX makes of
-    them, each of which may call at once."""
-    return max(1, cores() // jax.local_device_count("cpu"))
+    """Make the backward march known to XLA (`register`)."""
+    register(_BACKWARD, _backward)
 
 
 def _operands(table, lanes, lists, options, columns, slots):
@@ -122,7 +102,7 @@ def _operands(table, lanes, lists, options, columns, slots):
         columns.tint.start if columns.tinted else -1,
         slots,
     )
-    limits = options.alpha_max, options.transmittance_min, _threads()
+    limits = options.alpha_max, options.transmittance_min, thread_count()
     return (
         table,
         squared,

@@ -220,6 +220,11 @@ def find_candidates(
     scene = prepare_for_rays(motion, rays, replace(options, backend="array"), capacity)
     levels = bounds_of_levels(rays, scene.motion.time, options)
     if not capacity.cells:
+        if not on_cpu_kernel(options, rays.time.dtype):
+            raise ValueError(
+                "a capacity without cells is for single precision on a CPU with Numba: measure it "
+                "with grid=True."
+            )
         # Numba takes as long to import as a small picture to render.
         from gaussray.tracer.cpu_lists import find_lists
 

@@ -1,6 +1,7 @@
 """Lists that are found without a grid hold every hit, and count what finds no place."""
 
 from dataclasses import replace
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -25,6 +26,7 @@ from scenes import (
 )
 
 from gaussray.runtime.devices import has_machine_code
+from gaussray.tracer import cpu_lists
 from gaussray.tracer.trace import find_candidates, measure, prepare_for_rays
 from gaussray.tracer.traverse import Capacity
 
@@ -148,3 +150,22 @@ def test_measured_sizes_suffice_and_pixels_are_those_of_a_grid():
     assert int(report.dropped) == 0
     usual, _ = look(motion, lines, options=OPTIONS, capacity=replace(ROOM, cells=GRID))
     np.testing.assert_allclose(stacked(pixels), stacked(usual), atol=1e-6)
+
+
+def test_threads_change_nothing(monkeypatch):
+    motion, lines, found = SCENES["still"](), shot(PICTURES["depth_of_field"]()), []
+    for threads in (1, 2, 5):
+        monkeypatch.setattr(cpu_lists, "thread_count", lambda n=threads: n)
+        # The number of threads is part of a program: each is of a function of its own.
+        own = jax.jit(partial(find_candidates, options=OPTIONS, capacity=ROOM))
+        found.append(own(motion, lines)[0])
+    for other in found[1:]:
+        for a, b in zip(jax.tree.leaves(found[0]), jax.tree.leaves(other), strict=True):
+            np.testing.assert_array_equal(a, b)
+
+
+def test_without_machine_code_sizes_without_cells_are_refused():
+    motion, lines = SCENES["still"](), shot(PICTURES["narrow"]())
+    arrays = replace(OPTIONS, backend="array")
+    with pytest.raises(ValueError, match="measure it with grid=True"):
+        find_candidates(motion, lines, options=arrays, capacity=ROOM)

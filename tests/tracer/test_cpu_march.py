@@ -147,7 +147,7 @@ def test_threads_change_not_a_bit(monkeypatch):
     motion, lists = listed(motion)
     asked, results = [], []
     for threads in (1, 2, 5):
-        monkeypatch.setattr(cpu_march, "_threads", lambda n=threads: asked.append(n) or n)
+        monkeypatch.setattr(cpu_march, "thread_count", lambda n=threads: asked.append(n) or n)
         # The number of threads is part of a program: each is of a function of its own.
         own = partial(jax.value_and_grad(loss, argnums=(0, 1), has_aux=True))
         results.append(jax.jit(own)(motion, lines, lists))

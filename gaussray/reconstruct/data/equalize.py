@@ -37,20 +37,21 @@ class Equalization(NamedTuple):
 
     Args:
         exposure: factor of each picture by its camera's own exposure.
-        shared: factor of each picture by the light.
         light: the light over time; None if it does not change.
     """
 
     exposure: Float[np.ndarray, "frames 3"]
-    shared: Float[np.ndarray, "frames 3"]
     light: Light | None
 
     @property
     def sentence(self) -> str:
         """One line that says what changes, and by how much."""
+        changes = {"exposures": self.exposure}
+        if self.light is not None:
+            changes = {"the light": np.asarray(self.light.gain)} | changes
         parts = [
             f"{what} by up to {np.ptp(np.log2(gain), axis=0).max():.1f} stops"
-            for what, gain in (("the light", self.shared), ("exposures", self.exposure))
+            for what, gain in changes.items()
             if np.any(gain != 1)
         ]
         return f"Changes over time, evened out (fit.equalize): {', '.join(parts)}."
@@ -86,7 +87,7 @@ def equalization(footage: Footage) -> Equalization | None:
         log_gain[own] = 0 if _is_slight(rest) else rest
     if light is None and not log_gain.any():
         return None
-    return Equalization(np.exp(log_gain), np.exp(usual), light)
+    return Equalization(np.exp(log_gain), light)
 
 
 def _camera_gain(
@@ -176,7 +177,9 @@ def equalized(footage: Footage, found: Equalization) -> Footage:
         found: their gains.
     """
     pixel, full = footage.pixel, footage.scale
-    gains = found.exposure * found.shared
+    gains = found.exposure
+    if found.light is not None:
+        gains = gains * np.exp(_log_gain(found.light, footage.times))
     for frame in np.flatnonzero(np.any(gains != 1, axis=1)):
         gain = gains[frame].astype(np.float32)
         if pixel.dtype == np.uint8:

@@ -184,7 +184,7 @@ def test_a_checkpoint_gives_back_the_same_bits(parameters, tmp_path, kind):
         limit=(3, 4),
         most=7,
         bodies=KnownBodies(np.float32([[1, 2, 3]]), np.float32([0.5])),
-        sizes=SavedSizes("fine", 2, (8, 16, 4)),
+        sizes=SavedSizes("fine", 2, 1, (8, 16, 4)),
         tile_errors=TileErrorState(np.float32([[0.5, np.nan]]), *drawn),
         metrics_bytes=99,
     )
