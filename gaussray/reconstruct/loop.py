@@ -235,8 +235,9 @@ def _known_sizes(
     saved = progress.sizes
     if saved is None or not int(state.step):
         return session.shared.known(_sizes_key(session, stage, state))
+    levels = session.options.trace.levels + 1 if saved.levels is None else saved.levels
     here = progress.stage, session.mesh.size, _levels(session)
-    if (saved.stage, saved.devices, saved.levels) != here:
+    if (saved.stage, saved.devices, levels) != here:
         return None
     if len(saved.sizes) not in (n := _least_numbers(session, state), n + _SEEN):
         return None

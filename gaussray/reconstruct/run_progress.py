@@ -26,11 +26,11 @@ class KnownBodies(eqx.Module):
 
 class SavedSizes(eqx.Module):
     """The static sizes that the steps of a `stage` were compiled for, on so many `devices`; the
-    first of them are those of so many `levels` of bundles."""
+    first of them are those of so many `levels` of bundles (None: of all, as in earlier versions)."""
 
     stage: str = eqx.field(static=True)
     devices: int = eqx.field(static=True)
-    levels: int = eqx.field(static=True)
+    levels: int | None = eqx.field(static=True)
     sizes: tuple[int, ...] = eqx.field(static=True)
 
 
@@ -144,10 +144,12 @@ def _sizes(block: Any) -> SavedSizes | None:
     if not isinstance(block, dict):
         return None
     stage, devices, sizes = block.get("stage"), block.get("devices", 0), block.get("sizes")
-    levels = block.get("levels", -1)
+    levels = block.get("levels")
     if not isinstance(sizes, list) or not _are_counts([devices, *sizes], 1) or stage not in STAGES:
         return None
-    return SavedSizes(stage, devices, levels, tuple(sizes)) if _are_counts([levels], 0) else None
+    if levels is not None and not _are_counts([levels], 0):
+        return None
+    return SavedSizes(stage, devices, levels, tuple(sizes))
 
 
 def _are_counts(values: Sequence[Any], least: int) -> bool:
