@@ -26,7 +26,7 @@ class KnownBodies(eqx.Module):
 
 class SavedSizes(eqx.Module):
     """The static sizes that the steps of a `stage` were compiled for, on so many `devices`; the
-    first of them are those of so many `levels` of bundles (None: of all, as in earlier versions)."""
+    first of them are for so many `levels` of bundles; None: for all, as in earlier versions."""
 
     stage: str = eqx.field(static=True)
     devices: int = eqx.field(static=True)
