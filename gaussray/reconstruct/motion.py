@@ -12,15 +12,20 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureWarning
+from gaussray.color import srgb_decode
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
-from gaussray.reconstruct.initialize.from_points import bodies, on_points
+from gaussray.reconstruct.initialize.from_points import bodies, inliers, on_points, thinned
 from gaussray.reconstruct.initialize.stereo.from_pictures import (
     MovingPoints,
     moving_points,
 )
 from gaussray.reconstruct.initialize.surface_tracking import tracked_surface
-from gaussray.reconstruct.initialize.transients import initial_transients, starting_times
+from gaussray.reconstruct.initialize.transients import (
+    STRAY,
+    initial_transients,
+    starting_times,
+)
 from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
 from gaussray.reconstruct.optimize.optimizer import Parameters, shortest_lifetime
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
@@ -32,10 +37,15 @@ from gaussray.runtime.devices import agreed
 from gaussray.scene.bodies import Bodies, Poses, body_of, extrapolate_bodies
 from gaussray.scene.control_points import ControlPoints
 from gaussray.scene.deformation import Deformation, initial_deformation
-from gaussray.scene.gaussians import Gaussians, constrain
+from gaussray.scene.gaussians import Gaussians, constrain, unconstrain
 from gaussray.scene.harmonics import C0
 from gaussray.scene.planes import initial_planes
 from gaussray.scene.transient import UnconstrainedTransients, unconstrain_transients
+
+
+# Of all Gaussians, at most one in so many begins as one that follows control points, where cameras
+# move.
+_FOLLOWERS = 4
 
 
 def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[State, RunProgress]:
@@ -56,8 +66,10 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
     if fit.transient:
         moved = _unexplained(session, state) if session.still_first else None
         clouds = _clouds(session, parameters, moved)
-    if fit.control and session.has_videos:
+    if fit.control and (session.has_videos or session.still_first):
         control = agreed(_control_points(session, clouds, moved))
+    if control is not None and session.still_first:
+        parameters, progress = _with_followers(session, parameters, clouds[0], progress)
     if fit.deforms:
         deformation = _deformation(session, parameters, progress, control)
     if fit.transient:
@@ -116,6 +128,29 @@ def _control_points(
         return found()
     times = [cloud.time for cloud in clouds]
     return session.shared.once(("control points", *times, *session.points_key), found)
+
+
+def _with_followers(
+    session: Session, parameters: Parameters, cloud: MovingPoints, progress: RunProgress
+) -> tuple[Parameters, RunProgress]:
+    """The parameters with Gaussians on the moving points of the first time, which will follow
+    control points; with rows for those that density control may add."""
+    fit, density, found = session.options.fit, session.options.density, cloud.points
+    near = np.flatnonzero(inliers(found.position, STRAY))
+    most = density.gaussians // _FOLLOWERS
+    chosen = near[thinned(len(near), count=most, seed=fit.seed)]
+    gaussians = on_points(
+        found.position[chosen],
+        srgb_decode(np.clip(found.color[chosen], 0, 1).astype(np.float64)),
+        degree=fit.degree,
+        opacity=fit.opacity,
+        spread=fit.spread,
+    )
+    rows = len(chosen) * (2 if density.relocates else 1)
+    step = 8 * session.mesh.size
+    moving = with_rows(unconstrain(gaussians), -(-rows // step) * step)
+    progress = replace(progress, initial=(progress.initial[0], len(chosen)))
+    return eqx.tree_at(lambda p: p.moving, parameters, moving), progress
 
 
 def _transients(

@@ -71,8 +71,8 @@ class Session:
         times: the times of the training pictures, sorted.
         later: whether another segment comes before this one.
         still_first: whether Gaussians that stand still are fitted to the pictures of all times
-            first, because only they tell what moves: transient Gaussians shall show it, and fewer
-            than two cameras stand still.
+            first, because only they tell what moves: transient Gaussians or control points shall
+            show it, and fewer than two cameras stand still.
     """
 
     def __init__(
@@ -123,8 +123,9 @@ class Session:
         held_out = hold_out(self.footage, options.fit.validate, options.fit.seed)
         times, views_of_time = np.unique(self.footage.times, return_counts=True)
         single = len(times) == 1
-        by_transients = not single and options.fit.transient and not options.fit.deforms
-        self.still_first = by_transients and still_camera_count(self.footage) < 2
+        fit = options.fit
+        soft = not single and (fit.control or (fit.transient and not fit.deforms))
+        self.still_first = soft and still_camera_count(self.footage) < 2
         self.held_out = held_out if held_out.any() else None
         self.loader = Loader(
             self.footage,

@@ -37,8 +37,8 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
     """
     fit, (position, color, on_surfaces) = session.options.fit, session.initial_points
     moves = may_move(session, position, on_surfaces=on_surfaces)
-    if not fit.deforms:
-        # What moves gets transient Gaussians (`motion.with_motion`).
+    if session.still_first or not fit.deforms:
+        # What moves gets its Gaussians later (`motion.with_motion`).
         position, color, moves = position[~moves], color[~moves], moves[~moves]
     if session.options.density.relocates:
         share = 0.5 if fit.transient else 1.0
@@ -94,14 +94,15 @@ def may_move(
     session: Session, position: Float[np.ndarray, "points 3"], *, on_surfaces: bool
 ) -> Bool[np.ndarray, " points"]:
     """Which Gaussians may move. Of random points, and without cameras that stand still, pictures do
-    not tell: then all may, or none if only transient Gaussians move.
+    not tell: then all may, or none if what moves gets its Gaussians later.
 
     Args:
         session: the segment.
         position: places of the Gaussians.
         on_surfaces: whether they lie on surfaces.
     """
-    told, deforms = on_surfaces and session.has_videos, session.options.fit.deforms
+    told = on_surfaces and session.has_videos
+    deforms = session.options.fit.deforms and not session.still_first
     if len(session.times) == 1 or not (deforms or (told and not session.later)):
         return np.zeros(len(position), bool)
     changing = point_activity(session.footage, position) > session.options.fit.moving

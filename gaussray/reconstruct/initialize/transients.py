@@ -16,7 +16,7 @@ from gaussray.scene.transient import Transients, interval_at
 _OPACITY, _FLAT = 0.5, 0.3
 # Points of one time further from their neighbours than usual by more than this many standard
 # deviations are left out (`fit.outliers` for what stands still): they would begin as large as that.
-_STRAY = 5.0
+STRAY = 5.0
 # Points of one time below which they are strays.
 _FEWEST = 8
 
@@ -82,7 +82,7 @@ def _on_cloud(cloud: MovingPoints, share: float, dice: np.random.Generator) -> t
     """Places, linear colours, velocities, instants, scales and axes on a share of the points of one
     time."""
     found = cloud.points
-    kept = np.flatnonzero(inliers(found.position, _STRAY))
+    kept = np.flatnonzero(inliers(found.position, STRAY))
     count = round(share * len(kept))
     # A few points have no neighbours that would tell their size.
     rows = np.sort(dice.permutation(kept)[: count if count > _FEWEST else 0])
