@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments.captures.moving import masks_of
 from experiments.paired_benchmark.geometry.proof import PYTHON_KEY, blender_python
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded
@@ -63,3 +64,13 @@ def test_a_capture_is_whole_moves_and_is_the_same_after_a_stop(tmp_path):
 
     code, said = generate(tmp_path, "--samples", "3")
     assert code != 0 and "written with other settings" in said
+
+
+def test_cameras_that_move_come_with_held_out_pictures_of_what_stands_still_alone(tmp_path):
+    code, said = generate(tmp_path, "--rig", "moving", "--samples", "4", "--truth-samples", "4")
+    assert code == 0, said
+    held = [v for v in read_capture(tmp_path / "soft_two_moving").views if v.split == "test"]
+    masks = masks_of(held)
+    assert len(held) == 8
+    shares = np.array([masks[view.image].mean() for view in held])
+    assert np.all(shares < 0.9) and np.median(shares) > 0.02

@@ -9,6 +9,7 @@ that are static, moving and transient.
 """
 
 import argparse
+import dataclasses
 import json
 import time
 from collections.abc import Sequence
@@ -17,11 +18,11 @@ from pathlib import Path
 import numpy as np
 
 from experiments.captures.fits import Variant, fit_arguments, fitted, pairs, replaced, varied
-from gaussray.capture.capture import View
+from gaussray.capture.capture import View, viewpoints
 from gaussray.capture.frames import read_encoded
 from gaussray.capture.open import open_capture
 from gaussray.capture.selection import Selection
-from gaussray.capture.temporal_median import moving_mask
+from gaussray.capture.temporal_median import differs, moving_mask
 from gaussray.color import psnr_from_mse
 from gaussray.dataset.images import side_by_side, srgb_levels, write_image
 from gaussray.evaluate.metrics import psnr, ssim
@@ -71,17 +72,28 @@ HEAD = (
 
 
 def masks_of(views: Sequence[View]) -> dict[Path, np.ndarray]:
-    """The pixels that move in each picture: those that differ from their camera's temporal median.
-    All cameras stand still."""
-    groups: dict[str, list[View]] = {}
-    for view in views:
-        groups.setdefault(view.camera_name, []).append(view)
+    """The pixels that move in each picture: those that differ from the temporal median of their
+    camera, or, where it moves, from the picture in `still/`, which shows what stands still alone.
+    None where there is no such picture."""
+    groups: dict[int, list[View]] = {}
+    for view, place in zip(views, viewpoints(views), strict=True):
+        groups.setdefault(place, []).append(view)
     masks = {}
     for group in groups.values():
         frames = np.stack([read_encoded(view) for view in group]).astype(np.float32) / 255
-        moving = moving_mask(frames)
+        moving = moving_mask(frames) if len(group) > 1 else emptied_mask(group[0], frames)
         masks |= {view.image: mask for view, mask in zip(group, moving, strict=True)}
     return masks
+
+
+def emptied_mask(view: View, frame: np.ndarray) -> np.ndarray:
+    """The pixels of a picture that differ from the one without what moves (`soft_scenes`)."""
+    parts = ["still" if part == "images" else part for part in view.image.parts]
+    image = Path(*parts)
+    if not image.exists():
+        return np.zeros(frame.shape[:3], bool)
+    empty = read_encoded(dataclasses.replace(view, image=image))
+    return differs(frame, empty[None].astype(np.float32) / 255)
 
 
 def scored(view: View, image: np.ndarray, mask: np.ndarray) -> dict[str, float]:

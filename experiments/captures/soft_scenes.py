@@ -7,7 +7,8 @@
 Needs nothing but Blender as a Python module, `bpy` 4.5, and its numpy. Every folder DIR/<scene> is
 a paired capture: 13 training cameras and 3 held-out ones that stand still, 20 times each, and
 between these 3 more times at the held-out cameras. A command that was stopped goes on where it was.
-With `--rig moving`, every camera moves along the walls meanwhile (folder DIR/<scene>_moving); with
+With `--rig moving`, every camera moves along the walls meanwhile (folder DIR/<scene>_moving), and
+`still/` has the held-out pictures without what moves, which tell what moves in the others; with
 `--rig dome`, cameras stand around the soft things alone, on black (DIR/<scene>_dome). With
 `--rig single`, one camera does, at another place for every picture, each of a time of its own
 (DIR/<scene>_single): `--cameras` is the number of pictures.
@@ -36,6 +37,7 @@ from experiments.paired_benchmark.stage import FRAMES, cameras
 POINTS, ON_MOVING = 12000, 3000  # starting points, and those of them on what moves
 BETWEEN = 3  # times in the middle between two frames, for held-out cameras alone
 RIGS = ("walls", "moving", "dome", "single")
+EMPTIED = "still"  # folder of the pictures without what moves
 DRIFT = 0.08  # of a full circle, that moving cameras cover
 
 
@@ -100,7 +102,8 @@ def capture(chosen, plan, name):
     else:
         out.mkdir(parents=True, exist_ok=True)
         write_json(out / "transforms.json", document(plan, scene.rig, name, pictures))
-    missing = [picture for picture in pictures if not (out / picture.path).exists()]
+    emptied = without_motion(pictures) if plan.rig == "moving" else []
+    missing = [picture for picture in [*pictures, *emptied] if not (out / picture.path).exists()]
     prepare(plan, scene.rig, chosen.threads)
     begun = time.monotonic()
     for done, picture in enumerate(missing, 1):
@@ -137,6 +140,12 @@ def plan_pictures(plan, rig, seed):
         )
         for (name, split, pose), index in ((placed[index][k], index) for k, index in indices)
     ]
+
+
+def without_motion(pictures):
+    """The held-out pictures once more, without what moves."""
+    held = [picture for picture in pictures if picture.split == "test"]
+    return [p._replace(path=p.path.replace("images", EMPTIED, 1)) for p in held]
 
 
 def pictures_of_one_camera(plan, rig, seed):
@@ -188,6 +197,8 @@ def shoot(out, plan, scene, picture, label):
     blender.cycles.samples = plan.truth_samples if picture.split == "test" else plan.samples
     blender.camera.matrix_world = picture.pose.T.tolist()
     scene.pose(picture.time)
+    for thing in scene.moving:
+        thing.hide_render = picture.path.startswith(EMPTIED)
     render(out / picture.path, picture.time * (FRAMES - 1), label)
 
 

@@ -126,8 +126,8 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     stereo. Whether stereo has found enough of them, only a trial tells that can spare a camera
     (`motion_trial.CAMERAS`). On a GPU there is time to try whether they are better than
     transient Gaussians, which as many cameras help to follow surfaces (control points). These need
-    at least two cameras that stand still, or mostly two pictures of a time; without, there is the
-    deformation field.
+    at least two cameras that stand still, or mostly two pictures of a time (as many as that for
+    control points), or a camera that moves along a path; without, there is the deformation field.
 
     Args:
         capture: the capture, of which training views and points count.
@@ -148,14 +148,28 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
             return ("deformation", brief) if machine.gpu else ("deformation",)
         return (brief, "deformation") if several and stereo else (brief,)
     _, at_once = np.unique([view.time for view in views], return_counts=True)
-    several = 2 * int(np.sum(at_once >= 2)) > len(at_once)
-    return ("transient",) if several else ("deformation",)
+
+    def mostly(pictures: int) -> bool:
+        return 2 * int(np.sum(at_once >= pictures)) > len(at_once)
+
+    if mostly(CAMERAS) and machine.gpu:
+        return ("control_points",)
+    return ("transient",) if mostly(2) or _along_a_path(views) else ("deformation",)
 
 
 def _still_cameras(views: Sequence[View]) -> int:
     """How many cameras took three or more pictures from where they stand."""
     _, pictures = np.unique(viewpoints(views), return_counts=True)
     return int(np.sum(pictures >= 3))
+
+
+def _along_a_path(views: Sequence[View]) -> bool:
+    """Whether pictures that follow one another were taken close to each other, as those of a video
+    are: at less than half of the spread of all places, in the median."""
+    eye = np.array([view.camera.trajectory.translation[0] for view in views])
+    eye = eye[np.argsort([view.time for view in views], kind="stable")]
+    step = np.median(np.linalg.norm(np.diff(eye, axis=0), axis=1))
+    return bool(step < 0.5 * np.sqrt(np.sum(np.var(eye, axis=0))))
 
 
 def _still(pixels: float, machine: Machine, wanted: FitOptions) -> ReconstructOptions:

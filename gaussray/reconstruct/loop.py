@@ -198,6 +198,7 @@ def step_options(session: Session, stage: str) -> StepOptions:
         rise=options.fit.rise,
         density=options.density,
         backdrop=session.backdrop,
+        still=stage == "coarse" and session.still_first,
     )
 
 

@@ -101,7 +101,10 @@ def _clouds(
 
     def found(known: Float[np.ndarray, "known 3"]) -> Sequence[MovingPoints]:
         report = session.progress_report("stereo of what moves")
-        return moving_points(session.footage, times, moved=moved, known=known, report=report)
+        alone = None if moved is None else moved.points
+        return moving_points(
+            session.footage, times, moved=moved, known=known, alone=alone, report=report
+        )
 
     if not _by_pictures_alone(session, moved):
         held = occupied(parameters.static)
@@ -171,8 +174,7 @@ def _transients(
             return None
         warnings.warn(
             "stereo finds no points in what moves, so there are no transient Gaussians, and "
-            "nothing moves. If something does: they need at least two pictures of every time; "
-            "fit.motion=deformation does not.",
+            "nothing moves. If something does: fit.motion=deformation needs no points of it.",
             CaptureWarning,
             stacklevel=2,
         )

@@ -8,7 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera
@@ -48,6 +48,8 @@ class StepOptions(eqx.Module):
         rise: steps after which harmonics of the next degree begin to learn (`rates`).
         density: what opacity and scale cost, and the noise of positions.
         backdrop: sRGB-encoded colour of what is behind everything; None: the pictures show a room.
+        still: whether Gaussians that stand still are fitted to pictures in which things move: in
+            the second half of the stage, pixels that differ much have no say.
     """
 
     loss: LossOptions
@@ -60,6 +62,7 @@ class StepOptions(eqx.Module):
     rise: int = eqx.field(static=True, default=0)
     density: DensityOptions = eqx.field(default_factory=DensityOptions)
     backdrop: BackdropColor | None = eqx.field(static=True, default=None)
+    still: bool = eqx.field(static=True, default=False)
 
     def weights(self) -> dict[str, float]:
         """The weight of every term of the loss, by the term's name."""
@@ -119,6 +122,7 @@ def loss_of(
     *,
     options: StepOptions,
     sizes: BlockSizes,
+    late: Bool[Array, ""] | None = None,
 ) -> tuple[Float[Array, ""], LossDetails]:
     """The loss of one step: the sum of its terms, each times its weight.
 
@@ -132,6 +136,8 @@ def loss_of(
         step: steps of the stage before this one; it chooses the samples of pixels.
         options: the options of a step.
         sizes: what the step is compiled for.
+        late: whether pixels that differ much from the photograph's (`losses.far_apart`) have no
+            say, because they show what moves; None: all have.
     """
     batch = _tiles_dealt_out(batch, sizes.mesh)
     rays, gain = step_rays(parameters, views, batch, cameras, step, options)
@@ -150,8 +156,12 @@ def loss_of(
     # Pixels for which the lens forms no ray do not count.
     weight = weight * jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
     image = jnp.where(weight[:, None] > 0, image, truth)
+    judged = image
+    if late is not None:
+        moved = losses.far_apart(image, truth, side=batch.side, bundle=options.trace.bundle)
+        judged = jnp.where((late & moved)[:, None], truth, image)
     terms = losses.terms(
-        image, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
+        judged, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
     )
     if options.loss.nothing and options.backdrop is not None:
         nothing = (weight > 0) & like_backdrop(truth, options.backdrop)

@@ -175,7 +175,9 @@ def test_a_gpu_tries_more_poses_unless_the_user_chose_some():
     assert effort(taken, own, GPU).options.track == own.track
 
 
-@pytest.mark.parametrize(("at_once", "motion"), [(1, "deformation"), (2, "transient")])
+@pytest.mark.parametrize(
+    ("at_once", "motion"), [(1, "deformation"), (2, "transient"), (5, "control_points")]
+)
 def test_cameras_that_move_get_transient_gaussians_if_two_see_each_time(at_once, motion):
     many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
     base = capture(count=at_once, times=(0.0, 0.5, 1.0))
@@ -195,6 +197,23 @@ def test_one_camera_that_moves_alone_is_fitted_to_large_tiles_for_a_time_on_a_gp
     )
     assert fit.motion == "deformation"
     assert (fit.tile_side == 32) == density.relocates == (fit.minutes > 0) == machine.gpu
+
+
+@pytest.mark.parametrize("machine", [CPU, GPU])
+def test_transient_gaussians_show_what_a_camera_films_on_its_way(machine):
+    base = capture(count=1, times=tuple(np.linspace(0, 1, 20)))
+    angles = np.linspace(0, 0.5, 20)
+
+    def motion(order):
+        views = [
+            replace(v, camera=toy.camera(angles[k], v.time, 270, 480))
+            for k, v in zip(order, base.views, strict=True)
+        ]
+        return effort(replace(base, views=views), AUTO, machine).options.fit.motion
+
+    assert motion(range(20)) == "transient"
+    # From places at random, each far from the one before.
+    assert motion(np.random.default_rng(0).permutation(20)) == "deformation"
 
 
 def test_points_on_surfaces_let_rigid_bodies_be_found():

@@ -175,6 +175,8 @@ def test_where_stereo_finds_nothing_a_warning_says_what_to_do(capture, tmp_path,
 CONTROL = replace(OPTIONS, fit=replace(FIT, fine=60, motion="control_points"))
 # Bodies of radius 0.15 are followed to a third of it.
 NEAR = 0.05
+# Gaussians that began on them are within two radii after some steps.
+FAR = 0.3
 
 
 def around_bodies(footage, times, **_):
@@ -216,7 +218,31 @@ def test_gaussians_follow_control_points_and_an_interrupted_run_goes_on_to_the_s
     same_bytes(one, two)
 
 
-def test_without_points_to_follow_there_is_a_field_alone(capture, tmp_path, monkeypatch):
+@pytest.mark.ci
+def test_where_cameras_move_gaussians_on_the_first_points_follow_control_points(
+    from_moving_cameras, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(motion, "moving_points", around_bodies)
+    options = replace(CONTROL, fit=replace(CONTROL.fit, coarse=40))
+    one, two = tmp_path / "one", tmp_path / "two"
+    reconstruct(from_moving_cameras, one, options=options, quiet=True)
+    lines = [json.loads(line) for line in (one / "metrics.jsonl").read_text().splitlines()]
+    assert {line["stage"] for line in lines} == {"coarse", "fine"}
+    scene = load_scene(one)
+    assert scene.transient is not None and scene.deformation.control is not None
+    # A quarter of all Gaussians begin on the bodies, at the first time.
+    bodies = np.asarray(at(toy.scene(), toy.single(0.0)).mean)[25:]
+    away = np.linalg.norm(np.asarray(scene.moving.mean)[:, None] - bodies, axis=-1).min(axis=1)
+    assert scene.moving.count >= 12 and np.median(away) < FAR
+
+    with pytest.raises(KeyboardInterrupt), stopped_after(monkeypatch, "record", 4):
+        reconstruct(from_moving_cameras, two, options=options, quiet=True)
+    reconstruct(from_moving_cameras, two, options=options, resume=True, quiet=True)
+    same_bytes(one, two)
+
+
+@pytest.mark.parametrize("rig", ["capture", "from_moving_cameras"])
+def test_without_points_to_follow_there_is_a_field_alone(rig, request, tmp_path, monkeypatch):
     def few(footage, times, **_):
         nothing = around_bodies(footage, times)[0].points
         nothing = StereoPoints(*(x[:0] for x in nothing))
@@ -225,5 +251,5 @@ def test_without_points_to_follow_there_is_a_field_alone(capture, tmp_path, monk
 
     monkeypatch.setattr(motion, "moving_points", few)
     options = replace(CONTROL, fit=replace(CONTROL.fit, fine=20))
-    scene = reconstruct(capture, tmp_path, options=options, quiet=True)
+    scene = reconstruct(request.getfixturevalue(rig), tmp_path, options=options, quiet=True)
     assert scene.deformation is None or scene.deformation.control is None

@@ -2,7 +2,8 @@
 
 A camera that stands still has a temporal median. One that moves has none; instead, Gaussians that
 stand still are fitted to its pictures first. They show what most pictures agree on, and what
-differs from that moves.
+differs from that moves. Where one picture alone shows it, it gets the distance of what stands
+still beside it.
 """
 
 from dataclasses import replace
@@ -22,7 +23,9 @@ from gaussray.reconstruct.data.backdrop import BackdropColor, before_backdrop
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.still_cameras import camera_frames, without_specks
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
+from gaussray.reconstruct.initialize.stereo.beside import points_beside
 from gaussray.reconstruct.initialize.stereo.matching import reduction
+from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 from gaussray.reconstruct.initialize.stereo.views import StereoViews, rays, stereo_views, unpacked
 from gaussray.scene.gaussians import Gaussians
 from gaussray.tracer.bundle import fill_padding, morton_tiles
@@ -36,6 +39,8 @@ _PIXELS_CPU, _PIXELS_GPU = 33_000, 250_000
 # Pixels along the side of the square over which differences are averaged: edges that are rendered a
 # pixel off, and noise, are no motion.
 _EVEN = 5
+# Opacity from which on a ray is taken to end at a surface.
+_SOLID = 0.5
 
 
 class UnexplainedPixels:
@@ -72,10 +77,8 @@ class UnexplainedPixels:
 
     def __call__(self, frame: int) -> Bool[np.ndarray, "h w"]:
         """The mask of a frame."""
-        footage, one = self._footage, np.array([frame])
-        camera = jax.tree.map(lambda x: x[one], self._camera)
-        view = stereo_views(footage.pictures(one), camera, None, factor=self._factor)[0]
-        shown = self._rendered(view)
+        footage, view = self._footage, self._view(frame)
+        shown, _ = self._rendered(view)
         if self._gain is not None:
             own = self._gain[frame]
             shown = shown * own if own.ndim == 1 else shown @ own.T
@@ -84,11 +87,24 @@ class UnexplainedPixels:
         even = uniform_filter(difference, _EVEN, axes=(0, 1))
         moved = without_specks(differs(even, np.zeros_like(even)))
         moved = _enlarged(moved, self._factor, (footage.film.height, footage.film.width))
-        visible = footage.masks(one)
+        visible = footage.masks(np.array([frame]))
         moved = moved if visible is None else moved & visible[0]
         pixels = tile_pixels(footage.film, footage.side, footage.bundle)
         self.counts[frame] = cut(moved, pixels).sum(axis=-1).astype(np.uint16)
         return moved
+
+    def points(self, frame: int) -> StereoPoints:
+        """Points of what moves in a frame, as far away as what stands still beside it."""
+        view, moved = self._view(frame), self(frame)
+        _, distance = self._rendered(view)
+        small = moved[:: self._factor, :: self._factor][: view.size[0], : view.size[1]]
+        return points_beside(view, small, distance)
+
+    def _view(self, frame: int) -> StereoViews:
+        """A frame, reduced."""
+        one = np.array([frame])
+        camera = jax.tree.map(lambda x: x[one], self._camera)
+        return stereo_views(self._footage.pictures(one), camera, None, factor=self._factor)[0]
 
     def tile_counts(self) -> UInt16[np.ndarray, "frames tiles"]:
         """Moving pixels of every frame and tile; frames that were not asked for have those of the
@@ -104,13 +120,16 @@ class UnexplainedPixels:
             result[own] = np.stack([self.counts[int(frame)] for frame in nearest])
         return result
 
-    def _rendered(self, view: StereoViews) -> Float[np.ndarray, "h w 3"]:
-        """Linear light of what stands still, as a view shows it."""
+    def _rendered(
+        self, view: StereoViews
+    ) -> tuple[Float[np.ndarray, "h w 3"], Float[np.ndarray, "h w"]]:
+        """Linear light of what stands still, as a view shows it, and its distance; infinite where
+        most of the light passes."""
         seen = _bundled_rays(view, self._trace.bundle)
         if self._capacity is None:
             self._capacity = measure(self._motion, seen, options=self._trace, headroom=1.5)
         while True:
-            light, needed, dropped = _light(
+            light, distance, needed, dropped = _light(
                 self._motion,
                 seen,
                 options=self._trace,
@@ -122,9 +141,11 @@ class UnexplainedPixels:
             sizes = [int(n) for n in needed]
             self._capacity = enlarged_capacity(self._capacity, sizes, headroom=1.5)
         order = _order(view.size, self._trace.bundle)
-        picture = np.empty((order.max() + 1, 3), np.float32)
-        picture[order[order >= 0]] = np.asarray(light)[order >= 0]
-        return picture.reshape(*view.size, 3)
+        picture = np.empty((order.max() + 1, 4), np.float32)
+        both = np.concatenate([light, np.asarray(distance)[:, None]], axis=1)
+        picture[order[order >= 0]] = both[order >= 0]
+        picture = picture.reshape(*view.size, 4)
+        return picture[..., :3], picture[..., 3]
 
 
 def _order(size: tuple[int, int], bundle: int) -> Int[np.ndarray, " slots"]:
@@ -149,13 +170,15 @@ def _light(
     options: TraceOptions,
     capacity: Capacity,
     plain: BackdropColor | None,
-) -> tuple[Float[Array, "slots 3"], Int[Array, " sizes"], Int[Array, ""]]:
-    """Linear light of rays, list sizes, and how many entries were dropped."""
+) -> tuple[Float[Array, "slots 3"], Float[Array, " slots"], Int[Array, " sizes"], Int[Array, ""]]:
+    """Linear light of rays, distances, list sizes, and how many entries were dropped."""
     pixels, report = trace(motion, seen, options=options, capacity=capacity)
-    light = pixels.color
+    light, opacity = pixels.color, 1 - pixels.transmittance
+    solid = opacity > _SOLID
+    distance = jnp.where(solid, pixels.depth / jnp.where(solid, opacity, 1), jnp.inf)
     if plain is not None:
         light = before_backdrop(light, pixels.transmittance, plain)
-    return light, report.needed, report.dropped
+    return light, distance, report.needed, report.dropped
 
 
 def _enlarged(

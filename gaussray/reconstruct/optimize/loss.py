@@ -3,13 +3,16 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
-from gaussray.reconstruct.data.tiles import tile_places
+from gaussray.capture.temporal_median import MOTION_THRESHOLD
+from gaussray.reconstruct.data.tiles import tile_order, tile_places
 
 
 # Pixels along a side of SSIM's window.
 _WINDOW = 11
+# Pixels along the side of the square over which a difference is averaged before it counts as one.
+_EVEN = 5
 
 
 class LossOptions(eqx.Module):
@@ -62,6 +65,37 @@ def terms(
     if options.dssim:
         values["dssim"] = dssim(rendered, truth, side=side, bundle=bundle)
     return values
+
+
+def far_apart(
+    rendered: Float[Array, "rays 3"],
+    truth: Float[Array, "rays 3"],
+    *,
+    side: int,
+    bundle: int | None = None,
+) -> Bool[Array, " rays"]:
+    """Which pixels differ by more than `MOTION_THRESHOLD` in a channel, in the mean over the 5 x 5
+    pixels around them in their tile: edges that are rendered a pixel off, and noise, do not.
+
+    Args:
+        rendered: sRGB-encoded colours of the rays, tile after tile, in `tile_order`.
+        truth: those of the photograph.
+        side: pixels along the side of a tile.
+        bundle: pixels along the side of a ray bundle; None: a tile is one bundle.
+    """
+    place, order = tile_places(side, bundle), tile_order(side, bundle)
+    difference = (rendered - truth).reshape(-1, side**2, 3)[:, place].reshape(-1, side, side, 3)
+    even = jnp.asarray(_even(side), rendered.dtype)
+    mean = jnp.einsum("oi,pj,tijc->topc", even, even, difference, precision="highest")
+    far = jnp.any(jnp.abs(mean) > MOTION_THRESHOLD, axis=-1)
+    return far.reshape(-1, side**2)[:, order].reshape(-1)
+
+
+def _even(side: int) -> Float[np.ndarray, "side side"]:
+    """Weights of the mean over the pixels of a row around each."""
+    place = np.arange(side)
+    near = np.abs(place[:, None] - place[None]) <= _EVEN // 2
+    return near / near.sum(axis=1, keepdims=True)
 
 
 def developed(

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import toy
 
+from gaussray.camera.camera import project
 from gaussray.dataset.images import srgb_levels
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
@@ -81,3 +82,20 @@ def test_masked_pixels_do_not_move(filmed):
     footage, wall, _ = filmed
     mask = np.zeros((*footage.pixel.shape[:2], SIDE * SIDE // 8), np.uint8)
     assert not unexplained(replace(footage, mask=mask), wall)(1).any()
+
+
+def test_what_one_picture_alone_shows_is_as_far_away_as_the_wall_beside_it(filmed):
+    footage, wall, apart = filmed
+    masks, frame = unexplained(footage, wall), 1
+    position = masks.points(frame).position
+    camera = jax.tree.map(lambda x: x[frame], footage.camera)
+    pixel = jax.vmap(project, in_axes=(None, 0))(camera, jnp.asarray(position))
+    column, row = np.asarray(pixel).astype(int).T
+    assert len(position) > FOUND * apart[frame].sum()
+    assert apart[frame][row, column].mean() > 1 - WRONG
+    eye = np.asarray(camera.trajectory.translation)[0]
+    nearest, farthest = (
+        f(np.linalg.norm(np.asarray(wall.static.mean) - eye, axis=1)) for f in (np.min, np.max)
+    )
+    away = np.linalg.norm(position - eye, axis=1)
+    assert np.all((away > 0.9 * nearest) & (away < farthest))

@@ -7,9 +7,17 @@ import pytest
 from jax.test_util import check_grads
 from skimage.metrics import structural_similarity
 
+from gaussray.capture.temporal_median import MOTION_THRESHOLD
 from gaussray.reconstruct.data.tiles import tile_order
 from gaussray.reconstruct.optimize import regularizer
-from gaussray.reconstruct.optimize.loss import LossOptions, developed, dssim, l1, terms
+from gaussray.reconstruct.optimize.loss import (
+    LossOptions,
+    developed,
+    dssim,
+    far_apart,
+    l1,
+    terms,
+)
 from gaussray.scene.planes import initial_planes
 
 
@@ -42,6 +50,22 @@ def test_l1_is_the_mean_absolute_difference():
 def test_an_excess_counts_only_where_the_file_could_have_held_it():
     encoded, truth = jnp.array([[1.5, 1.5, 0.2]]), jnp.array([[1.0, 0.5, 1.0]])
     np.testing.assert_array_equal(developed(encoded, truth), [[1.0, 1.5, 0.2]])
+
+
+def test_pixels_are_far_apart_where_the_mean_difference_around_them_is_large():
+    side, bundle = 16, 8
+    dice = np.random.default_rng(1)
+    apart = 0.3 * dice.normal(size=(2, side, side, 3)) + np.array([0.0, 0.08, 0.0])
+    expected = np.empty((2, side, side), bool)
+    for tile, row, column in np.ndindex(expected.shape):
+        rows, columns = (slice(max(k - 2, 0), k + 3) for k in (row, column))
+        mean = apart[tile, rows, columns].mean(axis=(0, 1))
+        expected[tile, row, column] = np.any(np.abs(mean) > MOTION_THRESHOLD)
+    order = tile_order(side, bundle)
+    flat = jnp.asarray(apart.reshape(2, -1, 3)[:, order].reshape(-1, 3))
+    found = far_apart(flat, jnp.zeros_like(flat), side=side, bundle=bundle)
+    assert 0.1 < expected.mean() < 0.9
+    np.testing.assert_array_equal(found, expected.reshape(2, -1)[:, order].reshape(-1))
 
 
 def test_dssim_of_equal_pictures_is_zero(tiles):

@@ -147,6 +147,7 @@ def moving_points(
     moved: MovingPixels | None = None,
     options: StereoOptions | None = None,
     known: Float[np.ndarray, "known 3"] | None = None,
+    alone: Callable[[int], StereoPoints] | None = None,
     report: StereoReport = lambda done, total: None,
 ) -> list[MovingPoints]:
     """Points of what moves at each timestamp, with velocities towards the next one (for the last,
@@ -155,11 +156,13 @@ def moving_points(
     Args:
         footage: the training pictures and their cameras.
         times: the timestamps, in the capture's unit; one has no points unless two of its pictures
-            show that something moves.
+            show that something moves, or one does and `alone` is given.
         moved: which pixels of a frame move; None compares with the temporal medians of the cameras
             that stand still.
         options: how carefully to match; None chooses by device and number of cameras.
         known: points of the scene; they narrow the distances down.
+        alone: points of what moves in a frame, where no other frame of its timestamp shows it;
+            None: there are none.
         report: called with the number of steps done and their total, two for each timestamp.
     """
     moved = moved or MedianMasks(footage)
@@ -167,7 +170,10 @@ def moving_points(
     clouds = []
     for time in times:
         views = moving_views(footage, float(time), moved)
-        clouds.append(no_points() if views is None else _moving(*views, options, known=known))
+        if views is not None:
+            clouds.append(_moving(*views, options, known=known))
+        else:
+            clouds.append(_alone(footage, float(time), moved, alone))
         report(len(clouds), 2 * len(times))
     result = []
     for k, cloud in enumerate(clouds):
@@ -180,6 +186,20 @@ def moving_points(
         result.append(MovingPoints(cloud, float(times[k]), velocity, residual))
         report(len(clouds) + k + 1, 2 * len(times))
     return result
+
+
+def _alone(
+    footage: Footage,
+    time: float,
+    moved: MovingPixels,
+    alone: Callable[[int], StereoPoints] | None,
+) -> StereoPoints:
+    """Points of the one picture of a timestamp that shows that something moves, if there is one."""
+    for frame in np.flatnonzero(footage.times == footage.times.dtype.type(time)):
+        mask = moved(int(frame))
+        if alone is not None and mask is not None and mask.any():
+            return alone(int(frame))
+    return no_points()
 
 
 def still_views(footage: Footage) -> StereoViewSet:
