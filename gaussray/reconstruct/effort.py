@@ -268,8 +268,8 @@ def _bodies(machine: Machine, track: TrackOptions) -> ReconstructOptions:
 
 
 def _field(pixels: float, machine: Machine) -> ReconstructOptions:
-    """For a camera that moves alone, on a GPU: a deformation field of Gaussians that all times
-    share."""
+    """For a camera that jumps from place to place, on a GPU: a deformation field of Gaussians that
+    all times share."""
     brief = _brief(pixels, machine, "deformation")
     return replace(brief, fit=replace(brief.fit, coarse=3000))
 

@@ -40,7 +40,7 @@ def points_beside(
             infinite where nothing is.
 
     Returns:
-        A point for every pixel of a group that has anything beside it.
+        A point for every pixel of a group that has anything beside it, or behind it.
     """
     groups = np.asarray(label(moved, connectivity=2))
     away = np.full(moved.shape, np.inf)
@@ -54,6 +54,9 @@ def points_beside(
         own = groups[part] == k
         beside = distance[part][binary_dilation(own, _AROUND, margin) & ~apart[part]]
         beside = beside[np.isfinite(beside)]
+        if not len(beside):
+            # Before a plain backdrop: a blurred mean of the group is all that stands still.
+            beside = distance[part][own & np.isfinite(distance[part])]
         if own.sum() >= _FEWEST and len(beside):
             away[part][own] = np.quantile(beside, _NEARER)
     row, column = np.nonzero(np.isfinite(away))

@@ -62,6 +62,15 @@ def test_each_group_has_a_distance_of_its_own_and_nothing_is_behind_what_stands_
     assert_allclose(away, expected, rtol=1e-5)
 
 
+def test_before_a_plain_backdrop_what_moves_is_as_far_away_as_what_is_in_its_place(filmed):
+    _, _, view = filmed
+    distance = np.full((SIDE, SIDE), np.inf)
+    distance[10:14, 14:17] = WALL
+    points = points_beside(view, moving(slice(8, 20), slice(13, 19)), distance)
+    assert len(points.position) == 12 * 6
+    assert_allclose(np.linalg.norm(points.position, axis=1), WALL, rtol=1e-5)
+
+
 def test_specks_and_what_has_nothing_beside_it_get_no_points(filmed):
     _, _, view = filmed
     assert not len(points_beside(view, moving([5, 9], [5, 20]), room()).position)
