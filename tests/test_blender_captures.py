@@ -74,3 +74,14 @@ def test_cameras_that_move_come_with_held_out_pictures_of_what_stands_still_alon
     assert len(held) == 8
     shares = np.array([masks[view.image].mean() for view in held])
     assert np.all(shares < 0.9) and np.median(shares) > 0.02
+
+
+def test_of_a_camera_that_moves_alone_each_fifth_picture_is_held_out(tmp_path):
+    code, said = generate(tmp_path, "--rig", "walk", "--frames", "10")
+    assert code == 0, said
+    views = read_capture(tmp_path / "soft_two_walk").views
+    assert [k for k, view in enumerate(views) if view.split == "test"] == [2, 7]
+    assert len({view.camera_name for view in views}) == 1
+    assert sorted(view.time for view in views) == [view.time for view in views]
+    eye = np.array([view.camera.trajectory.translation[0] for view in views])
+    assert np.all(np.linalg.norm(np.diff(eye, axis=0), axis=1) > 0)

@@ -9,6 +9,7 @@ a paired capture: 13 training cameras and 3 held-out ones that stand still, 20 t
 between these 3 more times at the held-out cameras. A command that was stopped goes on where it was.
 With `--rig moving`, every camera moves along the walls meanwhile (folder DIR/<scene>_moving), and
 `still/` has the held-out pictures without what moves, which tell what moves in the others; with
+`--rig walk` one of these cameras does, alone (DIR/<scene>_walk), and each fifth picture is held out; with
 `--rig dome`, cameras stand around the soft things alone, on black (DIR/<scene>_dome). With
 `--rig single`, one camera does, at another place for every picture, each of a time of its own
 (DIR/<scene>_single): `--cameras` is the number of pictures.
@@ -36,8 +37,9 @@ from experiments.paired_benchmark.stage import FRAMES, cameras
 
 POINTS, ON_MOVING = 12000, 3000  # starting points, and those of them on what moves
 BETWEEN = 3  # times in the middle between two frames, for held-out cameras alone
-RIGS = ("walls", "moving", "dome", "single")
+RIGS = ("walls", "moving", "walk", "dome", "single")
 EMPTIED = "still"  # folder of the pictures without what moves
+WALKER, HOLD = 3, 5  # the training camera that moves alone, and of how many pictures one is held out
 DRIFT = 0.08  # of a full circle, that moving cameras cover
 
 
@@ -126,6 +128,8 @@ def plan_pictures(plan, rig, seed):
     """Every picture of a capture: all cameras at all times, then times between at held-out ones."""
     if plan.rig == "single":
         return pictures_of_one_camera(plan, rig, seed)
+    if plan.rig == "walk":
+        return pictures_on_the_way(plan, rig, seed)
     last = plan.frames - 1
     between = [k * last // (BETWEEN + 1) + 0.5 for k in range(1, BETWEEN + 1)]
     placed = {
@@ -140,6 +144,16 @@ def plan_pictures(plan, rig, seed):
         )
         for (name, split, pose), index in ((placed[index][k], index) for k, index in indices)
     ]
+
+
+def pictures_on_the_way(plan, rig, seed):
+    """A picture of every time by one camera, which moves."""
+    last, pictures = plan.frames - 1, []
+    for k in range(plan.frames):
+        name, _, pose = placed_at(plan, rig, seed, k / last)[WALKER]
+        split = "test" if k % HOLD == HOLD // 2 else "train"
+        pictures.append(Picture(f"images/{k:03d}.jpg", name, split, pose, k / last))
+    return pictures
 
 
 def without_motion(pictures):
@@ -163,7 +177,7 @@ def placed_at(plan, rig, seed, time):
     """(name, split, world_from_camera) of every camera at a time."""
     if plan.rig in ("dome", "single"):
         return on_dome(plan.cameras, plan.held_cameras, rig.look_at, 0.9 * rig.reach[0], seed)
-    turn = DRIFT * time if plan.rig == "moving" else 0.0
+    turn = DRIFT * time if plan.rig in ("moving", "walk") else 0.0
     return cameras(rig, plan.cameras, plan.held_cameras, seed, turn)
 
 
