@@ -9,8 +9,9 @@ a paired capture: 13 training cameras and 3 held-out ones that stand still, 20 t
 between these 3 more times at the held-out cameras. A command that was stopped goes on where it was.
 With `--rig moving`, every camera moves along the walls meanwhile (folder DIR/<scene>_moving), and
 `still/` has the held-out pictures without what moves, which tell what moves in the others; with
-`--rig walk` one of these cameras does, alone (DIR/<scene>_walk), and each fifth picture is held out; with
-`--rig dome`, cameras stand around the soft things alone, on black (DIR/<scene>_dome). With
+`--rig walk`, one of these cameras does, alone, and each fifth picture is held out (folder
+DIR/<scene>_walk); with `--rig dome`, cameras stand around the soft things alone, on black
+(DIR/<scene>_dome). With
 `--rig single`, one camera does, at another place for every picture, each of a time of its own
 (DIR/<scene>_single): `--cameras` is the number of pictures.
 """
@@ -39,7 +40,7 @@ POINTS, ON_MOVING = 12000, 3000  # starting points, and those of them on what mo
 BETWEEN = 3  # times in the middle between two frames, for held-out cameras alone
 RIGS = ("walls", "moving", "walk", "dome", "single")
 EMPTIED = "still"  # folder of the pictures without what moves
-WALKER, HOLD = 3, 5  # the training camera that moves alone, and of how many pictures one is held out
+WALKER, HOLD = 3, 5  # the camera that moves alone; of so many of its pictures one is held out
 DRIFT = 0.08  # of a full circle, that moving cameras cover
 
 
