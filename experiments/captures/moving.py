@@ -88,9 +88,9 @@ def masks_of(views: Sequence[View]) -> dict[Path, np.ndarray]:
 
 def emptied_mask(view: View, frame: np.ndarray) -> np.ndarray:
     """The pixels of a picture that differ from the one without what moves (`soft_scenes`)."""
-    parts = ["still" if part == "images" else part for part in view.image.parts]
-    image = Path(*parts)
-    if not image.exists():
+    before, found, name = str(view.image).rpartition("/images/")
+    image = Path(f"{before}/still/{name}")
+    if not (found and image.exists()):
         return np.zeros(frame.shape[:3], bool)
     empty = read_encoded(dataclasses.replace(view, image=image))
     return differs(frame, empty[None].astype(np.float32) / 255)

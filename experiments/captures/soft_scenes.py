@@ -10,10 +10,9 @@ between these 3 more times at the held-out cameras. A command that was stopped g
 With `--rig moving`, every camera moves along the walls meanwhile (folder DIR/<scene>_moving), and
 `still/` has the held-out pictures without what moves, which tell what moves in the others; with
 `--rig walk`, one of these cameras does, alone, and each fifth picture is held out (folder
-DIR/<scene>_walk); with `--rig dome`, cameras stand around the soft things alone, on black
-(DIR/<scene>_dome). With
-`--rig single`, one camera does, at another place for every picture, each of a time of its own
-(DIR/<scene>_single): `--cameras` is the number of pictures.
+DIR/<scene>_walk); with `--rig dome`, cameras stand around the soft things alone, on black (folder
+DIR/<scene>_dome); with `--rig single`, one camera does, at another place for every picture, each of
+a time of its own (folder DIR/<scene>_single): `--cameras` is the number of pictures.
 """
 
 import argparse
@@ -151,7 +150,8 @@ def pictures_on_the_way(plan, rig, seed):
     """A picture of every time by one camera, which moves."""
     last, pictures = plan.frames - 1, []
     for k in range(plan.frames):
-        name, _, pose = placed_at(plan, rig, seed, k / last)[WALKER]
+        placed = placed_at(plan, rig, seed, k / last)
+        name, _, pose = placed[WALKER % len(placed)]
         split = "test" if k % HOLD == HOLD // 2 else "train"
         pictures.append(Picture(f"images/{k:03d}.jpg", name, split, pose, k / last))
     return pictures

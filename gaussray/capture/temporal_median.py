@@ -7,6 +7,9 @@ from jaxtyping import Bool, Float
 # A pixel moves if a channel of its encoded colour, in 0..1, differs by more than this (the
 # threshold of the masks of the paired benchmark).
 MOTION_THRESHOLD = 0.1
+# Where a picture is compared with a rendering, differences are averaged over a square of so many
+# pixels along the side first: edges that are rendered a pixel off, and noise, are no motion.
+AVERAGED = 5
 
 
 def temporal_median(

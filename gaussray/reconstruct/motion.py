@@ -12,7 +12,6 @@ import numpy as np
 from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureWarning
-from gaussray.color import srgb_decode
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
 from gaussray.reconstruct.initialize.from_points import bodies, inliers, on_points, thinned
@@ -144,7 +143,7 @@ def _with_followers(
     chosen = near[thinned(len(near), count=most, seed=fit.seed)]
     gaussians = on_points(
         found.position[chosen],
-        srgb_decode(np.clip(found.color[chosen], 0, 1).astype(np.float64)),
+        found.light[chosen],
         degree=fit.degree,
         opacity=fit.opacity,
         spread=fit.spread,

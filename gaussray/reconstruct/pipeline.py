@@ -64,8 +64,9 @@ def reconstruct(
     The coarse stage fits Gaussians to the pictures of the first time. Then rigid bodies are
     tracked, and the fine stage fits Gaussians and deformation to the pictures of all times. At the
     end the scene is pruned (`pruned_scene`). Where transient Gaussians show what moves
-    (options.fit.motion), there is no coarse stage, or, if cameras move, one of all times. Where
-    options.fit.auto leaves that open, short fits without some pictures decide (`trial`).
+    (options.fit.motion), there is no coarse stage; where cameras move, these and control points
+    have one of all times, which fits what stands still. Where options.fit.auto leaves open what
+    shows motion, short fits without some pictures decide (`trial`).
 
     A capture of more than options.fit.segment times becomes a clip, one segment after another. Each
     segment loads its own pictures, starts from the end of the one before, and is kept in

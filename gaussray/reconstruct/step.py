@@ -177,12 +177,12 @@ def train_block(
     def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)
         cost_slope = jax.grad(density_costs, has_aux=True)
-        late = 2 * state.step >= schedule.steps if options.still else None
+        ignore_moving = 2 * state.step >= schedule.steps if options.still else None
         (_, details), gradient = slope(
             *(state.parameters, views, batch, cameras, state.step),
             options=options,
             sizes=sizes,
-            late=late,
+            ignore_moving=ignore_moving,
         )
         cost_gradient, costs = cost_slope(state.parameters, batch.time, cameras, options.density)
         rate = rates(

@@ -122,7 +122,7 @@ def loss_of(
     *,
     options: StepOptions,
     sizes: BlockSizes,
-    late: Bool[Array, ""] | None = None,
+    ignore_moving: Bool[Array, ""] | None = None,
 ) -> tuple[Float[Array, ""], LossDetails]:
     """The loss of one step: the sum of its terms, each times its weight.
 
@@ -136,8 +136,8 @@ def loss_of(
         step: steps of the stage before this one; it chooses the samples of pixels.
         options: the options of a step.
         sizes: what the step is compiled for.
-        late: whether pixels that differ much from the photograph's (`losses.far_apart`) have no
-            say, because they show what moves; None: all have.
+        ignore_moving: whether pixels that differ much from the photograph's have no say, because
+            they show what moves (`losses.far_apart`); None: all have.
     """
     batch = _tiles_dealt_out(batch, sizes.mesh)
     rays, gain = step_rays(parameters, views, batch, cameras, step, options)
@@ -157,9 +157,9 @@ def loss_of(
     weight = weight * jnp.all(jnp.any(rays.direction != 0, axis=-1), axis=0)
     image = jnp.where(weight[:, None] > 0, image, truth)
     judged = image
-    if late is not None:
+    if ignore_moving is not None:
         moved = losses.far_apart(image, truth, side=batch.side, bundle=options.trace.bundle)
-        judged = jnp.where((late & moved)[:, None], truth, image)
+        judged = jnp.where((ignore_moving & moved)[:, None], truth, image)
     terms = losses.terms(
         judged, truth, options=options.loss, side=batch.side, bundle=options.trace.bundle
     )

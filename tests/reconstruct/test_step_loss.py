@@ -66,7 +66,7 @@ def test_every_term_has_the_weight_of_its_key():
     assert weights["l1"] == 0.8 and weights["dssim"] == 0.2 and weights["nothing"] == 0.1
 
 
-def loss_before_black(opacity, loss, late=None):
+def loss_before_black(opacity, loss, ignore_moving=None):
     """The loss and its terms of a picture that is black but for a corner, where a black Gaussian
     covers the middle."""
     side = 16
@@ -91,7 +91,14 @@ def loss_before_black(opacity, loss, late=None):
     sizes = measure_sizes(state, camera, batch, seen, options=options, mesh=mesh(1))
     one = jax.tree.map(lambda x: x[0], batch)
     value, details = loss_of(
-        parts, camera, one, seen, state.step, options=options, sizes=sizes, late=late
+        parts,
+        camera,
+        one,
+        seen,
+        state.step,
+        options=options,
+        sizes=sizes,
+        ignore_moving=ignore_moving,
     )
     return value, details.terms, truth[0, :, 0] == 0
 
@@ -123,8 +130,8 @@ def test_nothing_else_makes_black_before_black_fade():
 def test_late_in_a_stage_of_what_stands_still_pixels_that_differ_much_have_no_say():
     loss = LossOptions(nothing=0.0)
     costs = [
-        float(loss_before_black(toy.single(0.6), loss, late)[0])
-        for late in (None, jnp.asarray(False), jnp.asarray(True))
+        float(loss_before_black(toy.single(0.6), loss, ignored)[0])
+        for ignored in (None, jnp.asarray(False), jnp.asarray(True))
     ]
     # Only the border of the bright corner is left, where the mean over 5 x 5 pixels is small.
     assert costs[0] == costs[1] > 0.05 and costs[2] < 0.2 * costs[0]

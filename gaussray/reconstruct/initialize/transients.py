@@ -6,7 +6,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from gaussray.color import srgb_decode
 from gaussray.reconstruct.initialize.from_points import appearance_of, discs, inliers
 from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
 from gaussray.scene.transient import Transients, interval_at
@@ -90,5 +89,4 @@ def _on_cloud(cloud: MovingPoints, share: float, dice: np.random.Generator) -> t
     believed = cloud.believed[rows][:, None]
     velocity = np.where(believed, cloud.velocity[rows], 0)
     shape, axes = discs(position, spread=1.0, flat=_FLAT)
-    color = srgb_decode(np.clip(found.color[rows], 0, 1).astype(np.float64))
-    return position, color, velocity, np.full(len(rows), cloud.time), shape, axes
+    return position, found.light[rows], velocity, np.full(len(rows), cloud.time), shape, axes

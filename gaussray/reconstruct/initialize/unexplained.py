@@ -7,6 +7,7 @@ still beside it.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,7 +18,7 @@ from scipy.ndimage import uniform_filter
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.rays import Rays
-from gaussray.capture.temporal_median import differs
+from gaussray.capture.temporal_median import AVERAGED, differs
 from gaussray.color import srgb_encode
 from gaussray.reconstruct.data.backdrop import BackdropColor, before_backdrop
 from gaussray.reconstruct.data.pictures import Footage
@@ -36,11 +37,17 @@ from gaussray.tracer.traverse import Capacity
 
 # Pixels of a picture that is rendered, at most.
 _PIXELS_CPU, _PIXELS_GPU = 33_000, 250_000
-# Pixels along the side of the square over which differences are averaged: edges that are rendered a
-# pixel off, and noise, are no motion.
-_EVEN = 5
 # Opacity from which on a ray is taken to end at a surface.
 _SOLID = 0.5
+
+
+class _Compared(NamedTuple):
+    """A frame beside what stands still: the reduced view, which of its pixels move, and distances
+    to what stands still."""
+
+    view: StereoViews
+    moved: Bool[np.ndarray, "rows columns"]
+    distance: Float[np.ndarray, "rows columns"]
 
 
 class UnexplainedPixels:
@@ -73,20 +80,15 @@ class UnexplainedPixels:
         most = _PIXELS_CPU if jax.default_backend() == "cpu" else _PIXELS_GPU
         self._factor = reduction((footage.film.height, footage.film.width), most)
         self._capacity: Capacity | None = None
+        self._last: tuple[int, _Compared] | None = None
         self.counts: dict[int, UInt16[np.ndarray, " tiles"]] = {}
 
     def __call__(self, frame: int) -> Bool[np.ndarray, "h w"]:
         """The mask of a frame."""
-        footage, view = self._footage, self._view(frame)
-        shown, _ = self._rendered(view)
-        if self._gain is not None:
-            own = self._gain[frame]
-            shown = shown * own if own.ndim == 1 else shown @ own.T
-        channels, _ = jax.device_get(unpacked(view.pixel, jnp.float32))
-        difference = np.stack(channels, axis=-1) - np.asarray(srgb_encode(shown))
-        even = uniform_filter(difference, _EVEN, axes=(0, 1))
-        moved = without_specks(differs(even, np.zeros_like(even)))
-        moved = _enlarged(moved, self._factor, (footage.film.height, footage.film.width))
+        footage = self._footage
+        moved = _enlarged(
+            self._compared(frame).moved, self._factor, (footage.film.height, footage.film.width)
+        )
         visible = footage.masks(np.array([frame]))
         moved = moved if visible is None else moved & visible[0]
         pixels = tile_pixels(footage.film, footage.side, footage.bundle)
@@ -95,16 +97,25 @@ class UnexplainedPixels:
 
     def points(self, frame: int) -> StereoPoints:
         """Points of what moves in a frame, as far away as what stands still beside it."""
-        view, moved = self._view(frame), self(frame)
-        _, distance = self._rendered(view)
-        small = moved[:: self._factor, :: self._factor][: view.size[0], : view.size[1]]
-        return points_beside(view, small, distance)
+        return points_beside(*self._compared(frame))
 
-    def _view(self, frame: int) -> StereoViews:
-        """A frame, reduced."""
-        one = np.array([frame])
-        camera = jax.tree.map(lambda x: x[one], self._camera)
-        return stereo_views(self._footage.pictures(one), camera, None, factor=self._factor)[0]
+    def _compared(self, frame: int) -> _Compared:
+        """A frame beside what stands still; the last one asked for is not rendered again."""
+        if self._last is None or self._last[0] != frame:
+            one = np.array([frame])
+            camera = jax.tree.map(lambda x: x[one], self._camera)
+            pictures, masks = self._footage.pictures(one), self._footage.masks(one)
+            view = stereo_views(pictures, camera, masks, factor=self._factor)[0]
+            shown, distance = self._rendered(view)
+            if self._gain is not None:
+                own = self._gain[frame]
+                shown = shown * own if own.ndim == 1 else shown @ own.T
+            channels, visible = jax.device_get(unpacked(view.pixel, jnp.float32))
+            difference = np.stack(channels, axis=-1) - np.asarray(srgb_encode(shown))
+            mean = uniform_filter(difference, AVERAGED, axes=(0, 1))
+            moved = without_specks(differs(mean, np.zeros_like(mean)))
+            self._last = frame, _Compared(view, moved & visible, distance)
+        return self._last[1]
 
     def tile_counts(self) -> UInt16[np.ndarray, "frames tiles"]:
         """Moving pixels of every frame and tile; frames that were not asked for have those of the

@@ -5,14 +5,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaussray.capture.temporal_median import MOTION_THRESHOLD
+from gaussray.capture.temporal_median import AVERAGED, MOTION_THRESHOLD
 from gaussray.reconstruct.data.tiles import tile_order, tile_places
 
 
 # Pixels along a side of SSIM's window.
 _WINDOW = 11
-# Pixels along the side of the square over which a difference is averaged before it counts as one.
-_EVEN = 5
 
 
 class LossOptions(eqx.Module):
@@ -74,8 +72,8 @@ def far_apart(
     side: int,
     bundle: int | None = None,
 ) -> Bool[Array, " rays"]:
-    """Which pixels differ by more than `MOTION_THRESHOLD` in a channel, in the mean over the 5 x 5
-    pixels around them in their tile: edges that are rendered a pixel off, and noise, do not.
+    """Which pixels differ by more than `MOTION_THRESHOLD` in a channel, in the mean over the square
+    of `AVERAGED` pixels around them, as far as it lies in their tile.
 
     Args:
         rendered: sRGB-encoded colours of the rays, tile after tile, in `tile_order`.
@@ -85,16 +83,16 @@ def far_apart(
     """
     place, order = tile_places(side, bundle), tile_order(side, bundle)
     difference = (rendered - truth).reshape(-1, side**2, 3)[:, place].reshape(-1, side, side, 3)
-    even = jnp.asarray(_even(side), rendered.dtype)
-    mean = jnp.einsum("oi,pj,tijc->topc", even, even, difference, precision="highest")
+    around = jnp.asarray(_around(side), rendered.dtype)
+    mean = jnp.einsum("oi,pj,tijc->topc", around, around, difference, precision="highest")
     far = jnp.any(jnp.abs(mean) > MOTION_THRESHOLD, axis=-1)
     return far.reshape(-1, side**2)[:, order].reshape(-1)
 
 
-def _even(side: int) -> Float[np.ndarray, "side side"]:
+def _around(side: int) -> Float[np.ndarray, "side side"]:
     """Weights of the mean over the pixels of a row around each."""
     place = np.arange(side)
-    near = np.abs(place[:, None] - place[None]) <= _EVEN // 2
+    near = np.abs(place[:, None] - place[None]) <= AVERAGED // 2
     return near / near.sum(axis=1, keepdims=True)
 
 

@@ -84,6 +84,18 @@ def test_masked_pixels_do_not_move(filmed):
     assert not unexplained(replace(footage, mask=mask), wall)(1).any()
 
 
+def test_mask_and_points_of_a_frame_are_of_one_rendering(filmed, monkeypatch):
+    footage, wall, _ = filmed
+    masks, rendered = unexplained(footage, wall), []
+    render = UnexplainedPixels._rendered
+    monkeypatch.setattr(
+        UnexplainedPixels, "_rendered", lambda self, view: rendered.append(1) or render(self, view)
+    )
+    first = masks(1)
+    assert len(masks.points(1).position) and np.array_equal(masks(1), first) and len(rendered) == 1
+    assert not np.array_equal(masks(3), first) and len(rendered) == 2
+
+
 def test_what_one_picture_alone_shows_is_as_far_away_as_the_wall_beside_it(filmed):
     footage, wall, apart = filmed
     masks, frame = unexplained(footage, wall), 1

@@ -5,14 +5,15 @@ something, or is fastened to it: the nearest of what stands still around a group
 is about as far away as the group.
 """
 
+import equinox as eqx
 import jax
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Array, Bool, Float
 from scipy.ndimage import binary_dilation, find_objects
 from skimage.measure import label
 
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints, no_points
-from gaussray.reconstruct.initialize.stereo.views import StereoViews, rays, unpacked
+from gaussray.reconstruct.initialize.stereo.views import Channels, StereoViews, rays, unpacked
 
 
 # Pixels between a group of moving pixels and what is beside it, and width of the latter.
@@ -63,9 +64,8 @@ def points_beside(
     if not len(row):
         return no_points()
     away = np.minimum(away, distance)
-    ray = rays(view.lens, view.world_from_camera, view.size, view.factor)
-    channels, _ = unpacked(view.pixel, ray.dtype)
-    ray, color, origin, angle = jax.device_get((ray, channels, view.origin, view.angle))
+    ray, color = jax.device_get(_rays_and_colors(view))
+    origin, angle = jax.device_get((view.origin, view.angle))
     toward, far = ray[:, row, column].T, away[row, column, None]
     count = len(row)
     return StereoPoints(
@@ -76,3 +76,10 @@ def points_beside(
         error=far[:, 0].astype(np.float32),
         scale=(angle * far[:, 0]).astype(np.float32),
     )
+
+
+@eqx.filter_jit
+def _rays_and_colors(view: StereoViews) -> tuple[Float[Array, "3 h w"], Channels]:
+    """Viewing directions and colours of all pixels of a view; one program."""
+    ray = rays(view.lens, view.world_from_camera, view.size, view.factor)
+    return ray, unpacked(view.pixel, ray.dtype)[0]

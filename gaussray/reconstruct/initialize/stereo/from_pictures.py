@@ -11,7 +11,6 @@ from scipy.ndimage import binary_dilation
 
 from gaussray.camera.camera import Camera
 from gaussray.capture.points import Points
-from gaussray.color import srgb_decode
 from gaussray.reconstruct.data.backdrop import backdrop_of
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.still_cameras import (
@@ -136,8 +135,7 @@ def points_from_pictures(
             )
         )
     found = StereoPoints(*(np.concatenate(x) for x in zip(no_points(), *parts, strict=True)))
-    color = srgb_decode(np.clip(found.color, 0, 1).astype(np.float64))
-    return Points(found.position.astype(np.float32), color.astype(np.float32))
+    return Points(found.position.astype(np.float32), found.light.astype(np.float32))
 
 
 def moving_points(
@@ -195,9 +193,11 @@ def _alone(
     alone: Callable[[int], StereoPoints] | None,
 ) -> StereoPoints:
     """Points of the one picture of a timestamp that shows that something moves, if there is one."""
+    if alone is None:
+        return no_points()
     for frame in np.flatnonzero(footage.times == footage.times.dtype.type(time)):
         mask = moved(int(frame))
-        if alone is not None and mask is not None and mask.any():
+        if mask is not None and mask.any():
             return alone(int(frame))
     return no_points()
 

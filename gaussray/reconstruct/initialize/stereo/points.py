@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from gaussray.color import srgb_decode
+
 
 class StereoPoints(NamedTuple):
     """Points of surfaces, on the host.
@@ -26,6 +28,11 @@ class StereoPoints(NamedTuple):
     confidence: Float[np.ndarray, " points"]
     error: Float[np.ndarray, " points"]
     scale: Float[np.ndarray, " points"]
+
+    @property
+    def light(self) -> Float[np.ndarray, "points 3"]:
+        """Linear light of the colours."""
+        return srgb_decode(np.clip(self.color, 0, 1).astype(np.float64))
 
 
 def no_points() -> StereoPoints:
