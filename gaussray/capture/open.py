@@ -1,6 +1,7 @@
 """Opening a capture folder of any format: which reader it is for, and what is selected of it."""
 
 import dataclasses
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import DTypeLike
 
 from gaussray.capture.capture import Capture, View
-from gaussray.capture.errors import CaptureError
+from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.colmap import read_colmap
 from gaussray.capture.formats.colmap_files import PLACES, model_folder, project_folder
 from gaussray.capture.formats.dnerf import SPLIT_FILES, VALIDATION_FILE, read_splits
@@ -20,6 +21,7 @@ from gaussray.capture.formats.poses_bounds import POSES_FILE
 from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.picture_file import BACKGROUNDS
 from gaussray.capture.selection import Selection, selected
+from gaussray.capture.stored_sizes import at_stored_sizes
 
 
 FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
@@ -39,6 +41,9 @@ FORMAT_FILES = {
     "dynamic3dgs": f"{META_FILES['train']} and pictures in ims/",
     "colmap": f"cameras and images (.bin or .txt) in one of {', '.join(PLACES)}",
 }
+
+# Folders that are looked into for a capture, where the one that was named holds none.
+_LOOKED_AT = 50
 
 
 def open_capture(
@@ -83,7 +88,23 @@ def open_capture(
 
     effects = {name: with_background(views) for name, views in capture.effects.items()}
     capture = dataclasses.replace(capture, views=with_background(capture.views), effects=effects)
+    capture = at_stored_sizes(capture)
+    _warn_of_trained_tests(capture)
     return selected(capture, selection or Selection())
+
+
+def _warn_of_trained_tests(capture: Capture) -> None:
+    """Warn of held-out pictures that are training pictures, too: their scores tell nothing."""
+    trained = {view.image for view in capture.views if view.split == "train"}
+    both = [view for view in capture.views if view.split == "test" and view.image in trained]
+    if both:
+        warnings.warn(
+            f"{capture.folder}: {len(both)} held-out pictures, first {both[0].image.name}, are "
+            "training pictures, too, so that their scores tell nothing. Hold others out: "
+            "capture.test, or the key split of frames.",
+            CaptureWarning,
+            stacklevel=3,
+        )
 
 
 def format_of(folder: Path | str) -> str:
@@ -101,6 +122,28 @@ def format_of(folder: Path | str) -> str:
         raise NotADirectoryError(f"{folder}: a capture must be a folder, got a file.")
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: the capture folder does not exist.")
+    found = _format(folder)
+    if found is not None:
+        return found
+    needs = "; ".join(f"{name} needs {what}" for name, what in FORMAT_FILES.items())
+    inner = [str(path) for path in _folders_in(folder) if _format(path) is not None][:3]
+    remedy = f"Name {' or '.join(inner)}, which does" if inner else "Name the folder that has them"
+    raise CaptureError(
+        f"{folder}: a capture must hold the files of one format, got none of them: {needs}. "
+        f"{remedy}; `gaussray prepare` makes a capture of videos or photographs, with calibrations "
+        "of other tools (poses.calibration), too."
+    )
+
+
+def _folders_in(folder: Path) -> list[Path]:
+    """The first folders in a folder, and in these."""
+    outer = sorted(path for path in folder.iterdir() if path.is_dir())[:_LOOKED_AT]
+    inner = [path for some in outer for path in sorted(some.iterdir()) if path.is_dir()]
+    return outer + inner[:_LOOKED_AT]
+
+
+def _format(folder: Path) -> str | None:
+    """Name of the format of an existing folder; None if it has the files of none."""
     paired = (folder / PINHOLE_FILE).is_file()
     split = [n for n in (*SPLIT_FILES.values(), VALIDATION_FILE) if (folder / n).is_file()]
     if paired and split:
@@ -117,10 +160,4 @@ def format_of(folder: Path | str) -> str:
     model = model_folder(project_folder(folder))
     if (folder / POSES_FILE).is_file() and (videos_of(folder) or model is None):
         return "llff" if not videos_of(folder) and llff_pictures(folder) else "neural3d"
-    if model is not None:
-        return "colmap"
-    needs = "; ".join(f"{name} needs {what}" for name, what in FORMAT_FILES.items())
-    raise CaptureError(
-        f"{folder}: a capture must hold the files of one format, got none of them: {needs}. "
-        "Name the folder that has them."
-    )
+    return None if model is None else "colmap"

@@ -15,6 +15,7 @@ from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.picture_file import picture_exists
 from gaussray.capture.window import Window
+from gaussray.io.safe.files import same_name_hint
 
 
 # What is done with frames whose picture does not exist.
@@ -98,7 +99,8 @@ def _with_pictures(capture: Capture, missing: str) -> Capture:
         f"{capture.folder}: {len(absent)} of {len(every)} frames have no picture, such as {first}"
     )
     if missing == "error" or len(absent) == len(every):
-        raise CaptureError(f"{text}. Copy the pictures there, or remove the frames.")
+        hint = same_name_hint(capture.folder, first.name)
+        raise CaptureError(f"{text}.{hint} Copy the pictures there, or remove the frames.")
     warnings.warn(f"{text}; they are left out.", CaptureWarning, stacklevel=4)
 
     def present(views: list[View]) -> list[View]:

@@ -10,6 +10,9 @@ MOTION_THRESHOLD = 0.1
 # Where a picture is compared with a rendering, differences are averaged over a square of so many
 # pixels along the side first: edges that are rendered a pixel off, and noise, are no motion.
 AVERAGED = 5
+# There, a pixel must also differ by more than this many times what the median pixel does: as long
+# as Gaussians do not show well what stands still, most pixels differ.
+OUTLYING = 6.0
 
 
 def temporal_median(
@@ -40,6 +43,17 @@ def differs(picture: np.ndarray, other: np.ndarray, scale: int = 1) -> Bool[np.n
     """
     difference = np.abs(picture.astype(np.float32) - other.astype(np.float32))
     return np.any(difference > MOTION_THRESHOLD * scale, axis=-1)
+
+
+def stands_out(difference: Float[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:
+    """Which pixels of a picture differ from a rendering of what stands still because they move: by
+    more than `MOTION_THRESHOLD` in a channel, and `OUTLYING` times the median pixel.
+
+    Args:
+        difference: of encoded colours in 0..1, averaged over squares of `AVERAGED` pixels.
+    """
+    apart = np.max(np.abs(difference), axis=-1)
+    return apart > max(MOTION_THRESHOLD, OUTLYING * float(np.median(apart)))
 
 
 def moving_mask(

@@ -348,6 +348,12 @@ def test_check_lens_accepts_good_lenses_and_names_folded_ones():
     folded = Pinhole(FOCAL, CENTER, array(-0.8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="lens.distortion must give every pixel"):
         check_lens(folded, WIDTH, HEIGHT)
+    # Only where corners may stay dark is a lens good that has no ray there.
+    lacking = check_lens(folded, WIDTH, HEIGHT, dark=0.9)
+    corners = [jax.vmap(folded.direction)(array([0.5, 0.5], [WIDTH - 0.5, HEIGHT - 0.5]))]
+    assert 0 < lacking < 0.9 and not np.any(corners)
+    with pytest.raises(ValueError, match="lens.distortion must give every pixel"):
+        check_lens(folded, WIDTH, HEIGHT, dark=0.9 * lacking)
     turned = eqx.tree_at(lambda x: x.coefficients, LENSES["mirrored"], array(0, -0.08, 0, 0, 1e-5))
     with pytest.raises(ValueError, match="lens.k must be monotone"):
         check_lens(turned, WIDTH, HEIGHT)

@@ -67,6 +67,43 @@ def test_the_type_of_number_is_handed_on(folder):
         assert view.camera.time.dtype == jnp.dtype(kind)
 
 
+def test_a_folder_around_a_capture_tells_where_it_is(folder):
+    scene = folder / "work" / "data" / "scene"
+    scene.mkdir(parents=True)
+    lay(scene, "transforms.json", PAIRED)
+    with pytest.raises(CaptureError, match="Name .*data.scene, which does; `gaussray prepare`"):
+        open_capture(folder / "work")
+    with pytest.raises(CaptureError, match="Name the folder that has them"):
+        format_of(folder)
+
+
+def test_pictures_that_lie_elsewhere_are_found_for_the_message(folder):
+    lost = {**FRAME, "file_path": "images/0.png"}
+    lay(folder, "transforms.json", {**PAIRED, "split": "train", "frames": [lost]})
+    with pytest.raises(CaptureError, match=r"A file of this name is .*0\.png\. Copy the pictures"):
+        open_capture(folder)
+
+
+def test_held_out_pictures_that_were_trained_on_are_told(folder):
+    for name in ("train", "test"):
+        lay(folder, f"transforms_{name}.json", SPLIT)
+    with pytest.warns(CaptureWarning, match="1 held-out pictures, first 0.png, are training"):
+        open_capture(folder)
+
+
+@pytest.mark.filterwarnings("ignore:.*turns back within the picture")
+def test_distortion_may_turn_back_in_the_corners_of_a_picture(folder):
+    lens = {"camera_model": "OPENCV", "fl_x": 14, "fl_y": 14, "k1": -0.45}
+    lay(folder, "transforms.json", {**PAIRED, "split": "train", **lens})
+    with pytest.warns(CaptureWarning, match="about .* % of its pixels, at the corners, have no"):
+        (view,) = open_capture(folder).views
+    corner, middle = (view.camera.lens.direction(jnp.array(at)) for at in ([0.5, 0.5], [8.0, 6.0]))
+    assert not np.any(corner) and np.any(middle)
+    lay(folder, "transforms.json", {**PAIRED, "split": "train", **lens, "k1": -1.5})
+    with pytest.raises(CaptureError, match="lens.distortion must give every pixel a direction"):
+        open_capture(folder)
+
+
 def test_what_a_capture_was_made_of_may_lie_beside_it(folder):
     """JSON comes before poses with videos, and these before a model of COLMAP."""
     for name in ("cameras", "images"):

@@ -12,7 +12,7 @@ from gaussray.runtime.kept_programs import KeptProgram
 from gaussray.runtime.programs import quick_compilation
 
 
-def check_lens(lens: AbstractLens, width: int, height: int) -> None:
+def check_lens(lens: AbstractLens, width: int, height: int, dark: float = 0.0) -> float:
     """Check a lens for pictures of a size.
 
     A grid of 9 x 9 pixels, corners included, is mapped by `direction` and back by `project`. Pixels
@@ -22,6 +22,10 @@ def check_lens(lens: AbstractLens, width: int, height: int) -> None:
         lens: The lens.
         width: Width of the picture in pixels.
         height: Height of the picture in pixels.
+        dark: Largest share of the grid that may have no direction under a pinhole, too.
+
+    Returns:
+        The share of the grid that has no direction.
 
     Raises:
         ValueError: If a parameter is invalid, or if two pixels share a direction.
@@ -35,13 +39,18 @@ def check_lens(lens: AbstractLens, width: int, height: int) -> None:
     whole, pixel = jax.tree.map(lambda x: np.asarray(x, dtype), (lens, pixel))
     lit, back = map(np.asarray, _round_trip()(whole, pixel))
     close = np.max(np.abs(back - pixel), axis=-1) < 0.1
-    wrong = np.where(lit, ~close, lens.fills_picture)
+    if dark and lens.fills_picture:
+        # Where distortion turns back, a ray may be formed that comes back to no pixel.
+        lit = lit & ~np.isnan(back).any(axis=-1)
+    lacking = 1 - float(np.mean(lit))
+    wrong = np.where(lit, ~close, lens.fills_picture and lacking > dark)
     if wrong.any():
         key, remedy = lens.fold_message
         raise ValueError(
             f"{key} must give every pixel a direction of its own, got none or another pixel's at "
             f"{np.asarray(pixel)[wrong][0].tolist()} (column, row). {remedy}"
         )
+    return lacking
 
 
 def _there_and_back(

@@ -16,6 +16,9 @@ INTRINSICS = (
 LENS_LABELS = {
     name: model.label for name, model in models_by_camera_model().items() if not model.perspective
 }
+# Of the pixels of a picture, so many may have no viewing direction because distortion turns back
+# before its corners, as that of OpenCV's calibrations does where no board was seen.
+_DARK = 0.25
 # Keys of a `lens` block, of all models.
 _BLOCK_KEYS = ("model", *dict.fromkeys(key for model in lens_models() for key in model.block_keys))
 
@@ -40,5 +43,11 @@ def lens_of(keys: Keys, dtype: DTypeLike) -> AbstractLens:
         block = Keys(keys.file, {}, keys.frame, "lens.")
     lens = model.from_keys(keys, block, dtype)
     if not lens.check_is_complete:
-        check_lens(lens, keys.count("w"), keys.count("h"))
+        lacking = check_lens(lens, keys.count("w"), keys.count("h"), dark=_DARK)
+        if lacking and lens.fills_picture:
+            keys.warn(
+                f"{lens.fold_message[0]} turns back within the picture: about "
+                f"{max(round(100 * lacking), 1)} % of its pixels, at the corners, have no viewing "
+                "direction and do not count."
+            )
     return lens

@@ -1,5 +1,6 @@
 """Opens untrusted files: regular files only, inside allowed folders, JSON of limited size."""
 
+import glob
 import io
 import json
 import os
@@ -119,8 +120,27 @@ def inside(folder: Path, name: str, where: object) -> Path:
     except (OSError, RuntimeError, ValueError) as error:
         raise ValueError(f"{where} must be the name of a file, got {name!r} ({error}).") from None
     if not any(real.is_relative_to(other) for other in known):
+        if real.exists():
+            remedy = (
+                f". Copy it there, or, if you trust the manifest, allow its folder: "
+                f"limits.folders=['{real.parent}']."
+            )
+        else:
+            remedy = f" and does not exist.{same_name_hint(home, name)} Correct the name."
         raise ValueError(
-            f"{where} must name a file in {home}, got {name!r}, which is {real}. Copy it there, "
-            f"or, if you trust the manifest, allow its folder: limits.folders=['{real.parent}']."
+            f"{where} must name a file in {home}, got {name!r}, which is {real}{remedy}"
         )
     return path
+
+
+def same_name_hint(folder: Path, name: str) -> str:
+    """A sentence that tells where a file of the name of an absent one lies; empty if nowhere.
+
+    Args:
+        folder: where to look, also in its folders and in theirs.
+        name: the path that names no file.
+    """
+    last = glob.escape(re.split(r"[/\\]", name)[-1])
+    found = (path for place in ("", "*/", "*/*/") for path in folder.glob(place + last))
+    path = next((path for path in found if path.is_file()), None)
+    return "" if path is None else f" A file of this name is {path}."

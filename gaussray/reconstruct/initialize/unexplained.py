@@ -18,7 +18,7 @@ from scipy.ndimage import uniform_filter
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.rays import Rays
-from gaussray.capture.temporal_median import AVERAGED, differs
+from gaussray.capture.temporal_median import AVERAGED, stands_out
 from gaussray.color import srgb_encode
 from gaussray.reconstruct.data.backdrop import BackdropColor, before_backdrop
 from gaussray.reconstruct.data.pictures import Footage
@@ -112,8 +112,7 @@ class UnexplainedPixels:
                 shown = shown * own if own.ndim == 1 else shown @ own.T
             channels, visible = jax.device_get(unpacked(view.pixel, jnp.float32))
             difference = np.stack(channels, axis=-1) - np.asarray(srgb_encode(shown))
-            mean = uniform_filter(difference, AVERAGED, axes=(0, 1))
-            moved = without_specks(differs(mean, np.zeros_like(mean)))
+            moved = without_specks(stands_out(uniform_filter(difference, AVERAGED, axes=(0, 1))))
             self._last = frame, _Compared(view, moved & visible, distance)
         return self._last[1]
 

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from gaussray.capture.temporal_median import AVERAGED, MOTION_THRESHOLD
+from gaussray.capture.temporal_median import AVERAGED, MOTION_THRESHOLD, OUTLYING
 from gaussray.reconstruct.data.tiles import tile_order, tile_places
 
 
@@ -72,8 +72,9 @@ def far_apart(
     side: int,
     bundle: int | None = None,
 ) -> Bool[Array, " rays"]:
-    """Which pixels differ by more than `MOTION_THRESHOLD` in a channel, in the mean over the square
-    of `AVERAGED` pixels around them, as far as it lies in their tile.
+    """Which pixels differ because they show what moves: in the mean over the square of `AVERAGED`
+    pixels around them, as far as it lies in their tile, a channel differs by more than
+    `MOTION_THRESHOLD`, and `OUTLYING` times what it is at the median pixel.
 
     Args:
         rendered: sRGB-encoded colours of the rays, tile after tile, in `tile_order`.
@@ -85,7 +86,8 @@ def far_apart(
     difference = (rendered - truth).reshape(-1, side**2, 3)[:, place].reshape(-1, side, side, 3)
     around = jnp.asarray(_around(side), rendered.dtype)
     mean = jnp.einsum("oi,pj,tijc->topc", around, around, difference, precision="highest")
-    far = jnp.any(jnp.abs(mean) > MOTION_THRESHOLD, axis=-1)
+    apart = jnp.max(jnp.abs(mean), axis=-1)
+    far = apart > jnp.maximum(MOTION_THRESHOLD, OUTLYING * jnp.median(apart))
     return far.reshape(-1, side**2)[:, order].reshape(-1)
 
 

@@ -1,0 +1,67 @@
+"""Cameras of pictures that were stored smaller, or larger, than their manifest says."""
+
+import dataclasses
+import warnings
+from typing import Any
+
+from gaussray.capture.capture import Capture, View
+from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.picture_file import picture_size
+from gaussray.capture.selection import shutter_of_part
+from gaussray.capture.window import Window
+
+
+def at_stored_sizes(capture: Capture) -> Capture:
+    """The capture with cameras of the size of their pictures, where these were resized as a whole.
+
+    The first picture of each folder and size is looked at. If both its sides differ from the
+    camera's by one factor, up to a pixel, so do lens and shutter of all cameras of this folder and
+    size, and a warning tells. Any other difference is left for the error of the picture's reader.
+    """
+    sizes: dict[tuple[Any, ...], tuple[int, int]] = {}
+    made: dict[tuple[Any, ...], tuple[Any, Any]] = {}
+
+    def fitting(view: View) -> View:
+        said = view.width, view.height
+        group = (view.image.parent, *said)
+        if group not in sizes:
+            sizes[group] = _stored(view) or said
+            if sizes[group] != said:
+                warnings.warn(
+                    f"{view.image.parent}: the pictures are {sizes[group][0]} x {sizes[group][1]} "
+                    f"where the cameras say {said[0]} x {said[1]}; lenses and shutters are scaled "
+                    "with them.",
+                    CaptureWarning,
+                    stacklevel=4,
+                )
+        return view if sizes[group] == said else _resized(view, sizes[group], made)
+
+    views = [fitting(view) for view in capture.views]
+    effects = {name: [fitting(view) for view in some] for name, some in capture.effects.items()}
+    return dataclasses.replace(capture, views=views, effects=effects)
+
+
+def _stored(view: View) -> tuple[int, int] | None:
+    """Width and height of a picture that was resized as a whole; None of any other."""
+    try:
+        width, height = picture_size(view.image)
+    except (OSError, CaptureError):
+        return None
+    apart = abs(width * view.height - height * view.width)
+    return (width, height) if apart <= max(view.width, view.height) else None
+
+
+def _resized(view: View, size: tuple[int, int], made: dict[tuple[Any, ...], Any]) -> View:
+    """The view with a camera of another size; lenses and shutters that views share stay shared."""
+    camera, whole = view.camera, (view.width, view.height)
+    key = id(camera.lens), id(camera.shutter), size
+    if key not in made:
+        seen = Window(whole, (0, 0, *whole))
+        made[key] = (
+            camera.lens.resized(whole, seen.box, size),
+            shutter_of_part(camera.shutter, seen, size),
+        )
+    lens, shutter = made[key]
+    film = dataclasses.replace(camera.film, width=size[0], height=size[1])
+    camera = dataclasses.replace(camera, film=film, lens=lens, shutter=shutter)
+    return dataclasses.replace(view, camera=camera)

@@ -1,0 +1,72 @@
+"""Pictures that were resized without their manifest: cameras are resized with them."""
+
+import json
+import warnings
+
+import jax
+import numpy as np
+import pytest
+
+from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.frames import read_encoded
+from gaussray.capture.open import open_capture
+from gaussray.capture.selection import Selection
+from gaussray.dataset.images import write_image
+
+
+W, H = 48, 33
+# Single precision, in pixels.
+PIXELS = 1e-4
+LENS = {"camera_model": "OPENCV", "fl_x": 40, "fl_y": 42, "cx": 22, "cy": 17, "k1": 0.05}
+
+
+def lay(folder, size):
+    """A capture of one camera whose pictures have another size than its manifest says."""
+    pose = np.eye(4).tolist()
+    frames = [
+        {"file_path": f"{k}.png", "transform_matrix": pose, "time": k / 2, "camera": "a"}
+        for k in range(2)
+    ]
+    rolling = {"shutter": {"row_offset": -0.1, "row_step": 0.01}}
+    document = {"w": W, "h": H, **LENS, **rolling, "split": "train", "frames": frames}
+    folder.mkdir(exist_ok=True)
+    for frame in frames:
+        write_image(folder / frame["file_path"], np.full((size[1], size[0], 3), 90, np.uint8))
+    (folder / "transforms.json").write_text(json.dumps(document))
+    return folder
+
+
+@pytest.mark.parametrize("size", [(24, 17), (24, 16), (96, 66)])
+def test_cameras_follow_pictures_that_were_resized_as_a_whole(tmp_path, size):
+    with pytest.warns(CaptureWarning, match=f"pictures are {size[0]} x {size[1]} where") as told:
+        views = open_capture(lay(tmp_path / "small", size)).views
+    assert len(told) == 1 and read_encoded(views[0]).shape == (size[1], size[0], 3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        whole = open_capture(lay(tmp_path / "whole", (W, H))).views[0]
+    # A point of the scene stays at the same place of the picture.
+    point = jax.numpy.array([0.2, -0.1, 1.0])
+    expected = np.asarray(whole.camera.lens.project(point)) * np.array(size) / (W, H)
+    found = views[0].camera.lens.project(point)
+    np.testing.assert_allclose(found, expected, atol=PIXELS)
+    # The readout takes as long, in fewer rows.
+    lasts = [float(v.camera.shutter.row_step) * v.height for v in (views[0], whole)]
+    np.testing.assert_allclose(*lasts, rtol=1e-6)
+    assert views[0].camera.lens is views[1].camera.lens
+
+
+@pytest.mark.filterwarnings("ignore:.*the pictures are 24 x 17")
+def test_they_may_be_scaled_again(tmp_path):
+    (view, _) = open_capture(lay(tmp_path, (24, 17)), selection=Selection(scale=0.5)).views
+    assert (view.width, view.height) == (12, 8) and read_encoded(view).shape == (8, 12, 3)
+
+
+@pytest.mark.parametrize("size", [(33, 48), (40, 17), (48, 30)])
+def test_pictures_of_another_shape_are_an_error(tmp_path, size):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        (view, _) = open_capture(lay(tmp_path, size)).views
+    with pytest.raises(
+        CaptureError, match=f"must be w x h = {W} x {H} .*, got {size[0]} x {size[1]}"
+    ):
+        read_encoded(view)
