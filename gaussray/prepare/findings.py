@@ -7,7 +7,7 @@ import numpy as np
 
 from gaussray.prepare.epipolar import EpipolarPair
 from gaussray.prepare.exposure import LEAST_SHARED
-from gaussray.prepare.lens_check import lens_complaint
+from gaussray.prepare.lens_check import is_unreadable, lens_complaint
 from gaussray.prepare.lens_models import lens_fov
 from gaussray.prepare.options import SyncOptions
 from gaussray.prepare.poses import Placement
@@ -142,7 +142,8 @@ def camera_findings(placement: Placement) -> list[Finding]:
 def lens_findings(placement: Placement) -> list[Finding]:
     """Lenses that no camera has; focal lengths that differ between like cameras."""
     findings, focals, complaints = [], {}, {}
-    for name, lens in camera_lenses(placement).items():
+    lenses = camera_lenses(placement)
+    for name, lens in lenses.items():
         focals.setdefault((lens["w"], lens["h"]), {})[name] = lens["fl_x"]
         complaints.setdefault(lens_complaint(lens), []).append(name)
     for (level, reason), names in complaints.items():
@@ -150,7 +151,12 @@ def lens_findings(placement: Placement) -> list[Finding]:
         if level and placement.known:
             text = f"{listed}: the calibration has {reason}"
             remedy = "Check that the file is of this camera, zoom and picture size."
-            findings.append(Finding("warn", "lens", text, remedy))
+            unread = any(is_unreadable(lenses[name]) for name in names)
+            if unread:
+                remedy += (
+                    " Calibrate again with the board at the edges, too, or take the video away."
+                )
+            findings.append(Finding("refuse" if unread else "warn", "lens", text, remedy))
         elif level:
             findings.append(
                 Finding(
@@ -172,7 +178,7 @@ def lens_findings(placement: Placement) -> list[Finding]:
             remedy = "If the cameras are alike, poses.intrinsics=shared."
             findings.append(Finding("warn", "lens", text, remedy))
     if not findings:
-        fovs = [lens_fov(lens) for lens in camera_lenses(placement).values()]
+        fovs = [lens_fov(lens) for lens in lenses.values()]
         text = f"horizontal fields of view of {min(fovs):.0f} to {max(fovs):.0f} degrees"
         findings.append(Finding("good", "lens", text))
     return findings

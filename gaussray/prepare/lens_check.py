@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from gaussray.capture.formats.lenses import LARGEST_DARK_SHARE
 from gaussray.prepare.lens_models import LensKeyValues, fisheye_angles, lens_fov
-from gaussray.prepare.sparse_model import camera_of
+from gaussray.prepare.sparse_model import camera_of, pixel_rays
 
 
 # Focal lengths in widths of the picture outside of which no lens is believed: 136 degrees, and 7.
@@ -29,8 +30,17 @@ def corner_distortion(lens: LensKeyValues) -> float:
     return stored / ideal - 1 if ideal > 0 else float("nan")
 
 
+def is_unreadable(lens: LensKeyValues) -> bool:
+    """Whether distortion turns back so far within the picture that no reader takes the lens."""
+    return "FISHEYE" not in lens["camera_model"] and _dark_share(lens) > LARGEST_DARK_SHARE
+
+
 def lens_complaint(lens: LensKeyValues) -> tuple[str, str]:
-    """What is wrong with a lens: a level (`refuse`, `warn` or empty) and the reason."""
+    """What is wrong with a lens: a level (`refuse`, `warn` or empty) and the reason.
+
+    A pinhole without directions for the corners is no more than a warning, because readers of
+    captures leave these pixels out.
+    """
     fisheye = "FISHEYE" in lens["camera_model"]
     share = lens["fl_x"] / lens["w"]
     least = FOCAL[0] / 2 if fisheye else FOCAL[0]
@@ -43,7 +53,9 @@ def lens_complaint(lens: LensKeyValues) -> tuple[str, str]:
     if not 0.9 <= aspect <= 1.1:
         return "refuse", f"pixels that are {aspect:.3g} times as high as wide"
     bend = corner_distortion(lens)
-    if not abs(bend) <= IMPOSSIBLE:
+    if np.isnan(bend) or not fisheye and _dark_share(lens) > 0:
+        return _turning_back(lens)
+    if abs(bend) > IMPOSSIBLE:
         return "refuse", f"distortion that shifts the corner by {100 * bend:.0f} %"
     shift = max(abs(lens["cx"] / lens["w"] - 0.5), abs(lens["cy"] / lens["h"] - 0.5))
     if shift > CENTRE:
@@ -51,3 +63,23 @@ def lens_complaint(lens: LensKeyValues) -> tuple[str, str]:
     if abs(bend) > UNUSUAL:
         return "warn", f"distortion that shifts the corner by {100 * bend:.0f} %"
     return "", ""
+
+
+def _turning_back(lens: LensKeyValues) -> tuple[str, str]:
+    """The complaint about a lens that has no ray for a corner."""
+    if "FISHEYE" in lens["camera_model"] or is_unreadable(lens):
+        return "refuse", (
+            "distortion that turns back within the picture, of which about "
+            f"{100 * _dark_share(lens):.0f} % get no viewing direction"
+        )
+    return "warn", (
+        "distortion that turns back before the corners of the picture, which get no viewing "
+        "direction and do not count"
+    )
+
+
+def _dark_share(lens: LensKeyValues) -> float:
+    """Share of the picture, on a grid of 9 x 9 pixels, that has no viewing direction."""
+    columns, rows = (np.linspace(0.5, lens[key] - 0.5, 9) for key in ("w", "h"))
+    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    return float(np.isnan(pixel_rays(lens, pixels)).any(axis=1).mean())

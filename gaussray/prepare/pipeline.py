@@ -8,8 +8,9 @@ from typing import Any
 from gaussray.capture.formats.transforms import PINHOLE_FILE, POINT_FILES
 from gaussray.io.atomic import write_json
 from gaussray.prepare import document, findings
+from gaussray.prepare.calibrations.assign import assign_cameras
 from gaussray.prepare.calibrations.known_camera import KnownCamera
-from gaussray.prepare.calibrations.read import assign_cameras, read_calibration
+from gaussray.prepare.calibrations.read import read_calibration
 from gaussray.prepare.colmap import pycolmap, quiet_colmap
 from gaussray.prepare.epipolar import epipolar_pairs
 from gaussray.prepare.errors import PrepareError
@@ -54,6 +55,8 @@ def prepare_capture(
     pycolmap()
     sources = find_sources(videos)
     known, remarks = _known(sources, options)
+    # Of a camera without a pose the video is left out.
+    sources = [source for source in sources if known is None or source.name in known]
     sync = synchronise(sources, options.sync)
     timeline = common_timeline(sources, sync, options.frames)
     files = copy_media(sources, timeline, out)
@@ -71,7 +74,7 @@ def refusal(facts: dict[str, Any]) -> str:
 
 def _known(
     sources: Sequence[Source], options: PrepareOptions
-) -> tuple[dict[str, KnownCamera] | None, list[str]]:
+) -> tuple[dict[str, KnownCamera] | None, list[Finding]]:
     if not options.poses.calibration:
         return None, []
     return assign_cameras(read_calibration(options.poses.calibration), sources)
@@ -83,7 +86,7 @@ def _checked(
     timeline: Timeline,
     files: dict[str, list[Path]],
     placement: Placement,
-    remarks: Sequence[str],
+    remarks: Sequence[Finding],
     out: Path,
     options: PrepareOptions,
 ) -> dict[str, Any]:
@@ -91,7 +94,7 @@ def _checked(
     levels = observed_levels(placement, files)
     pairs = epipolar_pairs(placement, _PAIRS)
     gains = exposure_gains(placement, levels)
-    found = [Finding("warn", "lens", remark) for remark in remarks]
+    found = [*remarks]
     found += findings.sync_findings(sources, sync, timeline, options.sync)
     found += findings.camera_findings(placement)
     found += findings.lens_findings(placement) if placement.model.pictures else []

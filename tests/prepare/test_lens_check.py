@@ -3,8 +3,17 @@
 import numpy as np
 import pytest
 
-from gaussray.prepare.lens_check import corner_distortion, lens_complaint
-from gaussray.prepare.sparse_model import camera_of, pixel_rays, project_points
+from gaussray.prepare.features import MatchingPicture
+from gaussray.prepare.findings import lens_findings
+from gaussray.prepare.lens_check import corner_distortion, is_unreadable, lens_complaint
+from gaussray.prepare.poses import Placement
+from gaussray.prepare.sparse_model import (
+    Observations,
+    SparseModel,
+    camera_of,
+    pixel_rays,
+    project_points,
+)
 
 
 pytest.importorskip("pycolmap")
@@ -36,7 +45,57 @@ def test_a_fisheye_without_a_ray_in_the_corner_is_refused():
     """The radius grows up to an angle of 1 only, to two thirds of a focal length."""
     bent = lens("OPENCV_FISHEYE", 240.0, k1=-1 / 3)
     assert np.isnan(corner_distortion(bent))
-    assert lens_complaint(bent)[0] == "refuse"
+    level, reason = lens_complaint(bent)
+    assert level == "refuse" and "nan" not in reason
+
+
+@pytest.mark.parametrize("model", ["SIMPLE_RADIAL", "OPENCV", "FULL_OPENCV"])
+def test_a_pinhole_that_turns_back_before_the_corners_is_no_reason_to_refuse(model):
+    """With k1 = -0.2 the largest radius is 0.86 focal lengths, that of the corner is 0.9."""
+    bent = lens(model, 400 / 0.9, k1=-0.2)
+    assert np.isnan(corner_distortion(bent))
+    level, reason = lens_complaint(bent)
+    assert level == "warn" and not is_unreadable(bent)
+    assert "turns back before the corners" in reason and "nan" not in reason
+
+
+def test_a_pinhole_that_turns_back_well_within_the_picture_is_refused():
+    """With k1 = -1 the largest radius is 0.38 focal lengths: a circle of 171 pixels."""
+    bent = lens("OPENCV", 400 / 0.9, k1=-1.0)
+    level, reason = lens_complaint(bent)
+    share = 1 - np.pi * 171**2 / (640 * 480)
+    found = float(reason.split(" %")[0].split()[-1]) / 100
+    # A grid of 9 x 9 pixels has its outermost ones on the border of the picture.
+    assert level == "refuse" and is_unreadable(bent) and found == pytest.approx(share, abs=0.08)
+
+
+def test_a_lens_whose_other_corner_turns_back_is_noticed():
+    """The first corner is 0.72 focal lengths from the centre, the last one 0.88."""
+    bent = lens("OPENCV", 500.0, k1=-0.2) | {"cx": 290.5, "cy": 215.5}
+    assert np.isfinite(corner_distortion(bent)) and "turns back" in lens_complaint(bent)[1]
+
+
+def placed(lens):
+    """One camera with a lens that is known."""
+    nothing = np.zeros(0, int)
+    seen = Observations(nothing, nothing, nothing, np.zeros((0, 2)), np.zeros(0))
+    model = SparseModel(["a.png"], np.eye(4)[None, :3], [lens], np.zeros((0, 3)), seen)
+    pictures = {"a.png": MatchingPicture("a.png", "left", 0)}
+    return Placement(model, pictures, {}, {}, still=True, known=True)
+
+
+@pytest.mark.parametrize(("bend", "level"), [(0.0, "good"), (-0.2, "warn"), (-1.0, "refuse")])
+def test_a_calibration_is_refused_only_if_readers_refuse_its_lens(bend, level):
+    (finding,) = lens_findings(placed(lens("OPENCV", 400 / 0.9, k1=bend)))
+    assert finding.level == level
+    if level != "good":
+        assert finding.text.startswith("left: the calibration has distortion that turns back")
+        assert finding.remedy
+
+
+def test_distortion_beyond_all_lenses_is_refused():
+    level, reason = lens_complaint(lens("OPENCV", 300.0, k1=1.5))
+    assert level == "refuse" and "shifts the corner by" in reason
 
 
 def test_the_corner_of_a_pinhole_is_shifted_by_its_coefficient():

@@ -173,6 +173,19 @@ def test_known_cameras_stay_and_points_are_where_surfaces_are(videos, tmp_path, 
     assert on.mean() > 0.3
 
 
+def test_a_camera_without_a_pose_is_left_out_with_its_video(videos, tmp_path, toml):
+    path = toml(arc(CAMERAS))
+    with open(path, "a") as file:
+        file.write("ignore = true\n")
+    out = tmp_path / "capture"
+    facts = prepare_capture(videos, out, options=known(path))
+    names = [f"cam{k}" for k in range(CAMERAS - 1)]
+    assert list(facts["cameras"]) == names
+    assert {view.camera_name for view in open_capture(out).views} == set(names)
+    (first, *_) = (one for one in facts["findings"] if one["level"] == "warn")
+    assert first["text"].startswith(f"cam{CAMERAS - 1}: left out") and first["remedy"]
+
+
 def test_the_calibration_of_other_cameras_is_refused_with_a_remedy(videos, tmp_path, toml):
     out = tmp_path / "capture"
     path = toml(arc(CAMERAS)[::-1])

@@ -18,7 +18,7 @@ LENS_LABELS = {
 }
 # Of the pixels of a picture, so many may have no viewing direction because distortion turns back
 # before its corners, as that of OpenCV's calibrations does where no board was seen.
-_DARK = 0.25
+LARGEST_DARK_SHARE = 0.25
 # Keys of a `lens` block, of all models.
 _BLOCK_KEYS = ("model", *dict.fromkeys(key for model in lens_models() for key in model.block_keys))
 
@@ -43,7 +43,7 @@ def lens_of(keys: Keys, dtype: DTypeLike) -> AbstractLens:
         block = Keys(keys.file, {}, keys.frame, "lens.")
     lens = model.from_keys(keys, block, dtype)
     if not lens.check_is_complete:
-        lacking = check_lens(lens, keys.count("w"), keys.count("h"), dark=_DARK)
+        lacking = check_lens(lens, keys.count("w"), keys.count("h"), dark=LARGEST_DARK_SHARE)
         if lacking and lens.fills_picture:
             keys.warn(
                 f"{lens.fold_message[0]} turns back within the picture: about "

@@ -8,11 +8,17 @@ import yaml
 
 from gaussray.io.safe.aliases import check_aliases
 from gaussray.io.safe.files import read_text
-from gaussray.prepare.calibrations.known_camera import KnownCamera, check_name, opencv_camera
+from gaussray.prepare.calibrations.known_camera import (
+    KnownCamera,
+    check_name,
+    opencv_camera,
+    refuse_storage,
+)
 from gaussray.prepare.errors import PrepareError
 
 
 _DISTORTIONS = {"radtan": False, "none": False, "equidistant": True, "equi": True}
+_REMEDY = "Give the camchain.yaml that Kalibr has written, unchanged."
 
 
 def read_kalibr(path: Path) -> list[KnownCamera]:
@@ -24,19 +30,24 @@ def read_kalibr(path: Path) -> list[KnownCamera]:
         PrepareError: The file is no chain of Kalibr, or a camera's model is not supported.
     """
     text = read_text(path).decode("utf-8", "replace")
+    refuse_storage(path, text)
     try:
         check_aliases(path, text)
         content = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError) as error:
-        raise PrepareError(f"{path}: must be YAML, got {str(error)[:200]}.") from None
+        raise PrepareError(f"{path}: must be YAML, got {str(error)[:200]}. {_REMEDY}") from None
     names = [k for k in content if str(k).startswith("cam")] if isinstance(content, dict) else []
     if not names:
-        raise PrepareError(f"{path}: must list cameras cam0, cam1, ... as Kalibr does, got none.")
+        raise PrepareError(
+            f"{path}: must list cameras cam0, cam1, ... as Kalibr does, got none. {_REMEDY}"
+        )
     cameras, pose = [], np.eye(4)
     for k, name in enumerate(sorted(names, key=lambda n: (len(str(n)), str(n)))):
         block = content[name]
         if not isinstance(block, dict):
-            raise PrepareError(f"{path}: {name} must be a block of keys, got {str(block)[:80]}.")
+            raise PrepareError(
+                f"{path}: {name} must be a block of keys, got {str(block)[:80]}. {_REMEDY}"
+            )
         if k:
             pose = _numbers(path, name, block, "T_cn_cnm1", 16).reshape(4, 4) @ pose
         cameras.append(_camera(path, check_name(path, name), block, pose[:3]))
@@ -48,7 +59,8 @@ def _numbers(path: Path, name: str, block: dict[str, Any], key: str, count: int)
         return np.array(block[key], np.float64).reshape(count)
     except (KeyError, ValueError, TypeError):
         raise PrepareError(
-            f"{path}: {name}.{key} must be {count} numbers, got {str(block.get(key))[:80]}."
+            f"{path}: {name}.{key} must be {count} numbers, got {str(block.get(key))[:80]}. "
+            f"{_REMEDY}"
         ) from None
 
 

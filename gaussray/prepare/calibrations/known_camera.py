@@ -31,6 +31,19 @@ class KnownCamera:
     pose: Float[np.ndarray, "3 4"]
 
 
+@dataclasses.dataclass(frozen=True, eq=False)
+class Calibration:
+    """What a file says about the cameras of a rig.
+
+    Args:
+        cameras: Those that have a lens and a pose.
+        left_out: For each other camera, by name, what the file lacks or says of it.
+    """
+
+    cameras: list[KnownCamera]
+    left_out: dict[str, str] = dataclasses.field(default_factory=dict)
+
+
 def opencv_camera(
     where: object,
     name: str,
@@ -99,5 +112,26 @@ def check_name(where: Path, name: object) -> str:
     """
     text = str(name)
     if not 0 < len(text) <= 200:
-        raise PrepareError(f"{where}: a camera must have a name, got {text[:80]!r}.")
+        raise PrepareError(
+            f"{where}: a camera must have a name of 1 to 200 letters, got {text[:80]!r}. Rename it."
+        )
     return text
+
+
+def refuse_storage(where: Path, text: str) -> None:
+    """Refuse what cv::FileStorage has written, whose keys are of each author's own choosing.
+
+    Args:
+        where: the file that the message names.
+        text: content of the file.
+
+    Raises:
+        PrepareError: `text` is of cv::FileStorage.
+    """
+    if "<opencv_storage" in text or "!!opencv-matrix" in text:
+        raise PrepareError(
+            f"{where}: must not be a file of OpenCV's FileStorage, in which each program chooses "
+            "other keys. Write its cameras to a .toml with a table for each, [cam_0], that has "
+            "matrix, distortions, size, rotation and translation, or as EasyMocap's pair "
+            "intri.yml and extri.yml."
+        )

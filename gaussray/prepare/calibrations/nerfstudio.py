@@ -37,7 +37,10 @@ def read_nerfstudio(path: Path) -> list[KnownCamera]:
 def _lens(frame: Keys) -> dict:
     model = frame.choice("camera_model", (*_MODELS, "OPENCV_FISHEYE"), "PINHOLE")
     if frame.has("lens"):
-        raise PrepareError(f"{frame.where}: must have no lens block to triangulate with, got one.")
+        raise PrepareError(
+            f"{frame.where}: must have no lens block to triangulate with, got one. Give "
+            f"camera_model as one of {', '.join(_MODELS)} or OPENCV_FISHEYE instead."
+        )
     width, height = frame.count("w"), frame.count("h")
     if frame.has("fl_x"):
         focal = frame.number("fl_x")

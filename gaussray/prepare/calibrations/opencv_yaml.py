@@ -16,6 +16,7 @@ from gaussray.prepare.errors import PrepareError
 
 # Names of both files, in lower case: EasyMocap's, and those of Pose2Sim's converter to EasyMocap.
 _PAIRS = (("intri.yml", "extri.yml"), ("intrinsic.yml", "extrinsic.yml"))
+_REMEDY = "Write both files with cv::FileStorage: K and dist in one, R (or Rot) and T in the other."
 
 
 class _Loader(yaml.SafeLoader):
@@ -45,7 +46,9 @@ def easymocap_pair(path: Path) -> tuple[Path, Path] | None:
     for pair in _PAIRS:
         missing = [name for name in pair if name not in files]
         if not path.is_dir() and path.name.lower() in pair and missing:
-            raise PrepareError(f"{path}: {missing[0]} must be beside it, got no such file.")
+            raise PrepareError(
+                f"{path}: {missing[0]} must be beside it, got no such file. Copy it there."
+            )
         if not missing and (path.is_dir() or path.name.lower() in pair):
             return files[pair[0]], files[pair[1]]
     return None
@@ -68,7 +71,10 @@ def read_easymocap(intrinsics: Path, extrinsics: Path) -> list[KnownCamera]:
     inner, outer = read_opencv_yaml(intrinsics), read_opencv_yaml(extrinsics)
     names = outer.get("names") or inner.get("names") or []
     if not isinstance(names, list) or not names:
-        raise PrepareError(f"{extrinsics}: must list the cameras as names, got {str(names)[:80]}.")
+        raise PrepareError(
+            f"{extrinsics}: must list the cameras as names, got {str(names)[:80]}. Add the list, "
+            "as in names: [cam0, cam1]."
+        )
     checked = [check_name(extrinsics, name) for name in names]
     files = (
         _KeyedFile(intrinsics, inner, _suffixes(inner, "K", checked)),
@@ -90,9 +96,9 @@ def read_opencv_yaml(path: Path) -> dict[str, Any]:
         content = yaml.load(body, Loader=_Loader)
     except (yaml.YAMLError, KeyError, TypeError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
-        raise PrepareError(f"{path}: must be YAML of OpenCV, got {reason}.") from None
+        raise PrepareError(f"{path}: must be YAML of OpenCV, got {reason}. {_REMEDY}") from None
     if not isinstance(content, dict):
-        raise PrepareError(f"{path}: must be YAML of OpenCV with keys, got none.")
+        raise PrepareError(f"{path}: must be YAML of OpenCV with keys, got none. {_REMEDY}")
     return content
 
 
@@ -123,7 +129,8 @@ class _KeyedFile:
                 return value
         raise PrepareError(
             f"{self.path}: camera {name} must have {' or '.join(keys)}_"
-            f"{self.suffix.get(name, name)} of {' or '.join(map(str, sizes))} numbers, got none."
+            f"{self.suffix.get(name, name)} of {' or '.join(map(str, sizes))} numbers, got none. "
+            f"{_REMEDY}"
         )
 
 

@@ -6,12 +6,18 @@ from pathlib import Path
 import numpy as np
 
 from gaussray.io.safe.files import read_text
-from gaussray.prepare.calibrations.known_camera import KnownCamera, check_name, opencv_camera
+from gaussray.prepare.calibrations.known_camera import (
+    KnownCamera,
+    check_name,
+    opencv_camera,
+    refuse_storage,
+)
 from gaussray.prepare.errors import PrepareError
 
 
 # Intrinsics are in 64ths of a pixel, translations in millimetres.
 _SUBPIXELS, _MILLIMETRES = 64.0, 1000.0
+_REMEDY = "Export the calibration from Qualisys Track Manager again."
 
 
 def read_qualisys(path: Path) -> list[KnownCamera]:
@@ -24,16 +30,17 @@ def read_qualisys(path: Path) -> list[KnownCamera]:
         PrepareError: The file is no XML of cameras, or a camera lacks a number.
     """
     text = read_text(path)
+    refuse_storage(path, text.decode("utf-8", "replace"))
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
         raise PrepareError(f"{path}: must not declare entities. Remove the DOCTYPE.")
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
-        raise PrepareError(f"{path}: must be XML of Qualisys, got {error}.") from None
-    nodes = root.findall("cameras/camera")
+        raise PrepareError(f"{path}: must be XML of Qualisys, got {error}. {_REMEDY}") from None
+    nodes = [n for n in root.findall("cameras/camera") if n.find("intrinsic") is not None]
     if not nodes:
-        raise PrepareError(f"{path}: must list cameras, got none.")
-    return [_camera(path, node) for node in nodes if node.find("intrinsic") is not None]
+        raise PrepareError(f"{path}: must list cameras with intrinsics, got none. {_REMEDY}")
+    return [_camera(path, node) for node in nodes]
 
 
 def _camera(path: Path, node: ElementTree.Element) -> KnownCamera:
@@ -47,8 +54,7 @@ def _camera(path: Path, node: ElementTree.Element) -> KnownCamera:
             return np.array([float(element.attrib[key]) for key in keys.split()])
         except (KeyError, ValueError) as error:
             raise PrepareError(
-                f"{path}: camera {name} must have {child} with {keys}, got {error}. Export the "
-                "calibration again."
+                f"{path}: camera {name} must have {child} with {keys}, got {error}. {_REMEDY}"
             ) from None
 
     left, top, right, bottom = numbers("fov_video", "left top right bottom")

@@ -31,7 +31,7 @@ error = 0.0
 def test_pose2sim(tmp_path, fisheye):
     path = tmp_path / "Calib.toml"
     path.write_text(POSE2SIM.replace("FISHEYE", str(fisheye).lower()))
-    (camera,) = read_calibration(path)
+    (camera,) = read_calibration(path).cameras
     turn = [[0, 0, -1], [0, 1, 0], [1, 0, 0]]
     assert camera.name == "cam_01" and camera.pose[:, :3] == pytest.approx(np.array(turn))
     assert -camera.pose[:, :3].T @ camera.pose[:, 3] == pytest.approx([0.3, -0.2, -0.1])
@@ -67,7 +67,7 @@ QUALISYS = """<?xml version='1.0' encoding='ASCII'?>
 def test_qualisys(tmp_path):
     path = tmp_path / "rig.qca.txt"
     path.write_text(QUALISYS)
-    (camera,) = read_calibration(path)
+    (camera,) = read_calibration(path).cameras
     assert camera.name == "21345"
     assert camera.pose == pytest.approx(np.array([[1, 0, 0, 0], [0, 0, -1, 1], [0, 1, 0, 5.0]]))
     lens = camera.lens
@@ -141,7 +141,7 @@ T_02: !!opencv-matrix
 def test_easymocap(tmp_path):
     (tmp_path / "intri.yml").write_text(INTRINSICS)
     (tmp_path / "extri.yml").write_text(EXTRINSICS)
-    first, second = read_calibration(tmp_path)
+    first, second = read_calibration(tmp_path).cameras
     assert (first.name, second.name) == ("01", "02")
     assert first.pose == pytest.approx(np.array([[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 3.0]]))
     assert second.pose == pytest.approx(np.array([[1, 0, 0, 0.5], [0, 0, -1, 0], [0, 1, 0, 3.0]]))
@@ -233,10 +233,10 @@ def test_easymocap_files_of_pose2sim(tmp_path, named, opencv):
             text = re.sub(r"opencv-matrix\n   rows: (.)\n   cols: 1", ND_MATRIX, text)
             assert "nd-matrix" in text
         (tmp_path / f"{name}.yml").write_text(text)
-    first, second = read_calibration(tmp_path / named)
+    first, second = read_calibration(tmp_path / named).cameras
     path = tmp_path / "Calib.toml"
     path.write_text(POSE2SIM.replace("FISHEYE", "false"))
-    (original,) = read_calibration(path)
+    (original,) = read_calibration(path).cameras
     assert (first.name, second.name) == ("cam_01", "7")
     assert first.pose == pytest.approx(original.pose)
     assert first.lens == original.lens | {"w": 0, "h": 0}
@@ -281,7 +281,7 @@ cam1:
 def test_kalibr(tmp_path, distortion, model, keys):
     path = tmp_path / "camchain.yaml"
     path.write_text(KALIBR.replace("DISTORTION", distortion))
-    first, second = read_calibration(path)
+    first, second = read_calibration(path).cameras
     assert first.lens["camera_model"] == model
     assert [first.lens[key] for key in keys] == [-0.2769, 0.0671, 8.7538e-04, 1e-04]
     assert (first.lens["fl_x"], first.lens["cy"]) == (461.629, 246.549)
@@ -313,7 +313,7 @@ NERFSTUDIO = """{
 def test_nerfstudio(tmp_path):
     path = tmp_path / "transforms.json"
     path.write_text(NERFSTUDIO)
-    (camera,) = read_calibration(path)
+    (camera,) = read_calibration(path).cameras
     pose = [[1, 0, 0, -1], [0, -1, 0, 2], [0, 0, -1, 3.0]]
     assert camera.name == "frame_00001" and camera.pose == pytest.approx(np.array(pose))
     assert camera.lens["camera_model"] == "OPENCV_FISHEYE"

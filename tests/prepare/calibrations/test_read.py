@@ -2,13 +2,16 @@
 
 import json
 import pathlib
+import re
 
 import numpy as np
 import pytest
 from quads import arc
 from scipy.spatial.transform import Rotation
 
-from gaussray.prepare.calibrations.read import assign_cameras, read_calibration
+from gaussray.prepare.calibrations.assign import assign_cameras
+from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera
+from gaussray.prepare.calibrations.read import read_calibration
 from gaussray.prepare.document import transform_matrix
 from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.sources import Source
@@ -115,7 +118,7 @@ WRITERS = (write_qualisys, write_toml, write_easymocap, write_kalibr, write_nerf
 
 @pytest.mark.parametrize("write", WRITERS)
 def test_every_format_gives_the_same_cameras(tmp_path, write):
-    cameras = read_calibration(write(tmp_path))
+    cameras = read_calibration(write(tmp_path)).cameras
     world = np.vstack([POSES[0], [0, 0, 0, 1]]) if write is write_kalibr else np.eye(4)
     assert len(cameras) == len(POSES)
     for camera, pose in zip(cameras, POSES, strict=True):
@@ -146,9 +149,9 @@ def test_cameras_are_given_by_name_or_by_number(tmp_path):
 def test_another_size_is_scaled_and_another_shape_refused(tmp_path):
     known = read_calibration(write_toml(tmp_path))
     given, remarks = assign_cameras(known, [source("cam01", 320, 240)])
-    assert given["cam01"].lens["fl_x"] == pytest.approx(250) and "it is scaled" in remarks[0]
+    assert given["cam01"].lens["fl_x"] == pytest.approx(250) and "it is scaled" in remarks[0].text
     given, remarks = assign_cameras(known, [source("cam01", 640, 488)])
-    assert given["cam01"].lens["fl_y"] == pytest.approx(505) and "as it is" in remarks[0]
+    assert given["cam01"].lens["fl_y"] == pytest.approx(505) and "as it is" in remarks[0].text
     with pytest.raises(PrepareError, match="of the same shape"):
         assign_cameras(known, [source("cam01", 480, 640)])
 
@@ -157,7 +160,15 @@ def test_another_size_is_scaled_and_another_shape_refused(tmp_path):
     ("name", "text", "message"),
     [
         ("a.toml", "[x", "must be TOML"),
-        ("a.toml", "[x]\ny = 1\n", "a table with a matrix"),
+        ("a.toml", "[x", "[cam_0] or [cameras.0], with matrix (3 x 3), distortions, size"),
+        (
+            "a.toml",
+            "[x]\ny = 1\n",
+            "must have a table with a matrix for each camera, got [x]. Each",
+        ),
+        ("a.toml", "[cameras.0]\nsize = [2, 2]", "cam_0 has no matrix and no rotation and no"),
+        ("a.yml", "%YAML:1.0\nK: !!opencv-matrix\n", "Write its cameras to a .toml"),
+        ("a.xml", "<?xml version='1.0'?><opencv_storage/>", "Write its cameras to a .toml"),
         ("a.qca.txt", "<calibration/>", "must list cameras"),
         ("a.xml", "<!DOCTYPE x><x/>", "must not declare entities"),
         ("a.yaml", "[]", "as Kalibr does"),
@@ -168,7 +179,7 @@ def test_another_size_is_scaled_and_another_shape_refused(tmp_path):
 )
 def test_what_is_no_calibration_is_named(tmp_path, name, text, message):
     (tmp_path / name).write_text(text)
-    with pytest.raises((PrepareError, OSError), match=message):
+    with pytest.raises((PrepareError, OSError), match=re.escape(message)):
         read_calibration(tmp_path / name)
 
 
@@ -178,3 +189,25 @@ def test_a_mirrored_rotation_is_refused(tmp_path):
     path.write_text(text.replace("500.0, 0", "-500.0, 0"))
     with pytest.raises(PrepareError, match="must have positive focal lengths"):
         read_calibration(path)
+
+
+def test_two_cameras_of_one_pose_are_refused(tmp_path):
+    cameras = read_calibration(write_toml(tmp_path)).cameras
+    copied = KnownCamera("cam03", cameras[2].lens, cameras[1].pose)
+    calibration = Calibration([*cameras[:2], copied])
+    with pytest.raises(PrepareError, match=r"for cam02 and cam03, .* Calibrate the poses"):
+        assign_cameras(calibration, [source(name) for name in NAMES])
+    # Neither the same place alone nor the same rotation alone is a copy.
+    turned, moved = cameras[1].pose.copy(), cameras[1].pose.copy()
+    turn = Rotation.from_rotvec([0, 1e-3, 0]).as_matrix()
+    turned, moved[:, 3] = turn @ turned, moved[:, 3] + [0.001, 0, 0]
+    for pose in (turned, moved):
+        calibration = Calibration([*cameras[:2], KnownCamera("cam03", cameras[2].lens, pose)])
+        given, _ = assign_cameras(calibration, [source(name) for name in NAMES])
+        assert list(given) == list(NAMES)
+
+
+def test_two_videos_of_one_camera_are_refused(tmp_path):
+    known = read_calibration(write_toml(tmp_path))
+    with pytest.raises(PrepareError, match="got cam01 for both view_1 and cam_1"):
+        assign_cameras(known, [source("view_1"), source("cam_1")])

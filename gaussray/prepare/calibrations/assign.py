@@ -1,0 +1,135 @@
+"""Gives the cameras of a calibration to those of the input."""
+
+import itertools
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.findings import Finding
+from gaussray.prepare.sources import Source
+
+
+# A picture may be so much larger or smaller than its calibration without being another one: rows
+# and columns that an encoder adds or drops.
+_MARGIN = 16
+_CROPPED = (
+    "Check that the video shows all that the calibration's pictures showed, not a part of it."
+)
+# Poses are the same if no number of the rotations differs by more, nor the places by more of their
+# largest distance from the origin: only copies are so close.
+_SAME = 1e-9
+
+
+def assign_cameras(
+    calibration: Calibration, sources: Sequence[Source]
+) -> tuple[dict[str, KnownCamera], list[Finding]]:
+    """The calibrated camera of each source, its lens for the source's size of pictures.
+
+    A camera belongs to a source if it is the only one of the same name; else of the same letters
+    and digits, whatever their case; else of the same last number (`cam01`, `1`).
+
+    Args:
+        calibration: its cameras. One of pictures of another size is used as it is if the sizes
+            differ by at most 16 rows and columns, which an encoder adds or drops, and scaled if
+            the pictures have the same shape.
+        sources: cameras of the input; one whose camera the calibration leaves out is left out too.
+
+    Returns:
+        Camera by source name, and a warning for every source that is left out or whose size
+        differs.
+
+    Raises:
+        PrepareError: A source has no camera of its name, or one for pictures of another shape; two
+            sources have one camera, or cameras of one pose; or none is left.
+    """
+    listed = [camera.name for camera in calibration.cameras]
+    names = [*listed, *calibration.left_out]
+    given: dict[str, str] = {}
+    result, findings = {}, []
+    for source in sources:
+        name = _named(names, source.name)
+        if name is None:
+            raise PrepareError(
+                f"poses.calibration must name every camera, got no {source.name} among "
+                f"{', '.join(names)}. Rename the video or folder, or take it away."
+            )
+        if name in calibration.left_out:
+            findings.append(_left_out(source.name, name, calibration.left_out[name]))
+            continue
+        other = next((key for key, value in given.items() if value == name), None)
+        if other is not None:
+            raise PrepareError(
+                f"poses.calibration must have a camera for each video, got {name} for both {other} "
+                f"and {source.name}. Rename one of them, or take away what is not of {name}."
+            )
+        given[source.name] = name
+        camera = calibration.cameras[listed.index(name)]
+        lens, finding = _resized(source, camera)
+        findings += [finding] if finding else []
+        result[source.name] = KnownCamera(source.name, lens, camera.pose)
+    if not result:
+        reasons = "; ".join(f"{name} {reason}" for name, reason in calibration.left_out.items())
+        raise PrepareError(
+            f"poses.calibration must have a pose for a camera of videos, got {reasons[:400]}. "
+            "Calibrate these cameras, or leave poses.calibration out to estimate poses."
+        )
+    _check_poses(result)
+    return result, findings
+
+
+def _left_out(source: str, name: str, reason: str) -> Finding:
+    text = f"{source}: left out, because {name} {reason} in the calibration"
+    return Finding("warn", "cameras", text, "Calibrate it, or take its video away.")
+
+
+def _check_poses(cameras: dict[str, KnownCamera]) -> None:
+    """Refuse two cameras of one pose: nothing can be triangulated from them."""
+    place = {name: -camera.pose[:, :3].T @ camera.pose[:, 3] for name, camera in cameras.items()}
+    far = max(float(np.linalg.norm(centre)) for centre in place.values())
+    for one, two in itertools.combinations(cameras, 2):
+        turn = np.abs(cameras[one].pose[:, :3] - cameras[two].pose[:, :3]).max()
+        if turn <= _SAME and np.abs(place[one] - place[two]).max() <= _SAME * far:
+            raise PrepareError(
+                f"poses.calibration must give each camera a pose of its own, got the same rotation "
+                f"and translation for {one} and {two}, as if they had not been calibrated or one "
+                "had been copied. Calibrate the poses (extrinsics) of both again, or take one of "
+                "the videos away."
+            )
+
+
+def _named(known: Sequence[str], name: str) -> str | None:
+    for rule in (str, lambda text: re.sub(r"[^a-z0-9]", "", text.lower()), _number):
+        alike = [other for other in known if rule(other) == rule(name) != ""]
+        if len(alike) == 1:
+            return alike[0]
+    return None
+
+
+def _number(name: str) -> str:
+    """The last number in a name, without leading zeros."""
+    digits = re.findall(r"\d+", name)
+    return str(int(digits[-1])) if digits else ""
+
+
+def _resized(source: Source, camera: KnownCamera) -> tuple[dict, Finding | None]:
+    lens = dict(camera.lens)
+    width, height = lens["w"] or source.width, lens["h"] or source.height
+    lens |= {"w": source.width, "h": source.height}
+    if (width, height) == (source.width, source.height):
+        return lens, None
+    sizes = f"{width} x {height} for pictures of {source.width} x {source.height}"
+    text = f"{source.name}: the calibration is of {sizes}"
+    if max(abs(width - source.width), abs(height - source.height)) <= _MARGIN:
+        return lens, Finding("warn", "lens", f"{text}; it is used as it is", _CROPPED)
+    scale = np.array([source.width / width, source.height / height])
+    if abs(scale[0] / scale[1] - 1) > 5e-3:
+        raise PrepareError(
+            f"{source.name}: the calibration must be of pictures of the same shape, got {sizes}. "
+            "Calibrate at the size of the videos, or scale the videos back."
+        )
+    for key, factor in zip(("fl_x", "fl_y", "cx", "cy"), (*scale, *scale), strict=True):
+        lens[key] *= float(factor)
+    return lens, Finding("warn", "lens", f"{text}; it is scaled", _CROPPED)
