@@ -41,6 +41,7 @@ MOTION_NOUNS = {
     "transient": "transient Gaussians",
     "both": "rigid bodies, a deformation field and transient Gaussians",
     "control_points": "control points, a deformation field and transient Gaussians",
+    "none": "Gaussians that stand still",
 }
 
 
@@ -76,6 +77,9 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     names: tuple[str, ...] = ("",) if still else motions(capture, options, machine)
     if still:
         chosen = _still(pixels, machine, options.fit)
+    elif names[0] == "none":
+        chosen = _still(pixels, machine, options.fit)
+        chosen = replace(chosen, fit=replace(chosen.fit, motion="none"))
     elif names[0] == "deformation":
         alone = machine.gpu and _still_cameras(views) < 2
         chosen = _field(pixels, machine) if alone else _bodies(machine, options.track)
@@ -128,6 +132,8 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     transient Gaussians, which as many cameras help to follow surfaces (control points). These need
     at least two cameras that stand still, or mostly two pictures of a time (as many as that for
     control points), or a camera that moves along a path; without, there is the deformation field.
+    That nothing moves, the user alone knows: of a camera on its way each picture shows what others
+    do not.
 
     Args:
         capture: the capture, of which training views and points count.
@@ -278,11 +284,13 @@ def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, 
     fit, parts = options.fit, [f"fit=auto: {len(views)} picture{'s' * (len(views) != 1)}"]
     if scale < 1:
         parts.append(f"scaled by {scale:.2f} to {views[0].width} x {views[0].height}")
-    if still or fit.transient:
+    if still or not fit.deforms:
         most = max(options.density.gaussians, fit.points)
         parts.append(f"up to {most:,} Gaussians, or all starting points if these are more")
         parts.append(f"harmonics up to degree {fit.degree}")
-    if not still:
+    if fit.motion == "none":
+        parts.append("nothing moves (fit.motion=none)")
+    elif not still:
         parts.append(f"motion by {MOTION_NOUNS[fit.motion]} (fit.motion)")
     if fit.minutes:
         minutes = f"{fit.minutes:.0f}" if fit.minutes >= 1 else f"{fit.minutes:.1g}"

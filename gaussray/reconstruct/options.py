@@ -19,8 +19,8 @@ STARTS = ("auto", "given", "stereo", "random")
 
 # What shows what moves: what suits the capture best (without fit.auto, bodies and a field); rigid
 # bodies and a deformation field; transient Gaussians; all of these; control points, a deformation
-# field and transient Gaussians.
-MOTIONS = ("auto", "deformation", "transient", "both", "control_points")
+# field and transient Gaussians; nothing, since nothing moves.
+MOTIONS = ("auto", "deformation", "transient", "both", "control_points", "none")
 
 
 class FitOptions(eqx.Module):
@@ -144,7 +144,7 @@ class FitOptions(eqx.Module):
     @property
     def deforms(self) -> bool:
         """Whether a deformation field shows what moves, with rigid bodies or control points."""
-        return self.motion != "transient"
+        return self.motion not in ("transient", "none")
 
     @property
     def control(self) -> bool:

@@ -30,6 +30,7 @@ from gaussray.reconstruct.motion import with_motion
 from gaussray.reconstruct.motion_trial import motion_trial_scores, trial_sentence
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
+from gaussray.reconstruct.pose_check import warn_of_wrong_poses
 from gaussray.reconstruct.refinement_trial import with_refinement_tried
 from gaussray.reconstruct.run_progress import RunProgress
 from gaussray.reconstruct.session import Session, hand_over
@@ -223,6 +224,7 @@ def _fitted(
 ) -> tuple[State, RunProgress]:
     """All stages that are left of a segment."""
     session.shared.once("detail", lambda: demand_detail(session.footage))
+    session.shared.once("poses", lambda: warn_of_wrong_poses(session.footage))
     if state is None:
         state, progress = initial_state(session, progress)
     else:

@@ -216,6 +216,18 @@ def test_transient_gaussians_show_what_a_camera_films_on_its_way(machine):
     assert motion(np.random.default_rng(0).permutation(20)) == "deformation"
 
 
+@pytest.mark.parametrize("machine", [CPU, GPU])
+def test_a_video_of_what_stands_still_is_fitted_like_photographs(machine):
+    base = capture(count=1, times=tuple(np.linspace(0, 1, 20)))
+    known = ReconstructOptions(fit=FitOptions(motion="none"))
+    found = effort(base, known, machine)
+    photographs = [replace(view, time=0.0) for view in base.views]
+    still = effort(replace(base, views=photographs), AUTO, machine).options
+    assert found.options == replace(still, fit=replace(still.fit, motion="none"))
+    assert "nothing moves (fit.motion=none)" in found.sentence and not found.rivals
+    assert not (found.options.fit.deforms or found.options.fit.transient)
+
+
 def test_points_on_surfaces_let_rigid_bodies_be_found():
     many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
     few = Points(many.position[:500], many.color[:500])

@@ -160,6 +160,20 @@ def test_where_cameras_move_what_stands_still_is_fitted_first(
     assert (one / "scene.npz").read_bytes() == (two / "scene.npz").read_bytes()
 
 
+@pytest.mark.ci
+def test_what_is_known_to_stand_still_is_fitted_to_the_pictures_of_all_times(
+    from_moving_cameras, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(motion, "moving_points", lambda *_, **__: pytest.fail("sought"))
+    options = replace(OPTIONS, fit=replace(FIT, motion="none", fine=60))
+    scene = reconstruct(from_moving_cameras, tmp_path, options=options, quiet=True)
+    lines = [json.loads(line) for line in (tmp_path / "metrics.jsonl").read_text().splitlines()]
+    assert {line["stage"] for line in lines} == {"fine"} and lines[-1]["step"] == 60
+    assert len(scene.static.mean) and not len(scene.moving.mean)
+    assert scene.deformation is None and scene.transient is None
+    assert lines[-1]["l1"] < lines[0]["l1"]
+
+
 def test_where_stereo_finds_nothing_a_warning_says_what_to_do(capture, tmp_path, monkeypatch):
     def nothing(*arguments, **options):
         return jax.tree.map(lambda x: x[:0], on_bodies(*arguments, **options))

@@ -1,0 +1,230 @@
+"""Whether pictures and poses belong together: matched details must lie on their epipolar lines.
+
+Details of neighbouring pictures are matched by their looks alone (SIFT, Lowe 2004). The rays of a
+match and the line between both cameras lie in one plane if the poses are right. Axes of another
+convention, or poses of other pictures, leave them tens of pixels off, which no fit can mend.
+"""
+
+import warnings
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int, UInt8
+from skimage.feature import SIFT, match_descriptors
+from skimage.measure import block_reduce
+
+from gaussray.camera.lens import AbstractLens
+from gaussray.capture.errors import CaptureWarning
+from gaussray.geometry import rotation_matrix
+from gaussray.reconstruct.data.pictures import Footage
+
+
+# Pictures among which neighbours are sought, and pairs of them that are compared.
+_VIEWS, _PAIRS = 24, 6
+# Pixels of a picture in which details are sought, at most, and details of one, the strongest.
+_PIXELS, _DETAILS = 70_000, 600
+# Neighbours look in directions that differ by less than this (a cosine): else they share little.
+_ALIKE = 0.8
+# A match is believed if the second best is this much worse (Lowe's ratio).
+_RATIO = 0.8
+# Matches of all pairs below which nothing is said.
+_FEWEST = 40
+# Pixels of the reduced pictures off their lines, in the median: from the first on poses are wrong.
+# Where other axes explain the matches to less than the third, and so many times as well, the second
+# is enough. Wrong matches, and lenses that are a little off, cost less.
+_WRONG, _DOUBTED, _RIGHT, _BETTER = 4.0, 1.5, 1.0, 5.0
+_FLIP = np.diag([1.0, -1.0, -1.0])
+
+# What the poses of a file may be instead, and what to do about it.
+REMEDIES = {
+    "opencv": "camera-to-world matrices in OpenCV's axes (x right, y down, z forward). Captures "
+    "have OpenGL's: negate the second and the third column of each transform_matrix",
+    "inverse": "world-to-camera matrices. Captures have camera-to-world ones: invert each "
+    "transform_matrix",
+    "opencv_inverse": "world-to-camera matrices in OpenCV's axes, as COLMAP writes them. Captures "
+    "have camera-to-world ones in OpenGL's: invert each transform_matrix, then negate its second "
+    "and third column",
+}
+
+
+class PoseCheck(NamedTuple):
+    """How far matched details lie off their epipolar lines.
+
+    Args:
+        matches: number of matches, of all pairs of pictures.
+        error: median distance in pixels of pictures of at most 70,000 pixels, as the poses are.
+        others: the same as the poses would be, read otherwise (REMEDIES).
+    """
+
+    matches: int
+    error: float
+    others: dict[str, float]
+
+    @property
+    def reading(self) -> str:
+        """How the poses must be read so that they fit; empty if as they are, or if none does."""
+        best = min(self.others, key=lambda name: self.others[name])
+        doubted = self.matches >= _FEWEST and self.error > _DOUBTED
+        right = self.others[best] < min(_RIGHT, self.error / _BETTER)
+        return best if doubted and right else ""
+
+    @property
+    def sentence(self) -> str:
+        """What is wrong; empty if nothing is, or if there are too few matches to tell."""
+        if self.matches < _FEWEST or not (self.reading or self.error > _WRONG):
+            return ""
+        text = (
+            "pictures and poses do not fit together: details that neighbouring pictures share lie "
+            f"{self.error:.1f} pixels off where the poses put them (median of {self.matches}; "
+            "usual are less than 1). "
+        )
+        if self.reading:
+            return f"{text}They fit if the poses are {REMEDIES[self.reading]}."
+        return (
+            f"{text}Poses, lens or order may be those of other pictures, or two sides that look "
+            "the same were taken for one; what is fitted to them is blurred."
+        )
+
+
+def warn_of_wrong_poses(footage: Footage) -> None:
+    """Warn of poses that contradict the pictures (`pose_check`)."""
+    sentence = pose_check(footage).sentence
+    if sentence:
+        warnings.warn(sentence, CaptureWarning, stacklevel=2)
+
+
+def pose_check(footage: Footage) -> PoseCheck:
+    """Compare matched details of some pairs of neighbouring pictures with the poses.
+
+    Args:
+        footage: the training pictures and their cameras. Of each viewpoint the first one counts.
+    """
+    _, first = np.unique(footage.viewpoints, return_index=True)
+    first = np.sort(first)
+    chosen = first[np.linspace(0, len(first) - 1, min(len(first), _VIEWS)).round().astype(int)]
+    pose = jax.tree.map(lambda x: np.asarray(x)[chosen, 0], footage.camera.trajectory)
+    rotation = np.asarray(rotation_matrix(jnp.asarray(pose.quat)), np.float64)
+    eye = np.asarray(pose.translation, np.float64)
+    seen: dict[int, _Details] = {}
+    matched = []
+    for pair in _pairs(rotation, eye):
+        for k in pair:
+            if k not in seen:
+                seen[k] = _details(footage, int(chosen[k]))
+        matched.append((*pair, *_matches(seen[pair[0]], seen[pair[1]])))
+    readings = {
+        "": (rotation, eye),
+        "opencv": (rotation @ _FLIP, eye),
+        "inverse": _inverse(rotation @ _FLIP, eye, _FLIP),
+        "opencv_inverse": _inverse(rotation @ _FLIP, eye, np.eye(3)),
+    }
+    errors = {
+        name: np.concatenate([_off_line(*poses, *match) for match in matched] or [np.zeros(0)])
+        for name, poses in readings.items()
+    }
+    count = len(errors[""])
+    medians = {name: float(np.median(x)) if count else 0.0 for name, x in errors.items()}
+    return PoseCheck(count, medians.pop(""), medians)
+
+
+class _Details(NamedTuple):
+    """Details of a picture: their viewing directions, descriptors, and the angle of a pixel."""
+
+    ray: Float[np.ndarray, "details 3"]
+    descriptor: UInt8[np.ndarray, "details 128"]
+    angle: float
+
+
+def _pairs(
+    rotation: Float[np.ndarray, "views 3 3"], eye: Float[np.ndarray, "views 3"]
+) -> list[tuple[int, int]]:
+    """Pairs of views that look alike and stand close to each other, evenly spread."""
+    apart = np.linalg.norm(eye[:, None] - eye[None], axis=-1)
+    alike = rotation[:, :, 2] @ rotation[:, :, 2].T
+    apart[(alike < _ALIKE) | (apart == 0)] = np.inf
+    nearest = np.argmin(apart, axis=1)
+    found = {
+        (min(k, int(n)), max(k, int(n))) for k, n in enumerate(nearest) if np.isfinite(apart[k, n])
+    }
+    every = sorted(found)
+    spread = np.linspace(0, len(every) - 1, min(len(every), _PAIRS)).round().astype(int)
+    return [every[i] for i in spread]
+
+
+def _details(footage: Footage, frame: int) -> _Details:
+    """The strongest details of a picture."""
+    picture, masks = footage.pictures(np.array([frame]))[0], footage.masks(np.array([frame]))
+    grey = np.asarray(picture, np.float64).mean(axis=-1) / footage.scale
+    factor = int(np.ceil(np.sqrt(grey.size / _PIXELS)))
+    rows, columns = footage.film.height // factor, footage.film.width // factor
+    small = block_reduce(grey, factor, np.mean)[:rows, :columns]
+    sift = SIFT(upsampling=1)
+    try:
+        sift.detect_and_extract(small)
+    except RuntimeError:  # there is none
+        return _Details(np.zeros((0, 3)), np.zeros((0, 128), np.uint8), 1.0)
+    place = np.asarray(sift.positions)
+    if masks is not None:
+        row, column = np.minimum(
+            (factor * (place + 0.5)).astype(int), np.array(masks[0].shape) - 1
+        ).T
+        kept = masks[0][row, column]
+    else:
+        kept = np.ones(len(place), bool)
+    strongest = np.flatnonzero(kept)[np.argsort(-np.asarray(sift.sigmas)[kept], kind="stable")]
+    strongest = strongest[:_DETAILS]
+    lens = jax.tree.map(lambda x: x[frame], footage.camera.lens)
+    # One size for all pictures: equal lenses share a program.
+    pixel = np.zeros((_DETAILS + 2, 2))
+    pixel[: len(strongest)] = factor * (place[strongest, ::-1] + 0.5)
+    pixel[-2:] = np.array([footage.film.width, footage.film.height]) / 2
+    pixel[-1, 0] += factor
+    ray = np.asarray(_rays(lens, jnp.asarray(pixel, jnp.float32)), np.float64)
+    angle = float(np.linalg.norm(ray[-1] - ray[-2])) or 1.0
+    ray = ray[: len(strongest)]
+    lit = np.any(ray != 0, axis=-1)
+    return _Details(ray[lit], np.asarray(sift.descriptors)[strongest][lit], angle)
+
+
+@jax.jit
+def _rays(lens: AbstractLens, pixel: Float[Array, "details 2"]) -> Float[Array, "details 3"]:
+    return jax.vmap(lens.direction)(pixel)
+
+
+def _matches(one: _Details, other: _Details) -> tuple[np.ndarray, np.ndarray, float]:
+    """Viewing directions in both cameras of the details that match, and the angle of a pixel."""
+    pairs: Int[np.ndarray, "matches 2"] = np.zeros((0, 2), int)
+    if min(len(one.ray), len(other.ray)) > 1:
+        pairs = match_descriptors(
+            one.descriptor, other.descriptor, max_ratio=_RATIO, cross_check=True
+        )
+    return one.ray[pairs[:, 0]], other.ray[pairs[:, 1]], (one.angle + other.angle) / 2
+
+
+def _inverse(
+    rotation: Float[np.ndarray, "views 3 3"],
+    eye: Float[np.ndarray, "views 3"],
+    axes: Float[np.ndarray, "3 3"],
+) -> tuple[Float[np.ndarray, "views 3 3"], Float[np.ndarray, "views 3"]]:
+    """Rotations and places if matrices of these are world-to-camera ones, in cameras' own axes."""
+    turned = np.swapaxes(rotation, 1, 2)
+    return turned @ axes, -np.einsum("vij,vj->vi", turned, eye)
+
+
+def _off_line(
+    rotation: Float[np.ndarray, "views 3 3"],
+    eye: Float[np.ndarray, "views 3"],
+    first: int,
+    second: int,
+    ray: Float[np.ndarray, "matches 3"],
+    other: Float[np.ndarray, "matches 3"],
+    angle: float,
+) -> Float[np.ndarray, " matches"]:
+    """Pixels between each detail of the second view and the plane of both cameras and the ray of
+    the first."""
+    normal = np.cross(eye[second] - eye[first], ray @ rotation[first].T)
+    length = np.linalg.norm(normal, axis=-1)
+    sine = np.sum(normal * (other @ rotation[second].T), axis=-1) / np.where(length > 0, length, 1)
+    return np.abs(np.arcsin(np.clip(sine, -1, 1))) / angle

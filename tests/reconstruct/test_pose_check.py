@@ -1,0 +1,113 @@
+"""Poses that contradict the pictures are told, and how they must be read where that helps."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.open import open_capture
+from gaussray.dataset.images import write_image
+from gaussray.reconstruct import pose_check as checked
+from gaussray.reconstruct.data.pictures import footage
+from gaussray.reconstruct.data.segments import training_views
+from gaussray.reconstruct.pose_check import REMEDIES, pose_check, warn_of_wrong_poses
+
+
+W, H, FOCAL = 160, 120, 150.0
+# Pixels that details of a sharp rendering lie off their lines, in the median.
+PIXELS = 0.3
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def looking(eye, at):
+    """Camera-to-world matrix in OpenCV's axes."""
+    forward = (at - eye) / np.linalg.norm(at - eye)
+    right = np.cross(forward, [0.1, 1.0, 0.2])
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3] = np.stack([right, np.cross(forward, right), forward, eye], axis=1)
+    return pose
+
+
+def scenery(count=6):
+    """Poses around a painted wall with a step in it, and what they see of it."""
+    paint = gaussian_filter(np.random.default_rng(0).normal(size=(400, 400, 3)), (2, 2, 0))
+    paint = np.clip(0.5 + 0.5 * paint / paint.std(), 0, 1)
+    poses, pictures = [], []
+    row, column = np.mgrid[:H, :W] + 0.5
+    ray = np.stack([(column - W / 2) / FOCAL, (row - H / 2) / FOCAL, np.ones((H, W))], axis=-1)
+    for angle in np.linspace(-0.5, 0.5, count):
+        eye = np.array([3 * np.sin(angle), 0.5 * np.cos(5 * angle), 0.4 - 3 * np.cos(angle)])
+        pose = looking(eye, np.zeros(3))
+        world = ray @ pose[:3, :3].T
+        shown = np.zeros((H, W, 3))
+        for depth, half in ((0.6, 9.0), (0.0, 0.7)):
+            place = eye + world * ((depth - eye[2]) / world[..., 2:])
+            texel = 200 + 90 * place[..., 1], 200 + 90 * place[..., 0]
+            color = np.stack(
+                [map_coordinates(paint[..., c], texel, order=1, mode="wrap") for c in range(3)], -1
+            )
+            near = (np.abs(place[..., :2]) < half).all(axis=-1)
+            shown = np.where(near[..., None], color, shown)
+        poses.append(pose)
+        pictures.append((255 * shown + 0.5).astype(np.uint8))
+    return poses, pictures
+
+
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory):
+    """Seen pictures with poses that are written by a rule."""
+    poses, pictures = scenery()
+    root = tmp_path_factory.mktemp("poses")
+
+    def lay(name, written):
+        folder = root / name
+        frames = []
+        for k, pose in enumerate(poses):
+            write_image(folder / f"{k}.png", pictures[k])
+            frames.append({"file_path": f"{k}.png", "transform_matrix": written(pose).tolist()})
+        document = {"w": W, "h": H, "fl_x": FOCAL, "fl_y": FOCAL, "cx": W / 2, "cy": H / 2}
+        document |= {"static": True, "split": "train", "frames": frames}
+        (folder / "transforms.json").write_text(json.dumps(document))
+        return footage(training_views(open_capture(folder)), side=8, bundle=8)
+
+    return lay
+
+
+WRITTEN = {
+    "": lambda pose: pose @ FLIP,
+    "opencv": lambda pose: pose,
+    "inverse": lambda pose: np.linalg.inv(pose @ FLIP),
+    "opencv_inverse": np.linalg.inv,
+}
+
+
+@pytest.mark.parametrize("reading", WRITTEN)
+def test_details_tell_how_poses_must_be_read(shown, reading):
+    found = pose_check(shown(reading or "right", WRITTEN[reading]))
+    assert found.matches >= checked._FEWEST and found.others.keys() == REMEDIES.keys()
+    errors = {"": found.error, **found.others}
+    if reading:
+        assert found.reading == reading and errors[reading] < PIXELS < 5 * PIXELS < found.error
+        assert f"They fit if the poses are {REMEDIES[reading]}." in found.sentence
+    else:
+        assert found.error < PIXELS and found.reading == found.sentence == ""
+        assert min(found.others.values()) > 5 * PIXELS
+
+
+def test_poses_of_something_else_fit_in_no_reading(shown):
+    def moved(pose):
+        other = pose @ FLIP
+        other[:3, 3] = np.roll(other[:3, 3], 1)
+        return other
+
+    with pytest.warns(CaptureWarning, match="do not fit together: .* those of other pictures"):
+        warn_of_wrong_poses(shown("moved", moved))
+
+
+def test_nothing_is_said_of_pictures_without_details(shown, monkeypatch):
+    monkeypatch.setattr(checked, "_DETAILS", 6)
+    found = pose_check(shown("few", WRITTEN["opencv"]))
+    assert found.matches < checked._FEWEST and found.sentence == ""
