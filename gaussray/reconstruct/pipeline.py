@@ -21,6 +21,7 @@ from gaussray.io.atomic import sweep, whole, write_json
 from gaussray.reconstruct.backdrop_shell import with_backdrop_shell
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.data.training_split import demand_training_pictures
+from gaussray.reconstruct.doubtful_views import doubtful_views
 from gaussray.reconstruct.effort import MOTION_NOUNS, Effort, effort
 from gaussray.reconstruct.failed_fit import demand_detail, demand_success, warn_of_one_place
 from gaussray.reconstruct.log import RunLog
@@ -144,6 +145,7 @@ def reconstruct(
             if i == 0:
                 _write_cameras(out / "cameras.json", session, state)
         _say(_found(session, state) if i == 0 else "", session.quiet)
+        _say(doubtful_views(session), session.quiet)
         line = summary_line(report, session.name or "the scene") if "steps" in report else ""
         _say(line, session.quiet)
         scenes.append(scene)

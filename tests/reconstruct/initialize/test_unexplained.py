@@ -9,6 +9,7 @@ import pytest
 import toy
 
 from gaussray.camera.camera import project
+from gaussray.color import srgb_decode, srgb_encode
 from gaussray.dataset.images import srgb_levels
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
@@ -72,10 +73,24 @@ def test_frames_that_were_not_asked_for_have_the_counts_of_the_nearest(filmed):
 
 
 def test_exposure_is_no_motion(filmed):
+    footage, wall, apart = filmed
+    exposure = 0.5
+    light = exposure * srgb_decode(footage.pixel / 255)
+    dark = replace(footage, pixel=(255 * srgb_encode(light) + 0.5).astype(np.uint8))
+
+    def agreement(seen, gain):
+        moved = unexplained(seen, wall, gain)(1)
+        return (moved & apart[1]).sum() / (moved | apart[1]).sum()
+
+    # Differences are smaller in the dark, so that fewer pixels exceed the threshold.
+    known = agreement(dark, jnp.full((4, 3), exposure))
+    assert agreement(footage, None) > known > 0.75 and agreement(dark, None) < 0.5
+
+
+def test_nothing_moves_in_a_picture_that_differs_everywhere(filmed):
+    """What stands still is not shown yet: that says nothing of motion."""
     footage, wall, _ = filmed
-    dark = replace(footage, pixel=np.zeros_like(footage.pixel))
-    assert unexplained(dark, wall)(1).any()
-    assert not unexplained(dark, wall, jnp.zeros((4, 3)))(1).any()
+    assert not unexplained(replace(footage, pixel=np.zeros_like(footage.pixel)), wall)(1).any()
 
 
 def test_masked_pixels_do_not_move(filmed):
