@@ -18,8 +18,8 @@ from gaussray.runtime.progress import Progress
 # Up to so many pictures all pairs are matched; of more, neighbours in time and far ones in steps.
 EXHAUSTIVE = 100
 _NEAR, _STRIDE = 12, 10
-# Pairs that are matched between two reports of progress.
-_BLOCK = 200
+# Pairs that are matched, and pictures in which features are found, between two reports of progress.
+_BLOCK, _PICTURES = 200, 16
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,16 +71,18 @@ def extract_features(
         reader.default_focal_length_factor = factor
         files, mode = [picture.file for picture in group], colmap.CameraMode.SINGLE
         colmap.import_images(database, folder, mode, files, reader)
-        colmap.extract_features(
-            database,
-            folder,
-            files,
-            camera_mode=mode,
-            reader_options=reader,
-            extraction_options=extraction,
-        )
-        done += len(group)
-        progress.report(done)
+        for first in range(0, len(files), _PICTURES):
+            block = files[first : first + _PICTURES]
+            colmap.extract_features(
+                database,
+                folder,
+                block,
+                camera_mode=mode,
+                reader_options=reader,
+                extraction_options=extraction,
+            )
+            done += len(block)
+            progress.report(done)
     if options.model == "opencv_fisheye":
         _trust_start_focal(database)
 

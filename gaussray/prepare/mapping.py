@@ -1,5 +1,6 @@
 """Poses from matches: estimated together with lenses, or known and triangulated only."""
 
+import itertools
 import tempfile
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from gaussray.prepare.lens_models import LensKeyValues
 from gaussray.prepare.missing_poses import lacks_parallax, missing_poses_reason
 from gaussray.prepare.options import PosesOptions
 from gaussray.prepare.sparse_model import SparseModel, sparse_model_of
+from gaussray.runtime.progress import Progress
 
 
 # Fewest pictures of a reconstruction, and fewest matches of its first pair.
@@ -52,8 +54,18 @@ def estimate_poses(database: Path, pictures: Path, options: PosesOptions) -> Spa
     mapping.extract_colors = False
     mapping.random_seed = options.seed
     mapping.mapper.init_min_num_inliers = _FIRST_PAIR
+    with colmap.Database.open(database) as db:
+        total = db.num_images()
+    progress, tried = Progress("poses", total, patience=2.0), itertools.count(1)
     with tempfile.TemporaryDirectory() as out:
-        models = colmap.incremental_mapping(database, pictures, out, mapping)
+        models = colmap.incremental_mapping(
+            database,
+            pictures,
+            out,
+            mapping,
+            # Of several attempts each counts its pictures.
+            next_image_callback=lambda: progress.report(min(next(tried), total)),
+        )
     best = max(models.values(), key=lambda m: (m.num_reg_images(), m.num_points3D()), default=None)
     seen = best.compute_num_observations() if best is not None else 0
     # A camera that only turns gets arbitrary poses, with hardly a point.

@@ -44,7 +44,8 @@ class FramesOptions(eqx.Module):
     """Which frames make the capture.
 
     Args:
-        rate: Timestamps per second; 0 is the lowest rate of the videos, or 30 for folders.
+        rate: Timestamps per second; 0 is the lowest rate of the videos, or 30 for folders, and of
+            one video alone each k-th frame, so that they are at most 200.
         span: First and last second of the common time; empty is all that the cameras share.
         readout: Seconds from the first to the last row of a rolling shutter; 0 is a global shutter.
         instants: Timestamps whose pictures are matched to find poses of cameras that stand still.

@@ -22,7 +22,8 @@ from gaussray.prepare.options import PrepareOptions
 from gaussray.prepare.poses import Placement, find_poses
 from gaussray.prepare.sources import Source, find_sources
 from gaussray.prepare.sync import Sync, synchronise
-from gaussray.prepare.timeline import Timeline, common_timeline
+from gaussray.prepare.timeline import Timeline, common_timeline, resampled
+from gaussray.runtime.progress import say
 
 
 # Facts of a prepared capture, for its report.
@@ -59,6 +60,9 @@ def prepare_capture(
     sources = [source for source in sources if known is None or source.name in known]
     sync = synchronise(sources, options.sync)
     timeline = common_timeline(sources, sync, options.frames)
+    if len(sources) == 1 and not options.frames.rate and resampled(sources, timeline):
+        used, count = len(timeline.times), sources[0].count
+        say(f"{sources[0].name}: {used} of {count} frames are used; frames.rate takes others.")
     files = copy_media(sources, timeline, out)
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=out, prefix=".prepare") as work, quiet_colmap():

@@ -14,6 +14,8 @@ from gaussray.prepare.sync import Sync
 
 # Timestamps per second of folders of pictures, which have no clock.
 PICTURE_RATE = 30.0
+# Pictures of a video that is alone, at most: of hundreds more, poses take hours and gain nothing.
+MOST_OF_ONE = 200
 # Rates that differ by less than this share are equal.
 _SAME = 2e-3
 
@@ -43,7 +45,8 @@ class Timeline:
 def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOptions) -> Timeline:
     """The timestamps that all cameras share, and the nearest frame of each camera at each of them.
 
-    The shift of a frame against its timestamp, at most half a frame, is kept.
+    The shift of a frame against its timestamp, at most half a frame, is kept. Of a video that is
+    alone, by a camera on its way, each k-th frame is used, so that they are at most MOST_OF_ONE.
 
     Args:
         sources: cameras of the input; one folder of pictures alone is photographs without a time.
@@ -60,7 +63,7 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
         return Timeline(0.0, zeros, {name: np.arange(count)}, {name: zeros})
     clocks = {source.name: _clock(source, sync, options) for source in sources}
     rates = [source.rate or options.rate or PICTURE_RATE for source in sources]
-    rate = options.rate or min(rates)
+    rate = options.rate or min(rates) / _stride(sources, min(rates), options)
     begin = max(float(clock[0]) for clock in clocks.values())
     end = min(float(clock[-1]) for clock in clocks.values())
     # The grid goes through the frames of the slowest camera, which then shows each frame once.
@@ -90,6 +93,16 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
     frames = {name: _nearest(clock, grid) for name, clock in clocks.items()}
     shifts = {name: clocks[name][index] - grid for name, index in frames.items()}
     return Timeline(rate, grid - grid[0], frames, shifts)
+
+
+def _stride(sources: Sequence[Source], rate: float, options: FramesOptions) -> int:
+    """Each how manieth frame of a video that is alone is used; 1 of several videos."""
+    if len(sources) > 1:
+        return 1
+    count = sources[0].count
+    if options.span:
+        count = min(count, int((options.span[1] - options.span[0]) * rate) + 1)
+    return -(-count // MOST_OF_ONE)
 
 
 def resampled(sources: Sequence[Source], timeline: Timeline) -> list[str]:

@@ -9,7 +9,7 @@ from gaussray.prepare.errors import PrepareError
 from gaussray.prepare.options import FramesOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
-from gaussray.prepare.timeline import common_timeline, resampled
+from gaussray.prepare.timeline import MOST_OF_ONE, common_timeline, resampled
 
 
 def video(name, rate, count):
@@ -55,6 +55,19 @@ def test_a_rate_and_a_span_are_kept_to():
     options = FramesOptions(rate=10.0, span=(0.5, 1.5))
     line = common_timeline(sources, sync(a=0.0), options)
     assert line.frames["a"].tolist() == list(range(15, 46, 3)) and line.times[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("count", "span", "used"), [(200, (), 200), (823, (), 165), (823, (2, 8), 181)]
+)
+def test_of_a_long_video_that_is_alone_each_kth_frame_is_used(count, span, used):
+    line = common_timeline([video("a", 30, count)], sync(a=0.0), FramesOptions(span=span))
+    steps = np.unique(np.diff(line.frames["a"]))
+    assert len(line.times) == used <= MOST_OF_ONE and len(steps) == 1
+    assert line.shifts["a"] == pytest.approx(0, abs=1e-9)
+    every = common_timeline([video("a", 30, count)], sync(a=0.0), FramesOptions(rate=30.0))
+    both = common_timeline([video(n, 30, count) for n in "ab"], sync(a=0.0, b=0.0), FramesOptions())
+    assert len(every.times) == len(both.times) == count
 
 
 def test_videos_that_share_no_time_are_refused():
