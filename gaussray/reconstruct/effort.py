@@ -66,10 +66,10 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     if not options.fit.auto:
         return Effort(capture, options, "")
     views = training_views(capture)
-    still = len({view.time for view in views}) == 1
+    still = len({view.time for view in views}) == 1 or options.fit.motion == "none"
     if options.fit.tiles != FitOptions().tiles:
         machine = machine._replace(gpus=1)
-    scale = _scale(views, machine)
+    scale = _scale(views, machine, still)
     if scale < 1:
         capture = selected(capture, Selection(scale=scale))
         views = training_views(capture)
@@ -77,9 +77,6 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     names: tuple[str, ...] = ("",) if still else motions(capture, options, machine)
     if still:
         chosen = _still(pixels, machine, options.fit)
-    elif names[0] == "none":
-        chosen = _still(pixels, machine, options.fit)
-        chosen = replace(chosen, fit=replace(chosen.fit, motion="none"))
     elif names[0] == "deformation":
         alone = machine.gpu and _still_cameras(views) < 2
         chosen = _field(pixels, machine) if alone else _bodies(machine, options.track)
@@ -93,13 +90,13 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     return Effort(capture, options, _sentence(options, views, scale, still), rivals)
 
 
-def _scale(views: Sequence[View], machine: Machine) -> float:
+def _scale(views: Sequence[View], machine: Machine, still: bool) -> float:
     """The scale at which the machine has the time to see each pixel about once. Of more times than
     motion is looked at in, so many count: a longer video of the same things is no reason for
     smaller pictures."""
-    times = max(len({view.time for view in views}), 1)
+    times = 1 if still else len({view.time for view in views})
     pixels = sum(view.width * view.height for view in views) * min(1.0, machine.instants / times)
-    return min(1.0, math.sqrt(machine.most_pixels(times == 1) / max(pixels, 1.0)))
+    return min(1.0, math.sqrt(machine.most_pixels(still) / max(pixels, 1.0)))
 
 
 def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> ReconstructOptions:
