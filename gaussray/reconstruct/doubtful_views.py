@@ -7,7 +7,7 @@ from gaussray.reconstruct.session import Session
 
 
 # A picture is doubtful if its mean error is so many times that of the median picture.
-_FAR = 3.0
+_FAR = 2.5
 # Pictures of which fewer are too few to tell what is usual, and names that are listed at most.
 _FEWEST, _LISTED = 8, 6
 
@@ -44,7 +44,7 @@ def doubtful_sentence(names: list[str], error: Float[np.ndarray, " pictures"]) -
     more = f" and {len(worst) - _LISTED} more" if len(worst) > _LISTED else ""
     return (
         f"{len(worst)} of {len(names)} training pictures stay far from the scene (more than "
-        f"{_FAR:.0f} times the error of the median picture): {listed}{more}. Their poses may be "
+        f"{_FAR:g} times the error of the median picture): {listed}{more}. Their poses may be "
         "wrong, or no other picture shows what they do. To fit without one, hold it out: "
         f"capture.test=['{names[worst[0]]}']."
     )
