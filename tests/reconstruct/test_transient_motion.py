@@ -143,7 +143,7 @@ def test_where_cameras_move_what_stands_still_is_fitted_first(
         return []
 
     monkeypatch.setattr(motion, "moving_points", clouds)
-    options = replace(OPTIONS, fit=replace(FIT, coarse=120, fine=60))
+    options = replace(OPTIONS, fit=replace(FIT, coarse=240, fine=60))
     one, two = tmp_path / "one", tmp_path / "two"
     reconstruct(from_moving_cameras, one, options=options, quiet=True)
     lines = [json.loads(line) for line in (one / "metrics.jsonl").read_text().splitlines()]
