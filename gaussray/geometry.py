@@ -228,3 +228,22 @@ def even_directions(count: int) -> Float[np.ndarray, "count 3"]:
     z, turn = 1 - 2 * i / count, np.pi * (1 + 5**0.5) * i
     flat = np.sqrt(1 - z * z)
     return np.stack([flat * np.cos(turn), flat * np.sin(turn), z], axis=-1)
+
+
+def epipolar_angle(
+    ray: Float[np.ndarray, "matches 3"],
+    other: Float[np.ndarray, "matches 3"],
+    baseline: Float[np.ndarray, "3"],
+) -> Float[np.ndarray, " matches"]:
+    """The angle in radians between a ray of one camera and the plane of a ray of another camera and
+    both cameras: 0 where both rays meet. NaN of NaN; 0 where a ray lies along the baseline.
+
+    Args:
+        ray: unit directions of the first camera, in the world.
+        other: those of the second one.
+        baseline: from one camera to the other.
+    """
+    normal = np.cross(ray, baseline)
+    length = np.linalg.norm(normal, axis=1)
+    sine = np.abs(np.einsum("ij,ij->i", normal, other)) / np.where(length > 0, length, np.inf)
+    return np.arcsin(np.clip(sine, 0, 1))

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 import reference
 from jax.test_util import check_grads
+from scipy.spatial.transform import Rotation
 
 from gaussray.geometry import (
     BLENDER_AXES,
     RigidTransform,
     best_rotation,
+    epipolar_angle,
     even_directions,
     normalize,
     normalize_quaternion,
@@ -172,3 +174,18 @@ def test_directions_are_spread_evenly():
     assert np.abs(found.mean(axis=0)).max() < 1e-3
     gap = np.sort(2 - 2 * found @ found.T, axis=1)[:, 1] ** 0.5
     assert gap.min() > 0.6 * gap.max()
+
+
+def test_rays_that_meet_lie_in_the_plane_of_both_cameras():
+    dice = np.random.default_rng(3)
+    eyes, points = dice.normal(size=(2, 3)), dice.normal(size=(20, 3)) + [0, 0, 5]
+    one, other = ((points - eye) / np.linalg.norm(points - eye, axis=1)[:, None] for eye in eyes)
+    baseline = eyes[1] - eyes[0]
+    np.testing.assert_allclose(epipolar_angle(one, other, baseline), 0, atol=1e-9)
+    # Turned about the baseline, a ray leaves the plane by the angle between both planes, seen from
+    # the ray: sin = sin(turn) sin(angle to the baseline).
+    turn, along = 0.01, baseline / np.linalg.norm(baseline)
+    turned = Rotation.from_rotvec(turn * along).apply(other)
+    sine = np.sin(turn) * np.linalg.norm(np.cross(other, along), axis=1)
+    np.testing.assert_allclose(epipolar_angle(one, turned, baseline), np.arcsin(sine), rtol=1e-6)
+    assert epipolar_angle(baseline[None], other[:1], baseline).tolist() == [0]

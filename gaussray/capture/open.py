@@ -88,9 +88,9 @@ def open_capture(
 
     effects = {name: with_background(views) for name, views in capture.effects.items()}
     capture = dataclasses.replace(capture, views=with_background(capture.views), effects=effects)
-    capture = at_stored_sizes(capture)
+    capture = selected(at_stored_sizes(capture), selection or Selection())
     _warn_of_trained_tests(capture)
-    return selected(capture, selection or Selection())
+    return capture
 
 
 def _warn_of_trained_tests(capture: Capture) -> None:

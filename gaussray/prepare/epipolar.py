@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 from jaxtyping import Float
 
+from gaussray.geometry import epipolar_angle
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.sparse_model import pixel_rays, project_points
 
@@ -80,10 +81,7 @@ def epipolar_distance(
     ray_a = pixel_rays(model.lenses[a], placement.keypoints[first].xy[rows[:, 0]]) @ turn_a
     ray_b = pixel_rays(model.lenses[b], placement.keypoints[second].xy[rows[:, 1]]) @ turn_b
     centre_a, centre_b = -turn_a.T @ model.poses[a, :, 3], -turn_b.T @ model.poses[b, :, 3]
-    normal = np.cross(ray_a, centre_b - centre_a)
-    length = np.linalg.norm(normal, axis=1)
-    sine = np.abs(np.einsum("ij,ij->i", normal, ray_b)) / np.where(length > 0, length, np.inf)
-    return np.arcsin(np.clip(sine, 0, 1)) * model.lenses[b]["fl_x"]
+    return epipolar_angle(ray_a, ray_b, centre_b - centre_a) * model.lenses[b]["fl_x"]
 
 
 def _pair(placement: Placement, first: str, second: str, index: dict[str, int]) -> EpipolarPair:

@@ -89,7 +89,8 @@ def sync_findings(
                 "Look at a fast event in each video; give sync.offsets=[...] if they are off.",
             )
         )
-    if names := resampled(sources, timeline):
+    # A video that is alone shows every frame that it was asked for.
+    if len(sources) > 1 and (names := resampled(sources, timeline)):
         findings.append(
             Finding(
                 "warn",

@@ -96,7 +96,7 @@ def common_timeline(sources: Sequence[Source], sync: Sync, options: FramesOption
 
 
 def _stride(sources: Sequence[Source], rate: float, options: FramesOptions) -> int:
-    """Each how manieth frame of a video that is alone is used; 1 of several videos."""
+    """Of so many frames of a video that is alone, one is used; 1 for several videos."""
     if len(sources) > 1:
         return 1
     count = sources[0].count

@@ -3,48 +3,34 @@
 import numpy as np
 from jaxtyping import Float
 
-from gaussray.reconstruct.session import Session
 
-
-# A picture is doubtful if its mean error is so many times that of the median picture.
-_FAR = 2.5
+# A picture is doubtful if its mean error is so many times that of the median picture; of a picture
+# of which less than this share of the tiles was drawn, nothing is known.
+_FAR, _SEEN = 2.5, 0.5
 # Pictures of which fewer are too few to tell what is usual, and names that are listed at most.
 _FEWEST, _LISTED = 8, 6
 
 
-def doubtful_views(session: Session) -> str:
-    """A sentence about the training pictures that the fit did not come near; empty if all are
-    alike, or where errors are not kept (fit.error).
-
-    Args:
-        session: a segment after its last step.
-    """
-    errors = session.loader.errors
-    if errors is None:
-        return ""
-    _, first = np.unique(session.footage.viewpoints, return_index=True)
-    names = session.footage.name[first]
-    return doubtful_sentence(names.tolist(), errors.of(first).mean(axis=1))
-
-
-def doubtful_sentence(names: list[str], error: Float[np.ndarray, " pictures"]) -> str:
-    """The sentence about pictures of these names.
+def doubtful_views(names: list[str], error: Float[np.ndarray, "pictures tiles"]) -> str:
+    """A sentence about the pictures that a fit did not come near; empty if all are alike.
 
     Args:
         names: the pictures' names.
-        error: their mean errors, in any unit.
+        error: errors of their tiles after the fit, in any unit; NaN of those that were never drawn
+            (masked or held-out ones).
     """
-    if len(names) < _FEWEST:
+    told = np.flatnonzero(np.mean(~np.isnan(error), axis=1) >= _SEEN)
+    if len(told) < _FEWEST:
         return ""
-    worst = np.argsort(-error, kind="stable")
-    worst = worst[error[worst] > _FAR * np.median(error)]
-    if not len(worst):
+    mean = np.nanmean(error[told], axis=1)
+    worst = np.argsort(-mean, kind="stable")
+    far = [names[told[k]] for k in worst if mean[k] > _FAR * np.median(mean)]
+    if not far:
         return ""
-    listed = ", ".join(str(names[k]) for k in worst[:_LISTED])
-    more = f" and {len(worst) - _LISTED} more" if len(worst) > _LISTED else ""
+    more = f" and {len(far) - _LISTED} more" if len(far) > _LISTED else ""
     return (
-        f"{len(worst)} of {len(names)} training pictures stay far from the scene (more than "
-        f"{_FAR:g} times the error of the median picture): {listed}{more}. Their poses may be "
-        "wrong, or no other picture shows what they do. To fit without one, hold it out: "
-        f"capture.test=['{names[worst[0]]}']."
+        f"{len(far)} of {len(told)} training pictures stay far from the scene (more than "
+        f"{_FAR:g} times the error of the median picture): {', '.join(far[:_LISTED])}{more}. Their "
+        "poses may be wrong, or no other picture shows what they do. To fit without one, hold it "
+        f"out: capture.test=['{far[0]}']."
     )

@@ -41,7 +41,6 @@ MOTION_NOUNS = {
     "transient": "transient Gaussians",
     "both": "rigid bodies, a deformation field and transient Gaussians",
     "control_points": "control points, a deformation field and transient Gaussians",
-    "none": "Gaussians that stand still",
 }
 
 

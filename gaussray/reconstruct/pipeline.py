@@ -145,7 +145,7 @@ def reconstruct(
             if i == 0:
                 _write_cameras(out / "cameras.json", session, state)
         _say(_found(session, state) if i == 0 else "", session.quiet)
-        _say(doubtful_views(session), session.quiet)
+        _say(_doubtful(session), session.quiet)
         line = summary_line(report, session.name or "the scene") if "steps" in report else ""
         _say(line, session.quiet)
         scenes.append(scene)
@@ -226,7 +226,8 @@ def _fitted(
 ) -> tuple[State, RunProgress]:
     """All stages that are left of a segment."""
     session.shared.once("detail", lambda: demand_detail(session.footage))
-    session.shared.once("poses", lambda: warn_of_wrong_poses(session.footage))
+    if not session.later:
+        session.shared.once("poses", lambda: warn_of_wrong_poses(session.footage))
     if state is None:
         state, progress = initial_state(session, progress)
     else:
@@ -308,6 +309,15 @@ def _found(session: Session, state: State) -> str:
         return ""
     shutter, unit = session.footage.camera.shutter, session.capture.time_unit
     return corrections_summary(corrections, session.cameras, shutter, unit)
+
+
+def _doubtful(session: Session) -> str:
+    """Which training pictures the fit did not come near, where errors are kept (fit.error)."""
+    errors = session.loader.errors
+    if errors is None:
+        return ""
+    _, first = np.unique(session.footage.viewpoints, return_index=True)
+    return doubtful_views(session.footage.name[first].tolist(), errors.seen(first))
 
 
 def _say(line: str, quiet: bool) -> None:

@@ -17,15 +17,16 @@ from skimage.measure import block_reduce
 
 from gaussray.camera.lens import AbstractLens
 from gaussray.capture.errors import CaptureWarning
-from gaussray.geometry import rotation_matrix
+from gaussray.geometry import BLENDER_AXES, epipolar_angle, rotation_matrix
 from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.initialize.stereo.matching import reduction
 
 
 # Pictures among which neighbours are sought, and pairs of them that are compared.
 _VIEWS, _PAIRS = 24, 6
 # Pixels of a picture in which details are sought, at most, and details of one, the strongest.
 _PIXELS, _DETAILS = 70_000, 600
-# Neighbours look in directions that differ by less than this (a cosine): else they share little.
+# Least cosine between the directions in which neighbours look: else they share little.
 _ALIKE = 0.8
 # A match is believed if the second best is this much worse (Lowe's ratio).
 _RATIO = 0.8
@@ -35,7 +36,7 @@ _FEWEST = 40
 # Where other axes explain the matches to less than the third, and so many times as well, the second
 # is enough. Wrong matches, and lenses that are a little off, cost less.
 _WRONG, _DOUBTED, _RIGHT, _BETTER = 4.0, 1.5, 1.0, 5.0
-_FLIP = np.diag([1.0, -1.0, -1.0])
+_FLIP = np.diag(BLENDER_AXES)
 
 # What the poses of a file may be instead, and what to do about it.
 REMEDIES = {
@@ -157,7 +158,7 @@ def _details(footage: Footage, frame: int) -> _Details:
     """The strongest details of a picture."""
     picture, masks = footage.pictures(np.array([frame]))[0], footage.masks(np.array([frame]))
     grey = np.asarray(picture, np.float64).mean(axis=-1) / footage.scale
-    factor = int(np.ceil(np.sqrt(grey.size / _PIXELS)))
+    factor = reduction(grey.shape, _PIXELS)
     rows, columns = footage.film.height // factor, footage.film.width // factor
     small = block_reduce(grey, factor, np.mean)[:rows, :columns]
     sift = SIFT(upsampling=1)
@@ -166,13 +167,10 @@ def _details(footage: Footage, frame: int) -> _Details:
     except RuntimeError:  # there is none
         return _Details(np.zeros((0, 3)), np.zeros((0, 128), np.uint8), 1.0)
     place = np.asarray(sift.positions)
+    kept = np.ones(len(place), bool)
     if masks is not None:
-        row, column = np.minimum(
-            (factor * (place + 0.5)).astype(int), np.array(masks[0].shape) - 1
-        ).T
-        kept = masks[0][row, column]
-    else:
-        kept = np.ones(len(place), bool)
+        last = np.array(masks[0].shape) - 1
+        kept = masks[0][tuple(np.minimum((factor * (place + 0.5)).astype(int), last).T)]
     strongest = np.flatnonzero(kept)[np.argsort(-np.asarray(sift.sigmas)[kept], kind="stable")]
     strongest = strongest[:_DETAILS]
     lens = jax.tree.map(lambda x: x[frame], footage.camera.lens)
@@ -224,7 +222,5 @@ def _off_line(
 ) -> Float[np.ndarray, " matches"]:
     """Pixels between each detail of the second view and the plane of both cameras and the ray of
     the first."""
-    normal = np.cross(eye[second] - eye[first], ray @ rotation[first].T)
-    length = np.linalg.norm(normal, axis=-1)
-    sine = np.sum(normal * (other @ rotation[second].T), axis=-1) / np.where(length > 0, length, 1)
-    return np.abs(np.arcsin(np.clip(sine, -1, 1))) / angle
+    world = ray @ rotation[first].T, other @ rotation[second].T
+    return epipolar_angle(*world, eye[second] - eye[first]) / angle

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from gaussray.prepare.errors import PrepareError
-from gaussray.prepare.options import FramesOptions
+from gaussray.prepare.findings import sync_findings
+from gaussray.prepare.options import FramesOptions, SyncOptions
 from gaussray.prepare.sources import Source
 from gaussray.prepare.sync import Sync
 from gaussray.prepare.timeline import MOST_OF_ONE, common_timeline, resampled
@@ -68,6 +69,9 @@ def test_of_a_long_video_that_is_alone_each_kth_frame_is_used(count, span, used)
     every = common_timeline([video("a", 30, count)], sync(a=0.0), FramesOptions(rate=30.0))
     both = common_timeline([video(n, 30, count) for n in "ab"], sync(a=0.0, b=0.0), FramesOptions())
     assert len(every.times) == len(both.times) == count
+    # That is no reason to doubt it.
+    found = sync_findings([video("a", 30, count)], sync(a=0.0), line, SyncOptions())
+    assert not any(one.level == "warn" for one in found)
 
 
 def test_videos_that_share_no_time_are_refused():

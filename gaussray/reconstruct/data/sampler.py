@@ -67,8 +67,12 @@ class TileErrors:
         """The errors of the tiles of these frames."""
         known = self._mean[~np.isnan(self._mean)]
         worst = known.max() if known.size else 1.0
-        mean = self._mean[self._camera[frames]]
+        mean = self.seen(frames)
         return np.where(np.isnan(mean), worst, mean)
+
+    def seen(self, frames: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n tiles"]:
+        """The errors of the tiles of these frames; NaN of those that were never drawn."""
+        return self._mean[self._camera[frames]]
 
     def state(self) -> TileErrorState:
         """Everything known, to be saved."""
