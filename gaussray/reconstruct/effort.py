@@ -17,6 +17,7 @@ import numpy as np
 from gaussray.capture.capture import Capture, View, viewpoints
 from gaussray.capture.selection import Selection, selected
 from gaussray.reconstruct.data.segments import training_views
+from gaussray.reconstruct.data.still_cameras import motion_untold, one_at_a_time
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.machine import Machine
 from gaussray.reconstruct.motion_trial import CAMERAS
@@ -77,8 +78,8 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     if still:
         chosen = _still(pixels, machine, options.fit)
     elif names[0] == "deformation":
-        alone = machine.gpu and _still_cameras(views) < 2
-        chosen = _field(pixels, machine) if alone else _bodies(machine, options.track)
+        untold = _untold(views)
+        chosen = _field(pixels, machine) if untold else _bodies(machine, options.track)
     else:
         chosen = _brief(pixels, machine, names[0])
     steps = options.fit.coarse, options.fit.fine
@@ -125,11 +126,11 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     Rigid bodies are found by cameras that stand still, on surface points: given ones, or those of
     stereo. Whether stereo has found enough of them, only a trial tells that can spare a camera
     (`motion_trial.CAMERAS`). On a GPU there is time to try whether they are better than
-    transient Gaussians, which as many cameras help to follow surfaces (control points). These need
-    at least two cameras that stand still, or mostly two pictures of a time (as many as that for
-    control points), or a camera that moves along a path; without, there is the deformation field.
-    That nothing moves, the user alone knows: of a camera on its way each picture shows what others
-    do not.
+    transient Gaussians, which as many cameras help to follow surfaces (control points). Where most
+    times have a single picture, transient Gaussians suit a camera that moves along a path; one that
+    jumps from place to place needs Gaussians that all times share, on control points that begin at
+    rest (`deformation`). That nothing moves, the user alone knows: of a camera on its way each
+    picture shows what others do not.
 
     Args:
         capture: the capture, of which training views and points count.
@@ -139,6 +140,8 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     fit, views = options.fit, training_views(capture)
     if fit.motion != "auto":
         return (fit.motion,)
+    if one_at_a_time(np.array([view.time for view in views])):
+        return ("transient",) if _along_a_path(views) else ("deformation",)
     still = _still_cameras(views)
     if still >= 2:
         points = capture.points if fit.start in ("auto", "given") else None
@@ -156,7 +159,12 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
 
     if mostly(CAMERAS) and machine.gpu:
         return ("control_points",)
-    return ("transient",) if mostly(2) or _along_a_path(views) else ("deformation",)
+    return ("transient",)
+
+
+def _untold(views: Sequence[View]) -> bool:
+    """Whether the pictures tell nothing of how things move (`motion_untold`)."""
+    return motion_untold(np.array([view.time for view in views]), np.array(viewpoints(views)))
 
 
 def _still_cameras(views: Sequence[View]) -> int:
@@ -270,10 +278,10 @@ def _bodies(machine: Machine, track: TrackOptions) -> ReconstructOptions:
 
 
 def _field(pixels: float, machine: Machine) -> ReconstructOptions:
-    """For a camera that jumps from place to place, on a GPU: a deformation field of Gaussians that
-    all times share."""
+    """For pictures each of which has a time of its own: control points that begin at rest and a
+    deformation field, of Gaussians that all times share."""
     brief = _brief(pixels, machine, "deformation")
-    return replace(brief, fit=replace(brief.fit, coarse=3000))
+    return replace(brief, fit=replace(brief.fit, coarse=1500 if machine.gpu else 300))
 
 
 def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, still: bool) -> str:
@@ -287,7 +295,10 @@ def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, 
     if fit.motion == "none":
         parts.append("nothing moves (fit.motion=none)")
     elif not still:
-        parts.append(f"motion by {MOTION_NOUNS[fit.motion]} (fit.motion)")
+        noun = MOTION_NOUNS[fit.motion]
+        if fit.motion == "deformation" and _untold(views):
+            noun = "control points, which begin at rest, and a deformation field"
+        parts.append(f"motion by {noun} (fit.motion)")
     if fit.minutes:
         minutes = f"{fit.minutes:.0f}" if fit.minutes >= 1 else f"{fit.minutes:.1g}"
         parts.append(f"about {minutes} minute{'s' * (minutes != '1')} (fit.minutes)")

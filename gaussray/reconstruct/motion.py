@@ -15,6 +15,7 @@ from gaussray.capture.errors import CaptureWarning
 from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
 from gaussray.reconstruct.initialize.from_points import bodies, inliers, on_points, thinned
+from gaussray.reconstruct.initialize.resting_control import resting_control_points
 from gaussray.reconstruct.initialize.stereo.from_pictures import (
     MovingPoints,
     moving_points,
@@ -36,7 +37,7 @@ from gaussray.runtime.devices import agreed
 from gaussray.scene.bodies import Bodies, Poses, body_of, extrapolate_bodies
 from gaussray.scene.control_points import ControlPoints
 from gaussray.scene.deformation import Deformation, initial_deformation
-from gaussray.scene.gaussians import Gaussians, constrain, unconstrain
+from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 from gaussray.scene.harmonics import C0
 from gaussray.scene.planes import initial_planes
 from gaussray.scene.transient import UnconstrainedTransients, unconstrain_transients
@@ -45,6 +46,11 @@ from gaussray.scene.transient import UnconstrainedTransients, unconstrain_transi
 # Of all Gaussians, at most one in so many begins as one that follows control points, where cameras
 # move.
 _FOLLOWERS = 4
+# Control points that begin at rest: how many, at most; pictures for each of their poses; and the
+# opacity below which a Gaussian is no place for one.
+_CONTROL_GPU, _CONTROL_CPU = 400, 200
+_PICTURES_OF_A_POSE = 2.5
+_FAINT = 0.1
 
 
 def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[State, RunProgress]:
@@ -65,6 +71,8 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
     if fit.transient:
         moved = _unexplained(session, state) if session.still_first else None
         clouds = _clouds(session, parameters, moved)
+    if session.at_rest:
+        control = agreed(_control_points_at_rest(session, parameters.moving))
     if fit.control and (session.has_videos or session.still_first):
         control = agreed(_control_points(session, clouds, moved))
     if control is not None and session.still_first:
@@ -130,6 +138,23 @@ def _control_points(
         return found()
     times = [cloud.time for cloud in clouds]
     return session.shared.once(("control points", *times, *session.points_key), found)
+
+
+def _control_points_at_rest(session: Session, moving: Unconstrained) -> ControlPoints | None:
+    """Control points at rest on the moving Gaussians; None without any.
+
+    Each has fewer poses than there are pictures, so that several tell each pose.
+    """
+    found = constrain(take_rows(moving, np.flatnonzero(occupied(moving))))
+    position = np.asarray(found.mean)[np.asarray(found.opacity).reshape(-1) > _FAINT]
+    position = position[inliers(position, STRAY)]
+    if not len(position):
+        return None
+    pictures = len(session.footage.times)
+    knots = int(np.clip(pictures / _PICTURES_OF_A_POSE, 2, len(session.times)))
+    times = np.linspace(session.times[0], session.times[-1], knots)
+    count = _CONTROL_GPU if jax.default_backend() == "gpu" else _CONTROL_CPU
+    return resting_control_points(position, times, count=count, seed=session.options.fit.seed)
 
 
 def _with_followers(
@@ -207,7 +232,7 @@ def _deformation(
         instants=field.instants or max(len(session.times), 2),
         channels=field.channels,
     )
-    if session.options.fit.control:
+    if session.options.fit.control or session.at_rest:
         nothing = np.zeros((0, 3), np.float32)
         tracked = bodies(nothing, session.times)
         control = None if control is None else _over_readouts(session, control)

@@ -64,6 +64,8 @@ class FitOptions(eqx.Module):
         memory: gigabytes of pictures that are kept in memory; more are kept in a file.
         equalize: even out exposures and light that change over time, where cameras that stand still
             tell (`equalization`); light that changes becomes a part of the scene.
+        window: share of the capture's time, around its middle, that the first steps see where
+            control points begin at rest; it grows to all (`loader.Window`). 1: all from the start.
         samples: rays per pixel over pixel filter, aperture and exposure. 0: 1, or 4 if a camera has
             an aperture or an exposure time.
         refine: the parameters of the cameras that are learnt too (`corrections.REFINABLE`).
@@ -101,6 +103,7 @@ class FitOptions(eqx.Module):
     outliers: float = eqx.field(static=True, default=5.0)
     memory: float = eqx.field(static=True, default=4.0)
     equalize: bool = eqx.field(static=True, default=True)
+    window: float = eqx.field(static=True, default=0.15)
     samples: int = eqx.field(static=True, default=0)
     refine: tuple[str, ...] = eqx.field(static=True, default=())
     refine_gain: float = eqx.field(static=True, default=0.3)
@@ -117,7 +120,7 @@ class FitOptions(eqx.Module):
         ):
             if getattr(self, name) < 0:
                 raise ValueError(f"fit.{name} must be at least 0, got {getattr(self, name)}.")
-        for name in ("validate", "balance", "error", "moving", "opacity"):
+        for name in ("validate", "balance", "error", "moving", "opacity", "window"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"fit.{name} must be in [0, 1], got {getattr(self, name)}.")
         if len(set(self.refine)) < len(self.refine) or not set(self.refine) <= set(REFINABLE):

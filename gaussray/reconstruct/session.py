@@ -19,11 +19,11 @@ from gaussray.capture.points import Points
 from gaussray.reconstruct.data.backdrop import backdrop_of
 from gaussray.reconstruct.data.equalize import equalization, equalized
 from gaussray.reconstruct.data.held_out_tiles import HoldOut, held_out_tiles
-from gaussray.reconstruct.data.loader import Loader
+from gaussray.reconstruct.data.loader import Loader, Window
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
 from gaussray.reconstruct.data.pictures import Footage, footage, stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
-from gaussray.reconstruct.data.still_cameras import still_camera_count
+from gaussray.reconstruct.data.still_cameras import motion_untold, still_camera_count
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.initialize.initializer import InitialPoints, initial_points
 from gaussray.reconstruct.log import RunLog
@@ -73,6 +73,8 @@ class Session:
         still_first: whether Gaussians that stand still are fitted to the pictures of all times
             first, because only they tell what moves: transient Gaussians or control points shall
             show it, and fewer than two cameras stand still.
+        at_rest: whether control points begin at rest: a deformation shall show what moves, and
+            nothing tells yet how (`motion_untold`).
     """
 
     def __init__(
@@ -126,6 +128,8 @@ class Session:
         fit = options.fit
         soft = not single and (fit.control or (fit.transient and not fit.deforms))
         self.still_first = soft and still_camera_count(self.footage) < 2
+        untold = motion_untold(self.footage.times, self.footage.viewpoints)
+        self.at_rest = not single and fit.motion == "deformation" and untold
         self.held_out = held_out if held_out.any() else None
         self.loader = Loader(
             self.footage,
@@ -137,7 +141,8 @@ class Session:
             seed=options.fit.seed,
             held_out=self.held_out,
             # One picture says nothing of distances.
-            first_alone=not self.still_first and int(views_of_time[0]) > 1,
+            first_alone=not (self.still_first or self.at_rest) and int(views_of_time[0]) > 1,
+            window=Window(fit.window) if self.at_rest and not self.later else None,
         )
         self.times = self.loader.sampler.times
         self.mesh = mesh_of_hosts(devices)

@@ -17,6 +17,7 @@ from gaussray.reconstruct.optimize import relocation
 from gaussray.reconstruct.optimize.learning_rates import CaptureScale, rates
 from gaussray.reconstruct.optimize.optimizer import descend, scene_of, with_costs_paid
 from gaussray.reconstruct.optimize.scale_bounds import scale_bounds, with_scale_bounds
+from gaussray.reconstruct.optimize.smooth_motion import spread_over_time
 from gaussray.reconstruct.optimize.state import State, accumulated_statistics
 from gaussray.reconstruct.step_loss import (
     BlockSizes,
@@ -184,6 +185,8 @@ def train_block(
             sizes=sizes,
             ignore_moving=ignore_moving,
         )
+        if options.at_rest:
+            gradient = spread_over_time(gradient)
         cost_gradient, costs = cost_slope(state.parameters, batch.time, cameras, options.density)
         rate = rates(
             state.parameters,

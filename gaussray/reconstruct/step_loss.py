@@ -50,6 +50,8 @@ class StepOptions(eqx.Module):
         backdrop: sRGB-encoded colour of what is behind everything; None: the pictures show a room.
         still: whether Gaussians that stand still are fitted to pictures in which things move: in
             the second half of the stage, pixels that differ much have no say.
+        at_rest: whether control points began at rest: they learn at all times at once
+            (`spread_over_time`), and hold on to their neighbours (`rigid_term`).
     """
 
     loss: LossOptions
@@ -63,10 +65,11 @@ class StepOptions(eqx.Module):
     density: DensityOptions = eqx.field(default_factory=DensityOptions)
     backdrop: BackdropColor | None = eqx.field(static=True, default=None)
     still: bool = eqx.field(static=True, default=False)
+    at_rest: bool = eqx.field(static=True, default=False)
 
     def weights(self) -> dict[str, float]:
         """The weight of every term of the loss, by the term's name."""
-        names = ("l1", "dssim", "nothing", "space", "time", "one")
+        names = ("l1", "dssim", "nothing", "space", "time", "one", "rigid")
         return {name: getattr(self.loss, name) for name in names}
 
 
@@ -169,6 +172,9 @@ def loss_of(
         terms["nothing"] = jnp.mean(jnp.where(nothing, opacity, 0))
     if parameters.deformation is not None:
         terms |= regularizer.plane_terms(parameters.deformation.planes)
+        control = parameters.deformation.control
+        if options.at_rest and control is not None:
+            terms["rigid"] = regularizer.rigid_term(control, batch.time)
     weights = options.weights()
     total = jnp.asarray(sum(weights[name] * term for name, term in terms.items()))
     terms["mse"] = jnp.sum((image - truth) ** 2) / (3 * jnp.maximum(jnp.sum(weight), 1))

@@ -188,15 +188,19 @@ def test_cameras_that_move_get_transient_gaussians_if_two_see_each_time(at_once,
 
 
 @pytest.mark.parametrize("machine", [CPU, GPU])
-def test_one_camera_that_moves_alone_is_fitted_to_large_tiles_for_a_time_on_a_gpu(machine):
-    base = capture(count=1, times=(0.0, 0.5, 1.0))
-    views = [replace(v, camera_name=f"{i}") for i, v in enumerate(base.views)]
-    fit, density = (
-        getattr(effort(replace(base, views=views), AUTO, machine).options, part)
-        for part in ("fit", "density")
-    )
-    assert fit.motion == "deformation"
-    assert (fit.tile_side == 32) == density.relocates == (fit.minutes > 0) == machine.gpu
+@pytest.mark.parametrize("cameras", [1, 3])
+def test_pictures_that_each_have_their_own_time_share_gaussians_on_control_points(cameras, machine):
+    base = capture(count=1, times=tuple(np.linspace(0, 1, 12)))
+    # One camera that jumps from place to place, or three that take turns.
+    places = np.random.default_rng(0).permutation(12) if cameras == 1 else np.arange(12) % 3
+    views = [
+        replace(v, camera_name=f"{k}", camera=toy.camera(0.5 * k, v.time, 270, 480))
+        for k, v in zip(places, base.views, strict=True)
+    ]
+    chosen = effort(replace(base, views=views), AUTO, machine)
+    fit = chosen.options.fit
+    assert fit.motion == "deformation" and "control points, which begin at rest" in chosen.sentence
+    assert fit.tile_side == 32 and chosen.options.density.relocates and fit.minutes > 0
 
 
 @pytest.mark.parametrize("machine", [CPU, GPU])

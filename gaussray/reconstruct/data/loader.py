@@ -2,14 +2,47 @@
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
-from jaxtyping import Bool
+from jaxtyping import Bool, Float, Int
 
 from gaussray.reconstruct.data.batches import Batch, gather
 from gaussray.reconstruct.data.motion_mask import Activity
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.sampler import Sampler, TileErrors, TileErrorState
+
+
+class Window(NamedTuple):
+    """The times that steps see while control points learn how things move, from the middle of the
+    capture on: what stands almost still for a short while gets its form there, and is followed
+    from there to both ends.
+
+    Args:
+        share: of the capture's time, that the coarse stage sees, and the fine one at first.
+        least: times that are seen at least.
+        steps: steps of the fine stage for each time until all times are seen.
+    """
+
+    share: float
+    least: int = 12
+    steps: int = 6
+
+    def among(
+        self, times: Float[np.ndarray, " instants"], stage: str, done: int
+    ) -> Int[np.ndarray, " seen"]:
+        """Which of the times a step may see.
+
+        Args:
+            times: all times, increasing.
+            stage: coarse or fine.
+            done: steps of the stage before this one.
+        """
+        grown = done / (self.steps * len(times)) if stage == "fine" else 0.0
+        share = self.share + (1 - self.share) * min(grown, 1.0)
+        away = np.abs(times - (times[0] + times[-1]) / 2)
+        least = np.sort(away)[min(self.least, len(times)) - 1]
+        return np.flatnonzero(away <= max(share * (times[-1] - times[0]) / 2, least))
 
 
 class Loader:
@@ -26,6 +59,7 @@ class Loader:
         seed: seed of all draws.
         held_out: tiles that are never drawn; None if there are none.
         first_alone: whether the coarse stage sees the first time only, or all times.
+        window: the times that are seen at first; None: all.
     """
 
     def __init__(
@@ -39,9 +73,11 @@ class Loader:
         seed: int,
         held_out: Bool[np.ndarray, "frames tiles"] | None = None,
         first_alone: bool = True,
+        window: Window | None = None,
     ):
         _, camera = np.unique(footage.viewpoints, return_inverse=True)
         self.footage, self.seed, self.first_alone = footage, seed, first_alone
+        self.window = window
         self.errors = TileErrors(camera, footage.pixel.shape[1]) if error else None
         visible = footage.visible_tiles()
         if held_out is not None:
@@ -67,6 +103,8 @@ class Loader:
         dice = np.random.default_rng([self.seed, stage == "fine", done])
         first = self.first_alone and stage == "coarse"
         among = self.sampler.instants[:1] if first else self.sampler.instants
+        if self.window is not None:
+            among = among[self.window.among(self.sampler.times[among], stage, done)]
         instant = among[dice.integers(len(among), size=size)]
         frame, tile = self.sampler.draw(instant, dice)
         time = self.sampler.times[instant].astype(self.footage.times.dtype)

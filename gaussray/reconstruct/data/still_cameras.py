@@ -1,7 +1,7 @@
 """Cameras that stand still: their temporal medians, and what moves in their pictures."""
 
 import numpy as np
-from jaxtyping import Bool, Int, Shaped
+from jaxtyping import Bool, Float, Int, Shaped
 from scipy.ndimage import uniform_filter
 
 from gaussray.capture.temporal_median import differs, temporal_median
@@ -44,6 +44,29 @@ class MedianMasks:
 def without_specks(moved: Bool[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Moving pixels without isolated ones."""
     return moved & (uniform_filter(moved.astype(np.float32), 3) > _CLEAN)
+
+
+def one_at_a_time(times: Float[np.ndarray, " frames"]) -> bool:
+    """Whether most times have a single picture.
+
+    Args:
+        times: the time of each picture.
+    """
+    _, pictures = np.unique(times, return_counts=True)
+    return float(np.median(pictures)) == 1
+
+
+def motion_untold(
+    times: Float[np.ndarray, " frames"], viewpoints: Int[np.ndarray, " frames"]
+) -> bool:
+    """Whether pictures do not tell how things move before a fit: most times have a single one, or
+    no camera took two from one place.
+
+    Args:
+        times: the time of each picture.
+        viewpoints: the number of the place it was taken from (`capture.viewpoints`).
+    """
+    return one_at_a_time(times) or len(np.unique(viewpoints)) == len(viewpoints)
 
 
 def still_camera_count(footage: Footage) -> int:

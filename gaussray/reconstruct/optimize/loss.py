@@ -24,6 +24,8 @@ class LossOptions(eqx.Module):
         space: plane regulariser in space (`regularizer.plane_terms`).
         time: plane regulariser in time.
         one: plane regulariser towards a field that does not change.
+        rigid: cost of control points that began at rest and do not move as rigidly as possible
+            (`regularizer.rigid_term`).
 
     Raises:
         ValueError: a weight is negative.
@@ -35,9 +37,10 @@ class LossOptions(eqx.Module):
     space: float = eqx.field(static=True, default=1e-4)
     time: float = eqx.field(static=True, default=1e-3)
     one: float = eqx.field(static=True, default=1e-4)
+    rigid: float = eqx.field(static=True, default=0.1)
 
     def __check_init__(self):
-        for name in ("l1", "dssim", "nothing", "space", "time", "one"):
+        for name in ("l1", "dssim", "nothing", "space", "time", "one", "rigid"):
             if getattr(self, name) < 0:
                 raise ValueError(f"loss.{name} must be at least 0, got {getattr(self, name)}.")
 

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from gaussray.capture.errors import CaptureError
+from gaussray.reconstruct.data.loader import Window
 from gaussray.reconstruct.data.sampler import Sampler, TileErrors
 
 
@@ -151,3 +152,22 @@ def test_errors_are_kept_and_restored_with_what_was_told_last():
     again.learn()
     np.testing.assert_array_equal(again.of(np.arange(3)), errors.of(np.arange(3)))
     assert again.of(np.array([1]))[0, 1] == 0.25
+
+
+@pytest.mark.parametrize("times", [np.linspace(0, 1, 101), np.linspace(-3, 9, 101)])
+def test_the_window_grows_from_the_middle_to_both_ends(times):
+    window = Window(0.2, least=4, steps=2)
+    first = window.among(times, "fine", 0)
+    np.testing.assert_array_equal(first, np.arange(40, 61))
+    np.testing.assert_array_equal(first, window.among(times, "coarse", 500))
+    # Half of the way to 2 steps for each of 101 times: half of the rest is seen.
+    np.testing.assert_array_equal(window.among(times, "fine", 101), np.arange(20, 81))
+    for done in (202, 10_000):
+        assert len(window.among(times, "fine", done)) == 101
+
+
+def test_a_window_holds_some_times_however_few_there_are():
+    uneven = np.array([0.0, 0.1, 0.2, 0.3, 1.0])
+    assert len(Window(0.0, least=3).among(uneven, "coarse", 0)) >= 3
+    assert len(Window(0.0, least=12).among(uneven, "coarse", 0)) == 5
+    assert len(Window(1.0).among(uneven, "coarse", 0)) == 5

@@ -8,6 +8,7 @@ from jax.test_util import check_grads
 from skimage.metrics import structural_similarity
 
 from gaussray.capture.temporal_median import MOTION_THRESHOLD, OUTLYING
+from gaussray.geometry import multiply
 from gaussray.reconstruct.data.tiles import tile_order
 from gaussray.reconstruct.optimize import regularizer
 from gaussray.reconstruct.optimize.loss import (
@@ -18,6 +19,7 @@ from gaussray.reconstruct.optimize.loss import (
     l1,
     terms,
 )
+from gaussray.scene.control_points import ControlPoints
 from gaussray.scene.planes import initial_planes
 
 
@@ -25,6 +27,7 @@ SIDE = 8
 
 measured = jax.jit(dssim, static_argnames=("side", "bundle"))
 roughness = jax.jit(regularizer.plane_terms)
+stiffness = jax.jit(regularizer.rigid_term)
 
 
 @pytest.fixture(scope="module")
@@ -174,3 +177,65 @@ def test_dssim_keeps_its_digits_where_pictures_are_nearly_equal(tiles):
     ours = truth + jnp.asarray(1e-4 * np.random.default_rng(2).normal(size=truth.shape), "float32")
     double = measured(ours.astype(float), truth.astype(float), side=SIDE)
     np.testing.assert_allclose(measured(ours, truth, side=SIDE), double, rtol=1e-4)
+
+
+def control_points(count=9, instants=4, seed=0):
+    """Control points with random poses at four times."""
+    dice = np.random.default_rng(seed)
+    return ControlPoints(
+        pivot=jnp.asarray(dice.normal(size=(count, 3))),
+        radius=jnp.ones(count),
+        time=jnp.linspace(0.0, 1.0, instants),
+        path=jnp.asarray(dice.normal(size=(count, instants, 3))),
+        turn=jnp.asarray(dice.normal(size=(count, instants, 4))),
+    )
+
+
+def test_the_rigid_term_is_that_of_its_definition():
+    control = control_points()
+    pivot, path = np.asarray(control.pivot), np.asarray(control.path[:, 1])
+    costs = []
+    for i, turn in enumerate(np.asarray(control.turn[:, 1])):
+        w, x, y, z = turn / np.linalg.norm(turn)
+        rotation = np.array(
+            [
+                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+            ]
+        )
+        away = np.linalg.norm(pivot - pivot[i], axis=1)
+        for j in np.argsort(away)[1:7]:
+            arm = pivot[j] - pivot[i]
+            off = np.linalg.norm(pivot[j] + path[j] - (pivot[i] + path[i] + rotation @ arm))
+            costs.append(np.sqrt((off / away[j]) ** 2 + 0.01**2) - 0.01)
+    # At the second timestamp the pose is the recorded one.
+    assert stiffness(control, control.time[1]) == pytest.approx(np.mean(costs), rel=1e-9)
+
+
+def test_what_moves_as_one_rigid_body_costs_nothing_and_gradients_are_right():
+    control = control_points()
+    angle = jnp.linspace(0.0, 2.0, 4)
+    turn = jnp.stack([jnp.cos(angle), jnp.sin(angle), 0 * angle, 0 * angle], axis=-1)
+    turn = jnp.broadcast_to(turn, control.turn.shape)
+    arm = jnp.concatenate([jnp.zeros((9, 1)), control.pivot], axis=1)[:, None]
+    turned = multiply(
+        multiply(turn, jnp.broadcast_to(arm, turn.shape)), turn * jnp.array([1.0, -1, -1, -1])
+    )[..., 1:]
+    shift = jnp.linspace(0.0, 1.0, 4)[None, :, None]
+    path = turned - control.pivot[:, None] + shift
+    rigid = type(control)(control.pivot, control.radius, control.time, path, turn)
+    for time in rigid.time:
+        assert float(stiffness(rigid, time)) < 1e-12
+    check_grads(
+        lambda path, turn: regularizer.rigid_term(
+            type(control)(control.pivot, control.radius, control.time, path, turn), jnp.array(0.4)
+        ),
+        (control.path, control.turn),
+        order=1,
+        modes="rev",
+    )
+
+
+def test_one_control_point_has_no_neighbour_to_hold_on_to():
+    assert float(stiffness(control_points(1), jnp.array(0.5))) == 0

@@ -1,0 +1,50 @@
+"""fit.motion=deformation of pictures that each have a time of their own: control points that begin
+at rest learn how things move."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import toy
+
+from gaussray.capture.formats.paired import read_capture
+from gaussray.reconstruct.options import FitOptions
+from gaussray.reconstruct.pipeline import reconstruct
+from gaussray.scene.store import load_scene
+
+
+TIMES = tuple(np.linspace(0.0, 1.0, 25).tolist())
+FIT = FitOptions(
+    auto=False, coarse=100, fine=1000, tiles=4, block=20, points=27, surround=0.0,
+    start="given", motion="deformation",
+)  # fmt: skip
+# Of its way, a body is followed from end to end at least so far; the rest is the fit's error.
+SHARE = 0.6
+SPEED = 0.8
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory, known_sizes):
+    """Two bodies on their way along +x, filmed from another place at every time."""
+    folder, camera = tmp_path_factory.mktemp("jumping"), toy.camera
+    places = dict(zip(TIMES, np.random.default_rng(0).uniform(-0.8, 0.8, len(TIMES)), strict=True))
+    records = toy.records
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(toy, "camera", lambda _, time: camera(places[time], time))
+        patch.setattr(toy, "records", lambda times: records(times, cameras=("cam_0",)))
+        return read_capture(
+            toy.write_capture(folder, toy.carried(0.0, 1.0, speed=SPEED), times=TIMES)
+        )
+
+
+@pytest.mark.ci
+def test_control_points_on_what_moves_go_where_it_goes(capture, tmp_path):
+    reconstruct(capture, tmp_path, options=replace(toy.SHORT, fit=FIT), quiet=True)
+    scene = load_scene(tmp_path)
+    control = scene.deformation.control
+    assert scene.static.count == 0 and control.path.shape[1] == 10
+    way = np.asarray(control.path[:, -1] - control.path[:, 0])
+    before = np.asarray(control.pivot)[:, 2] < 0.4
+    print(way[before], way[~before])
+    assert np.median(way[before, 0]) > SHARE * SPEED
+    assert np.abs(np.median(way[~before], axis=0)).max() < 0.2 * SPEED
