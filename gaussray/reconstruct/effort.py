@@ -17,7 +17,7 @@ import numpy as np
 from gaussray.capture.capture import Capture, View, viewpoints
 from gaussray.capture.selection import Selection, selected
 from gaussray.reconstruct.data.segments import training_views
-from gaussray.reconstruct.data.still_cameras import motion_untold, one_at_a_time
+from gaussray.reconstruct.data.still_cameras import one_at_a_time
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.machine import Machine
 from gaussray.reconstruct.motion_trial import CAMERAS
@@ -42,6 +42,7 @@ MOTION_NOUNS = {
     "transient": "transient Gaussians",
     "both": "rigid bodies, a deformation field and transient Gaussians",
     "control_points": "control points, a deformation field and transient Gaussians",
+    "from_rest": "control points that begin at rest and a deformation field",
 }
 
 
@@ -78,8 +79,9 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     if still:
         chosen = _still(pixels, machine, options.fit)
     elif names[0] == "deformation":
-        untold = _untold(views)
-        chosen = _field(pixels, machine) if untold else _bodies(machine, options.track)
+        chosen = _bodies(machine, options.track)
+    elif names[0] == "from_rest":
+        chosen = _from_rest(pixels, machine)
     else:
         chosen = _brief(pixels, machine, names[0])
     steps = options.fit.coarse, options.fit.fine
@@ -129,7 +131,7 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     transient Gaussians, which as many cameras help to follow surfaces (control points). Where most
     times have a single picture, transient Gaussians suit a camera that moves along a path; one that
     jumps from place to place needs Gaussians that all times share, on control points that begin at
-    rest (`deformation`). That nothing moves, the user alone knows: of a camera on its way each
+    rest. That nothing moves, the user alone knows: of a camera on its way each
     picture shows what others do not.
 
     Args:
@@ -141,7 +143,7 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     if fit.motion != "auto":
         return (fit.motion,)
     if one_at_a_time(np.array([view.time for view in views])):
-        return ("transient",) if _along_a_path(views) else ("deformation",)
+        return ("transient",) if _along_a_path(views) else ("from_rest",)
     still = _still_cameras(views)
     if still >= 2:
         points = capture.points if fit.start in ("auto", "given") else None
@@ -160,11 +162,6 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     if mostly(CAMERAS) and machine.gpu:
         return ("control_points",)
     return ("transient",)
-
-
-def _untold(views: Sequence[View]) -> bool:
-    """Whether the pictures tell nothing of how things move (`motion_untold`)."""
-    return motion_untold(np.array([view.time for view in views]), np.array(viewpoints(views)))
 
 
 def _still_cameras(views: Sequence[View]) -> int:
@@ -277,28 +274,32 @@ def _bodies(machine: Machine, track: TrackOptions) -> ReconstructOptions:
     )
 
 
-def _field(pixels: float, machine: Machine) -> ReconstructOptions:
-    """For pictures each of which has a time of its own: control points that begin at rest and a
-    deformation field, of Gaussians that all times share."""
-    brief = _brief(pixels, machine, "deformation")
-    return replace(brief, fit=replace(brief.fit, coarse=1500 if machine.gpu else 300))
+def _from_rest(pixels: float, machine: Machine) -> ReconstructOptions:
+    """For pictures each of which has a time of its own: Gaussians that all times share, on control
+    points that begin at rest."""
+    brief = _brief(pixels, machine, "from_rest")
+    # All times share them, and all follow control points.
+    low, high = (50_000, 150_000) if machine.gpu else (10_000, 20_000)
+    gaussians = int(np.clip(pixels / 300, low, high))
+    return replace(
+        brief,
+        fit=replace(brief.fit, coarse=1500 if machine.gpu else 300, points=gaussians // 2),
+        density=replace(brief.density, gaussians=gaussians),
+    )
 
 
 def _sentence(options: ReconstructOptions, views: Sequence[View], scale: float, still: bool) -> str:
     fit, parts = options.fit, [f"fit=auto: {len(views)} picture{'s' * (len(views) != 1)}"]
     if scale < 1:
         parts.append(f"scaled by {scale:.2f} to {views[0].width} x {views[0].height}")
-    if still or not fit.deforms:
+    if still or options.density.relocates:
         most = max(options.density.gaussians, fit.points)
         parts.append(f"up to {most:,} Gaussians, or all starting points if these are more")
         parts.append(f"harmonics up to degree {fit.degree}")
     if fit.motion == "none":
         parts.append("nothing moves (fit.motion=none)")
     elif not still:
-        noun = MOTION_NOUNS[fit.motion]
-        if fit.motion == "deformation" and _untold(views):
-            noun = "control points, which begin at rest, and a deformation field"
-        parts.append(f"motion by {noun} (fit.motion)")
+        parts.append(f"motion by {MOTION_NOUNS[fit.motion]} (fit.motion)")
     if fit.minutes:
         minutes = f"{fit.minutes:.0f}" if fit.minutes >= 1 else f"{fit.minutes:.1g}"
         parts.append(f"about {minutes} minute{'s' * (minutes != '1')} (fit.minutes)")

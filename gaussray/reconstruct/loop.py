@@ -33,8 +33,6 @@ from gaussray.tracer.traverse import Capacity
 
 # Share of the minutes of a fit in which what stands still is fitted first.
 _STILL_SHARE = 0.25
-# Control points that begin at rest learn so many times as fast as those that were tracked.
-_FROM_REST = 10.0
 # Sizes of what tiles see: persistent and transient Gaussians.
 _SEEN = 2
 
@@ -189,16 +187,9 @@ def step_options(session: Session, stage: str) -> StepOptions:
         refine = ()
     elif stage == "coarse" and len(session.times) > 1:
         refine = tuple(kind for kind in refine if kind in ("exposure", "color_matrix"))
-    optimizer = options.optimizer
-    if session.at_rest:
-        optimizer = replace(
-            optimizer,
-            control_path=_FROM_REST * optimizer.control_path,
-            control_turn=_FROM_REST * optimizer.control_turn,
-        )
     return StepOptions(
         options.loss,
-        optimizer,
+        options.optimizer,
         options.trace,
         samples=options.fit.samples or rays_per_pixel(session.footage.camera),
         footprint=options.fit.footprint,

@@ -19,8 +19,9 @@ STARTS = ("auto", "given", "stereo", "random")
 
 # What shows what moves: what suits the capture best (without fit.auto, bodies and a field); rigid
 # bodies and a deformation field; transient Gaussians; all of these; control points, a deformation
-# field and transient Gaussians; nothing, since nothing moves.
-MOTIONS = ("auto", "deformation", "transient", "both", "control_points", "none")
+# field and transient Gaussians; control points that begin at rest and a deformation field; nothing,
+# since nothing moves.
+MOTIONS = ("auto", "deformation", "transient", "both", "control_points", "from_rest", "none")
 
 
 class FitOptions(eqx.Module):
@@ -64,8 +65,8 @@ class FitOptions(eqx.Module):
         memory: gigabytes of pictures that are kept in memory; more are kept in a file.
         equalize: even out exposures and light that change over time, where cameras that stand still
             tell (`equalization`); light that changes becomes a part of the scene.
-        window: share of the capture's time, around its middle, that the first steps see where
-            control points begin at rest; it grows to all (`loader.Window`). 1: all from the start.
+        window: share of the capture's time that the first steps see where control points begin at
+            rest; it grows to all (`loader.Window`). 1: all from the start.
         samples: rays per pixel over pixel filter, aperture and exposure. 0: 1, or 4 if a camera has
             an aperture or an exposure time.
         refine: the parameters of the cameras that are learnt too (`corrections.REFINABLE`).

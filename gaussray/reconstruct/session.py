@@ -23,7 +23,7 @@ from gaussray.reconstruct.data.loader import Loader, Window
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
 from gaussray.reconstruct.data.pictures import Footage, footage, stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
-from gaussray.reconstruct.data.still_cameras import motion_untold, still_camera_count
+from gaussray.reconstruct.data.still_cameras import still_camera_count
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.initialize.initializer import InitialPoints, initial_points
 from gaussray.reconstruct.log import RunLog
@@ -73,8 +73,7 @@ class Session:
         still_first: whether Gaussians that stand still are fitted to the pictures of all times
             first, because only they tell what moves: transient Gaussians or control points shall
             show it, and fewer than two cameras stand still.
-        at_rest: whether control points begin at rest: a deformation shall show what moves, and
-            nothing tells yet how (`motion_untold`).
+        at_rest: whether control points begin at rest, and learn how things move (fit.motion).
     """
 
     def __init__(
@@ -128,8 +127,7 @@ class Session:
         fit = options.fit
         soft = not single and (fit.control or (fit.transient and not fit.deforms))
         self.still_first = soft and still_camera_count(self.footage) < 2
-        untold = motion_untold(self.footage.times, self.footage.viewpoints)
-        self.at_rest = not single and fit.motion == "deformation" and untold
+        self.at_rest = not single and fit.motion == "from_rest"
         self.held_out = held_out if held_out.any() else None
         self.loader = Loader(
             self.footage,
@@ -142,10 +140,18 @@ class Session:
             held_out=self.held_out,
             # One picture says nothing of distances.
             first_alone=not (self.still_first or self.at_rest) and int(views_of_time[0]) > 1,
-            window=Window(fit.window) if self.at_rest and not self.later else None,
+            window=Window(self._anchor, fit.window) if self.at_rest else None,
         )
         self.times = self.loader.sampler.times
         self.mesh = mesh_of_hosts(devices)
+
+    @property
+    def _anchor(self) -> float:
+        """The time at which what moves begins: the first, of which stereo finds points and from
+        which a later segment goes on; or the middle, where a time has a single picture."""
+        times = np.asarray(self.footage.times)
+        first = self.later or int(np.sum(times == times.min())) > 1
+        return float(times.min() if first else (times.min() + times.max()) / 2)
 
     @property
     def has_videos(self) -> bool:
@@ -155,17 +161,22 @@ class Session:
     @cached_property
     def initial_points(self) -> InitialPoints:
         """The points on which the first Gaussians of the capture stand."""
-        report = self.progress_report("stereo")
+        report, seen, window = self.progress_report("stereo"), self.footage, self.loader.window
+        if window is not None:
+            # Of other times, things would be elsewhere.
+            times = self.times[window.among(self.times, "coarse", 0)]
+            seen = seen.part(np.flatnonzero(np.isin(seen.times, times)))
         return self.shared.once(
             ("points", *self.points_key),
-            lambda: initial_points(self.capture, self.footage, self.options.fit, report),
+            lambda: initial_points(self.capture, seen, self.options.fit, report),
         )
 
     @property
     def points_key(self) -> tuple[Hashable, ...]:
         """The options that `initial_points` depends on."""
         fit = self.options.fit
-        return fit.start, fit.points, fit.outliers, fit.deforms, fit.seed
+        seen = fit.window if self.at_rest else None
+        return fit.start, fit.points, fit.outliers, fit.deforms, fit.seed, seen
 
     def progress_bar(self, work: str, total: int, patience: float = 0.0) -> Progress:
         """A progress bar for a piece of work on this segment.

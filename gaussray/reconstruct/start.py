@@ -94,14 +94,15 @@ def may_move(
     session: Session, position: Float[np.ndarray, "points 3"], *, on_surfaces: bool
 ) -> Bool[np.ndarray, " points"]:
     """Which Gaussians may move. Of random points, and without cameras that stand still, pictures do
-    not tell: then all may, or none if what moves gets its Gaussians later.
+    not tell, and with few pictures from each place (control points that begin at rest) they say
+    little: then all may, or none if what moves gets its Gaussians later.
 
     Args:
         session: the segment.
         position: places of the Gaussians.
         on_surfaces: whether they lie on surfaces.
     """
-    told = on_surfaces and session.has_videos
+    told = on_surfaces and session.has_videos and not session.at_rest
     deforms = session.options.fit.deforms and not session.still_first
     if len(session.times) == 1 or not (deforms or (told and not session.later)):
         return np.zeros(len(position), bool)

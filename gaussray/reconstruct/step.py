@@ -14,7 +14,7 @@ from gaussray.camera.array import CameraSet, pixel_spacing
 from gaussray.camera.camera import Camera
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize import relocation
-from gaussray.reconstruct.optimize.learning_rates import CaptureScale, rates
+from gaussray.reconstruct.optimize.learning_rates import CONTROL, CaptureScale, rates
 from gaussray.reconstruct.optimize.optimizer import descend, scene_of, with_costs_paid
 from gaussray.reconstruct.optimize.scale_bounds import scale_bounds, with_scale_bounds
 from gaussray.reconstruct.optimize.smooth_motion import spread_over_time
@@ -173,7 +173,11 @@ def train_block(
     # Once for the block: distances to the cameras hardly change within one.
     bounds = scale_bounds(state.parameters, cameras, options.footprint)
     kinds = state.parameters.kinds
-    spacing = {kind: pixel_spacing(cameras, free.mean) for kind, free in kinds.items()}
+    places = {kind: free.mean for kind, free in kinds.items()}
+    deformation = state.parameters.deformation
+    if options.at_rest and deformation is not None and deformation.control is not None:
+        places[CONTROL] = deformation.control.pivot
+    spacing = {kind: pixel_spacing(cameras, place) for kind, place in places.items()}
 
     def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)

@@ -176,7 +176,7 @@ def test_a_gpu_tries_more_poses_unless_the_user_chose_some():
 
 
 @pytest.mark.parametrize(
-    ("at_once", "motion"), [(1, "deformation"), (2, "transient"), (5, "control_points")]
+    ("at_once", "motion"), [(1, "from_rest"), (2, "transient"), (5, "control_points")]
 )
 def test_cameras_that_move_get_transient_gaussians_if_two_see_each_time(at_once, motion):
     many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
@@ -199,7 +199,7 @@ def test_pictures_that_each_have_their_own_time_share_gaussians_on_control_point
     ]
     chosen = effort(replace(base, views=views), AUTO, machine)
     fit = chosen.options.fit
-    assert fit.motion == "deformation" and "control points, which begin at rest" in chosen.sentence
+    assert fit.motion == "from_rest" and "control points that begin at rest" in chosen.sentence
     assert fit.tile_side == 32 and chosen.options.density.relocates and fit.minutes > 0
 
 
@@ -217,7 +217,7 @@ def test_transient_gaussians_show_what_a_camera_films_on_its_way(machine):
 
     assert motion(range(20)) == "transient"
     # From places at random, each far from the one before.
-    assert motion(np.random.default_rng(0).permutation(20)) == "deformation"
+    assert motion(np.random.default_rng(0).permutation(20)) == "from_rest"
 
 
 @pytest.mark.parametrize("machine", [CPU, GPU])

@@ -1,4 +1,4 @@
-"""fit.motion=deformation of pictures that each have a time of their own: control points that begin
+"""fit.motion=from_rest of pictures that each have a time of their own: control points that begin
 at rest learn how things move."""
 
 from dataclasses import replace
@@ -16,7 +16,7 @@ from gaussray.scene.store import load_scene
 TIMES = tuple(np.linspace(0.0, 1.0, 25).tolist())
 FIT = FitOptions(
     auto=False, coarse=100, fine=1000, tiles=4, block=20, points=27, surround=0.0,
-    start="given", motion="deformation",
+    start="given", motion="from_rest",
 )  # fmt: skip
 # Of its way, a body is followed from end to end at least so far; the rest is the fit's error.
 SHARE = 0.6
@@ -45,6 +45,5 @@ def test_control_points_on_what_moves_go_where_it_goes(capture, tmp_path):
     assert scene.static.count == 0 and control.path.shape[1] == 10
     way = np.asarray(control.path[:, -1] - control.path[:, 0])
     before = np.asarray(control.pivot)[:, 2] < 0.4
-    print(way[before], way[~before])
     assert np.median(way[before, 0]) > SHARE * SPEED
     assert np.abs(np.median(way[~before], axis=0)).max() < 0.2 * SPEED

@@ -14,16 +14,17 @@ from gaussray.reconstruct.data.sampler import Sampler, TileErrors, TileErrorStat
 
 
 class Window(NamedTuple):
-    """The times that steps see while control points learn how things move, from the middle of the
-    capture on: what stands almost still for a short while gets its form there, and is followed
-    from there to both ends.
+    """The times that steps see while control points learn how things move: what stands almost still
+    for a short while gets its form there, and is followed from there to both ends.
 
     Args:
+        anchor: the time around which steps look first.
         share: of the capture's time, that the coarse stage sees, and the fine one at first.
         least: times that are seen at least.
         steps: steps of the fine stage for each time until all times are seen.
     """
 
+    anchor: float
     share: float
     least: int = 12
     steps: int = 6
@@ -40,9 +41,9 @@ class Window(NamedTuple):
         """
         grown = done / (self.steps * len(times)) if stage == "fine" else 0.0
         share = self.share + (1 - self.share) * min(grown, 1.0)
-        away = np.abs(times - (times[0] + times[-1]) / 2)
+        away = np.abs(times - self.anchor)
         least = np.sort(away)[min(self.least, len(times)) - 1]
-        return np.flatnonzero(away <= max(share * (times[-1] - times[0]) / 2, least))
+        return np.flatnonzero(away <= max(share * away.max(), least))
 
 
 class Loader:

@@ -83,6 +83,17 @@ class Footage:
         """Tiles of which any pixel counts; None if all do."""
         return None if self.mask is None else np.any(self.mask, axis=-1)
 
+    def part(self, frames: Int[np.ndarray, " n"]) -> "Footage":
+        """Some of the pictures alone, with their cameras."""
+        return dataclasses.replace(
+            self,
+            pixel=self.pixel[frames],
+            mask=None if self.mask is None else self.mask[frames],
+            camera=jax.tree.map(lambda x: x[frames], self.camera),
+            name=self.name[frames],
+            viewpoint=None if self.viewpoint is None else self.viewpoint[frames],
+        )
+
     def pictures(self, frames: Int[np.ndarray, " n"]) -> Shaped[np.ndarray, "n h w 3"]:
         """Whole pictures."""
         pixels = tile_pixels(self.film, self.side, self.bundle)

@@ -56,19 +56,6 @@ def one_at_a_time(times: Float[np.ndarray, " frames"]) -> bool:
     return float(np.median(pictures)) == 1
 
 
-def motion_untold(
-    times: Float[np.ndarray, " frames"], viewpoints: Int[np.ndarray, " frames"]
-) -> bool:
-    """Whether pictures do not tell how things move before a fit: most times have a single one, or
-    no camera took two from one place.
-
-    Args:
-        times: the time of each picture.
-        viewpoints: the number of the place it was taken from (`capture.viewpoints`).
-    """
-    return one_at_a_time(times) or len(np.unique(viewpoints)) == len(viewpoints)
-
-
 def still_camera_count(footage: Footage) -> int:
     """How many cameras stand still in so many pictures that a temporal median means something."""
     return sum(still and len(own) >= FEWEST_FRAMES for own, still in camera_frames(footage))

@@ -17,6 +17,9 @@ from gaussray.scene.transient import UnconstrainedTransients
 
 # A smaller rate of means would move nothing: it was meant in other units.
 _LEAST_PIXELS = 0.002
+# The key of control points that began at rest among the kinds of Gaussians, and the share of the
+# rate of their paths by which their rotations move what is one width away.
+CONTROL, _TURN_SHARE = "control", 0.25
 _POSE_FIELDS = ("pivot", "radius", "time", "path", "turn")
 
 
@@ -41,8 +44,10 @@ class OptimizerOptions(eqx.Module):
         lifetime: logarithms of lifetimes of transient Gaussians.
         path: paths of rigid bodies, in extents.
         turn: rotations of rigid bodies, as quaternions.
-        control_path: paths of control points, in extents.
-        control_turn: rotations of control points, as quaternions.
+        control_path: paths of control points that were tracked, in extents.
+        control_turn: rotations of control points that were tracked, as quaternions.
+        from_rest: paths of control points that began at rest, in pixels; their rotations learn so
+            fast that what is one width away moves by a quarter of that.
         light: light on surfaces by the direction of their normals.
         planes: feature planes of the deformation (4DGaussians: 1.6e-3).
         network: network of the deformation (4DGaussians: 1.6e-4).
@@ -72,6 +77,7 @@ class OptimizerOptions(eqx.Module):
     turn: float = eqx.field(static=True, default=3e-2)
     control_path: float = eqx.field(static=True, default=2e-4)
     control_turn: float = eqx.field(static=True, default=1e-3)
+    from_rest: float = eqx.field(static=True, default=0.4)
     light: float = eqx.field(static=True, default=2e-2)
     planes: float = eqx.field(static=True, default=1e-2)
     network: float = eqx.field(static=True, default=1e-3)
@@ -88,7 +94,7 @@ class OptimizerOptions(eqx.Module):
         for name in (
             *("mean", "quat", "scale", "opacity", "color", "harmonics"),
             *("velocity", "instant", "lifetime"),
-            *("path", "turn", "control_path", "control_turn"),
+            *("path", "turn", "control_path", "control_turn", "from_rest"),
             *("light", "planes", "network", "motion"),
             *REFINABLE,
         ):
@@ -105,7 +111,8 @@ class OptimizerOptions(eqx.Module):
 
 class CaptureScale(NamedTuple):
     """Units in which Gaussians learn: the distance of neighbouring pixels at each of them, by kind
-    (`pixel_spacing`), the extent of the cameras, and the time from one frame to the next."""
+    (`pixel_spacing`), and at each control point that began at rest (`CONTROL`), the extent of the
+    cameras, and the time from one frame to the next."""
 
     spacing: Mapping[str, Float[Array, " gaussians"]]
     extent: float | Float[Array, ""]
@@ -171,14 +178,20 @@ def rates(
         deformation = eqx.tree_at(
             lambda d: (d.planes, d.light), deformation, (planes, options.light * fall)
         )
-        poses = {"bodies": (options.path, options.turn)}
-        if parameters.deformation.control is not None:
-            poses["control"] = options.control_path, options.control_turn
+        poses: dict[str, tuple[float | Array, float | Array]] = {
+            "bodies": (options.path * extent, options.turn)
+        }
+        control = parameters.deformation.control
+        if control is not None:
+            poses["control"] = options.control_path * extent, options.control_turn
+        if control is not None and CONTROL in spacing:
+            path = options.from_rest * spacing[CONTROL][:, None, None]
+            poses["control"] = path, _TURN_SHARE * path / control.radius[:, None, None]
         for part, (path, turn) in poses.items():
             deformation = eqx.tree_at(
                 lambda d, part=part: tuple(getattr(getattr(d, part), n) for n in _POSE_FIELDS),
                 deformation,
-                (*fixed[:3], path * extent * fall, turn * fall),
+                (*fixed[:3], path * fall, turn * fall),
             )
         if parameters.deformation.mean is not None:
             motion = options.motion * extent * fall
