@@ -66,7 +66,7 @@ class FitOptions(eqx.Module):
         equalize: even out exposures and light that change over time, where cameras that stand still
             tell (`equalization`); light that changes becomes a part of the scene.
         window: share of the capture's time that the first steps see where control points begin at
-            rest; it grows to all (`loader.Window`). 1: all from the start.
+            rest; it grows to all (`loader.GrowingWindow`). 1: all from the start.
         samples: rays per pixel over pixel filter, aperture and exposure. 0: 1, or 4 if a camera has
             an aperture or an exposure time.
         refine: the parameters of the cameras that are learnt too (`corrections.REFINABLE`).

@@ -19,7 +19,7 @@ from gaussray.capture.points import Points
 from gaussray.reconstruct.data.backdrop import backdrop_of
 from gaussray.reconstruct.data.equalize import equalization, equalized
 from gaussray.reconstruct.data.held_out_tiles import HoldOut, held_out_tiles
-from gaussray.reconstruct.data.loader import Loader, Window
+from gaussray.reconstruct.data.loader import GrowingWindow, Loader
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
 from gaussray.reconstruct.data.pictures import Footage, footage, stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
@@ -40,6 +40,11 @@ from gaussray.scene.gaussians import constrain, fold_tint, unconstrain
 from gaussray.scene.scene import Scene, key_count, persistent_at
 from gaussray.tracer.bundle import FAN
 from gaussray.tracer.shard import mesh_of_hosts
+
+
+# Where control points begin at rest: times that the first steps see at least, and steps of the fine
+# stage for each time until all are seen.
+_LEAST_TIMES, _STEPS_A_TIME = 12, 6
 
 
 class Session:
@@ -122,8 +127,7 @@ class Session:
         self.cameras = eqx.tree_at(lambda c: c.owner, cameras, segment_owner)
         self.activity = activity(self.footage)
         held_out = hold_out(self.footage, options.fit.validate, options.fit.seed)
-        times, views_of_time = np.unique(self.footage.times, return_counts=True)
-        single = len(times) == 1
+        single = len(np.unique(self.footage.times)) == 1
         fit = options.fit
         soft = not single and (fit.control or (fit.transient and not fit.deforms))
         self.still_first = soft and still_camera_count(self.footage) < 2
@@ -138,20 +142,22 @@ class Session:
             error=options.fit.error,
             seed=options.fit.seed,
             held_out=self.held_out,
-            # One picture says nothing of distances.
-            first_alone=not (self.still_first or self.at_rest) and int(views_of_time[0]) > 1,
-            window=Window(self._anchor, fit.window) if self.at_rest else None,
+            window=self._window(),
         )
         self.times = self.loader.sampler.times
         self.mesh = mesh_of_hosts(devices)
 
-    @property
-    def _anchor(self) -> float:
-        """The time at which what moves begins: the first, of which stereo finds points and from
-        which a later segment goes on; or the middle, where a time has a single picture."""
+    def _window(self) -> GrowingWindow | None:
+        """The times that steps see at first: the first one, or, where control points begin at rest,
+        a while from it on; around the middle if the first time has a single picture, which says
+        nothing of distances. None: all, for Gaussians that stand still at all times."""
         times = np.asarray(self.footage.times)
-        first = self.later or int(np.sum(times == times.min())) > 1
-        return float(times.min() if first else (times.min() + times.max()) / 2)
+        first, last = float(times.min()), float(times.max())
+        several = int(np.sum(times == times.min())) > 1
+        if self.at_rest:
+            anchor = first if several or self.later else (first + last) / 2
+            return GrowingWindow(anchor, self.options.fit.window, _LEAST_TIMES, _STEPS_A_TIME)
+        return GrowingWindow(first) if several and not self.still_first else None
 
     @property
     def has_videos(self) -> bool:
@@ -162,7 +168,7 @@ class Session:
     def initial_points(self) -> InitialPoints:
         """The points on which the first Gaussians of the capture stand."""
         report, seen, window = self.progress_report("stereo"), self.footage, self.loader.window
-        if window is not None:
+        if self.at_rest and window is not None:
             # Of other times, things would be elsewhere.
             times = self.times[window.among(self.times, "coarse", 0)]
             seen = seen.part(np.flatnonzero(np.isin(seen.times, times)))

@@ -14,7 +14,7 @@ from gaussray.camera.array import CameraSet, pixel_spacing
 from gaussray.camera.camera import Camera
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize import relocation
-from gaussray.reconstruct.optimize.learning_rates import CONTROL, CaptureScale, rates
+from gaussray.reconstruct.optimize.learning_rates import AT_REST, CaptureScale, rates
 from gaussray.reconstruct.optimize.optimizer import descend, scene_of, with_costs_paid
 from gaussray.reconstruct.optimize.scale_bounds import scale_bounds, with_scale_bounds
 from gaussray.reconstruct.optimize.smooth_motion import spread_over_time
@@ -176,7 +176,7 @@ def train_block(
     places = {kind: free.mean for kind, free in kinds.items()}
     deformation = state.parameters.deformation
     if options.at_rest and deformation is not None and deformation.control is not None:
-        places[CONTROL] = deformation.control.pivot
+        places[AT_REST] = deformation.control.pivot
     spacing = {kind: pixel_spacing(cameras, place) for kind, place in places.items()}
 
     def step(state: State, batch: Batch):

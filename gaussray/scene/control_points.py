@@ -10,18 +10,19 @@ from gaussray.scene.bodies import poses_at
 
 
 class ControlPoints(eqx.Module):
-    """Poses of control points at the timestamps of a capture.
+    """Poses of control points at increasing times.
 
-    A Gaussian moves with the control points near its place at the first timestamp: the average of
-    their rigid motions, weighted by exp(-d^2 / (2 radius^2)) of the distances d (linear blend
-    skinning; sparse control points, Huang et al. 2024). Far from all, the nearest one decides.
+    A Gaussian moves with the control points near its place at rest (that of the first timestamp, if
+    they were tracked from there): the average of their rigid motions, weighted by
+    exp(-d^2 / (2 radius^2)) of the distances d (linear blend skinning; sparse control points, Huang
+    et al. 2024). Far from all, the nearest one decides.
 
     Args:
-        pivot: Place of each control point at the first timestamp, in scene units.
+        pivot: Place of each control point at rest, in scene units.
         radius: Width of the weights of each, in scene units, above 0.
-        time: The timestamps.
-        path: Translation of each control point at each timestamp, in scene units.
-        turn: Rotation about the pivot (w, x, y, z) at each timestamp, of any non-zero length;
+        time: The times of the poses.
+        path: Translation of each control point at each of these times, in scene units.
+        turn: Rotation about the pivot (w, x, y, z) at each of these times, of any non-zero length;
             those of neighbours are averaged, so they lie in one half of the unit sphere.
     """
 
@@ -40,7 +41,7 @@ def skinning_weights(
 
     Args:
         points: The control points, at least one.
-        position: Centres of the Gaussians at the first timestamp, in scene units.
+        position: Centres of the Gaussians at rest, in scene units.
     """
     # From the middle of the points, so that the difference of squares keeps its digits.
     middle = jnp.mean(points.pivot, axis=0)[None]
@@ -56,12 +57,12 @@ def control_motion(
 ) -> tuple[Float[Array, "gaussians 3"], Float[Array, "gaussians 4"]]:
     """Displacement and rotation (a unit quaternion) of every Gaussian at a time.
 
-    Between the timestamps, poses are interpolated as those of rigid bodies (`bodies.poses_at`).
+    Between the times of the poses, these are interpolated as those of rigid bodies
+    (`bodies.poses_at`).
 
     Args:
         points: The control points, at least one.
-        position: Centres of the Gaussians at the first timestamp, in scene units. No gradient
-            reaches them.
+        position: Centres of the Gaussians at rest, in scene units. No gradient reaches them.
         time: In the capture's unit.
     """
     position = jax.lax.stop_gradient(position)

@@ -8,6 +8,7 @@ import pytest
 import toy
 
 from gaussray.capture.formats.paired import read_capture
+from gaussray.reconstruct import session
 from gaussray.reconstruct.options import FitOptions
 from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.scene.store import load_scene
@@ -47,3 +48,25 @@ def test_control_points_on_what_moves_go_where_it_goes(capture, tmp_path):
     before = np.asarray(control.pivot)[:, 2] < 0.4
     assert np.median(way[before, 0]) > SHARE * SPEED
     assert np.abs(np.median(way[~before], axis=0)).max() < 0.2 * SPEED
+
+
+class LookedAt(Exception):
+    """Raised where the first points are asked for, so that nothing is fitted."""
+
+
+@pytest.mark.parametrize(("taken", "first"), [(("cam_0",), 6), (("cam_0", "cam_1"), 0)])
+def test_first_points_are_those_of_a_short_while(capture, tmp_path, monkeypatch, taken, first):
+    """Around the middle; or from the first time on, if two pictures of it tell where things are."""
+    views = [replace(v, camera_name=name) for name in taken for v in capture.views]
+    seen = []
+
+    def asked(capture, footage, *_):
+        seen.extend(np.unique(footage.times).tolist())
+        raise LookedAt
+
+    monkeypatch.setattr(session, "initial_points", asked)
+    options = replace(toy.SHORT, fit=replace(FIT, window=0.5))
+    with pytest.raises(LookedAt):
+        reconstruct(replace(capture, views=views), tmp_path, options=options, quiet=True)
+    want = np.float32(TIMES[first : first + 13])
+    np.testing.assert_allclose(seen, want, rtol=1e-6)

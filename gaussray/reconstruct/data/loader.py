@@ -13,21 +13,23 @@ from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.sampler import Sampler, TileErrors, TileErrorState
 
 
-class Window(NamedTuple):
-    """The times that steps see while control points learn how things move: what stands almost still
-    for a short while gets its form there, and is followed from there to both ends.
+class GrowingWindow(NamedTuple):
+    """The times that the coarse stage sees, and the fine stage at first, which then grow to all.
+
+    Where control points learn how things move, what stands almost still for a short while gets its
+    form there, and is followed from there to both ends.
 
     Args:
         anchor: the time around which steps look first.
-        share: of the capture's time, that the coarse stage sees, and the fine one at first.
+        share: of the capture's time, that is seen at first.
         least: times that are seen at least.
         steps: steps of the fine stage for each time until all times are seen.
     """
 
     anchor: float
-    share: float
-    least: int = 12
-    steps: int = 6
+    share: float = 0.0
+    least: int = 1
+    steps: int = 0
 
     def among(
         self, times: Float[np.ndarray, " instants"], stage: str, done: int
@@ -39,8 +41,9 @@ class Window(NamedTuple):
             stage: coarse or fine.
             done: steps of the stage before this one.
         """
-        grown = done / (self.steps * len(times)) if stage == "fine" else 0.0
-        share = self.share + (1 - self.share) * min(grown, 1.0)
+        growth = self.steps * len(times)
+        grown = min(done / growth, 1.0) if growth else 1.0
+        share = self.share + (1 - self.share) * grown if stage == "fine" else self.share
         away = np.abs(times - self.anchor)
         least = np.sort(away)[min(self.least, len(times)) - 1]
         return np.flatnonzero(away <= max(share * away.max(), least))
@@ -59,7 +62,6 @@ class Loader:
         error: share of the tiles drawn in proportion to their errors; 0: errors are not kept.
         seed: seed of all draws.
         held_out: tiles that are never drawn; None if there are none.
-        first_alone: whether the coarse stage sees the first time only, or all times.
         window: the times that are seen at first; None: all.
     """
 
@@ -73,12 +75,10 @@ class Loader:
         error: float,
         seed: int,
         held_out: Bool[np.ndarray, "frames tiles"] | None = None,
-        first_alone: bool = True,
-        window: Window | None = None,
+        window: GrowingWindow | None = None,
     ):
         _, camera = np.unique(footage.viewpoints, return_inverse=True)
-        self.footage, self.seed, self.first_alone = footage, seed, first_alone
-        self.window = window
+        self.footage, self.seed, self.window = footage, seed, window
         self.errors = TileErrors(camera, footage.pixel.shape[1]) if error else None
         visible = footage.visible_tiles()
         if held_out is not None:
@@ -102,8 +102,7 @@ class Loader:
             size: steps of the block.
         """
         dice = np.random.default_rng([self.seed, stage == "fine", done])
-        first = self.first_alone and stage == "coarse"
-        among = self.sampler.instants[:1] if first else self.sampler.instants
+        among = self.sampler.instants
         if self.window is not None:
             among = among[self.window.among(self.sampler.times[among], stage, done)]
         instant = among[dice.integers(len(among), size=size)]

@@ -1,4 +1,8 @@
-"""Control points that begin at rest, where nothing tells yet how things move."""
+"""Control points that begin at rest, where nothing tells yet how things move.
+
+The idea of few control points that carry all Gaussians is that of SC-GS (Huang et al. 2024). There
+a network gives their poses; here they are learnt directly (`optimize.smooth_motion`).
+"""
 
 import jax.numpy as jnp
 import numpy as np

@@ -19,7 +19,7 @@ from gaussray.scene.transient import UnconstrainedTransients
 _LEAST_PIXELS = 0.002
 # The key of control points that began at rest among the kinds of Gaussians, and the share of the
 # rate of their paths by which their rotations move what is one width away.
-CONTROL, _TURN_SHARE = "control", 0.25
+AT_REST, _TURN_SHARE = "control", 0.25
 _POSE_FIELDS = ("pivot", "radius", "time", "path", "turn")
 
 
@@ -111,7 +111,7 @@ class OptimizerOptions(eqx.Module):
 
 class CaptureScale(NamedTuple):
     """Units in which Gaussians learn: the distance of neighbouring pixels at each of them, by kind
-    (`pixel_spacing`), and at each control point that began at rest (`CONTROL`), the extent of the
+    (`pixel_spacing`), and at each control point that began at rest (`AT_REST`), the extent of the
     cameras, and the time from one frame to the next."""
 
     spacing: Mapping[str, Float[Array, " gaussians"]]
@@ -184,8 +184,8 @@ def rates(
         control = parameters.deformation.control
         if control is not None:
             poses["control"] = options.control_path * extent, options.control_turn
-        if control is not None and CONTROL in spacing:
-            path = options.from_rest * spacing[CONTROL][:, None, None]
+        if control is not None and AT_REST in spacing:
+            path = options.from_rest * spacing[AT_REST][:, None, None]
             poses["control"] = path, _TURN_SHARE * path / control.radius[:, None, None]
         for part, (path, turn) in poses.items():
             deformation = eqx.tree_at(

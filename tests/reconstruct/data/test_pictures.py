@@ -104,6 +104,18 @@ def test_without_masks_all_counts(views):
     assert shown.visible(0) is None and shown.visible_tiles() is None
 
 
+def test_a_part_has_its_own_pictures_masks_and_cameras(views):
+    whole, chosen = footage(views, side=SIDE), np.array([2, 1])
+    part = whole.part(chosen)
+    np.testing.assert_array_equal(part.pictures(np.arange(2)), whole.pictures(chosen))
+    np.testing.assert_array_equal(part.masks(np.arange(2)), whole.masks(chosen))
+    np.testing.assert_array_equal(part.times, whole.times[chosen])
+    np.testing.assert_array_equal(part.viewpoints, whole.viewpoints[chosen])
+    place = np.asarray(whole.camera.trajectory.translation)[chosen]
+    np.testing.assert_array_equal(part.camera.trajectory.translation, place)
+    assert footage([views[0], views[2]], side=SIDE).part(chosen[:1] - 1).mask is None
+
+
 def test_one_float_file_makes_all_of_them_fractions(views, tmp_path):
     write_image(tmp_path / "a.exr", np.full((HEIGHT, WIDTH, 3), 0.25, np.float32), depth="float")
     fine = dataclasses.replace(views[2], image=tmp_path / "a.exr")

@@ -14,7 +14,11 @@ from gaussray.reconstruct.data.sampler import TileErrorState
 from gaussray.reconstruct.initialize.from_points import between, in_common_view, on_points
 from gaussray.reconstruct.optimize import learning_rates, optimizer
 from gaussray.reconstruct.optimize.checkpoint import load_checkpoint, save_checkpoint
-from gaussray.reconstruct.optimize.learning_rates import CaptureScale, OptimizerOptions
+from gaussray.reconstruct.optimize.learning_rates import (
+    AT_REST,
+    CaptureScale,
+    OptimizerOptions,
+)
 from gaussray.reconstruct.optimize.optimizer import Parameters, scene_of
 from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress, SavedSizes
@@ -72,6 +76,25 @@ def test_what_a_network_adds_to_means_is_learnt_in_proportion_to_the_extent(para
     none = dataclasses.replace(parameters.deformation, mean=None)
     moved = rate_at(dataclasses.replace(parameters, deformation=none), 0).deformation
     assert moved.mean is None and moved.scale[1].bias == OPTIONS.network
+
+
+def test_control_points_learn_in_pixels_if_they_began_at_rest(parameters):
+    points = toy.control_points()
+    moved = eqx.tree_at(lambda p: p.deformation, parameters, toy.deformation(control=points))
+    tracked = rate_at(moved, 0).deformation.control
+    np.testing.assert_allclose(tracked.path, OPTIONS.control_path * EXTENT, rtol=1e-6)
+    np.testing.assert_allclose(tracked.turn, OPTIONS.control_turn, rtol=1e-6)
+
+    pixels, scale = 0.1 * jnp.arange(1.0, 4), units(moved)
+    scale = scale._replace(spacing={**scale.spacing, AT_REST: pixels})
+    rate = rates(moved, jnp.asarray(0), options=OPTIONS, scale=scale, steps=100)
+    found = rate.deformation.control
+    path = OPTIONS.from_rest * np.asarray(pixels)
+    np.testing.assert_allclose(np.ravel(found.path), path, rtol=1e-6)
+    # What is one width away from the pivot moves by a quarter of that.
+    np.testing.assert_allclose(np.ravel(found.turn) * points.radius, path / 4, rtol=1e-6)
+    for name in ("pivot", "radius", "time"):
+        assert not np.any(getattr(found, name))
 
 
 def test_before_anything_moves_all_gaussians_learn_alike(parameters):
