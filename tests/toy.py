@@ -1,5 +1,6 @@
 """A tiny moving scene, and the paired capture that four cameras make of it."""
 
+import contextlib
 from pathlib import Path
 
 import equinox as eqx
@@ -17,6 +18,7 @@ from gaussray.dataset.images import write_image
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.geometry import quaternion
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
+from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.options import FitOptions
 from gaussray.reconstruct.pipeline import ReconstructOptions
@@ -256,3 +258,33 @@ def overrides(options: eqx.Module) -> list[str]:
         for group, chosen in vars(options).items()
         for name, value in vars(chosen).items()
     ]
+
+
+def arrays(out: Path) -> dict[str, np.ndarray]:
+    """What a run has stored."""
+    with open(out / "scene.npz", "rb") as raw, np.load(raw) as file:
+        return {name: file[name] for name in file.files}
+
+
+def same_bytes(one: Path, two: Path) -> None:
+    """Demand that two runs have stored the same."""
+    first, second = arrays(one), arrays(two)
+    assert first.keys() == second.keys()
+    for name, array in first.items():
+        np.testing.assert_array_equal(array, second[name], err_msg=name)
+
+
+@contextlib.contextmanager
+def stopped_after(monkeypatch, name: str, calls: int):
+    """A run is interrupted after so many calls of this method of its log."""
+    method, count = getattr(RunLog, name), []
+
+    def stop(self, *arguments):
+        method(self, *arguments)
+        count.append(1)
+        if len(count) == calls:
+            raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(RunLog, name, stop)
+        yield

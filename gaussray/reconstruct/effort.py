@@ -131,8 +131,8 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
     transient Gaussians, which as many cameras help to follow surfaces (control points). Where most
     times have a single picture, transient Gaussians suit a camera that moves along a path; one that
     jumps from place to place needs Gaussians that all times share, on control points that begin at
-    rest. That nothing moves, the user alone knows: of a camera on its way each
-    picture shows what others do not.
+    rest. That nothing moves, the user alone knows: of a camera on its way each picture shows what
+    others do not.
 
     Args:
         capture: the capture, of which training views and points count.
@@ -156,12 +156,8 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
         return (brief, "deformation") if several and stereo else (brief,)
     _, at_once = np.unique([view.time for view in views], return_counts=True)
 
-    def mostly(pictures: int) -> bool:
-        return 2 * int(np.sum(at_once >= pictures)) > len(at_once)
-
-    if mostly(CAMERAS) and machine.gpu:
-        return ("control_points",)
-    return ("transient",)
+    many = 2 * int(np.sum(at_once >= CAMERAS)) > len(at_once)
+    return ("control_points",) if many and machine.gpu else ("transient",)
 
 
 def _still_cameras(views: Sequence[View]) -> int:

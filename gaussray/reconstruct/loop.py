@@ -58,7 +58,7 @@ def run_stage(
     sizes: BlockSizes | None = None
     views, cameras = everywhere((session.footage.camera, session.cameras), session.mesh)
     state, score = agreed(state), _held_out_score(session, stage, views, cameras)
-    for done, batches in loader.blocks(stage, int(state.step), plan.most, fit.block):
+    for done, batches in loader.blocks(stage, int(state.step), plan, fit.block):
         if sizes is None:
             sizes = _known_sizes(session, stage, state, progress)
             sizes = sizes or first_sizes(session, state, batches)
@@ -82,7 +82,9 @@ def run_stage(
         done += len(batches.time)
         log.record(progress, done, terms, count)
         bar.report(done, f"{psnr_from_mse(terms['mse'], least=LEAST_MSE):.2f} dB")
-        if plan.after_block(done, score and partial(score, state, sizes)):
+        # Before all times are seen, tiles of the others tell nothing.
+        told = score if loader.sees_all(stage, done / plan.steps) else None
+        if plan.after_block(done, told and partial(told, state, sizes)):
             bar.change_total(plan.steps)
             progress = plan.noted(progress)
             _say_stopped(session, plan, done)

@@ -154,7 +154,7 @@ def _control_points_at_rest(session: Session, moving: Unconstrained) -> ControlP
     knots = int(np.clip(pictures / _PICTURES_OF_A_POSE, 2, len(session.times)))
     times = np.linspace(session.times[0], session.times[-1], knots)
     count = _CONTROL_GPU if jax.default_backend() == "gpu" else _CONTROL_CPU
-    return resting_control_points(position, times, count=count, seed=session.options.fit.seed)
+    return resting_control_points(position, times, count=count)
 
 
 def _with_followers(

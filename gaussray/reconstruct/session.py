@@ -42,9 +42,9 @@ from gaussray.tracer.bundle import FAN
 from gaussray.tracer.shard import mesh_of_hosts
 
 
-# Where control points begin at rest: times that the first steps see at least, and steps of the fine
-# stage for each time until all are seen.
-_LEAST_TIMES, _STEPS_A_TIME = 12, 6
+# Where control points begin at rest: times that the first steps see at least, and the share of the
+# fine stage after which all are seen.
+_LEAST_TIMES, _GROWN = 12, 0.6
 
 
 class Session:
@@ -156,7 +156,7 @@ class Session:
         several = int(np.sum(times == times.min())) > 1
         if self.at_rest:
             anchor = first if several or self.later else (first + last) / 2
-            return GrowingWindow(anchor, self.options.fit.window, _LEAST_TIMES, _STEPS_A_TIME)
+            return GrowingWindow(anchor, self.options.fit.window, _LEAST_TIMES, _GROWN)
         return GrowingWindow(first) if several and not self.still_first else None
 
     @property
@@ -169,8 +169,8 @@ class Session:
         """The points on which the first Gaussians of the capture stand."""
         report, seen, window = self.progress_report("stereo"), self.footage, self.loader.window
         if self.at_rest and window is not None:
-            # Of other times, things would be elsewhere.
-            times = self.times[window.among(self.times, "coarse", 0)]
+            # At other times, things are elsewhere.
+            times = self.times[window.among(self.times, "coarse", 0.0)]
             seen = seen.part(np.flatnonzero(np.isin(seen.times, times)))
         return self.shared.once(
             ("points", *self.points_key),

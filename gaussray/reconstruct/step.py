@@ -14,7 +14,7 @@ from gaussray.camera.array import CameraSet, pixel_spacing
 from gaussray.camera.camera import Camera
 from gaussray.reconstruct.data.batches import Batch
 from gaussray.reconstruct.optimize import relocation
-from gaussray.reconstruct.optimize.learning_rates import AT_REST, CaptureScale, rates
+from gaussray.reconstruct.optimize.learning_rates import CaptureScale, rates
 from gaussray.reconstruct.optimize.optimizer import descend, scene_of, with_costs_paid
 from gaussray.reconstruct.optimize.scale_bounds import scale_bounds, with_scale_bounds
 from gaussray.reconstruct.optimize.smooth_motion import spread_over_time
@@ -173,11 +173,10 @@ def train_block(
     # Once for the block: distances to the cameras hardly change within one.
     bounds = scale_bounds(state.parameters, cameras, options.footprint)
     kinds = state.parameters.kinds
-    places = {kind: free.mean for kind, free in kinds.items()}
-    deformation = state.parameters.deformation
+    spacing = {kind: pixel_spacing(cameras, free.mean) for kind, free in kinds.items()}
+    deformation, at_rest = state.parameters.deformation, None
     if options.at_rest and deformation is not None and deformation.control is not None:
-        places[AT_REST] = deformation.control.pivot
-    spacing = {kind: pixel_spacing(cameras, place) for kind, place in places.items()}
+        at_rest = pixel_spacing(cameras, deformation.control.pivot)
 
     def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)
@@ -196,7 +195,7 @@ def train_block(
             state.parameters,
             state.step,
             options=options.optimizer,
-            scale=CaptureScale(spacing, cameras.extent, cameras.interval),
+            scale=CaptureScale(spacing, cameras.extent, cameras.interval, at_rest),
             steps=schedule.steps,
             refine=options.refine,
             formed=options.formed,

@@ -9,8 +9,11 @@ import toy
 
 from gaussray.capture.formats.paired import read_capture
 from gaussray.reconstruct import session
+from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.options import FitOptions
 from gaussray.reconstruct.pipeline import reconstruct
+from gaussray.reconstruct.session import Session
+from gaussray.reconstruct.step_plan import StepPlan
 from gaussray.scene.store import load_scene
 
 
@@ -70,3 +73,30 @@ def test_first_points_are_those_of_a_short_while(capture, tmp_path, monkeypatch,
         reconstruct(replace(capture, views=views), tmp_path, options=options, quiet=True)
     want = np.float32(TIMES[first : first + 13])
     np.testing.assert_allclose(seen, want, rtol=1e-6)
+
+
+@pytest.mark.ci
+def test_an_interrupted_run_goes_on_to_the_same_bytes(capture, tmp_path, monkeypatch):
+    short = replace(FIT, coarse=20, fine=60, checkpoint=0.0)
+    options, one, two = replace(toy.SHORT, fit=short), tmp_path / "one", tmp_path / "two"
+    reconstruct(capture, one, options=options, quiet=True)
+    with pytest.raises(KeyboardInterrupt), toy.stopped_after(monkeypatch, "record", 3):
+        reconstruct(capture, two, options=options, quiet=True)
+    reconstruct(capture, two, options=options, resume=True, quiet=True)
+    toy.same_bytes(one, two)
+
+
+@pytest.mark.parametrize("cut", [False, True])
+def test_all_times_are_seen_in_the_last_steps_also_of_a_plan_that_is_cut(capture, tmp_path, cut):
+    log = RunLog(tmp_path, resume=False, interval=0.0)
+    loader = Session(capture, log, replace(toy.SHORT, fit=FIT), quiet=True).loader
+    plan, width = StepPlan(200), []
+    for done, batches in loader.blocks("fine", 0, plan, 20):
+        width.append(np.ptp(batches.time))
+        if cut and done == 20:
+            plan.steps = 100
+        if done + 20 >= plan.steps:
+            break
+    assert len(width) == (5 if cut else 10)
+    # At first half of the times; in the end all, of which 20 steps draw some.
+    assert width[0] <= 0.5 and width[-1] > 0.7

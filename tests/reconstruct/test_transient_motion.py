@@ -1,6 +1,5 @@
 """fit.motion=transient and control_points: what moves is learnt; a run can be interrupted."""
 
-import contextlib
 import itertools
 import json
 from dataclasses import replace
@@ -10,14 +9,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import toy
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.reconstruct import motion
 from gaussray.reconstruct.initialize.stereo.from_pictures import MovingPoints
 from gaussray.reconstruct.initialize.stereo.points import StereoPoints
-from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.options import FitOptions
 from gaussray.reconstruct.pipeline import reconstruct
@@ -72,34 +70,6 @@ def capture(tmp_path_factory, known_sizes):
     return read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
 
 
-def arrays(out):
-    with open(out / "scene.npz", "rb") as raw, np.load(raw) as file:
-        return {name: file[name] for name in file.files}
-
-
-def same_bytes(one, two):
-    first, second = arrays(one), arrays(two)
-    assert first.keys() == second.keys()
-    for name, array in first.items():
-        assert_array_equal(array, second[name], err_msg=name)
-
-
-@contextlib.contextmanager
-def stopped_after(monkeypatch, name, calls):
-    """A run is interrupted after so many calls of this method of its log."""
-    method, count = getattr(RunLog, name), []
-
-    def stop(self, *arguments):
-        method(self, *arguments)
-        count.append(1)
-        if len(count) == calls:
-            raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(RunLog, name, stop)
-        yield
-
-
 @pytest.mark.ci
 def test_what_moves_is_learnt_and_an_interrupted_run_goes_on_to_the_same_bytes(
     capture, tmp_path, monkeypatch
@@ -117,10 +87,10 @@ def test_what_moves_is_learnt_and_an_interrupted_run_goes_on_to_the_same_bytes(
     assert float(jnp.min(transient.lifetime)) >= 0.25 - 1e-3
     assert float(jnp.std(transient.harmonics)) > 0.1
 
-    with pytest.raises(KeyboardInterrupt), stopped_after(monkeypatch, "record", 4):
+    with pytest.raises(KeyboardInterrupt), toy.stopped_after(monkeypatch, "record", 4):
         reconstruct(capture, two, options=OPTIONS, quiet=True)
     reconstruct(capture, two, options=OPTIONS, resume=True, quiet=True)
-    same_bytes(one, two)
+    toy.same_bytes(one, two)
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +124,7 @@ def test_where_cameras_move_what_stands_still_is_fitted_first(
     assert len(asked) == 9 and any(mask.any() for mask in asked)
     assert load_scene(one).transient is not None
 
-    with pytest.raises(KeyboardInterrupt), stopped_after(monkeypatch, "save_in_time", 8):
+    with pytest.raises(KeyboardInterrupt), toy.stopped_after(monkeypatch, "save_in_time", 8):
         reconstruct(from_moving_cameras, two, options=options, quiet=True)
     reconstruct(from_moving_cameras, two, options=options, resume=True, quiet=True)
     assert (one / "scene.npz").read_bytes() == (two / "scene.npz").read_bytes()
@@ -226,10 +196,10 @@ def test_gaussians_follow_control_points_and_an_interrupted_run_goes_on_to_the_s
     own = np.argmin(np.linalg.norm(pivot[:, None] - first[None], axis=-1), axis=1)
     assert_allclose(np.median(path[:, -1] - (last - first)[own], axis=0), 0, atol=NEAR)
 
-    with pytest.raises(KeyboardInterrupt), stopped_after(monkeypatch, "record", 3):
+    with pytest.raises(KeyboardInterrupt), toy.stopped_after(monkeypatch, "record", 3):
         reconstruct(capture, two, options=CONTROL, quiet=True)
     reconstruct(capture, two, options=CONTROL, resume=True, quiet=True)
-    same_bytes(one, two)
+    toy.same_bytes(one, two)
 
 
 @pytest.mark.ci
@@ -249,10 +219,10 @@ def test_where_cameras_move_gaussians_on_the_first_points_follow_control_points(
     away = np.linalg.norm(np.asarray(scene.moving.mean)[:, None] - bodies, axis=-1).min(axis=1)
     assert scene.moving.count >= 12 and np.median(away) < FAR
 
-    with pytest.raises(KeyboardInterrupt), stopped_after(monkeypatch, "record", 4):
+    with pytest.raises(KeyboardInterrupt), toy.stopped_after(monkeypatch, "record", 4):
         reconstruct(from_moving_cameras, two, options=options, quiet=True)
     reconstruct(from_moving_cameras, two, options=options, resume=True, quiet=True)
-    same_bytes(one, two)
+    toy.same_bytes(one, two)
 
 
 @pytest.mark.parametrize("rig", ["capture", "from_moving_cameras"])

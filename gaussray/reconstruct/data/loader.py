@@ -11,6 +11,7 @@ from gaussray.reconstruct.data.batches import Batch, gather
 from gaussray.reconstruct.data.motion_mask import Activity
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.sampler import Sampler, TileErrors, TileErrorState
+from gaussray.reconstruct.step_plan import StepPlan
 
 
 class GrowingWindow(NamedTuple):
@@ -23,27 +24,27 @@ class GrowingWindow(NamedTuple):
         anchor: the time around which steps look first.
         share: of the capture's time, that is seen at first.
         least: times that are seen at least.
-        steps: steps of the fine stage for each time until all times are seen.
+        grown: share of the fine stage after which all times are seen.
     """
 
     anchor: float
     share: float = 0.0
     least: int = 1
-    steps: int = 0
+    grown: float = 0.0
 
     def among(
-        self, times: Float[np.ndarray, " instants"], stage: str, done: int
+        self, times: Float[np.ndarray, " instants"], stage: str, passed: float
     ) -> Int[np.ndarray, " seen"]:
         """Which of the times a step may see.
 
         Args:
             times: all times, increasing.
             stage: coarse or fine.
-            done: steps of the stage before this one.
+            passed: share of the stage before this step.
         """
-        growth = self.steps * len(times)
-        grown = min(done / growth, 1.0) if growth else 1.0
-        share = self.share + (1 - self.share) * grown if stage == "fine" else self.share
+        share = self.share
+        if stage == "fine":
+            share = 1.0 if passed >= self.grown else share + (1 - share) * passed / self.grown
         away = np.abs(times - self.anchor)
         least = np.sort(away)[min(self.least, len(times)) - 1]
         return np.flatnonzero(away <= max(share * away.max(), least))
@@ -93,24 +94,27 @@ class Loader:
             errors=self.errors,
         )
 
-    def batches(self, stage: str, done: int, size: int) -> Batch:
+    def batches(self, stage: str, done: int, size: int, passed: float = 1.0) -> Batch:
         """The tiles of a block of steps.
 
         Args:
             stage: coarse or fine.
             done: steps of the stage before the block; also seeds the draw.
             size: steps of the block.
+            passed: share of the stage before the block, which decides how far the window is.
         """
         dice = np.random.default_rng([self.seed, stage == "fine", done])
         among = self.sampler.instants
         if self.window is not None:
-            among = among[self.window.among(self.sampler.times[among], stage, done)]
+            among = among[self.window.among(self.sampler.times[among], stage, passed)]
         instant = among[dice.integers(len(among), size=size)]
         frame, tile = self.sampler.draw(instant, dice)
         time = self.sampler.times[instant].astype(self.footage.times.dtype)
         return gather(self.footage, frame, tile, time)
 
-    def blocks(self, stage: str, done: int, steps: int, block: int) -> Iterator[tuple[int, Batch]]:
+    def blocks(
+        self, stage: str, done: int, plan: StepPlan, block: int
+    ) -> Iterator[tuple[int, Batch]]:
         """The blocks that are left of a stage, and the number of steps before each.
 
         A thread prepares the next block; its errors are raised here.
@@ -118,14 +122,19 @@ class Loader:
         Args:
             stage: coarse or fine.
             done: steps of the stage that are done already.
-            steps: steps of the whole stage.
+            plan: steps of the stage, at most and as planned now.
             block: steps of a block; the last block may be shorter.
         """
+        steps = plan.most
+
+        def drawn(at: int) -> Batch:
+            return self.batches(stage, at, sizes[at], at / max(plan.steps, 1))
+
         sizes = {at: min(block, steps - at) for at in range(done, steps, block)}
         ahead = None
         with ThreadPoolExecutor(1) as thread:
             for at, size in sizes.items():
-                batches = ahead.result() if ahead else self.batches(stage, at, size)
+                batches = ahead.result() if ahead else drawn(at)
                 # Only now: this block was drawn without the errors of the last one, and a resumed
                 # run must draw it the same way.
                 if self.errors is not None:
@@ -133,8 +142,17 @@ class Loader:
                 after = at + size
                 ahead = None
                 if after in sizes:
-                    ahead = thread.submit(self.batches, stage, after, sizes[after])
+                    ahead = thread.submit(drawn, after)
                 yield at, batches
+
+    def sees_all(self, stage: str, passed: float) -> bool:
+        """Whether steps see all times.
+
+        Args:
+            stage: coarse or fine.
+            passed: share of the stage before them.
+        """
+        return self.window is None or (stage == "fine" and passed >= self.window.grown)
 
     def note_errors(self, batches: Batch, error: np.ndarray) -> None:
         """Note the errors of a block's tiles; they count from the next block but one on.

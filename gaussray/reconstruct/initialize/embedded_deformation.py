@@ -137,7 +137,7 @@ def control_graph(position: Float[np.ndarray, "points 3"], count: int) -> Contro
         count: the number of control points with the missing rows; at most every second point
             becomes one.
     """
-    pivot = position[_spread_out(position, min(count, len(position) // 2))]
+    pivot = position[spread_out(position, min(count, len(position) // 2))]
     away, beside = (np.asarray(x) for x in KDTree(pivot).query(pivot, k=_NEIGHBOURS + 1))
     # In gaps: points at one place must not make it 0.
     radius = np.maximum(_WIDTH * away[:, 3], 0.1)
@@ -209,8 +209,13 @@ def _held(
     return near, weight / weight.sum(axis=1, keepdims=True)
 
 
-def _spread_out(position: Float[np.ndarray, "n 3"], count: int) -> Int[np.ndarray, " count"]:
-    """Some of the points, each as far as possible from those before it."""
+def spread_out(position: Float[np.ndarray, "n 3"], count: int) -> Int[np.ndarray, " count"]:
+    """Some of the points, each as far as possible from those before it.
+
+    Args:
+        position: the points, at least as many as are wanted.
+        count: how many are wanted.
+    """
     chosen, away = [len(position) // 2], np.full(len(position), np.inf)
     for _ in range(count - 1):
         step = position - position[chosen[-1]]

@@ -17,9 +17,9 @@ from gaussray.scene.transient import UnconstrainedTransients
 
 # A smaller rate of means would move nothing: it was meant in other units.
 _LEAST_PIXELS = 0.002
-# The key of control points that began at rest among the kinds of Gaussians, and the share of the
-# rate of their paths by which their rotations move what is one width away.
-AT_REST, _TURN_SHARE = "control", 0.25
+# Rotations of control points that began at rest move what is one width away by this share of the
+# rate of their paths.
+_TURN_SHARE = 0.25
 _POSE_FIELDS = ("pivot", "radius", "time", "path", "turn")
 
 
@@ -111,12 +111,13 @@ class OptimizerOptions(eqx.Module):
 
 class CaptureScale(NamedTuple):
     """Units in which Gaussians learn: the distance of neighbouring pixels at each of them, by kind
-    (`pixel_spacing`), and at each control point that began at rest (`AT_REST`), the extent of the
-    cameras, and the time from one frame to the next."""
+    (`pixel_spacing`), the extent of the cameras, the time from one frame to the next, and the
+    distance of neighbouring pixels at each control point, if these began at rest."""
 
     spacing: Mapping[str, Float[Array, " gaussians"]]
     extent: float | Float[Array, ""]
     interval: float | Float[Array, ""] = 1.0
+    at_rest: Float[Array, " points"] | None = None
 
 
 def rates(
@@ -143,7 +144,7 @@ def rates(
             with which its stage ended.
         rise: harmonics of degree n have rate 0 for the first n x `rise` steps.
     """
-    spacing, extent, interval = scale
+    spacing, extent, interval, at_rest = scale
     steps = jnp.maximum(steps, 1)
     fall = options.decay ** (step / steps)
 
@@ -184,8 +185,8 @@ def rates(
         control = parameters.deformation.control
         if control is not None:
             poses["control"] = options.control_path * extent, options.control_turn
-        if control is not None and AT_REST in spacing:
-            path = options.from_rest * spacing[AT_REST][:, None, None]
+        if control is not None and at_rest is not None:
+            path = options.from_rest * at_rest[:, None, None]
             poses["control"] = path, _TURN_SHARE * path / control.radius[:, None, None]
         for part, (path, turn) in poses.items():
             deformation = eqx.tree_at(

@@ -20,7 +20,7 @@ def cloud():
 
 
 def test_nothing_moves_at_any_time(cloud):
-    found = resting_control_points(cloud, TIMES, count=20, seed=0)
+    found = resting_control_points(cloud, TIMES, count=20)
     place = found.pivot[:7] + 0.1
     for time in (-1.0, 0.0, 0.3, 2.0):
         path, turn = motion(found, place, np.float32(time))
@@ -29,7 +29,7 @@ def test_nothing_moves_at_any_time(cloud):
 
 
 def test_each_next_one_is_the_farthest_of_all(cloud):
-    pivot = np.asarray(resting_control_points(cloud, TIMES, count=20, seed=1).pivot, float)
+    pivot = np.asarray(resting_control_points(cloud, TIMES, count=20).pivot, float)
     for k in range(1, 20):
         away = np.linalg.norm(cloud[:, None] - pivot[None, :k], axis=-1).min(axis=1)
         mine = np.linalg.norm(pivot[k] - pivot[:k], axis=-1).min()
@@ -38,7 +38,7 @@ def test_each_next_one_is_the_farthest_of_all(cloud):
 
 
 def test_the_width_is_the_mean_distance_of_three_neighbours(cloud):
-    found = resting_control_points(cloud, TIMES, count=20, seed=2)
+    found = resting_control_points(cloud, TIMES, count=20)
     pivot = np.asarray(found.pivot)
     away = np.sort(np.linalg.norm(pivot[:, None] - pivot[None], axis=-1), axis=1)
     np.testing.assert_allclose(found.radius, away[:, 1:4].mean(axis=1), rtol=1e-5)
@@ -46,6 +46,6 @@ def test_the_width_is_the_mean_distance_of_three_neighbours(cloud):
 
 @pytest.mark.parametrize("points", [1, 2, 3])
 def test_few_points_are_all_control_points_with_widths_above_0(cloud, points):
-    found = resting_control_points(cloud[:points], TIMES, count=20, seed=0)
+    found = resting_control_points(cloud[:points], TIMES, count=20)
     assert found.pivot.shape == (points, 3) and found.path.shape == (points, 5, 3)
     assert float(found.radius.min()) > 0

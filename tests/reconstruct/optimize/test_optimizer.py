@@ -14,11 +14,7 @@ from gaussray.reconstruct.data.sampler import TileErrorState
 from gaussray.reconstruct.initialize.from_points import between, in_common_view, on_points
 from gaussray.reconstruct.optimize import learning_rates, optimizer
 from gaussray.reconstruct.optimize.checkpoint import load_checkpoint, save_checkpoint
-from gaussray.reconstruct.optimize.learning_rates import (
-    AT_REST,
-    CaptureScale,
-    OptimizerOptions,
-)
+from gaussray.reconstruct.optimize.learning_rates import CaptureScale, OptimizerOptions
 from gaussray.reconstruct.optimize.optimizer import Parameters, scene_of
 from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress, SavedSizes
@@ -86,7 +82,7 @@ def test_control_points_learn_in_pixels_if_they_began_at_rest(parameters):
     np.testing.assert_allclose(tracked.turn, OPTIONS.control_turn, rtol=1e-6)
 
     pixels, scale = 0.1 * jnp.arange(1.0, 4), units(moved)
-    scale = scale._replace(spacing={**scale.spacing, AT_REST: pixels})
+    scale = scale._replace(at_rest=pixels)
     rate = rates(moved, jnp.asarray(0), options=OPTIONS, scale=scale, steps=100)
     found = rate.deformation.control
     path = OPTIONS.from_rest * np.asarray(pixels)
