@@ -244,10 +244,10 @@ def test_drawing_by_error_goes_on_after_an_interruption_to_the_same_bytes(
 def test_an_error_while_a_block_is_prepared_reaches_the_caller(capture, tmp_path, monkeypatch):
     batches = Loader.batches
 
-    def fails(self, stage, done, size):
+    def fails(self, stage, done, *rest):
         if done:
             raise OSError("the disk is gone")
-        return batches(self, stage, done, size)
+        return batches(self, stage, done, *rest)
 
     monkeypatch.setattr(Loader, "batches", fails)
     with pytest.raises(OSError, match="the disk is gone"):

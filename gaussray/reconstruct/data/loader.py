@@ -152,7 +152,8 @@ class Loader:
             stage: coarse or fine.
             passed: share of the stage before them.
         """
-        return self.window is None or (stage == "fine" and passed >= self.window.grown)
+        times = self.sampler.times
+        return self.window is None or len(self.window.among(times, stage, passed)) == len(times)
 
     def note_errors(self, batches: Batch, error: np.ndarray) -> None:
         """Note the errors of a block's tiles; they count from the next block but one on.
