@@ -156,7 +156,7 @@ def _rays(
 
     rays = jax.vmap(sample)(u)
     direction = jnp.where(weight[None, :, None] > 0, rays.direction, 0)
-    return Rays(rays.origin, direction, rays.time)
+    return dataclasses.replace(rays, direction=direction, weight=None)
 
 
 def _motion(scene: Scene, rays: Rays, keys: int) -> Motion:

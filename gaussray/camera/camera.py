@@ -43,9 +43,11 @@ class Camera(eqx.Module):
         time: The frame's own time, in the capture's unit.
         chromatic: Magnifications of red, green and blue about the optical axis
             (`chromatic.reference_pixel`); None is no chromatic aberration.
+        clip_start: Nothing nearer than this along a ray is seen, in scene units; None is 0.
 
     Raises:
-        ValueError: If a part is of another type, or a magnification is not above 0.
+        ValueError: If a part is of another type, a magnification is not above 0, or `clip_start`
+            is negative.
     """
 
     film: Film = eqx.field(converter=_film)
@@ -56,6 +58,9 @@ class Camera(eqx.Module):
     time: Float[Array, ""] = eqx.field(default=0.0, converter=number("camera.time"))
     chromatic: Float[Array, "3"] | None = eqx.field(
         default=None, converter=optional(vector("camera.chromatic", 3))
+    )
+    clip_start: Float[Array, ""] | None = eqx.field(
+        default=None, converter=optional(number("camera.clip_start"))
     )
 
     def __check_init__(self):
@@ -69,6 +74,9 @@ class Camera(eqx.Module):
         if self.chromatic is not None:
             rule = "above 0"
             require("chromatic", self.chromatic, lambda m: np.isfinite(m) & (m > 0), rule)
+        if self.clip_start is not None:
+            rule = "at least 0"
+            require("clip_start", self.clip_start, lambda x: np.isfinite(x) & (x >= 0), rule)
 
     def __repr__(self) -> str:
         return readable(self)
@@ -115,7 +123,8 @@ def camera_ray(
     origin, direction = thin_lens(aperture, chief, u[2:4])
     weight = transmitted(aperture, chief, u[2:4])
     world_from_camera = pose_at(camera.trajectory, time)
-    return Rays(world_from_camera.apply(origin), world_from_camera.rotate(direction), time, weight)
+    origin, direction = world_from_camera.apply(origin), world_from_camera.rotate(direction)
+    return Rays(origin, direction, time, weight, camera.clip_start)
 
 
 def camera_rays(

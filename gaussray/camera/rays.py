@@ -1,5 +1,7 @@
 """Rays in world space."""
 
+import dataclasses
+
 import equinox as eqx
 from jaxtyping import Array, Float
 
@@ -15,6 +17,7 @@ class Rays(eqx.Module):
             direction zero and hits nothing.
         time: In the capture's unit.
         weight: Factor of the light of each ray (gaussray.camera.aperture.transmitted); None is 1.
+        start: Distance from the origin at which each ray begins to see, in scene units; None is 0.
     """
 
     origin: Float[Array, "*rays 3"] = eqx.field(converter=rows("rays.origin", 3))
@@ -23,6 +26,17 @@ class Rays(eqx.Module):
     weight: Float[Array, "*rays"] | None = eqx.field(
         default=None, converter=optional(vector("rays.weight"))
     )
+    start: Float[Array, "*rays"] | None = eqx.field(
+        default=None, converter=optional(vector("rays.start"))
+    )
 
     def __repr__(self) -> str:
         return readable(self)
+
+
+def moved_to_start(rays: Rays) -> Rays:
+    """The same rays with their origins where they begin to see: `start` is None."""
+    if rays.start is None:
+        return rays
+    origin = rays.origin + rays.start[..., None] * rays.direction
+    return dataclasses.replace(rays, origin=origin, start=None)

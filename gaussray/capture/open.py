@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import DTypeLike
 
 from gaussray.capture.capture import Capture, View
+from gaussray.capture.clip_start import with_clip_starts
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.colmap import read_colmap
 from gaussray.capture.formats.colmap_files import PLACES, model_folder, project_folder
@@ -88,7 +89,9 @@ def open_capture(
 
     effects = {name: with_background(views) for name, views in capture.effects.items()}
     capture = dataclasses.replace(capture, views=with_background(capture.views), effects=effects)
-    capture = selected(at_stored_sizes(capture), selection or Selection())
+    selection = selection or Selection()
+    capture = selected(at_stored_sizes(capture), selection)
+    capture = with_clip_starts(capture, selection.clip_start)
     _warn_of_trained_tests(capture)
     return capture
 

@@ -33,6 +33,8 @@ class Selection(eqx.Module):
             leaves the choice to the format.
         missing: frames whose picture does not exist are left out (`skip`, with a warning that
             counts them) or refused (`error`).
+        clip_start: nothing nearer to a camera is seen (`Camera.clip_start`), in scene units; None
+            is what the files say, and where they do not, `clip_start.with_clip_starts`.
     """
 
     frames: tuple = eqx.field(static=True, default=())
@@ -40,6 +42,7 @@ class Selection(eqx.Module):
     scale: float = eqx.field(static=True, default=1.0)
     test: tuple[str, ...] = eqx.field(static=True, default=("auto",))
     missing: str = eqx.field(static=True, default="skip")
+    clip_start: float | None = eqx.field(static=True, default=None)
 
     def __check_init__(self):
         rule = "[] (all) or three whole numbers: first, last, step (at least 1)"
@@ -54,6 +57,8 @@ class Selection(eqx.Module):
             raise _error("test", "a list of cameras' names", self.test)
         if self.missing not in MISSING:
             raise _error("missing", f"one of {', '.join(MISSING)}", repr(self.missing))
+        if self.clip_start is not None and not 0 <= self.clip_start < np.inf:
+            raise _error("clip_start", "null or a number of at least 0", self.clip_start)
 
 
 def selected(capture: Capture, selection: Selection) -> Capture:

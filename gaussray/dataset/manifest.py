@@ -144,6 +144,8 @@ def manifest_entry(view: FrameRecord) -> ManifestEntry:
         "trajectory": _trajectory(camera.trajectory),
     }
     frame |= {key: block for key, block in blocks.items() if block is not None}
+    if camera.clip_start is not None:
+        frame["clip_start"] = json_numbers(camera.clip_start)
     if view.effect != "pinhole" or len(frame.keys() & {"lens", *blocks}):
         frame["effect"] = view.effect
     for key in ("samples", "mask_path", "depth_file_path", "labels"):

@@ -83,7 +83,7 @@ def run_stage(
         log.record(progress, done, terms, count)
         bar.report(done, f"{psnr_from_mse(terms['mse'], least=LEAST_MSE):.2f} dB")
         # Before all times are seen, tiles of the others tell nothing.
-        told = score if loader.sees_all(stage, done / plan.steps) else None
+        told = score if loader.sees_all(stage, done, plan.steps) else None
         if plan.after_block(done, told and partial(told, state, sizes)):
             bar.change_total(plan.steps)
             progress = plan.noted(progress)

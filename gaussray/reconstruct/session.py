@@ -170,7 +170,7 @@ class Session:
         report, seen, window = self.progress_report("stereo"), self.footage, self.loader.window
         if self.at_rest and window is not None:
             # At other times, things are elsewhere.
-            times = self.times[window.among(self.times, "coarse", 0.0)]
+            times = self.times[window.among(self.times, "coarse", 0, 0)]
             seen = seen.part(np.flatnonzero(np.isin(seen.times, times)))
         return self.shared.once(
             ("points", *self.points_key),

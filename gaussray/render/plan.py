@@ -200,8 +200,8 @@ def flat_rays(rays: Rays) -> Rays:
     def flat(x: Array, *trailing: int) -> Array:
         return x.reshape(-1, *trailing)
 
-    weight = None if rays.weight is None else flat(rays.weight)
-    return Rays(flat(rays.origin, 3), flat(rays.direction, 3), flat(rays.time), weight)
+    more = (None if x is None else flat(x) for x in (rays.weight, rays.start))
+    return Rays(flat(rays.origin, 3), flat(rays.direction, 3), flat(rays.time), *more)
 
 
 def strip_tops(height: int, rows: int) -> list[int]:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from gaussray.camera.rays import Rays
+from gaussray.camera.rays import Rays, moved_to_start
 from gaussray.tracer.bundle import split_into_bundles
 from gaussray.tracer.k_nearest import nearest_hits, slot_mask, sort_key
 from gaussray.tracer.response import opacity_on_ray, reach_radius
@@ -59,7 +59,7 @@ def dominant(
     count = rays.time.shape[0]
     layout = table_columns(scene.motion)
     rows = gaussian_table(scene.motion)[:, : layout.opacity + 1]
-    lanes = ray_lanes(scene.motion, split_into_bundles(rays, options))
+    lanes = ray_lanes(scene.motion, split_into_bundles(moved_to_start(rays), options))
     # Bundles come first, and a ray meets several Gaussians at once.
     lanes = jax.tree.map(lambda x: jnp.moveaxis(x, 1, 0)[:, :, None], lanes)
     walk = partial(_walk, rows, layout, lists.index, options=options, slots=slots)

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 from jax.typing import DTypeLike
 from jaxtyping import Array, Float, Int
 
-from gaussray.camera.rays import Rays
+from gaussray.camera.rays import Rays, moved_to_start
 from gaussray.tracer import kernel
 from gaussray.tracer.bundle import bounds_of_levels, split_into_bundles
 from gaussray.tracer.composite import Pixels
@@ -84,7 +84,7 @@ def _trace_kernel(
 ) -> tuple[Pixels, Report]:
     samples, count = rays.time.shape
     stage, strips = kernel.stage_and_strips(
-        scene.motion, rays, scene.span, options=options, slots=capacity.slots
+        scene.motion, moved_to_start(rays), scene.span, options=options, slots=capacity.slots
     )
 
     def one(strip: kernel.Strip):
@@ -99,7 +99,19 @@ def _trace_kernel(
     needed, dropped = scene.with_transient_count(jnp.max(needed, axis=0), jnp.sum(dropped))
     report = Report(needed, dropped, scene.skipped_count(stage.skipped), jnp.sum(hits))
     color = lit(scene.motion, sums[..., :3], rays.time)
-    return Pixels(color, transmittance, sums[..., 3]), report
+    return from_origin(Pixels(color, transmittance, sums[..., 3]), rays), report
+
+
+def from_origin(pixels: Pixels, rays: Rays) -> Pixels:
+    """Pixels of rays that were traced from their `start`, with distances from their origins.
+
+    Args:
+        pixels: what was traced.
+        rays: the rays.
+    """
+    if rays.start is None:
+        return pixels
+    return replace(pixels, depth=pixels.depth + rays.start * (1 - pixels.transmittance))
 
 
 def total_hits(hits: Int[Array, "..."]) -> Float[Array, ""]:
@@ -153,7 +165,7 @@ def march_lists(
     def one(rays: Rays):
         channels, transmittance, hits = march_bundles(
             rows,
-            ray_lanes(motion, split_into_bundles(rays, options)),
+            ray_lanes(motion, split_into_bundles(moved_to_start(rays), options)),
             (lists.index, lists.start, lists.count),
             options,
             layout,
@@ -162,7 +174,7 @@ def march_lists(
         flat = channels.reshape(4, -1)[:, :count]
         color = lit(motion, flat[:3].T, rays.time)
         pixels = Pixels(color, transmittance.reshape(-1)[:count], flat[3])
-        return pixels, total_hits(hits)
+        return from_origin(pixels, rays), total_hits(hits)
 
     pixels, hits = map_leading(one, rays)
     return pixels, jnp.sum(hits)
@@ -216,7 +228,7 @@ def find_candidates(
         options: as for `trace`.
         capacity: as for `trace`.
     """
-    motion, rays = jax.lax.stop_gradient((motion, _with_sample_axis(rays)))
+    motion, rays = jax.lax.stop_gradient((motion, moved_to_start(_with_sample_axis(rays))))
     scene = prepare_for_rays(motion, rays, replace(options, backend="array"), capacity)
     levels = bounds_of_levels(rays, scene.motion.time, options)
     if not capacity.cells:
@@ -250,7 +262,7 @@ def _needed_sizes(
 ) -> tuple[Int[Array, " sizes"], Int[Array, ""]]:
     """The list sizes that scene and rays want, and how many entries find no place."""
     if on_kernel(options, rays.time.dtype):
-        rays = _with_sample_axis(rays)
+        rays = moved_to_start(_with_sample_axis(rays))
         scene = prepare_for_rays(motion, rays, options, capacity)
         stage, strips = kernel.stage_and_strips(
             scene.motion, rays, scene.span, options=options, slots=capacity.slots

@@ -57,7 +57,8 @@ def view_at(view: View, viewpoint: Viewpoint, size: tuple[int, int]) -> View:
     none = jax.tree.map(lambda x: x.astype(jnp.float32), no_aperture())
     time = jnp.asarray(viewpoint.time, jnp.float32)
     lens = pinhole(jnp.full(2, side[0]), side / 2)
-    camera = Camera(film, lens, none, Shutter(zero, zero, zero), trajectory_at(viewpoint), time)
+    path, shutter = trajectory_at(viewpoint), Shutter(zero, zero, zero)
+    camera = Camera(film, lens, none, shutter, path, time, clip_start=old.clip_start)
     named = {"camera_name": CAMERA_NAME, "split": "test", "time": viewpoint.time, "window": None}
     return dataclasses.replace(view, camera=camera, **named)
 

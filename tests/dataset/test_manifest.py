@@ -73,7 +73,14 @@ def path_of(poses, seed=0, **more):
 
 
 def camera(
-    lens="pinhole", aperture=None, shutter=None, poses=1, film=None, kind=jnp.float64, **path
+    lens="pinhole",
+    aperture=None,
+    shutter=None,
+    poses=1,
+    film=None,
+    clip_start=None,
+    kind=jnp.float64,
+    **path,
 ):
     made = Camera(
         film or Film(64, 48),
@@ -82,6 +89,7 @@ def camera(
         shutter or global_shutter(),
         path_of(poses, **path),
         jnp.array(0.24),
+        clip_start=clip_start,
     )
     return jax.tree.map(lambda leaf: leaf.astype(kind), made)
 
@@ -99,6 +107,7 @@ CAMERAS = {
     "shaken": {"shake": SHAKE},
     "all": {"aperture": CAT_EYE, "shutter": TABLE, "poses": 3, "shake": SHAKE},
     "box": {"film": Film(64, 48, "box", 1.0)},
+    "clipped": {"clip_start": jnp.array(0.3)},
     "everything": {"lens": "fisheye", "aperture": APERTURE, "shutter": SHUTTER, "poses": 3},
 }
 

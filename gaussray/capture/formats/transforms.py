@@ -36,6 +36,7 @@ from gaussray.io.safe.limits import within
 PINHOLE_FILE = "transforms.json"
 # Keys that a frame or, for all frames, the top level may have.
 _SHARED = {*INTRINSICS, *EFFECT_OF_BLOCK, "film", "effect", "samples", "color_space", "time_unit"}
+_SHARED |= {"clip_start"}
 _FRAME = {
     *("file_path", "transform_matrix", "time", "camera", "split"),
     *("mask_path", "depth_file_path", "labels"),
@@ -170,6 +171,7 @@ def _view(
         shutter=part("shutter", ("w", "h", "shutter"), lambda: read_shutter(keys, dtype)),
         trajectory=trajectory,
         time=shared(("time", time), lambda: to_device(time, dtype)),
+        clip_start=part("clip", ("clip_start",), lambda: _clip_start(keys, dtype)),
     )
     image = keys.inside("file_path")
     return View(
@@ -190,6 +192,15 @@ def _standing(pose: np.ndarray, rotation: np.ndarray, dtype: DTypeLike) -> Traje
     """The path of a camera that stands still."""
     place = to_device(pose[None, :, 3], dtype)
     return Trajectory(to_device([0.0], dtype), to_device(rotation[None]), place)
+
+
+def _clip_start(keys: Keys, dtype: DTypeLike) -> Any:
+    if not keys.has("clip_start"):
+        return None
+    start = keys.number("clip_start")
+    if start < 0:
+        raise keys.error("clip_start", "at least 0")
+    return to_device(start, dtype)
 
 
 def _label(keys: Keys) -> str:

@@ -25,26 +25,30 @@ class GrowingWindow(NamedTuple):
         share: of the capture's time, that is seen at first.
         least: times that are seen at least.
         grown: share of the fine stage after which all times are seen.
+        each: steps for each time, after which all are, if that is earlier.
     """
 
     anchor: float
     share: float = 0.0
     least: int = 1
     grown: float = 0.0
+    each: int = 6
 
     def among(
-        self, times: Float[np.ndarray, " instants"], stage: str, passed: float
+        self, times: Float[np.ndarray, " instants"], stage: str, done: int, planned: int
     ) -> Int[np.ndarray, " seen"]:
         """Which of the times a step may see.
 
         Args:
             times: all times, increasing.
             stage: coarse or fine.
-            passed: share of the stage before this step.
+            done: steps of the stage before this one.
+            planned: steps of the stage.
         """
         share = self.share
         if stage == "fine":
-            share = 1.0 if passed >= self.grown else share + (1 - share) * passed / self.grown
+            grown = min(self.grown * planned, self.each * len(times))
+            share = 1.0 if done >= grown else share + (1 - share) * done / grown
         away = np.abs(times - self.anchor)
         least = np.sort(away)[min(self.least, len(times)) - 1]
         return np.flatnonzero(away <= max(share * away.max(), least))
@@ -94,19 +98,19 @@ class Loader:
             errors=self.errors,
         )
 
-    def batches(self, stage: str, done: int, size: int, passed: float = 1.0) -> Batch:
+    def batches(self, stage: str, done: int, size: int, planned: int = 0) -> Batch:
         """The tiles of a block of steps.
 
         Args:
             stage: coarse or fine.
             done: steps of the stage before the block; also seeds the draw.
             size: steps of the block.
-            passed: share of the stage before the block, which decides how far the window is.
+            planned: steps of the stage, which decide how far the window is; 0: it has grown.
         """
         dice = np.random.default_rng([self.seed, stage == "fine", done])
         among = self.sampler.instants
         if self.window is not None:
-            among = among[self.window.among(self.sampler.times[among], stage, passed)]
+            among = among[self.window.among(self.sampler.times[among], stage, done, planned)]
         instant = among[dice.integers(len(among), size=size)]
         frame, tile = self.sampler.draw(instant, dice)
         time = self.sampler.times[instant].astype(self.footage.times.dtype)
@@ -128,7 +132,7 @@ class Loader:
         steps = plan.most
 
         def drawn(at: int) -> Batch:
-            return self.batches(stage, at, sizes[at], at / max(plan.steps, 1))
+            return self.batches(stage, at, sizes[at], plan.steps)
 
         sizes = {at: min(block, steps - at) for at in range(done, steps, block)}
         ahead = None
@@ -145,15 +149,18 @@ class Loader:
                     ahead = thread.submit(drawn, after)
                 yield at, batches
 
-    def sees_all(self, stage: str, passed: float) -> bool:
+    def sees_all(self, stage: str, done: int, planned: int) -> bool:
         """Whether steps see all times.
 
         Args:
             stage: coarse or fine.
-            passed: share of the stage before them.
+            done: steps of the stage before them.
+            planned: steps of the stage.
         """
         times = self.sampler.times
-        return self.window is None or len(self.window.among(times, stage, passed)) == len(times)
+        if self.window is None:
+            return True
+        return len(self.window.among(times, stage, done, planned)) == len(times)
 
     def note_errors(self, batches: Batch, error: np.ndarray) -> None:
         """Note the errors of a block's tiles; they count from the next block but one on.

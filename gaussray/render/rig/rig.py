@@ -79,6 +79,7 @@ def frame_records(
             build_shutter(camera, options.shutter, delays.get(name)),
             camera.trajectory,
             camera.time,
+            clip_start=camera.clip_start,
         )
         path = f"images/{effect}/{name}/{i:04d}.{format}"
         records.append(FrameRecord(path, built, name, split, effect, samples))

@@ -72,7 +72,8 @@ def move_cameras(
         path, times = _path(frames, options)
         base = _one_per_camera(frames)[0]
         parts = base.film, base.lens, base.aperture, base.shutter, path
-        moved = [("ride", "test", Camera(*parts, to_device(time))) for time in times]
+        clip = base.clip_start
+        moved = [("ride", "test", Camera(*parts, to_device(t), None, clip)) for t in times]
     if not options.shake_degrees and not options.shake_distance:
         return moved
     names = list(dict.fromkeys(name for name, _, _ in moved))

@@ -1,0 +1,74 @@
+"""How near to a camera the scene begins."""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from gaussray.camera.camera import Camera
+from gaussray.capture.capture import Capture, View
+from gaussray.io.plain_values import to_device
+
+
+# Of the distance to the nearest other camera. A camera's body is smaller, and what is nearer to it
+# hardly shows to two cameras.
+_SHARE = 0.1
+
+
+def with_clip_starts(capture: Capture, clip_start: float | None = None) -> Capture:
+    """The capture with `Camera.clip_start` for all cameras or for none.
+
+    Cameras that film together see one another. What they show of a camera is a body around its
+    lens, through which it would see nothing: it begins to see outside of it. That is a tenth of the
+    distance to the nearest other camera, for cameras that stand still in pictures of several times.
+
+    Args:
+        capture: The capture.
+        clip_start: Of all cameras, in scene units, whatever the files say; None is what the files
+            say, and 0 for other cameras of such files, or else that tenth.
+    """
+    views = [*capture.views, *(view for some in capture.effects.values() for view in some)]
+    if clip_start is not None:
+        clips = {view.camera_name: clip_start for view in views}
+    elif any(view.camera.clip_start is not None for view in views):
+        clips = dict.fromkeys((view.camera_name for view in views), 0.0)
+    else:
+        clips = _from_distances(capture.views)
+        if not clips:
+            return capture
+
+    def clipped(some: list[View]) -> list[View]:
+        return [dataclasses.replace(v, camera=_clipped(v, clips, clip_start)) for v in some]
+
+    effects = {name: clipped(some) for name, some in capture.effects.items()}
+    return dataclasses.replace(capture, views=clipped(capture.views), effects=effects)
+
+
+def _clipped(view: View, clips: dict[str, float], forced: float | None) -> Camera:
+    camera = view.camera
+    if forced is None and camera.clip_start is not None:
+        return camera
+    clip = to_device(clips.get(view.camera_name, 0.0), camera.time.dtype)
+    return dataclasses.replace(camera, clip_start=clip)
+
+
+def _from_distances(views: Sequence[View]) -> dict[str, float]:
+    """For each camera that stands still a share of the distance to the nearest other one."""
+    paths: dict[str, set[bytes]] = {}
+    times: dict[str, set[float]] = {}
+    places: dict[str, np.ndarray] = {}
+    for view in views:
+        name, path = view.camera_name, np.asarray(view.camera.trajectory.translation)
+        paths.setdefault(name, set()).add(path.tobytes())
+        times.setdefault(name, set()).add(view.time)
+        places[name] = path
+    still = [
+        name for name in places
+        if len(paths[name]) == 1 and len(places[name]) == 1 and len(times[name]) > 1
+    ]  # fmt: skip
+    if len(still) < 2:
+        return {}
+    place = np.concatenate([places[name] for name in still])
+    distance = np.linalg.norm(place[:, None] - place[None], axis=-1)
+    np.fill_diagonal(distance, np.inf)
+    return dict(zip(still, (_SHARE * distance.min(axis=1)).tolist(), strict=True))
