@@ -27,7 +27,7 @@ from gaussray.reconstruct.optimize.relocation import Presence
 from gaussray.scene.scene import Scene
 from gaussray.scene.transient import squared_age
 from gaussray.tracer.composite import Pixels
-from gaussray.tracer.motion import Motion, scene_motion
+from gaussray.tracer.motion import Motion, key_times_across, scene_motion
 from gaussray.tracer.seen import seen_part
 from gaussray.tracer.shard import trace_sharded
 from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity
@@ -272,11 +272,9 @@ def step_motion(scene: Scene, rays: Rays, time: Array, cameras: CameraSet, keys:
     """
     if keys == 1 or scene.deformation is None:
         return scene_motion(scene, time[None])
-    # Rays that happen to share one time still need an interval to be in.
-    first = jnp.min(rays.time)
-    last = jnp.maximum(jnp.max(rays.time), first + 1e-3 * cameras.interval)
-    key_time = jax.lax.stop_gradient(jnp.linspace(first, last, keys, dtype=first.dtype))
-    return scene_motion(scene, key_time)
+    first, last = jnp.min(rays.time), jnp.max(rays.time)
+    key_time = key_times_across(first, last, keys, least=1e-3 * cameras.interval)
+    return scene_motion(scene, jax.lax.stop_gradient(key_time))
 
 
 def _tile_errors(image: Array, truth: Array, weight: Array, batch: Batch) -> Float[Array, " tiles"]:

@@ -22,7 +22,7 @@ from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part, strip_part, strip_plan, whole_picture
 from gaussray.scene.scene import Scene, key_count
 from gaussray.scene.segmented import SCENE_RULE, Clip
-from gaussray.tracer.motion import Motion, scene_motion
+from gaussray.tracer.motion import Motion, key_times_across, scene_motion
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.trace import enlarged_capacity, measure, time_span
 from gaussray.tracer.traverse import Capacity
@@ -189,9 +189,7 @@ def picture_key_times(scene: Scene, span: Float[Array, "2"], keys: int) -> Float
     if keys == 1:
         return span[:1]
     least = LEAST_SPAN * (scene.time_range[1] - scene.time_range[0])
-    room = jnp.maximum(least - (span[1] - span[0]), 0) / 2
-    room = jax.lax.stop_gradient(room).astype(span.dtype)
-    return jnp.linspace(span[0] - room, span[1] + room, keys, dtype=span.dtype)
+    return key_times_across(span[0], span[1], keys, least=least)
 
 
 def flat_rays(rays: Rays) -> Rays:

@@ -98,6 +98,22 @@ def scene_motion(
     return Motion(key_time, moving_at(scene, key_time), rest, transient, limits, scene.light)
 
 
+def key_times_across(
+    first: Float[Array, ""], last: Float[Array, ""], keys: int, *, least: Float[Array, ""] | float
+) -> Float[Array, " keys"]:
+    """Key times at even intervals, also where all rays share one time: arcs need a length.
+
+    Args:
+        first: Time of the first ray.
+        last: Time of the last ray.
+        keys: Number of key states, at least two.
+        least: What the key times span at least, about the middle of the rays' times.
+    """
+    room = jnp.maximum(least - (last - first), 0) / 2
+    room = jax.lax.stop_gradient(room).astype(first.dtype)
+    return jnp.linspace(first - room, last + room, keys, dtype=first.dtype)
+
+
 def lit(
     motion: Motion, color: Float[Array, "*rays 3"], time: Float[Array, "*rays"]
 ) -> Float[Array, "*rays 3"]:

@@ -23,7 +23,7 @@ from gaussray.reconstruct.simplify.candidate import Candidate, at_time
 from gaussray.runtime.devices import agreed
 from gaussray.scene.gaussians import Gaussians
 from gaussray.scene.harmonics import C0
-from gaussray.tracer.motion import Motion, still
+from gaussray.tracer.motion import Motion, key_times_across, still
 from gaussray.tracer.shard import trace_sharded
 from gaussray.tracer.trace import TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
@@ -31,6 +31,8 @@ from gaussray.tracer.traverse import Capacity
 
 # Frames of a viewpoint, and tiles of each, whose mean colour is that of the viewpoint.
 _MEAN_FRAMES, _MEAN_TILES = 8, 256
+# Key states of one picture span at least this share of the scene's times.
+_LEAST_SPAN = 1e-4
 
 
 class TrainingViews(NamedTuple):
@@ -244,7 +246,8 @@ def _motion(candidate: Candidate, view: TileView, *, keys: int) -> Motion:
     limits = candidate.scene.time_range
     if keys == 1:
         return still(at_time(candidate, view.time), candidate.scene.transient, limits)
-    time = jnp.linspace(jnp.min(view.rays.time), jnp.max(view.rays.time), keys)
+    first, last = jnp.min(view.rays.time), jnp.max(view.rays.time)
+    time = key_times_across(first, last, keys, least=_LEAST_SPAN * (limits[1] - limits[0]))
     state = jax.vmap(lambda t: at_time(candidate, t))(time)
     opacity, harmonics = state.opacity[keys // 2], state.harmonics[keys // 2]
     moved = Gaussians(state.mean, state.quat, state.scale, opacity, harmonics, state.tint)

@@ -1,7 +1,10 @@
 """What Gaussians add to pictures sums to what is seen, and tiles show all that there is."""
 
+import dataclasses
+
 import equinox as eqx
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 import toy
@@ -117,6 +120,20 @@ def test_the_psnr_is_that_of_the_pictures(seen):
     square = [10 ** (-psnr(a, x) / 10) for a, x in zip(truth, ours, strict=True)]
     # Tiles are drawn at random, each about 400 times.
     assert found == pytest.approx(-10 * np.log10(np.mean(square)), abs=0.2)
+
+
+def test_rays_that_share_a_time_other_than_their_pictures_are_measured(whole):
+    """Such as those of videos whose frames are all late by the same delay."""
+    candidate, late = whole_candidate(toy.scene()), 0.05
+    shifted = [
+        dataclasses.replace(tiles.rays, time=jnp.full_like(tiles.rays.time, tiles.time + late))
+        for tiles in whole[0]
+    ]
+    views = [t._replace(rays=rays) for t, rays in zip(whole[0], shifted, strict=True)]
+    moved = [t._replace(time=t.time + late) for t in views]
+    several = CandidateMeter(views, Tracing(TRACE, mesh(1), keys=3)).psnr(candidate)
+    alone = CandidateMeter(moved, Tracing(TRACE, mesh(1))).psnr(candidate)
+    assert several == pytest.approx(alone, abs=0.01)
 
 
 @pytest.mark.slow
