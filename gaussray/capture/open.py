@@ -16,6 +16,7 @@ from gaussray.capture.formats.colmap_files import PLACES, model_folder, project_
 from gaussray.capture.formats.dnerf import SPLIT_FILES, VALIDATION_FILE, read_splits
 from gaussray.capture.formats.dynamic3dgs import META_FILES, read_dynamic3dgs
 from gaussray.capture.formats.llff import llff_pictures, read_llff
+from gaussray.capture.formats.nerfies import DATASET_FILE, is_nerfies, read_nerfies
 from gaussray.capture.formats.neural3d import read_neural3d, videos_of
 from gaussray.capture.formats.paired import effect_files, read_capture
 from gaussray.capture.formats.poses_bounds import POSES_FILE
@@ -31,6 +32,7 @@ FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
     "neural3d": read_neural3d,
     "llff": read_llff,
     "dynamic3dgs": read_dynamic3dgs,
+    "nerfies": read_nerfies,
     "colmap": read_colmap,
 }
 # The files of each format, for the message about a folder of none.
@@ -40,6 +42,7 @@ FORMAT_FILES = {
     "neural3d": f"{POSES_FILE} and a video camNN.mp4 per camera",
     "llff": f"{POSES_FILE} and pictures in images/",
     "dynamic3dgs": f"{META_FILES['train']} and pictures in ims/",
+    "nerfies": f"{DATASET_FILE}, a file in camera/ for each picture, and pictures in rgb/",
     "colmap": f"cameras and images (.bin or .txt) in one of {', '.join(PLACES)}",
 }
 
@@ -158,6 +161,8 @@ def _format(folder: Path) -> str | None:
         return "splits"
     if not paired and (folder / META_FILES["train"]).is_file():
         return "dynamic3dgs"
+    if not paired and is_nerfies(folder):
+        return "nerfies"
     if paired or effect_files(folder):
         return "paired"
     model = model_folder(project_folder(folder))
