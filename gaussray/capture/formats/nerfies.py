@@ -137,7 +137,9 @@ def _frame(folder: Path, name: str, pictures: str, values: dict[str, Any], numbe
     shown = picture_size(stored) if stored.is_file() else size.round().astype(int)
     factor = np.asarray(shown) / size
     radial = keys.vector("radial_distortion", 3, [0.0] * 3)
-    tangential = keys.vector("tangential_distortion", 2, [0.0] * 2)
+    # HyperNeRF's first captures name it shorter.
+    name = "tangential" if keys.has("tangential") else "tangential_distortion"
+    tangential = keys.vector(name, 2, [0.0] * 2)
     lens = dict(zip(("k1", "k2", "k3", "p1", "p2"), (*radial, *tangential), strict=True))
     distortion = lens if any(lens.values()) else {}
     aspect = keys.number("pixel_aspect_ratio", 1.0)
