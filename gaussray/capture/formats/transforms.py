@@ -35,8 +35,10 @@ from gaussray.io.safe.limits import within
 
 PINHOLE_FILE = "transforms.json"
 # Keys that a frame or, for all frames, the top level may have.
-_SHARED = {*INTRINSICS, *EFFECT_OF_BLOCK, "film", "effect", "samples", "color_space", "time_unit"}
-_SHARED |= {"clip_start"}
+_SHARED = {
+    *(*INTRINSICS, *EFFECT_OF_BLOCK, "film", "clip_start"),
+    *("effect", "samples", "color_space", "time_unit"),
+}
 _FRAME = {
     *("file_path", "transform_matrix", "time", "camera", "split"),
     *("mask_path", "depth_file_path", "labels"),

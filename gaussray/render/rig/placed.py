@@ -50,6 +50,8 @@ class CameraOptions(eqx.Module):
         frames: Number of frames, evenly over the scene's times.
         turns: Full turns of an orbit; negative is clockwise as seen from above.
         file: Camera path (`capture.paths`).
+        clip_start: Nothing nearer to the camera is seen, in scene units. None is what the capture
+            says of its cameras (`Camera.clip_start`), and 0 for the others.
     """
 
     kind: str = eqx.field(static=True, default="capture")
@@ -62,8 +64,11 @@ class CameraOptions(eqx.Module):
     frames: int = eqx.field(static=True, default=1)
     turns: float = eqx.field(static=True, default=1.0)
     file: str = eqx.field(static=True, default="")
+    clip_start: float | None = eqx.field(static=True, default=None)
 
     def __check_init__(self):
+        if self.clip_start is not None and not 0 <= self.clip_start < np.inf:
+            raise ValueError(f"camera.clip_start must be at least 0, got {self.clip_start}.")
         if self.kind not in CAMERA_KINDS:
             raise ValueError(
                 f"camera.kind must be one of {', '.join(CAMERA_KINDS)}, got {self.kind!r}."
@@ -116,7 +121,8 @@ def placed_views(
 
 def _base_camera(views: Sequence[View]) -> Camera:
     if views:
-        return jax.tree.map(jnp.asarray, views[0].camera)
+        # It stands elsewhere, in no camera's body.
+        return jax.tree.map(jnp.asarray, dataclasses.replace(views[0].camera, clip_start=None))
     width, height = _SIZE
     focal = jnp.full(2, width / 2 / np.tan(np.deg2rad(_FOV) / 2), jnp.float32)
     lens = pinhole(focal, to_device([width / 2, height / 2], jnp.float32))

@@ -6,6 +6,7 @@ from pathlib import Path
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array
 
 from gaussray.camera.aperture import Aperture
 from gaussray.camera.camera import Camera
@@ -15,6 +16,7 @@ from gaussray.capture.formats.paired import read_cameras
 from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.open import FORMATS, format_of
 from gaussray.dataset.manifest import FrameRecord
+from gaussray.io.plain_values import to_device
 from gaussray.render.rig.aperture import ApertureOptions as ApertureOptions, build_aperture
 from gaussray.render.rig.film import FilmOptions as FilmOptions, apply_film
 from gaussray.render.rig.lens import LensOptions as LensOptions, build_lens, lens_label
@@ -79,7 +81,7 @@ def frame_records(
             build_shutter(camera, options.shutter, delays.get(name)),
             camera.trajectory,
             camera.time,
-            clip_start=camera.clip_start,
+            clip_start=_clip_start(camera, options.camera),
         )
         path = f"images/{effect}/{name}/{i:04d}.{format}"
         records.append(FrameRecord(path, built, name, split, effect, samples))
@@ -150,6 +152,13 @@ def _aperture(camera: Camera, lens: AbstractLens, options: ApertureOptions) -> A
             "whose rays do not all meet a plane in front of it, got plane."
         )
     return build_aperture(camera, options)
+
+
+def _clip_start(camera: Camera, options: CameraOptions) -> Array | None:
+    """Where the rays of a frame begin to see; None is at the lens."""
+    if options.clip_start is None:
+        return camera.clip_start
+    return to_device(options.clip_start, camera.time.dtype) if options.clip_start else None
 
 
 def load_views(scene: Path | str, cameras: Path | str | None) -> list[View]:

@@ -51,6 +51,24 @@ def test_keep_keeps_the_held_out_cameras(views):
         assert record.camera.time == view.camera.time
 
 
+def test_cameras_keep_where_they_begin_to_see_unless_the_key_says_where(views):
+    clipped = [
+        dataclasses.replace(v, camera=dataclasses.replace(v.camera, clip_start=toy.single(0.25)))
+        for v in views
+    ]
+    for value, want in ((None, 0.25), (0.5, 0.5), (0.0, None)):
+        records = built(clipped, camera=rig.CameraOptions(clip_start=value))
+        assert {None if (x := r.camera.clip_start) is None else float(x) for r in records} == {want}
+    two = rig.CameraOptions(names=("cam_0", "cam_1"))
+    ride = built(clipped, camera=two, trajectory=rig.TrajectoryOptions("between", steps=3))
+    assert {float(r.camera.clip_start) for r in ride} == {0.25}
+    # A camera that is placed elsewhere stands in no camera's body.
+    (placed,) = placed_views(toy.scene(), rig.CameraOptions("look_at"), clipped)
+    assert placed.camera.clip_start is None
+    with pytest.raises(ValueError, match=r"camera\.clip_start must be at least 0"):
+        rig.CameraOptions(clip_start=-1.0)
+
+
 def test_names_and_times_choose(views):
     camera = rig.CameraOptions(names=("cam_0", "cam_1"), times=(0.5,))
     assert [r.camera_name for r in built(views, camera=camera)] == ["cam_0", "cam_1"]
