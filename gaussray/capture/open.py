@@ -21,6 +21,7 @@ from gaussray.capture.formats.neural3d import read_neural3d, videos_of
 from gaussray.capture.formats.paired import effect_files, read_capture
 from gaussray.capture.formats.poses_bounds import POSES_FILE
 from gaussray.capture.formats.transforms import PINHOLE_FILE
+from gaussray.capture.mask_folder import with_mask_folder
 from gaussray.capture.picture_file import BACKGROUNDS
 from gaussray.capture.selection import Selection, selected
 from gaussray.capture.stored_sizes import at_stored_sizes
@@ -45,6 +46,9 @@ FORMAT_FILES = {
     "nerfies": f"{DATASET_FILE}, a file in camera/ for each picture, and pictures in rgb/",
     "colmap": f"cameras and images (.bin or .txt) in one of {', '.join(PLACES)}",
 }
+
+# Formats whose files name no masks: these lie in a folder of their own.
+_MASKED = ("colmap", "llff")
 
 # Folders that are looked into for a capture, where the one that was named holds none.
 _LOOKED_AT = 50
@@ -85,7 +89,10 @@ def open_capture(
             f"capture.background (truth_background) must be one of {', '.join(BACKGROUNDS)}, "
             f"got {background!r}."
         )
-    capture = FORMATS[format_of(folder) if format == "auto" else format](folder, dtype)
+    layout = format_of(folder) if format == "auto" else format
+    capture = FORMATS[layout](folder, dtype)
+    if layout in _MASKED:
+        capture = with_mask_folder(capture)
 
     def with_background(views: list[View]) -> list[View]:
         return [dataclasses.replace(view, background=background) for view in views]

@@ -323,6 +323,21 @@ def test_a_capture_of_llff_is_pictures_with_every_eighth_held_out(tmp_path):
         open_capture(tmp_path)
 
 
+def test_masks_in_a_folder_beside_the_pictures_count(tmp_path):
+    """As COLMAP (`IMG_0.png.png`) and nerfstudio (`IMG_2.png`) name them."""
+    rows = [[0, 1, 0, i, H, -1, 0, 0, 0, W, 0, 0, 1, 0, 20.0, 1.0, 9.0] for i in range(3)]
+    np.save(tmp_path / "poses_bounds.npy", np.array(rows))
+    for i in range(3):
+        picture(tmp_path / f"images/IMG_{i}.png", 10 * i)
+    white = np.zeros((H, W, 3), np.uint8)
+    white[:, :5] = 255
+    for name in ("IMG_0.png.png", "IMG_2.png"):
+        write_image(tmp_path / "masks" / name, white)
+    with pytest.warns(CaptureWarning, match="masks: 2 of 3 pictures have a mask there"):
+        views = open_capture(tmp_path).views
+    assert [int(visible_pixels(view).sum()) for view in views] == [5 * H, W * H, 5 * H]
+
+
 def dome(folder):
     """Two cameras, three time steps, as Dynamic 3D Gaussians have them; one camera is held out."""
     for name, cameras in (("train", (0, 1)), ("test", (7,))):

@@ -1,0 +1,49 @@
+"""Masks that lie in a folder `masks/` beside the pictures, as COLMAP and nerfstudio keep them."""
+
+import dataclasses
+import warnings
+from pathlib import Path
+
+from gaussray.capture.capture import Capture, View
+from gaussray.capture.errors import CaptureWarning
+
+
+MASK_FOLDER = "masks"
+
+
+def with_mask_folder(capture: Capture) -> Capture:
+    """The capture with the masks that lie in `masks/` beside the folder of its pictures.
+
+    The mask of `images/a/b.jpg` is `masks/a/b.jpg.png` (COLMAP) or `masks/a/b.png` (nerfstudio).
+    White pixels count. A warning tells how many pictures have one. Pictures to which the files
+    give a mask keep it.
+
+    Args:
+        capture: The capture, of a format whose files name no masks.
+    """
+    masks = [_mask(capture.folder, view) for view in capture.views]
+    found = sum(mask is not None for mask in masks)
+    if not found:
+        return capture
+    warnings.warn(
+        f"{capture.folder / MASK_FOLDER}: {found} of {len(masks)} pictures have a mask there; its "
+        "white pixels count. Rename the folder to use all pixels.",
+        CaptureWarning,
+        stacklevel=4,
+    )
+    views = [
+        view if mask is None else dataclasses.replace(view, mask=mask)
+        for view, mask in zip(capture.views, masks, strict=True)
+    ]
+    return dataclasses.replace(capture, views=views)
+
+
+def _mask(folder: Path, view: View) -> Path | None:
+    """The mask of a picture in the folder of masks; None if it has none, or has one already."""
+    if view.mask is not None or not view.image.is_relative_to(folder):
+        return None
+    place = view.image.relative_to(folder)
+    inner = Path(*place.parts[1:]) if len(place.parts) > 1 else place
+    named = inner.with_name(inner.name + ".png"), inner.with_suffix(".png")
+    paths = (folder / MASK_FOLDER / name for name in named)
+    return next((path for path in paths if path.is_file()), None)
