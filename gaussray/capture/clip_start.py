@@ -4,8 +4,8 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+from jaxtyping import Array, DTypeLike
 
-from gaussray.camera.camera import Camera
 from gaussray.capture.capture import Capture, View
 from gaussray.io.plain_values import to_device
 
@@ -37,19 +37,25 @@ def with_clip_starts(capture: Capture, clip_start: float | None = None) -> Captu
         if not clips:
             return capture
 
+    made: dict[tuple[float, DTypeLike], Array] = {}
+
+    def start(view: View) -> Array:
+        """As an array, of which cameras share one: each is a transfer to the device."""
+        key = clips.get(view.camera_name, 0.0), view.camera.time.dtype
+        if key not in made:
+            made[key] = to_device(*key)
+        return made[key]
+
     def clipped(some: list[View]) -> list[View]:
-        return [dataclasses.replace(v, camera=_clipped(v, clips, clip_start)) for v in some]
+        return [
+            dataclasses.replace(v, camera=dataclasses.replace(v.camera, clip_start=start(v)))
+            if clip_start is not None or v.camera.clip_start is None
+            else v
+            for v in some
+        ]
 
     effects = {name: clipped(some) for name, some in capture.effects.items()}
     return dataclasses.replace(capture, views=clipped(capture.views), effects=effects)
-
-
-def _clipped(view: View, clips: dict[str, float], forced: float | None) -> Camera:
-    camera = view.camera
-    if forced is None and camera.clip_start is not None:
-        return camera
-    clip = to_device(clips.get(view.camera_name, 0.0), camera.time.dtype)
-    return dataclasses.replace(camera, clip_start=clip)
 
 
 def _from_distances(views: Sequence[View]) -> dict[str, float]:
