@@ -24,8 +24,8 @@ from gaussray.io.safe.arrays import read_npy
 from gaussray.io.safe.limits import within
 
 
-DATASET_FILE, METADATA_FILE = "dataset.json", "metadata.json"
-POINTS_FILE = "points.npy"
+DATASET_FILE, _METADATA_FILE = "dataset.json", "metadata.json"
+_POINTS_FILE = "points.npy"
 # DyCheck's own split, which counts before that of dataset.json.
 _SPLITS = {"train": "splits/train.json", "test": "splits/val.json"}
 
@@ -56,8 +56,8 @@ def read_nerfies(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
     folder = Path(folder)
     split = _split(folder)
     pictures = _pictures(folder)
-    metadata = _object(folder / METADATA_FILE)
-    numbers = {name: _numbers(folder / METADATA_FILE, metadata, name) for name in split}
+    metadata = _object(folder / _METADATA_FILE)
+    numbers = {name: _numbers(folder / _METADATA_FILE, metadata, name) for name in split}
     moments = [moment for moment, _ in numbers.values()]
     first, last = min(moments), max(moments)
     frames = []
@@ -68,7 +68,7 @@ def read_nerfies(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
         frames.append(_frame(folder, name, pictures, values, len(frames)))
     views = views_of(Keys(folder / DATASET_FILE, {}), frames, dtype)
     end = 1.0 if last > first else 0.0
-    return Capture(folder, views, {}, _points(folder / POINTS_FILE), (0.0, end), "normalised")
+    return Capture(folder, views, {}, _points(folder / _POINTS_FILE), (0.0, end), "normalised")
 
 
 def _object(path: Path) -> dict[str, Any]:
