@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Array, DTypeLike
+from jaxtyping import Array, DTypeLike, Float
 
 from gaussray.capture.capture import Capture, View
 from gaussray.io.plain_values import to_device
@@ -31,7 +31,7 @@ def with_clip_starts(capture: Capture, clip_start: float | None = None) -> Captu
     if clip_start is not None:
         clips = {view.camera_name: clip_start for view in views}
     elif any(view.camera.clip_start is not None for view in views):
-        clips = dict.fromkeys((view.camera_name for view in views), 0.0)
+        clips = {}
     else:
         clips = _from_distances(capture.views)
         if not clips:
@@ -60,21 +60,23 @@ def with_clip_starts(capture: Capture, clip_start: float | None = None) -> Captu
 
 def _from_distances(views: Sequence[View]) -> dict[str, float]:
     """For each camera that stands still a share of the distance to the nearest other one."""
-    paths: dict[str, set[bytes]] = {}
-    times: dict[str, set[float]] = {}
-    places: dict[str, np.ndarray] = {}
+    of_camera: dict[str, list[View]] = {}
     for view in views:
-        name, path = view.camera_name, np.asarray(view.camera.trajectory.translation)
-        paths.setdefault(name, set()).add(path.tobytes())
-        times.setdefault(name, set()).add(view.time)
-        places[name] = path
-    still = [
-        name for name in places
-        if len(paths[name]) == 1 and len(places[name]) == 1 and len(times[name]) > 1
-    ]  # fmt: skip
+        of_camera.setdefault(view.camera_name, []).append(view)
+    still = [name for name, some in of_camera.items() if _stands_still(some)]
     if len(still) < 2:
         return {}
-    place = np.concatenate([places[name] for name in still])
+    place = np.concatenate([_path(of_camera[name][0]) for name in still])
     distance = np.linalg.norm(place[:, None] - place[None], axis=-1)
     np.fill_diagonal(distance, np.inf)
     return dict(zip(still, (_SHARE * distance.min(axis=1)).tolist(), strict=True))
+
+
+def _stands_still(views: Sequence[View]) -> bool:
+    """Whether the pictures of a camera are of several times and from one place."""
+    one_place = len(_path(views[0])) == 1 and len({_path(view).tobytes() for view in views}) == 1
+    return one_place and len({view.time for view in views}) > 1
+
+
+def _path(view: View) -> Float[np.ndarray, "poses 3"]:
+    return np.asarray(view.camera.trajectory.translation)

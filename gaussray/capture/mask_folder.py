@@ -42,8 +42,9 @@ def _mask(folder: Path, view: View) -> Path | None:
     """The mask of a picture in the folder of masks; None if it has none, or has one already."""
     if view.mask is not None or not view.image.is_relative_to(folder):
         return None
-    place = view.image.relative_to(folder)
-    inner = Path(*place.parts[1:]) if len(place.parts) > 1 else place
+    inner = view.image.relative_to(folder)
+    if len(inner.parts) > 1 and inner.parts[0].startswith("images"):  # LLFF: images_2, images_4 ...
+        inner = inner.relative_to(inner.parts[0])
     named = inner.with_name(inner.name + ".png"), inner.with_suffix(".png")
     paths = (folder / MASK_FOLDER / name for name in named)
     return next((path for path in paths if path.is_file()), None)

@@ -1,9 +1,13 @@
 """Alpha compositing of the hits along rays."""
 
+from dataclasses import replace
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
+
+from gaussray.camera.rays import Rays
 
 
 class Pixels(eqx.Module):
@@ -18,6 +22,18 @@ class Pixels(eqx.Module):
     color: Float[Array, "*rays 3"]
     transmittance: Float[Array, "*rays"]
     depth: Float[Array, "*rays"]
+
+
+def from_origin(pixels: Pixels, rays: Rays) -> Pixels:
+    """Pixels of rays that were traced from their `start`, with distances from their origins.
+
+    Args:
+        pixels: what was traced.
+        rays: the rays.
+    """
+    if rays.start is None:
+        return pixels
+    return replace(pixels, depth=pixels.depth + rays.start * (1 - pixels.transmittance))
 
 
 def composite(

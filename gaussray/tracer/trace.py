@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Int
 from gaussray.camera.rays import Rays, moved_to_start
 from gaussray.tracer import kernel
 from gaussray.tracer.bundle import bounds_of_levels, split_into_bundles
-from gaussray.tracer.composite import Pixels
+from gaussray.tracer.composite import Pixels, from_origin
 from gaussray.tracer.grid import build_grid
 from gaussray.tracer.march import march
 from gaussray.tracer.motion import Motion, clipped_time, control_weights, lit
@@ -100,18 +100,6 @@ def _trace_kernel(
     report = Report(needed, dropped, scene.skipped_count(stage.skipped), jnp.sum(hits))
     color = lit(scene.motion, sums[..., :3], rays.time)
     return from_origin(Pixels(color, transmittance, sums[..., 3]), rays), report
-
-
-def from_origin(pixels: Pixels, rays: Rays) -> Pixels:
-    """Pixels of rays that were traced from their `start`, with distances from their origins.
-
-    Args:
-        pixels: what was traced.
-        rays: the rays.
-    """
-    if rays.start is None:
-        return pixels
-    return replace(pixels, depth=pixels.depth + rays.start * (1 - pixels.transmittance))
 
 
 def total_hits(hits: Int[Array, "..."]) -> Float[Array, ""]:

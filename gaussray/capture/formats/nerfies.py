@@ -129,17 +129,16 @@ def _frame(folder: Path, name: str, pictures: str, values: dict[str, Any], numbe
     focal, center = keys.number("focal_length"), np.array(keys.vector("principal_point", 2))
     if keys.number("skew", 0.0):
         raise keys.error("skew", "0")
-    rule = "two numbers above 0"
     if not (size > 0).all():
-        raise keys.error("image_size", rule)
+        raise keys.error("image_size", "two numbers above 0")
     picture = f"{pictures}/{name}.png"
     stored = Keys(folder / DATASET_FILE, {"ids": picture}).inside("ids")
     shown = picture_size(stored) if stored.is_file() else size.round().astype(int)
     factor = np.asarray(shown) / size
     radial = keys.vector("radial_distortion", 3, [0.0] * 3)
     # HyperNeRF's first captures name it shorter.
-    name = "tangential" if keys.has("tangential") else "tangential_distortion"
-    tangential = keys.vector(name, 2, [0.0] * 2)
+    key = "tangential" if keys.has("tangential") else "tangential_distortion"
+    tangential = keys.vector(key, 2, [0.0] * 2)
     lens = dict(zip(("k1", "k2", "k3", "p1", "p2"), (*radial, *tangential), strict=True))
     distortion = lens if any(lens.values()) else {}
     aspect = keys.number("pixel_aspect_ratio", 1.0)

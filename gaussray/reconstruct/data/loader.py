@@ -25,14 +25,14 @@ class GrowingWindow(NamedTuple):
         share: of the capture's time, that is seen at first.
         least: times that are seen at least.
         grown: share of the fine stage after which all times are seen.
-        each: steps for each time, after which all are, if that is earlier.
+        steps_each: steps for each time, after which all are, if that is earlier.
     """
 
     anchor: float
     share: float = 0.0
     least: int = 1
     grown: float = 0.0
-    each: int = 6
+    steps_each: int = 6
 
     def among(
         self, times: Float[np.ndarray, " instants"], stage: str, done: int, planned: int
@@ -47,7 +47,7 @@ class GrowingWindow(NamedTuple):
         """
         share = self.share
         if stage == "fine":
-            grown = min(self.grown * planned, self.each * len(times))
+            grown = min(self.grown * planned, self.steps_each * len(times))
             share = 1.0 if done >= grown else share + (1 - share) * done / grown
         away = np.abs(times - self.anchor)
         least = np.sort(away)[min(self.least, len(times)) - 1]

@@ -72,8 +72,10 @@ def move_cameras(
         path, times = _path(frames, options)
         base = _one_per_camera(frames)[0]
         parts = base.film, base.lens, base.aperture, base.shutter, path
-        clip = base.clip_start
-        moved = [("ride", "test", Camera(*parts, to_device(t), None, clip)) for t in times]
+        moved = [
+            ("ride", "test", Camera(*parts, to_device(time), clip_start=base.clip_start))
+            for time in times
+        ]
     if not options.shake_degrees and not options.shake_distance:
         return moved
     names = list(dict.fromkeys(name for name, _, _ in moved))

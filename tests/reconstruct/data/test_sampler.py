@@ -168,7 +168,7 @@ def test_the_window_grows_from_the_middle_to_both_ends(times):
 
 def test_a_long_stage_sees_all_times_after_some_steps_for_each():
     times = np.linspace(0, 1, 101)
-    window = GrowingWindow(0.5, 0.2, grown=0.6, each=4)
+    window = GrowingWindow(0.5, 0.2, grown=0.6, steps_each=4)
     np.testing.assert_array_equal(window.among(times, "fine", 202, 10000), np.arange(20, 81))
     assert len(window.among(times, "fine", 404, 10000)) == 101
 
