@@ -1,7 +1,7 @@
 """What moves in the pictures of a viewpoint: pixels that differ from the temporal median."""
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int, UInt8
 
 
 # A pixel moves if a channel of its encoded colour, in 0..1, differs by more than this (the
@@ -13,6 +13,8 @@ AVERAGED = 5
 # There, a pixel must also differ by more than this many times what the median pixel does: as long
 # as Gaussians do not show well what stands still, most pixels differ.
 OUTLYING = 6.0
+# Pixels of which medians are found at once: as many as caches hold.
+_PIECE = 1 << 13
 
 
 def temporal_median(
@@ -24,13 +26,61 @@ def temporal_median(
         pictures: (frames, ..., 3), 8-bit levels or floats.
         visible: which pixels count; None for all.
     """
+    if pictures.dtype == np.uint8:
+        return _median_level(pictures, visible)
     if visible is None:
         return np.median(pictures, axis=0).astype(np.float32)
-    levels = np.where(visible[..., None], pictures.astype(np.float32), np.nan)
-    levels, count = np.sort(levels, axis=0), visible.sum(axis=0)[None, ..., None]
+    return visible_median(pictures.astype(np.float32), visible)
+
+
+def visible_median(
+    values: Float[np.ndarray, "frames ... 3"], visible: Bool[np.ndarray, "frames ..."]
+) -> Float[np.ndarray, "... 3"]:
+    """Median over the first axis of what is visible; NaN where nothing is.
+
+    Args:
+        values: of any size.
+        visible: which of them count.
+    """
+    ordered = np.sort(np.where(visible[..., None], values, np.nan), axis=0)
+    count = visible.sum(axis=0)[None, ..., None]
     middle = [np.maximum(k, 0) for k in ((count - 1) // 2, count // 2)]
-    low, high = (np.take_along_axis(levels, k, axis=0)[0] for k in middle)
+    low, high = (np.take_along_axis(ordered, k, axis=0)[0] for k in middle)
     return (low + high) / 2
+
+
+def _median_level(
+    pictures: UInt8[np.ndarray, "frames ... 3"], visible: Bool[np.ndarray, "frames ..."] | None
+) -> Float[np.ndarray, "... 3"]:
+    """`temporal_median` of 8-bit levels, several times as fast as by sorting."""
+    count, levels = len(pictures), pictures.reshape(len(pictures), -1, 3)
+    seen = None if visible is None else visible.reshape(count, -1)
+    result = np.empty(levels.shape[1:], np.float32)
+    for piece in (slice(i, i + _PIECE) for i in range(0, len(result), _PIECE)):
+        some, several = levels[:, piece], np.full((1, 1), count)
+        if seen is not None:
+            several = seen[:, piece].sum(axis=0)[:, None]
+            some = np.where(seen[:, piece, None], some, np.uint8(255))
+        low = _ranked(some, np.maximum(several - 1, 0) // 2)
+        reached = sum((level <= low).astype(np.int32) for level in some)
+        above = np.min(np.where(some > low, some, np.uint8(255)), axis=0)
+        high = np.where(reached > several // 2, low, above)
+        result[piece] = np.where(several > 0, (low.astype(np.float32) + high) / 2, np.nan)
+    return result.reshape(pictures.shape[1:])
+
+
+def _ranked(
+    levels: UInt8[np.ndarray, "frames n 3"], rank: Int[np.ndarray, "#n 1"]
+) -> UInt8[np.ndarray, "n 3"]:
+    """The level that so many others precede, found bit by bit: the largest number of which at most
+    `rank` levels are smaller."""
+    found, kind = np.zeros(levels.shape[1:], np.uint8), np.min_scalar_type(len(levels))
+    for bit in range(7, -1, -1):
+        tried, below = found | np.uint8(1 << bit), np.zeros(found.shape, kind)
+        for level in levels:
+            below += level < tried
+        found = np.where(below <= rank, tried, found)
+    return found
 
 
 def differs(picture: np.ndarray, other: np.ndarray, scale: int = 1) -> Bool[np.ndarray, "..."]:
@@ -41,8 +91,16 @@ def differs(picture: np.ndarray, other: np.ndarray, scale: int = 1) -> Bool[np.n
         other: colours to compare with, of the same scale.
         scale: 1 for floats, 255 for 8-bit levels.
     """
-    difference = np.abs(picture.astype(np.float32) - other.astype(np.float32))
-    return np.any(difference > MOTION_THRESHOLD * scale, axis=-1)
+    other = np.asarray(other, np.float32)
+    if picture.dtype == np.uint8:
+        # Bytes that are compared with bytes; what is compared with NaN does not differ.
+        least = np.ceil(np.clip(np.nan_to_num(other, nan=0) - MOTION_THRESHOLD * scale, 0, 255))
+        most = np.floor(np.clip(np.nan_to_num(other, nan=255) + MOTION_THRESHOLD * scale, 0, 255))
+        apart = (picture < least.astype(np.uint8)) | (picture > most.astype(np.uint8))
+    else:
+        apart = np.abs(picture.astype(np.float32) - other) > MOTION_THRESHOLD * scale
+    # Several times as fast as `np.any`.
+    return apart[..., 0] | apart[..., 1] | apart[..., 2]
 
 
 def stands_out(difference: Float[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "h w"]:

@@ -125,6 +125,8 @@ def reconstruct(
     chosen, scores = _with_motion_tried(fits, chosen, rivals, resume, told)
     told(chosen.sentence)
     options = with_refinement_tried(fits, chosen.options, resume=resume, say=told)
+    # It holds the pictures of the first segment.
+    del fits
     state, progress = log.resumed() if resume else (None, RunProgress(segments=len(course)))
     _demand_same_segments(progress, len(course))
     files = [out / "segments" / f"{i:04d}.npz" for i in range(1, len(course) + 1)]

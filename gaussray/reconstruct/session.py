@@ -1,7 +1,7 @@
 """What a reconstruction has at hand while it works on one segment of a capture."""
 
 import math
-from collections.abc import Hashable
+from collections.abc import Hashable, Sequence
 from dataclasses import replace
 from functools import cached_property
 
@@ -14,13 +14,13 @@ from jaxtyping import Array, Bool, Float, Int
 from gaussray.camera.array import camera_set
 from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import refined_kinds, refined_views
-from gaussray.capture.capture import Capture
+from gaussray.capture.capture import Capture, View
 from gaussray.capture.points import Points
 from gaussray.reconstruct.data.backdrop import backdrop_of
-from gaussray.reconstruct.data.equalize import equalization, equalized
+from gaussray.reconstruct.data.equalize import Equalization, equalization, equalized
 from gaussray.reconstruct.data.held_out_tiles import HoldOut, held_out_tiles
 from gaussray.reconstruct.data.loader import GrowingWindow, Loader
-from gaussray.reconstruct.data.motion_mask import activity, moved_pixels
+from gaussray.reconstruct.data.motion_mask import Activity, activity, moved_pixels
 from gaussray.reconstruct.data.pictures import Footage, footage, stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
 from gaussray.reconstruct.data.still_cameras import still_camera_count
@@ -97,22 +97,14 @@ class Session:
         self.capture, self.log, self.options, self.quiet = capture, log, options, quiet
         self.name, self.time_range = part.name, part.time_range
         self.later = part.time_range[0] > capture.time_range[0]
-        self.footage = footage(
-            part.views,
-            side=max(options.fit.tile_side, options.trace.bundle),
-            bundle=options.trace.bundle,
-            memory=options.fit.memory,
-            folder=log.out,
-            report=self.progress_bar("read", len(part.views), patience=2.0).report,
-        )
         # Of a part alone, the usual exposure would be another than that of the next one.
-        whole = part.time_range == capture.time_range
-        self.shared, self.equalization = shared or SharedResults(), None
-        if options.fit.equalize and whole:
-            # Trials and the fit read the same pictures.
-            self.equalization = self.shared.once("equalization", lambda: equalization(self.footage))
-        if self.equalization is not None:
-            self.footage = equalized(self.footage, self.equalization)
+        evened_out = options.fit.equalize and part.time_range == capture.time_range
+        side = max(options.fit.tile_side, options.trace.bundle)
+        self.shared = shared or SharedResults()
+        self.footage, self.equalization, self.activity = self.shared.once(
+            ("pictures", side, options.trace.bundle, evened_out),
+            lambda: self._pictures(part.views, side, evened_out=evened_out),
+        )
         self.backdrop = backdrop_of(self.footage)
         if self.backdrop is not None:
             # What stands before it is all that there is.
@@ -125,7 +117,6 @@ class Session:
         cameras = camera_set(owner, every, extent=self.extent, refine=options.fit.refine)
         segment_owner = jnp.asarray(np.searchsorted(names, self.footage.name), jnp.int32)
         self.cameras = eqx.tree_at(lambda c: c.owner, cameras, segment_owner)
-        self.activity = activity(self.footage)
         held_out = hold_out(self.footage, options.fit.validate, options.fit.seed)
         single = len(np.unique(self.footage.times)) == 1
         fit = options.fit
@@ -146,6 +137,22 @@ class Session:
         )
         self.times = self.loader.sampler.times
         self.mesh = mesh_of_hosts(devices)
+
+    def _pictures(
+        self, views: Sequence[View], side: int, *, evened_out: bool
+    ) -> tuple[Footage, Equalization | None, Activity]:
+        """The training pictures, what was evened out of them, and where they change."""
+        read = footage(
+            views,
+            side=side,
+            bundle=self.options.trace.bundle,
+            memory=self.options.fit.memory,
+            folder=self.log.out,
+            report=self.progress_bar("read", len(views), patience=2.0).report,
+        )
+        found = equalization(read) if evened_out else None
+        read = read if found is None else equalized(read, found)
+        return read, found, activity(read)
 
     def _window(self) -> GrowingWindow | None:
         """The times that steps see at first: the first one, or, where control points begin at rest,

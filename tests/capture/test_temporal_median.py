@@ -1,5 +1,7 @@
 """Which pixels differ from what a camera that stands still shows most of the time."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -22,6 +24,32 @@ def test_the_median_leaves_out_what_is_not_visible():
     np.testing.assert_allclose(median[0], 0.1, rtol=1e-6)
     assert np.isnan(median[1]).all()
     np.testing.assert_allclose(temporal_median(frames), 0.5, rtol=1e-6)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 8, 300])
+@pytest.mark.parametrize("masked", [False, True])
+def test_the_median_of_bytes_is_that_of_sorting(count, masked):
+    dice = np.random.default_rng(count)
+    # Few levels, so that many are equal; both ends of the range are among them.
+    pictures = dice.choice([0, 1, 100, 101, 254, 255], (count, 3, 2, 3)).astype(np.uint8)
+    visible = dice.random((count, 3, 2)) < 0.6 if masked else None
+    levels = pictures.astype(float)
+    if visible is not None:
+        levels[~visible] = np.nan
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        expected = np.nanmedian(levels, axis=0)
+    np.testing.assert_array_equal(temporal_median(pictures, visible), expected)
+
+
+def test_bytes_differ_from_a_median_as_their_numbers_do():
+    level, median = np.arange(256, dtype=np.uint8), np.append(np.arange(0, 255.5, 0.5), np.nan)
+    picture = np.zeros((256, len(median), 3), np.uint8)
+    picture[..., 1] = level[:, None]
+    other = np.zeros((len(median), 3), np.float16)
+    other[:, 1] = median
+    expected = np.abs(level[:, None] - median.astype(float)) > 25.5
+    np.testing.assert_array_equal(differs(picture, other, 255), expected)
 
 
 @pytest.mark.parametrize(("level", "expected"), [(25, False), (26, True)])

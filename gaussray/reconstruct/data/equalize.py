@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from gaussray.capture.temporal_median import visible_median
 from gaussray.color import srgb_decode, srgb_encode
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.still_cameras import FEWEST_FRAMES, camera_frames
@@ -101,14 +102,16 @@ def _camera_gain(
     compared = np.isfinite(level[..., 0])
     if level.shape[1] < _LEAST or not compared.any(axis=1).all():
         return None
-    gain = np.zeros((len(own), 1, 3))
+    gain = np.zeros((len(level), 1, 3))
     for _ in range(_ROUNDS):
-        usual = np.nanmedian(level - gain, axis=0)
-        gain = np.nanmedian(level - usual, axis=1, keepdims=True)
+        usual = visible_median(level - gain, compared)
+        apart = level - usual
+        gain = visible_median(np.swapaxes(apart, 0, 1), compared.T)[:, None]
         for _ in range(_MEANS):
-            agrees = _agreeing(level - usual - gain)
-            rest = np.where(agrees, level - usual - gain, 0).sum(axis=1, keepdims=True)
-            gain = gain + rest / np.maximum(agrees.sum(axis=1, keepdims=True), 1)
+            rest = apart - gain
+            agrees = _agreeing(rest)
+            total = np.where(agrees, rest, 0).sum(axis=1, keepdims=True)
+            gain = gain + total / np.maximum(agrees.sum(axis=1, keepdims=True), 1)
         gain = gain - np.median(gain, axis=0)
     agrees = _agreeing(level - usual - gain)
     return gain[:, 0] if agrees.sum() >= _SHARE * compared.sum() else None

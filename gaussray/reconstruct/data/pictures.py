@@ -1,6 +1,7 @@
 """Training pictures on the host: in memory, or in a file where they would not fit."""
 
 import dataclasses
+import functools
 import os
 import tempfile
 import warnings
@@ -57,6 +58,11 @@ class Footage:
         The frames of a camera that moves share its name, but no viewpoint.
         """
         return self.name if self.viewpoint is None else self.viewpoint
+
+    @functools.cached_property
+    def medians(self) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+        """What `median_picture` has found, by the first frame of each camera."""
+        return {}
 
     @property
     def film(self) -> Film:

@@ -27,16 +27,12 @@ class MedianMasks:
             if still and len(own) >= FEWEST_FRAMES
             for frame in own
         }
-        self._medians: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def __call__(self, frame: int) -> Bool[np.ndarray, "h w"] | None:
         own = self._frames.get(frame)
         if own is None:
             return None
-        camera = int(own[0])
-        if camera not in self._medians:
-            self._medians[camera] = median_picture(self._footage, own)
-        median, known = self._medians[camera]
+        median, known = median_picture(self._footage, own)
         picture = self._footage.pictures(np.array([frame]))[0]
         return without_specks(differs(picture, median, self._footage.scale) & known)
 
@@ -79,7 +75,8 @@ def camera_frames(footage: Footage) -> list[tuple[Int[np.ndarray, " frames"], bo
 def median_picture(
     footage: Footage, own: Int[np.ndarray, " frames"]
 ) -> tuple[Shaped[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"]]:
-    """Temporal median of a camera's pictures, and where at least half of them count.
+    """Temporal median of a camera's pictures, and where at least half of them count. The footage
+    keeps them.
 
     Args:
         footage: the training pictures.
@@ -88,8 +85,12 @@ def median_picture(
     Returns:
         The median in the values of `Footage.pixel`, 0 where it is not known, and where it is known.
     """
+    kept, camera = footage.medians, int(own[0])
+    if camera in kept:
+        return kept[camera]
     some = own[np.linspace(0, len(own) - 1, min(len(own), _MOST)).round().astype(int)]
     pictures, masks = footage.pictures(some), footage.masks(some)
     median = temporal_median(pictures, masks)
     known = np.ones(median.shape[:2], bool) if masks is None else masks.mean(axis=0) >= 0.5
-    return np.where(known[..., None], median, 0).astype(pictures.dtype), known
+    kept[camera] = np.where(known[..., None], median, 0).astype(pictures.dtype), known
+    return kept[camera]

@@ -126,7 +126,10 @@ def registrable(
 
 def _dense(position: Float[np.ndarray, "points 3"], gap: float) -> Bool[np.ndarray, " points"]:
     """Which points have others around them; `gap` is the typical one."""
-    return KDTree(position).query_ball_point(position, 4 * gap, return_length=True) >= _AROUND
+    return (
+        KDTree(position).query_ball_point(position, 4 * gap, return_length=True, workers=-1)
+        >= _AROUND
+    )
 
 
 def control_graph(position: Float[np.ndarray, "points 3"], count: int) -> ControlGraph:
@@ -203,7 +206,7 @@ def _held(
     position: Float[np.ndarray, "points 3"], graph: ControlGraph
 ) -> tuple[Int[np.ndarray, "points held"], Float[np.ndarray, "points held"]]:
     """The control points that hold each point, and their weights."""
-    found = KDTree(graph.pivot[: graph.count]).query(position, k=_HELD_BY)
+    found = KDTree(graph.pivot[: graph.count]).query(position, k=_HELD_BY, workers=-1)
     away, near = (np.asarray(x) for x in found)
     weight = np.exp(-0.5 * (away / graph.radius[near]) ** 2) + 1e-9
     return near, weight / weight.sum(axis=1, keepdims=True)

@@ -47,7 +47,7 @@ def merged(
 def typical_gap(position: Float[np.ndarray, "points 3"]) -> float:
     """Median distance of a point to its nearest neighbour, of at most 2,000 points."""
     some = position[:: max(1, len(position) // 2000)]
-    distance = KDTree(position).query(some, k=2)[0][:, 1]
+    distance = KDTree(position).query(some, k=2, workers=-1)[0][:, 1]
     return float(np.median(distance)) or 1e-6 * float(np.ptp(position)) or 1.0
 
 
@@ -66,7 +66,7 @@ def inliers(position: Float[np.ndarray, "points 3"], limit: float) -> Bool[np.nd
     """
     if len(position) <= 2 * _AROUND:
         return np.ones(len(position), bool)
-    distance, _ = KDTree(position).query(position, k=_AROUND + 1)
+    distance, _ = KDTree(position).query(position, k=_AROUND + 1, workers=-1)
     gap = np.log(np.maximum(distance[:, 1:].mean(axis=1), 1e-30))
     usual = np.median(gap)
     spread = max(1.4826 * float(np.median(np.abs(gap - usual))), _SPREAD)
@@ -139,7 +139,7 @@ def discs(
     if near < 3:
         gap, axes, thin = np.ones(count), np.tile(np.eye(3), (count, 1, 1)), np.ones(count)
     else:
-        distance, index = KDTree(position).query(position, k=near + 1)
+        distance, index = KDTree(position).query(position, k=near + 1, workers=-1)
         gap = np.sqrt(np.mean(np.square(distance[:, 1:4]), axis=1))
         around = position[index].astype(np.float64)
         around -= around.mean(axis=1, keepdims=True)
@@ -174,7 +174,7 @@ def between(
     if near < 2 or not count:
         at = dice.integers(len(position), size=count)
         return position[at], color[at]
-    index = np.asarray(KDTree(position).query(position, k=near + 1)[1])
+    index = np.asarray(KDTree(position).query(position, k=near + 1, workers=-1)[1])
     own = dice.integers(len(position), size=count)
     pair = np.argsort(dice.random((count, near)), axis=1)[:, :2] + 1
     corner = np.concatenate([own[:, None], index[own[:, None], pair]], axis=1)

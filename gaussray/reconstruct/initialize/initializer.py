@@ -191,7 +191,7 @@ def filled_up(known: Points, matched: Points) -> Points:
     if len(matched.position) < 2:
         return known
     gap = typical_gap(matched.position)
-    away, _ = KDTree(known.position).query(matched.position)
+    away, _ = KDTree(known.position).query(matched.position, workers=-1)
     more = away > gap
     return Points(
         np.concatenate([known.position, matched.position[more]]),

@@ -98,7 +98,7 @@ def _ahead(
     if len(position) < _AROUND:
         return onward
     real = slice(0, graph.count)
-    away, near = KDTree(position).query(last[real], k=_AROUND)
+    away, near = KDTree(position).query(last[real], k=_AROUND, workers=-1)
     weight = np.exp(-0.5 * (away / (2 * graph.radius[real, None])) ** 2)
     total = weight.sum(axis=1, keepdims=True)
     mean = np.sum(weight[..., None] * step[near], axis=1) / np.maximum(total, 1e-9)

@@ -97,7 +97,7 @@ def _residual(here: StereoPoints, moved: np.ndarray, there: StereoPoints) -> np.
         np.concatenate([place / (_GAPS * gap), color / _COLOR], axis=1)
         for place, color in ((moved, here.color), (there.position, there.color))
     )
-    away, _ = KDTree(theirs).query(ours, distance_upper_bound=_LOST)
+    away, _ = KDTree(theirs).query(ours, distance_upper_bound=_LOST, workers=-1)
     away = np.minimum(away, _LOST)
-    near = KDTree(here.position).query(here.position, k=_AROUND)[1]
+    near = KDTree(here.position).query(here.position, k=_AROUND, workers=-1)[1]
     return away[near].mean(axis=1).astype(here.position.dtype)
