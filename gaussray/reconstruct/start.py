@@ -25,6 +25,11 @@ from gaussray.runtime.devices import agreed
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 
 
+# Rows for each Gaussian at the start, where transient Gaussians share the budget: every step
+# computes empty rows, too, and more are added if they fill up (`relocate_dead`).
+_ROOM = 2.0
+
+
 def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunProgress]:
     """The state before the coarse stage, and the progress with the numbers of Gaussians.
 
@@ -124,6 +129,8 @@ def _with_room(
     growth = max(progress.most / max(len(moves), 1), 1.0)
     limit = tuple(int(count * growth) for count in _counts(moves))
     rows_growth = growth if session.options.density.interval else 1.0
+    if session.options.density.relocates and session.options.fit.transient:
+        rows_growth = min(growth, _ROOM)
     # A multiple of 8 on every device.
     step = 8 * session.mesh.size
 

@@ -96,7 +96,7 @@ class KeptProgram:
         leaves, structure = jax.tree.flatten(arguments)
         signature = structure, tuple(map(_kind, leaves))
         if signature not in self._begun:
-            path = _file(self._key + _text(signature)) if _folders else None
+            path = _program_file(self._key + _text(signature)) if _folders else None
             if path is None:
                 return None
             self._begun[signature] = self._beginning(leaves, structure, path)
@@ -110,7 +110,7 @@ class KeptProgram:
 
     def _first(self, leaves: list[Any], signature: tuple[Any, ...]) -> Any:
         """The results of the first call: of a program from disk, or compiled and written there."""
-        path = _file(self._key + _text(signature))
+        path = _program_file(self._key + _text(signature))
         if path is None:
             return self._jitted(*jax.tree.unflatten(signature[0], leaves))
         with contextlib.suppress(Exception):
@@ -265,10 +265,16 @@ def kept_text(key: tuple[Hashable, ...], make: Callable[[], str]) -> str:
     return text
 
 
+def _program_file(key: str) -> Path | None:
+    """The file of a program; None on a GPU, whose programs call kernels that this process must load
+    itself."""
+    return _file(key) if jax.default_backend() == "cpu" else None
+
+
 def _file(key: str) -> Path | None:
     """The file of what has this key; None if the text of a function or an object in it does not say
-    what it is, and on a GPU, whose programs call kernels that this process must load itself."""
-    if " at 0x" in key or jax.default_backend() != "cpu":
+    what it is."""
+    if " at 0x" in key:
         return None
     folder, processor = _folders[0]
     name = hashlib.sha256(f"{_version()} {processor} {key}".encode()).hexdigest()

@@ -12,6 +12,8 @@ import jax
 import numpy as np
 from jaxtyping import Array
 
+from gaussray.runtime.kept_programs import kept_text
+
 
 # XLA's own way to launch PTX. An attribute of the call for each thing a launch needs.
 _TARGET = "__gpu$xla.gpu.ptx"
@@ -62,14 +64,22 @@ def _literal(value: int | float) -> str:
 
 @functools.lru_cache(maxsize=64)
 def _compiled(source: Path, options: tuple[str, ...]) -> str:
+    """The PTX of a file, from disk where an earlier process has made it."""
     library = _nvrtc()
     if library is None:
         raise ImportError(
             "trace.backend=kernel needs NVIDIA's run-time compiler libnvrtc: pip install "
             "-e '.[cuda]', or choose trace.backend=array."
         )
+    major, minor = ctypes.c_int(), ctypes.c_int()
+    library.nvrtcVersion(ctypes.byref(major), ctypes.byref(minor))
+    text = source.read_text()
+    key = "ptx", source.name, text, options, major.value, minor.value
+    return kept_text(key, lambda: _ptx_of(library, source, text, options))
+
+
+def _ptx_of(library: ctypes.CDLL, source: Path, text: str, options: tuple[str, ...]) -> str:
     program = ctypes.c_void_p()
-    text = source.read_text().encode()
 
     def read(kind: str) -> str:
         size = ctypes.c_size_t()
@@ -80,7 +90,7 @@ def _compiled(source: Path, options: tuple[str, ...]) -> str:
 
     arguments = (ctypes.c_char_p * len(options))(*(option.encode() for option in options))
     name = source.name.encode()
-    library.nvrtcCreateProgram(ctypes.byref(program), text, name, 0, None, None)
+    library.nvrtcCreateProgram(ctypes.byref(program), text.encode(), name, 0, None, None)
     try:
         if library.nvrtcCompileProgram(program, len(options), arguments):
             raise RuntimeError(f"{source} does not compile:\n{read('ProgramLog')}")

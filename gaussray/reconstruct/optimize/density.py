@@ -20,6 +20,8 @@ from gaussray.scene.gaussians import Unconstrained
 
 
 DENSITY_KINDS = ("split", "relocate")
+# Share of a kind's rows from which on they are doubled where Gaussians are relocated.
+_NEARLY_FULL = 0.9
 
 
 class DensityOptions(eqx.Module):
@@ -145,7 +147,8 @@ def density_due(options: DensityOptions, before: int, done: int, steps: int) -> 
 def relocate_dead(
     state: State, *, options: DensityOptions, extent: float, limit: tuple[int, int], seed: int
 ) -> State:
-    """Relocation of dead Gaussians, with one budget for all kinds (`relocation.relocate`).
+    """Relocation of dead Gaussians, with one budget for all kinds (`relocation.relocate`). The rows
+    of a kind that are nearly full are doubled while there is budget left.
 
     Args:
         state: the state after a block of steps.
@@ -164,10 +167,15 @@ def relocate_dead(
         opacity=options.opacity,
         limit=jnp.asarray(sum(limit), jnp.int32),
     )
-    changed = {
-        kind: ChangedRows(gaussians, np.asarray(fresh))
-        for kind, (gaussians, fresh) in zip(parts, moved, strict=True)
-    }
+    held = [int(occupied(gaussians).sum()) for gaussians, _ in moved]
+    changed = {}
+    for kind, (gaussians, fresh), own in zip(parts, moved, held, strict=True):
+        rows = len(fresh)
+        if own > _NEARLY_FULL * rows and sum(held) < sum(limit):
+            rows = 2 * rows
+            gaussians = with_rows(gaussians, rows)
+        fresh = np.pad(np.asarray(fresh), (0, rows - len(fresh)))
+        changed[kind] = ChangedRows(gaussians, fresh)
     return with_gaussians(state, changed)
 
 

@@ -168,6 +168,21 @@ def test_relocation_keeps_the_rows_and_starts_moments_of_changed_ones_again():
     assert int(after.step) == 7 and after.parameters.static.mean.shape == (0, 3)
 
 
+def test_rows_that_are_nearly_full_are_doubled_while_there_is_budget_left():
+    full, roomy = crowd(), with_rows(crowd(), 8)
+    state = begin_state(Parameters(full, roomy, None))
+    state = eqx.tree_at(lambda s: s.adam, state, jax.tree.map(jnp.ones_like, state.adam))
+    options = DensityOptions(kind="relocate", interval=100, opacity=0.01)
+    spent = relocate_dead(state, options=options, extent=EXTENT, limit=(4, 4), seed=0)
+    assert len(spent.parameters.static.mean) == 4
+    after = relocate_dead(state, options=options, extent=EXTENT, limit=(8, 4), seed=0)
+    static, moving = after.parameters.static, after.parameters.moving
+    assert occupied(static).tolist() == [True] * 4 + [False] * 4 and len(moving.mean) == 8
+    np.testing.assert_array_equal(static.mean[:4], full.mean)
+    np.testing.assert_array_equal(after.adam.mu.static.mean[:, 0], [1] * 4 + [0] * 4)
+    assert after.static_statistic.total.shape == (8,)
+
+
 def test_the_statistic_is_half_the_gradient_times_the_distance():
     after = accumulate(no_gradient(2), jnp.array([[3.0, 0, 4], [0, 0, 0]]), jnp.array([2.0, 7.0]))
     np.testing.assert_allclose(after.total, [5, 0])
