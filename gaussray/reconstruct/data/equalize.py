@@ -191,7 +191,8 @@ def equalized(footage: Footage, found: Equalization) -> Footage:
             table = np.floor(full * table + 0.5).astype(np.uint8)
             table[-1] = full
             for channel in range(3):
-                pixel[frame, ..., channel] = table[:, channel][pixel[frame, ..., channel]]
+                levels = pixel[frame, ..., channel]
+                pixel[frame, ..., channel] = np.take(table[:, channel], levels)
         else:
             light = np.clip(srgb_encode(srgb_decode(pixel[frame]) / gain), 0, 1)
             pixel[frame] = np.where(pixel[frame] < 1, light, 1)

@@ -6,6 +6,7 @@ differs from that moves. Where one picture alone shows it, it gets the distance 
 still beside it.
 """
 
+import threading
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -81,6 +82,7 @@ class UnexplainedPixels:
         self._factor = reduction((footage.film.height, footage.film.width), most)
         self._capacity: Capacity | None = None
         self._last: tuple[int, _Compared] | None = None
+        self._lock = threading.Lock()
         self.counts: dict[int, UInt16[np.ndarray, " tiles"]] = {}
 
     def __call__(self, frame: int) -> Bool[np.ndarray, "h w"]:
@@ -100,7 +102,12 @@ class UnexplainedPixels:
         return points_beside(*self._compared(frame))
 
     def _compared(self, frame: int) -> _Compared:
-        """A frame beside what stands still; the last one asked for is not rendered again."""
+        """A frame beside what stands still; the last one asked for is not rendered again. One after
+        another, for threads that ask for several."""
+        with self._lock:
+            return self._looked_at(frame)
+
+    def _looked_at(self, frame: int) -> _Compared:
         if self._last is None or self._last[0] != frame:
             one = np.array([frame])
             camera = jax.tree.map(lambda x: x[one], self._camera)

@@ -1,8 +1,9 @@
 """Points from the training pictures of a capture: of what stands still, and of what moves at given
 timestamps with its velocities."""
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple, TypeVar
 
 import jax
 import numpy as np
@@ -38,6 +39,9 @@ _BELIEVED = 2.0
 _ENOUGH = 0.25
 # Pixels that a picture in which points are looked at is reduced to, at most.
 _SMALL = 33_000
+
+T = TypeVar("T")
+U = TypeVar("U")
 
 StereoReport = Callable[[int, int], object]
 # Which pixels of a frame move; None where that is not known.
@@ -165,25 +169,45 @@ def moving_points(
     """
     moved = moved or MedianMasks(footage)
     options = options or options_for(jax.default_backend(), len(np.unique(footage.name)))
-    clouds = []
-    for time in times:
+
+    def cloud_at(time: float) -> StereoPoints:
         views = moving_views(footage, float(time), moved)
         if views is not None:
-            clouds.append(_moving(*views, options, known=known))
-        else:
-            clouds.append(_alone(footage, float(time), moved, alone))
-        report(len(clouds), 2 * len(times))
-    result = []
-    for k, cloud in enumerate(clouds):
+            return _moving(*views, options, known=known)
+        return _alone(footage, float(time), moved, alone)
+
+    def motion_of(k: int) -> tuple[np.ndarray, np.ndarray]:
         other = k + 1 if k + 1 < len(clouds) else k - 1
-        velocity, residual = np.zeros_like(cloud.position), np.full(len(cloud.scale), 3.0)
-        if 0 <= other < len(clouds):
-            motion = point_motion(cloud, clouds[other], seed=k)
-            velocity = motion.displacement / (times[other] - times[k])
-            residual = motion.residual
-        result.append(MovingPoints(cloud, float(times[k]), velocity, residual))
+        if not 0 <= other < len(clouds):
+            return np.zeros_like(clouds[k].position), np.full(len(clouds[k].scale), 3.0)
+        motion = point_motion(clouds[k], clouds[other], seed=k)
+        return motion.displacement / (times[other] - times[k]), motion.residual
+
+    clouds, result = [], []
+    for cloud in _several_at_once(cloud_at, times):
+        clouds.append(cloud)
+        report(len(clouds), 2 * len(times))
+    for k, motion in enumerate(_several_at_once(motion_of, range(len(clouds)))):
+        result.append(MovingPoints(clouds[k], float(times[k]), *motion))
         report(len(clouds) + k + 1, 2 * len(times))
     return result
+
+
+def _threads() -> int:
+    """How many times are looked at together: on a GPU, threads prepare others while it works on
+    one."""
+    return 1 if jax.default_backend() == "cpu" else 4
+
+
+def _several_at_once(find: Callable[[T], U], of: Sequence[T]) -> Iterator[U]:
+    """What is found of each, in order; the first compiles for all."""
+    yield from map(find, of[:1])
+    threads = ThreadPoolExecutor(_threads(), "stereo")
+    try:
+        yield from threads.map(find, of[1:])
+    finally:
+        # Whoever interrupts does not wait for the rest.
+        threads.shutdown(cancel_futures=True)
 
 
 def _alone(

@@ -1,6 +1,7 @@
 """Which pictures stereo sees: medians of still cameras, all frames of moving ones, what moves."""
 
 import dataclasses
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -9,11 +10,19 @@ import numpy as np
 from textured_plane import PLACES, SIZE, perspective, rig
 
 from gaussray.capture.points import Points
+from gaussray.capture.temporal_median import temporal_median
+from gaussray.reconstruct.data import still_cameras
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.data.still_cameras import MedianMasks, still_camera_count
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 from gaussray.reconstruct.initialize.initializer import filled_up
-from gaussray.reconstruct.initialize.stereo.from_pictures import moving_views, still_views
+from gaussray.reconstruct.initialize.stereo import from_pictures
+from gaussray.reconstruct.initialize.stereo.from_pictures import (
+    moving_points,
+    moving_views,
+    still_views,
+)
+from gaussray.reconstruct.initialize.stereo.points import StereoPoints
 
 
 TIMES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -49,6 +58,43 @@ def test_what_passes_by_is_not_in_the_medians_of_still_cameras():
     views = still_views(footage)
     assert views.frames.tolist() == [0, 5]
     np.testing.assert_array_equal(views.pictures, 60)
+
+
+def test_a_median_is_found_once_for_all_that_ask(monkeypatch):
+    found = []
+
+    def noted(pictures, visible=None):
+        found.append(len(pictures))
+        return temporal_median(pictures, visible)
+
+    monkeypatch.setattr(still_cameras, "temporal_median", noted)
+    footage, _ = film_of_square()
+    for _ in range(2):
+        still_views(footage)
+        MedianMasks(footage)(3)
+    assert found == [5, 5]
+
+
+def test_threads_find_the_same_points_in_the_same_order(monkeypatch):
+    footage, _ = film_of_square()
+
+    def point(frame):
+        vector, number = np.full((1, 3), frame, np.float32), np.ones(1, np.float32)
+        return StereoPoints(vector, vector, 0 * vector, number, number, number)
+
+    # One camera sees all of a picture move: a point for each time.
+    def moved(frame):
+        return np.full((SIZE, SIZE), frame < 5)
+
+    asked = partial(moving_points, footage, TIMES, moved=moved, alone=point)
+    alone = asked()
+    monkeypatch.setattr(from_pictures, "_threads", lambda: 3)
+    together = asked()
+    assert [cloud.points.position[0, 0] for cloud in alone] == [0, 1, 2, 3, 4]
+    for one, other in zip(alone, together, strict=True):
+        assert one.time == other.time
+        np.testing.assert_array_equal(one.points.position, other.points.position)
+        np.testing.assert_array_equal(one.velocity, other.velocity)
 
 
 def test_every_frame_of_a_moving_camera_is_a_view_of_its_own():
