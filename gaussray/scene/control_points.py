@@ -58,14 +58,17 @@ def control_motion(
     """Displacement and rotation (a unit quaternion) of every Gaussian at a time.
 
     Between the times of the poses, these are interpolated as those of rigid bodies
-    (`bodies.poses_at`).
+    (`bodies.poses_at`). Gradients reach poses and times alone: those of the weights would take as
+    long as all the rest.
 
     Args:
         points: The control points, at least one.
-        position: Centres of the Gaussians at rest, in scene units. No gradient reaches them.
+        position: Centres of the Gaussians at rest, in scene units.
         time: In the capture's unit.
     """
     position = jax.lax.stop_gradient(position)
+    fixed = jax.lax.stop_gradient((points.pivot, points.radius))
+    points = eqx.tree_at(lambda p: (p.pivot, p.radius), points, fixed)
     path, turn = poses_at(points.time, points.path, points.turn, time)
     rotation = rotation_matrix(turn)
     change = rotation - jnp.eye(3, dtype=rotation.dtype)[None]

@@ -80,16 +80,18 @@ def features(
 ) -> Float[Array, "gaussians features"]:
     """Features at positions and one time: the product of the six planes, scale by scale.
 
-    The time is the same for all positions, so each time plane is first reduced to a line.
+    The time is the same for all positions, so each time plane is first reduced to a line. No
+    gradient reaches the box.
 
     Args:
         planes: The feature planes.
         position: Positions in scene units.
         time: In the capture's unit.
     """
-    size = planes.upper - planes.lower
+    lower, upper = jax.lax.stop_gradient((planes.lower, planes.upper))
+    size = upper - lower
     # Where a box is flat (one place, so far away that a margin is lost) all of it is its border.
-    unit = (position - planes.lower[None]) / jnp.where(size > 0, size, 1)[None]
+    unit = (position - lower[None]) / jnp.where(size > 0, size, 1)[None]
     unit = jnp.clip(unit, 0, 1)
     span = planes.end - planes.begin
     moment = jnp.clip((time - planes.begin) / jnp.where(span > 0, span, 1), 0, 1)

@@ -8,9 +8,26 @@
 // K        hits that a lane keeps in order              WARPS    of a block of the march
 // LANES    lanes that share a ray                       BROAD    pixels in a row of a warp, or 0
 // ACROSS   bundles of a group side by side              TRANSIENT 1 if Gaussians are transient
+// TEAM     threads of a block of `gather`
 // ALPHA_MAX, TRANSMITTANCE_MIN as in TraceOptions
+//
+// RAYS, SLOTS and SUPERS differ from call to call. `Program.code` puts their numbers into the PTX, so
+// that other numbers do not have to be compiled.
 
 typedef unsigned int u32;
+
+#define NUMBER(NAME)                                 \
+  __device__ __forceinline__ int number_of_##NAME() { \
+    int n;                                           \
+    asm("mov.u32 %0, NUMBER_OF_" #NAME ";" : "=r"(n)); \
+    return n;                                        \
+  }
+NUMBER(RAYS)
+NUMBER(SLOTS)
+NUMBER(SUPERS)
+#define RAYS number_of_RAYS()
+#define SLOTS number_of_SLOTS()
+#define SUPERS number_of_SUPERS()
 
 #define ALL 0xffffffffu
 #define INFINITE __int_as_float(0x7f800000)
@@ -22,6 +39,8 @@ typedef unsigned int u32;
 // Below this cosine to the axis a bundle is too wide for planes: it is then tested as everywhere.
 #define WIDEST 0.05f
 #define BUCKETS 1024
+// Buckets of a thread of `gather`.
+#define OWN (BUCKETS / TEAM)
 // Rays of a warp, warps of a group, and parts of a group: one warp each, or several where a group
 // has more than 32. For each part a bit says whether it may meet an entry.
 #define WIDE (32 / LANES)
@@ -538,17 +557,17 @@ __device__ __forceinline__ float nearest(const Bounds &b, const Fan &fan, const 
 // ellipsoids; sorted into buckets by the least distance, those of a bucket (which share a bound) in
 // the order of the Gaussians, so that the list does not depend on who came first. It also bounds the
 // rays of each band.
-extern "C" __global__ void __launch_bounds__(256)
+extern "C" __global__ void __launch_bounds__(TEAM)
 gather(const float *origin, const float *direction, const float4 *weight, const float *time,
        const int *order, const float *super, const float *cell, const float4 *extent,
        const float4 *state, const float4 *keyed, const float4 *window, int *list, float *bounds,
        Bounds *bands, int *count, int *found, float *distance) {
   __shared__ Bounds b;
   __shared__ Fan fan;
-  __shared__ float scratch[8];
-  __shared__ u32 histogram[BUCKETS], lowest[BUCKETS], partial[8];
+  __shared__ float scratch[TEAM / 32];
+  __shared__ u32 histogram[BUCKETS], lowest[BUCKETS], partial[TEAM / 32];
   __shared__ u32 total, low, high;
-  __shared__ int queue[8][32];
+  __shared__ int queue[TEAM / 32][32];
   int lane = threadIdx.x & 31, warp = threadIdx.x >> 5;
   size_t own = (size_t)blockIdx.x * SLOTS;
   const size_t first_ray = (size_t)blockIdx.x * GROUP;
@@ -565,7 +584,7 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
       high = 0;
     }
   }
-  for (int base = 0; base < BANDS * SAMPLES; base += 256 / WIDE) {
+  for (int base = 0; base < BANDS * SAMPLES; base += TEAM / WIDE) {
     const int at = base + threadIdx.x / WIDE, i = min(at, BANDS * SAMPLES - 1);
     const int sample = i / BANDS, band = i % BANDS;
     Bounds mine = bound(Lanes(), origin, direction, weight, time,
@@ -576,8 +595,8 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   }
   __syncthreads();
   int least = 0x7f800000, most = 0;
-  for (int base = 0; base < SUPERS; base += 256) {
-    int s = base + lane * 8 + warp;
+  for (int base = 0; base < SUPERS; base += TEAM) {
+    int s = base + lane * (TEAM / 32) + warp;
     bool met = s < SUPERS && touches_box(b, super + 6 * (size_t)s);
     for (u32 left = __ballot_sync(ALL, met); left; left &= left - 1) {
       int parent = __shfl_sync(ALL, s, __ffs(left) - 1);
@@ -618,7 +637,7 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
     atomicMin(&low, (u32)least);
     atomicMax(&high, (u32)most);
   }
-  for (int i = threadIdx.x; i < BUCKETS; i += 256) {
+  for (int i = threadIdx.x; i < BUCKETS; i += TEAM) {
     histogram[i] = 0;
     lowest[i] = 0x7f800000u;
   }
@@ -631,16 +650,16 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   auto bucket = [&](u32 bits) {
     return min((int)((float)(max(bits, begin) - begin) * scale), BUCKETS - 1);
   };
-  for (int i = threadIdx.x; i < held; i += 256) {
+  for (int i = threadIdx.x; i < held; i += TEAM) {
     u32 bits = __float_as_uint(distance[own + i]);
     atomicAdd(&histogram[bucket(bits)], 1u);
     atomicMin(&lowest[bucket(bits)], bits);
   }
   __syncthreads();
-  u32 before[4], run = 0;
-  for (int i = 0; i < 4; i++) {
+  u32 before[OWN], run = 0;
+  for (int i = 0; i < OWN; i++) {
     before[i] = run;
-    run += histogram[4 * threadIdx.x + i];
+    run += histogram[OWN * threadIdx.x + i];
   }
   u32 scan = run;
   for (int i = 1; i < 32; i <<= 1) {
@@ -651,16 +670,16 @@ gather(const float *origin, const float *direction, const float4 *weight, const 
   __syncthreads();
   u32 offset = scan - run;
   for (int i = 0; i < warp; i++) offset += partial[i];
-  for (int i = 0; i < 4; i++) histogram[4 * threadIdx.x + i] = offset + before[i];
+  for (int i = 0; i < OWN; i++) histogram[OWN * threadIdx.x + i] = offset + before[i];
   __syncthreads();
-  for (int i = threadIdx.x; i < held; i += 256) {
+  for (int i = threadIdx.x; i < held; i += TEAM) {
     int in = bucket(__float_as_uint(distance[own + i]));
     u32 at = atomicAdd(&histogram[in], 1u);
     found[own + at] = list[own + i];
     bounds[own + at] = __uint_as_float(lowest[in]);
   }
   __syncthreads();
-  for (int i = threadIdx.x; i < held; i += 256) {
+  for (int i = threadIdx.x; i < held; i += TEAM) {
     const int id = found[own + i];
     const float bound = bounds[own + i];
     int place = i;

@@ -47,6 +47,10 @@ _WARPS = 4
 _LANES = 4
 # Bundles that share a list: with 8 x 8 pixels in each, a bit of a mask stands for one warp.
 _BUNDLES = 4
+# Macros that are numbers in the PTX: others do not have to be compiled.
+_NUMBERS = ("RAYS", "SLOTS", "SUPERS")
+# Threads that keep a GPU busy, of the blocks that list what groups may meet.
+_BUSY = 1 << 18
 # Largest size of the lists in bytes; larger pictures are traced in strips.
 _MEMORY = 2 * 1024**3
 
@@ -91,8 +95,19 @@ class Program(NamedTuple):
     def code(self) -> str:
         """PTX of the kernels."""
         macros = {name.upper(): value for name, value in self._asdict().items()}
+        numbers = {name: macros.pop(name) for name in _NUMBERS}
         macros |= {"WARPS": _WARPS, "LANES": _LANES, "BROAD": self.broad, "ACROSS": self.across}
-        return ptx(_SOURCE, macros | {"K": -(-2 * self.k // _LANES)})
+        macros |= {"TEAM": self.team}
+        code = ptx(_SOURCE, macros | {"K": -(-2 * self.k // _LANES)})
+        for name, number in numbers.items():
+            code = code.replace(f"NUMBER_OF_{name}", str(number))
+        return code
+
+    @property
+    def team(self) -> int:
+        """Threads that list what a group of rays may meet: more where there are few groups."""
+        groups = self.rays // self.group
+        return 1024 if groups <= _BUSY // 1024 else 512 if groups <= _BUSY // 512 else 256
 
     @property
     def warps(self) -> int:
@@ -233,7 +248,7 @@ def candidate_lists(stage: Stage, strip: Strip) -> Lists:
             numbers,
         ),
         blocks=groups,
-        threads=256,
+        threads=program.team,
     )
     words = program.samples, groups, -(-program.slots // 32), program.parts
     (met,) = launch(

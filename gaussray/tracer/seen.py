@@ -21,7 +21,7 @@ from gaussray.tracer.motion import (
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.prepare import time_span
 from gaussray.tracer.response import reach_radius
-from gaussray.tracer.window import swept_between, time_window_of
+from gaussray.tracer.window import rows_under, swept_between, time_window_of
 
 
 # Rounding errors, in units of the last place, that must not hide a Gaussian.
@@ -62,7 +62,7 @@ def seen_part(
     motion = merge_rest(motion)
     masks = _seen(motion, rays, blocks, options)
     needed = jnp.stack([jnp.sum(mask, dtype=jnp.int32) for mask in masks])
-    index, there = _places(masks[0], places[0])
+    index, there = rows_under(masks[0], places[0])
 
     def pick(x: Array, axis: int = 0) -> Array:
         return jnp.take(x, index, axis, mode="fill", fill_value=1, indices_are_sorted=True)
@@ -71,7 +71,7 @@ def seen_part(
     kept = replace(kept, opacity=jnp.where(there, kept.opacity, 0))
     transient = motion.transient
     if transient is not None:
-        index, there = _places(masks[1], places[1])
+        index, there = rows_under(masks[1], places[1])
         transient = jax.tree.map(pick, transient)
         transient = replace(transient, opacity=jnp.where(there, transient.opacity, 0))
     return SeenPart(replace(motion, gaussians=kept, transient=transient), needed)
@@ -90,13 +90,6 @@ def seen_counts(
     """
     masks = _seen(merge_rest(motion), rays, blocks, options)
     return jnp.stack([jnp.sum(mask, dtype=jnp.int32) for mask in masks])
-
-
-def _places(mask: Bool[Array, " gaussians"], places: int) -> tuple[Array, Bool[Array, " places"]]:
-    """The rows under a mask, in their order, and which places have one."""
-    count = mask.shape[0]
-    index = jnp.nonzero(mask, size=places, fill_value=count)[0].astype(jnp.int32)
-    return index, index < count
 
 
 def _seen(motion: Motion, rays: Rays, blocks: int, options: TraceOptions) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.transient import Transients, squared_age
@@ -126,6 +126,25 @@ class AliveTransients(eqx.Module):
     unusable: Int[Array, ""]
 
 
+def rows_under(
+    mask: Bool[Array, " rows"], places: int
+) -> tuple[Int[Array, " places"], Bool[Array, " places"]]:
+    """The numbers of the rows under a mask, in their order, and which places have one; the first
+    rows if there are too many.
+
+    (`jnp.nonzero` counts the rows before each place, all at few addresses: a GPU waits for that.)
+
+    Args:
+        mask: Which rows are chosen.
+        places: Number of places; those that are left have a number beyond all rows.
+    """
+    count = mask.shape[0]
+    place = jnp.where(mask, jnp.cumsum(mask, dtype=jnp.int32) - 1, places)
+    index = jnp.full(places, count, jnp.int32)
+    index = index.at[place].set(jnp.arange(count, dtype=jnp.int32), mode="drop")
+    return index, index < count
+
+
 def alive_transients(
     transients: Transients, span: Float[Array, "2"], places: int, alpha_min: float
 ) -> AliveTransients:
@@ -146,9 +165,8 @@ def alive_transients(
     finite = jnp.all(jnp.isfinite(windows), axis=0) & (window.rate >= 0)
     swept = swept_between(window, reach_radius(fixed.opacity, alpha_min), span[0], span[1])
     lit = finite & (swept.shrink > 0)
-    index = jnp.nonzero(lit, size=places, fill_value=transients.count)[0].astype(jnp.int32)
+    index, there = rows_under(lit, places)
     picked = jax.tree.map(lambda x: x.at[index].get(mode="fill", fill_value=1), transients)
-    there = index < transients.count
     fine = is_valid(still(picked.gaussians).gaussians)
     fine = fine & jnp.all(jnp.isfinite(picked.velocity), axis=1)
 

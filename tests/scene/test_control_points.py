@@ -104,7 +104,7 @@ def test_single_precision_holds_far_from_the_origin():
     np.testing.assert_allclose(turn, rotation, atol=1e-3)
 
 
-def test_gradients_of_poses_agree_with_differences_and_none_reach_places():
+def test_gradients_of_poses_agree_with_differences_and_none_reach_places_or_weights():
     control, x = points(count=3), places(4)
 
     def f(path, turn):
@@ -115,6 +115,8 @@ def test_gradients_of_poses_agree_with_differences_and_none_reach_places():
     check_grads(f, (control.path, control.turn), order=1, modes=["rev"])
     slope = jax.grad(lambda x: jnp.sum(control_motion(control, x, TIMES[1])[0]))(x)
     assert not np.any(slope)
+    slope = jax.grad(lambda c: jnp.sum(control_motion(c, x, TIMES[1])[0]))(control)
+    assert not np.any(slope.pivot) and not np.any(slope.radius) and np.any(slope.path)
 
 
 def test_points_that_reach_further_keep_their_weights():

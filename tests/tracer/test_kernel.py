@@ -79,7 +79,8 @@ def test_every_macro_of_the_source_is_given(monkeypatch):
     (source, macros), text = given[0], given[0][0].read_text()
     opening = text[: text.index("typedef")]
     named = {word.strip(",.") for word in opening.split() if word.strip(",.").isupper()}
-    assert source.name == "kernel.cu" and set(macros) == named - {"CUDA"}
+    assert source.name == "kernel.cu"
+    assert {*macros, *kernel._NUMBERS} == named - {"CUDA", "PTX"}
 
 
 @pytest.mark.skipif(cuda._nvrtc() is None, reason="there is no libnvrtc")
@@ -88,8 +89,12 @@ def test_every_macro_of_the_source_is_given(monkeypatch):
 def test_the_source_compiles_also_where_there_is_no_device(monkeypatch, keys, transient):
     device = types.SimpleNamespace(compute_capability="9.0")
     monkeypatch.setattr(cuda.jax, "local_devices", lambda: [device])
-    code = kernel.Program(64, 1, 64, 8, 32, 1, keys, 4, 1, 16, 16, 0.99, 1e-4, transient).code
-    assert code.count(".visible .entry") == 4
+    program = kernel.Program(64, 1, 64, 8, 32, 1, keys, 4, 1, 16, 16, 0.99, 1e-4, transient)
+    code = program.code
+    assert code.count(".visible .entry") == 4 and "NUMBER_OF" not in code
+    # Other sizes are other numbers of the same code.
+    monkeypatch.setattr(cuda, "_ptx_of", lambda *_: pytest.fail("compiled again"))
+    assert program._replace(rays=256, slots=96, supers=7).code.count("96;") > code.count("96;")
 
 
 def test_single_precision_on_a_device_chooses_the_kernel(elsewhere):
