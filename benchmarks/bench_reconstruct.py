@@ -2,6 +2,7 @@
 
 python -m benchmarks.bench_reconstruct [--steps 50] [--stages coarse fine]
 python -m benchmarks.bench_reconstruct --capture DIR --auto --stages coarse --devices 1 2
+python -m benchmarks.bench_reconstruct --capture DIR --auto --kernels 30
 
 A step is rays of one instant, the scene at its time, trace, loss, gradients and Adam; ten of them
 run as one program and are waited for. Without --capture it is the sample's, without --auto the
@@ -13,11 +14,13 @@ import tempfile
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import jax
 import numpy as np
 
+from benchmarks.kernels import kernel_seconds
 from benchmarks.problem import SAMPLE
 from benchmarks.record import backend, begin, record, show
 
@@ -34,6 +37,9 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--capture", help="another capture than the sample")
     parser.add_argument("--auto", action="store_true", help="options as fit=auto chooses them")
     parser.add_argument("--devices", type=int, nargs="+", help="default: all")
+    parser.add_argument(
+        "--kernels", type=int, default=0, help="so many of the longest CUDA kernels"
+    )
     chosen = parser.parse_args(argv)
     # They read pictures: not needed to know what the script is for.
     from gaussray.capture.open import open_capture
@@ -74,7 +80,9 @@ def _rows(capture, options, devices: int | None, chosen) -> list[dict]:
         for stage in chosen.stages:
             if stage == "fine":
                 state, progress = with_motion(session, state, progress)
-            state, seconds, terms, dropped = _stepped(session, state, stage, chosen.steps)
+            state, seconds, terms, dropped = _stepped(
+                session, state, stage, chosen.steps, chosen.kernels
+            )
             count = sum(len(kind.mean) for kind in state.parameters.kinds.values())
             side = max(options.fit.tile_side, options.trace.bundle)
             rows.append(
@@ -99,7 +107,7 @@ def _rows(capture, options, devices: int | None, chosen) -> list[dict]:
     return rows
 
 
-def _stepped(session, state, stage: str, steps: int):
+def _stepped(session, state, stage: str, steps: int, kernels: int):
     """State, seconds a step of every block, the last one's terms, and entries dropped."""
     from gaussray.reconstruct.loop import first_sizes, step_options
     from gaussray.reconstruct.step import schedule, train_block
@@ -108,23 +116,22 @@ def _stepped(session, state, stage: str, steps: int):
     loader, mesh, seconds, lost = session.loader, session.mesh, [], 0
     sizes = first_sizes(session, state, loader.batches(stage, 0, BLOCK))
     cameras, course = everywhere((session.footage.camera, schedule(10_000, 0)), mesh)
+    run = partial(train_block, options=step_options(session, stage), schedule=course, sizes=sizes)
     for block in range(steps // BLOCK + 1):
         state = everywhere(state, mesh)
         batches = everywhere(loader.batches(stage, BLOCK * block, BLOCK), mesh)
         began = time.perf_counter()
-        state, terms, _, _, dropped = jax.block_until_ready(
-            train_block(
-                state,
-                cameras,
-                batches,
-                session.cameras,
-                options=step_options(session, stage),
-                schedule=course,
-                sizes=sizes,
-            )
+        after, terms, _, _, dropped = jax.block_until_ready(
+            run(state, cameras, batches, session.cameras)
         )
         seconds.append((time.perf_counter() - began) / BLOCK)
         lost += int(dropped)
+        if kernels and block + 1 > steps // BLOCK:
+            taken = kernel_seconds(partial(run, state, cameras, batches, session.cameras))
+            print(f"{stage}: kernels take {1e3 * sum(taken.values()) / BLOCK:.2f} ms a step")
+            for name, total in list(taken.items())[:kernels]:
+                print(f"  {1e3 * total / BLOCK:7.3f} ms  {name}")
+        state = after
     return state, seconds, terms, lost
 
 

@@ -226,6 +226,6 @@ def test_every_effect_and_every_knob_can_be_measured(monkeypatch, tmp_path):
 @slow
 def test_steps_of_a_reconstruction_are_measured(monkeypatch, tmp_path):
     monkeypatch.setattr(record, "RESULTS", tmp_path)
-    bench_reconstruct.main(["--steps", "10", "--stages", "coarse"])
+    bench_reconstruct.main(["--steps", "10", "--stages", "coarse", "--kernels", "3"])
     (line,) = lines_of(tmp_path, "reconstruct_step")
     assert set(record.KEYS) <= set(line) and line["dropped"] == 0
