@@ -58,6 +58,7 @@ def run_stage(
     sizes: BlockSizes | None = None
     views, cameras = everywhere((session.footage.camera, session.cameras), session.mesh)
     state, score = agreed(state), _held_out_score(session, stage, views, cameras)
+    begun = _sizes_key(session, stage, state)
     for done, batches in loader.blocks(stage, int(state.step), plan, fit.block):
         if sizes is None:
             sizes = _known_sizes(session, stage, state, progress)
@@ -92,7 +93,9 @@ def run_stage(
         if done >= plan.steps:
             break
     if sizes is not None:
-        session.shared.note(_sizes_key(session, stage, state), sizes)
+        # Density control may have added rows.
+        for key in (begun, _sizes_key(session, stage, state)):
+            session.shared.note(key, sizes)
     return agreed(state), progress
 
 

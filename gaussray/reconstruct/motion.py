@@ -198,7 +198,8 @@ def _transients(
             return None
         warnings.warn(
             "stereo finds no points in what moves, so there are no transient Gaussians, and "
-            "nothing moves. If something does: fit.motion=deformation needs no points of it.",
+            "nothing moves. If something does: fit.motion=deformation (or from_rest, if most times "
+            "have a single picture) needs no points of it.",
             CaptureWarning,
             stacklevel=2,
         )

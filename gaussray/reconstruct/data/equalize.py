@@ -196,4 +196,5 @@ def equalized(footage: Footage, found: Equalization) -> Footage:
         else:
             light = np.clip(srgb_encode(srgb_decode(pixel[frame]) / gain), 0, 1)
             pixel[frame] = np.where(pixel[frame] < 1, light, 1)
+    footage.medians.clear()
     return footage
