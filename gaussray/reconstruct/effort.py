@@ -182,7 +182,7 @@ def _still(pixels: float, machine: Machine, wanted: FitOptions) -> ReconstructOp
         short = wanted.coarse + wanted.fine < _FEW_STEPS
     larger = float(np.clip(math.sqrt(pixels / machine.pixels), 1.0, 4.0))
     # Beyond, a step takes so much longer that the same time shows less
-    # (experiments/captures/README.md).
+    # (experiments/captures/log.md).
     share = 25 if machine.gpu else 50
     low, high = (50_000, 250_000 * larger) if machine.gpu else (10_000, 40_000)
     gaussians = int(np.clip(pixels / share, low, high))
@@ -253,7 +253,7 @@ def _brief(pixels: float, machine: Machine, motion: str) -> ReconstructOptions:
 
 def _trace(machine: Machine) -> TraceOptions:
     """How the rays of a step are traced. Their hits are many: with k of 32 instead of 16 an H100
-    takes three quarters of the time (experiments/captures/README.md)."""
+    takes three quarters of the time (experiments/captures/log.md)."""
     return TraceOptions(k=32 if machine.gpu else 16, levels=0, transmittance_min=1e-3)
 
 

@@ -18,7 +18,7 @@ _THOUSANDS = OptimizerOptions(
     instant=5e-3,
     lifetime=1e-2,
 )
-# Those of 3DGS, for tens of thousands of steps of stills (experiments/captures/README.md).
+# Those of 3DGS, for tens of thousands of steps of stills (experiments/captures/log.md).
 _TENS_OF_THOUSANDS = OptimizerOptions(mean=0.1, quat=1e-3, scale=5e-3, color=2.5e-3)
 # Tiles of a step for each GPU, and on a CPU.
 _TILES_GPU, _TILES_CPU = 64, 4
@@ -55,7 +55,7 @@ class Machine(NamedTuple):
 
     def most_pixels(self, still: bool) -> float:
         """Training pixels beyond which pictures are scaled down. For stills on a CPU it was
-        measured (experiments/captures/README.md), for captures of several times it was not."""
+        measured (experiments/captures/log.md), for captures of several times it was not."""
         if self.gpu:
             return 1e9
         return 3e6 if still else 1e7

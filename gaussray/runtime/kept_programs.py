@@ -258,7 +258,9 @@ def kept_text(key: tuple[Hashable, ...], make: Callable[[], str]) -> str:
     if path is None:
         return make()
     with contextlib.suppress(OSError, ValueError):
-        return path.read_text(encoding="utf-8")
+        # It may be code, too.
+        if _own(path):
+            return path.read_text(encoding="utf-8")
     text = make()
     with contextlib.suppress(OSError):
         _keep(path, text.encode())

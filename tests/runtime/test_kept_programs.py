@@ -176,6 +176,10 @@ def test_a_text_is_made_once_for_a_key(folder):
     assert made == [1] and len(list(folder.iterdir())) == 1
     kept_text(("a", 2), text)
     assert made == [1, 1]
+    for file in folder.iterdir():
+        file.chmod(0o666)
+    kept_text(("a", 2), text)
+    assert made == [1, 1, 1]
 
 
 def test_options_that_differ_in_the_last_digit_have_keys_of_their_own(folder):
