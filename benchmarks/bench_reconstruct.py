@@ -121,17 +121,17 @@ def _stepped(session, state, stage: str, steps: int, kernels: int):
         state = everywhere(state, mesh)
         batches = everywhere(loader.batches(stage, BLOCK * block, BLOCK), mesh)
         began = time.perf_counter()
-        after, terms, _, _, dropped = jax.block_until_ready(
+        state, terms, _, _, dropped = jax.block_until_ready(
             run(state, cameras, batches, session.cameras)
         )
         seconds.append((time.perf_counter() - began) / BLOCK)
         lost += int(dropped)
-        if kernels and block + 1 > steps // BLOCK:
-            taken = kernel_seconds(partial(run, state, cameras, batches, session.cameras))
-            print(f"{stage}: kernels take {1e3 * sum(taken.values()) / BLOCK:.2f} ms a step")
-            for name, total in list(taken.items())[:kernels]:
-                print(f"  {1e3 * total / BLOCK:7.3f} ms  {name}")
-        state = after
+    if kernels:
+        state = everywhere(state, mesh)
+        taken = kernel_seconds(partial(run, state, cameras, batches, session.cameras))
+        print(f"{stage}: kernels take {1e3 * sum(taken.values()) / BLOCK:.2f} ms a step")
+        for name, total in list(taken.items())[:kernels]:
+            print(f"  {1e3 * total / BLOCK:7.3f} ms  {name}")
     return state, seconds, terms, lost
 
 

@@ -1,7 +1,7 @@
 """What a reconstruction has at hand while it works on one segment of a capture."""
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Hashable
 from dataclasses import replace
 from functools import cached_property
 
@@ -14,14 +14,13 @@ from jaxtyping import Array, Bool, Float, Int
 from gaussray.camera.array import camera_set
 from gaussray.camera.camera import Camera
 from gaussray.camera.corrections import refined_kinds, refined_views
-from gaussray.capture.capture import Capture, View
+from gaussray.capture.capture import Capture
 from gaussray.capture.points import Points
 from gaussray.reconstruct.data.backdrop import backdrop_of
-from gaussray.reconstruct.data.equalize import Equalization, equalization, equalized
 from gaussray.reconstruct.data.held_out_tiles import HoldOut, held_out_tiles
 from gaussray.reconstruct.data.loader import GrowingWindow, Loader
-from gaussray.reconstruct.data.motion_mask import Activity, activity, moved_pixels
-from gaussray.reconstruct.data.pictures import Footage, footage, stacked
+from gaussray.reconstruct.data.motion_mask import moved_pixels
+from gaussray.reconstruct.data.pictures import Footage, stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
 from gaussray.reconstruct.data.still_cameras import still_camera_count
 from gaussray.reconstruct.initialize.appearance import Shown
@@ -33,6 +32,7 @@ from gaussray.reconstruct.optimize.state import State, begin_state
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
 from gaussray.reconstruct.shared_results import SharedResults
+from gaussray.reconstruct.training_pictures import training_pictures
 from gaussray.runtime.progress import Progress, ProgressReport
 from gaussray.scene.bodies import body_pose_at
 from gaussray.scene.deformation import Deformation
@@ -99,11 +99,14 @@ class Session:
         self.later = part.time_range[0] > capture.time_range[0]
         # Of a part alone, the usual exposure would be another than that of the next one.
         evened_out = options.fit.equalize and part.time_range == capture.time_range
-        side = max(options.fit.tile_side, options.trace.bundle)
         self.shared = shared or SharedResults()
-        self.footage, self.equalization, self.activity = self.shared.once(
-            ("pictures", side, options.trace.bundle, evened_out),
-            lambda: self._pictures(part.views, side, evened_out=evened_out),
+        self.footage, self.equalization, self.activity = training_pictures(
+            part.views,
+            options,
+            self.shared,
+            evened_out=evened_out,
+            folder=log.out,
+            report=self.progress_bar("read", len(part.views), patience=2.0).report,
         )
         self.backdrop = backdrop_of(self.footage)
         if self.backdrop is not None:
@@ -137,22 +140,6 @@ class Session:
         )
         self.times = self.loader.sampler.times
         self.mesh = mesh_of_hosts(devices)
-
-    def _pictures(
-        self, views: Sequence[View], side: int, *, evened_out: bool
-    ) -> tuple[Footage, Equalization | None, Activity]:
-        """The training pictures, what was evened out of them, and where they change."""
-        read = footage(
-            views,
-            side=side,
-            bundle=self.options.trace.bundle,
-            memory=self.options.fit.memory,
-            folder=self.log.out,
-            report=self.progress_bar("read", len(views), patience=2.0).report,
-        )
-        found = equalization(read) if evened_out else None
-        read = read if found is None else equalized(read, found)
-        return read, found, activity(read)
 
     def _window(self) -> GrowingWindow | None:
         """The times that steps see at first: the first one, or, where control points begin at rest,

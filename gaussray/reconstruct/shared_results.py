@@ -10,8 +10,9 @@ T = TypeVar("T")
 class SharedResults:
     """Results of work on the pictures of one segment, which trials and the fit itself share.
 
-    They are the pictures, points and motion that these alone decide, and the sizes of the tracer's
-    lists, so that the steps of later fits run the programs that were compiled for earlier ones.
+    They are the pictures, the points and motion that these alone decide, and the sizes of the
+    tracer's lists, so that the steps of later fits run the programs that were compiled for earlier
+    ones.
     """
 
     def __init__(self):

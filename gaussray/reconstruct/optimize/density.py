@@ -148,7 +148,7 @@ def relocate_dead(
     state: State, *, options: DensityOptions, extent: float, limit: tuple[int, int], seed: int
 ) -> State:
     """Relocation of dead Gaussians, with one budget for all kinds (`relocation.relocate`). The rows
-    of a kind that are nearly full are doubled while there is budget left.
+    of a kind that are nearly full are doubled if the others leave it more of the budget.
 
     Args:
         state: the state after a block of steps.
@@ -170,8 +170,8 @@ def relocate_dead(
     held = [int(occupied(gaussians).sum()) for gaussians, _ in moved]
     changed = {}
     for kind, (gaussians, fresh), own in zip(parts, moved, held, strict=True):
-        rows = len(fresh)
-        if own > _NEARLY_FULL * rows and sum(held) < sum(limit):
+        rows, most = len(fresh), sum(limit) - sum(held) + own
+        if own > _NEARLY_FULL * rows and rows < most:
             rows = 2 * rows
             gaussians = with_rows(gaussians, rows)
         fresh = np.pad(np.asarray(fresh), (0, rows - len(fresh)))
