@@ -22,16 +22,25 @@ _THOUSANDS = OptimizerOptions(
 _TENS_OF_THOUSANDS = OptimizerOptions(mean=0.1, quat=1e-3, scale=5e-3, color=2.5e-3)
 # Tiles of a step for each GPU, and on a CPU.
 _TILES_GPU, _TILES_CPU = 64, 4
+# Bytes of a GPU's memory from which on two fits run at the same time.
+_MEMORY_OF_TWO = 32 << 30
 # The rates that rise with the number of rays in a step.
 _WITH_RAYS = ("mean", "quat", "scale", "color", "harmonics")
 
 
 class Machine(NamedTuple):
-    """What decides how much work fits into the time: whether there is a GPU, and how many GPUs
-    share the rays of a step."""
+    """What decides how much work fits into the time: whether there is a GPU, how many GPUs share
+    the rays of a step, and the memory that one of them gives, in bytes."""
 
     gpu: bool
     gpus: int = 1
+    memory: int = 0
+
+    @property
+    def fits_two(self) -> bool:
+        """Whether two fits of a trial run at the same time: while one compiles programs or works on
+        the host, the GPU works on the other. Several GPUs would wait for each other."""
+        return self.gpu and self.gpus == 1 and self.memory >= _MEMORY_OF_TWO
 
     @property
     def tiles(self) -> int:
@@ -81,4 +90,6 @@ def this_machine(devices: int | None = None) -> Machine:
     """
     if jax.default_backend() != "gpu":
         return Machine(gpu=False)
-    return Machine(gpu=True, gpus=(devices or jax.local_device_count()) * jax.process_count())
+    gpus = (devices or jax.local_device_count()) * jax.process_count()
+    known = jax.local_devices()[0].memory_stats() or {}
+    return Machine(gpu=True, gpus=gpus, memory=known.get("bytes_limit", 0))

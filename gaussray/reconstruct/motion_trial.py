@@ -9,6 +9,7 @@ still, too.
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from jaxtyping import Bool
@@ -21,6 +22,7 @@ from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.trial_fits import TrialFits
+from gaussray.runtime.side_by_side import side_by_side
 
 
 # Steps of the fine stage of a trial.
@@ -70,15 +72,17 @@ def motion_trial_scores(
         fits: makes the short fits.
         rivals: the options of each choice of fit.motion.
     """
-    scores = {}
-    for name, options in rivals.items():
+
+    def score_of(name: str) -> float | None:
+        options = rivals[name]
         short = replace(options.fit, minutes=0.0, fine=_STEPS, refine=())
         tried = replace(options, fit=short)
-        score = fits.score(f"trial of {name}", tried, motion_tiles, moving_score)
-        if score is None:
-            return {}
-        scores[name] = score
-    return scores
+        return fits.score(f"trial of {name}", tried, motion_tiles, moving_score)
+
+    works = [partial(score_of, name) for name in rivals]
+    found = side_by_side(works) if fits.at_once else [work() for work in works]
+    scores = {name: score for name, score in zip(rivals, found, strict=True) if score is not None}
+    return scores if len(scores) == len(rivals) else {}
 
 
 def trial_sentence(scores: Mapping[str, float], nouns: Mapping[str, str]) -> str:

@@ -121,7 +121,16 @@ def reconstruct(
         _say(line, quiet or not leads())
 
     shared = SharedResults()
-    fits = TrialFits(capture, course[0], out, _fitted, shared, devices, quiet or not leads())
+    fits = TrialFits(
+        capture,
+        course[0],
+        out,
+        _fitted,
+        shared,
+        devices,
+        quiet or not leads(),
+        at_once=machine.fits_two,
+    )
     chosen, scores = _with_motion_tried(fits, chosen, rivals, resume, told)
     told(chosen.sentence)
     options = with_refinement_tried(fits, chosen.options, resume=resume, say=told)

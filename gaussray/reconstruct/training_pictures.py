@@ -46,10 +46,12 @@ def training_pictures(
         folder: folder of the files.
         report: called with the number of pictures read, after each picture.
     """
-    kept: dict[tuple[int, int], TrainingPictures] = shared.once("pictures", dict)
     bundle = options.trace.bundle
     side = max(options.fit.tile_side, bundle)
-    if (side, bundle) not in kept:
+    with shared.turn("pictures"):
+        kept: dict[tuple[int, int], TrainingPictures] = shared.once("pictures", dict)
+        if (side, bundle) in kept:
+            return kept[side, bundle]
         taken = 1e-9 * sum(other.footage.pixel.nbytes for other in kept.values())
         memory = max(options.fit.memory - taken, 0.0)
         read = footage(views, side=side, bundle=bundle, memory=memory, folder=folder, report=report)

@@ -3,6 +3,7 @@
 import math
 import shutil
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +19,8 @@ from gaussray.reconstruct.shared_results import SharedResults
 from gaussray.runtime.devices import leads, wait
 
 
+# The folder of a run in which those of its short fits are.
+_FOLDER = "trial"
 # Fits all stages of a segment.
 Fitted = Callable[[Session, State | None, RunProgress], tuple[State, RunProgress]]
 
@@ -34,6 +37,7 @@ class TrialFits:
         shared: what these fits, and the one that follows, have in common.
         devices: how many devices share the rays (None: all).
         quiet: print no progress.
+        at_once: whether the fits of a trial run at the same time (`Machine.fits_two`).
     """
 
     capture: Capture
@@ -43,6 +47,7 @@ class TrialFits:
     shared: SharedResults
     devices: int | None = None
     quiet: bool = True
+    at_once: bool = False
 
     def score(
         self,
@@ -55,12 +60,12 @@ class TrialFits:
         held out.
 
         Args:
-            name: what is tried, for progress bars.
+            name: what is tried, for progress bars, and for the folder of the fit.
             options: all options; fit.validate is the share that `hold_out` gets.
             hold_out: which tiles no step draws.
             measure: measures the last state of the fit, in dB.
         """
-        folder = self.out / "trial"
+        folder = self.out / _FOLDER / name.replace(" ", "_")
         _remove(folder)
         log = RunLog(folder, resume=False, interval=math.inf, writes=leads())
         segment = replace(self.segment, name=name)
@@ -84,4 +89,6 @@ class TrialFits:
 def _remove(folder: Path) -> None:
     if leads():
         shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):  # while others are in it, too
+            folder.parent.rmdir()
     wait("trial")

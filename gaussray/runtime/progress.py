@@ -15,6 +15,7 @@ from typing import Any, Protocol, runtime_checkable
 
 from gaussray.runtime.jit_cache import compiled
 from gaussray.runtime.output import emit
+from gaussray.runtime.side_by_side import demand_wanted
 
 
 # auto: a bar on a terminal, lines elsewhere.
@@ -176,7 +177,11 @@ class Progress:
         Args:
             done: number of finished units since the beginning of the task.
             note: further words about the task, such as its loss.
+
+        Raises:
+            GivenUp: nobody wants the result any more (`side_by_side`).
         """
+        demand_wanted()
         now = time.monotonic()
         spent, compiling = now - self.begin, 0.0 if self.anew else compiled() - self.before
         cost, whole = self._cost(done), self._cost(self.total)

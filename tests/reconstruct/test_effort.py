@@ -364,3 +364,10 @@ def test_a_resumed_run_keeps_the_plan():
     assert progress_from_json(progress_to_json(noted), None).planned == 540
     with pytest.raises(ValueError, match="planned"):
         progress_from_json(progress_to_json(noted) | {"planned": "many"}, None)
+
+
+def test_two_fits_of_a_trial_need_one_gpu_with_the_memory_for_both():
+    assert Machine(True, 1, 64 << 30).fits_two
+    assert not Machine(True, 1, 16 << 30).fits_two
+    assert not Machine(True, 4, 64 << 30).fits_two
+    assert not CPU.fits_two

@@ -1,6 +1,7 @@
 """Which of several ways shows what moves best is told by pictures that are held out."""
 
 import json
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -45,9 +46,10 @@ def seen(views, side=8):
     return footage(views, side=side, bundle=8)
 
 
-def fits_of(capture, out, fitted, shared=None):
+def fits_of(capture, out, fitted, shared=None, at_once=False):
     part = segments(capture, 0)[0]
-    return TrialFits(capture, part, out, fitted, shared or SharedResults())
+    shared = shared or SharedResults()
+    return TrialFits(capture, part, out, fitted, shared, at_once=at_once)
 
 
 def test_of_five_cameras_one_is_held_out_at_each_time(capture):
@@ -122,6 +124,31 @@ def test_a_fit_is_scored_on_moving_pixels_that_no_step_draws_and_a_failed_one_lo
     assert not (tmp_path / "trial").exists()
     line = trial_sentence(scores, effort.MOTION_NOUNS)
     assert "fit.motion=deformation" in line and "transient Gaussians" in line
+
+
+def test_fits_of_a_trial_run_at_once_where_the_machine_has_room(capture, tmp_path):
+    meeting = threading.Barrier(2, timeout=60)
+
+    def fitted(session, state, progress):
+        side = session.options.fit.tile_side
+        # Each has pictures in tiles of its own size, and its own folder.
+        assert session.footage.side == side
+        session.shared.once("points", lambda: found.append(side))
+        (session.log.out / "own").write_text(str(side))
+        meeting.wait()
+        assert (session.log.out / "own").read_text() == str(side)
+        parts = unconstrain(scene.static), unconstrain(scene.moving), scene.deformation
+        return begin_state(Parameters(*parts, None)), progress
+
+    found, scene = [], toy.scene()
+    rivals = {
+        name: replace(toy.SHORT, fit=replace(toy.SHORT.fit, tile_side=side))
+        for name, side in (("control_points", 16), ("deformation", 8))
+    }
+    scores = motion_trial_scores(fits_of(capture, tmp_path, fitted, at_once=True), rivals)
+    assert list(scores) == list(rivals) and min(scores.values()) > 40
+    assert len(found) == 1
+    assert not (tmp_path / "trial").exists()
 
 
 def test_where_no_tile_can_be_held_out_nothing_is_tried(capture, tmp_path, monkeypatch):

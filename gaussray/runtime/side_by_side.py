@@ -1,0 +1,63 @@
+"""Several pieces of work at the same time, which end together where one of them fails."""
+
+import contextvars
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextvars import ContextVar
+from typing import TypeVar
+
+
+T = TypeVar("T")
+
+# Set once nobody wants the result of this thread's work any more.
+_given_up: ContextVar[threading.Event | None] = ContextVar("given_up", default=None)
+
+
+class GivenUp(Exception):
+    """Nobody wants the result of this work any more."""
+
+
+def demand_wanted() -> None:
+    """Raise `GivenUp` in a thread whose result nobody wants any more.
+
+    Long work calls this between its steps (`Progress.report` does).
+    """
+    event = _given_up.get()
+    if event is not None and event.is_set():
+        raise GivenUp
+
+
+def side_by_side(works: Sequence[Callable[[], T]]) -> list[T]:
+    """The results of several pieces of work, each done in a thread of its own.
+
+    If one fails, or the user interrupts, the others are given up at their next progress report.
+
+    Args:
+        works: functions of nothing. They find the context variables of the caller.
+
+    Raises:
+        Exception: that of the first work that failed, in the order of `works`.
+    """
+    given_up = threading.Event()
+
+    def done(work: Callable[[], T]) -> T:
+        _given_up.set(given_up)
+        try:
+            return work()
+        except BaseException:
+            given_up.set()
+            raise
+
+    with ThreadPoolExecutor(max(len(works), 1), "side") as threads:
+        futures = [threads.submit(contextvars.copy_context().run, done, work) for work in works]
+        try:
+            wait(futures)
+        except BaseException:
+            given_up.set()
+            raise
+    errors = [future.exception() for future in futures]
+    causes = [error for error in errors if error and not isinstance(error, GivenUp)]
+    if causes:
+        raise causes[0]
+    return [future.result() for future in futures]
