@@ -3,7 +3,6 @@
 import math
 import shutil
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,8 +18,6 @@ from gaussray.reconstruct.shared_results import SharedResults
 from gaussray.runtime.devices import leads, wait
 
 
-# The folder of a run in which those of its short fits are.
-_FOLDER = "trial"
 # Fits all stages of a segment.
 Fitted = Callable[[Session, State | None, RunProgress], tuple[State, RunProgress]]
 
@@ -65,7 +62,7 @@ class TrialFits:
             hold_out: which tiles no step draws.
             measure: measures the last state of the fit, in dB.
         """
-        folder = self.out / _FOLDER / name.replace(" ", "_")
+        folder = self.out / name.replace(" ", "_")
         _remove(folder)
         log = RunLog(folder, resume=False, interval=math.inf, writes=leads())
         segment = replace(self.segment, name=name)
@@ -89,6 +86,4 @@ class TrialFits:
 def _remove(folder: Path) -> None:
     if leads():
         shutil.rmtree(folder, ignore_errors=True)
-        with suppress(OSError):  # while others are in it, too
-            folder.parent.rmdir()
     wait("trial")

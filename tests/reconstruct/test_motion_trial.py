@@ -121,7 +121,7 @@ def test_a_fit_is_scored_on_moving_pixels_that_no_step_draws_and_a_failed_one_lo
     assert tried == list(names)
     # Pictures of 8 bits of the scene itself.
     assert scores["deformation"] > 40 > scores["transient"] > scores["both"] == 0
-    assert not (tmp_path / "trial").exists()
+    assert not list(tmp_path.glob("trial*"))
     line = trial_sentence(scores, effort.MOTION_NOUNS)
     assert "fit.motion=deformation" in line and "transient Gaussians" in line
 
@@ -148,7 +148,7 @@ def test_fits_of_a_trial_run_at_once_where_the_machine_has_room(capture, tmp_pat
     scores = motion_trial_scores(fits_of(capture, tmp_path, fitted, at_once=True), rivals)
     assert list(scores) == list(rivals) and min(scores.values()) > 40
     assert len(found) == 1
-    assert not (tmp_path / "trial").exists()
+    assert not list(tmp_path.glob("trial*"))
 
 
 def test_where_no_tile_can_be_held_out_nothing_is_tried(capture, tmp_path, monkeypatch):
@@ -157,7 +157,7 @@ def test_where_no_tile_can_be_held_out_nothing_is_tried(capture, tmp_path, monke
     )
     fits = fits_of(capture, tmp_path, lambda *_: pytest.fail("fitted"))
     assert motion_trial_scores(fits, {"deformation": toy.SHORT}) == {}
-    assert not (tmp_path / "trial").exists()
+    assert not list(tmp_path.glob("trial*"))
 
 
 def test_only_pixels_that_differ_from_the_temporal_median_count(capture):

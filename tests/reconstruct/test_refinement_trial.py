@@ -79,7 +79,7 @@ def test_wrong_exposures_are_refined_and_equal_ones_are_not(tmp_path, capsys):
     said = capsys.readouterr().out
     found = json.loads((tmp_path / "a/refine.json").read_text())
     assert found["kept"] == ["exposure"] and found["psnr"]["exposure"] > found["psnr"][""] + 1
-    assert "dB (kept)" in said and not (tmp_path / "a/trial").exists()
+    assert "dB (kept)" in said and not list(tmp_path.glob("a/trial*"))
     gain = json.loads((tmp_path / "a/cameras.json").read_text())["info"]["gain"]
     assert gain["cam_0"][0] < 1 < gain["cam_2"][0]
     reconstruct(capture_of(tmp_path / "right", {}), tmp_path / "b", options=options())
