@@ -186,7 +186,8 @@ class Progress:
         spent, compiling = now - self.begin, 0.0 if self.anew else compiled() - self.before
         cost, whole = self._cost(done), self._cost(self.total)
         self.costs.append(cost)
-        self.worked.append(spent - compiling)
+        # What another thread compiles meanwhile is no time of this task's.
+        self.worked.append(max(spent - compiling, self.worked[-1] if self.worked else 0.0))
         last = done >= self.total
         soon = now - self.shown < _PACE.get(self.style, 0.0) and not last
         if self.style == "quiet" or soon or spent < self.patience:

@@ -64,6 +64,15 @@ def test_compilation_does_not_slow_what_is_left(monkeypatch):
     assert lines[-1].endswith("0:44 spent, 0:01 left\n")
 
 
+def test_what_another_thread_compiles_leaves_no_less_than_nothing(monkeypatch):
+    compiled = iter([0.0, 0.0, 30.0, 30.0])
+    monkeypatch.setattr(module, "compiled", lambda: next(compiled))
+    # 30 seconds of compilation within the 6 before the second report.
+    lines = spoken(monkeypatch, [(6, 1), (12, 7), (44, 9)])
+    left = [line.split(", ")[1] for line in lines[1:]]
+    assert left == ["0:00 left\n", "0:04 left\n"]
+
+
 def test_where_all_may_be_of_a_new_kind_compilation_is_work(monkeypatch):
     compiled = iter([0.0, 5.0, 5.0, 35.0])
     monkeypatch.setattr(module, "compiled", lambda: next(compiled))
