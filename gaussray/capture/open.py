@@ -25,6 +25,7 @@ from gaussray.capture.mask_folder import with_mask_folder
 from gaussray.capture.picture_file import BACKGROUNDS
 from gaussray.capture.selection import Selection, selected
 from gaussray.capture.stored_sizes import at_stored_sizes
+from gaussray.capture.time_origin import with_times_from_first
 
 
 FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
@@ -90,7 +91,7 @@ def open_capture(
             f"got {background!r}."
         )
     layout = format_of(folder) if format == "auto" else format
-    capture = FORMATS[layout](folder, dtype)
+    capture = with_times_from_first(FORMATS[layout](folder, dtype))
     if layout in _MASKED:
         capture = with_mask_folder(capture)
 
