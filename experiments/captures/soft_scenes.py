@@ -12,7 +12,9 @@ With `--rig moving`, every camera moves along the walls meanwhile (folder DIR/<s
 `--rig walk`, one of these cameras does, alone, and each fifth picture is held out (folder
 DIR/<scene>_walk); with `--rig dome`, cameras stand around the soft things alone, on black (folder
 DIR/<scene>_dome); with `--rig single`, one camera does, at another place for every picture, each of
-a time of its own (folder DIR/<scene>_single): `--cameras` is the number of pictures.
+a time of its own (folder DIR/<scene>_single): `--cameras` is the number of pictures. With
+`--late P`, each training camera is late by up to P percent of the time between two pictures, for
+cameras that nothing synchronises (folder DIR/<scene>_late, without points).
 """
 
 import argparse
@@ -53,6 +55,7 @@ class Plan:
     frames: int = 20
     samples: int = 8
     truth_samples: int = 12
+    late: int = 0
     rig: str = "walls"
 
 
@@ -95,6 +98,8 @@ def capture(chosen, plan, name):
         scene = scene._replace(fixed=[])
     if plan.rig != "walls":
         name += f"_{plan.rig}"
+    if plan.late:
+        name += "_late"
     out = chosen.out / name
     pictures = plan_pictures(plan, scene.rig, chosen.seed)
     if chosen.look:
@@ -118,7 +123,7 @@ def capture(chosen, plan, name):
         )
     if chosen.look:
         return
-    if not (out / "points3d.ply").exists():
+    if not plan.late and not (out / "points3d.ply").exists():
         start(out, pictures, scene, scene.rig.focal * plan.size, chosen.seed)
     verify(out)
     report(out)
@@ -138,12 +143,14 @@ def plan_pictures(plan, rig, seed):
     names = [(camera, split) for camera, split, _ in placed[0]]
     indices = [(k, index) for k in range(len(names)) for index in range(plan.frames)]
     indices += [(k, i) for k, (_, split) in enumerate(names) if split == "test" for i in between]
-    return [
-        Picture(
-            f"images/{name}/{index:04.1f}.jpg".replace(".0.", "."), name, split, pose, index / last
-        )
-        for (name, split, pose), index in ((placed[index][k], index) for k, index in indices)
-    ]
+    late = np.random.default_rng(seed).uniform(0, plan.late / 100, len(names))
+    pictures = []
+    for k, index in indices:
+        name, split, pose = placed[index][k]
+        path = f"images/{name}/{index:04.1f}.jpg".replace(".0.", ".")
+        moment = index + (late[k] if split == "train" else 0.0)
+        pictures.append(Picture(path, name, split, pose, moment / last))
+    return pictures
 
 
 def pictures_on_the_way(plan, rig, seed):
@@ -188,7 +195,7 @@ def document(plan, rig, name, pictures):
     return {
         **{"w": size, "h": size, "fl_x": focal, "fl_y": focal, "cx": size / 2, "cy": size / 2},
         **{"camera_model": "PINHOLE", "time_unit": "normalised", "color_space": "srgb"},
-        "ply_file_path": "points3d.ply",
+        **({} if plan.late else {"ply_file_path": "points3d.ply"}),
         "info": {"scene": name, "plan": vars(plan), "blender": bpy.app.version_string},
         "frames": [listed(picture) for picture in pictures],
     }

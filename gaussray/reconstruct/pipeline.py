@@ -19,6 +19,7 @@ from gaussray.capture.capture import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole, write_json
 from gaussray.reconstruct.backdrop_shell import with_backdrop_shell
+from gaussray.reconstruct.data.common_times import common_times_sentence, with_common_times
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.data.training_split import demand_training_pictures
 from gaussray.reconstruct.doubtful_views import doubtful_views
@@ -107,6 +108,7 @@ def reconstruct(
     """
     demand_training_pictures(capture)
     options = ReconstructOptions() if options is None else options
+    recorded, capture = capture, with_common_times(capture)
     out, interval = Path(out), options.fit.checkpoint
     log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
     machine = this_machine(devices)
@@ -120,6 +122,7 @@ def reconstruct(
     def told(line: str) -> None:
         _say(line, quiet or not leads())
 
+    told("" if capture is recorded else common_times_sentence(capture))
     shared = SharedResults()
     fits = TrialFits(
         capture,
