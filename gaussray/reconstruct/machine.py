@@ -39,7 +39,7 @@ class Machine(NamedTuple):
     memory: int = 0
 
     @property
-    def fits_two(self) -> bool:
+    def runs_two_fits(self) -> bool:
         """Whether two fits of a trial run at the same time: while one compiles programs or works on
         the host, the GPU works on the other. Several GPUs would wait for each other."""
         return self.gpu and self.gpus == 1 and self.memory >= _MEMORY_OF_TWO

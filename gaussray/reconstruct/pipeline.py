@@ -80,6 +80,9 @@ def reconstruct(
     report of pruning), cameras.json (the cameras as refined), and, while the run lasts,
     checkpoint.npz; and motion.json and refine.json, the scores of trials, if there were any.
 
+    Pictures of cameras that stand still and that nothing synchronises are looked at together at
+    common times; their rays keep the times at which they were recorded (`with_common_times`).
+
     Corrections of cameras (options.fit.refine) are kept only if held-out tiles gain by them in a
     short fit (options.fit.refine_gain).
 
@@ -132,7 +135,7 @@ def reconstruct(
         shared,
         devices,
         quiet or not leads(),
-        at_once=machine.fits_two,
+        at_once=machine.runs_two_fits,
     )
     chosen, scores = _with_motion_tried(fits, chosen, rivals, resume, told)
     told(chosen.sentence)

@@ -34,7 +34,7 @@ class TrialFits:
         shared: what these fits, and the one that follows, have in common.
         devices: how many devices share the rays (None: all).
         quiet: print no progress.
-        at_once: whether the fits of a trial run at the same time (`Machine.fits_two`).
+        at_once: whether the fits of a trial run at the same time (`Machine.runs_two_fits`).
     """
 
     capture: Capture

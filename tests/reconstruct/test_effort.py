@@ -367,7 +367,7 @@ def test_a_resumed_run_keeps_the_plan():
 
 
 def test_two_fits_of_a_trial_need_one_gpu_with_the_memory_for_both():
-    assert Machine(True, 1, 64 << 30).fits_two
-    assert not Machine(True, 1, 8 << 30).fits_two
-    assert not Machine(True, 4, 64 << 30).fits_two
-    assert not CPU.fits_two
+    assert Machine(True, 1, 64 << 30).runs_two_fits
+    assert not Machine(True, 1, 8 << 30).runs_two_fits
+    assert not Machine(True, 4, 64 << 30).runs_two_fits
+    assert not CPU.runs_two_fits
