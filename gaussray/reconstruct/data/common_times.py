@@ -13,9 +13,10 @@ from gaussray.reconstruct.data.still_cameras import FEWEST_FRAMES, one_at_a_time
 
 # Cameras whose times are tried as the common ones, at most.
 _TRIED = 50
-# Shares of the time between two pictures of a camera: below the first, others are taken at the same
-# time in any case; pictures that are further from all common times than the second have their own.
-_NEAR, _FAR = 0.1, 0.5
+# Shares of the time between two pictures of a camera. Up to the first from a common time, pictures
+# are put to it in any case. Where one is further from all than the second, clocks have gaps, and
+# all pictures keep their own times.
+_NEAR, _FAR = 0.1, 0.6
 
 
 def with_common_times(capture: Capture) -> Capture:
@@ -27,8 +28,8 @@ def with_common_times(capture: Capture) -> Capture:
     they were recorded.
 
     It is done where most times have a single picture, or where no picture moves by more than a
-    tenth of the time between two pictures of a camera. Otherwise, and where the pictures already
-    have common times, the capture stays as it is.
+    tenth of the time between two pictures of a camera. Otherwise, where clocks have gaps, and where
+    the pictures already have common times, the capture stays as it is.
 
     Args:
         capture: the capture.
@@ -89,7 +90,7 @@ def common_times(
     alike = shift <= _NEAR * gap or one_at_a_time(times)
     # Two pictures of one camera are two times.
     several = any(len(np.unique(found[w])) < len(np.unique(times[w])) for w in still)
-    return found if fewer and alike and not several and shift <= (_FAR + _NEAR) * gap else None
+    return found if fewer and alike and not several and shift <= _FAR * gap else None
 
 
 def _continued(
