@@ -25,9 +25,11 @@ def write_json(path, content):
 
 def verify(out):
     """Every listed file is there, and nothing half-written."""
-    listed_paths = ["points3d.ply"]
+    listed_paths = []
     for file in sorted(out.glob("*.json")):
-        listed_paths += [frame["file_path"] for frame in json.loads(file.read_text())["frames"]]
+        content = json.loads(file.read_text())
+        listed_paths += [content["ply_file_path"]] if "ply_file_path" in content else []
+        listed_paths += [frame["file_path"] for frame in content["frames"]]
     absent = [path for path in listed_paths if not (out / path).is_file()]
     if absent:
         sys.exit(
