@@ -82,6 +82,8 @@ def main():
         if isinstance(value, int):
             parser.add_argument(f"--{name.replace('_', '-')}", type=int, default=value)
     chosen = parser.parse_args()
+    if chosen.late and chosen.rig != "walls":
+        parser.error("--late is for cameras that stand still (--rig walls)")
     plan = Plan(**{name: getattr(chosen, name) for name in vars(Plan())})
     for name in chosen.scenes:
         capture(chosen, plan, name)
