@@ -22,7 +22,7 @@ from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.trial_fits import TrialFits
-from gaussray.runtime.side_by_side import side_by_side
+from gaussray.runtime.side_by_side import run_side_by_side
 
 
 # Steps of the fine stage of a trial.
@@ -80,7 +80,7 @@ def motion_trial_scores(
         return fits.score(f"trial of {name}", tried, motion_tiles, moving_score)
 
     works = [partial(score_of, name) for name in rivals]
-    found = side_by_side(works) if fits.at_once else [work() for work in works]
+    found = run_side_by_side(works) if fits.at_once else [work() for work in works]
     scores = {name: score for name, score in zip(rivals, found, strict=True) if score is not None}
     return scores if len(scores) == len(rivals) else {}
 

@@ -179,7 +179,7 @@ class Progress:
             note: further words about the task, such as its loss.
 
         Raises:
-            GivenUp: nobody wants the result any more (`side_by_side`).
+            GivenUp: nobody wants the result any more (`run_side_by_side`).
         """
         demand_wanted()
         now = time.monotonic()

@@ -28,7 +28,7 @@ def demand_wanted() -> None:
         raise GivenUp
 
 
-def side_by_side(works: Sequence[Callable[[], T]]) -> list[T]:
+def run_side_by_side(works: Sequence[Callable[[], T]]) -> list[T]:
     """The results of several pieces of work, each done in a thread of its own.
 
     If one fails, or the user interrupts, the others are given up at their next progress report.

@@ -7,7 +7,7 @@ from contextvars import ContextVar
 import pytest
 
 from gaussray.runtime.progress import Progress
-from gaussray.runtime.side_by_side import demand_wanted, side_by_side
+from gaussray.runtime.side_by_side import demand_wanted, run_side_by_side
 
 
 # Seconds after which a thread that waits for another has waited in vain.
@@ -23,14 +23,14 @@ def test_works_run_at_the_same_time_and_results_keep_their_order():
         time.sleep(wait)
         return value
 
-    assert side_by_side([lambda: work("a", 0.1), lambda: work("b", 0.0)]) == ["a", "b"]
-    assert side_by_side([]) == []
+    assert run_side_by_side([lambda: work("a", 0.1), lambda: work("b", 0.0)]) == ["a", "b"]
+    assert run_side_by_side([]) == []
 
 
 def test_works_find_the_context_variables_of_the_caller():
     style = ContextVar("style", default="none")
     style.set("caller's")
-    assert side_by_side([style.get, style.get]) == ["caller's"] * 2
+    assert run_side_by_side([style.get, style.get]) == ["caller's"] * 2
 
 
 def test_where_one_fails_the_others_end_at_their_next_progress_report():
@@ -52,11 +52,11 @@ def test_where_one_fails_the_others_end_at_their_next_progress_report():
 
     begin = time.monotonic()
     with pytest.raises(ValueError, match="of the second"):
-        side_by_side([long, failing])
+        run_side_by_side([long, failing])
     assert reports and time.monotonic() - begin < _IN_VAIN / 2
 
 
 def test_elsewhere_every_result_is_wanted():
     demand_wanted()
-    assert side_by_side([lambda: demand_wanted()]) == [None]
+    assert run_side_by_side([lambda: demand_wanted()]) == [None]
     demand_wanted()
