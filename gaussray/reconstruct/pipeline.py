@@ -1,7 +1,7 @@
 """Stage 1: pictures become a scene."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -17,19 +17,19 @@ from gaussray.camera.refined_cameras import (
 )
 from gaussray.capture.capture import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
-from gaussray.io.atomic import sweep, whole, write_json
+from gaussray.io.atomic import sweep, whole
 from gaussray.reconstruct.backdrop_shell import with_backdrop_shell
 from gaussray.reconstruct.data.common_times import common_times_sentence, with_common_times
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.data.training_split import demand_training_pictures
 from gaussray.reconstruct.doubtful_views import doubtful_views
-from gaussray.reconstruct.effort import MOTION_NOUNS, Effort, effort
+from gaussray.reconstruct.effort import effort
 from gaussray.reconstruct.failed_fit import demand_detail, demand_success, warn_of_one_place
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.loop import run_stage
-from gaussray.reconstruct.machine import Machine, this_machine
+from gaussray.reconstruct.machine import this_machine
 from gaussray.reconstruct.motion import with_motion
-from gaussray.reconstruct.motion_trial import motion_trial_scores, trial_sentence
+from gaussray.reconstruct.motion_choice import rivals_of, with_motion_tried
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.options import ReconstructOptions as ReconstructOptions
 from gaussray.reconstruct.pose_check import warn_of_wrong_poses
@@ -116,7 +116,7 @@ def reconstruct(
     log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
     machine = this_machine(devices)
     chosen = effort(capture, options, machine)
-    capture, rivals = chosen.capture, _rivals(capture, options, machine, chosen.rivals)
+    capture, rivals = chosen.capture, rivals_of(capture, options, machine, chosen.rivals)
     warn_of_one_place(capture)
     course = segments(capture, options.fit.segment)
     if leads():
@@ -125,7 +125,7 @@ def reconstruct(
     def told(line: str) -> None:
         _say(line, quiet or not leads())
 
-    told("" if capture is recorded else common_times_sentence(capture))
+    told("" if capture is recorded else common_times_sentence(recorded, capture))
     shared = SharedResults()
     fits = TrialFits(
         capture,
@@ -137,7 +137,7 @@ def reconstruct(
         quiet or not leads(),
         at_once=machine.runs_two_fits,
     )
-    chosen, scores = _with_motion_tried(fits, chosen, rivals, resume, told)
+    chosen, scores = with_motion_tried(fits, chosen, rivals, resume=resume, say=told)
     told(chosen.sentence)
     options = with_refinement_tried(fits, chosen.options, resume=resume, say=told)
     # It holds the pictures of the first segment.
@@ -189,45 +189,6 @@ def reconstruct(
             _remove(files)
     wait("reconstructed")
     return result
-
-
-def _rivals(
-    capture: Capture, options: ReconstructOptions, machine: Machine, names: Sequence[str]
-) -> dict[str, Effort]:
-    """What is chosen for the capture with each of these choices of fit.motion."""
-    return {
-        name: effort(capture, replace(options, fit=replace(options.fit, motion=name)), machine)
-        for name in names
-    }
-
-
-def _with_motion_tried(
-    fits: TrialFits,
-    chosen: Effort,
-    rivals: Mapping[str, Effort],
-    resume: bool,
-    say: Callable[[str], None],
-) -> tuple[Effort, dict[str, float]]:
-    """The choice of fit.motion that a trial finds best, and the scores (`motion.json`); what is
-    chosen already where there is nothing to try. A run that is resumed goes by its own trial."""
-    known = fits.out / "motion.json"
-    if resume:
-        scores = json.loads(known.read_text()) if known.is_file() else {}
-    else:
-        scores = {}
-        if rivals:
-            say("Short fits of some minutes, without some pictures, tell what shows motion best.")
-            tried = {name: rival.options for name, rival in rivals.items()}
-            scores = motion_trial_scores(fits, tried)
-        if leads():
-            known.unlink(missing_ok=True)
-            if scores:
-                write_json(known, scores)
-    best = max(scores, key=lambda name: scores[name], default="")
-    if best not in rivals:
-        return chosen, {}
-    say(trial_sentence(scores, MOTION_NOUNS))
-    return rivals[best], scores
 
 
 def _demand_same_segments(progress: RunProgress, count: int) -> None:

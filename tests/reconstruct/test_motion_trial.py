@@ -10,12 +10,13 @@ import toy
 
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.temporal_median import moving_mask
-from gaussray.reconstruct import effort, motion_trial, pipeline
+from gaussray.reconstruct import effort, motion_choice, motion_trial, pipeline
 from gaussray.reconstruct.data.held_out_tiles import trial_tiles
 from gaussray.reconstruct.data.motion_mask import activity
 from gaussray.reconstruct.data.pictures import footage
 from gaussray.reconstruct.data.segments import segments, training_views
 from gaussray.reconstruct.log import NonFiniteLoss
+from gaussray.reconstruct.motion_choice import with_motion_tried
 from gaussray.reconstruct.motion_trial import (
     motion_tiles,
     motion_trial_scores,
@@ -179,19 +180,19 @@ def test_the_better_one_is_fitted_and_a_resumed_run_does_not_try_again(
 ):
     def tried(resume):
         fits = fits_of(capture, tmp_path, lambda *_: pytest.fail("fitted"))
-        return pipeline._with_motion_tried(fits, usual, rivals, resume, said.append)
+        return with_motion_tried(fits, usual, rivals, resume=resume, say=said.append)
 
     said, names = [], ("deformation", "transient")
     usual = effort.Effort(capture, toy.SHORT, "")
     rivals = {name: effort.Effort(capture, toy.SHORT, name) for name in names}
     monkeypatch.setattr(
-        pipeline, "motion_trial_scores", lambda *_: {"deformation": 20.0, "transient": 21.0}
+        motion_choice, "motion_trial_scores", lambda *_: {"deformation": 20.0, "transient": 21.0}
     )
     chosen, scores = tried(False)
     assert chosen is rivals["transient"] and scores["transient"] == 21.0
     assert json.loads((tmp_path / "motion.json").read_text()) == scores
     assert "fit.motion=transient" in said[-1]
-    monkeypatch.setattr(pipeline, "motion_trial_scores", lambda *_: pytest.fail("tried again"))
+    monkeypatch.setattr(motion_choice, "motion_trial_scores", lambda *_: pytest.fail("tried again"))
     assert tried(True) == (chosen, scores)
     # Nothing is tried where the user chose, and nothing is left for a run to be resumed by.
     rivals = {}

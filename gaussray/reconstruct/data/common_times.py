@@ -48,18 +48,19 @@ def with_common_times(capture: Capture) -> Capture:
     return replace(capture, views=changed)
 
 
-def common_times_sentence(capture: Capture) -> str:
+def common_times_sentence(recorded: Capture, capture: Capture) -> str:
     """A line that tells of common times.
 
     Args:
+        recorded: the capture as recorded.
         capture: the capture after `with_common_times`.
     """
-    views = [view for view in capture.views if view.split == "train"]
-    late = max(abs(float(view.camera.shutter.trigger or 0.0)) for view in views)
+    pairs = zip(recorded.views, capture.views, strict=True)
+    late = max(abs(before.time - after.time) for before, after in pairs)
+    times = [view.time for view in capture.views if view.split == "train"]
     return (
-        f"Cameras take pictures at times of their own. {len(views)} of them are looked at together "
-        f"at {len({view.time for view in views})} times, up to {late:.3g} from their own, which "
-        "their rays keep."
+        f"The cameras are not synchronised: {len(times)} pictures are looked at together at "
+        f"{len(set(times))} times, up to {late:.3g} from their own, which their rays keep."
     )
 
 
@@ -81,7 +82,7 @@ def common_times(
     fastest = [w for w, g in zip(still, gaps, strict=True) if g < (1 + _NEAR) * gap][:_TRIED]
     every = np.concatenate(still)
     grids = [_continued(np.unique(times[which]), gap, times[every]) for which in fastest]
-    nearest = [grid[_nearest(times[every], grid)] for grid in grids]
+    nearest = [g[np.searchsorted((g[1:] + g[:-1]) / 2, times[every])] for g in grids]
     best = nearest[int(np.argmin([np.sum((times[every] - near) ** 2) for near in nearest]))]
     found = times.copy()
     found[every] = best
@@ -101,13 +102,6 @@ def _continued(
     after = int(np.round(max(np.max(times) - grid[-1], 0) / gap))
     first = grid[0] - gap * np.arange(before, 0, -1)
     return np.concatenate([first, grid, grid[-1] + gap * np.arange(1, after + 1)])
-
-
-def _nearest(
-    times: Float[np.ndarray, " pictures"], grid: Float[np.ndarray, " times"]
-) -> Int[np.ndarray, " pictures"]:
-    after = np.clip(np.searchsorted(grid, times), 1, len(grid) - 1)
-    return np.where(times - grid[after - 1] <= grid[after] - times, after - 1, after)
 
 
 def _at(view: View, time: float) -> View:

@@ -124,4 +124,4 @@ def test_pictures_of_common_times_are_fitted_as_those_of_synchronised_cameras(la
     assert motions(late, options, machine) == ("from_rest",)
     found = with_common_times(late)
     assert motions(found, options, machine)[0] in ("deformation", "transient")
-    assert "at 4 times" in common_times_sentence(found)
+    assert "at 4 times" in common_times_sentence(late, found)
