@@ -22,9 +22,9 @@ _THOUSANDS = OptimizerOptions(
 _TENS_OF_THOUSANDS = OptimizerOptions(mean=0.1, quat=1e-3, scale=5e-3, color=2.5e-3)
 # Tiles of a step for each GPU, and on a CPU.
 _TILES_GPU, _TILES_CPU = 64, 4
-# Bytes of a GPU's memory from which on two fits run at the same time: those of 260 pictures of
-# 256 x 256 and 200,000 Gaussians took 1.8 GiB (experiments/captures/log.md), the largest are
-# expected to take five times as much.
+# Bytes of a GPU's memory from which on two fits run at the same time: those of 675 pictures of
+# 640 x 360 and up to 1,000,000 Gaussians took 9.2 GiB, of 260 pictures of 256 x 256 and 200,000
+# Gaussians 1.8 GiB (experiments/captures/log.md).
 _MEMORY_OF_TWO = 16 << 30
 # The rates that rise with the number of rays in a step.
 _WITH_RAYS = ("mean", "quat", "scale", "color", "harmonics")

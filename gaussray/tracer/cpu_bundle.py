@@ -1,7 +1,7 @@
 """The hits of a bundle of rays with the Gaussians of its list, in machine code for a CPU.
 
-Every list entry meets all rays, in a loop that the compiler turns into vector instructions; each
-ray keeps its hits in a heap, the nearest first.
+Every list entry meets all rays, in a loop that the compiler turns into vector instructions; then
+the hits of each ray are sorted in short runs, of which the nearest comes first.
 """
 
 from typing import Any, NamedTuple
@@ -68,8 +68,11 @@ class HitBuffers(NamedTuple):
     Args:
         t: Distance of every list entry on every ray.
         q: Squared distance of every list entry from every ray, in standard deviations.
-        heap: Hits of every ray, the nearest first.
+        hits: Hits of every ray: the bits of the distance above those of the list entry.
         length: Number of hits of every ray.
+        spare: Room for a run of hits.
+        head: The nearest hit of each run that is still to come.
+        place: Where it is among the hits of the ray.
         blended: Matrix and mean of one entry, blended for every ray.
         used: Whether any ray has a weight of each key state.
         weights: Weights of the control points of one ray.
@@ -78,8 +81,11 @@ class HitBuffers(NamedTuple):
 
     t: Any
     q: Any
-    heap: Any
+    hits: Any
     length: Any
+    spare: Any
+    head: Any
+    place: Any
     blended: Any
     used: Any
     weights: Any
@@ -125,8 +131,11 @@ def hit_buffers(march):
     return HitBuffers(
         np.empty((march.longest, march.each), np.float32),
         np.empty((march.longest, march.each), np.float32),
-        np.empty((march.each, march.longest), np.uint64),
+        np.empty((march.each, march.longest + _STEP), np.int64),
         np.empty(march.each, np.int64),
+        np.empty(_RUN, np.int64),
+        np.empty(march.longest // _RUN + 1, np.int64),
+        np.empty(march.longest // _RUN + 1, np.int64),
         np.empty((12, march.each), np.float32),
         np.empty(march.layout.keys, np.int32),
         np.empty(march.layout.keys, np.float32),
@@ -153,7 +162,7 @@ def find_hits(march, buffers, bundle):
 
     Args:
         march: inputs of the march.
-        buffers: the thread's buffers. `t`, `q`, `heap` (in the order of the list) and `length` are
+        buffers: the thread's buffers. `t`, `q`, `hits` (in the order of the list) and `length` are
             written.
         bundle: index of the bundle.
     """
@@ -197,21 +206,15 @@ def find_hits(march, buffers, bundle):
             _meet_blended(row, march, buffers, begin, t, q)
         limit = march.squared[number]
         for r in range(march.each):
-            if q[r] < limit and t[r] > _ZERO:
-                buffers.heap[r, buffers.length[r]] = np.uint64(bits[e, r]) << np.uint64(
-                    32
-                ) | np.uint64(e)
-                buffers.length[r] += 1
+            # Without a branch, which would be foretold wrongly too often.
+            buffers.hits[r, buffers.length[r]] = _hit(bits[e, r], e)
+            buffers.length[r] += (q[r] < limit) & (t[r] > _ZERO)
 
 
 @machine_code
-def _ray(rays, i):
-    """Origin, direction and time of a ray."""
-    return (
-        (rays.origin[0, i], rays.origin[1, i], rays.origin[2, i]),
-        (rays.direction[0, i], rays.direction[1, i], rays.direction[2, i]),
-        rays.time[0, i],
-    )
+def _hit(bits, entry):
+    """A hit as one number, nearer ones smaller; at the same distance, earlier entries."""
+    return np.int64(bits) << 32 | np.int64(entry)
 
 
 @machine_code
@@ -248,33 +251,29 @@ def _meet_blended(row, march, buffers, begin, t, q):
         q[r] = space + s * s
 
 
-@machine_code
-def _sift_down(heap, length, at):
-    """Sift an entry of a binary heap (the smallest first) down to its place."""
-    value = heap[at]
-    while True:
-        child = 2 * at + 1
-        if child >= length:
-            break
-        if child + 1 < length and heap[child + 1] < heap[child]:
-            child += 1
-        if not heap[child] < value:
-            break
-        heap[at] = heap[child]
-        at = child
-    heap[at] = value
+# Hits of a run, and how many are compared at a time: what is behind the last hit does not count.
+_RUN, _STEP = 64, 16
+_NONE = np.int64(np.iinfo(np.int64).max)
 
 
 @machine_code
-def _heapify(heap, length):
-    """Order entries as a binary heap."""
-    for at in range(length // 2 - 1, -1, -1):
-        _sift_down(heap, length, at)
+def _sort_run(hits, spare, count):
+    """Sort a run of hits, which others or `_STEP` of `_NONE` follow: each goes where as many are
+    before it as are nearer. This compares more than other methods, but nothing is foretold wrongly.
+    """
+    whole = (count + _STEP - 1) // _STEP * _STEP
+    for i in range(count):
+        hit, before = hits[i], 0
+        for j in range(whole):
+            before += hits[j] < hit
+        spare[before] = hit
+    for i in range(count):
+        hits[i] = spare[i]
 
 
 @machine_code
 def begin_ray(march, buffers, bundle, r):
-    """Prepare a ray: order its hits as a heap, and store its weights and the harmonics of its
+    """Prepare a ray: sort the runs of its hits, and store its weights and the harmonics of its
     direction.
 
     Args:
@@ -284,25 +283,34 @@ def begin_ray(march, buffers, bundle, r):
         r: index of the ray within the bundle.
 
     Returns:
-        The index of the ray among all rays, and its origin, direction and time.
+        The index of the ray among all rays.
     """
-    i = bundle * march.each + r
-    ray = _ray(march.rays, i)
-    _heapify(buffers.heap[r], buffers.length[r])
+    i, hits, count = bundle * march.each + r, buffers.hits[r], buffers.length[r]
+    for n in range(_STEP):
+        hits[count + n] = _NONE
+    for begin in range(0, count, _RUN):
+        _sort_run(hits[begin:], buffers.spare, min(_RUN, count - begin))
+        buffers.place[begin // _RUN], buffers.head[begin // _RUN] = begin, hits[begin]
     _store_weights(march, buffers, i)
-    harmonics_of(ray[1], march.layout.coefficients, buffers.harmonics)
-    return i, ray
+    d = (march.rays.direction[0, i], march.rays.direction[1, i], march.rays.direction[2, i])
+    harmonics_of(d, march.layout.coefficients, buffers.harmonics)
+    return i
 
 
 @machine_code
-def pop_nearest(heap, length):
-    """Remove the nearest hit of a ray, and return its list entry, counted from 0 in the list.
+def pop_nearest(buffers, r):
+    """The list entry of a ray's nearest hit that was not returned yet, counted from 0 in the list.
 
     Args:
-        heap: the ray's hits as a binary heap: the bits of the distance above those of the entry.
-        length: number of hits in the heap, at least 1; it is one less afterwards.
+        buffers: the thread's buffers, after `begin_ray`.
+        r: index of the ray within the bundle; it has such a hit.
     """
-    entry = np.int64(heap[0] & np.uint64(0xFFFFFFFF))
-    heap[0] = heap[length - 1]
-    _sift_down(heap, length - 1, 0)
-    return entry
+    count, run = buffers.length[r], 0
+    for k in range(1, (count + _RUN - 1) // _RUN):
+        if buffers.head[k] < buffers.head[run]:
+            run = k
+    hit, place = buffers.head[run], buffers.place[run] + 1
+    buffers.place[run] = place
+    more = place < min(_RUN * (run + 1), count)
+    buffers.head[run] = buffers.hits[r, place] if more else _NONE
+    return hit & 0xFFFFFFFF

@@ -37,6 +37,12 @@ def machine_code(function: Callable) -> Any:
     return njit(**_OPTIONS)(inspect.unwrap(function))
 
 
+def summing_code(function: Callable) -> Any:
+    """Like `machine_code`, but sums may be taken in any order, so that vectors add them up."""
+    options = {**_OPTIONS, "fastmath": {"contract", "reassoc", "nsz"}}
+    return njit(**options)(inspect.unwrap(function))
+
+
 def inlined_code(function: Callable) -> Any:
     """Like `machine_code`, but inlined: passing arrays takes as long as a short function."""
     return njit(**_OPTIONS, inline="always")(inspect.unwrap(function))

@@ -171,28 +171,6 @@ def matrix_of(row):
     return row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8]
 
 
-@inlined_code
-def state_on_ray(row, layout, w, time):
-    """Matrix A and mean of a Gaussian on a ray, and its age at the ray's time (0 without window).
-
-    Args:
-        row: row of the Gaussian.
-        layout: columns of the row.
-        w: weights of the control points on the ray; a single key state needs none.
-        time: time of the ray, in the capture's unit; only transient Gaussians need it.
-    """
-    if layout.keys == 1:
-        a, m = matrix_of(row), (row[9], row[10], row[11])
-    else:
-        a, m = inverse_of(_blend_matrix(row, layout, w)), _blend_three(row, layout, w, 9, 12)
-    age = _ZERO
-    if layout.window >= 0:
-        at = layout.window
-        age = time - row[at + 3]
-        m = (m[0] + age * row[at], m[1] + age * row[at + 1], m[2] + age * row[at + 2])
-    return a, m, age
-
-
 @machine_code
 def harmonics_of(d, coefficients, y):
     """Compute the first harmonics of a direction (`harmonic_basis`).

@@ -7,6 +7,7 @@ and adds them up in the order of the lists, so that results do not depend on the
 """
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -30,9 +31,18 @@ from gaussray.tracer.cpu_call import (
     result,
 )
 from gaussray.tracer.cpu_gradient import (
-    add_color_gradient,
-    add_meeting_gradient,
-    direction_gradient,
+    G_Q,
+    G_T,
+    LANES,
+    PIXEL,
+    WEIGHT,
+    add_blended_gradients,
+    add_color_gradients,
+    add_meeting_gradients,
+    begin_block,
+    end_block,
+    new_block,
+    opacity_gradient,
 )
 from gaussray.tracer.cpu_hit import clamp_positive, color_of
 
@@ -55,12 +65,10 @@ def forward_bundles(shared):
         find_hits(march, buffers, bundle)
         first = march.start[bundle]
         for r in range(march.each):
-            i, _ = begin_ray(march, buffers, bundle, r)
-            heap, length, met = buffers.heap[r], buffers.length[r], 0
+            i, met = begin_ray(march, buffers, bundle, r), 0
             front, red, green, blue, depth = _ONE, _ZERO, _ZERO, _ZERO, _ZERO
-            while length > 0 and front > march.transmittance_min:
-                e = pop_nearest(heap, length)
-                length -= 1
+            while met < buffers.length[r] and front > march.transmittance_min:
+                e = pop_nearest(buffers, r)
                 met += 1
                 row = march.table[march.index[first + e]]
                 alpha = min(
@@ -77,24 +85,81 @@ def forward_bundles(shared):
             end[i], hits[i] = front, met
 
 
+class PixelGradients(NamedTuple):
+    """What the rays saw, and gradients of the loss.
+
+    Args:
+        total: Red, green, blue and depth of every ray.
+        end: Transmittance of every ray.
+        g: Gradients with respect to `total`.
+        g_end: Gradient with respect to `end`.
+    """
+
+    total: Any
+    end: Any
+    g: Any
+    g_end: Any
+
+
+@machine_code
+def _alpha_gradients(march, buffers, pixels, found, bundle, r):
+    """Take a ray through its hits once more, for the gradients of their alphas.
+
+    The weights of its hits are stored, and in place of their squared distances q the gradients to
+    these; and which entries are met.
+    """
+    weight, met = found
+    i = begin_ray(march, buffers, bundle, r)
+    layout, weights, harmonics = march.layout, buffers.weights, buffers.harmonics
+    red, green, blue, depth = pixels.g[0, i], pixels.g[1, i], pixels.g[2, i], pixels.g[3, i]
+    rest = red * pixels.total[0, i] + green * pixels.total[1, i] + blue * pixels.total[2, i]
+    rest += depth * pixels.total[3, i] + pixels.g_end[i] * pixels.end[i]
+    first, front, at = march.start[bundle], _ONE, 0
+    while at < buffers.length[r] and front > march.transmittance_min:
+        e = pop_nearest(buffers, r)
+        at += 1
+        row = march.table[march.index[first + e]]
+        raw = row[layout.opacity] * math.exp(-_HALF * buffers.q[e, r])
+        alpha = min(raw, march.alpha_max)
+        color, tint = color_of(row, layout, weights, harmonics)
+        radiance, cut = clamp_positive(color), clamp_positive(tint)
+        received = (
+            red * radiance[0] * cut[0] + green * radiance[1] * cut[1] + blue * radiance[2] * cut[2]
+        )
+        received += depth * buffers.t[e, r]
+        rest -= front * alpha * received
+        d_alpha = front * received - rest / (_ONE - alpha)
+        weight[e, r], met[e] = front * alpha, True
+        buffers.q[e, r] = -_HALF * alpha * d_alpha if raw < march.alpha_max else _ZERO
+        front *= _ONE - alpha
+
+
 @machine_code
 def backward_bundles(shared):
     """Gradients of the rays of all bundles that no other thread takes, and of the entries of their
-    lists (the last result)."""
+    lists (the last result).
+
+    Ray by ray, what each hit adds to a pixel gives the gradients to its alpha. Then entry by entry,
+    all its hits add theirs to the Gaussian and the rays (cpu_gradient.py).
+    """
     frame = call_frame(shared)
     march = march_inputs(frame)
-    total, end = flat_floats(operand(frame, 11)), flat_floats(operand(frame, 12))
-    g_total, g_end = flat_floats(operand(frame, 13)), flat_floats(operand(frame, 14))
+    pixels = PixelGradients(
+        floats(operand(frame, 11)),
+        flat_floats(operand(frame, 12)),
+        floats(operand(frame, 13)),
+        flat_floats(operand(frame, 14)),
+    )
     d_rays = RayArrays(
         floats(result(frame, 1)),
         floats(result(frame, 2)),
         floats(result(frame, 3)),
         floats(result(frame, 4)),
     )
-    part = floats(result(frame, 5))
-    buffers, layout, k = hit_buffers(march), march.layout, march.rays.origin.shape[1]
-    weights, harmonics = buffers.weights, buffers.harmonics
-    d_y, d_ray = np.empty(16, np.float32), np.empty(7 + layout.keys, np.float32)
+    part, layout = floats(result(frame, 5)), march.layout
+    buffers, block = hit_buffers(march), new_block(layout.keys)
+    weight = np.empty((march.longest, march.each), np.float32)
+    met = np.empty(march.longest, np.bool_)
     while True:
         bundle = next_piece(shared)
         if bundle >= len(march.start):
@@ -102,43 +167,28 @@ def backward_bundles(shared):
         find_hits(march, buffers, bundle)
         first, last = list_range(march, bundle)
         part[first:last] = _ZERO
+        weight[: last - first] = _ZERO
+        met[: last - first] = False
         for r in range(march.each):
-            i, ray = begin_ray(march, buffers, bundle, r)
-            d_y[:], d_ray[:] = _ZERO, _ZERO
-            heap, length, front = buffers.heap[r], buffers.length[r], _ONE
-            g = (g_total[i], g_total[k + i], g_total[2 * k + i])
-            g_depth = g_total[3 * k + i]
-            rest = g[0] * total[i] + g[1] * total[k + i] + g[2] * total[2 * k + i]
-            rest += g_depth * total[3 * k + i] + g_end[i] * end[i]
-            while length > 0 and front > march.transmittance_min:
-                e = pop_nearest(heap, length)
-                length -= 1
-                row, d_row = march.table[march.index[first + e]], part[first + e]
-                kernel = math.exp(-_HALF * buffers.q[e, r])
-                alpha = min(row[layout.opacity] * kernel, march.alpha_max)
-                color, tint = color_of(row, layout, weights, harmonics)
-                radiance, cut, weight = clamp_positive(color), clamp_positive(tint), front * alpha
-                received = (
-                    g[0] * radiance[0] * cut[0]
-                    + g[1] * radiance[1] * cut[1]
-                    + g[2] * radiance[2] * cut[2]
-                )
-                received += g_depth * buffers.t[e, r]
-                rest -= weight * received
-                slope = (weight * g[0], weight * g[1], weight * g[2])
-                d_alpha = front * received - rest / (_ONE - alpha)
-                g_q = _ZERO
-                if row[layout.opacity] * kernel < march.alpha_max:
-                    d_row[layout.opacity] += d_alpha * kernel
-                    g_q = -_HALF * alpha * d_alpha
-                add_color_gradient(row, d_row, layout, weights, d_ray, harmonics, d_y, slope)
-                g_t = weight * g_depth
-                add_meeting_gradient(row, d_row, layout, ray, weights, d_ray, g_t, g_q)
-                front *= _ONE - alpha
-            more = direction_gradient(ray[1], layout.coefficients, d_y)
+            _alpha_gradients(march, buffers, pixels, (weight, met), bundle, r)
+        for begin in range(0, march.each, LANES):
+            count, i = min(LANES, march.each - begin), bundle * march.each + begin
+            begin_block(block, layout, march.rays, i, count)
             for c in range(3):
-                d_rays.origin[c, i] = d_ray[c]
-                d_rays.direction[c, i] = d_ray[3 + c] + more[c]
-            d_rays.time[0, i] = d_ray[6]
-            for c in range(layout.keys):
-                d_rays.weights[c, i] = d_ray[7 + c]
+                for r in range(count):
+                    block[PIXEL + LANES * c + r] = pixels.g[c, i + r]
+            for e in range(last - first):
+                if met[e]:
+                    row, d_row = march.table[march.index[first + e]], part[first + e]
+                    for r in range(count):
+                        w = weight[e, begin + r]
+                        block[WEIGHT + r] = w
+                        block[G_T + r] = w * pixels.g[3, i + r]
+                        block[G_Q + r] = buffers.q[e, begin + r] if w > _ZERO else _ZERO
+                    d_row[layout.opacity] += opacity_gradient(row[layout.opacity], block)
+                    add_color_gradients(row, d_row, layout, block)
+                    if layout.keys == 1:
+                        add_meeting_gradients(row, d_row, layout, block)
+                    else:
+                        add_blended_gradients(row, d_row, layout, block)
+            end_block(block, layout, d_rays, i, count)

@@ -71,7 +71,9 @@ def test_without_numba_the_arrays_march_and_the_kernel_is_refused(monkeypatch):
         on_kernel(TraceOptions(backend="kernel"), jnp.float32)
 
 
-@pytest.mark.parametrize("change", [{}, {"levels": 0}, {"bundle": 1}, {"bundle": 8}])
+@pytest.mark.parametrize(
+    "change", [{}, {"levels": 0}, {"bundle": 1}, {"bundle": 8}, {"bundle": 12}]
+)
 def test_how_the_work_is_cut_does_not_matter(change):
     motion = resting(gaussians(COUNT, **SIZES))
     color, errors = errors_on_device(motion, rays(), replace(OPTIONS, **change))
@@ -180,6 +182,13 @@ def test_thousands_on_one_ray_are_all_met_in_their_order():
     pixels, report = look(motion, lines, options=OPTIONS, capacity=capacity)
     assert int(report.dropped) == 0 and int(report.hits) > 0.99 * count * RAYS
     assert np.mean(np.abs(stacked(pixels) - stacked(reference.trace(motion, lines)))) < COLOR
+
+
+def test_hundreds_on_one_ray_are_all_learnt_from():
+    # Three runs of hits to sort, and the last one is short.
+    motion, _ = pile(150)
+    color, errors = errors_on_device(motion, rays(place=(0, 0, -8), jitter=0.02, spread=0.01))
+    assert color < COLOR and max(errors.values()) < GRADIENT, errors
 
 
 def test_equal_distances_are_taken_in_the_order_of_the_list():
