@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from gaussray.tracer.cpu_block import LANES, begin_block, new_block
 from gaussray.tracer.cpu_bundle import (
     RayArrays,
     begin_ray,
@@ -30,20 +31,7 @@ from gaussray.tracer.cpu_call import (
     operand,
     result,
 )
-from gaussray.tracer.cpu_gradient import (
-    G_Q,
-    G_T,
-    LANES,
-    PIXEL,
-    WEIGHT,
-    add_blended_gradients,
-    add_color_gradients,
-    add_meeting_gradients,
-    begin_block,
-    end_block,
-    new_block,
-    opacity_gradient,
-)
+from gaussray.tracer.cpu_gradient import add_gradients, end_block
 from gaussray.tracer.cpu_hit import clamp_positive, color_of
 
 
@@ -173,22 +161,11 @@ def backward_bundles(shared):
             _alpha_gradients(march, buffers, pixels, (weight, met), bundle, r)
         for begin in range(0, march.each, LANES):
             count, i = min(LANES, march.each - begin), bundle * march.each + begin
-            begin_block(block, layout, march.rays, i, count)
-            for c in range(3):
-                for r in range(count):
-                    block[PIXEL + LANES * c + r] = pixels.g[c, i + r]
+            begin_block(block, layout, march.rays, pixels.g, i, count)
             for e in range(last - first):
                 if met[e]:
                     row, d_row = march.table[march.index[first + e]], part[first + e]
-                    for r in range(count):
-                        w = weight[e, begin + r]
-                        block[WEIGHT + r] = w
-                        block[G_T + r] = w * pixels.g[3, i + r]
-                        block[G_Q + r] = buffers.q[e, begin + r] if w > _ZERO else _ZERO
-                    d_row[layout.opacity] += opacity_gradient(row[layout.opacity], block)
-                    add_color_gradients(row, d_row, layout, block)
-                    if layout.keys == 1:
-                        add_meeting_gradients(row, d_row, layout, block)
-                    else:
-                        add_blended_gradients(row, d_row, layout, block)
+                    own = weight[e, begin : begin + count]
+                    g_q = buffers.q[e, begin : begin + count]
+                    add_gradients(row, d_row, layout, block, own, g_q)
             end_block(block, layout, d_rays, i, count)

@@ -1,0 +1,95 @@
+"""Rays that meet one Gaussian together, in machine code for a CPU.
+
+All numbers of these rays are in one array, the block, in rows of `LANES` numbers at known places:
+so the compiler knows that they do not overlap, and turns loops over the lanes into vector
+instructions. Lanes without a ray, or whose ray does not hit the Gaussian, have a weight and
+gradients of zero, and add nothing.
+"""
+
+import numpy as np
+
+from gaussray.tracer.cpu_call import machine_code, summing_code
+from gaussray.tracer.cpu_hit import harmonics_of
+
+
+_ZERO = np.float32(0)
+
+# Rays of a block: those of the usual bundle.
+LANES = 64
+# Where the rows of a block begin. Of the rays: origin, direction and time, harmonics of the
+# direction, and gradients of the loss with respect to the pixel's colour and depth.
+AT_ORIGIN, AT_DIRECTION, AT_TIME, AT_HARMONICS, AT_PIXEL = (LANES * n for n in (0, 3, 6, 7, 23))
+# Of their hits with one Gaussian: weight; gradients with respect to the distances t and q, and to
+# the sums of harmonics, before these are tinted and what is below zero is cut.
+AT_WEIGHT, AT_G_T, AT_G_Q, AT_G_COLOR = (LANES * n for n in (27, 28, 29, 30))
+# The Gaussian as each ray meets it, if that differs: matrix A, mean; gradients to what was blended.
+AT_MATRIX, AT_MEAN, AT_G_BLENDED = (LANES * n for n in (33, 42, 45))
+# Sums of gradients over all Gaussians: origin, direction, time, harmonics.
+AT_D_ORIGIN, AT_D_DIRECTION, AT_D_TIME, AT_D_HARMONICS = (LANES * n for n in (57, 60, 63, 64))
+# Weights of key states, and then their gradients.
+AT_KEYS = LANES * 80
+
+
+@machine_code
+def new_block(keys):
+    """A block for scenes of so many key states, all zero."""
+    return np.zeros(AT_KEYS + 2 * keys * LANES, np.float32)
+
+
+@machine_code
+def begin_block(block, layout, rays, g_pixel, first, count):
+    """Fill in the rays of a block, and set the gradients of all to zero.
+
+    Args:
+        block: the block.
+        layout: columns of the rows.
+        rays: origins, directions, weights of key states and times of all rays.
+        g_pixel: gradients of the loss with respect to colours and depths of all rays.
+        first: index of the first ray.
+        count: number of rays, at most `LANES`.
+    """
+    block[:] = _ZERO
+    y = np.zeros(16, np.float32)
+    for r in range(count):
+        i = first + r
+        for c in range(3):
+            block[AT_ORIGIN + LANES * c + r] = rays.origin[c, i]
+            block[AT_DIRECTION + LANES * c + r] = rays.direction[c, i]
+        block[AT_TIME + r] = rays.time[0, i]
+        for c in range(4):
+            block[AT_PIXEL + LANES * c + r] = g_pixel[c, i]
+        d = (rays.direction[0, i], rays.direction[1, i], rays.direction[2, i])
+        harmonics_of(d, layout.coefficients, y)
+        for k in range(layout.coefficients):
+            block[AT_HARMONICS + LANES * k + r] = y[k]
+        for k in range(layout.keys):
+            block[AT_KEYS + LANES * k + r] = rays.weights[k, i]
+
+
+@summing_code
+def product_sum(block, one, other):
+    """Sum over the lanes of the products of two rows.
+
+    Args:
+        block: the block.
+        one: place of a row.
+        other: place of the other.
+    """
+    total = _ZERO
+    for r in range(LANES):
+        total += block[one + r] * block[other + r]
+    return total
+
+
+@summing_code
+def lane_sum(block, row):
+    """Sum of a row over the lanes.
+
+    Args:
+        block: the block.
+        row: place of the row.
+    """
+    total = _ZERO
+    for r in range(LANES):
+        total += block[row + r]
+    return total
