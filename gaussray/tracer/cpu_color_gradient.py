@@ -1,5 +1,6 @@
-"""Derivatives of the colours that rays see of one Gaussian, in machine code for a CPU: of all rays of
-a block (cpu_block.py) together.
+"""Derivatives of the colours that rays see of one Gaussian, in machine code for a CPU.
+
+All rays of a block (cpu_block.py) are taken together.
 """
 
 import numpy as np

@@ -1,5 +1,6 @@
-"""Derivatives of what rays see of one Gaussian (cpu_hit.py), in machine code for a CPU: of all rays
-of a block (cpu_block.py) together.
+"""Derivatives of what rays see of one Gaussian (cpu_hit.py), in machine code for a CPU.
+
+All rays of a block (cpu_block.py) are taken together.
 """
 
 import numpy as np
