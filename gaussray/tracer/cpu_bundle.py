@@ -206,7 +206,7 @@ def find_hits(march, buffers, bundle):
             _meet_blended(row, march, buffers, begin, t, q)
         limit = march.squared[number]
         for r in range(march.each):
-            # Without a branch, which would be foretold wrongly too often.
+            # Without a branch, which would be mispredicted too often.
             buffers.hits[r, buffers.length[r]] = _hit(bits[e, r], e)
             buffers.length[r] += (q[r] < limit) & (t[r] > _ZERO)
 
@@ -259,7 +259,7 @@ _NONE = np.int64(np.iinfo(np.int64).max)
 @machine_code
 def _sort_run(hits, spare, count):
     """Sort a run of hits, which others or `_STEP` of `_NONE` follow: each goes where as many are
-    before it as are nearer. This compares more than other methods, but nothing is foretold wrongly.
+    before it as are nearer. This compares more than other methods, but mispredicts no branch.
     """
     whole = (count + _STEP - 1) // _STEP * _STEP
     for i in range(count):

@@ -38,14 +38,15 @@ def machine_code(function: Callable) -> Any:
 
 
 def summing_code(function: Callable) -> Any:
-    """Like `machine_code`, but sums may be taken in any order, so that vectors add them up."""
+    """Like `machine_code`, but sums may be taken in any order, so that vectors add them up. This
+    holds for what is written in the function itself, not for what it calls."""
     options = {**_OPTIONS, "fastmath": {"contract", "reassoc", "nsz"}}
     return njit(**options)(inspect.unwrap(function))
 
 
 def inlined_code(function: Callable) -> Any:
     """Like `machine_code`, but inlined: passing arrays takes as long as a short function."""
-    return njit(**_OPTIONS, inline="always")(inspect.unwrap(function))
+    return njit(**_OPTIONS, forceinline=True)(inspect.unwrap(function))
 
 
 def entry(function: Callable) -> Any:

@@ -105,12 +105,9 @@ def add_color_gradients(row, d_row, layout, block):
 @machine_code
 def _add_tint_gradient(row, d_row, layout, block, c):
     """Add the gradients of a channel's tint; the row of its colour becomes that of its gradient."""
-    color, pixel, tint, g_tint = (
-        AT_G_COLOR + LANES * c,
-        AT_PIXEL + LANES * c,
-        AT_MATRIX,
-        AT_MATRIX + LANES,
-    )
+    color, pixel = AT_G_COLOR + LANES * c, AT_PIXEL + LANES * c
+    # In rows that are written after all colours.
+    tint, g_tint = AT_MATRIX, AT_MATRIX + LANES
     for r in range(LANES):
         block[tint + r] = _ZERO
     for k in range(layout.keys):

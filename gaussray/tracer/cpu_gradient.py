@@ -98,9 +98,28 @@ def end_block(block, layout, d_rays, first, count):
 
 
 @inlined_code
-def _where(hit, x):
-    """A vector, zero in lanes whose ray did not hit the Gaussian: there it may be too large."""
-    return x[0] if hit else _ZERO, x[1] if hit else _ZERO, x[2] if hit else _ZERO
+def _hit_of(block, r, mean, velocity, age):
+    """Origin of a ray from the mean of a Gaussian, and its direction: zero where the ray does not
+    hit the Gaussian, since there numbers may be too large."""
+    hit = block[AT_WEIGHT + r] > _ZERO
+    x = block[_OX + r] - (mean[0] + age * velocity[0])
+    y = block[_OY + r] - (mean[1] + age * velocity[1])
+    z = block[_OZ + r] - (mean[2] + age * velocity[2])
+    dx, dy, dz = block[_DX + r], block[_DY + r], block[_DZ + r]
+    place = (x if hit else _ZERO, y if hit else _ZERO, z if hit else _ZERO)
+    return place, (dx if hit else _ZERO, dy if hit else _ZERO, dz if hit else _ZERO)
+
+
+@inlined_code
+def _add_ray_gradient(block, r, g_x, g_d, g_age):
+    """Add the gradients of a ray's origin, direction and time."""
+    block[_SUM_OX + r] += g_x[0]
+    block[_SUM_OY + r] += g_x[1]
+    block[_SUM_OZ + r] += g_x[2]
+    block[_SUM_DX + r] += g_d[0]
+    block[_SUM_DY + r] += g_d[1]
+    block[_SUM_DZ + r] += g_d[2]
+    block[AT_D_TIME + r] += g_age
 
 
 @inlined_code
@@ -189,13 +208,7 @@ def _add_meeting_gradients(row, d_row, layout, block):
     born, fades, lasts = _ZERO, _ZERO, _ZERO
     for r in range(LANES):
         age = block[AT_TIME + r] - instant
-        x = (
-            block[_OX + r] - m[0] - age * velocity[0],
-            block[_OY + r] - m[1] - age * velocity[1],
-            block[_OZ + r] - m[2] - age * velocity[2],
-        )
-        hit, g_q = block[AT_WEIGHT + r] > _ZERO, block[AT_G_Q + r]
-        x, d = _where(hit, x), _where(hit, (block[_DX + r], block[_DY + r], block[_DZ + r]))
+        (x, d), g_q = _hit_of(block, r, m, velocity, age), block[AT_G_Q + r]
         g_a, g_x, g_d = _meeting_gradient(a, x, d, block[AT_G_T + r], g_q)
         g_age, g_rate, g_plateau = _window_gradient(age, velocity, rate, plateau, g_x, g_q)
         a0, a1, a2 = a0 + g_a[0], a1 + g_a[1], a2 + g_a[2]
@@ -204,13 +217,7 @@ def _add_meeting_gradients(row, d_row, layout, block):
         mx, my, mz = mx - g_x[0], my - g_x[1], mz - g_x[2]
         vx, vy, vz = vx - age * g_x[0], vy - age * g_x[1], vz - age * g_x[2]
         born, fades, lasts = born - g_age, fades + g_rate, lasts + g_plateau
-        block[_SUM_OX + r] += g_x[0]
-        block[_SUM_OY + r] += g_x[1]
-        block[_SUM_OZ + r] += g_x[2]
-        block[_SUM_DX + r] += g_d[0]
-        block[_SUM_DY + r] += g_d[1]
-        block[_SUM_DZ + r] += g_d[2]
-        block[AT_D_TIME + r] += g_age
+        _add_ray_gradient(block, r, g_x, g_d, g_age)
     for k, total in enumerate((a0, a1, a2, a3, a4, a5, a6, a7, a8, mx, my, mz)):
         d_row[k] += total
     if layout.window >= 0:
@@ -259,13 +266,8 @@ def _meet_blended_gradients(row, d_row, layout, block):
                 block[AT_MATRIX + 8 * LANES + r],
             )
         )
-        x = (
-            block[_OX + r] - block[_MX + r] - age * velocity[0],
-            block[_OY + r] - block[_MY + r] - age * velocity[1],
-            block[_OZ + r] - block[_MZ + r] - age * velocity[2],
-        )
-        hit, g_q = block[AT_WEIGHT + r] > _ZERO, block[AT_G_Q + r]
-        x, d = _where(hit, x), _where(hit, (block[_DX + r], block[_DY + r], block[_DZ + r]))
+        m = (block[_MX + r], block[_MY + r], block[_MZ + r])
+        (x, d), g_q = _hit_of(block, r, m, velocity, age), block[AT_G_Q + r]
         g_a, g_x, g_d = _meeting_gradient(a, x, d, block[AT_G_T + r], g_q)
         g_f = _gradient_of_inverse(a, g_a)
         g_age, g_rate, g_plateau = _window_gradient(age, velocity, rate, plateau, g_x, g_q)
@@ -283,13 +285,7 @@ def _meet_blended_gradients(row, d_row, layout, block):
         block[AT_G_BLENDED + 11 * LANES + r] = -g_x[2]
         vx, vy, vz = vx - age * g_x[0], vy - age * g_x[1], vz - age * g_x[2]
         born, fades, lasts = born - g_age, fades + g_rate, lasts + g_plateau
-        block[_SUM_OX + r] += g_x[0]
-        block[_SUM_OY + r] += g_x[1]
-        block[_SUM_OZ + r] += g_x[2]
-        block[_SUM_DX + r] += g_d[0]
-        block[_SUM_DY + r] += g_d[1]
-        block[_SUM_DZ + r] += g_d[2]
-        block[AT_D_TIME + r] += g_age
+        _add_ray_gradient(block, r, g_x, g_d, g_age)
     if layout.window >= 0:
         for k, total in enumerate((vx, vy, vz, born, fades, lasts)):
             d_row[layout.window + k] += total

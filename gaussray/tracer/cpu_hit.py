@@ -15,7 +15,6 @@ from gaussray.tracer.cpu_call import inlined_code, machine_code
 
 _ZERO, _HALF, _ONE = (np.float32(x) for x in (0, 0.5, 1))
 _TWO, _THREE, _FOUR = (np.float32(x) for x in (2, 3, 4))
-_NINE = (_ZERO,) * 9
 _INFINITY = np.float32(np.inf)
 _C0, _C1 = np.float32(C0), np.float32(C1)
 _C2A, _C2B, _C2C = (np.float32(x) for x in C2)
@@ -82,26 +81,6 @@ def time_distance(age, rate, plateau):
     """
     beyond = abs(age) - plateau
     return (beyond if beyond > _ZERO else _ZERO) * rate
-
-
-@machine_code
-def _blend_matrix(row, layout, w):
-    """The nine entries at the beginning of a row, blended for a ray."""
-    total = _NINE
-    for k in range(layout.keys):
-        weight, at = w[k], 12 * k
-        total = (
-            total[0] + weight * row[at],
-            total[1] + weight * row[at + 1],
-            total[2] + weight * row[at + 2],
-            total[3] + weight * row[at + 3],
-            total[4] + weight * row[at + 4],
-            total[5] + weight * row[at + 5],
-            total[6] + weight * row[at + 6],
-            total[7] + weight * row[at + 7],
-            total[8] + weight * row[at + 8],
-        )
-    return total
 
 
 @machine_code
