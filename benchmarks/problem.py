@@ -76,7 +76,7 @@ def room(count: int, seed: int = 0) -> Gaussians:
 
 def room_rays(side: int, order: np.ndarray) -> Rays:
     """A 60-degree pinhole in a corner of the room, pixels in the given order."""
-    right, up, forward = _axes()
+    right, up, forward = room_axes()
     focal = side / 2 / np.tan(np.deg2rad(30))
     x, y = order % side + 0.5 - side / 2, order // side + 0.5 - side / 2
     direction = x[:, None] / focal * right - y[:, None] / focal * up + forward
@@ -208,7 +208,7 @@ def _camera(
     exposure: float = 0,
     aside: float = 0,
 ) -> Camera:
-    right, up, forward = _axes()
+    right, up, forward = room_axes()
     axes = np.stack([right, -up, forward], axis=1)
     times, place, turn = [0.0], [EYE], [quaternion(_single(axes))]
     if aside:
@@ -226,7 +226,7 @@ def _camera(
     )
 
 
-def _axes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def room_axes() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Right, up and forward of a camera in the corner of the room."""
     forward = (TARGET - EYE) / np.linalg.norm(TARGET - EYE)
     right = np.cross(forward, [0, 0, 1.0])

@@ -112,6 +112,7 @@ def reconstruct(
     demand_training_pictures(capture)
     options = ReconstructOptions() if options is None else options
     recorded, capture = capture, with_common_times(capture)
+    common = common_times_sentence(recorded, capture)
     out, interval = Path(out), options.fit.checkpoint
     log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
     machine = this_machine(devices)
@@ -125,7 +126,7 @@ def reconstruct(
     def told(line: str) -> None:
         _say(line, quiet or not leads())
 
-    told("" if capture is recorded else common_times_sentence(recorded, capture))
+    told(common)
     shared = SharedResults()
     fits = TrialFits(
         capture,

@@ -1,6 +1,7 @@
 """A block of training steps in one compiled program: loss, gradients, Adam, exploration."""
 
-from functools import partial
+from collections.abc import Callable
+from functools import cache, partial
 
 import equinox as eqx
 import jax
@@ -27,6 +28,7 @@ from gaussray.reconstruct.step_loss import (
     step_motion,
     step_rays,
 )
+from gaussray.runtime.programs import loops_for_sums
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
 from gaussray.tracer.seen import seen_counts, seen_part
 from gaussray.tracer.trace import measure
@@ -141,7 +143,6 @@ def _places(
     return (max(kept, 1), max(brief, 1)) if few else None
 
 
-@eqx.filter_jit
 def train_block(
     state: State,
     views: Camera,
@@ -169,7 +170,26 @@ def train_block(
         error of every tile (its mean absolute difference, (steps, tiles)), the largest list sizes
         needed, and how many list entries were dropped.
     """
+    return _compiled()(
+        state, views, batches, cameras, options=options, schedule=schedule, sizes=sizes
+    )
 
+
+@cache
+def _compiled() -> Callable[..., tuple]:
+    return eqx.filter_jit(_train_block, compiler_options=loops_for_sums())
+
+
+def _train_block(
+    state: State,
+    views: Camera,
+    batches: Batch,
+    cameras: CameraSet,
+    *,
+    options: StepOptions,
+    schedule: Schedule,
+    sizes: BlockSizes,
+):
     # Once for the block: distances to the cameras hardly change within one.
     bounds = scale_bounds(state.parameters, cameras, options.footprint)
     kinds = state.parameters.kinds

@@ -17,6 +17,21 @@ def quick_compilation() -> dict[str, bool] | None:
     return {"xla_cpu_use_fusion_emitters": False} if known else None
 
 
+@functools.cache
+def loops_for_sums() -> dict[str, str] | None:
+    """Options of a compiler for CPUs that sums over few numbers in loops of its own: by its library
+    (YNNPACK) the sum over three numbers of each of 20,000 Gaussians takes 25 times as long. None
+    for other devices, and where the installed version of XLA does not know the library."""
+    options = {"xla_cpu_experimental_ynn_fusion_type": ""}
+    if jax.default_backend() != "cpu":
+        return None
+    try:
+        jax.jit(lambda x: x, compiler_options=options).lower(0.0).compile()
+    except jax.errors.JaxRuntimeError:
+        return None
+    return options
+
+
 class ProgramCache:
     """Decorates a function that makes compiled programs: it keeps the `most` used last.
 

@@ -7,16 +7,12 @@ the hits of each ray are sorted in short runs, of which the nearest comes first.
 from typing import Any, NamedTuple
 
 import numpy as np
+from numba.cpython.unsafe.numbers import trailing_zeros
 
+from gaussray.tracer.cpu_block import LANES
 from gaussray.tracer.cpu_call import flat_floats, floats, integers, machine_code, operand
-from gaussray.tracer.cpu_hit import (
-    Layout,
-    harmonics_of,
-    inverse_of,
-    matrix_of,
-    meet_ray,
-    time_distance,
-)
+from gaussray.tracer.cpu_hit import Layout, harmonics_of
+from gaussray.tracer.cpu_meet import AT_Q, AT_T, fill_lanes, meet_lanes, met_lanes, new_lanes
 
 
 _ZERO = np.float32(0)
@@ -66,15 +62,14 @@ class HitBuffers(NamedTuple):
     """Buffers of a thread for the hits of one bundle.
 
     Args:
-        t: Distance of every list entry on every ray.
+        t: Distance of every list entry on every ray, by blocks of `LANES` rays.
         q: Squared distance of every list entry from every ray, in standard deviations.
         hits: Hits of every ray: the bits of the distance above those of the list entry.
         length: Number of hits of every ray.
         spare: Room for a run of hits.
         head: The nearest hit of each run that is still to come.
         place: Where it is among the hits of the ray.
-        blended: Matrix and mean of one entry, blended for every ray.
-        used: Whether any ray has a weight of each key state.
+        lanes: Rays side by side, and one Gaussian blended for each (`new_lanes`).
         weights: Weights of the control points of one ray.
         harmonics: Harmonics of the direction of one ray.
     """
@@ -86,8 +81,7 @@ class HitBuffers(NamedTuple):
     spare: Any
     head: Any
     place: Any
-    blended: Any
-    used: Any
+    lanes: Any
     weights: Any
     harmonics: Any
 
@@ -128,16 +122,16 @@ def march_inputs(frame):
 @machine_code
 def hit_buffers(march):
     """Buffers for the hits of one bundle, long enough for the longest list."""
+    blocks = (march.each + LANES - 1) // LANES
     return HitBuffers(
-        np.empty((march.longest, march.each), np.float32),
-        np.empty((march.longest, march.each), np.float32),
+        np.empty((blocks, march.longest, LANES), np.float32),
+        np.empty((blocks, march.longest, LANES), np.float32),
         np.empty((march.each, march.longest + _STEP), np.int64),
         np.empty(march.each, np.int64),
         np.empty(_RUN, np.int64),
         np.empty(march.longest // _RUN + 1, np.int64),
         np.empty(march.longest // _RUN + 1, np.int64),
-        np.empty((12, march.each), np.float32),
-        np.empty(march.layout.keys, np.int32),
+        new_lanes(march.layout.keys),
         np.empty(march.layout.keys, np.float32),
         np.empty(16, np.float32),
     )
@@ -167,48 +161,27 @@ def find_hits(march, buffers, bundle):
         bundle: index of the bundle.
     """
     first, last = list_range(march, bundle)
-    begin, layout, rays = bundle * march.each, march.layout, march.rays
-    bits = buffers.t.view(np.uint32)
+    lanes = buffers.lanes
     buffers.length[:] = 0
-    for k in range(layout.keys):
-        buffers.used[k] = 0
-        for r in range(march.each):
-            buffers.used[k] |= rays.weights[k, begin + r] != _ZERO
-    for e in range(last - first):
-        number = march.index[first + e]
-        if number < 0:
-            continue
-        row, t, q = march.table[number], buffers.t[e], buffers.q[e]
-        if layout.keys == 1:
-            a, m = matrix_of(row), (row[9], row[10], row[11])
-            if layout.window < 0:
-                for r in range(march.each):
-                    i = begin + r
-                    o = (rays.origin[0, i], rays.origin[1, i], rays.origin[2, i])
-                    d = (rays.direction[0, i], rays.direction[1, i], rays.direction[2, i])
-                    t[r], q[r] = meet_ray(a, m, o, d)
-            else:
-                w = layout.window
-                v, instant = (row[w], row[w + 1], row[w + 2]), row[w + 3]
-                for r in range(march.each):
-                    i = begin + r
-                    age = rays.time[0, i] - instant
-                    o = (
-                        rays.origin[0, i] - age * v[0],
-                        rays.origin[1, i] - age * v[1],
-                        rays.origin[2, i] - age * v[2],
-                    )
-                    d = (rays.direction[0, i], rays.direction[1, i], rays.direction[2, i])
-                    s = time_distance(age, row[w + 4], row[w + 5])
-                    t[r], space = meet_ray(a, m, o, d)
-                    q[r] = space + s * s
-        else:
-            _meet_blended(row, march, buffers, begin, t, q)
-        limit = march.squared[number]
-        for r in range(march.each):
-            # Without a branch, which would be mispredicted too often.
-            buffers.hits[r, buffers.length[r]] = _hit(bits[e, r], e)
-            buffers.length[r] += (q[r] < limit) & (t[r] > _ZERO)
+    for begin in range(0, march.each, LANES):
+        count, i = min(LANES, march.each - begin), bundle * march.each + begin
+        block = begin // LANES
+        t, q, bits = buffers.t[block], buffers.q[block], buffers.t.view(np.uint32)[block]
+        fill_lanes(lanes, march.layout, march.rays, i, count)
+        for e in range(last - first):
+            number = march.index[first + e]
+            if number < 0:
+                continue
+            meet_lanes(lanes, march.layout, march.table[number])
+            for r in range(LANES):
+                t[e, r], q[e, r] = lanes[AT_T + r], lanes[AT_Q + r]
+            met = met_lanes(lanes, march.squared[number])
+            while met:
+                lane = np.int64(trailing_zeros(met))
+                met &= met - np.uint64(1)
+                r = begin + lane
+                buffers.hits[r, buffers.length[r]] = _hit(bits[e, lane], e)
+                buffers.length[r] += 1
 
 
 @machine_code
@@ -222,33 +195,6 @@ def _store_weights(march, buffers, i):
     """Store the weights of a ray."""
     for k in range(march.layout.keys):
         buffers.weights[k] = march.rays.weights[k, i]
-
-
-@machine_code
-def _meet_blended(row, march, buffers, begin, t, q):
-    """Intersect the rays of a bundle with a Gaussian that has key states; t and q are written."""
-    layout, rays, f = march.layout, march.rays, buffers.blended
-    f[:] = _ZERO
-    for k in range(layout.keys):
-        if buffers.used[k]:
-            weights = rays.weights[k, begin : begin + march.each]
-            for c in range(12):
-                value, column = row[12 * k + c], f[c]
-                for r in range(march.each):
-                    column[r] += weights[r] * value
-    w = layout.window
-    for r in range(march.each):
-        i = begin + r
-        matrix = (f[0, r], f[1, r], f[2, r], f[3, r], f[4, r], f[5, r], f[6, r], f[7, r], f[8, r])
-        x, y, z, s = f[9, r], f[10, r], f[11, r], _ZERO
-        if w >= 0:
-            age = rays.time[0, i] - row[w + 3]
-            x, y, z = x + age * row[w], y + age * row[w + 1], z + age * row[w + 2]
-            s = time_distance(age, row[w + 4], row[w + 5])
-        o = (rays.origin[0, i], rays.origin[1, i], rays.origin[2, i])
-        d = (rays.direction[0, i], rays.direction[1, i], rays.direction[2, i])
-        t[r], space = meet_ray(inverse_of(matrix), (x, y, z), o, d)
-        q[r] = space + s * s
 
 
 # Hits of a run, and how many are compared at a time: what is behind the last hit does not count.

@@ -54,20 +54,19 @@ def forward_bundles(shared):
         first = march.start[bundle]
         for r in range(march.each):
             i, met = begin_ray(march, buffers, bundle, r), 0
+            t, q, lane = buffers.t[r // LANES], buffers.q[r // LANES], r % LANES
             front, red, green, blue, depth = _ONE, _ZERO, _ZERO, _ZERO, _ZERO
             while met < buffers.length[r] and front > march.transmittance_min:
                 e = pop_nearest(buffers, r)
                 met += 1
                 row = march.table[march.index[first + e]]
-                alpha = min(
-                    row[layout.opacity] * math.exp(-_HALF * buffers.q[e, r]), march.alpha_max
-                )
+                alpha = min(row[layout.opacity] * math.exp(-_HALF * q[e, lane]), march.alpha_max)
                 color, tint = color_of(row, layout, weights, harmonics)
                 radiance, cut, weight = clamp_positive(color), clamp_positive(tint), front * alpha
                 red += weight * radiance[0] * cut[0]
                 green += weight * radiance[1] * cut[1]
                 blue += weight * radiance[2] * cut[2]
-                depth += weight * buffers.t[e, r]
+                depth += weight * t[e, lane]
                 front *= _ONE - alpha
             channels[0, i], channels[1, i], channels[2, i], channels[3, i] = red, green, blue, depth
             end[i], hits[i] = front, met
@@ -97,6 +96,7 @@ def _alpha_gradients(march, buffers, pixels, found, bundle, r):
     these; and which entries are met.
     """
     weight, met = found
+    t, q, lane = buffers.t[r // LANES], buffers.q[r // LANES], r % LANES
     i = begin_ray(march, buffers, bundle, r)
     layout, weights, harmonics = march.layout, buffers.weights, buffers.harmonics
     red, green, blue, depth = pixels.g[0, i], pixels.g[1, i], pixels.g[2, i], pixels.g[3, i]
@@ -107,18 +107,18 @@ def _alpha_gradients(march, buffers, pixels, found, bundle, r):
         e = pop_nearest(buffers, r)
         at += 1
         row = march.table[march.index[first + e]]
-        raw = row[layout.opacity] * math.exp(-_HALF * buffers.q[e, r])
+        raw = row[layout.opacity] * math.exp(-_HALF * q[e, lane])
         alpha = min(raw, march.alpha_max)
         color, tint = color_of(row, layout, weights, harmonics)
         radiance, cut = clamp_positive(color), clamp_positive(tint)
         received = (
             red * radiance[0] * cut[0] + green * radiance[1] * cut[1] + blue * radiance[2] * cut[2]
         )
-        received += depth * buffers.t[e, r]
+        received += depth * t[e, lane]
         rest -= front * alpha * received
         d_alpha = front * received - rest / (_ONE - alpha)
         weight[e, r], met[e] = front * alpha, True
-        buffers.q[e, r] = -_HALF * alpha * d_alpha if raw < march.alpha_max else _ZERO
+        q[e, lane] = -_HALF * alpha * d_alpha if raw < march.alpha_max else _ZERO
         front *= _ONE - alpha
 
 
@@ -166,6 +166,6 @@ def backward_bundles(shared):
                 if met[e]:
                     row, d_row = march.table[march.index[first + e]], part[first + e]
                     own = weight[e, begin : begin + count]
-                    g_q = buffers.q[e, begin : begin + count]
+                    g_q = buffers.q[begin // LANES, e, :count]
                     add_gradients(row, d_row, layout, block, own, g_q)
             end_block(block, layout, d_rays, i, count)

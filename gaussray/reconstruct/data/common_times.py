@@ -49,12 +49,14 @@ def with_common_times(capture: Capture) -> Capture:
 
 
 def common_times_sentence(recorded: Capture, capture: Capture) -> str:
-    """A line that tells of common times.
+    """A line that tells of common times; empty if the capture is as recorded.
 
     Args:
         recorded: the capture as recorded.
         capture: the capture after `with_common_times`.
     """
+    if capture is recorded:
+        return ""
     pairs = zip(recorded.views, capture.views, strict=True)
     late = max(abs(before.time - after.time) for before, after in pairs)
     times = [view.time for view in capture.views if view.split == "train"]

@@ -1,0 +1,150 @@
+"""The rays of a bundle side by side, and how all of them meet one Gaussian, in machine code for a
+CPU.
+
+Numbers of rays are in one array in rows of `LANES` numbers at known places, as in cpu_block.py: so
+the compiler turns loops over the lanes into vector instructions. Lanes without a ray have direction
+zero, which meets nothing.
+"""
+
+import numpy as np
+
+from gaussray.tracer.cpu_block import AT_DIRECTION, AT_ORIGIN, AT_TIME, LANES
+from gaussray.tracer.cpu_call import inlined_code, machine_code
+from gaussray.tracer.cpu_hit import inverse_of, matrix_of, meet_ray, time_distance
+
+
+_ZERO = np.float32(0)
+
+# Rows of `LANES` rays: origin, direction and time (cpu_block.py); distances t and q to a Gaussian;
+# then weights of key states.
+AT_T, AT_Q, _AT_KEYS = (LANES * n for n in (7, 8, 9))
+# Rows of what key states are blended to: a matrix and a mean.
+_MATRIX, _BLENDED = 9, 12
+
+
+@machine_code
+def new_lanes(keys):
+    """Room for `LANES` rays with so many key states, and for one Gaussian blended for each."""
+    return np.zeros(_AT_KEYS + LANES * (keys + _BLENDED), np.float32)
+
+
+@machine_code
+def fill_lanes(lanes, layout, rays, first, count):
+    """Put rays side by side.
+
+    Args:
+        lanes: the room for them.
+        layout: columns of the rows of Gaussians.
+        rays: origins, directions, weights of key states and times of all rays.
+        first: index of the first ray.
+        count: number of rays, at most `LANES`.
+    """
+    lanes[:] = _ZERO
+    for c in range(3):
+        for r in range(count):
+            lanes[AT_ORIGIN + LANES * c + r] = rays.origin[c, first + r]
+            lanes[AT_DIRECTION + LANES * c + r] = rays.direction[c, first + r]
+    for r in range(count):
+        lanes[AT_TIME + r] = rays.time[0, first + r]
+    for k in range(layout.keys):
+        for r in range(count):
+            lanes[_AT_KEYS + LANES * k + r] = rays.weights[k, first + r]
+
+
+@machine_code
+def meet_lanes(lanes, layout, row):
+    """Distance t of the peak of a Gaussian along every ray, and squared distance q there
+    (`meet_ray`), in space and time; they are stored at `AT_T` and `AT_Q`.
+
+    Args:
+        lanes: the rays (`fill_lanes`).
+        layout: columns of the row.
+        row: row of the Gaussian.
+    """
+    if layout.keys > 1:
+        _meet_blended(lanes, layout, row)
+    elif layout.window < 0:
+        a, m = matrix_of(row), (row[9], row[10], row[11])
+        for r in range(LANES):
+            lanes[AT_T + r], lanes[AT_Q + r] = meet_ray(
+                a, m, _origin(lanes, r), _direction(lanes, r)
+            )
+    else:
+        a, m, w = matrix_of(row), (row[9], row[10], row[11]), layout.window
+        v, instant, rate, plateau = (
+            (row[w], row[w + 1], row[w + 2]),
+            row[w + 3],
+            row[w + 4],
+            row[w + 5],
+        )
+        for r in range(LANES):
+            age, o = lanes[AT_TIME + r] - instant, _origin(lanes, r)
+            o = (o[0] - age * v[0], o[1] - age * v[1], o[2] - age * v[2])
+            s = time_distance(age, rate, plateau)
+            lanes[AT_T + r], space = meet_ray(a, m, o, _direction(lanes, r))
+            lanes[AT_Q + r] = space + s * s
+
+
+@inlined_code
+def _origin(lanes, r):
+    at = AT_ORIGIN + r
+    return lanes[at], lanes[at + LANES], lanes[at + 2 * LANES]
+
+
+@inlined_code
+def _direction(lanes, r):
+    at = AT_DIRECTION + r
+    return lanes[at], lanes[at + LANES], lanes[at + 2 * LANES]
+
+
+@machine_code
+def _meet_blended(lanes, layout, row):
+    """`meet_lanes` of a Gaussian that has key states, which each ray blends by its weights."""
+    f, w = _AT_KEYS + LANES * layout.keys, layout.window
+    for c in range(_BLENDED):
+        for r in range(LANES):
+            lanes[f + LANES * c + r] = _ZERO
+    for k in range(layout.keys):
+        weights = _AT_KEYS + LANES * k
+        for c in range(_BLENDED):
+            value, column = row[_BLENDED * k + c], f + LANES * c
+            for r in range(LANES):
+                lanes[column + r] += lanes[weights + r] * value
+    for r in range(LANES):
+        at = f + r
+        a = (
+            lanes[at],
+            lanes[at + LANES],
+            lanes[at + 2 * LANES],
+            lanes[at + 3 * LANES],
+            lanes[at + 4 * LANES],
+            lanes[at + 5 * LANES],
+            lanes[at + 6 * LANES],
+            lanes[at + 7 * LANES],
+            lanes[at + 8 * LANES],
+        )
+        at += _MATRIX * LANES
+        x, y, z, s = lanes[at], lanes[at + LANES], lanes[at + 2 * LANES], _ZERO
+        if w >= 0:
+            age = lanes[AT_TIME + r] - row[w + 3]
+            x, y, z = x + age * row[w], y + age * row[w + 1], z + age * row[w + 2]
+            s = time_distance(age, row[w + 4], row[w + 5])
+        lanes[AT_T + r], space = meet_ray(
+            inverse_of(a), (x, y, z), _origin(lanes, r), _direction(lanes, r)
+        )
+        lanes[AT_Q + r] = space + s * s
+
+
+@machine_code
+def met_lanes(lanes, limit):
+    """Which lanes hit a Gaussian, after `meet_lanes`: bits of a number, the lowest for the first.
+
+    Args:
+        lanes: the rays.
+        limit: squared reach of the Gaussian.
+    """
+    met = np.uint64(0)
+    for r in range(LANES):
+        hit = (lanes[AT_Q + r] < limit) & (lanes[AT_T + r] > _ZERO)
+        met |= np.uint64(hit) << np.uint64(r)
+    return met
