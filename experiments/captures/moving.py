@@ -130,7 +130,9 @@ def fit(
     trained = {view.time for view in capture.views if view.split == "train"}
     held_out = [view for view in capture.views if view.split == "test"]
     if not held_out:
-        raise SystemExit(f"{folder}: no picture is held out (split test), so nothing can be scored.")
+        raise SystemExit(
+            f"{folder}: no picture is held out (split test), so nothing can be scored."
+        )
     made = fitted(capture, options, devices, chosen.quiet)
     render = Renderer(
         made.scene, options=RenderOptions(samples=1), trace=TraceOptions(), devices=devices

@@ -70,20 +70,21 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     still = len({view.time for view in views}) == 1 or options.fit.motion == "none"
     if options.fit.tiles != FitOptions().tiles:
         machine = machine._replace(gpus=1)
-    scale = _scale(views, machine, still)
+    names = ("none",) if still else motions(capture, options, machine)
+    recorded, scale = _pixels(views), _scale(views, machine, names[0])
     if scale < 1:
         capture = selected(capture, Selection(scale=scale))
         views = training_views(capture)
-    pixels = float(sum(view.width * view.height for view in views))
-    names: tuple[str, ...] = ("",) if still else motions(capture, options, machine)
+    pixels = _pixels(views)
+    minutes = machine.minutes_for(pixels if still else recorded, still=still)
     if still:
-        chosen = _still(pixels, machine, options.fit)
+        chosen = _still(pixels, minutes, machine, options.fit)
     elif names[0] == "deformation":
         chosen = _bodies(machine, options.track)
     elif names[0] == "from_rest":
-        chosen = _from_rest(pixels, machine)
+        chosen = _from_rest(pixels, minutes, machine)
     else:
-        chosen = _brief(pixels, machine, names[0])
+        chosen = _brief(pixels, minutes, machine, names[0])
     steps = options.fit.coarse, options.fit.fine
     options = with_defaults(options, chosen)
     if steps != (FitOptions().coarse, FitOptions().fine) or not chosen.fit.minutes:
@@ -92,13 +93,17 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     return Effort(capture, options, _sentence(options, views, scale, still), rivals)
 
 
-def _scale(views: Sequence[View], machine: Machine, still: bool) -> float:
-    """The scale at which the machine has the time to see each pixel about once. Of more times than
+def _pixels(views: Sequence[View]) -> float:
+    return float(sum(view.width * view.height for view in views))
+
+
+def _scale(views: Sequence[View], machine: Machine, motion: str) -> float:
+    """The scale at which the machine has the time to see each pixel a few times. Of more times than
     motion is looked at in, so many count: a longer video of the same things is no reason for
     smaller pictures."""
-    times = 1 if still else len({view.time for view in views})
-    pixels = sum(view.width * view.height for view in views) * min(1.0, machine.instants / times)
-    return min(1.0, math.sqrt(machine.most_pixels(still) / max(pixels, 1.0)))
+    times = 1 if motion == "none" else len({view.time for view in views})
+    pixels = _pixels(views) * min(1.0, machine.instants / times)
+    return min(1.0, math.sqrt(machine.most_pixels(motion) / max(pixels, 1.0)))
 
 
 def with_defaults(options: ReconstructOptions, chosen: ReconstructOptions) -> ReconstructOptions:
@@ -175,7 +180,9 @@ def _along_a_path(views: Sequence[View]) -> bool:
     return bool(step < 0.5 * np.sqrt(np.sum(np.var(eye, axis=0))))
 
 
-def _still(pixels: float, machine: Machine, wanted: FitOptions) -> ReconstructOptions:
+def _still(
+    pixels: float, minutes: float, machine: Machine, wanted: FitOptions
+) -> ReconstructOptions:
     """For pictures of one time: relocation under a budget, SSIM, harmonics by degrees."""
     short = 0 < wanted.minutes < _FEW_MINUTES
     if (wanted.coarse, wanted.fine) != (FitOptions().coarse, FitOptions().fine):
@@ -188,7 +195,7 @@ def _still(pixels: float, machine: Machine, wanted: FitOptions) -> ReconstructOp
     gaussians = int(np.clip(pixels / share, low, high))
     return ReconstructOptions(
         fit=FitOptions(
-            minutes=machine.minutes * larger,
+            minutes=minutes,
             tiles=machine.tiles,
             tile_side=32,
             validate=0.015,
@@ -216,15 +223,14 @@ def _still(pixels: float, machine: Machine, wanted: FitOptions) -> ReconstructOp
     )
 
 
-def _brief(pixels: float, machine: Machine, motion: str) -> ReconstructOptions:
+def _brief(pixels: float, minutes: float, machine: Machine, motion: str) -> ReconstructOptions:
     """For motion of any kind: transient Gaussians (fit.motion), with relocation and SSIM."""
     low, high = (100_000, 1_000_000) if machine.gpu else (30_000, 60_000)
     gaussians = int(np.clip(pixels / 85, low, high))
-    larger = float(np.clip(math.sqrt(pixels / machine.pixels), 1.0, 4.0))
     return ReconstructOptions(
         fit=FitOptions(
-            minutes=machine.minutes * larger,
-            tiles=machine.tiles,
+            minutes=minutes,
+            tiles=machine.tiles_brief,
             tile_side=32,
             validate=0.015,
             degree=2 if machine.gpu else 0,
@@ -270,16 +276,21 @@ def _bodies(machine: Machine, track: TrackOptions) -> ReconstructOptions:
     )
 
 
-def _from_rest(pixels: float, machine: Machine) -> ReconstructOptions:
+def _from_rest(pixels: float, minutes: float, machine: Machine) -> ReconstructOptions:
     """For pictures each of which has a time of its own: Gaussians that all times share, on control
     points that begin at rest."""
-    brief = _brief(pixels, machine, "from_rest")
+    brief = _brief(pixels, minutes, machine, "from_rest")
     # All times share them, and all follow control points.
     low, high = (50_000, 150_000) if machine.gpu else (10_000, 20_000)
     gaussians = int(np.clip(pixels / 300, low, high))
     return replace(
         brief,
-        fit=replace(brief.fit, coarse=1500 if machine.gpu else 300, points=gaussians // 2),
+        fit=replace(
+            brief.fit,
+            coarse=1500 if machine.gpu else 300,
+            tiles=machine.tiles,
+            points=gaussians // 2,
+        ),
         density=replace(brief.density, gaussians=gaussians),
     )
 

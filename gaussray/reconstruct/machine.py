@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import jax
+import numpy as np
 
 from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 
@@ -20,8 +21,12 @@ _THOUSANDS = OptimizerOptions(
 )
 # Those of 3DGS, for tens of thousands of steps of stills (experiments/captures/log.md).
 _TENS_OF_THOUSANDS = OptimizerOptions(mean=0.1, quat=1e-3, scale=5e-3, color=2.5e-3)
-# Tiles of a step for each GPU, and on a CPU.
-_TILES_GPU, _TILES_CPU = 64, 4
+# Tiles of a step for each GPU, and on a CPU; there more where things move by transient Gaussians
+# (experiments/captures/log.md).
+_TILES_GPU, _TILES_CPU, _TILES_CPU_BRIEF = 64, 4, 8
+# Training pixels beyond which a CPU fits smaller pictures: of stills, with rigid bodies (for which
+# it was not measured), and with other motion (experiments/captures/log.md).
+_PIXELS_STILL, _PIXELS_BODIES, _PIXELS_BRIEF = 3e6, 1e7, 4e6
 # Bytes of a GPU's memory from which on two fits run at the same time: those of 675 pictures of
 # 640 x 360 and up to 1,000,000 Gaussians took 9.2 GiB, of 260 pictures of 256 x 256 and 200,000
 # Gaussians 1.8 GiB (experiments/captures/log.md).
@@ -50,6 +55,11 @@ class Machine(NamedTuple):
         return _TILES_GPU * self.gpus if self.gpu else _TILES_CPU
 
     @property
+    def tiles_brief(self) -> int:
+        """Tiles of a step where transient Gaussians show what moves."""
+        return self.tiles if self.gpu else _TILES_CPU_BRIEF
+
+    @property
     def minutes(self) -> float:
         """Minutes for a capture of `pixels` or fewer."""
         return 3.0 if self.gpu else 4.0
@@ -64,12 +74,26 @@ class Machine(NamedTuple):
         """Times at which transient Gaussians start, at most."""
         return 30 if self.gpu else 16
 
-    def most_pixels(self, still: bool) -> float:
-        """Training pixels beyond which pictures are scaled down. For stills on a CPU it was
-        measured (experiments/captures/log.md), for captures of several times it was not."""
+    def most_pixels(self, motion: str) -> float:
+        """Training pixels beyond which pictures are scaled down.
+
+        Args:
+            motion: what shows motion (`fit.motion`); "none" where nothing moves.
+        """
         if self.gpu:
             return 1e9
-        return 3e6 if still else 1e7
+        return {"none": _PIXELS_STILL, "deformation": _PIXELS_BODIES}.get(motion, _PIXELS_BRIEF)
+
+    def minutes_for(self, pixels: float, *, still: bool) -> float:
+        """Minutes of steps for a capture: longer for larger ones, up to four times as long.
+
+        Args:
+            pixels: its training pixels; on a CPU, of stills those that are fitted, of others those
+                that were recorded, up to what is fitted with rigid bodies.
+            still: whether nothing moves.
+        """
+        most = math.inf if self.gpu or still else _PIXELS_BODIES
+        return self.minutes * float(np.clip(math.sqrt(min(pixels, most) / self.pixels), 1.0, 4.0))
 
     def rates(self, *, many_steps: bool) -> OptimizerOptions:
         """The learning rates. Of n times as many rays (n GPUs) the gradient is less noisy, and Adam

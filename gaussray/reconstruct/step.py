@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache, partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -177,7 +178,8 @@ def train_block(
 
 @cache
 def _compiled() -> Callable[..., tuple]:
-    return eqx.filter_jit(_train_block, compiler_options=loops_for_sums())
+    compiled: Any = eqx.filter_jit  # It hands options on to `jax.jit`, which its types leave out.
+    return compiled(_train_block, compiler_options=loops_for_sums())
 
 
 def _train_block(

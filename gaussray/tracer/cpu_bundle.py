@@ -7,7 +7,7 @@ the hits of each ray are sorted in short runs, of which the nearest comes first.
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.cpython.unsafe.numbers import trailing_zeros
+from numba.cpython.unsafe import numbers
 
 from gaussray.tracer.cpu_block import LANES
 from gaussray.tracer.cpu_call import flat_floats, floats, integers, machine_code, operand
@@ -15,7 +15,8 @@ from gaussray.tracer.cpu_hit import Layout, harmonics_of
 from gaussray.tracer.cpu_meet import AT_Q, AT_T, fill_lanes, meet_lanes, met_lanes, new_lanes
 
 
-_ZERO = np.float32(0)
+# An intrinsic, whose first parameter the compiler fills in.
+_lowest_bit: Any = numbers.trailing_zeros
 
 
 class RayArrays(NamedTuple):
@@ -177,7 +178,7 @@ def find_hits(march, buffers, bundle):
                 t[e, r], q[e, r] = lanes[AT_T + r], lanes[AT_Q + r]
             met = met_lanes(lanes, march.squared[number])
             while met:
-                lane = np.int64(trailing_zeros(met))
+                lane = np.int64(_lowest_bit(met))
                 met &= met - np.uint64(1)
                 r = begin + lane
                 buffers.hits[r, buffers.length[r]] = _hit(bits[e, lane], e)
