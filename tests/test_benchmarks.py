@@ -227,5 +227,8 @@ def test_every_effect_and_every_knob_can_be_measured(monkeypatch, tmp_path):
 def test_steps_of_a_reconstruction_are_measured(monkeypatch, tmp_path):
     monkeypatch.setattr(record, "RESULTS", tmp_path)
     bench_reconstruct.main(["--steps", "10", "--stages", "coarse", "--kernels", "3"])
-    (line,) = lines_of(tmp_path, "reconstruct_step")
-    assert set(record.KEYS) <= set(line) and line["dropped"] == 0
+    bench_reconstruct.main(["--steps", "10", "--room", "2000", "--rays", "1024", "4096"])
+    lines = lines_of(tmp_path, "reconstruct_step")
+    assert [line["rays"] for line in lines[1:]] == [1024, 4096]
+    assert lines[1]["gaussians"] == 2000 and lines[1]["effect"] == "fine"
+    assert all(set(record.KEYS) <= set(line) for line in lines) and lines[0]["dropped"] == 0

@@ -1,8 +1,16 @@
 """Compiled programs are kept up to a number, the ones used last."""
 
 import jax
+import jax.numpy as jnp
 
-from gaussray.runtime.programs import ProgramCache
+from gaussray.runtime.programs import ProgramCache, loops_for_sums
+
+
+def test_sums_over_few_numbers_are_not_left_to_a_library():
+    squared = jax.jit(lambda x: jnp.sum(x * x, axis=-1), compiler_options=loops_for_sums())
+    program = squared.lower(jnp.ones((50_000, 3), jnp.float32)).compile()
+    assert "ynn" not in (program.as_text() or "")
+    assert jnp.all(squared(jnp.ones((50_000, 3), jnp.float32)) == 3)
 
 
 def test_a_program_is_made_once_and_the_one_used_longest_ago_is_forgotten():

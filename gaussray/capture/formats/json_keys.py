@@ -195,7 +195,7 @@ class Keys:
             remedy = f"Divide its first three columns by {scale:.6g} (the translation stays)."
             raise self.error(key, f"{rule} without scale", remedy)
         if np.linalg.det(linear) < 0:
-            remedy = "It mirrors: a camera-to-world rotation has determinant +1."
+            remedy = "Its determinant is -1, so it mirrors; that of a rotation is +1."
             raise self.error(key, f"{rule} without reflection", remedy)
         u, _, vt = np.linalg.svd(linear)
         return np.concatenate([u @ vt, matrix[:3, 3:]], axis=1)
