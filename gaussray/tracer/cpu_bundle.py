@@ -71,6 +71,7 @@ class HitBuffers(NamedTuple):
         head: The nearest hit of each run that is still to come.
         place: Where it is among the hits of the ray.
         lanes: Rays side by side, and one Gaussian blended for each (`new_lanes`).
+        used: Whether any of these rays has a weight of each key state.
         weights: Weights of the control points of one ray.
         harmonics: Harmonics of the direction of one ray.
     """
@@ -83,6 +84,7 @@ class HitBuffers(NamedTuple):
     head: Any
     place: Any
     lanes: Any
+    used: Any
     weights: Any
     harmonics: Any
 
@@ -133,6 +135,7 @@ def hit_buffers(march):
         np.empty(march.longest // _RUN + 1, np.int64),
         np.empty(march.longest // _RUN + 1, np.int64),
         new_lanes(march.layout.keys),
+        np.empty(march.layout.keys, np.bool_),
         np.empty(march.layout.keys, np.float32),
         np.empty(16, np.float32),
     )
@@ -162,18 +165,18 @@ def find_hits(march, buffers, bundle):
         bundle: index of the bundle.
     """
     first, last = list_range(march, bundle)
-    lanes = buffers.lanes
+    lanes, used = buffers.lanes, buffers.used
     buffers.length[:] = 0
     for begin in range(0, march.each, LANES):
         count, i = min(LANES, march.each - begin), bundle * march.each + begin
         block = begin // LANES
         t, q, bits = buffers.t[block], buffers.q[block], buffers.t.view(np.uint32)[block]
-        fill_lanes(lanes, march.layout, march.rays, i, count)
+        fill_lanes(lanes, used, march.layout, march.rays, i, count)
         for e in range(last - first):
             number = march.index[first + e]
             if number < 0:
                 continue
-            meet_lanes(lanes, march.layout, march.table[number])
+            meet_lanes(lanes, used, march.layout, march.table[number])
             for r in range(LANES):
                 t[e, r], q[e, r] = lanes[AT_T + r], lanes[AT_Q + r]
             met = met_lanes(lanes, march.squared[number])

@@ -29,11 +29,12 @@ def new_lanes(keys):
 
 
 @machine_code
-def fill_lanes(lanes, layout, rays, first, count):
+def fill_lanes(lanes, used, layout, rays, first, count):
     """Put rays side by side.
 
     Args:
         lanes: the room for them.
+        used: array that receives, for each key state, whether a ray has a weight of it.
         layout: columns of the rows of Gaussians.
         rays: origins, directions, weights of key states and times of all rays.
         first: index of the first ray.
@@ -47,22 +48,26 @@ def fill_lanes(lanes, layout, rays, first, count):
     for r in range(count):
         lanes[AT_TIME + r] = rays.time[0, first + r]
     for k in range(layout.keys):
+        used[k] = False
         for r in range(count):
-            lanes[_AT_KEYS + LANES * k + r] = rays.weights[k, first + r]
+            weight = rays.weights[k, first + r]
+            lanes[_AT_KEYS + LANES * k + r] = weight
+            used[k] |= weight != _ZERO
 
 
 @machine_code
-def meet_lanes(lanes, layout, row):
+def meet_lanes(lanes, used, layout, row):
     """Distance t of the peak of a Gaussian along every ray, and squared distance q there
     (`meet_ray`), in space and time; they are stored at `AT_T` and `AT_Q`.
 
     Args:
         lanes: the rays (`fill_lanes`).
+        used: which key states they have weights of.
         layout: columns of the row.
         row: row of the Gaussian.
     """
     if layout.keys > 1:
-        _meet_blended(lanes, layout, row)
+        _meet_blended(lanes, used, layout, row)
     elif layout.window < 0:
         a, m = matrix_of(row), (row[9], row[10], row[11])
         for r in range(LANES):
@@ -71,12 +76,8 @@ def meet_lanes(lanes, layout, row):
             )
     else:
         a, m, w = matrix_of(row), (row[9], row[10], row[11]), layout.window
-        v, instant, rate, plateau = (
-            (row[w], row[w + 1], row[w + 2]),
-            row[w + 3],
-            row[w + 4],
-            row[w + 5],
-        )
+        v, instant = (row[w], row[w + 1], row[w + 2]), row[w + 3]
+        rate, plateau = row[w + 4], row[w + 5]
         for r in range(LANES):
             age, o = lanes[AT_TIME + r] - instant, _origin(lanes, r)
             o = (o[0] - age * v[0], o[1] - age * v[1], o[2] - age * v[2])
@@ -98,18 +99,19 @@ def _direction(lanes, r):
 
 
 @machine_code
-def _meet_blended(lanes, layout, row):
+def _meet_blended(lanes, used, layout, row):
     """`meet_lanes` of a Gaussian that has key states, which each ray blends by its weights."""
     f, w = _AT_KEYS + LANES * layout.keys, layout.window
     for c in range(_BLENDED):
         for r in range(LANES):
             lanes[f + LANES * c + r] = _ZERO
     for k in range(layout.keys):
-        weights = _AT_KEYS + LANES * k
-        for c in range(_BLENDED):
-            value, column = row[_BLENDED * k + c], f + LANES * c
-            for r in range(LANES):
-                lanes[column + r] += lanes[weights + r] * value
+        if used[k]:
+            weights = _AT_KEYS + LANES * k
+            for c in range(_BLENDED):
+                value, column = row[_BLENDED * k + c], f + LANES * c
+                for r in range(LANES):
+                    lanes[column + r] += lanes[weights + r] * value
     for r in range(LANES):
         at = f + r
         a = (
