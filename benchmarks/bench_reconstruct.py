@@ -17,6 +17,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import jax
@@ -52,8 +53,7 @@ def main(argv: Sequence[str] | None = None) -> None:
     parser.add_argument("--rays", type=int, nargs="+", default=[32_768], help="with --room")
     chosen = parser.parse_args(argv)
     if chosen.room:
-        rows = [row for rays in chosen.rays for row in _room_rows(chosen, rays)]
-        show(rows, *_SHOWN)
+        show(_room_rows(chosen), *_SHOWN)
         return
     # They read pictures: not needed to know what the script is for.
     from gaussray.capture.open import open_capture
@@ -98,8 +98,8 @@ def _rows(capture, options, devices: int | None, chosen) -> list[dict]:
     return rows
 
 
-def _room_rows(chosen, rays: int) -> list[dict]:
-    """Steps of the fine stage over the generated room, so many rays each."""
+def _room_rows(chosen) -> list[dict]:
+    """Steps of the fine stage over the generated room, for each number of rays and devices."""
     from gaussray.capture.open import open_capture
     from gaussray.reconstruct.log import RunLog
     from gaussray.reconstruct.optimize.loss import LossOptions
@@ -111,18 +111,17 @@ def _room_rows(chosen, rays: int) -> list[dict]:
 
     scene, rows = dynamic_room(chosen.room, degree=2), []
     options = ReconstructOptions(
-        fit=FitOptions(
-            auto=False, motion="deformation", tiles=rays // TILE**2, tile_side=TILE, degree=2
-        ),
+        fit=FitOptions(auto=False, motion="deformation", tile_side=TILE, degree=2),
         loss=LossOptions(l1=0.8, dssim=0.2),
         trace=TraceOptions(k=32, levels=0, transmittance_min=1e-3, backend=backend(chosen.backend)),
     )
     with tempfile.TemporaryDirectory() as folder:
         write_capture(Path(folder) / "capture", scene, SIDE, CAMERAS)
         capture = open_capture(Path(folder) / "capture")
-        for devices in chosen.devices or [None]:
-            log = RunLog(Path(folder) / "run", resume=False, interval=60.0)
-            session = Session(capture, log, options, True, devices)
+        for rays, devices in product(chosen.rays, chosen.devices or [None]):
+            fit = replace(options.fit, tiles=rays // TILE**2)
+            log = RunLog(Path(folder) / f"{rays}_{devices}", resume=False, interval=60.0)
+            session = Session(capture, log, replace(options, fit=fit), True, devices)
             parts = unconstrain(scene.static), unconstrain(scene.moving)
             state = begin_state(Parameters(*parts, scene.deformation))
             rows.append(_stepped(session, state, "fine", "dynamic_room", chosen)[1])

@@ -71,12 +71,12 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     if options.fit.tiles != FitOptions().tiles:
         machine = machine._replace(gpus=1)
     names = ("none",) if still else motions(capture, options, machine)
-    recorded, scale = _pixels(views), _scale(views, machine, names[0])
+    minutes = machine.minutes_for(_pixels(views), still=still)
+    scale = _scale(views, machine, names[0])
     if scale < 1:
         capture = selected(capture, Selection(scale=scale))
         views = training_views(capture)
     pixels = _pixels(views)
-    minutes = machine.minutes_for(pixels if still else recorded, still=still)
     if still:
         chosen = _still(pixels, minutes, machine, options.fit)
     elif names[0] == "deformation":

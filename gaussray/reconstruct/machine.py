@@ -27,6 +27,9 @@ _TILES_GPU, _TILES_CPU, _TILES_CPU_BRIEF = 64, 4, 8
 # Training pixels beyond which a CPU fits smaller pictures: of stills, with rigid bodies (for which
 # it was not measured), and with other motion (experiments/captures/log.md).
 _PIXELS_STILL, _PIXELS_BODIES, _PIXELS_BRIEF = 3e6, 1e7, 4e6
+# How many times as long as a small capture a large one is fitted: on a GPU; on a CPU, where larger
+# pictures are scaled down, of stills and of what moves.
+_LONGEST_GPU, _LONGEST_STILL, _LONGEST_MOVING = 4.0, 1.2, 2.2
 # Bytes of a GPU's memory from which on two fits run at the same time: those of 675 pictures of
 # 640 x 360 and up to 1,000,000 Gaussians took 9.2 GiB, of 260 pictures of 256 x 256 and 200,000
 # Gaussians 1.8 GiB (experiments/captures/log.md).
@@ -85,15 +88,14 @@ class Machine(NamedTuple):
         return {"none": _PIXELS_STILL, "deformation": _PIXELS_BODIES}.get(motion, _PIXELS_BRIEF)
 
     def minutes_for(self, pixels: float, *, still: bool) -> float:
-        """Minutes of steps for a capture: longer for larger ones, up to four times as long.
+        """Minutes of steps for a capture, longer for larger ones.
 
         Args:
-            pixels: its training pixels; on a CPU, of stills those that are fitted, of others those
-                that were recorded, up to what is fitted with rigid bodies.
+            pixels: its training pixels, as recorded.
             still: whether nothing moves.
         """
-        most = math.inf if self.gpu or still else _PIXELS_BODIES
-        return self.minutes * float(np.clip(math.sqrt(min(pixels, most) / self.pixels), 1.0, 4.0))
+        longest = _LONGEST_GPU if self.gpu else _LONGEST_STILL if still else _LONGEST_MOVING
+        return self.minutes * float(np.clip(math.sqrt(pixels / self.pixels), 1.0, longest))
 
     def rates(self, *, many_steps: bool) -> OptimizerOptions:
         """The learning rates. Of n times as many rays (n GPUs) the gradient is less noisy, and Adam

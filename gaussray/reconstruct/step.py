@@ -1,8 +1,6 @@
 """A block of training steps in one compiled program: loss, gradients, Adam, exploration."""
 
-from collections.abc import Callable
-from functools import cache, partial
-from typing import Any
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -29,7 +27,7 @@ from gaussray.reconstruct.step_loss import (
     step_motion,
     step_rays,
 )
-from gaussray.runtime.programs import loops_for_sums
+from gaussray.runtime.programs import looped_jit
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
 from gaussray.tracer.seen import seen_counts, seen_part
 from gaussray.tracer.trace import measure
@@ -144,6 +142,7 @@ def _places(
     return (max(kept, 1), max(brief, 1)) if few else None
 
 
+@looped_jit
 def train_block(
     state: State,
     views: Camera,
@@ -171,27 +170,7 @@ def train_block(
         error of every tile (its mean absolute difference, (steps, tiles)), the largest list sizes
         needed, and how many list entries were dropped.
     """
-    return _compiled()(
-        state, views, batches, cameras, options=options, schedule=schedule, sizes=sizes
-    )
 
-
-@cache
-def _compiled() -> Callable[..., tuple]:
-    compiled: Any = eqx.filter_jit  # It hands options on to `jax.jit`, which its types leave out.
-    return compiled(_train_block, compiler_options=loops_for_sums())
-
-
-def _train_block(
-    state: State,
-    views: Camera,
-    batches: Batch,
-    cameras: CameraSet,
-    *,
-    options: StepOptions,
-    schedule: Schedule,
-    sizes: BlockSizes,
-):
     # Once for the block: distances to the cameras hardly change within one.
     bounds = scale_bounds(state.parameters, cameras, options.footprint)
     kinds = state.parameters.kinds

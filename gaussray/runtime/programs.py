@@ -7,6 +7,7 @@ from collections.abc import Callable, Hashable
 from importlib.metadata import version
 from typing import Any
 
+import equinox as eqx
 import jax
 
 
@@ -30,6 +31,19 @@ def loops_for_sums() -> dict[str, str] | None:
     except jax.errors.JaxRuntimeError:
         return None
     return options
+
+
+def looped_jit(function: Callable[..., Any]) -> Any:
+    """`eqx.filter_jit` with `loops_for_sums`, which are found at the first call: only then are the
+    devices known."""
+    jit: Any = eqx.filter_jit  # Its types leave out the options that it hands on to `jax.jit`.
+    compiled = functools.cache(lambda: jit(function, compiler_options=loops_for_sums()))
+
+    @functools.wraps(function)
+    def call(*args: Any, **keywords: Any) -> Any:
+        return compiled()(*args, **keywords)
+
+    return call
 
 
 class ProgramCache:

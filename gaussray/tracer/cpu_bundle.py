@@ -12,7 +12,15 @@ from numba.cpython.unsafe import numbers
 from gaussray.tracer.cpu_block import LANES
 from gaussray.tracer.cpu_call import flat_floats, floats, integers, machine_code, operand
 from gaussray.tracer.cpu_hit import Layout, harmonics_of
-from gaussray.tracer.cpu_meet import AT_Q, AT_T, fill_lanes, meet_lanes, met_lanes, new_lanes
+from gaussray.tracer.cpu_meet import (
+    AT_Q,
+    AT_T,
+    BLENDED,
+    fill_lanes,
+    meet_lanes,
+    met_lanes,
+    new_lanes,
+)
 
 
 # An intrinsic, whose first parameter the compiler fills in.
@@ -70,7 +78,8 @@ class HitBuffers(NamedTuple):
         spare: Room for a run of hits.
         head: The nearest hit of each run that is still to come.
         place: Where it is among the hits of the ray.
-        lanes: Rays side by side, and one Gaussian blended for each (`new_lanes`).
+        lanes: Rays side by side (`new_lanes`).
+        blended: One Gaussian as each of these rays blends it.
         used: Whether any of these rays has a weight of each key state.
         weights: Weights of the control points of one ray.
         harmonics: Harmonics of the direction of one ray.
@@ -84,6 +93,7 @@ class HitBuffers(NamedTuple):
     head: Any
     place: Any
     lanes: Any
+    blended: Any
     used: Any
     weights: Any
     harmonics: Any
@@ -135,6 +145,7 @@ def hit_buffers(march):
         np.empty(march.longest // _RUN + 1, np.int64),
         np.empty(march.longest // _RUN + 1, np.int64),
         new_lanes(march.layout.keys),
+        np.empty((BLENDED, LANES), np.float32),
         np.empty(march.layout.keys, np.bool_),
         np.empty(march.layout.keys, np.float32),
         np.empty(16, np.float32),
@@ -176,7 +187,7 @@ def find_hits(march, buffers, bundle):
             number = march.index[first + e]
             if number < 0:
                 continue
-            meet_lanes(lanes, used, march.layout, march.table[number])
+            meet_lanes(lanes, used, buffers.blended, march.layout, march.table[number])
             for r in range(LANES):
                 t[e, r], q[e, r] = lanes[AT_T + r], lanes[AT_Q + r]
             met = met_lanes(lanes, march.squared[number])

@@ -18,14 +18,15 @@ _ZERO = np.float32(0)
 # Rows of `LANES` rays: origin, direction and time (cpu_block.py); distances t and q to a Gaussian;
 # then weights of key states.
 AT_T, AT_Q, _AT_KEYS = (LANES * n for n in (7, 8, 9))
-# Rows of what key states are blended to: a matrix and a mean.
-_MATRIX, _BLENDED = 9, 12
+# Rows of what key states are blended to: a matrix and a mean. They have an array of their own, so
+# that the compiler knows that they do not overlap with the rays.
+BLENDED = 12
 
 
 @machine_code
 def new_lanes(keys):
-    """Room for `LANES` rays with so many key states, and for one Gaussian blended for each."""
-    return np.zeros(_AT_KEYS + LANES * (keys + _BLENDED), np.float32)
+    """Room for `LANES` rays with so many key states."""
+    return np.zeros(_AT_KEYS + LANES * keys, np.float32)
 
 
 @machine_code
@@ -56,18 +57,19 @@ def fill_lanes(lanes, used, layout, rays, first, count):
 
 
 @machine_code
-def meet_lanes(lanes, used, layout, row):
+def meet_lanes(lanes, used, blended, layout, row):
     """Distance t of the peak of a Gaussian along every ray, and squared distance q there
     (`meet_ray`), in space and time; they are stored at `AT_T` and `AT_Q`.
 
     Args:
         lanes: the rays (`fill_lanes`).
         used: which key states they have weights of.
+        blended: room for the Gaussian as each ray blends it: `BLENDED` rows of `LANES` numbers.
         layout: columns of the row.
         row: row of the Gaussian.
     """
     if layout.keys > 1:
-        _meet_blended(lanes, used, layout, row)
+        _meet_blended(lanes, used, blended, layout, row)
     elif layout.window < 0:
         a, m = matrix_of(row), (row[9], row[10], row[11])
         for r in range(LANES):
@@ -99,34 +101,20 @@ def _direction(lanes, r):
 
 
 @machine_code
-def _meet_blended(lanes, used, layout, row):
+def _meet_blended(lanes, used, blended, layout, row):
     """`meet_lanes` of a Gaussian that has key states, which each ray blends by its weights."""
-    f, w = _AT_KEYS + LANES * layout.keys, layout.window
-    for c in range(_BLENDED):
-        for r in range(LANES):
-            lanes[f + LANES * c + r] = _ZERO
+    f, w = blended, layout.window
+    f[:] = _ZERO
     for k in range(layout.keys):
         if used[k]:
-            weights = _AT_KEYS + LANES * k
-            for c in range(_BLENDED):
-                value, column = row[_BLENDED * k + c], f + LANES * c
+            weights = lanes[_AT_KEYS + LANES * k : _AT_KEYS + LANES * (k + 1)]
+            for c in range(BLENDED):
+                value, column = row[BLENDED * k + c], f[c]
                 for r in range(LANES):
-                    lanes[column + r] += lanes[weights + r] * value
+                    column[r] += weights[r] * value
     for r in range(LANES):
-        at = f + r
-        a = (
-            lanes[at],
-            lanes[at + LANES],
-            lanes[at + 2 * LANES],
-            lanes[at + 3 * LANES],
-            lanes[at + 4 * LANES],
-            lanes[at + 5 * LANES],
-            lanes[at + 6 * LANES],
-            lanes[at + 7 * LANES],
-            lanes[at + 8 * LANES],
-        )
-        at += _MATRIX * LANES
-        x, y, z, s = lanes[at], lanes[at + LANES], lanes[at + 2 * LANES], _ZERO
+        a = (f[0, r], f[1, r], f[2, r], f[3, r], f[4, r], f[5, r], f[6, r], f[7, r], f[8, r])
+        x, y, z, s = f[9, r], f[10, r], f[11, r], _ZERO
         if w >= 0:
             age = lanes[AT_TIME + r] - row[w + 3]
             x, y, z = x + age * row[w], y + age * row[w + 1], z + age * row[w + 2]
