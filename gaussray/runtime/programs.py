@@ -5,10 +5,14 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from importlib.metadata import version
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import equinox as eqx
 import jax
+
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
 
 
 def quick_compilation() -> dict[str, bool] | None:
@@ -33,17 +37,17 @@ def loops_for_sums() -> dict[str, str] | None:
     return options
 
 
-def looped_jit(function: Callable[..., Any]) -> Any:
+def looped_jit(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """`eqx.filter_jit` with `loops_for_sums`, which are found at the first call: only then are the
     devices known."""
     jit: Any = eqx.filter_jit  # Its types leave out the options that it hands on to `jax.jit`.
     compiled = functools.cache(lambda: jit(function, compiler_options=loops_for_sums()))
 
     @functools.wraps(function)
-    def call(*args: Any, **keywords: Any) -> Any:
-        return compiled()(*args, **keywords)
+    def looped(*args: _P.args, **kwargs: _P.kwargs) -> _R:
+        return compiled()(*args, **kwargs)
 
-    return call
+    return looped
 
 
 class ProgramCache:
