@@ -8,7 +8,7 @@ gradients of zero, and add nothing.
 
 import numpy as np
 
-from gaussray.tracer.cpu_call import machine_code, summing_code
+from gaussray.tracer.cpu_call import allocating_code, machine_code, summing_code
 from gaussray.tracer.cpu_hit import harmonics_of
 
 
@@ -30,7 +30,7 @@ AT_D_ORIGIN, AT_D_DIRECTION, AT_D_TIME, AT_D_HARMONICS = (LANES * n for n in (57
 AT_KEYS = LANES * 80
 
 
-@machine_code
+@allocating_code
 def new_block(keys):
     """A block for scenes of so many key states, all zero."""
     return np.zeros(AT_KEYS + 2 * keys * LANES, np.float32)
@@ -49,7 +49,6 @@ def begin_block(block, layout, rays, g_pixel, first, count):
         count: number of rays, at most `LANES`.
     """
     block[:] = _ZERO
-    y = np.zeros(16, np.float32)
     for r in range(count):
         i = first + r
         for c in range(3):
@@ -59,9 +58,7 @@ def begin_block(block, layout, rays, g_pixel, first, count):
         for c in range(4):
             block[AT_PIXEL + LANES * c + r] = g_pixel[c, i]
         d = (rays.direction[0, i], rays.direction[1, i], rays.direction[2, i])
-        harmonics_of(d, layout.coefficients, y)
-        for k in range(layout.coefficients):
-            block[AT_HARMONICS + LANES * k + r] = y[k]
+        harmonics_of(d, layout.coefficients, block[AT_HARMONICS + r : AT_PIXEL : LANES])
         for k in range(layout.keys):
             block[AT_KEYS + LANES * k + r] = rays.weights[k, i]
 

@@ -10,7 +10,14 @@ import numpy as np
 from numba.cpython.unsafe import numbers
 
 from gaussray.tracer.cpu_block import LANES
-from gaussray.tracer.cpu_call import flat_floats, floats, integers, machine_code, operand
+from gaussray.tracer.cpu_call import (
+    allocating_code,
+    flat_floats,
+    floats,
+    integers,
+    machine_code,
+    operand,
+)
 from gaussray.tracer.cpu_hit import Layout, harmonics_of
 from gaussray.tracer.cpu_meet import (
     AT_Q,
@@ -99,7 +106,7 @@ class HitBuffers(NamedTuple):
     harmonics: Any
 
 
-@machine_code
+@allocating_code
 def march_inputs(frame):
     """The inputs of a march, read from the operands of a call."""
     rays = RayArrays(
@@ -132,7 +139,7 @@ def march_inputs(frame):
     )
 
 
-@machine_code
+@allocating_code
 def hit_buffers(march):
     """Buffers for the hits of one bundle, long enough for the longest list."""
     blocks = (march.each + LANES - 1) // LANES

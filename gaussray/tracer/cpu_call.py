@@ -27,14 +27,22 @@ from gaussray.runtime.devices import cores
 
 
 # Only compiled code calls these functions: they need no wrappers.
-_OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
-_OPTIONS |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_ALLOCATING: dict[str, Any] = {"error_model": "numpy", "fastmath": {"contract"}}
+_ALLOCATING |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+# Without Numba's run time, which counts the references to every array that a function is given:
+# that takes longer than many a function.
+_OPTIONS = {**_ALLOCATING, "_nrt": False}
 
 
 # A decorator that checks types (of tests, say) may stand between a function and what compiles it.
 def machine_code(function: Callable) -> Any:
-    """Compile a function when compiled code first calls it."""
+    """Compile a function when compiled code first calls it. It makes no arrays."""
     return njit(**_OPTIONS)(inspect.unwrap(function))
+
+
+def allocating_code(function: Callable) -> Any:
+    """Like `machine_code`, for a function that makes arrays or hands on new ones."""
+    return njit(**_ALLOCATING)(inspect.unwrap(function))
 
 
 def summing_code(function: Callable) -> Any:
@@ -169,20 +177,20 @@ def _size(buffer):
     return (_word(place) if rank > 0 else 1), rest
 
 
-@machine_code
+@allocating_code
 def floats(buffer):
     """A buffer as an array of float32, (first axis, all others)."""
     return carray(_float_pointer(_word(buffer + _DATA)), _size(buffer))
 
 
-@machine_code
+@allocating_code
 def flat_floats(buffer):
     """A buffer as an array of float32 with one axis."""
     first, rest = _size(buffer)
     return carray(_float_pointer(_word(buffer + _DATA)), (first * rest,))
 
 
-@machine_code
+@allocating_code
 def integers(buffer):
     """A buffer as an array of int32 with one axis."""
     first, rest = _size(buffer)
@@ -223,7 +231,7 @@ def is_execution(frame):
     return _number(frame + _STAGE) == _EXECUTE
 
 
-@machine_code
+@allocating_code
 def shared_state(frame):
     """The shared state of the threads of a call: the number of pieces taken, and the frame."""
     shared = np.zeros(2, np.int64)
@@ -249,7 +257,7 @@ def shared_address(argument):
     return argument - 1 if argument & 1 else 0
 
 
-@machine_code
+@allocating_code
 def start_threads(entry, shared, threads):
     """Start threads that run an entry, and return their identifiers.
 
@@ -272,7 +280,7 @@ def start_threads(entry, shared, threads):
     return identifiers[:count]
 
 
-@machine_code
+@allocating_code
 def join_threads(identifiers, shared):
     """Wait for threads to end.
 

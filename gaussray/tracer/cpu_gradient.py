@@ -82,12 +82,10 @@ def end_block(block, layout, d_rays, first, count):
         first: index of the first ray.
         count: number of rays.
     """
-    g = np.zeros(16, np.float32)
     for r in range(count):
         i = first + r
         d = (block[_DX + r], block[_DY + r], block[_DZ + r])
-        for k in range(layout.coefficients):
-            g[k] = block[AT_D_HARMONICS + LANES * k + r]
+        g = block[AT_D_HARMONICS + r : AT_KEYS : LANES]
         more = direction_gradient(d, layout.coefficients, g)
         for c in range(3):
             d_rays.origin[c, i] = block[AT_D_ORIGIN + LANES * c + r]

@@ -22,6 +22,7 @@ from gaussray.tracer.cpu_bundle import (
     pop_nearest,
 )
 from gaussray.tracer.cpu_call import (
+    allocating_code,
     call_frame,
     flat_floats,
     floats,
@@ -38,38 +39,49 @@ from gaussray.tracer.cpu_hit import clamp_positive, color_of
 _ZERO, _HALF, _ONE = (np.float32(x) for x in (0, 0.5, 1))
 
 
-@machine_code
+@allocating_code
 def forward_bundles(shared):
     """Blend the rays of all bundles that no other thread takes."""
     frame = call_frame(shared)
     march = march_inputs(frame)
-    channels, end = floats(result(frame, 0)), flat_floats(result(frame, 1))
-    hits, buffers, layout = integers(result(frame, 2)), hit_buffers(march), march.layout
-    weights, harmonics = buffers.weights, buffers.harmonics
+    seen = (
+        floats(result(frame, 0)),
+        flat_floats(result(frame, 1)),
+        integers(result(frame, 2)),
+    )
+    buffers = hit_buffers(march)
     while True:
         bundle = next_piece(shared)
         if bundle >= len(march.start):
             return
         find_hits(march, buffers, bundle)
-        first = march.start[bundle]
         for r in range(march.each):
-            i, met = begin_ray(march, buffers, bundle, r), 0
-            t, q, lane = buffers.t[r // LANES], buffers.q[r // LANES], r % LANES
-            front, red, green, blue, depth = _ONE, _ZERO, _ZERO, _ZERO, _ZERO
-            while met < buffers.length[r] and front > march.transmittance_min:
-                e = pop_nearest(buffers, r)
-                met += 1
-                row = march.table[march.index[first + e]]
-                alpha = min(row[layout.opacity] * math.exp(-_HALF * q[e, lane]), march.alpha_max)
-                color, tint = color_of(row, layout, weights, harmonics)
-                radiance, cut, weight = clamp_positive(color), clamp_positive(tint), front * alpha
-                red += weight * radiance[0] * cut[0]
-                green += weight * radiance[1] * cut[1]
-                blue += weight * radiance[2] * cut[2]
-                depth += weight * t[e, lane]
-                front *= _ONE - alpha
-            channels[0, i], channels[1, i], channels[2, i], channels[3, i] = red, green, blue, depth
-            end[i], hits[i] = front, met
+            _blend_ray(march, buffers, seen, bundle, r)
+
+
+@machine_code
+def _blend_ray(march, buffers, seen, bundle, r):
+    """Blend the hits of a ray, and store its channels, transmittance and number of hits."""
+    channels, end, hits = seen
+    i, met = begin_ray(march, buffers, bundle, r), 0
+    t, q, lane = buffers.t[r // LANES], buffers.q[r // LANES], r % LANES
+    layout, weights, harmonics = march.layout, buffers.weights, buffers.harmonics
+    first, front = march.start[bundle], _ONE
+    red, green, blue, depth = _ZERO, _ZERO, _ZERO, _ZERO
+    while met < buffers.length[r] and front > march.transmittance_min:
+        e = pop_nearest(buffers, r)
+        met += 1
+        row = march.table[march.index[first + e]]
+        alpha = min(row[layout.opacity] * math.exp(-_HALF * q[e, lane]), march.alpha_max)
+        color, tint = color_of(row, layout, weights, harmonics)
+        radiance, cut, weight = clamp_positive(color), clamp_positive(tint), front * alpha
+        red += weight * radiance[0] * cut[0]
+        green += weight * radiance[1] * cut[1]
+        blue += weight * radiance[2] * cut[2]
+        depth += weight * t[e, lane]
+        front *= _ONE - alpha
+    channels[0, i], channels[1, i], channels[2, i], channels[3, i] = red, green, blue, depth
+    end[i], hits[i] = front, met
 
 
 class PixelGradients(NamedTuple):
@@ -122,7 +134,7 @@ def _alpha_gradients(march, buffers, pixels, found, bundle, r):
         front *= _ONE - alpha
 
 
-@machine_code
+@allocating_code
 def backward_bundles(shared):
     """Gradients of the rays of all bundles that no other thread takes, and of the entries of their
     lists (the last result).
@@ -144,8 +156,8 @@ def backward_bundles(shared):
         floats(result(frame, 3)),
         floats(result(frame, 4)),
     )
-    part, layout = floats(result(frame, 5)), march.layout
-    buffers, block = hit_buffers(march), new_block(layout.keys)
+    part, buffers = floats(result(frame, 5)), hit_buffers(march)
+    block = new_block(march.layout.keys)
     weight = np.empty((march.longest, march.each), np.float32)
     met = np.empty(march.longest, np.bool_)
     while True:
@@ -161,11 +173,19 @@ def backward_bundles(shared):
             _alpha_gradients(march, buffers, pixels, (weight, met), bundle, r)
         for begin in range(0, march.each, LANES):
             count, i = min(LANES, march.each - begin), bundle * march.each + begin
-            begin_block(block, layout, march.rays, pixels.g, i, count)
-            for e in range(last - first):
-                if met[e]:
-                    row, d_row = march.table[march.index[first + e]], part[first + e]
-                    own = weight[e, begin : begin + count]
-                    g_q = buffers.q[begin // LANES, e, :count]
-                    add_gradients(row, d_row, layout, block, own, g_q)
-            end_block(block, layout, d_rays, i, count)
+            begin_block(block, march.layout, march.rays, pixels.g, i, count)
+            _add_entries(march, buffers, block, (weight, met, part), bundle, begin)
+            end_block(block, march.layout, d_rays, i, count)
+
+
+@machine_code
+def _add_entries(march, buffers, block, found, bundle, begin):
+    """Add the gradients of the rays of a block, from number `begin` of a bundle on."""
+    weight, met, part = found
+    first, last = list_range(march, bundle)
+    count = min(LANES, march.each - begin)
+    for e in range(last - first):
+        if met[e]:
+            row, d_row = march.table[march.index[first + e]], part[first + e]
+            own, g_q = weight[e, begin : begin + count], buffers.q[begin // LANES, e, :count]
+            add_gradients(row, d_row, march.layout, block, own, g_q)

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.tracer.bundle import Bundles
 from gaussray.tracer.cpu_call import (
+    allocating_code,
     call_frame,
     entry_address,
     floats,
@@ -143,7 +144,7 @@ class _Bounds(NamedTuple):
     active: Any
 
 
-@machine_code
+@allocating_code
 def _bounds_of(frame, first):
     return _Bounds(
         floats(operand(frame, first)),
@@ -152,7 +153,7 @@ def _bounds_of(frame, first):
     )
 
 
-@machine_code
+@allocating_code
 def _spheres_inside(sphere, count, bounds, bundle, kept):
     """The spheres that reach into all half-spaces of a bundle: their numbers are written to `kept`,
     and how many they are is returned."""
@@ -209,7 +210,7 @@ def _reaches_inside(row, keys, bounds, bundle):
     return True
 
 
-@machine_code
+@allocating_code
 def _list_bundles(shared):
     """Fill the places of the bundles of all coarse bundles that no other thread takes."""
     frame = call_frame(shared)
@@ -241,7 +242,7 @@ def _list_bundles(shared):
             count[bundle] = met
 
 
-@machine_code
+@allocating_code
 def _join_lists(frame):
     """The lists one after another, and the sizes that they need."""
     index, start, count = (
@@ -267,7 +268,7 @@ def _join_lists(frame):
     sizes[0], sizes[1], sizes[2] = total, longest, lost
 
 
-@machine_code
+@allocating_code
 def _extra_threads(frame):
     """Threads to start beside the caller's."""
     number = integers(operand(frame, 8))

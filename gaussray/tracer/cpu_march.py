@@ -7,12 +7,12 @@ from jaxtyping import Array, Float, Int
 
 from gaussray.tracer.cpu_bundle import list_range, march_inputs
 from gaussray.tracer.cpu_call import (
+    allocating_code,
     entry_address,
     flat_floats,
     floats,
     is_execution,
     join_threads,
-    machine_code,
     operand,
     register,
     result,
@@ -31,7 +31,7 @@ _FORWARD, _BACKWARD = "gaussray_march_forward", "gaussray_march_backward"
 _ZERO = np.float32(0)
 
 
-@machine_code
+@allocating_code
 def _extra_threads(frame):
     """Threads to start beside the caller's: each has a few bundles at least."""
     most = np.int64(flat_floats(operand(frame, 10))[2])
@@ -65,7 +65,7 @@ def _backward(argument):
     return 0
 
 
-@machine_code
+@allocating_code
 def _sum_gradients(frame):
     """The gradient of the table: those of all entries, in the order of the lists."""
     march, part, table = march_inputs(frame), floats(result(frame, 5)), floats(result(frame, 0))

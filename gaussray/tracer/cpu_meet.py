@@ -9,7 +9,7 @@ zero, which meets nothing.
 import numpy as np
 
 from gaussray.tracer.cpu_block import AT_DIRECTION, AT_ORIGIN, AT_TIME, LANES
-from gaussray.tracer.cpu_call import inlined_code, machine_code
+from gaussray.tracer.cpu_call import allocating_code, inlined_code, machine_code
 from gaussray.tracer.cpu_hit import inverse_of, matrix_of, meet_ray, time_distance
 
 
@@ -23,7 +23,7 @@ AT_T, AT_Q, _AT_KEYS = (LANES * n for n in (7, 8, 9))
 BLENDED = 12
 
 
-@machine_code
+@allocating_code
 def new_lanes(keys):
     """Room for `LANES` rays with so many key states."""
     return np.zeros(_AT_KEYS + LANES * keys, np.float32)
