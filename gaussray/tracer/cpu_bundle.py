@@ -27,6 +27,7 @@ from gaussray.tracer.cpu_meet import (
     meet_lanes,
     met_lanes,
     new_lanes,
+    respond_lanes,
 )
 
 
@@ -79,7 +80,7 @@ class HitBuffers(NamedTuple):
 
     Args:
         t: Distance of every list entry on every ray, by blocks of `LANES` rays.
-        q: Squared distance of every list entry from every ray, in standard deviations.
+        alpha: Opacity of every list entry where it peaks on every ray, before it is limited.
         hits: Hits of every ray: the bits of the distance above those of the list entry.
         length: Number of hits of every ray.
         spare: Room for a run of hits.
@@ -93,7 +94,7 @@ class HitBuffers(NamedTuple):
     """
 
     t: Any
-    q: Any
+    alpha: Any
     hits: Any
     length: Any
     spare: Any
@@ -178,8 +179,8 @@ def find_hits(march, buffers, bundle):
 
     Args:
         march: inputs of the march.
-        buffers: the thread's buffers. `t`, `q`, `hits` (in the order of the list) and `length` are
-            written.
+        buffers: the thread's buffers. `hits` (in the order of the list) and `length` are written,
+            and of entries that a ray hits, `t` and `alpha`.
         bundle: index of the bundle.
     """
     first, last = list_range(march, bundle)
@@ -188,16 +189,20 @@ def find_hits(march, buffers, bundle):
     for begin in range(0, march.each, LANES):
         count, i = min(LANES, march.each - begin), bundle * march.each + begin
         block = begin // LANES
-        t, q, bits = buffers.t[block], buffers.q[block], buffers.t.view(np.uint32)[block]
+        t, alpha, bits = buffers.t[block], buffers.alpha[block], buffers.t.view(np.uint32)[block]
         fill_lanes(lanes, used, march.layout, march.rays, i, count)
         for e in range(last - first):
             number = march.index[first + e]
             if number < 0:
                 continue
-            meet_lanes(lanes, used, buffers.blended, march.layout, march.table[number])
-            for r in range(LANES):
-                t[e, r], q[e, r] = lanes[AT_T + r], lanes[AT_Q + r]
+            row = march.table[number]
+            meet_lanes(lanes, used, buffers.blended, march.layout, row)
             met = met_lanes(lanes, march.squared[number])
+            if met == np.uint64(0):
+                continue
+            respond_lanes(lanes, row[march.layout.opacity])
+            for r in range(LANES):
+                t[e, r], alpha[e, r] = lanes[AT_T + r], lanes[AT_Q + r]
             while met:
                 lane = np.int64(_lowest_bit(met))
                 met &= met - np.uint64(1)

@@ -127,6 +127,18 @@ def _next(_, address):
     return types.int64(types.int64), code
 
 
+@intrinsic
+def power_of_two(_, shifted):
+    """2^n, of n + 1.5 x 2^23 in single precision: n is the end of its bits."""
+
+    def code(context, builder, signature, arguments):
+        bits = ir.IntType(32)
+        n = builder.shl(builder.bitcast(arguments[0], bits), ir.Constant(bits, 23))
+        return builder.bitcast(builder.add(n, ir.Constant(bits, 127 << 23)), ir.FloatType())
+
+    return types.float32(types.float32), code
+
+
 def _pointer(kind: types.Type, form: ir.Type) -> Any:
     """A function of an address: a pointer to numbers of this kind."""
 

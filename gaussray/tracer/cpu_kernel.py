@@ -6,7 +6,6 @@ spent. The backward pass finds the hits again. It sums the gradients of each lis
 and adds them up in the order of the lists, so that results do not depend on the threads.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,7 +63,7 @@ def _blend_ray(march, buffers, seen, bundle, r):
     """Blend the hits of a ray, and store its channels, transmittance and number of hits."""
     channels, end, hits = seen
     i, met = begin_ray(march, buffers, bundle, r), 0
-    t, q, lane = buffers.t[r // LANES], buffers.q[r // LANES], r % LANES
+    t, raw, lane = buffers.t[r // LANES], buffers.alpha[r // LANES], r % LANES
     layout, weights, harmonics = march.layout, buffers.weights, buffers.harmonics
     first, front = march.start[bundle], _ONE
     red, green, blue, depth = _ZERO, _ZERO, _ZERO, _ZERO
@@ -72,7 +71,7 @@ def _blend_ray(march, buffers, seen, bundle, r):
         e = pop_nearest(buffers, r)
         met += 1
         row = march.table[march.index[first + e]]
-        alpha = min(row[layout.opacity] * math.exp(-_HALF * q[e, lane]), march.alpha_max)
+        alpha = min(raw[e, lane], march.alpha_max)
         color, tint = color_of(row, layout, weights, harmonics)
         radiance, cut, weight = clamp_positive(color), clamp_positive(tint), front * alpha
         red += weight * radiance[0] * cut[0]
@@ -104,11 +103,11 @@ class PixelGradients(NamedTuple):
 def _alpha_gradients(march, buffers, pixels, found, bundle, r):
     """Take a ray through its hits once more, for the gradients of their alphas.
 
-    The weights of its hits are stored, and in place of their squared distances q the gradients to
-    these; and which entries are met.
+    The weights of its hits are stored, and in place of their alphas the gradients to their squared
+    distances q; and which entries are met.
     """
     weight, met = found
-    t, q, lane = buffers.t[r // LANES], buffers.q[r // LANES], r % LANES
+    t, raw, lane = buffers.t[r // LANES], buffers.alpha[r // LANES], r % LANES
     i = begin_ray(march, buffers, bundle, r)
     layout, weights, harmonics = march.layout, buffers.weights, buffers.harmonics
     red, green, blue, depth = pixels.g[0, i], pixels.g[1, i], pixels.g[2, i], pixels.g[3, i]
@@ -119,8 +118,7 @@ def _alpha_gradients(march, buffers, pixels, found, bundle, r):
         e = pop_nearest(buffers, r)
         at += 1
         row = march.table[march.index[first + e]]
-        raw = row[layout.opacity] * math.exp(-_HALF * q[e, lane])
-        alpha = min(raw, march.alpha_max)
+        alpha = min(raw[e, lane], march.alpha_max)
         color, tint = color_of(row, layout, weights, harmonics)
         radiance, cut = clamp_positive(color), clamp_positive(tint)
         received = (
@@ -130,7 +128,7 @@ def _alpha_gradients(march, buffers, pixels, found, bundle, r):
         rest -= front * alpha * received
         d_alpha = front * received - rest / (_ONE - alpha)
         weight[e, r], met[e] = front * alpha, True
-        q[e, lane] = -_HALF * alpha * d_alpha if raw < march.alpha_max else _ZERO
+        raw[e, lane] = -_HALF * alpha * d_alpha if alpha < march.alpha_max else _ZERO
         front *= _ONE - alpha
 
 
@@ -187,5 +185,5 @@ def _add_entries(march, buffers, block, found, bundle, begin):
     for e in range(last - first):
         if met[e]:
             row, d_row = march.table[march.index[first + e]], part[first + e]
-            own, g_q = weight[e, begin : begin + count], buffers.q[begin // LANES, e, :count]
+            own, g_q = weight[e, begin : begin + count], buffers.alpha[begin // LANES, e, :count]
             add_gradients(row, d_row, march.layout, block, own, g_q)

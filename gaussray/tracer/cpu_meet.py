@@ -6,14 +6,23 @@ the compiler turns loops over the lanes into vector instructions. Lanes without 
 zero, which meets nothing.
 """
 
+import math
+
 import numpy as np
 
 from gaussray.tracer.cpu_block import AT_DIRECTION, AT_ORIGIN, AT_TIME, LANES
-from gaussray.tracer.cpu_call import allocating_code, inlined_code, machine_code
+from gaussray.tracer.cpu_call import allocating_code, inlined_code, machine_code, power_of_two
 from gaussray.tracer.cpu_hit import inverse_of, matrix_of, meet_ray, time_distance
 
 
 _ZERO = np.float32(0)
+# exp(-q / 2) = 2^x with x = q times this; powers below 2^_LEAST are not told apart. A number that
+# _SHIFT is added to and taken from is rounded.
+_EXPONENT, _LEAST, _SHIFT = np.float32(-0.5 / math.log(2)), np.float32(-126), np.float32(3 << 22)
+# 2^x for |x| <= 1/2 is sum_k (x log 2)^k / k!: these eight terms miss it by less than 1e-8.
+_P0, _P1, _P2, _P3, _P4, _P5, _P6, _P7 = (
+    np.float32(math.log(2) ** k / math.factorial(k)) for k in range(8)
+)
 
 # Rows of `LANES` rays: origin, direction and time (cpu_block.py); distances t and q to a Gaussian;
 # then weights of key states.
@@ -123,6 +132,24 @@ def _meet_blended(lanes, used, blended, layout, row):
             inverse_of(a), (x, y, z), _origin(lanes, r), _direction(lanes, r)
         )
         lanes[AT_Q + r] = space + s * s
+
+
+@machine_code
+def respond_lanes(lanes, opacity):
+    """Replace the squared distances q (`meet_lanes`) by opacity times exp(-q / 2), to within three
+    roundings: as vectors, which Numba does not make of math.exp.
+
+    Args:
+        lanes: the rays.
+        opacity: opacity of the Gaussian.
+    """
+    for r in range(LANES):
+        x = max(lanes[AT_Q + r] * _EXPONENT, _LEAST)
+        shifted = x + _SHIFT
+        x -= shifted - _SHIFT
+        power = _P4 + x * (_P5 + x * (_P6 + x * _P7))
+        power = _P0 + x * (_P1 + x * (_P2 + x * (_P3 + x * power)))
+        lanes[AT_Q + r] = opacity * power * power_of_two(shifted)
 
 
 @machine_code
