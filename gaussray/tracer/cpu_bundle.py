@@ -60,6 +60,7 @@ class MarchInputs(NamedTuple):
         longest: Length of the longest list.
         alpha_max: Largest alpha of a hit.
         transmittance_min: Transmittance at which a ray ends.
+        differentiates_rays: 1 if gradients of the rays are wanted, else 0.
     """
 
     table: Any
@@ -73,6 +74,7 @@ class MarchInputs(NamedTuple):
     longest: int
     alpha_max: float
     transmittance_min: float
+    differentiates_rays: int
 
 
 class HitBuffers(NamedTuple):
@@ -137,6 +139,7 @@ def march_inputs(frame):
         longest,
         limit[0],
         limit[1],
+        number[7],
     )
 
 

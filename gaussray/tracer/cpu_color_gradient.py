@@ -60,7 +60,7 @@ def direction_gradient(d, coefficients, g):
 
 
 @machine_code
-def add_color_gradients(row, d_row, layout, block):
+def add_color_gradients(row, d_row, layout, block, rays):
     """Add the gradients of the tinted colour that the rays saw.
 
     Args:
@@ -68,6 +68,7 @@ def add_color_gradients(row, d_row, layout, block):
         d_row: gradients of the row, to which is added.
         layout: columns of the row.
         block: the block, of which weights and gradients of pixels are read.
+        rays: whether gradients of the rays are wanted.
     """
     if layout.coefficients == 1 and layout.tint < 0:
         for c in range(3):
@@ -85,7 +86,7 @@ def add_color_gradients(row, d_row, layout, block):
             for r in range(LANES):
                 block[color + r] += value * block[y + r]
         if layout.tint >= 0:
-            _add_tint_gradient(row, d_row, layout, block, c)
+            _add_tint_gradient(row, d_row, layout, block, rays, c)
         else:
             for r in range(LANES):
                 seen = block[color + r] > _ZERO
@@ -93,7 +94,7 @@ def add_color_gradients(row, d_row, layout, block):
         for k in range(layout.coefficients):
             y = AT_HARMONICS + LANES * k
             d_row[layout.harmonics + 3 * k + c] += product_sum(block, y, color)
-    for k in range(1, layout.coefficients):
+    for k in range(1, layout.coefficients * rays):
         at, total = layout.harmonics + 3 * k, AT_D_HARMONICS + LANES * k
         red, green, blue = row[at], row[at + 1], row[at + 2]
         for r in range(LANES):
@@ -103,7 +104,7 @@ def add_color_gradients(row, d_row, layout, block):
 
 
 @machine_code
-def _add_tint_gradient(row, d_row, layout, block, c):
+def _add_tint_gradient(row, d_row, layout, block, rays, c):
     """Add the gradients of a channel's tint; the row of its colour becomes that of its gradient."""
     color, pixel = AT_G_COLOR + LANES * c, AT_PIXEL + LANES * c
     # In rows that are written after all colours.
@@ -123,5 +124,5 @@ def _add_tint_gradient(row, d_row, layout, block, c):
         at, w = layout.tint + 3 * k + c, AT_KEYS + LANES * k
         d_row[at] += product_sum(block, w, g_tint)
         value, d_w = row[at], AT_KEYS + LANES * (layout.keys + k)
-        for r in range(LANES):
+        for r in range(LANES * rays):
             block[d_w + r] += value * block[g_tint + r]

@@ -46,13 +46,13 @@ _SUM_DX, _SUM_DY, _SUM_DZ = _three(AT_D_DIRECTION)
 
 
 @machine_code
-def add_gradients(row, d_row, layout, block, weight, g_q):
+def add_gradients(row, d_row, march, block, weight, g_q):
     """Add the gradients of the rays' hits with a Gaussian to those of its row and of the rays.
 
     Args:
         row: row of the Gaussian.
         d_row: gradients of the row.
-        layout: columns of the row.
+        march: inputs of the march.
         block: the block.
         weight: weights of the Gaussian in the pixels of the rays; 0 for those that do not hit it.
         g_q: gradients of the loss with respect to its squared distances q, for those that do.
@@ -61,14 +61,20 @@ def add_gradients(row, d_row, layout, block, weight, g_q):
         block[AT_WEIGHT + r] = weight[r]
         block[AT_G_T + r] = weight[r] * block[AT_PIXEL + 3 * LANES + r]
         block[AT_G_Q + r] = g_q[r] if weight[r] > _ZERO else _ZERO
+    layout, rays = march.layout, march.differentiates_rays
     # alpha = opacity exp(-q / 2), but where it is at its limit; there g_q is zero.
     opacity = row[layout.opacity]
     d_row[layout.opacity] -= _TWO * lane_sum(block, AT_G_Q) / (opacity if opacity > _ZERO else _ONE)
-    add_color_gradients(row, d_row, layout, block)
-    if layout.keys == 1:
-        _add_meeting_gradients(row, d_row, layout, block)
+    add_color_gradients(row, d_row, layout, block, rays)
+    # Numba compiles two versions: None leaves out what is for the rays alone.
+    if layout.keys > 1 and rays:
+        _add_blended_gradients(row, d_row, layout, block, True)
+    elif layout.keys > 1:
+        _add_blended_gradients(row, d_row, layout, block, None)
+    elif rays:
+        _add_meeting_gradients(row, d_row, layout, block, True)
     else:
-        _add_blended_gradients(row, d_row, layout, block)
+        _add_meeting_gradients(row, d_row, layout, block, None)
 
 
 @machine_code
@@ -138,23 +144,13 @@ def _meeting_gradient(a, x, d, g_t, g_q):
     v = (dot(a[0:3], d), dot(a[3:6], d), dot(a[6:9], d))
     square = dot(v, v)
     inverse = _ONE / (square if square > _ZERO else _ONE)
-    c = cross(u, v)
-    # t = shift - (u.v) / (v.v), q = |u x v|^2 / (v.v).
-    g_inverse = dot(c, c) * g_q - dot(u, v) * g_t
-    s = _TWO * g_q * inverse
-    along = -inverse * g_t
-    around_u, around_v = cross(v, c), cross(c, u)
-    back = -_TWO * (g_inverse * inverse) * inverse
-    g_u = (
-        s * around_u[0] + along * v[0],
-        s * around_u[1] + along * v[1],
-        s * around_u[2] + along * v[2],
-    )
-    g_v = (
-        s * around_v[0] + along * u[0] + back * v[0],
-        s * around_v[1] + along * u[1] + back * v[1],
-        s * around_v[2] + along * u[2] + back * v[2],
-    )
+    # t = shift - k and q = |w|^2, with k = (u.v) / (v.v) and w = u - k v = v x (u x v) / (v.v),
+    # which as a product remains normal to v, however thin the Gaussian.
+    k, along, s = dot(u, v) * inverse, g_t * inverse, _TWO * g_q * inverse
+    w = cross(v, cross(u, v))
+    g_u = (s * w[0] - along * v[0], s * w[1] - along * v[1], s * w[2] - along * v[2])
+    along *= inverse
+    g_v = (-k * g_u[0] - along * w[0], -k * g_u[1] - along * w[1], -k * g_u[2] - along * w[2])
     g_p = _transposed(a, g_u)
     g_d = _transposed(a, g_v)
     g_shift = g_t + dot(g_p, d)
@@ -197,7 +193,7 @@ def _window_of(row, layout):
 
 
 @summing_code
-def _add_meeting_gradients(row, d_row, layout, block):
+def _add_meeting_gradients(row, d_row, layout, block, rays):
     """Add the gradients of the distances t and q, for a Gaussian with a single key state."""
     a, m = matrix_of(row), (row[9], row[10], row[11])
     velocity, instant, rate, plateau = _window_of(row, layout)
@@ -215,7 +211,8 @@ def _add_meeting_gradients(row, d_row, layout, block):
         mx, my, mz = mx - g_x[0], my - g_x[1], mz - g_x[2]
         vx, vy, vz = vx - age * g_x[0], vy - age * g_x[1], vz - age * g_x[2]
         born, fades, lasts = born - g_age, fades + g_rate, lasts + g_plateau
-        _add_ray_gradient(block, r, g_x, g_d, g_age)
+        if rays is not None:
+            _add_ray_gradient(block, r, g_x, g_d, g_age)
     for k, total in enumerate((a0, a1, a2, a3, a4, a5, a6, a7, a8, mx, my, mz)):
         d_row[k] += total
     if layout.window >= 0:
@@ -224,7 +221,7 @@ def _add_meeting_gradients(row, d_row, layout, block):
 
 
 @machine_code
-def _add_blended_gradients(row, d_row, layout, block):
+def _add_blended_gradients(row, d_row, layout, block, rays):
     """Add the gradients of the distances t and q, for a Gaussian with several key states."""
     for c in range(12):
         blended = AT_MATRIX + LANES * c
@@ -234,18 +231,19 @@ def _add_blended_gradients(row, d_row, layout, block):
             value, w = row[12 * k + c], AT_KEYS + LANES * k
             for r in range(LANES):
                 block[blended + r] += value * block[w + r]
-    _meet_blended_gradients(row, d_row, layout, block)
+    _meet_blended_gradients(row, d_row, layout, block, rays)
     for k in range(layout.keys):
         w, d_w = AT_KEYS + LANES * k, AT_KEYS + LANES * (layout.keys + k)
         for c in range(12):
             value, g = row[12 * k + c], AT_G_BLENDED + LANES * c
             d_row[12 * k + c] += product_sum(block, w, g)
-            for r in range(LANES):
-                block[d_w + r] += value * block[g + r]
+            if rays is not None:
+                for r in range(LANES):
+                    block[d_w + r] += value * block[g + r]
 
 
 @summing_code
-def _meet_blended_gradients(row, d_row, layout, block):
+def _meet_blended_gradients(row, d_row, layout, block, rays):
     """The gradients of each ray to the matrix and the mean that were blended for it."""
     velocity, instant, rate, plateau = _window_of(row, layout)
     vx, vy, vz, born, fades, lasts = _SIX_ZEROS
@@ -283,7 +281,8 @@ def _meet_blended_gradients(row, d_row, layout, block):
         block[AT_G_BLENDED + 11 * LANES + r] = -g_x[2]
         vx, vy, vz = vx - age * g_x[0], vy - age * g_x[1], vz - age * g_x[2]
         born, fades, lasts = born - g_age, fades + g_rate, lasts + g_plateau
-        _add_ray_gradient(block, r, g_x, g_d, g_age)
+        if rays is not None:
+            _add_ray_gradient(block, r, g_x, g_d, g_age)
     if layout.window >= 0:
         for k, total in enumerate((vx, vy, vz, born, fades, lasts)):
             d_row[layout.window + k] += total

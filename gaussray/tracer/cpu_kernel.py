@@ -134,8 +134,8 @@ def _alpha_gradients(march, buffers, pixels, found, bundle, r):
 
 @allocating_code
 def backward_bundles(shared):
-    """Gradients of the rays of all bundles that no other thread takes, and of the entries of their
-    lists (the last result).
+    """Gradients of the rays of all bundles that no other thread takes, if they are wanted, and of
+    the entries of their lists (the last result).
 
     Ray by ray, what each hit adds to a pixel gives the gradients to its alpha. Then entry by entry,
     all its hits add theirs to the Gaussian and the rays (cpu_gradient.py).
@@ -173,7 +173,8 @@ def backward_bundles(shared):
             count, i = min(LANES, march.each - begin), bundle * march.each + begin
             begin_block(block, march.layout, march.rays, pixels.g, i, count)
             _add_entries(march, buffers, block, (weight, met, part), bundle, begin)
-            end_block(block, march.layout, d_rays, i, count)
+            if march.differentiates_rays:
+                end_block(block, march.layout, d_rays, i, count)
 
 
 @machine_code
@@ -186,4 +187,4 @@ def _add_entries(march, buffers, block, found, bundle, begin):
         if met[e]:
             row, d_row = march.table[march.index[first + e]], part[first + e]
             own, g_q = weight[e, begin : begin + count], buffers.alpha[begin // LANES, e, :count]
-            add_gradients(row, d_row, march.layout, block, own, g_q)
+            add_gradients(row, d_row, march, block, own, g_q)

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import CustomVJPPrimal, SymbolicZero
 from jaxtyping import Array, Float, Int
 
 from gaussray.tracer.cpu_bundle import list_range, march_inputs
@@ -89,8 +90,8 @@ def register_backward() -> None:
     register(_BACKWARD, _backward)
 
 
-def _operands(table, lanes, lists, options, columns, slots):
-    """The first operands of both calls."""
+def _operands(table, lanes, lists, options, columns, slots, rays=False):
+    """The first operands of both calls; `rays` tells whether gradients of the rays are wanted."""
     squared = reach_radius(jax.lax.stop_gradient(table[:, columns.opacity]), options.alpha_min) ** 2
     time = jnp.zeros_like(lanes.origin[:1]) if lanes.time is None else lanes.time
     numbers = (
@@ -101,6 +102,7 @@ def _operands(table, lanes, lists, options, columns, slots):
         columns.harmonics.start,
         columns.tint.start if columns.tinted else -1,
         slots,
+        int(rays),
     )
     limits = options.alpha_max, options.transmittance_min, thread_count()
     return (
@@ -141,15 +143,29 @@ def _march_on_cpu(
 
 
 def _march_forward(table, lanes, lists, options, columns, slots):
+    # Rays of training pictures have no gradients, unless cameras are refined.
+    differentiated = any(x.perturbed for x in jax.tree.leaves(lanes, is_leaf=_is_primal))
+    table, lanes, lists = jax.tree.map(lambda x: x.value, (table, lanes, lists), is_leaf=_is_primal)
     out = _march_on_cpu(table, lanes, lists, options, columns, slots)
-    return out, (table, lanes, lists, out[0], out[1])
+    # The structure tells it, as values would be traced.
+    return out, (table, lanes, lists, out[0], out[1], () if differentiated else None)
+
+
+def _is_primal(x):
+    return isinstance(x, CustomVJPPrimal)
+
+
+def _instantiated(g):
+    """A cotangent as an array, also if it is zero."""
+    return jnp.zeros(jnp.shape(g), np.float32) if isinstance(g, SymbolicZero) else g
 
 
 def _march_backward(options, columns, slots, saved, cotangent):
     register_backward()
-    table, lanes, lists, total, end = saved
-    g_total, g_end, _ = cotangent
-    operands = _operands(table, lanes, lists, options, columns, slots)
+    table, lanes, lists, total, end, differentiated = saved
+    rays = differentiated is not None
+    g_total, g_end = map(_instantiated, cotangent[:2])
+    operands = _operands(table, lanes, lists, options, columns, slots, rays)
     like = table, *operands[2:6]
     results = [jax.ShapeDtypeStruct(x.shape, x.dtype) for x in like]
     parts = jax.ShapeDtypeStruct((lists[0].shape[0], table.shape[1]), table.dtype)
@@ -157,9 +173,11 @@ def _march_backward(options, columns, slots, saved, cotangent):
     d_table, d_origin, d_direction, d_weights, d_time, _ = call(
         *operands, total, end, g_total, g_end
     )
+    if not rays:
+        return d_table, None, None
     d_lanes = Lanes(d_origin, d_direction, d_weights, None if lanes.time is None else d_time)
     return d_table, d_lanes, None
 
 
 march_on_cpu = jax.custom_vjp(_march_on_cpu, nondiff_argnums=(3, 4, 5))
-march_on_cpu.defvjp(_march_forward, _march_backward)
+march_on_cpu.defvjp(_march_forward, _march_backward, symbolic_zeros=True)
