@@ -1,7 +1,6 @@
-"""Candidate lists of few bundles on a CPU, in machine code: every coarse bundle looks at all
-Gaussians, and its own bundles at those that it keeps. Nothing is sorted."""
+"""Candidate lists on a CPU, in machine code: every coarsest bundle looks at all Gaussians, and its
+own bundles at those that it keeps. Nothing is sorted."""
 
-import math
 from typing import Any, NamedTuple
 
 import jax
@@ -28,33 +27,40 @@ from gaussray.tracer.cpu_call import (
     start_threads,
     thread_count,
 )
-from gaussray.tracer.motion import Motion, clipped_time, control_points, is_valid
+from gaussray.tracer.cpu_reach import (
+    RUN,
+    SLACK,
+    SPHERE,
+    STATE,
+    WINDOW,
+    Sides,
+    Work,
+    ellipsoids_inside,
+    spheres_inside,
+)
+from gaussray.tracer.motion import Motion, clipped_time, control_points, is_valid, still
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.response import reach_radius
 from gaussray.tracer.traverse import Candidates, Capacity
-from gaussray.tracer.window import all_states, swept_between
+from gaussray.tracer.window import time_window_of
 
 
 _LISTS = "gaussray_candidate_lists"
-# Rounding of sums of few numbers, relative to the largest.
-_SLACK = np.float32(1e-6)
-# Spheres that are tested before those that pass are noted: as vectors, and in the nearest cache.
-_RUN = 1024
 
 
 class _Shapes(NamedTuple):
-    """Gaussians as the call reads them.
+    """Gaussians as the call reads them: those that are there all the time, then transient ones.
 
     Args:
-        sphere: centre and radius of a sphere around the ellipsoid at all control points and times,
-            (4, Gaussians); a radius of minus infinity keeps a Gaussian out of all lists.
-        row: of each Gaussian for each control point the centre and F^T times the reach, row after
-            row; then the ways from the centre to the places at the first and at the last time, and
-            the factor by which the ellipsoid shrinks, (Gaussians, 12 keys + 7).
+        sphere: centre and radius of a sphere around the ellipsoid at all control points, number by
+            number; a radius of minus infinity keeps a Gaussian out of all lists. Of transient
+            ones around the ellipsoid at its instant, with their time windows (cpu_reach.py).
+        row: of each Gaussian the centre and F^T times the reach for each control point, Gaussian by
+            Gaussian; of transient ones for the only one, and the time window.
     """
 
-    sphere: Float[Array, "4 gaussians"]
-    row: Float[Array, "gaussians columns"]
+    sphere: Float[Array, "numbers gaussians"]
+    row: Float[Array, "gaussians numbers"]
 
 
 def find_lists(
@@ -68,19 +74,21 @@ def find_lists(
     """The lists of all bundles, and how many Gaussians are not finite. No gradient.
 
     A list holds the Gaussians whose ellipsoid reaches into all half-spaces of the bundle at some
-    control point that is active in its time (`traverse`); transient ones at some time of all rays.
-    They come in their own order.
+    control point that is active in its time (`traverse`). They come in their own order.
 
     Args:
         motion: the scene, without Gaussians apart (`merge_rest`).
-        levels: bundles from the coarsest level to the finest; at most two are looked at.
+        levels: bundles from the coarsest level to the finest; at most three are looked at.
         span: first and last time of all rays.
         options: how rays are traced.
         capacity: sizes of the lists.
     """
     register_lists()
-    shapes, invalid = _shapes(motion, span, options.alpha_min)
-    fine, coarse = levels[-1], levels[-2] if len(levels) > 1 else levels[-1]
+    persistent, invalid = _persistent_shapes(motion, options.alpha_min)
+    transient, unusable = _transient_shapes(motion, span, options.alpha_min)
+    fine = levels[-1]
+    coarse = levels[-2] if len(levels) > 1 else fine
+    coarsest = levels[-3] if len(levels) > 2 else coarse
     bundles, slots = fine.offset.shape[0], capacity.slots
     call = jax.ffi.ffi_call(
         _LISTS,
@@ -90,156 +98,184 @@ def find_lists(
         ),
         vmap_method="sequential",
     )
-    numbers = np.asarray([thread_count(), bundles // coarse.offset.shape[0]], np.int32)
-    index, start, count, sizes, _ = call(*shapes, *_sides(fine), *_sides(coarse), numbers)
+    bounds = [x for level in (fine, coarse, coarsest) for x in _sides(level, motion.time_range)]
+    numbers = np.asarray([thread_count()], np.int32)
+    index, start, count, sizes, _ = call(*persistent, *transient, *bounds, numbers)
     pairs, longest, lost = sizes
-    return Candidates(index, start, count, jnp.stack([pairs, longest]), lost), invalid
+    return Candidates(index, start, count, jnp.stack([pairs, longest]), lost), invalid + unusable
 
 
-def _shapes(
-    motion: Motion, span: Float[Array, "2"], alpha_min: float
-) -> tuple[_Shapes, Int[Array, ""]]:
-    """The Gaussians of a scene, and how many of them are not finite."""
-    g, window = all_states(motion)
-    mean, frame = control_points(Motion(motion.time, g))
+def _persistent_shapes(motion: Motion, alpha_min: float) -> tuple[_Shapes, Int[Array, ""]]:
+    """Gaussians that are there all the time, and how many of them are not finite."""
+    g = motion.gaussians
+    mean, frame = control_points(motion)
     radius, fine = reach_radius(g.opacity, alpha_min), is_valid(g)
-    keys, count = mean.shape[:2]
     support = frame * radius[None, :, None, None]
-    if keys == 1:
-        longest = radius[None] * jnp.max(g.scale, axis=-1)
+    if mean.shape[0] == 1:
+        longest = radius * _largest(g.scale[0])
     else:
         # Control points between keys have axes of any length and angle.
-        longest = jnp.sqrt(jnp.sum(support * support, axis=(-2, -1)))
-    first = last = jnp.zeros((count, 3), mean.dtype)
-    shrink, included = jnp.ones(count, mean.dtype), fine & (radius > 0)
-    if window is not None:
-        earliest, latest = clipped_time(motion.time_range, span)
-        swept = swept_between(window, radius, earliest, latest)
-        first, last, shrink = swept.first, swept.last, swept.shrink
-        included = included & (shrink > 0)
-    low = [jnp.min(mean[..., i], axis=0) + jnp.minimum(first[:, i], last[:, i]) for i in range(3)]
-    high = [jnp.max(mean[..., i], axis=0) + jnp.maximum(first[:, i], last[:, i]) for i in range(3)]
-    middle = [(a + b) / 2 for a, b in zip(low, high, strict=True)]
+        longest = jnp.sqrt(jnp.max(jnp.sum(support * support, axis=(-2, -1)), axis=0))
+    low, high = jnp.min(mean, axis=0).T, jnp.max(mean, axis=0).T
     way = jnp.sqrt(sum((b - a) ** 2 for a, b in zip(low, high, strict=True))) / 2
-    slack = _SLACK * sum(jnp.abs(x) for x in (*low, *high))
-    size = (jnp.max(longest, axis=0) * shrink + way) * (1 + _SLACK) + slack
-    sphere = jnp.stack([*middle, jnp.where(included, size, -jnp.inf)])
-    turned = jnp.swapaxes(support, -2, -1).reshape(keys, count, 9)
-    shapes = [part for k in range(keys) for part in (mean[k], turned[k])]
-    row = jnp.concatenate([*shapes, first, last, shrink[:, None]], axis=1)
-    return _Shapes(sphere, row), jnp.sum(~fine, dtype=jnp.int32)
+    slack = SLACK * sum(jnp.abs(x) for x in (*low, *high))
+    size = (longest + way) * (1 + SLACK) + slack
+    size = jnp.where(fine & (radius > 0), size, -jnp.inf)
+    return _Shapes(jnp.stack([*((low + high) / 2), size]), _states(mean, support)), jnp.sum(
+        ~fine, dtype=jnp.int32
+    )
 
 
-def _sides(bundles: Bundles) -> tuple[Array, Array, Array]:
-    """Half-spaces and active control points of bundles, as operands."""
+def _transient_shapes(
+    motion: Motion, span: Float[Array, "2"], alpha_min: float
+) -> tuple[_Shapes, Int[Array, ""]]:
+    """Transient Gaussians, and how many of them are not finite."""
+    t = motion.transient
+    if t is None:
+        none = jnp.zeros((SPHERE + WINDOW, 0), jnp.float32)
+        return _Shapes(none, jnp.zeros((0, STATE + WINDOW), jnp.float32)), jnp.int32(0)
+    own = still(t.gaussians)
+    mean, frame = control_points(own)
+    radius, fine = reach_radius(t.opacity, alpha_min), is_valid(own.gaussians)
+    window, beyond = time_window_of(t), jnp.where(radius > 0, radius, 1)
+    # A lifetime without end has rate 0: it is alive at all times.
+    rate = jnp.where(window.rate > 0, window.rate, 1)
+    length = jnp.where(window.rate > 0, (window.plateau + radius / rate) * (1 + SLACK), jnp.inf)
+    fade = window.rate / beyond
+    times = [*window.velocity.T, window.instant, length, window.plateau, fade]
+    # With slack for the rounding of the way from the instant.
+    ends = jnp.abs(clipped_time(motion.time_range, span)[:, None] - window.instant[None])
+    moved = jnp.minimum(length, jnp.max(ends, axis=0))[:, None] * jnp.abs(window.velocity)
+    slack = 4 * SLACK * _total(jnp.abs(mean[0]) + jnp.where(jnp.isfinite(moved), moved, 0))
+    size = radius * _largest(t.scale) * (1 + SLACK) + slack
+    size = jnp.where(fine & (radius > 0), size, -jnp.inf)
+    states = _states(mean, frame * radius[None, :, None, None])
+    row = jnp.concatenate([states, jnp.stack(times, axis=1)], axis=1)
+    return _Shapes(jnp.stack([*mean[0].T, size, *times]), row), jnp.sum(~fine, dtype=jnp.int32)
+
+
+def _largest(x: Float[Array, "gaussians 3"]) -> Float[Array, " gaussians"]:
+    return jnp.maximum(jnp.maximum(x[:, 0], x[:, 1]), x[:, 2])
+
+
+def _total(x: Float[Array, "gaussians 3"]) -> Float[Array, " gaussians"]:
+    return x[:, 0] + x[:, 1] + x[:, 2]
+
+
+def _states(
+    mean: Float[Array, "keys gaussians 3"], support: Float[Array, "keys gaussians 3 3"]
+) -> Float[Array, "gaussians numbers"]:
+    turned = jnp.swapaxes(support, -2, -1).reshape(*mean.shape[:2], 9)
+    return jnp.concatenate([x for k in range(len(mean)) for x in (mean[k], turned[k])], axis=1)
+
+
+def _sides(bundles: Bundles, time_range: Array | None) -> tuple[Array, Array, Array, Array]:
+    """Bounds of bundles, as operands."""
     count = bundles.offset.shape[0]
-    return bundles.normal.reshape(count, 15), bundles.offset, bundles.active.astype(jnp.float32)
-
-
-class _Bounds(NamedTuple):
-    """Operands of a call: half-spaces of bundles, and their active control points."""
-
-    normal: Any
-    offset: Any
-    active: Any
+    span = clipped_time(time_range, jnp.stack([bundles.earliest, bundles.latest], axis=1))
+    active = bundles.active.astype(jnp.float32)
+    return bundles.normal.reshape(count, 15), bundles.offset, active, span
 
 
 @allocating_code
 def _bounds_of(frame, first):
-    return _Bounds(
+    return Sides(
         floats(operand(frame, first)),
         floats(operand(frame, first + 1)),
         floats(operand(frame, first + 2)),
+        floats(operand(frame, first + 3)),
     )
 
 
+class _Levels(NamedTuple):
+    """Bounds of bundles from the finest level to the coarsest."""
+
+    fine: Any
+    coarse: Any
+    coarsest: Any
+
+
+class _Kept(NamedTuple):
+    """Buffers of a thread for Gaussians of one kind: numbers of those that reach into a coarsest
+    bundle, and their spheres; numbers of those of them that reach into a coarse one; and numbers of
+    a run of these, side by side."""
+
+    all: Any
+    sphere: Any
+    some: Any
+    near: Any
+
+
 @allocating_code
-def _spheres_inside(sphere, count, bounds, bundle, kept):
-    """The spheres that reach into all half-spaces of a bundle: their numbers are written to `kept`,
-    and how many they are is returned."""
-    n, o = bounds.normal[bundle], bounds.offset[bundle]
-    x0, y0, z0, x1, y1, z1, x2, y2, z2 = n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8]
-    x3, y3, z3, x4, y4, z4 = n[9], n[10], n[11], n[12], n[13], n[14]
-    o0, o1, o2, o3, o4 = o[0], o[1], o[2], o[3], o[4]
-    x, y, z, size = sphere[0], sphere[1], sphere[2], sphere[3]
-    room, length = np.empty(_RUN, np.float32), 0
-    for begin in range(0, count, _RUN):
-        run = min(_RUN, count - begin)
-        for i in range(run):
-            g = begin + i
-            least = x0 * x[g] + y0 * y[g] + z0 * z[g] - o0
-            least = min(least, x1 * x[g] + y1 * y[g] + z1 * z[g] - o1)
-            least = min(least, x2 * x[g] + y2 * y[g] + z2 * z[g] - o2)
-            least = min(least, x3 * x[g] + y3 * y[g] + z3 * z[g] - o3)
-            least = min(least, x4 * x[g] + y4 * y[g] + z4 * z[g] - o4)
-            room[i] = least + size[g]
-        for i in range(run):
-            kept[length] = begin + i
-            length += room[i] >= 0
-    return length
+def _kept(sphere, row):
+    numbers, count = sphere.shape
+    return _Kept(
+        np.empty(count + 1, np.int32),
+        np.empty((numbers, count), np.float32),
+        np.empty(count + 1, np.int32),
+        np.empty((row.shape[1], RUN), np.float32),
+    )
 
 
 @machine_code
-def _reaches_inside(row, keys, bounds, bundle):
-    """Whether an ellipsoid reaches into all half-spaces of a bundle."""
-    way = 12 * keys
-    shrink = row[way + 6]
-    for side in range(5):
-        x, y, z = (
-            bounds.normal[bundle, 3 * side],
-            bounds.normal[bundle, 3 * side + 1],
-            bounds.normal[bundle, 3 * side + 2],
-        )
-        first = x * row[way] + y * row[way + 1] + z * row[way + 2]
-        last = x * row[way + 3] + y * row[way + 4] + z * row[way + 5]
-        least = bounds.offset[bundle, side] - max(first, last)
-        touches = False
-        for k in range(keys):
-            if bounds.active[bundle, k] == 0:
-                continue
-            c = 12 * k
-            along = x * row[c] + y * row[c + 1] + z * row[c + 2]
-            one = x * row[c + 3] + y * row[c + 4] + z * row[c + 5]
-            two = x * row[c + 6] + y * row[c + 7] + z * row[c + 8]
-            three = x * row[c + 9] + y * row[c + 10] + z * row[c + 11]
-            height = math.sqrt(one * one + two * two + three * three) * shrink
-            slack = _SLACK * (abs(along) + height + abs(least))
-            touches = touches or along + height + slack >= least
-        if not touches:
-            return False
-    return True
+def _list_bundle(shapes, levels, kept, work, bundle, lists):
+    """Append the Gaussians of one kind to the lists of all bundles of a coarsest bundle."""
+    sphere, row, base = shapes
+    count, places, slots = lists
+    fine, coarse, coarsest = levels
+    some = len(coarse.offset) // len(coarsest.offset)
+    fan = len(fine.offset) // len(coarse.offset)
+    length = spheres_inside(sphere, sphere.shape[1], coarsest, bundle, kept.all, work)
+    for c in range(sphere.shape[0]):
+        for i in range(length):
+            kept.sphere[c, i] = sphere[c, kept.all[i]]
+    for parent in range(bundle * some, (bundle + 1) * some):
+        number = spheres_inside(kept.sphere, length, coarse, parent, kept.some, work)
+        for begin in range(0, number, RUN):
+            run = min(RUN, number - begin)
+            for i in range(run):
+                own = row[kept.all[kept.some[begin + i]]]
+                for c in range(len(own)):
+                    kept.near[c, i] = own[c]
+            for child in range(parent * fan, (parent + 1) * fan):
+                ellipsoids_inside(kept.near, run, row.shape[1] // STATE, fine, child, work)
+                met, at = count[child], child * slots
+                for i in range(run):
+                    if not work.room[i] < 0:
+                        if met < slots:
+                            places[at + met] = base + kept.all[kept.some[begin + i]]
+                        met += 1
+                count[child] = met
 
 
 @allocating_code
 def _list_bundles(shared):
-    """Fill the places of the bundles of all coarse bundles that no other thread takes."""
+    """Fill the places of the bundles of all coarsest bundles that no other thread takes."""
     frame = call_frame(shared)
-    sphere, rows = floats(operand(frame, 0)), floats(operand(frame, 1))
-    fine, coarse = _bounds_of(frame, 2), _bounds_of(frame, 5)
-    fan, keys = integers(operand(frame, 8))[1], fine.active.shape[1]
+    sphere, row = floats(operand(frame, 0)), floats(operand(frame, 1))
+    brief, brief_row = floats(operand(frame, 2)), floats(operand(frame, 3))
+    levels = _Levels(_bounds_of(frame, 4), _bounds_of(frame, 8), _bounds_of(frame, 12))
     count, places = integers(result(frame, 2)), integers(result(frame, 4))
-    bundles, gaussians = len(count), sphere.shape[1]
-    slots = len(places) // max(bundles, 1)
-    # One place more: the number of what is not kept is written, too.
-    kept, inside = np.empty(gaussians + 1, np.int32), np.empty(gaussians + 1, np.int32)
-    near = np.empty((4, gaussians), np.float32)
+    lists = count, places, len(places) // max(len(count), 1)
+    kept, brief_kept = _kept(sphere, row), _kept(brief, brief_row)
+    work = Work(
+        np.empty(RUN, np.float32),
+        np.empty(RUN, np.float32),
+        np.empty(RUN, np.float32),
+        np.empty(RUN, np.float32),
+        np.empty(RUN, np.float32),
+        np.empty(RUN, np.float32),
+    )
+    fan = len(count) // max(len(levels.coarsest.offset), 1)
     while True:
-        parent = next_piece(shared)
-        if parent * fan >= bundles:
+        bundle = next_piece(shared)
+        if bundle >= len(levels.coarsest.offset):
             return
-        length = _spheres_inside(sphere, gaussians, coarse, parent, kept)
-        for c in range(4):
-            for i in range(length):
-                near[c, i] = sphere[c, kept[i]]
-        for bundle in range(parent * fan, parent * fan + fan):
-            met, begin = 0, bundle * slots
-            for i in range(_spheres_inside(near, length, fine, bundle, inside)):
-                g = kept[inside[i]]
-                if _reaches_inside(rows[g], keys, fine, bundle):
-                    if met < slots:
-                        places[begin + met] = g
-                    met += 1
-            count[bundle] = met
+        count[bundle * fan : (bundle + 1) * fan] = 0
+        _list_bundle((sphere, row, 0), levels, kept, work, bundle, lists)
+        if brief.shape[1] > 0:
+            shapes = brief, brief_row, sphere.shape[1]
+            _list_bundle(shapes, levels, brief_kept, work, bundle, lists)
 
 
 @allocating_code
@@ -271,9 +307,8 @@ def _join_lists(frame):
 @allocating_code
 def _extra_threads(frame):
     """Threads to start beside the caller's."""
-    number = integers(operand(frame, 8))
-    pieces = len(integers(result(frame, 2))) // number[1]
-    return max(min(np.int64(number[0]), pieces), 1) - 1
+    pieces = floats(operand(frame, 13)).shape[0]
+    return max(min(np.int64(integers(operand(frame, 16))[0]), pieces), 1) - 1
 
 
 def _find(argument):

@@ -91,11 +91,7 @@ def test_every_hit_is_in_the_list_of_its_bundle(scene, picture, levels):
 
 @pytest.mark.parametrize("scene", SCENES)
 def test_lists_are_as_short_as_those_of_a_grid(scene):
-    lines = seen_through("pinhole", radius=0.0)
-    if scene == "transient":
-        # Those that are there at some time of all rays are listed: here they share one.
-        lines = lines._replace(time=np.full(RAYS, 0.5))
-    motion, lines = SCENES[scene](), shot(lines)
+    motion, lines = SCENES[scene](), shot(seen_through("pinhole", radius=0.0))
     own, _ = search(motion, lines, options=OPTIONS, capacity=ROOM)
     grids, _ = search(motion, lines, options=OPTIONS, capacity=replace(ROOM, cells=GRID))
     # Those of a coarse bundle's cell that no ray of the bundle can meet are left out.
