@@ -66,7 +66,8 @@ def prepare(
     span = jax.lax.stop_gradient(span)
     if transient is not None:
         # At least one place: an array of nothing is no operand of a kernel.
-        slots, span_in_range = max(capacity.transient, 1), clipped_time(motion.time_range, span)
+        slots = max(min(capacity.transient, transient.count), 1)
+        span_in_range = clipped_time(motion.time_range, span)
         if transient.count:
             alive = alive_transients(transient, span_in_range, slots, options.alpha_min)
         motion = replace(motion, transient=None if alive is None else alive.transients)
