@@ -233,24 +233,25 @@ def known_sizes():
     share what is compiled. Where they are too short after all, they grow as ever."""
     from gaussray.reconstruct import loop
     from gaussray.reconstruct.simplify import measure as simplify
-    from gaussray.reconstruct.step import needs_grid
     from gaussray.reconstruct.step_loss import BlockSizes
     from gaussray.render import renderer as render
+    from gaussray.tracer.options import grid_levels
     from gaussray.tracer.traverse import Capacity
 
-    def room(trace, transients, grid=True):
+    def room(trace, transients, dtype):
         briefly = 64 if transients is not None else 0
-        return Capacity((512,) * (trace.levels + 1) * grid, 512, 64, briefly)
+        return Capacity((512,) * grid_levels(trace, dtype), 512, 64, briefly)
 
     def of_picture(renderer, batch, part, trace):
-        return room(trace, renderer.scenes[batch.views[0].segment].transient)
+        view = batch.views[0]
+        return room(trace, renderer.scenes[view.segment].transient, view.camera.time.dtype)
 
     def of_candidate(motion, rays, *, options, headroom):
-        return room(options, motion.transient)
+        return room(options, motion.transient, rays.time.dtype)
 
     def of_block(state, views, batches, *_, options, mesh, keys, growth):
-        grid = needs_grid(batches.tile.shape[1], options.trace, views.time.dtype)
-        return BlockSizes(room(options.trace, state.parameters.transient, grid), mesh, keys)
+        sizes = room(options.trace, state.parameters.transient, views.time.dtype)
+        return BlockSizes(sizes, mesh, keys)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(render.Renderer, "_measure", of_picture)

@@ -23,11 +23,12 @@ from gaussray.reconstruct.optimize.rows import occupied
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.run_progress import RunProgress, SavedSizes
 from gaussray.reconstruct.session import Session
-from gaussray.reconstruct.step import measure_sizes, needs_grid, schedule, train_block
+from gaussray.reconstruct.step import measure_sizes, schedule, train_block
 from gaussray.reconstruct.step_loss import BlockSizes, StepOptions
 from gaussray.reconstruct.step_plan import StepPlan, TimedPlan
 from gaussray.runtime.devices import agreed, everywhere
 from gaussray.runtime.progress import say
+from gaussray.tracer.options import grid_levels
 from gaussray.tracer.traverse import Capacity
 
 
@@ -279,8 +280,7 @@ def _least_numbers(session: Session, state: State) -> int:
 
 def _levels(session: Session) -> int:
     """For how many levels of bundles a step finds cells."""
-    trace, dtype = session.options.trace, session.footage.camera.time.dtype
-    return (trace.levels + 1) * needs_grid(session.options.fit.tiles, trace, dtype)
+    return grid_levels(session.options.trace, session.footage.camera.time.dtype)
 
 
 def _sizes(numbers: list[int], session: Session, state: State) -> BlockSizes:

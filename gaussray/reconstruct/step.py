@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jax.typing import DTypeLike
 from jaxtyping import Array, Int
 
 from gaussray.camera.array import CameraSet, pixel_spacing
@@ -28,7 +27,7 @@ from gaussray.reconstruct.step_loss import (
     step_rays,
 )
 from gaussray.runtime.programs import looped_jit
-from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
+from gaussray.tracer.options import on_kernel
 from gaussray.tracer.seen import seen_counts, seen_part
 from gaussray.tracer.trace import measure
 from gaussray.tracer.traverse import enlarged_size
@@ -116,20 +115,8 @@ def measure_sizes(
         places = _places(seen.max(axis=0), sum(rows[:2]), sum(rows[2:]), growth**2)
     motion, rays = first_step(state, views, first, cameras, places)
     longer = growth * (_LONGER if places is None else _LONGER_SEEN)
-    grid = needs_grid(tiles, options.trace, views.time.dtype)
-    capacity = measure(motion, rays, options=options.trace, headroom=longer, grid=grid)
+    capacity = measure(motion, rays, options=options.trace, headroom=longer)
     return BlockSizes(capacity, mesh, keys, places)
-
-
-def needs_grid(tiles: int, options: TraceOptions, dtype: DTypeLike) -> bool:
-    """Whether the lists of a step are found in a grid: not those of few tiles on a CPU.
-
-    Args:
-        tiles: the tiles of a step.
-        options: how its rays are traced.
-        dtype: their precision.
-    """
-    return tiles > _MOST_BLOCKS or not on_cpu_kernel(options, dtype)
 
 
 def _places(

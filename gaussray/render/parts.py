@@ -15,7 +15,7 @@ from gaussray.render.options import RenderOptions
 from gaussray.render.segments import SegmentRays
 from gaussray.tracer.bundle import FAN, fill_padding, morton_tiles
 from gaussray.tracer.grid import OCCUPANCY
-from gaussray.tracer.trace import TraceOptions, on_kernel
+from gaussray.tracer.options import CPU_LEVELS, TraceOptions, on_cpu_kernel, on_kernel
 
 
 # Samples of a pixel that are traced at once and share what their bundle may meet. That saves a GPU
@@ -23,8 +23,9 @@ from gaussray.tracer.trace import TraceOptions, on_kernel
 # long).
 _SAMPLES_AT_ONCE = 16
 # Cells of the grid times bundles of the coarsest level, at most, where levels can be added: the
-# answers of so many tests are in memory at once.
-_TESTS = 1 << 26
+# answers of so many tests are in memory at once. Machine code on a CPU tests the Gaussians, of
+# which so many tests take as long as a third level saves (100,000 and 10,000 at 512 x 512).
+_TESTS, _CPU_TESTS = 1 << 26, 1 << 23
 # Bytes that a frame takes for each ray under way, its share of the lists included (1,000 Gaussians,
 # 256 x 256 pixels, XLA's own count on a CPU: 584 in all; a kernel keeps less, by the sizes of its
 # arrays), for each group of samples of a pixel, and for each pixel.
@@ -109,17 +110,19 @@ def strip_plan(
         gaussians: Number of Gaussians.
     """
     rows = strip_rows(film, options, trace)
-    cells, levels = -(-gaussians // OCCUPANCY), trace.levels
+    levels, deepest, each, most = trace.levels, 4, -(-gaussians // OCCUPANCY), _TESTS
+    if on_cpu_kernel(trace, jnp.float32):
+        deepest, each, most = CPU_LEVELS, gaussians, _CPU_TESTS
 
     def tests(side: int) -> int:
-        return -(-film.width // side) * -(-rows // side) * cells
+        return -(-film.width // side) * -(-rows // side) * each
 
     def side(levels: int) -> int:
         return trace.bundle * 4**levels
 
     if on_kernel(trace, jnp.float32):
         return rows, trace
-    while levels < 4 and tests(side(levels)) > _TESTS and side(levels + 1) <= rows:
+    while levels < deepest and tests(side(levels)) > most and side(levels + 1) <= rows:
         levels += 1
     if trace.levels < levels and rows < film.height:
         rows -= rows % side(levels)

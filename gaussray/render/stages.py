@@ -30,7 +30,7 @@ from gaussray.runtime.programs import ProgramCache, quick_compilation
 from gaussray.scene.scene import Scene
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import scene_motion
-from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
+from gaussray.tracer.options import TraceOptions, grid_levels, on_cpu_kernel, on_kernel
 from gaussray.tracer.trace import (
     Prepared,
     Report,
@@ -84,8 +84,8 @@ def default_capacity(part: Part, trace: TraceOptions, scene: Scene) -> Capacity:
     bundles = -(-part.pixel.shape[-2] // trace.bundle**2)
     transient = 0 if scene.transient is None else scene.transient.count
     alive = min(transient, max(64, transient // 16))
-    sizes = Capacity((256 * bundles,) * (trace.levels + 1), 512 * bundles, 1024, alive)
-    return round_capacity(sizes)
+    cells = (256 * bundles,) * grid_levels(trace, part.pixel.dtype)
+    return round_capacity(Capacity(cells, 512 * bundles, 1024, alive))
 
 
 def enlarge_staged_capacity(capacity: Capacity, needed: list[int]) -> Capacity:

@@ -78,7 +78,8 @@ def find_lists(
 
     Args:
         motion: the scene, without Gaussians apart (`merge_rest`).
-        levels: bundles from the coarsest level to the finest; at most three are looked at.
+        levels: bundles from the coarsest level to the finest; `CPU_LEVELS` coarser ones at most
+            are looked at.
         span: first and last time of all rays.
         options: how rays are traced.
         capacity: sizes of the lists.

@@ -10,6 +10,8 @@ from gaussray.tracer import cuda
 
 
 BACKENDS = ("auto", "array", "kernel")
+# Coarser levels of bundles that lists in machine code on a CPU look at.
+CPU_LEVELS = 2
 
 
 class TraceOptions(eqx.Module):
@@ -103,3 +105,14 @@ def on_cpu_kernel(options: TraceOptions, dtype: DTypeLike) -> bool:
     single = jnp.dtype(dtype) == jnp.float32
     on_cpu = jax.default_backend() == "cpu"
     return options.backend != "array" and single and on_cpu and has_machine_code()
+
+
+def grid_levels(options: TraceOptions, dtype: DTypeLike) -> int:
+    """For how many levels of bundles cells of a grid are found: for none in machine code on a CPU,
+    which looks at the Gaussians themselves (cpu_lists.py).
+
+    Args:
+        options: Options of the tracer.
+        dtype: Precision of the rays.
+    """
+    return 0 if on_cpu_kernel(options, dtype) else options.levels + 1

@@ -20,6 +20,7 @@ from gaussray.tracer.motion import Motion, clipped_time, control_weights, lit
 from gaussray.tracer.options import (
     BACKENDS as BACKENDS,
     TraceOptions as TraceOptions,
+    grid_levels,
     on_cpu_kernel,
     on_kernel,
 )
@@ -223,7 +224,7 @@ def find_candidates(
         if not on_cpu_kernel(options, rays.time.dtype):
             raise ValueError(
                 "a capacity without cells is for single precision on a CPU with Numba: measure it "
-                "with grid=True."
+                "for these rays and options."
             )
         # Numba takes as long to import as a small picture to render.
         from gaussray.tracer.cpu_lists import find_lists
@@ -280,7 +281,6 @@ def measure(
     options: TraceOptions,
     capacity: Capacity | None = None,
     headroom: float = 1.3,
-    grid: bool = True,
 ) -> Capacity:
     """Measure the list sizes of a trace. On the host, outside jit.
 
@@ -290,10 +290,8 @@ def measure(
         options: Options of the tracer.
         capacity: Sizes to start from, enlarged until none overflows; None is a small guess.
         headroom: Factor of the needed sizes, for other frames and steps.
-        grid: Whether lists are found in a grid. Without one they are by machine code on a CPU alone
-            (`options.on_cpu_kernel`).
     """
-    trial, levels = capacity, (options.levels + 1) * grid
+    trial, levels = capacity, grid_levels(options, rays.time.dtype)
     if trial is None:
         bundles = -(-rays.time.shape[-1] // options.bundle**2)
         trial = Capacity((256 * bundles,) * levels, 512 * bundles, 1024)

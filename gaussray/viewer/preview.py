@@ -31,6 +31,7 @@ from gaussray.render.stages import (
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip, segment_edges, segments_of
 from gaussray.scene.spare_rows import with_spare_rows
+from gaussray.tracer.options import grid_levels
 from gaussray.tracer.shard import mesh as device_mesh
 from gaussray.tracer.trace import Report, TraceOptions, enlarged_capacity, measure
 from gaussray.tracer.traverse import Capacity
@@ -218,7 +219,7 @@ class PreviewRenderer:
             for other, program in self._programs.items()
             if other.segment == key.segment
             and other.probe == key.probe
-            and len(program.capacity.cells) == levels + 1
+            and len(program.capacity.cells) == levels
         ]
         sizes = [known for known in sizes if known[0] <= _NEAR]
         if not sizes:
@@ -254,7 +255,9 @@ class PreviewRenderer:
     def _build(self, key: _Key, camera: Camera, capacity: Capacity | None = None) -> None:
         """Compile the program of a key, by default with the list capacity that the camera needs."""
         picture = self._picture(key, camera)
-        capacity = capacity or self._similar_capacity(key, picture.trace.levels)
+        capacity = capacity or self._similar_capacity(
+            key, grid_levels(picture.trace, picture.part.pixel.dtype)
+        )
         if capacity is None:
             capacity = self._measure_capacity(key, camera, picture)
         program = _Program(self._call(key, picture, capacity), capacity, picture)

@@ -140,7 +140,7 @@ def test_rays_that_form_no_bundle_and_scenes_of_nothing_have_empty_lists():
 
 def test_measured_sizes_suffice_and_pixels_are_those_of_a_grid():
     motion, lines = SCENES["transient"](), shot(PICTURES["narrow"]())
-    room = measure(motion, lines, options=OPTIONS, grid=False)
+    room = measure(motion, lines, options=OPTIONS)
     assert room.cells == ()
     pixels, report = look(motion, lines, options=OPTIONS, capacity=room)
     assert int(report.dropped) == 0
@@ -163,5 +163,5 @@ def test_threads_change_nothing(monkeypatch):
 def test_without_machine_code_sizes_without_cells_are_refused():
     motion, lines = SCENES["still"](), shot(PICTURES["narrow"]())
     arrays = replace(OPTIONS, backend="array")
-    with pytest.raises(ValueError, match="measure it with grid=True"):
+    with pytest.raises(ValueError, match="measure it for these rays and options"):
         find_candidates(motion, lines, options=arrays, capacity=ROOM)
