@@ -37,6 +37,7 @@ from gaussray.render.frame_batch import (
     develop_frames,
     fetch_pictures,
 )
+from gaussray.render.list_sizes import default_capacity, enlarge_staged_capacity
 from gaussray.render.options import RenderOptions as RenderOptions
 from gaussray.render.parts import (
     Part,
@@ -47,8 +48,6 @@ from gaussray.render.parts import (
     whole_picture,
 )
 from gaussray.render.stages import (
-    default_capacity,
-    enlarge_staged_capacity,
     measure_staged,
     render_staged,
     uses_stages,
@@ -336,7 +335,8 @@ class Renderer:
 
     def _first_sizes(self, batch: FrameBatch, place: PlacedPart, scene: Scene) -> Capacity:
         """Sizes that the first sample of a batch fits into, at least those of an ordinary scene."""
-        usual = default_capacity(place.part, place.trace, scene)
+        kind = batch.views[0].camera.time.dtype
+        usual = default_capacity(place.part, place.trace, scene, kind)
         settings = self._settings(batch, place, usual)
         leaves, structure = self._flat[batch.views[0].segment]
         arguments = leaves, self._rows(batch), place.part

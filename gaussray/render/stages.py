@@ -22,19 +22,18 @@ from gaussray.camera.rays import Rays
 from gaussray.render.camera_layout import CameraLayout
 from gaussray.render.compiled import ProgramSettings, apply_weight, merge_reports, picture_values
 from gaussray.render.frame_times import even_key_times, frame_span, key_times
+from gaussray.render.list_sizes import enlarge_staged_capacity
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part
 from gaussray.render.samples import sample_points, sample_rays
 from gaussray.runtime.kept_programs import KeptProgram
 from gaussray.runtime.programs import ProgramCache, quick_compilation
-from gaussray.scene.scene import Scene
 from gaussray.tracer.composite import Pixels
 from gaussray.tracer.motion import scene_motion
-from gaussray.tracer.options import TraceOptions, grid_levels, on_cpu_kernel, on_kernel
+from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
 from gaussray.tracer.trace import (
     Prepared,
     Report,
-    enlarged_capacity,
     find_candidates,
     march_function,
     march_lists,
@@ -45,8 +44,6 @@ from gaussray.tracer.traverse import Candidates, Capacity
 
 # Leaves of a scene; with a leading axis of devices the numbers of a camera and a part of a picture.
 StageArguments = tuple[list[Any], np.ndarray, Part]
-# Factor of the needed list sizes.
-_HEADROOM = 1.5
 
 
 class SampleSums(eqx.Module):
@@ -72,43 +69,6 @@ def uses_stages(options: RenderOptions, trace: TraceOptions) -> bool:
     """
     plain = not options.dilation and options.harmonics == "ray"
     return plain and not on_kernel(trace, jnp.float32)
-
-
-def default_capacity(part: Part, trace: TraceOptions, scene: Scene) -> Capacity:
-    """List sizes to start from.
-
-    Args:
-        part: The pixels, with a leading axis of devices.
-        trace, scene: Options of the tracer, and the scene that it traces.
-    """
-    bundles = -(-part.pixel.shape[-2] // trace.bundle**2)
-    transient = 0 if scene.transient is None else scene.transient.count
-    alive = min(transient, max(64, transient // 16))
-    cells = (256 * bundles,) * grid_levels(trace, part.pixel.dtype)
-    return round_capacity(Capacity(cells, 512 * bundles, 1024, alive))
-
-
-def enlarge_staged_capacity(capacity: Capacity, needed: list[int]) -> Capacity:
-    """Enlarge list sizes; they are powers of two, so that few sets of programs serve all cameras.
-
-    Args:
-        capacity, needed: The sizes, and those that a trace needs (`Report.needed`).
-    """
-    return round_capacity(enlarged_capacity(capacity, needed, headroom=_HEADROOM))
-
-
-def round_capacity(capacity: Capacity) -> Capacity:
-    """List sizes rounded up to powers of two."""
-
-    def round_size(size: int) -> int:
-        return 1 << max(size - 1, 0).bit_length() if size else 0
-
-    return Capacity(
-        tuple(map(round_size, capacity.cells)),
-        round_size(capacity.pairs),
-        round_size(capacity.slots),
-        round_size(capacity.transient),
-    )
 
 
 def render_staged(

@@ -129,7 +129,11 @@ def _next(_, address):
 
 @intrinsic
 def power_of_two(_, shifted):
-    """2^n, of n + 1.5 x 2^23 in single precision: n is the end of its bits."""
+    """2^n in single precision, for a whole number n from -126 to 127.
+
+    Args:
+        shifted: n + 1.5 x 2^23 in single precision, whose last bits are those of n.
+    """
 
     def code(context, builder, signature, arguments):
         bits = ir.IntType(32)

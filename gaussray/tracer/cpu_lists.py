@@ -28,11 +28,11 @@ from gaussray.tracer.cpu_call import (
     thread_count,
 )
 from gaussray.tracer.cpu_reach import (
-    RUN,
     SLACK,
-    SPHERE,
-    STATE,
-    WINDOW,
+    SPHERE_ROWS,
+    STATE_ROWS,
+    TESTED_AT_ONCE,
+    WINDOW_ROWS,
     Sides,
     Work,
     ellipsoids_inside,
@@ -133,8 +133,8 @@ def _transient_shapes(
     """Transient Gaussians, and how many of them are not finite."""
     t = motion.transient
     if t is None:
-        none = jnp.zeros((SPHERE + WINDOW, 0), jnp.float32)
-        return _Shapes(none, jnp.zeros((0, STATE + WINDOW), jnp.float32)), jnp.int32(0)
+        none = jnp.zeros((SPHERE_ROWS + WINDOW_ROWS, 0), jnp.float32)
+        return _Shapes(none, jnp.zeros((0, STATE_ROWS + WINDOW_ROWS), jnp.float32)), jnp.int32(0)
     own = still(t.gaussians)
     mean, frame = control_points(own)
     radius, fine = reach_radius(t.opacity, alpha_min), is_valid(own.gaussians)
@@ -214,7 +214,7 @@ def _kept(sphere, row):
         np.empty(count + 1, np.int32),
         np.empty((numbers, count), np.float32),
         np.empty(count + 1, np.int32),
-        np.empty((row.shape[1], RUN), np.float32),
+        np.empty((row.shape[1], TESTED_AT_ONCE), np.float32),
     )
 
 
@@ -232,14 +232,14 @@ def _list_bundle(shapes, levels, kept, work, bundle, lists):
             kept.sphere[c, i] = sphere[c, kept.all[i]]
     for parent in range(bundle * some, (bundle + 1) * some):
         number = spheres_inside(kept.sphere, length, coarse, parent, kept.some, work)
-        for begin in range(0, number, RUN):
-            run = min(RUN, number - begin)
+        for begin in range(0, number, TESTED_AT_ONCE):
+            run = min(TESTED_AT_ONCE, number - begin)
             for i in range(run):
                 own = row[kept.all[kept.some[begin + i]]]
                 for c in range(len(own)):
                     kept.near[c, i] = own[c]
             for child in range(parent * fan, (parent + 1) * fan):
-                ellipsoids_inside(kept.near, run, row.shape[1] // STATE, fine, child, work)
+                ellipsoids_inside(kept.near, run, row.shape[1] // STATE_ROWS, fine, child, work)
                 met, at = count[child], child * slots
                 for i in range(run):
                     if not work.room[i] < 0:
@@ -260,12 +260,12 @@ def _list_bundles(shared):
     lists = count, places, len(places) // max(len(count), 1)
     kept, brief_kept = _kept(sphere, row), _kept(brief, brief_row)
     work = Work(
-        np.empty(RUN, np.float32),
-        np.empty(RUN, np.float32),
-        np.empty(RUN, np.float32),
-        np.empty(RUN, np.float32),
-        np.empty(RUN, np.float32),
-        np.empty(RUN, np.float32),
+        np.empty(TESTED_AT_ONCE, np.float32),
+        np.empty(TESTED_AT_ONCE, np.float32),
+        np.empty(TESTED_AT_ONCE, np.float32),
+        np.empty(TESTED_AT_ONCE, np.float32),
+        np.empty(TESTED_AT_ONCE, np.float32),
+        np.empty(TESTED_AT_ONCE, np.float32),
     )
     fan = len(count) // max(len(levels.coarsest.offset), 1)
     while True:

@@ -1,5 +1,7 @@
 """The march of ray bundles on a CPU as a JAX function: `march` of march.py, in machine code."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -155,9 +157,9 @@ def _is_primal(x):
     return isinstance(x, CustomVJPPrimal)
 
 
-def _instantiated(g):
+def _instantiated(g: Any) -> Array:
     """A cotangent as an array, also if it is zero."""
-    return jnp.zeros(jnp.shape(g), np.float32) if isinstance(g, SymbolicZero) else g
+    return jnp.zeros(g.shape, np.float32) if isinstance(g, SymbolicZero) else g
 
 
 def _march_backward(options, columns, slots, saved, cotangent):

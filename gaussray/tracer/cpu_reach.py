@@ -17,13 +17,13 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 SLACK = np.float32(1e-6)
 _SQUARED_SLACK = np.float32(4e-6)
 # Gaussians that are tested at a time: as vectors, and in the nearest cache.
-RUN = 512
+TESTED_AT_ONCE = 512
 # Rows of a sphere: centre and radius. Of what is known of a Gaussian at a control point: centre,
 # and F^T times its reach.
-SPHERE, STATE = 4, 12
+SPHERE_ROWS, STATE_ROWS = 4, 12
 # Rows of a time window behind these: velocity, instant, how long before and after it the Gaussian
 # is alive, plateau, and how fast it fades: (1 / lifetime) / reach.
-WINDOW = 7
+WINDOW_ROWS = 7
 
 
 class Sides(NamedTuple):
@@ -43,7 +43,7 @@ class Sides(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Buffers of a thread, of `RUN` numbers each.
+    """Buffers of a thread, of `TESTED_AT_ONCE` numbers each.
 
     Args:
         room: How far each Gaussian reaches into the half-spaces; negative for those outside.
@@ -102,7 +102,7 @@ def spheres_inside(rows, count, sides, bundle, kept, work):
     return how many they are.
 
     Args:
-        rows: rows of the spheres, and of their time windows if there are more than `SPHERE`.
+        rows: rows of the spheres, and of their time windows if there are more than `SPHERE_ROWS`.
         count: number of spheres.
         sides: bounds of bundles.
         bundle: index of the bundle.
@@ -113,9 +113,9 @@ def spheres_inside(rows, count, sides, bundle, kept, work):
     four, five = _side(sides, bundle, 3), _side(sides, bundle, 4)
     x, y, z, size, length = rows[0], rows[1], rows[2], rows[3], 0
     room = work.room
-    for begin in range(0, count, RUN):
-        run = min(RUN, count - begin)
-        if rows.shape[0] == SPHERE:
+    for begin in range(0, count, TESTED_AT_ONCE):
+        run = min(TESTED_AT_ONCE, count - begin)
+        if rows.shape[0] == SPHERE_ROWS:
             for i in range(run):
                 g = begin + i
                 least = _along(one, x[g], y[g], z[g]) - one[3]
@@ -126,7 +126,7 @@ def spheres_inside(rows, count, sides, bundle, kept, work):
                 room[i] = least + size[g]
         else:
             span = sides.span[bundle, 0], sides.span[bundle, 1]
-            _sweep(rows, SPHERE, begin, run, span, work)
+            _sweep(rows, SPHERE_ROWS, begin, run, span, work)
             _swept_spheres(rows, begin, run, (one, two, three, four, five), work)
         for i in range(run):
             kept[length] = begin + i
@@ -138,7 +138,7 @@ def spheres_inside(rows, count, sides, bundle, kept, work):
 def _swept_spheres(rows, begin, count, sides, work):
     """`room` of transient Gaussians, after `_sweep`."""
     x, y, z, size = rows[0], rows[1], rows[2], rows[3]
-    u, v, w = rows[SPHERE], rows[SPHERE + 1], rows[SPHERE + 2]
+    u, v, w = rows[SPHERE_ROWS], rows[SPHERE_ROWS + 1], rows[SPHERE_ROWS + 2]
     room, first, last, shrink = work.room, work.first, work.last, work.shrink
     one, two, three, four, five = sides
     for i in range(count):
@@ -165,14 +165,14 @@ def ellipsoids_inside(rows, count, keys, sides, bundle, work):
 
     Args:
         rows: rows of the states of each control point, then of the time windows of transient ones.
-        count: number of ellipsoids, at most `RUN`.
+        count: number of ellipsoids, at most `TESTED_AT_ONCE`.
         keys: number of control points.
         sides: bounds of bundles.
         bundle: index of the bundle.
         work: buffers of the thread.
     """
     room, first, last, shrink, least, best = work
-    w = STATE * keys
+    w = STATE_ROWS * keys
     transient = rows.shape[0] > w
     if transient:
         span = sides.span[bundle, 0], sides.span[bundle, 1]
@@ -194,7 +194,7 @@ def ellipsoids_inside(rows, count, keys, sides, bundle, work):
         for k in range(keys):
             # Transient ones have a single state, whatever the others have.
             if transient or sides.active[bundle, k] > _ZERO:
-                _reach_side(rows, STATE * k, count, side, work)
+                _reach_side(rows, STATE_ROWS * k, count, side, work)
         for i in range(count):
             room[i] = min(room[i], best[i])
 

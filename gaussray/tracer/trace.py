@@ -60,8 +60,8 @@ def trace(
     """Trace rays through a moving scene: the pixels of the rays, and a report on the list sizes.
 
     Gradients reach scene, rays and times. Hits at exactly one distance are blended in a fixed
-    order: that of the grid (array backend), or that in which the reach of the Gaussians begins on
-    the neighbouring rays, then that of the Gaussians (kernels).
+    order: that of the grid (array backend), that of the Gaussians (on a CPU in machine code), or
+    that in which their reach begins on the neighbouring rays and then their own (on a GPU).
 
     Args:
         motion: the scene across the times of the rays, or the result of `prepare`.
@@ -291,8 +291,9 @@ def measure(
         capacity: Sizes to start from, enlarged until none overflows; None is a small guess.
         headroom: Factor of the needed sizes, for other frames and steps.
     """
-    trial, levels = capacity, grid_levels(options, rays.time.dtype)
+    trial = capacity
     if trial is None:
+        levels = grid_levels(options, rays.time.dtype)
         bundles = -(-rays.time.shape[-1] // options.bundle**2)
         trial = Capacity((256 * bundles,) * levels, 512 * bundles, 1024)
     if motion.transient is not None and not trial.transient:
@@ -303,7 +304,8 @@ def measure(
         needed = [int(n) for n in needed]
         wanted = enlarged_capacity(trial, needed, headroom=headroom)
         if int(dropped) == 0:
-            return enlarged_capacity(Capacity((1,) * levels, 1, 1), needed, headroom=headroom)
+            least = Capacity((1,) * len(trial.cells), 1, 1)
+            return enlarged_capacity(least, needed, headroom=headroom)
         trial = wanted
 
 

@@ -17,15 +17,13 @@ from gaussray.camera.camera import Camera
 from gaussray.camera.shutter import time_window
 from gaussray.render.camera_layout import CameraLayout, pack_camera
 from gaussray.render.compiled import ProgramSettings, prepare_trace, render_part, render_pieces
+from gaussray.render.list_sizes import default_capacity, enlarge_staged_capacity, round_capacity
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import Part, interleaved_parts, pixels_part, whole_picture
 from gaussray.render.stages import (
     StageArguments,
-    default_capacity,
-    enlarge_staged_capacity,
     measure_staged,
     render_staged,
-    round_capacity,
     uses_stages,
 )
 from gaussray.scene.scene import Scene
@@ -255,9 +253,8 @@ class PreviewRenderer:
     def _build(self, key: _Key, camera: Camera, capacity: Capacity | None = None) -> None:
         """Compile the program of a key, by default with the list capacity that the camera needs."""
         picture = self._picture(key, camera)
-        capacity = capacity or self._similar_capacity(
-            key, grid_levels(picture.trace, picture.part.pixel.dtype)
-        )
+        levels = grid_levels(picture.trace, camera.time.dtype)
+        capacity = capacity or self._similar_capacity(key, levels)
         if capacity is None:
             capacity = self._measure_capacity(key, camera, picture)
         program = _Program(self._call(key, picture, capacity), capacity, picture)
@@ -278,7 +275,7 @@ class PreviewRenderer:
         """The list capacity that a camera needs."""
         scene, place = self.scenes[key.segment], picture.place
         if self._staged:
-            usual = default_capacity(picture.part, picture.trace, scene)
+            usual = default_capacity(picture.part, picture.trace, scene, camera.time.dtype)
             settings = self._settings(key, picture, usual)
             row = pack_camera(jax.device_get(camera))[0]
             arguments = self._arguments(key, picture, row)

@@ -29,6 +29,7 @@ from gaussray.render.parts import (
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.grid import OCCUPANCY
+from gaussray.tracer.options import CPU_LEVELS
 from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
 
@@ -227,7 +228,8 @@ def test_lists_that_are_too_short_are_repaired(still, render_still):
     again = render_still(toy.camera(0.1))
     assert not again.compiled
     render = Renderer(still, options=ONE, trace=toy.TRACE)
-    render._capacity = {size: Capacity((1,), 2, 2) for size in render_still._capacity}
+    sizes = render_still._capacity.items()
+    render._capacity = {size: Capacity((1,) * len(c.cells), 2, 2) for size, c in sizes}
     frame = render(toy.camera())
     assert frame.compiled
     np.testing.assert_allclose(frame.color, expected.color, atol=1e-6)
@@ -303,14 +305,18 @@ def test_every_pixel_of_a_dealt_picture_has_one_place(devices):
     assert np.all(own > 0) and part.pixel.shape[1] == -(-6 // devices) * 16 * 16
 
 
-def test_many_gaussians_are_met_by_coarser_bundles_first():
+@pytest.mark.parametrize("machine_code", [False, True])
+def test_many_gaussians_are_met_by_coarser_bundles_first(monkeypatch, machine_code):
+    monkeypatch.setattr(parts, "on_cpu_kernel", lambda *_: machine_code)
     film, options, trace = Film(4096, 4096, "center"), RenderOptions(samples=64), TraceOptions()
     few, plain = strip_plan(film, options, trace, 1000)
     assert few == strip_rows(film, options, trace) and plain == trace
     rows, coarse = strip_plan(film, options, trace, 5_000_000)
     side = 8 * 4**coarse.levels
     assert few - side < rows <= few and rows % side == 0
-    assert rows // side * (4096 // side) * 5_000_000 // OCCUPANCY <= 2**26
+    tested = 5_000_000 if machine_code else 5_000_000 // OCCUPANCY
+    at_most = 2**23 if machine_code else 2**26
+    assert rows // side * (4096 // side) * tested <= at_most or coarse.levels == CPU_LEVELS
     # Bundles as high as a strip are as coarse as can be.
     low = dataclasses.replace(options, memory=0.1)
     assert strip_plan(film, low, trace, 5_000_000) == (strip_rows(film, low, trace), trace)

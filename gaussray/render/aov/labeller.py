@@ -13,9 +13,9 @@ from gaussray.camera.film import pixel_grid
 from gaussray.camera.shutter import time_window
 from gaussray.render.aov.trace import FlatScene, FrameCameras, LabelSettings, trace_labels
 from gaussray.render.frame import join_rows
+from gaussray.render.list_sizes import default_capacity
 from gaussray.render.options import RenderOptions
 from gaussray.render.parts import strip_part, strip_plan, whole_picture
-from gaussray.render.stages import default_capacity
 from gaussray.scene.scene import Scene, key_count
 from gaussray.tracer.trace import TraceOptions
 from gaussray.tracer.traverse import Capacity
@@ -138,7 +138,7 @@ class Labeller:
         key = film.width, rows, keys
         if key not in self._capacity:
             stacked = jax.tree.map(lambda x: np.asarray(x)[None], part)
-            self._capacity[key] = default_capacity(stacked, trace, self.scene)
+            self._capacity[key] = default_capacity(stacked, trace, self.scene, camera.time.dtype)
         settings = LabelSettings(trace, keys, self._capacity[key])
         pixel = np.asarray(pixel_grid(film))[top : top + rows].reshape(-1, 2)
         strip_labels, self._capacity[key] = trace_labels(

@@ -24,8 +24,9 @@ from gaussray.render.aov.programs import (
     view_program,
 )
 from gaussray.render.camera_layout import pack_camera
+from gaussray.render.list_sizes import enlarge_staged_capacity
 from gaussray.render.parts import Part
-from gaussray.render.stages import enlarge_staged_capacity, lists_program, motion_program
+from gaussray.render.stages import lists_program, motion_program
 from gaussray.tracer.options import on_kernel
 from gaussray.tracer.prepare import Prepared
 from gaussray.tracer.trace import TraceOptions

@@ -14,9 +14,9 @@ from gaussray.camera.shutter import interlaced_row_times
 from gaussray.render import stages
 from gaussray.render.aov import labeller as labels_of_frames, programs
 from gaussray.render.aov.labeller import LABELS, PICTURE_LABELS, Labeller, check_labels
+from gaussray.render.list_sizes import default_capacity
 from gaussray.render.parts import PIXEL, RAY, SAMPLE
 from gaussray.render.renderer import RenderOptions
-from gaussray.render.stages import default_capacity
 from gaussray.scene.scene import Scene
 from gaussray.tracer.traverse import Capacity
 

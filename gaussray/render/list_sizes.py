@@ -1,0 +1,53 @@
+"""Sizes of the tracer's lists for pictures that are rendered in stages: powers of two, so that few
+sets of programs serve all cameras."""
+
+from jax.typing import DTypeLike
+
+from gaussray.render.parts import Part
+from gaussray.scene.scene import Scene
+from gaussray.tracer.options import TraceOptions, grid_levels
+from gaussray.tracer.trace import enlarged_capacity
+from gaussray.tracer.traverse import Capacity
+
+
+# Factor of the needed list sizes.
+_HEADROOM = 1.5
+
+
+def default_capacity(part: Part, trace: TraceOptions, scene: Scene, dtype: DTypeLike) -> Capacity:
+    """List sizes to start from.
+
+    Args:
+        part: The pixels, with a leading axis of devices.
+        trace: Options of the tracer.
+        scene: The scene that it traces.
+        dtype: Precision of the rays.
+    """
+    bundles = -(-part.pixel.shape[-2] // trace.bundle**2)
+    transient = 0 if scene.transient is None else scene.transient.count
+    alive = min(transient, max(64, transient // 16))
+    cells = (256 * bundles,) * grid_levels(trace, dtype)
+    return round_capacity(Capacity(cells, 512 * bundles, 1024, alive))
+
+
+def enlarge_staged_capacity(capacity: Capacity, needed: list[int]) -> Capacity:
+    """Enlarge list sizes; they are powers of two, so that few sets of programs serve all cameras.
+
+    Args:
+        capacity, needed: The sizes, and those that a trace needs (`Report.needed`).
+    """
+    return round_capacity(enlarged_capacity(capacity, needed, headroom=_HEADROOM))
+
+
+def round_capacity(capacity: Capacity) -> Capacity:
+    """List sizes rounded up to powers of two."""
+
+    def round_size(size: int) -> int:
+        return 1 << max(size - 1, 0).bit_length() if size else 0
+
+    return Capacity(
+        tuple(map(round_size, capacity.cells)),
+        round_size(capacity.pairs),
+        round_size(capacity.slots),
+        round_size(capacity.transient),
+    )
