@@ -121,10 +121,8 @@ def _persistent_shapes(motion: Motion, alpha_min: float) -> tuple[_Shapes, Int[A
     way = jnp.sqrt(sum((b - a) ** 2 for a, b in zip(low, high, strict=True))) / 2
     slack = SLACK * sum(jnp.abs(x) for x in (*low, *high))
     size = (longest + way) * (1 + SLACK) + slack
-    size = jnp.where(fine & (radius > 0), size, -jnp.inf)
-    return _Shapes(jnp.stack([*((low + high) / 2), size]), _states(mean, support)), jnp.sum(
-        ~fine, dtype=jnp.int32
-    )
+    sphere = _sphere((low + high) / 2, size, fine, radius)
+    return _Shapes(jnp.stack(sphere), _states(mean, support)), jnp.sum(~fine, dtype=jnp.int32)
 
 
 def _transient_shapes(
@@ -149,10 +147,15 @@ def _transient_shapes(
     moved = jnp.minimum(length, jnp.max(ends, axis=0))[:, None] * jnp.abs(window.velocity)
     slack = 4 * SLACK * _total(jnp.abs(mean[0]) + jnp.where(jnp.isfinite(moved), moved, 0))
     size = radius * _largest(t.scale) * (1 + SLACK) + slack
-    size = jnp.where(fine & (radius > 0), size, -jnp.inf)
+    sphere = jnp.stack([*_sphere(mean[0].T, size, fine, radius), *times])
     states = _states(mean, frame * radius[None, :, None, None])
     row = jnp.concatenate([states, jnp.stack(times, axis=1)], axis=1)
-    return _Shapes(jnp.stack([*mean[0].T, size, *times]), row), jnp.sum(~fine, dtype=jnp.int32)
+    return _Shapes(sphere, row), jnp.sum(~fine, dtype=jnp.int32)
+
+
+def _sphere(center: Array, size: Array, fine: Array, radius: Array) -> list[Array]:
+    """Rows of spheres; those of Gaussians that no list may hold contain nothing."""
+    return [*jnp.where(fine[None], center, 0), jnp.where(fine & (radius > 0), size, -jnp.inf)]
 
 
 def _largest(x: Float[Array, "gaussians 3"]) -> Float[Array, " gaussians"]:
