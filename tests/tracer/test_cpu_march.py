@@ -8,6 +8,7 @@ from functools import partial
 import extremes
 import jax
 import jax.numpy as jnp
+import numba
 import numpy as np
 import pytest
 import reference
@@ -33,7 +34,8 @@ from scenes import (
 )
 from single import COLOR, GRADIENT, SINGLE, errors_on_device, mixed, pile, roomy, sheet
 
-from gaussray.tracer import cpu_march, options as tracer_options
+from gaussray.tracer import cpu_march, cpu_meet, options as tracer_options
+from gaussray.tracer.cpu_block import LANES
 from gaussray.tracer.march import march
 from gaussray.tracer.options import TraceOptions, on_cpu_kernel, on_kernel
 from gaussray.tracer.trace import (
@@ -43,6 +45,7 @@ from gaussray.tracer.trace import (
     measure,
     prepare,
     time_span,
+    trace,
 )
 
 
@@ -216,3 +219,62 @@ def test_pictures_can_be_mapped_over():
     together = jax.vmap(seen)(aside)
     for one, x in zip(together, aside, strict=True):
         np.testing.assert_allclose(one, seen(x), atol=SINGLE)
+
+
+@pytest.mark.parametrize("keys", [1, 3])
+def test_a_scene_learns_the_same_if_rays_do_not_learn(keys):
+    motion = resting(gaussians(COUNT, degree=2, **SIZES)) if keys == 1 else mixed(keys)
+    motion = beside(tinted(motion), fleeting(COUNT, degree=2, seed=3, **SIZES))
+    lines, weight = shot(rays()), weights(dtype=np.float32)
+    _, _, (expected, _) = pull(motion, lines, weight, capacity=roomy(OPTIONS))
+
+    @jax.jit
+    def slope(motion):
+        def cost(motion):
+            pixels, _ = trace(motion, lines, options=OPTIONS, capacity=roomy(OPTIONS))
+            return score((pixels.color, pixels.transmittance, pixels.depth), weight)
+
+        return jax.grad(cost)(motion)
+
+    for own, other in zip(jax.tree.leaves(slope(motion)), jax.tree.leaves(expected), strict=True):
+        # The times of rays depend on those of the motion: they are no part of what a scene learns.
+        if own.shape != motion.time.shape:
+            largest = max(float(jnp.max(jnp.abs(other), initial=0)), 1.0)
+            np.testing.assert_allclose(own, other, atol=SINGLE * largest)
+
+
+def test_a_loss_of_colours_alone_has_gradients():
+    motion, lines = resting(gaussians(COUNT, **SIZES)), shot(rays())
+    weight = weights(dtype=np.float32).at[:, 3:].set(0)
+    _, _, (expected, _) = pull(motion, lines, weight, capacity=roomy(OPTIONS))
+
+    @jax.jit
+    @jax.grad
+    def slope(motion):
+        pixels, _ = trace(motion, lines, options=OPTIONS, capacity=roomy(OPTIONS))
+        return jnp.sum(weight[:, :3] * pixels.color)
+
+    own = slope(motion).gaussians
+    np.testing.assert_allclose(own.mean, expected.gaussians.mean, atol=SINGLE)
+    np.testing.assert_allclose(own.opacity, expected.gaussians.opacity, atol=SINGLE)
+
+
+def test_opacities_are_exponentials_but_for_roundings():
+    @numba.njit
+    def respond(lanes, opacity):
+        cpu_meet.respond_lanes(lanes, opacity)
+
+    at, r = cpu_meet.AT_Q, np.random.default_rng(0)
+    lanes = np.zeros(at + LANES, np.float32)
+    for largest in (1.0, 12.0, 170.0):
+        q = r.uniform(0, largest, LANES).astype(np.float32)
+        q[:2] = 0, largest
+        lanes[at:] = q
+        respond(lanes, np.float32(0.75))
+        expected = 0.75 * np.exp(-q.astype(float) / 2)
+        # One rounding of the result, and one of the exponent, which may be as large as `largest`.
+        allowed = np.finfo(np.float32).eps * (2 + largest / 2)
+        np.testing.assert_allclose(lanes[at:], expected, rtol=allowed)
+    lanes[at:] = np.inf
+    respond(lanes, np.float32(0.75))
+    assert np.all(lanes[at:] < 1e-37)

@@ -282,6 +282,12 @@ def test_what_is_not_finite_is_skipped_and_spreads_no_gradient(name):
     assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves((pixels, gradient)))
 
 
+def test_there_are_no_more_places_than_transient_gaussians():
+    many = replace(ROOM, transient=10 * COUNT)
+    prepared = prepare(scene(), jnp.asarray([0.0, 1.0]), options=OPTIONS, capacity=many)
+    assert prepared.motion.transient.count == COUNT
+
+
 def test_without_transients_no_size_is_reported_for_them():
     motion, lines = resting(gaussians(COUNT)), shot(rays())
     _, report = look(motion, lines, options=OPTIONS, capacity=CAPACITY)
