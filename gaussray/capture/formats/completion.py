@@ -5,6 +5,8 @@ import math
 from pathlib import PurePosixPath
 from typing import Any
 
+import numpy as np
+
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.picture_file import picture_exists, picture_size
 from gaussray.capture.videos import frame_of
@@ -20,9 +22,9 @@ def completed(frames: list[Keys]) -> list[Keys]:
 
     `w` and `h` are those of the first picture that exists (only its header is read), `fl_x` =
     w / (2 tan(camera_angle_x / 2)), `fl_y` = `fl_x` (square pixels), and the optical axis meets the
-    picture's centre. Keys that a frame has stay as they are.
+    picture's centre. A matrix `K` gives all four. Keys that a frame has stay as they are.
     """
-    named = [_with_picture(frame) for frame in frames]
+    named = [_with_matrix(_with_picture(frame)) for frame in frames]
     sized = all(frame.has(key) for frame in named for key in ("w", "h"))
     size = None if sized else first_size(named)
     return [
@@ -51,6 +53,22 @@ def _with_picture(frame: Keys) -> Keys:
     if name == given:
         return frame
     return dataclasses.replace(frame, values={**frame.values, "file_path": name})
+
+
+def _with_matrix(frame: Keys) -> Keys:
+    """The frame with the numbers of its matrix `K`."""
+    if not frame.has("K"):
+        return frame
+    try:
+        matrix = np.asarray(frame.values["K"], float)
+    except (TypeError, ValueError):
+        matrix = np.zeros(0)
+    if matrix.shape != (3, 3) or not np.all(np.isfinite(matrix)):
+        rule = "the matrix [[fl_x, 0, cx], [0, fl_y, cy], [0, 0, 1]] in pixels"
+        raise frame.error("K", rule, "Or give fl_x, fl_y, cx and cy.")
+    places = {"fl_x": (0, 0), "fl_y": (1, 1), "cx": (0, 2), "cy": (1, 2)}
+    given = {key: float(matrix[at]) for key, at in places.items() if not frame.has(key)}
+    return dataclasses.replace(frame, values={**frame.values, **given})
 
 
 def _suffixed(frame: Keys, name: str) -> str:

@@ -37,7 +37,7 @@ PINHOLE_FILE = "transforms.json"
 # Keys that a frame or, for all frames, the top level may have.
 _SHARED = {
     *(*INTRINSICS, *EFFECT_OF_BLOCK, "film", "clip_start"),
-    *("effect", "samples", "color_space", "time_unit"),
+    *("effect", "samples", "color_space", "time_unit", "K"),
 }
 _FRAME = {
     *("file_path", "transform_matrix", "time", "camera", "split"),

@@ -37,7 +37,8 @@ def read_calibration(path: Path | str) -> Calibration:
         # Pose2Sim writes its pair beside the TOML file, which also knows sizes and fisheyes.
         if pair is not None and not any(p.suffix.lower() == ".toml" for p in inside):
             return Calibration(read_easymocap(*pair))
-        # Caliscope keeps other files beside its own.
+        # Caliscope keeps other files beside its own, and OpenCV's samples their chessboard.
+        inside = [p for p in inside if not _is_storage(p)] or inside
         inside = [p for p in inside if p.name == "camera_array.toml"] or inside
         if len(inside) != 1:
             names = ", ".join(p.name for p in inside[:9]) or "none"
@@ -53,6 +54,14 @@ def read_calibration(path: Path | str) -> Calibration:
         raise PrepareError(f"poses.calibration={path}: must be {CALIBRATION_KINDS}.")
     cameras = reader(path)
     return cameras if isinstance(cameras, Calibration) else Calibration(cameras)
+
+
+def _is_storage(path: Path) -> bool:
+    """Whether an XML file is one of OpenCV's, which say nothing of several cameras."""
+    if path.suffix.lower() != ".xml":
+        return False
+    with path.open("rb") as file:
+        return b"<opencv_storage" in file.read(1000)
 
 
 def _reader(path: Path) -> Callable[[Path], list[KnownCamera] | Calibration] | None:

@@ -258,6 +258,16 @@ def test_null_is_absent(dnerf):
     assert view.camera_name == "train_r_000"
 
 
+def test_a_matrix_gives_the_intrinsics(dnerf):
+    matrix = [[20.0, 0, 8.5], [0, 21.0, 5.5], [0, 0, 1]]
+    change = {"K": matrix, "camera_angle_x": None}
+    folder = edited(dnerf, lambda content: content.update(change))
+    check_rays(read_splits(folder, jnp.float64).views[0], POSE, (20, 21), (8.5, 5.5))
+    # Numbers of their own have precedence.
+    own = edited(dnerf, lambda content: content.update({"cx": 7.0}))
+    check_rays(read_splits(own, jnp.float64).views[0], POSE, (20, 21), (7, 5.5))
+
+
 def of_frame(key, value):
     return lambda content: content["frames"][1].update({key: value})
 
@@ -271,6 +281,8 @@ WRONG = [
     (of_top(camera_angle_x="0.7"), "frame 0: camera_angle_x must be a finite number, got '0.7'"),
     (of_top(camera_angle_x=39.6), "camera_angle_x must be an angle.*got 39.6.*Divide degrees"),
     (of_top(camera_angle_x=0), "camera_angle_x must be an angle in radians, above 0.*got 0"),
+    (of_top(K=[[20, 0, 8], [0, 20, 6]]), r"frame 0: K must be the matrix .*got \[\[20.*give fl_x"),
+    (of_top(K="wide"), "frame 0: K must be the matrix .*got 'wide'"),
     (of_top(frames=[]), r"frames must be a list of at least one frame, got \[\]"),
     (of_top(frames=[3]), r"frames\[0\] must be a block of keys, got 3"),
     (of_top(w=32), "frame 0: w and h must be .* 32 x 12, but .*r_000.png is 16 x 12.*Correct w"),

@@ -183,6 +183,13 @@ def test_what_is_no_calibration_is_named(tmp_path, name, text, message):
         read_calibration(tmp_path / name)
 
 
+def test_the_chessboard_of_opencv_beside_a_calibration_is_none(tmp_path):
+    write_toml(tmp_path)
+    board = '<?xml version="1.0"?>\n<opencv_storage>\n<rows>5</rows>\n</opencv_storage>\n'
+    (tmp_path / "checkerboard.xml").write_text(board)
+    assert [camera.name for camera in read_calibration(tmp_path).cameras] == list(NAMES)
+
+
 def test_a_mirrored_rotation_is_refused(tmp_path):
     text = write_toml(tmp_path).read_text()
     path = tmp_path / "bad.toml"
