@@ -12,7 +12,7 @@ import numpy as np
 from gaussray.tracer.cpu_call import inlined_code, machine_code
 
 
-_ZERO, _ONE = np.float32(0), np.float32(1)
+_ZERO, _ONE, _FAR = np.float32(0), np.float32(1), np.float32(np.inf)
 # Rounding of sums of few numbers, relative to the largest.
 SLACK = np.float32(1e-6)
 _SQUARED_SLACK = np.float32(4e-6)
@@ -97,6 +97,35 @@ def _sweep(rows, w, begin, count, span, work):
 
 
 @machine_code
+def _begin_test(rows, w, begin, count, span, work):
+    """Prepare a test of Gaussians, whose time windows, if any, begin at row `w`: all are inside as
+    yet, but those that are not alive."""
+    room, first, last, shrink = work.room, work.first, work.last, work.shrink
+    if rows.shape[0] > w:
+        _sweep(rows, w, begin, count, span, work)
+        for i in range(count):
+            room[i] = _FAR if shrink[i] > _ZERO else -_ONE
+    else:
+        for i in range(count):
+            room[i], first[i], last[i], shrink[i] = _FAR, _ZERO, _ZERO, _ONE
+
+
+@machine_code
+def _approach(rows, w, begin, count, side, work):
+    """Store in `least` how far a half-space is from where Gaussians stand at their instants, at the
+    nearest place of their way."""
+    first, last, least, offset = work.first, work.last, work.least, side[3]
+    if rows.shape[0] > w:
+        u, v, z = rows[w], rows[w + 1], rows[w + 2]
+        for i in range(count):
+            speed = _along(side, u[begin + i], v[begin + i], z[begin + i])
+            least[i] = offset - max(speed * first[i], speed * last[i])
+    else:
+        for i in range(count):
+            least[i] = offset
+
+
+@machine_code
 def spheres_inside(rows, count, sides, bundle, kept, work):
     """Write the numbers of the spheres that reach into all half-spaces of a bundle to `kept`, and
     return how many they are.
@@ -109,53 +138,22 @@ def spheres_inside(rows, count, sides, bundle, kept, work):
         kept: room for one number more than there are spheres.
         work: buffers of the thread.
     """
-    one, two, three = _side(sides, bundle, 0), _side(sides, bundle, 1), _side(sides, bundle, 2)
-    four, five = _side(sides, bundle, 3), _side(sides, bundle, 4)
     x, y, z, size, length = rows[0], rows[1], rows[2], rows[3], 0
-    room = work.room
+    room, least, span = work.room, work.least, (sides.span[bundle, 0], sides.span[bundle, 1])
     for begin in range(0, count, TESTED_AT_ONCE):
         run = min(TESTED_AT_ONCE, count - begin)
-        if rows.shape[0] == SPHERE_ROWS:
+        _begin_test(rows, SPHERE_ROWS, begin, run, span, work)
+        for n in range(5):
+            side = _side(sides, bundle, n)
+            _approach(rows, SPHERE_ROWS, begin, run, side, work)
             for i in range(run):
                 g = begin + i
-                least = _along(one, x[g], y[g], z[g]) - one[3]
-                least = min(least, _along(two, x[g], y[g], z[g]) - two[3])
-                least = min(least, _along(three, x[g], y[g], z[g]) - three[3])
-                least = min(least, _along(four, x[g], y[g], z[g]) - four[3])
-                least = min(least, _along(five, x[g], y[g], z[g]) - five[3])
-                room[i] = least + size[g]
-        else:
-            span = sides.span[bundle, 0], sides.span[bundle, 1]
-            _sweep(rows, SPHERE_ROWS, begin, run, span, work)
-            _swept_spheres(rows, begin, run, (one, two, three, four, five), work)
+                inside = _along(side, x[g], y[g], z[g]) + size[g] - least[i]
+                room[i] = min(room[i], inside)
         for i in range(run):
             kept[length] = begin + i
             length += not room[i] < _ZERO
     return length
-
-
-@machine_code
-def _swept_spheres(rows, begin, count, sides, work):
-    """`room` of transient Gaussians, after `_sweep`."""
-    x, y, z, size = rows[0], rows[1], rows[2], rows[3]
-    u, v, w = rows[SPHERE_ROWS], rows[SPHERE_ROWS + 1], rows[SPHERE_ROWS + 2]
-    room, first, last, shrink = work.room, work.first, work.last, work.shrink
-    one, two, three, four, five = sides
-    for i in range(count):
-        g = begin + i
-        place, way = (x[g], y[g], z[g]), (u[g], v[g], w[g])
-        least = _swept_along(one, place, way, first[i], last[i])
-        least = min(least, _swept_along(two, place, way, first[i], last[i]))
-        least = min(least, _swept_along(three, place, way, first[i], last[i]))
-        least = min(least, _swept_along(four, place, way, first[i], last[i]))
-        least = min(least, _swept_along(five, place, way, first[i], last[i]))
-        room[i] = least + size[g] if shrink[i] > _ZERO else -_ONE
-
-
-@inlined_code
-def _swept_along(side, place, way, first, last):
-    speed = _along(side, way[0], way[1], way[2])
-    return _along(side, place[0], place[1], place[2]) + max(speed * first, speed * last) - side[3]
 
 
 @machine_code
@@ -171,29 +169,16 @@ def ellipsoids_inside(rows, count, keys, sides, bundle, work):
         bundle: index of the bundle.
         work: buffers of the thread.
     """
-    room, first, last, shrink, least, best = work
-    w = STATE_ROWS * keys
-    transient = rows.shape[0] > w
-    if transient:
-        span = sides.span[bundle, 0], sides.span[bundle, 1]
-        _sweep(rows, w, 0, count, span, work)
-    for i in range(count):
-        room[i] = shrink[i] if transient else _ONE
+    room, best, w = work.room, work.best, STATE_ROWS * keys
+    _begin_test(rows, w, 0, count, (sides.span[bundle, 0], sides.span[bundle, 1]), work)
     for n in range(5):
         side = _side(sides, bundle, n)
-        offset = side[3]
-        if transient:
-            u, v, z = rows[w], rows[w + 1], rows[w + 2]
-            for i in range(count):
-                speed = _along(side, u[i], v[i], z[i])
-                least[i] = offset - max(speed * first[i], speed * last[i])
-                best[i] = -_ONE
-        else:
-            for i in range(count):
-                least[i], shrink[i], best[i] = offset, _ONE, -_ONE
+        _approach(rows, w, 0, count, side, work)
+        for i in range(count):
+            best[i] = -_ONE
         for k in range(keys):
             # Transient ones have a single state, whatever the others have.
-            if transient or sides.active[bundle, k] > _ZERO:
+            if rows.shape[0] > w or sides.active[bundle, k] > _ZERO:
                 _reach_side(rows, STATE_ROWS * k, count, side, work)
         for i in range(count):
             room[i] = min(room[i], best[i])
