@@ -1,8 +1,11 @@
 """The tracer: candidates of ray bundles, then the march of the bundles; and its list sizes."""
 
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from types import ModuleType
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -169,6 +172,25 @@ def march_lists(
     return pixels, jnp.sum(hits)
 
 
+class _MachineCode(NamedTuple):
+    """The modules that need Numba."""
+
+    lists: ModuleType
+    march: ModuleType
+
+
+# Numba's modules import each other: of the threads that compile the programs of a picture, one
+# alone may import them.
+_importing = threading.Lock()
+
+
+def _machine_code() -> _MachineCode:
+    """Import the modules; Numba takes as long to import as a small picture to render."""
+    with _importing:
+        from gaussray.tracer import cpu_lists, cpu_march
+    return _MachineCode(cpu_lists, cpu_march)
+
+
 def march_function(options: TraceOptions, dtype: DTypeLike) -> Callable:
     """The function that marches bundles: machine code, compiled here or read from disk, or arrays.
 
@@ -178,11 +200,9 @@ def march_function(options: TraceOptions, dtype: DTypeLike) -> Callable:
     """
     if not on_cpu_kernel(options, dtype):
         return march
-    # Numba takes as long to import as a small picture to render.
-    from gaussray.tracer.cpu_march import march_on_cpu, register_forward
-
-    register_forward()
-    return march_on_cpu
+    marching = _machine_code().march
+    marching.register_forward()
+    return marching.march_on_cpu
 
 
 def ray_lanes(motion: Motion, bundled: Rays) -> Lanes:
@@ -226,10 +246,7 @@ def find_candidates(
                 "a capacity without cells is for single precision on a CPU with Numba: measure it "
                 "for these rays and options."
             )
-        # Numba takes as long to import as a small picture to render.
-        from gaussray.tracer.cpu_lists import find_lists
-
-        lists, skipped = find_lists(
+        lists, skipped = _machine_code().lists.find_lists(
             scene.motion, levels, scene.span, options=options, capacity=capacity
         )
     else:
