@@ -25,6 +25,7 @@ from gaussray.tracer.cpu_call import (
     call_frame,
     flat_floats,
     floats,
+    inlined_code,
     integers,
     machine_code,
     next_piece,
@@ -58,25 +59,31 @@ def forward_bundles(shared):
             _blend_ray(march, buffers, seen, bundle, r)
 
 
+@inlined_code
+def _next_hit(march, buffers, bundle, r):
+    """The nearest hit of a ray that was not taken yet: its list entry, alpha and light."""
+    e = pop_nearest(buffers, r)
+    row = march.table[march.index[march.start[bundle] + e]]
+    alpha = min(buffers.alpha[r // LANES, e, r % LANES], march.alpha_max)
+    color, tint = color_of(row, march.layout, buffers.weights, buffers.harmonics)
+    color, tint = clamp_positive(color), clamp_positive(tint)
+    return e, alpha, (color[0] * tint[0], color[1] * tint[1], color[2] * tint[2])
+
+
 @machine_code
 def _blend_ray(march, buffers, seen, bundle, r):
     """Blend the hits of a ray, and store its channels, transmittance and number of hits."""
     channels, end, hits = seen
     i, met = begin_ray(march, buffers, bundle, r), 0
-    t, raw, lane = buffers.t[r // LANES], buffers.alpha[r // LANES], r % LANES
-    layout, weights, harmonics = march.layout, buffers.weights, buffers.harmonics
-    first, front = march.start[bundle], _ONE
+    t, lane, front = buffers.t[r // LANES], r % LANES, _ONE
     red, green, blue, depth = _ZERO, _ZERO, _ZERO, _ZERO
     while met < buffers.length[r] and front > march.transmittance_min:
-        e = pop_nearest(buffers, r)
+        e, alpha, light = _next_hit(march, buffers, bundle, r)
         met += 1
-        row = march.table[march.index[first + e]]
-        alpha = min(raw[e, lane], march.alpha_max)
-        color, tint = color_of(row, layout, weights, harmonics)
-        radiance, cut, weight = clamp_positive(color), clamp_positive(tint), front * alpha
-        red += weight * radiance[0] * cut[0]
-        green += weight * radiance[1] * cut[1]
-        blue += weight * radiance[2] * cut[2]
+        weight = front * alpha
+        red += weight * light[0]
+        green += weight * light[1]
+        blue += weight * light[2]
         depth += weight * t[e, lane]
         front *= _ONE - alpha
     channels[0, i], channels[1, i], channels[2, i], channels[3, i] = red, green, blue, depth
@@ -109,22 +116,14 @@ def _alpha_gradients(march, buffers, pixels, found, bundle, r):
     weight, met = found
     t, raw, lane = buffers.t[r // LANES], buffers.alpha[r // LANES], r % LANES
     i = begin_ray(march, buffers, bundle, r)
-    layout, weights, harmonics = march.layout, buffers.weights, buffers.harmonics
     red, green, blue, depth = pixels.g[0, i], pixels.g[1, i], pixels.g[2, i], pixels.g[3, i]
     rest = red * pixels.total[0, i] + green * pixels.total[1, i] + blue * pixels.total[2, i]
     rest += depth * pixels.total[3, i] + pixels.g_end[i] * pixels.end[i]
-    first, front, at = march.start[bundle], _ONE, 0
+    front, at = _ONE, 0
     while at < buffers.length[r] and front > march.transmittance_min:
-        e = pop_nearest(buffers, r)
+        e, alpha, light = _next_hit(march, buffers, bundle, r)
         at += 1
-        row = march.table[march.index[first + e]]
-        alpha = min(raw[e, lane], march.alpha_max)
-        color, tint = color_of(row, layout, weights, harmonics)
-        radiance, cut = clamp_positive(color), clamp_positive(tint)
-        received = (
-            red * radiance[0] * cut[0] + green * radiance[1] * cut[1] + blue * radiance[2] * cut[2]
-        )
-        received += depth * t[e, lane]
+        received = red * light[0] + green * light[1] + blue * light[2] + depth * t[e, lane]
         rest -= front * alpha * received
         d_alpha = front * received - rest / (_ONE - alpha)
         weight[e, r], met[e] = front * alpha, True
