@@ -19,6 +19,7 @@ from gaussray.reconstruct.data.held_out_tiles import held_out_batches
 from gaussray.reconstruct.data.pictures import Footage
 from gaussray.reconstruct.held_out import held_out_psnr
 from gaussray.reconstruct.optimize.density import density_control, density_due
+from gaussray.reconstruct.optimize.free_space import without_haze
 from gaussray.reconstruct.optimize.rows import occupied
 from gaussray.reconstruct.optimize.state import State
 from gaussray.reconstruct.run_progress import RunProgress, SavedSizes
@@ -300,8 +301,11 @@ def _with_density_control(
         return state
     # What stands still leaves room for what moves.
     part = 2 if session.still_first and progress.stage == "coarse" else 1
+    state = agreed(state)
+    if progress.free_space is not None:
+        state = without_haze(state, progress.free_space)
     return density_control(options)(
-        agreed(state),
+        state,
         options=options,
         extent=session.extent,
         limit=(progress.limit[0] // part, progress.limit[1] // part),

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float, UInt16
 
 from gaussray.reconstruct.data.sampler import TileErrorState
+from gaussray.reconstruct.optimize.free_space import FreeSpace
 
 
 # Of one segment: its coarse stage, the hand-over from the segment before, its fine stage.
@@ -51,6 +52,7 @@ class RunProgress(eqx.Module):
         tile_errors: the errors that the sampler has seen; None if fit.error is 0.
         moved: the moving pixels of every frame and tile, where cameras move; None where the
             temporal medians of cameras that stand still tell them.
+        free_space: where no static Gaussian stays; None: they may stand anywhere.
         metrics_bytes: the length of metrics.jsonl when the checkpoint was written.
     """
 
@@ -65,11 +67,12 @@ class RunProgress(eqx.Module):
     sizes: SavedSizes | None = None
     tile_errors: TileErrorState | None = None
     moved: UInt16[np.ndarray, "frames tiles"] | None = None
+    free_space: FreeSpace | None = None
     metrics_bytes: int | None = eqx.field(static=True, default=None)
 
 
 def progress_to_json(progress: RunProgress) -> dict[str, Any]:
-    """All but `tile_errors` and `moved`, which are arrays of the file, as JSON."""
+    """All but `tile_errors`, `moved` and `free_space`, which are arrays of the file, as JSON."""
     p = progress
     block: dict[str, Any] = {"stage": p.stage, "most": p.most}
     block |= {"limit": list(p.limit), "given": list(p.initial)}

@@ -282,6 +282,7 @@ def hand_over(session: Session, state: State, progress: RunProgress) -> tuple[St
 
     The state holds all Gaussians as static ones, where they are at the time that both segments
     share, and the refined cameras. Transient Gaussians stay behind: each segment finds its own.
+    Things may have come where nothing was.
 
     Args:
         session: the segment that is done.
@@ -304,6 +305,7 @@ def hand_over(session: Session, state: State, progress: RunProgress) -> tuple[St
         bodies=known,
         tile_errors=None,
         moved=None,
+        free_space=None,
     )
     return begin_state(Parameters(static, moving, None, state.parameters.corrections)), progress
 

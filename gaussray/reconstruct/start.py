@@ -16,6 +16,7 @@ from gaussray.reconstruct.initialize.stereo.from_pictures import (
     first_views,
 )
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, hiding
+from gaussray.reconstruct.optimize.free_space import FreeSpace, free_space
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
@@ -42,6 +43,7 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
     """
     fit, (position, color, on_surfaces) = session.options.fit, session.initial_points
     moves = may_move(session, position, on_surfaces=on_surfaces)
+    space = _free_space(session, position) if on_surfaces else None
     if session.still_first or not fit.deforms:
         # What moves gets its Gaussians later (`motion.with_motion`).
         position, color, moves = position[~moves], color[~moves], moves[~moves]
@@ -66,9 +68,15 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
         gaussians = jax.tree.map(lambda a, b: np.concatenate([a, b]), gaussians, more)
         moves = np.concatenate([moves, np.zeros(more.count, bool)])
     most = session.options.density.room(len(moves))
-    progress = replace(progress, initial=initial, most=most)
+    progress = replace(progress, initial=initial, most=most, free_space=space)
     corrections = no_corrections(fit.refine, len(session.names), session.footage.camera)
     return _with_room(session, gaussians, moves, corrections, progress)
+
+
+def _free_space(session: Session, position: Float[np.ndarray, "points 3"]) -> FreeSpace | None:
+    """Where nothing is, before points on what the pictures show."""
+    eye = np.asarray(session.footage.camera.trajectory.translation).reshape(-1, 3)
+    return free_space(eye, position, session.options.density.free_space)
 
 
 def continued_state(

@@ -10,6 +10,7 @@ import optax
 
 from gaussray.camera.corrections import Corrections
 from gaussray.reconstruct.data.sampler import TileErrorState
+from gaussray.reconstruct.optimize.free_space import FreeSpace
 from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import State
@@ -28,8 +29,9 @@ TILE_ERRORS = {
     "place": "note.errors.place",
     "error": "note.errors.told",
 }
-# Name of RunProgress.moved.
+# Names of RunProgress.moved, and of the fields of RunProgress.free_space.
 _MOVED = "note.moved"
+_FREE_SPACE = {"center": "note.free_space.center", "radius": "note.free_space.radius"}
 EARLIER = {"static_statistic": "static_pull", "moving_statistic": "moving_pull"}
 
 
@@ -47,6 +49,8 @@ def save_checkpoint(path: Path, state: State, progress: RunProgress) -> None:
         arrays |= {key: getattr(progress.tile_errors, name) for name, key in TILE_ERRORS.items()}
     if progress.moved is not None:
         arrays[_MOVED] = progress.moved
+    if progress.free_space is not None:
+        arrays |= {key: getattr(progress.free_space, name) for name, key in _FREE_SPACE.items()}
     write_arrays(path, header, arrays)
 
 
@@ -98,7 +102,14 @@ def load_checkpoint(path: Path) -> tuple[State, RunProgress]:
         raise ValueError(
             f"{path}: {error}; the file is damaged. Start again without resume=true."
         ) from error
-    return state, replace(progress, moved=array[_MOVED] if _MOVED in array else None)
+    known_to_be_free = _FREE_SPACE["center"] in array
+    return state, replace(
+        progress,
+        moved=array[_MOVED] if _MOVED in array else None,
+        free_space=FreeSpace(*(array[key] for key in _FREE_SPACE.values()))
+        if known_to_be_free
+        else None,
+    )
 
 
 class _Whole(dict):

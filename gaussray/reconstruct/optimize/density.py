@@ -49,6 +49,9 @@ class DensityOptions(eqx.Module):
         transient_cost: relocate: how many times these costs a transient Gaussian costs.
         noise: relocate: noise of the positions of faint Gaussians, times covariance over extent; it
             falls like the learning rates.
+        free_space: static Gaussians that are nearer to a camera, or to a place midway between two
+            neighbouring ones, than this share of the distance of the starting points are removed
+            (`free_space.py`); 0: none is.
 
     Raises:
         ValueError: a value is out of its range.
@@ -68,6 +71,7 @@ class DensityOptions(eqx.Module):
     scale_cost: float = eqx.field(static=True, default=0.01)
     transient_cost: float = eqx.field(static=True, default=1.0)
     noise: float = eqx.field(static=True, default=80.0)
+    free_space: float = eqx.field(static=True, default=0.5)
 
     def __check_init__(self):
         if self.kind not in DENSITY_KINDS:
@@ -77,6 +81,10 @@ class DensityOptions(eqx.Module):
         for name in ("opacity_cost", "scale_cost", "transient_cost", "noise"):
             if getattr(self, name) < 0:
                 raise ValueError(f"density.{name} must be at least 0, got {getattr(self, name)}.")
+        if not 0 <= self.free_space < 1:
+            raise ValueError(
+                f"density.free_space must be at least 0 and below 1, got {self.free_space}."
+            )
         if self.gaussians < 1:
             raise ValueError(f"density.gaussians must be at least 1, got {self.gaussians}.")
         if self.interval < 0:

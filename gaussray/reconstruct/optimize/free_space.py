@@ -1,0 +1,98 @@
+"""The free space around the training cameras, in which no static Gaussian stays.
+
+What few cameras see, and nothing else tells, is explained by haze: large faint Gaussians close to a
+camera, which give its pictures a tint. Other cameras look through them from elsewhere. But between
+a camera and what it films there is nothing, or the camera would show it.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float
+from scipy.spatial import KDTree
+
+from gaussray.reconstruct.optimize.rows import EMPTY
+from gaussray.reconstruct.optimize.state import State
+
+
+# Cameras around which space is free, at most, and how many others count as the neighbours of one.
+_CAMERAS, _NEIGHBOURS = 256, 4
+# Which of the nearest points is believed: as many nearer ones may be wrong, or this share of all.
+_WRONG, _WRONG_SHARE = 20, 0.001
+# Gaussians that are looked at together.
+_BATCH = 2048
+
+
+class FreeSpace(eqx.Module):
+    """Balls in which nothing is.
+
+    Args:
+        center: their centres in the world.
+        radius: their radii in scene units.
+    """
+
+    center: Float[np.ndarray, "balls 3"]
+    radius: Float[np.ndarray, " balls"]
+
+
+def free_space(
+    eye: Float[np.ndarray, "cameras 3"], position: Float[np.ndarray, "points 3"], share: float
+) -> FreeSpace | None:
+    """Balls around cameras, and around the places midway between neighbouring ones, that reach a
+    share of the way to the nearest points.
+
+    Midway, because that is where pictures will be taken from, too. Of the nearest points a few may
+    be wrong.
+
+    Args:
+        eye: places of the training cameras in the world; equal ones count once.
+        position: points on what the cameras show, in the world.
+        share: radius of a ball over the distance from its centre to the points.
+
+    Returns:
+        The balls; None without points or with a share of 0.
+    """
+    if not share or not len(position):
+        return None
+    eye = np.unique(np.asarray(eye, np.float64), axis=0)
+    eye = eye[np.linspace(0, len(eye) - 1, min(len(eye), _CAMERAS)).round().astype(int)]
+    neighbours = min(_NEIGHBOURS, len(eye) - 1)
+    near = KDTree(eye).query(eye, k=range(1, neighbours + 2))[1][:, 1:]
+    midway = (eye[:, None] + eye[near]) / 2
+    center = np.concatenate([eye, midway.reshape(-1, 3)])
+    rank = min(max(_WRONG, int(_WRONG_SHARE * len(position))), len(position))
+    away = KDTree(position).query(center, k=[rank])[0][:, 0]
+    return FreeSpace(center.astype(np.float32), (share * away).astype(np.float32))
+
+
+@jax.jit
+def in_free_space(
+    space: FreeSpace, mean: Float[Array, "gaussians 3"]
+) -> Bool[Array, " gaussians"]:
+    """Which Gaussians have their centre in a free space.
+
+    Args:
+        space: the free space.
+        mean: centres of the Gaussians in the world.
+    """
+
+    def inside(point: Float[Array, "3"]) -> Bool[Array, ""]:
+        difference = space.center - point[None]
+        return jnp.any(jnp.sum(difference * difference, axis=1) < space.radius**2)
+
+    return jax.lax.map(inside, mean, batch_size=_BATCH)
+
+
+def without_haze(state: State, space: FreeSpace) -> State:
+    """The state without the static Gaussians in a free space: their rows are empty.
+
+    Args:
+        state: the state between two blocks of steps.
+        space: the free space.
+    """
+    static = state.parameters.static
+    if not len(static.mean):
+        return state
+    opacity = jnp.where(in_free_space(space, static.mean), EMPTY, static.logit_opacity)
+    return eqx.tree_at(lambda s: s.parameters.static.logit_opacity, state, opacity)
