@@ -21,6 +21,7 @@ from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.initialize.initializer import cleaned
 from gaussray.reconstruct.log import NonFiniteLoss, RunLog
 from gaussray.reconstruct.optimize.rows import occupied
+from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.reconstruct.run_progress import RunProgress
@@ -29,6 +30,7 @@ from gaussray.reconstruct.simplify.prune import NeedOptions
 from gaussray.reconstruct.start import initial_state
 from gaussray.reconstruct.step_loss import BlockSizes
 from gaussray.render.renderer import RenderOptions
+from gaussray.scene.gaussians import unconstrain
 from gaussray.scene.store import load_scene
 
 
@@ -403,6 +405,26 @@ def test_a_given_time_ends_a_fit_and_held_out_tiles_are_looked_at(instant, tmp_p
     done = lines(tmp_path)
     assert done[-1]["step"] in (12, 14) and done[-1]["gaussians"] > done[0]["gaussians"]
     assert all(line["opacity_cost"] > 0 and line["scale_cost"] > 0 for line in done)
+
+
+@pytest.mark.parametrize(("share", "stays"), [(0.5, False), (0.0, True)])
+def test_haze_before_a_camera_is_removed_between_blocks(instant, tmp_path, share, stays):
+    density = dataclasses.replace(STILL.density, free_space=share, opacity=1e-4)
+    options = dataclasses.replace(STILL, density=density)
+    session = Session(instant, RunLog(tmp_path, resume=False, interval=0.0), options, True)
+    state, progress = initial_state(session, RunProgress())
+    eye = np.asarray(session.footage.camera.trajectory.translation)[0, 0]
+    aim = instant.points.position.mean(axis=0)
+    # Of what stands still: a tenth of the way from the camera to what it films.
+    haze = toy.gaussians(eye + (aim - eye) / 10, 0.05, [0.5] * 3, opacity=0.1)
+    both = lambda a, b: jnp.concatenate([a, b])  # noqa: E731
+    static = jax.tree.map(both, state.parameters.static, unconstrain(haze))
+    before = begin_state(eqx.tree_at(lambda p: p.static, state.parameters, static))
+    after, _ = loop.run_stage(session, "coarse", before, progress)
+    place = np.asarray(after.parameters.static.mean)[occupied(after.parameters.static)]
+    near = np.linalg.norm(place - eye, axis=1) < np.linalg.norm(aim - eye) / 5
+    assert near.any() == stays
+    assert len(place) > 20
 
 
 @pytest.mark.slow

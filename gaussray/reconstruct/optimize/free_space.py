@@ -18,10 +18,9 @@ from gaussray.reconstruct.optimize.state import State
 
 # Cameras around which space is free, at most, and how many others count as the neighbours of one.
 _CAMERAS, _NEIGHBOURS = 256, 4
-# Which of the nearest points is believed: as many nearer ones may be wrong, or this share of all.
-_WRONG, _WRONG_SHARE = 20, 0.001
-# Gaussians that are looked at together.
-_BATCH = 2048
+# Of so many points, and no more than a share of all, or else of a share of all, the nearest may be
+# wrong.
+_WRONG, _WRONG_OF_FEW, _WRONG_OF_MANY = 20, 0.02, 0.001
 
 
 class FreeSpace(eqx.Module):
@@ -61,15 +60,14 @@ def free_space(
     near = KDTree(eye).query(eye, k=range(1, neighbours + 2))[1][:, 1:]
     midway = (eye[:, None] + eye[near]) / 2
     center = np.concatenate([eye, midway.reshape(-1, 3)])
-    rank = min(max(_WRONG, int(_WRONG_SHARE * len(position))), len(position))
+    count = len(position)
+    rank = max(1, min(_WRONG, int(_WRONG_OF_FEW * count)), int(_WRONG_OF_MANY * count))
     away = KDTree(position).query(center, k=[rank])[0][:, 0]
     return FreeSpace(center.astype(np.float32), (share * away).astype(np.float32))
 
 
 @jax.jit
-def in_free_space(
-    space: FreeSpace, mean: Float[Array, "gaussians 3"]
-) -> Bool[Array, " gaussians"]:
+def in_free_space(space: FreeSpace, mean: Float[Array, "gaussians 3"]) -> Bool[Array, " gaussians"]:
     """Which Gaussians have their centre in a free space.
 
     Args:
@@ -77,11 +75,12 @@ def in_free_space(
         mean: centres of the Gaussians in the world.
     """
 
-    def inside(point: Float[Array, "3"]) -> Bool[Array, ""]:
-        difference = space.center - point[None]
-        return jnp.any(jnp.sum(difference * difference, axis=1) < space.radius**2)
+    def add(inside: Array, ball: FreeSpace) -> tuple[Array, None]:
+        difference = mean - ball.center[None]
+        return inside | (jnp.sum(difference * difference, axis=1) < ball.radius**2), None
 
-    return jax.lax.map(inside, mean, batch_size=_BATCH)
+    none = jnp.zeros(mean.shape[0], bool)
+    return jax.lax.scan(add, none, space, unroll=8)[0]
 
 
 def without_haze(state: State, space: FreeSpace) -> State:

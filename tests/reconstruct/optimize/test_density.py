@@ -199,7 +199,7 @@ def test_the_statistic_is_half_the_gradient_times_the_distance():
     [
         *(("interval", -1), ("start", 0.9), ("growth", 0.5), ("shrink", 1.0), ("kind", "clone")),
         *(("gaussians", 0), ("noise", -1.0), ("opacity_cost", -1.0), ("scale_cost", -1.0)),
-        ("transient_cost", -1.0),
+        *(("transient_cost", -1.0), ("free_space", 1.0), ("free_space", -0.1)),
     ],
 )
 def test_an_option_that_cannot_be_is_named(key, value):
