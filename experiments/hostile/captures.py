@@ -71,6 +71,12 @@ def _neural3d() -> list[Files]:
     return [{"poses_bounds.npy": saved(np.array([row])), "cam00.mp4": film(".mp4", "libx264")}]
 
 
+def _pinf() -> list[Files]:
+    video = {"file_name": "a.mp4", "frame_num": 1, "camera_angle_x": 0.9, "transform_matrix": TURN}
+    info = {"train_videos": [video], "test_videos": [{**video, "camera_hw": [3, 4]}]}
+    return [{"info.json": text(info), "a.mp4": film(".mp4", "libx264")}]
+
+
 def _colmap(binary: bool) -> list[Files]:
     if not binary:
         return [{
@@ -152,6 +158,7 @@ READERS = {
         _splits, _read_capture, {"transforms_train.json": "json", "transforms_test.json": "json"}
     ),
     "neural3d": Reader(_neural3d, _read_capture, {"poses_bounds.npy": "bytes"}),
+    "pinf": Reader(_pinf, _read_capture, {"info.json": "json"}),
     "colmap-binary": Reader(
         lambda: _colmap(True),
         _read_capture,

@@ -19,6 +19,7 @@ from gaussray.capture.formats.llff import llff_pictures, read_llff
 from gaussray.capture.formats.nerfies import DATASET_FILE, is_nerfies, read_nerfies
 from gaussray.capture.formats.neural3d import read_neural3d, videos_of
 from gaussray.capture.formats.paired import effect_files, read_capture
+from gaussray.capture.formats.pinf import INFO_FILE, is_pinf, read_pinf
 from gaussray.capture.formats.poses_bounds import POSES_FILE
 from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.mask_folder import with_mask_folder
@@ -35,6 +36,7 @@ FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
     "llff": read_llff,
     "dynamic3dgs": read_dynamic3dgs,
     "nerfies": read_nerfies,
+    "pinf": read_pinf,
     "colmap": read_colmap,
 }
 # The files of each format, for the message about a folder of none.
@@ -45,6 +47,7 @@ FORMAT_FILES = {
     "llff": f"{POSES_FILE} and pictures in images/",
     "dynamic3dgs": f"{META_FILES['train']} and pictures in ims/",
     "nerfies": f"{DATASET_FILE}, a file in camera/ for each picture, and pictures in rgb/",
+    "pinf": f"{INFO_FILE} with train_videos, and the videos",
     "colmap": f"cameras and images (.bin or .txt) in one of {', '.join(PLACES)}",
 }
 
@@ -171,6 +174,8 @@ def _format(folder: Path) -> str | None:
         return "dynamic3dgs"
     if not paired and is_nerfies(folder):
         return "nerfies"
+    if not paired and is_pinf(folder):
+        return "pinf"
     if paired or effect_files(folder):
         return "paired"
     model = model_folder(project_folder(folder))
