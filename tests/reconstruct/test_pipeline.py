@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import warnings
 
 import equinox as eqx
 import jax
@@ -275,6 +276,11 @@ def test_points_that_are_twice_there_or_far_away_are_left_out_with_a_warning(cap
         place, color = cleaned(noisy, OPTIONS.fit.outliers)
     np.testing.assert_array_equal(place, dense)
     assert len(color) == 200
+    # Of stereo's own nothing is said.
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        place, _ = cleaned(noisy, OPTIONS.fit.outliers, warn=False)
+    np.testing.assert_array_equal(place, dense)
 
 
 def test_of_what_no_ray_has_met_the_captures_points_stay_and_random_ones_go(capture, tmp_path):

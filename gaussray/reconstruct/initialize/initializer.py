@@ -89,11 +89,11 @@ def initial_points(
             stacklevel=2,
         )
         return points_at_guessed_distances(footage, options)
-    return points_of_capture(matched, options, footage)
+    return points_of_capture(matched, options, footage, given=False)
 
 
 def points_of_capture(
-    points: Points, options: FitOptions, footage: Footage | None = None
+    points: Points, options: FitOptions, footage: Footage | None = None, *, given: bool = True
 ) -> InitialPoints:
     """Points on surfaces without duplicates and outliers, at least fit.points of them.
 
@@ -103,8 +103,10 @@ def points_of_capture(
             missing ones are put between them.
         footage: pictures in which points are added where something is shown but no point lies
             (`uncovered_points`); None adds none.
+        given: whether any of the points come with the capture: a warning says how many are left
+            out. Stereo always finds some wrong ones.
     """
-    position, color = cleaned(points, options.outliers)
+    position, color = cleaned(points, options.outliers, warn=given)
     if footage is not None:
         added = uncovered_points(
             still_views(footage),
@@ -200,20 +202,20 @@ def filled_up(known: Points, matched: Points) -> Points:
 
 
 def cleaned(
-    points: Points, limit: float
+    points: Points, limit: float, *, warn: bool = True
 ) -> tuple[Float[np.ndarray, "points 3"], Float[np.ndarray, "points 3"]]:
-    """Positions and colours of the points without duplicates and outliers; warns of how many are
-    left out.
+    """Positions and colours of the points without duplicates and outliers.
 
     Args:
         points: given or matched points.
         limit: standard deviations from which on a point is far from its neighbours (`inliers`); 0
             keeps outliers.
+        warn: whether a warning says how many are left out.
     """
     count = len(points.position)
     position, color = merged(np.asarray(points.position), np.asarray(points.color))
     keep = inliers(position, limit) if limit else np.ones(len(position), bool)
-    if not keep.all() or len(keep) < count:
+    if warn and (not keep.all() or len(keep) < count):
         warnings.warn(
             f"of {count} starting points, {count - len(keep)} at the place of another and "
             f"{int((~keep).sum())} far from all others are left out. fit.outliers=0 keeps the "

@@ -18,9 +18,8 @@ from gaussray.reconstruct.optimize.state import State
 
 # Cameras around which space is free, at most, and how many others count as the neighbours of one.
 _CAMERAS, _NEIGHBOURS = 256, 4
-# Of so many points, and no more than a share of all, or else of a share of all, the nearest may be
-# wrong.
-_WRONG, _WRONG_OF_FEW, _WRONG_OF_MANY = 20, 0.02, 0.001
+# How many of the nearest points may be wrong: so many, or a share of all if that is fewer.
+_WRONG, _WRONG_SHARE = 20, 0.02
 
 
 class FreeSpace(eqx.Module):
@@ -60,8 +59,7 @@ def free_space(
     near = KDTree(eye).query(eye, k=range(1, neighbours + 2))[1][:, 1:]
     midway = (eye[:, None] + eye[near]) / 2
     center = np.concatenate([eye, midway.reshape(-1, 3)])
-    count = len(position)
-    rank = max(1, min(_WRONG, int(_WRONG_OF_FEW * count)), int(_WRONG_OF_MANY * count))
+    rank = max(1, min(_WRONG, int(_WRONG_SHARE * len(position))))
     away = KDTree(position).query(center, k=[rank])[0][:, 0]
     return FreeSpace(center.astype(np.float32), (share * away).astype(np.float32))
 
