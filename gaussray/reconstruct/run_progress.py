@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, UInt16
 
 from gaussray.reconstruct.data.sampler import TileErrorState
-from gaussray.reconstruct.optimize.free_space import FreeSpace
+from gaussray.reconstruct.optimize.free_space import FreeBalls
 
 
 # Of one segment: its coarse stage, the hand-over from the segment before, its fine stage.
@@ -67,7 +67,7 @@ class RunProgress(eqx.Module):
     sizes: SavedSizes | None = None
     tile_errors: TileErrorState | None = None
     moved: UInt16[np.ndarray, "frames tiles"] | None = None
-    free_space: FreeSpace | None = None
+    free_space: FreeBalls | None = None
     metrics_bytes: int | None = eqx.field(static=True, default=None)
 
 

@@ -10,7 +10,7 @@ import optax
 
 from gaussray.camera.corrections import Corrections
 from gaussray.reconstruct.data.sampler import TileErrorState
-from gaussray.reconstruct.optimize.free_space import FreeSpace
+from gaussray.reconstruct.optimize.free_space import FreeBalls
 from gaussray.reconstruct.optimize.gradient_statistic import GradientStatistic
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import State
@@ -106,7 +106,7 @@ def load_checkpoint(path: Path) -> tuple[State, RunProgress]:
     return state, replace(
         progress,
         moved=array[_MOVED] if _MOVED in array else None,
-        free_space=FreeSpace(*(array[key] for key in _FREE_SPACE.values()))
+        free_space=FreeBalls(*(array[key] for key in _FREE_SPACE.values()))
         if known_to_be_free
         else None,
     )

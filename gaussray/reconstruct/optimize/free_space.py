@@ -22,7 +22,7 @@ _CAMERAS, _NEIGHBOURS = 256, 4
 _WRONG, _WRONG_SHARE = 20, 0.02
 
 
-class FreeSpace(eqx.Module):
+class FreeBalls(eqx.Module):
     """Balls in which nothing is.
 
     Args:
@@ -36,7 +36,7 @@ class FreeSpace(eqx.Module):
 
 def free_space(
     eye: Float[np.ndarray, "cameras 3"], position: Float[np.ndarray, "points 3"], share: float
-) -> FreeSpace | None:
+) -> FreeBalls | None:
     """Balls around cameras, and around the places midway between neighbouring ones, that reach a
     share of the way to the nearest points.
 
@@ -56,16 +56,17 @@ def free_space(
     eye = np.unique(np.asarray(eye, np.float64), axis=0)
     eye = eye[np.linspace(0, len(eye) - 1, min(len(eye), _CAMERAS)).round().astype(int)]
     neighbours = min(_NEIGHBOURS, len(eye) - 1)
-    near = KDTree(eye).query(eye, k=range(1, neighbours + 2))[1][:, 1:]
-    midway = (eye[:, None] + eye[near]) / 2
+    _, near = KDTree(eye).query(eye, k=neighbours + 1)
+    midway = (eye[:, None] + eye[np.reshape(near, (len(eye), -1))[:, 1:]]) / 2
     center = np.concatenate([eye, midway.reshape(-1, 3)])
     rank = max(1, min(_WRONG, int(_WRONG_SHARE * len(position))))
-    away = KDTree(position).query(center, k=[rank])[0][:, 0]
-    return FreeSpace(center.astype(np.float32), (share * away).astype(np.float32))
+    distance, _ = KDTree(position).query(center, k=rank)
+    away = np.reshape(distance, (len(center), rank))[:, -1]
+    return FreeBalls(center.astype(np.float32), (share * away).astype(np.float32))
 
 
 @jax.jit
-def in_free_space(space: FreeSpace, mean: Float[Array, "gaussians 3"]) -> Bool[Array, " gaussians"]:
+def in_free_space(space: FreeBalls, mean: Float[Array, "gaussians 3"]) -> Bool[Array, " gaussians"]:
     """Which Gaussians have their centre in a free space.
 
     Args:
@@ -73,7 +74,7 @@ def in_free_space(space: FreeSpace, mean: Float[Array, "gaussians 3"]) -> Bool[A
         mean: centres of the Gaussians in the world.
     """
 
-    def add(inside: Array, ball: FreeSpace) -> tuple[Array, None]:
+    def add(inside: Array, ball: FreeBalls) -> tuple[Array, None]:
         difference = mean - ball.center[None]
         return inside | (jnp.sum(difference * difference, axis=1) < ball.radius**2), None
 
@@ -81,7 +82,7 @@ def in_free_space(space: FreeSpace, mean: Float[Array, "gaussians 3"]) -> Bool[A
     return jax.lax.scan(add, none, space, unroll=8)[0]
 
 
-def without_haze(state: State, space: FreeSpace) -> State:
+def without_haze(state: State, space: FreeBalls) -> State:
     """The state without the static Gaussians in a free space: their rows are empty.
 
     Args:

@@ -6,7 +6,7 @@ import pytest
 import toy
 
 from gaussray.reconstruct.optimize.free_space import (
-    FreeSpace,
+    FreeBalls,
     free_space,
     in_free_space,
     without_haze,
@@ -72,7 +72,7 @@ def test_many_cameras_are_thinned():
 @pytest.mark.parametrize("balls", [1, 7, 30])
 def test_who_is_inside_agrees_with_brute_force(balls):
     dice = np.random.default_rng(balls)
-    space = FreeSpace(
+    space = FreeBalls(
         dice.normal(size=(balls, 3)).astype(np.float32),
         dice.uniform(0.2, 1, balls).astype(np.float32),
     )
@@ -89,7 +89,7 @@ def test_only_static_gaussians_are_removed_and_the_rest_stays_as_it_is():
     mean = [[0.0, 0, 0], [0.3, 0, 0], [0.9, 0, 0]]
     free = unconstrain(toy.gaussians(mean, [0.1] * 3, [[0.5] * 3]))
     before = begin_state(Parameters(free, free, None))
-    space = FreeSpace(np.zeros((1, 3), np.float32), np.float32([0.5]))
+    space = FreeBalls(np.zeros((1, 3), np.float32), np.float32([0.5]))
     after = without_haze(before, space)
     assert occupied(after.parameters.static).tolist() == [False, False, True]
     kept = after.parameters.static.logit_opacity[2]
@@ -102,5 +102,5 @@ def test_only_static_gaussians_are_removed_and_the_rest_stays_as_it_is():
 def test_a_state_without_static_gaussians_stays_as_it_is():
     free = unconstrain(toy.gaussians([[0.0, 0, 0]], 0.1, [[0.5] * 3]))
     state = begin_state(Parameters(jax.tree.map(lambda x: x[:0], free), free, None))
-    space = FreeSpace(np.zeros((1, 3), np.float32), np.float32([0.5]))
+    space = FreeBalls(np.zeros((1, 3), np.float32), np.float32([0.5]))
     assert without_haze(state, space) is state

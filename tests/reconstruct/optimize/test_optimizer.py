@@ -14,7 +14,7 @@ from gaussray.reconstruct.data.sampler import TileErrorState
 from gaussray.reconstruct.initialize.from_points import between, in_common_view, on_points
 from gaussray.reconstruct.optimize import learning_rates, optimizer
 from gaussray.reconstruct.optimize.checkpoint import load_checkpoint, save_checkpoint
-from gaussray.reconstruct.optimize.free_space import FreeSpace
+from gaussray.reconstruct.optimize.free_space import FreeBalls
 from gaussray.reconstruct.optimize.learning_rates import CaptureScale, OptimizerOptions
 from gaussray.reconstruct.optimize.optimizer import Parameters, scene_of
 from gaussray.reconstruct.optimize.state import begin_state
@@ -207,7 +207,7 @@ def test_a_checkpoint_gives_back_the_same_bits(parameters, tmp_path, kind):
         sizes=SavedSizes("fine", 2, 1, (8, 16, 4)),
         tile_errors=TileErrorState(np.float32([[0.5, np.nan]]), *drawn),
         metrics_bytes=99,
-        free_space=FreeSpace(np.float32([[1, 2, 3], [4, 5, 6]]), np.float32([0.5, 0.25])),
+        free_space=FreeBalls(np.float32([[1, 2, 3], [4, 5, 6]]), np.float32([0.5, 0.25])),
     )
     saved = state, progress
     save_checkpoint(tmp_path / "checkpoint.npz", *saved)
