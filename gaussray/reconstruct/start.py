@@ -16,7 +16,7 @@ from gaussray.reconstruct.initialize.stereo.from_pictures import (
     first_views,
 )
 from gaussray.reconstruct.initialize.stereo.uncovered import VIEWS, hiding
-from gaussray.reconstruct.optimize.free_space import FreeBalls, free_space
+from gaussray.reconstruct.optimize.free_space import FreeBalls, free_balls
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
@@ -76,7 +76,7 @@ def initial_state(session: Session, progress: RunProgress) -> tuple[State, RunPr
 def _free_space(session: Session, position: Float[np.ndarray, "points 3"]) -> FreeBalls | None:
     """Where nothing is, before points on what the pictures show."""
     eye = np.asarray(session.footage.camera.trajectory.translation).reshape(-1, 3)
-    return free_space(eye, position, session.options.density.free_space)
+    return free_balls(eye, position, session.options.density.free_space)
 
 
 def continued_state(

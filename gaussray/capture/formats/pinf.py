@@ -3,7 +3,7 @@
 Chu et al. 2022; Yu et al. 2023.
 """
 
-from math import pi, tan
+import dataclasses
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -11,6 +11,7 @@ from jaxtyping import DTypeLike
 
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
+from gaussray.capture.formats.completion import completed
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.transforms import json_content, points_of, views_of
 from gaussray.capture.videos import Video, read_video
@@ -113,9 +114,7 @@ def _frames(video: Keys, split: str, first: int) -> list[Keys]:
 
 def _lens(video: Keys, film: Video) -> dict[str, float]:
     """The pinhole of a video, for frames of its own size."""
-    angle = video.number("camera_angle_x")
-    if not 0 < angle < pi:
-        raise video.error("camera_angle_x", "an angle in radians, above 0 and below pi")
+    video.number("camera_angle_x")
     if video.has("camera_hw"):
         height, width = video.vector("camera_hw", 2)
         if not (width > 0 and abs(film.height - height * film.width / width) <= 1):
@@ -124,6 +123,6 @@ def _lens(video: Keys, film: Video) -> dict[str, float]:
                 f"height and width of the video's shape, which is {film.height} x {film.width}",
                 "Scale videos without cropping.",
             )
-    focal = film.width / 2 / tan(angle / 2)
     size = {"w": film.width, "h": film.height}
-    return {**size, "fl_x": focal, "fl_y": focal, "cx": film.width / 2, "cy": film.height / 2}
+    (whole,) = completed([dataclasses.replace(video, values={**video.values, **size})])
+    return {key: whole.values[key] for key in ("w", "h", "fl_x", "fl_y", "cx", "cy")}

@@ -102,14 +102,8 @@ def load_checkpoint(path: Path) -> tuple[State, RunProgress]:
         raise ValueError(
             f"{path}: {error}; the file is damaged. Start again without resume=true."
         ) from error
-    known_to_be_free = _FREE_SPACE["center"] in array
-    return state, replace(
-        progress,
-        moved=array[_MOVED] if _MOVED in array else None,
-        free_space=FreeBalls(*(array[key] for key in _FREE_SPACE.values()))
-        if known_to_be_free
-        else None,
-    )
+    moved = array[_MOVED] if _MOVED in array else None
+    return state, replace(progress, moved=moved, free_space=_free_balls(array))
 
 
 class _Whole(dict):
@@ -130,6 +124,19 @@ class _Whole(dict):
 
     def __missing__(self, name: str):
         raise ValueError(f"{self.path}: the array '{name}' is missing; the file is not whole.")
+
+
+def _free_balls(array: _Whole) -> FreeBalls | None:
+    """The free space of a run; None where there is none."""
+    if not any(key in array for key in _FREE_SPACE.values()):
+        return None
+    center, radius = (array[key] for key in _FREE_SPACE.values())
+    if radius.ndim != 1 or center.shape != (len(radius), 3):
+        raise ValueError(
+            f"{array.path}: the free space must have three coordinates for each radius; the file "
+            "is damaged. Start again without resume=true."
+        )
+    return FreeBalls(center, radius)
 
 
 def _unconstrained(array: dict[str, np.ndarray], prefix: str) -> Unconstrained:

@@ -34,7 +34,7 @@ class FreeBalls(eqx.Module):
     radius: Float[np.ndarray, " balls"]
 
 
-def free_space(
+def free_balls(
     eye: Float[np.ndarray, "cameras 3"], position: Float[np.ndarray, "points 3"], share: float
 ) -> FreeBalls | None:
     """Balls around cameras, and around the places midway between neighbouring ones, that reach a

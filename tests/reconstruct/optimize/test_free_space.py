@@ -7,7 +7,7 @@ import toy
 
 from gaussray.reconstruct.optimize.free_space import (
     FreeBalls,
-    free_space,
+    free_balls,
     in_free_space,
     without_haze,
 )
@@ -28,7 +28,7 @@ def ball_of_points(count=5000, radius=1.0, seed=0):
 
 
 def test_a_camera_amid_a_sphere_has_half_of_it():
-    space = free_space(np.zeros((1, 3)), ball_of_points(radius=3.0), 0.5)
+    space = free_balls(np.zeros((1, 3)), ball_of_points(radius=3.0), 0.5)
     np.testing.assert_array_equal(space.center, np.zeros((1, 3)))
     np.testing.assert_allclose(space.radius, [1.5], rtol=ROUNDING)
 
@@ -39,7 +39,7 @@ def test_space_is_free_midway_between_neighbours_too():
         [*np.meshgrid(np.linspace(-4, 4, 81), np.linspace(-4, 4, 81)), np.ones((81, 81))]
     )
     points = wall.reshape(3, -1).T * [1, 1, 4]
-    space = free_space(eye, points, 0.25)
+    space = free_balls(eye, points, 0.25)
     assert sorted(map(tuple, space.center.tolist())) == [(0, 0, 0), (1, 0, 0), (1, 0, 0), (2, 0, 0)]
     # The twentieth nearest point of a wall 4 away with 100 points in a unit square.
     farther = np.hypot(4, np.sqrt(20 / (100 * np.pi)))
@@ -50,21 +50,21 @@ def test_a_few_wrong_points_before_a_camera_change_little():
     points = ball_of_points()
     wrong = 0.1 * ball_of_points(15, seed=1)
     both = points, np.concatenate([points, wrong])
-    known, misled = (free_space(np.zeros((1, 3)), x, 0.5) for x in both)
+    known, misled = (free_balls(np.zeros((1, 3)), x, 0.5) for x in both)
     np.testing.assert_allclose(misled.radius, known.radius, rtol=ROUNDING)
     # Of few points each counts.
-    few = free_space(np.zeros((1, 3)), np.concatenate([points[:40], wrong[:1]]), 0.5)
+    few = free_balls(np.zeros((1, 3)), np.concatenate([points[:40], wrong[:1]]), 0.5)
     np.testing.assert_allclose(few.radius, [0.05], rtol=ROUNDING)
 
 
 @pytest.mark.parametrize(("count", "share"), [(100, 0.0), (0, 0.5)])
 def test_without_points_or_share_none_is_free(count, share):
-    assert free_space(np.zeros((2, 3)), ball_of_points(count), share) is None
+    assert free_balls(np.zeros((2, 3)), ball_of_points(count), share) is None
 
 
 def test_many_cameras_are_thinned():
     eye = np.random.default_rng(2).uniform(-0.2, 0.2, (1000, 3))
-    space = free_space(eye, ball_of_points(), 0.5)
+    space = free_balls(eye, ball_of_points(), 0.5)
     assert len(space.center) == 256 * 5
     assert np.all(space.radius > 0.3) and np.all(space.radius < 0.6)
 

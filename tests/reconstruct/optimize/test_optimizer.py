@@ -245,6 +245,20 @@ def test_a_checkpoint_with_a_wrong_progress_is_refused(parameters, tmp_path, key
         load_checkpoint(path)
 
 
+def test_a_checkpoint_with_a_free_space_that_cannot_be_is_refused(parameters, tmp_path):
+    path = tmp_path / "checkpoint.npz"
+    space = FreeBalls(np.zeros((2, 3), np.float32), np.ones(2, np.float32))
+    save_checkpoint(path, begin_state(parameters), RunProgress(free_space=space))
+    header, array = read_arrays(path, "gaussray-checkpoint", 2)
+    write_arrays(path, header, array | {"note.free_space.radius": np.ones(3, np.float32)})
+    with pytest.raises(ValueError, match="three coordinates .* the file is damaged"):
+        load_checkpoint(path)
+    del array["note.free_space.radius"]
+    write_arrays(path, header, array)
+    with pytest.raises(ValueError, match="'note.free_space.radius' is missing"):
+        load_checkpoint(path)
+
+
 @pytest.mark.parametrize("name", ["step", "adam.mu.static.mean", "parameters.moving.quat"])
 def test_a_checkpoint_without_an_array_is_refused(parameters, tmp_path, name):
     path = tmp_path / "checkpoint.npz"
