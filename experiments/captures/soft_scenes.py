@@ -54,7 +54,7 @@ class Plan:
     held_cameras: int = 3
     frames: int = 20
     samples: int = 8
-    truth_samples: int = 12
+    truth_samples: int = 64
     late: int = 0
     rig: str = "walls"
 

@@ -33,8 +33,6 @@ T = TypeVar("T", bound=eqx.Module)
 _BODIES_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6, motion="deformation")
 # The largest number of Gaussians with bodies, unless more points are there from the start.
 _MOST_BODIES = 200_000
-# Steps, and minutes, of fewer of which a fit of stills is too short for slow learning rates.
-_FEW_STEPS, _FEW_MINUTES = 7000, 0.5
 
 
 MOTION_NOUNS = {
@@ -78,7 +76,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
         views = training_views(capture)
     pixels = _pixels(views)
     if still:
-        chosen = _still(pixels, minutes, machine, options.fit)
+        chosen = _still(pixels, minutes, machine)
     elif names[0] == "deformation":
         chosen = _bodies(machine, options.track)
     elif names[0] == "from_rest":
@@ -180,13 +178,8 @@ def _along_a_path(views: Sequence[View]) -> bool:
     return bool(step < 0.5 * np.sqrt(np.sum(np.var(eye, axis=0))))
 
 
-def _still(
-    pixels: float, minutes: float, machine: Machine, wanted: FitOptions
-) -> ReconstructOptions:
+def _still(pixels: float, minutes: float, machine: Machine) -> ReconstructOptions:
     """For pictures of one time: relocation under a budget, SSIM, harmonics by degrees."""
-    short = 0 < wanted.minutes < _FEW_MINUTES
-    if (wanted.coarse, wanted.fine) != (FitOptions().coarse, FitOptions().fine):
-        short = wanted.coarse + wanted.fine < _FEW_STEPS
     larger = float(np.clip(math.sqrt(pixels / machine.pixels), 1.0, 4.0))
     # Beyond, a step takes so much longer that the same time shows less
     # (experiments/captures/log.md).
@@ -208,7 +201,7 @@ def _still(
             points=gaussians // 4,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
-        optimizer=machine.rates(many_steps=not short),
+        optimizer=machine.rates,
         density=DensityOptions(
             kind="relocate",
             interval=100 if machine.gpu else 25,
@@ -241,7 +234,7 @@ def _brief(pixels: float, minutes: float, machine: Machine, motion: str) -> Reco
             instants=machine.instants,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
-        optimizer=machine.rates(many_steps=False),
+        optimizer=machine.rates,
         density=DensityOptions(
             kind="relocate",
             interval=100 if machine.gpu else 25,

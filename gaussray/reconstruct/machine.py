@@ -11,16 +11,15 @@ from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 
 
 # Learning rates for the thousands of steps that a GPU takes in a minute.
-_THOUSANDS = OptimizerOptions(
+_RATES_GPU = OptimizerOptions(
     quat=3e-3,
     scale=1e-2,
     color=7e-3,
+    transient=2.0,
     velocity=1.25e-4,
     instant=5e-3,
     lifetime=1e-2,
 )
-# Those of 3DGS, for tens of thousands of steps of stills (experiments/captures/log.md).
-_TENS_OF_THOUSANDS = OptimizerOptions(mean=0.1, quat=1e-3, scale=5e-3, color=2.5e-3)
 # Tiles of a step for each GPU, and on a CPU; there more where things move by transient Gaussians
 # (experiments/captures/log.md).
 _TILES_GPU, _TILES_CPU, _TILES_CPU_BRIEF = 64, 4, 8
@@ -97,16 +96,13 @@ class Machine(NamedTuple):
         longest = _LONGEST_GPU if self.gpu else _LONGEST_STILL if still else _LONGEST_MOVING
         return self.minutes * float(np.clip(math.sqrt(pixels / self.pixels), 1.0, longest))
 
-    def rates(self, *, many_steps: bool) -> OptimizerOptions:
+    @property
+    def rates(self) -> OptimizerOptions:
         """The learning rates. Of n times as many rays (n GPUs) the gradient is less noisy, and Adam
-        takes steps larger by the square root of n (Grendel, Zhao et al. 2024).
-
-        Args:
-            many_steps: whether a GPU takes tens of thousands of steps, of stills.
-        """
+        takes steps larger by the square root of n (Grendel, Zhao et al. 2024)."""
         if not self.gpu:
             return OptimizerOptions()
-        rates, factor = _TENS_OF_THOUSANDS if many_steps else _THOUSANDS, math.sqrt(self.gpus)
+        rates, factor = _RATES_GPU, math.sqrt(self.gpus)
         return replace(rates, **{name: getattr(rates, name) * factor for name in _WITH_RAYS})
 
 

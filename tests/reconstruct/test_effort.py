@@ -25,6 +25,7 @@ from gaussray.reconstruct.effort import effort
 from gaussray.reconstruct.initialize.body_tracking import TrackOptions
 from gaussray.reconstruct.machine import Machine
 from gaussray.reconstruct.optimize.density import DensityOptions
+from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
 from gaussray.reconstruct.run_progress import RunProgress, progress_from_json, progress_to_json
 from gaussray.reconstruct.step_plan import Plateau, StepPlan, TimedPlan
@@ -61,22 +62,12 @@ def test_photographs_of_one_time_get_relocation_under_a_budget_and_a_time(machin
     assert f"{fit.minutes:.0f} minutes" in chosen.sentence
 
 
-@pytest.mark.parametrize(
-    ("set_by_user", "short"),
-    [
-        ({}, False),
-        ({"minutes": 1.0}, False),
-        ({"minutes": 0.25}, True),
-        ({"coarse": 1, "fine": 2999}, True),
-        ({"coarse": 1, "fine": 19999}, False),
-    ],
-)
-def test_stills_learn_faster_on_a_gpu_where_steps_are_few(set_by_user, short):
-    options = ReconstructOptions(fit=FitOptions(**set_by_user))
-    chosen = effort(capture(), options, GPU).options.optimizer
-    moving = effort(capture(times=(0.0, 1.0)), options, GPU).options.optimizer
-    assert (chosen.mean, chosen.color) == ((0.25, 7e-3) if short else (0.1, 2.5e-3))
-    assert (moving.mean, moving.color) == (0.25, 7e-3)
+def test_the_rates_of_a_gpu_hold_for_stills_and_motion_and_what_is_set_stays():
+    options = ReconstructOptions(optimizer=OptimizerOptions(mean=0.1))
+    for times in ((0.0,), (0.0, 1.0)):
+        chosen = effort(capture(times=times), options, GPU).options.optimizer
+        assert chosen == replace(GPU.rates, mean=0.1)
+        assert effort(capture(times=times), AUTO, CPU).options.optimizer == CPU.rates
 
 
 def test_larger_captures_get_more_gaussians_and_more_time():

@@ -38,6 +38,8 @@ class OptimizerOptions(eqx.Module):
         opacity: logits of opacities (3DGS: 0.05).
         color: the constant harmonic (3DGS: 2.5e-3).
         harmonics: all other harmonics (3DGS: 1.25e-4).
+        transient: factor of all these rates for transient Gaussians, of which a step sees few:
+            those of the times of its pictures.
         velocity: velocities of transient Gaussians, in extents per interval between two pictures
             (FreeTimeGS: 1.6e-3 per clip).
         instant: instants of transient Gaussians, in intervals.
@@ -70,6 +72,7 @@ class OptimizerOptions(eqx.Module):
     opacity: float = eqx.field(static=True, default=0.05)
     color: float = eqx.field(static=True, default=2e-2)
     harmonics: float = eqx.field(static=True, default=5e-4)
+    transient: float = eqx.field(static=True, default=1.0)
     velocity: float = eqx.field(static=True, default=5e-4)
     instant: float = eqx.field(static=True, default=1e-2)
     lifetime: float = eqx.field(static=True, default=2e-2)
@@ -93,7 +96,7 @@ class OptimizerOptions(eqx.Module):
     def __check_init__(self):
         for name in (
             *("mean", "quat", "scale", "opacity", "color", "harmonics"),
-            *("velocity", "instant", "lifetime"),
+            *("transient", "velocity", "instant", "lifetime"),
             *("path", "turn", "control_path", "control_turn", "from_rest"),
             *("light", "planes", "network", "motion"),
             *REFINABLE,
@@ -149,18 +152,21 @@ def rates(
     fall = options.decay ** (step / steps)
 
     def gaussians(kind: str, free: Kind, fall: Array) -> Kind:
+        brief, own = isinstance(free, UnconstrainedTransients), fall
+        if brief:
+            own = options.transient * fall
         # The constant harmonic is the colour; the others learn more slowly.
         degree = np.floor(np.sqrt(np.arange(free.harmonics.shape[1])))[None, :, None]
-        color = jnp.where(degree == 0, options.color, options.harmonics) * fall
+        color = jnp.where(degree == 0, options.color, options.harmonics) * own
         color = jnp.where(degree * rise <= step, color, 0)
         rate = {
-            "mean": options.mean * spacing[kind][:, None] * fall,
-            "quat": options.quat * fall,
-            "log_scale": options.scale * fall,
-            "logit_opacity": options.opacity * fall,
+            "mean": options.mean * spacing[kind][:, None] * own,
+            "quat": options.quat * own,
+            "log_scale": options.scale * own,
+            "logit_opacity": options.opacity * own,
             "harmonics": color,
         }
-        if isinstance(free, UnconstrainedTransients):
+        if brief:
             rate |= {
                 "velocity": options.velocity * extent / interval * fall,
                 "instant": options.instant * interval * fall,

@@ -21,6 +21,7 @@ from gaussray.reconstruct.optimize.state import begin_state
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress, SavedSizes
 from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.gaussians import unconstrain
+from gaussray.scene.transient import unconstrain_transients
 
 
 OPTIONS, EXTENT = OptimizerOptions(), 3.0
@@ -57,6 +58,18 @@ def test_the_means_learn_in_pixels(parameters):
         np.testing.assert_allclose(side.quat, OPTIONS.quat, rtol=1e-6)
         np.testing.assert_allclose(side.log_scale, OPTIONS.scale, rtol=1e-6)
         np.testing.assert_allclose(side.logit_opacity, OPTIONS.opacity, rtol=1e-6)
+
+
+def test_transient_gaussians_learn_faster_by_a_factor_but_not_when_and_how_they_move(parameters):
+    free = unconstrain_transients(toy.transients(), 0.0)
+    learning = Parameters(parameters.static, parameters.moving, None, transient=free)
+    usual, fast = (rate_at(learning, 30, transient=factor) for factor in (1.0, 3.0))
+    for name in ("mean", "quat", "log_scale", "logit_opacity", "harmonics"):
+        before, after = (getattr(rate.transient, name) for rate in (usual, fast))
+        np.testing.assert_allclose(after, 3 * np.asarray(before), rtol=1e-6)
+    for name in ("velocity", "instant", "log_lifetime"):
+        assert getattr(fast.transient, name) == getattr(usual.transient, name)
+    assert eqx.tree_equal(fast.static, usual.static)
 
 
 @pytest.mark.parametrize("mean", [1e-3, 1.6e-4])
