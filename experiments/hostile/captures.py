@@ -77,6 +77,17 @@ def _pinf() -> list[Files]:
     return [{"info.json": text(info), "a.mp4": film(".mp4", "libx264")}]
 
 
+def _metashape() -> list[Files]:
+    lens = b"<f>4</f><cx>0.1</cx><k1>-0.1</k1><k4>0.01</k4><p1>0.001</p1>"
+    size = b'<resolution width="4" height="3"/>'
+    numbers = " ".join(str(float(x)) for x in np.ravel(TURN)).encode()
+    head = b'<document><chunk><sensors><sensor id="0" type="frame">' + size
+    cameras = b'<camera sensor_id="0" label="0"><transform>' + numbers + b"</transform></camera>"
+    middle = b"<calibration>" + lens + b"</calibration></sensor></sensors><cameras>"
+    xml = head + middle + cameras + b"</cameras></chunk></document>"
+    return [{"cameras.xml": xml, "0.png": picture(".png")}]
+
+
 def _colmap(binary: bool) -> list[Files]:
     if not binary:
         return [{
@@ -159,6 +170,7 @@ READERS = {
     ),
     "neural3d": Reader(_neural3d, _read_capture, {"poses_bounds.npy": "bytes"}),
     "pinf": Reader(_pinf, _read_capture, {"info.json": "json"}),
+    "metashape": Reader(_metashape, _read_capture, {"cameras.xml": "text"}),
     "colmap-binary": Reader(
         lambda: _colmap(True),
         _read_capture,

@@ -16,6 +16,7 @@ from gaussray.capture.formats.colmap_files import PLACES, model_folder, project_
 from gaussray.capture.formats.dnerf import SPLIT_FILES, VALIDATION_FILE, read_splits
 from gaussray.capture.formats.dynamic3dgs import META_FILES, read_dynamic3dgs
 from gaussray.capture.formats.llff import llff_pictures, read_llff
+from gaussray.capture.formats.metashape import metashape_file, read_metashape
 from gaussray.capture.formats.nerfies import DATASET_FILE, is_nerfies, read_nerfies
 from gaussray.capture.formats.neural3d import read_neural3d, videos_of
 from gaussray.capture.formats.paired import effect_files, read_capture
@@ -38,6 +39,7 @@ FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
     "nerfies": read_nerfies,
     "pinf": read_pinf,
     "colmap": read_colmap,
+    "metashape": read_metashape,
 }
 # The files of each format, for the message about a folder of none.
 FORMAT_FILES = {
@@ -49,6 +51,7 @@ FORMAT_FILES = {
     "nerfies": f"{DATASET_FILE}, a file in camera/ for each picture, and pictures in rgb/",
     "pinf": f"{INFO_FILE} with train_videos, and the videos",
     "colmap": f"cameras and images (.bin or .txt) in one of {', '.join(PLACES)}",
+    "metashape": "an XML file of Metashape's Export Cameras, and pictures in images/ or beside it",
 }
 
 # Formats whose files name no masks: these lie in a folder of their own.
@@ -128,7 +131,8 @@ def format_of(folder: Path | str) -> str:
     """Name of the format of a capture folder, by its files.
 
     JSON files come first (a model of COLMAP beside them is what they were made from), then
-    poses_bounds.npy with videos, then COLMAP, then poses_bounds.npy with pictures.
+    poses_bounds.npy with videos, then COLMAP, then poses_bounds.npy with pictures, then the XML
+    file of Metashape.
 
     Raises:
         CaptureError: the folder holds JSON files of two formats, or files of no format.
@@ -181,4 +185,6 @@ def _format(folder: Path) -> str | None:
     model = model_folder(project_folder(folder))
     if (folder / POSES_FILE).is_file() and (videos_of(folder) or model is None):
         return "llff" if not videos_of(folder) and llff_pictures(folder) else "neural3d"
-    return None if model is None else "colmap"
+    if model is not None:
+        return "colmap"
+    return None if metashape_file(folder) is None else "metashape"

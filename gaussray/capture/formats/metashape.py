@@ -1,0 +1,204 @@
+"""Photographs with cameras of Agisoft Metashape: the XML file of "Export Cameras".
+
+The lenses are those of the appendix "Camera models" of Metashape's manual.
+"""
+
+import math
+import xml.etree.ElementTree as ElementTree
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import DTypeLike
+
+from gaussray.capture.capture import Capture
+from gaussray.capture.errors import CaptureError
+from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.transforms import views_of
+from gaussray.geometry import BLENDER_AXES
+from gaussray.io.safe.files import read_text
+from gaussray.io.safe.limits import within
+
+
+_PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr")
+_REMEDY = "Export it again: File > Export > Export Cameras, Agisoft XML."
+# Where the pictures may lie, beside the XML file.
+_PLACES = ("images", ".")
+_NUMBERS = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
+# What shifts no pixel by more than this is left out without a word.
+_PIXELS = 0.5
+
+
+def metashape_file(folder: Path) -> Path | None:
+    """The first XML file in a folder that lists cameras of Metashape; None if there is none."""
+    for path in sorted(folder.glob("*.xml")):
+        if path.is_file():
+            with path.open("rb") as file:
+                head = file.read(2000)
+            if b"<document" in head and b"<chunk" in head:
+                return path
+    return None
+
+
+def read_metashape(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
+    """The photographs of an exported XML file, as a still scene.
+
+    Cameras stay where Metashape's chunk has them: its transform into a geographic world (often
+    millions of metres from its origin) is not applied, so that the scale is arbitrary. Cameras
+    that were not aligned are left out, and of several components all but the largest, with a
+    warning. The pictures lie in `images/` or beside the file, by the cameras' labels. None is held
+    out, and points are not read.
+
+    Args:
+        folder: the folder with the XML file.
+        dtype: type of the cameras' numbers.
+
+    Raises:
+        CaptureError: the file contradicts the format; the message names file and camera.
+        FileNotFoundError: there is no such file.
+    """
+    folder = Path(folder)
+    path = metashape_file(folder)
+    if path is None:
+        raise FileNotFoundError(f"{folder}: no XML file lists cameras of Metashape. {_REMEDY}")
+    chunk = _chunk(path)
+    top = Keys(path, {})
+    cameras = _aligned(top, chunk)
+    within(path, "the cameras", len(cameras), "frames")
+    lenses = {s.get("id", ""): _lens(top, s) for s in chunk.findall("sensors/sensor")}
+    pictures = _pictures(folder)
+    frames = [_frame(path, k, camera, lenses, pictures) for k, camera in enumerate(cameras)]
+    return Capture(folder, views_of(top, frames, dtype), {}, None, (0.0, 0.0), "normalised")
+
+
+def _chunk(path: Path) -> ElementTree.Element:
+    """The chunk of the file that has cameras."""
+    text = read_text(path)
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
+        raise CaptureError(f"{path}: must not declare entities. Remove the DOCTYPE.")
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise CaptureError(f"{path}: must be XML of Metashape, got {error}. {_REMEDY}") from None
+    chunks = [chunk for chunk in root.findall("chunk") if chunk.find("cameras") is not None]
+    if len(chunks) != 1:
+        raise CaptureError(
+            f"{path}: must hold one chunk with cameras, got {len(chunks)}. {_REMEDY}"
+        )
+    return chunks[0]
+
+
+def _aligned(top: Keys, chunk: ElementTree.Element) -> list[ElementTree.Element]:
+    """The cameras of the largest component that have a pose."""
+    listed = list(chunk.iterfind("cameras//camera"))
+    posed = [camera for camera in listed if camera.find("transform") is not None]
+    if not posed:
+        raise CaptureError(f"{top.file}: must list cameras with a transform, got none. {_REMEDY}")
+    (largest, _), *others = Counter(c.get("component_id", "") for c in posed).most_common()
+    kept = [camera for camera in posed if camera.get("component_id", "") == largest]
+    if len(listed) > len(posed):
+        top.warn(f"{len(listed) - len(posed)} of {len(listed)} cameras have no pose: left out.")
+    if others:
+        top.warn(
+            f"{len(posed) - len(kept)} cameras are in other components than most: left out. Align "
+            "them in Metashape, or merge the components."
+        )
+    return kept
+
+
+def _lens(top: Keys, sensor: ElementTree.Element) -> dict[str, Any]:
+    """The keys of a sensor's lens, as in a transforms.json."""
+    found = sensor.findall("calibration")
+    adjusted = [node for node in found if node.get("class") == "adjusted"]
+    kind = sensor.get("type", "frame")
+    prefix = f"sensor {sensor.get('id')} ({sensor.get('label')}): "
+    own = Keys(top.file, {"type": kind}, prefix=prefix)
+    node = (adjusted or found or [sensor])[0]
+    size = node.find("resolution")
+    size = sensor.find("resolution") if size is None else size
+    sides = {} if size is None else size.attrib
+    width, height = (_number(own, key, sides.get(key)) for key in ("width", "height"))
+    if kind == "spherical":
+        lens = {"camera_model": "EQUIRECTANGULAR", "fl_x": width / 2, "fl_y": height}
+        return {**lens, "w": width, "h": height, "cx": width / 2, "cy": height / 2}
+    k = {name: _number(own, name, node.findtext(name), 0.0) for name in _NUMBERS}
+    corner = math.hypot(width, height) / 2
+    lens = {
+        **{"w": width, "h": height, "fl_x": k["f"] + k["b1"], "fl_y": k["f"]},
+        **{"cx": width / 2 + k["cx"], "cy": height / 2 + k["cy"]},
+    }
+    if abs(k["b2"]) * height > 2 * _PIXELS * max(k["f"], 1e-9):
+        own.warn(f"the skew (b2 = {k['b2']:g}) is left out.")
+    if kind == "frame":
+        # Metashape's P1 is OpenCV's p2, and the other way round.
+        lens |= {"camera_model": "OPENCV", "p1": k["p2"], "p2": k["p1"]}
+        return lens | _radial(own, k, corner / max(k["f"], 1e-9))
+    if kind not in ("fisheye", "equidistant_fisheye"):
+        remedy = "Undistort the pictures in Metashape, and export their cameras."
+        raise own.error("type", "frame, fisheye, equidistant_fisheye or spherical", remedy)
+    if max(abs(k["p1"]), abs(k["p2"])) * (corner / max(k["f"], 1e-9)) ** 2 * k["f"] > _PIXELS:
+        own.warn("the tangential distortion of a fisheye (p1, p2) is left out.")
+    return lens | {"camera_model": "OPENCV_FISHEYE"} | {f"k{i}": k[f"k{i}"] for i in range(1, 5)}
+
+
+def _radial(own: Keys, k: dict[str, float], reach: float) -> dict[str, float]:
+    """The three radial coefficients of OpenCV that come closest to Metashape's four, of pixels at
+    most so many focal lengths from the middle."""
+    three = {name: k[name] for name in ("k1", "k2", "k3")}
+    if not k["k4"] or not 0 < reach < 10:
+        return three
+    r = np.linspace(0, reach, 200)
+    powers = np.stack([r**3, r**5, r**7], axis=1)
+    wanted = powers @ list(three.values()) + k["k4"] * r**9
+    close = np.linalg.lstsq(powers / reach**3, wanted / reach**3, rcond=None)[0]
+    worst = k["f"] * float(np.abs(powers @ close - wanted).max())
+    if worst > _PIXELS:
+        own.warn(f"k4 is left out: pixels are up to {worst:.1f} from where it puts them.")
+    return dict(zip(three, close.tolist(), strict=True))
+
+
+def _number(own: Keys, key: str, text: str | None, default: float | None = None) -> float:
+    """The finite number that a text of the file says."""
+    if text is None and default is not None:
+        return default
+    try:
+        value = float(text or "")
+    except ValueError:
+        value = text
+    return Keys(own.file, {key: value}, prefix=own.prefix).number(key, remedy=_REMEDY)
+
+
+def _pictures(folder: Path) -> dict[str, str]:
+    """The pictures by the names that a label may give them, without regard to case."""
+    found: dict[str, str] = {}
+    for place in _PLACES:
+        if not (folder / place).is_dir():
+            continue
+        for path in sorted((folder / place).iterdir()):
+            if path.suffix.lower() in _PICTURE_SUFFIXES:
+                inside = path.relative_to(folder).as_posix()
+                for name in (path.name, path.stem):
+                    found.setdefault(name.lower(), inside)
+    return found
+
+
+def _frame(
+    path: Path,
+    index: int,
+    camera: ElementTree.Element,
+    lenses: dict[str, dict[str, Any]],
+    pictures: dict[str, str],
+) -> Keys:
+    """The keys of a camera, as of a frame in a transforms.json."""
+    own = Keys(path, {**camera.attrib, "transform": camera.findtext("transform")}, index)
+    label, sensor = own.text("label"), own.choice("sensor_id", tuple(lenses))
+    values = [_number(own, "transform", text) for text in own.text("transform").split()]
+    if len(values) != 16:
+        raise own.error("transform", "16 numbers", _REMEDY)
+    pose = np.reshape(values, (4, 4)) @ np.diag([*BLENDER_AXES, 1.0])
+    # A label with or without suffix; where no picture has it, the frame is one without picture.
+    named = pictures.get(label.lower()) or f"{_PLACES[0]}/{label}"
+    keys = {"file_path": named, "camera": Path(label).stem, "split": "train", "time": 0.0}
+    return Keys(path, {**lenses[sensor], **keys, "transform_matrix": pose.tolist()}, index)
