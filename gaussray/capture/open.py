@@ -55,7 +55,7 @@ FORMAT_FILES = {
 }
 
 # Formats whose files name no masks: these lie in a folder of their own.
-_MASKED = ("colmap", "llff")
+_MASKED = ("colmap", "llff", "metashape")
 
 # Folders that are looked into for a capture, where the one that was named holds none.
 _LOOKED_AT = 50

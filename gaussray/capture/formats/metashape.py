@@ -6,6 +6,7 @@ The lenses are those of the appendix "Camera models" of Metashape's manual.
 import math
 import xml.etree.ElementTree as ElementTree
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -26,20 +27,22 @@ _PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr")
 _REMEDY = "Export it again: File > Export > Export Cameras, Agisoft XML."
 # Where the pictures may lie, beside the XML file.
 _PLACES = ("images", ".")
-_NUMBERS = ("f", "cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
+_NUMBERS = ("cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
 # What shifts no pixel by more than this is left out without a word.
 _PIXELS = 0.5
 
 
+def is_metashape(path: Path) -> bool:
+    """Whether an XML file begins as those of Metashape do."""
+    with path.open("rb") as file:
+        head = file.read(2000)
+    return b"<document" in head and b"<chunk" in head
+
+
 def metashape_file(folder: Path) -> Path | None:
     """The first XML file in a folder that lists cameras of Metashape; None if there is none."""
-    for path in sorted(folder.glob("*.xml")):
-        if path.is_file():
-            with path.open("rb") as file:
-                head = file.read(2000)
-            if b"<document" in head and b"<chunk" in head:
-                return path
-    return None
+    files = (path for path in sorted(folder.glob("*.xml")) if path.is_file())
+    return next(filter(is_metashape, files), None)
 
 
 def read_metashape(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Capture:
@@ -63,14 +66,31 @@ def read_metashape(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Captur
     path = metashape_file(folder)
     if path is None:
         raise FileNotFoundError(f"{folder}: no XML file lists cameras of Metashape. {_REMEDY}")
-    chunk = _chunk(path)
-    top = Keys(path, {})
+    frames = metashape_frames(path, _pictures(folder))
+    views = views_of(Keys(path, {}), frames, dtype)
+    return Capture(folder, views, {}, None, (0.0, 0.0), "normalised")
+
+
+def metashape_frames(path: Path, pictures: Mapping[str, str]) -> list[Keys]:
+    """The cameras of an exported XML file, as the frames of a transforms.json.
+
+    Args:
+        path: the file.
+        pictures: paths of pictures by the labels of cameras in lower case. A camera of another
+            label is one of a picture that does not exist.
+
+    Raises:
+        CaptureError: the file contradicts the format; the message names file and camera.
+    """
+    chunk, top = _chunk(path), Keys(path, {})
     cameras = _aligned(top, chunk)
     within(path, "the cameras", len(cameras), "frames")
-    lenses = {s.get("id", ""): _lens(top, s) for s in chunk.findall("sensors/sensor")}
-    pictures = _pictures(folder)
-    frames = [_frame(path, k, camera, lenses, pictures) for k, camera in enumerate(cameras)]
-    return Capture(folder, views_of(top, frames, dtype), {}, None, (0.0, 0.0), "normalised")
+    used = {camera.get("sensor_id") for camera in cameras}
+    sensors = [s for s in chunk.findall("sensors/sensor") if s.get("id") in used]
+    read = {sensor.get("id", ""): _lens(top, sensor) for sensor in sensors}
+    _warn_of_shifts(top, [shifts for _, shifts in read.values()])
+    lenses = {number: lens for number, (lens, _) in read.items()}
+    return [_frame(path, k, camera, lenses, pictures) for k, camera in enumerate(cameras)]
 
 
 def _chunk(path: Path) -> ElementTree.Element:
@@ -108,8 +128,9 @@ def _aligned(top: Keys, chunk: ElementTree.Element) -> list[ElementTree.Element]
     return kept
 
 
-def _lens(top: Keys, sensor: ElementTree.Element) -> dict[str, Any]:
-    """The keys of a sensor's lens, as in a transforms.json."""
+def _lens(top: Keys, sensor: ElementTree.Element) -> tuple[dict[str, Any], dict[str, float]]:
+    """The keys of a sensor's lens, as in a transforms.json, and by how many pixels it is off for
+    lack of what it cannot have."""
     found = sensor.findall("calibration")
     adjusted = [node for node in found if node.get("class") == "adjusted"]
     kind = sensor.get("type", "frame")
@@ -122,41 +143,52 @@ def _lens(top: Keys, sensor: ElementTree.Element) -> dict[str, Any]:
     width, height = (_number(own, key, sides.get(key)) for key in ("width", "height"))
     if kind == "spherical":
         lens = {"camera_model": "EQUIRECTANGULAR", "fl_x": width / 2, "fl_y": height}
-        return {**lens, "w": width, "h": height, "cx": width / 2, "cy": height / 2}
+        return {**lens, "w": width, "h": height, "cx": width / 2, "cy": height / 2}, {}
     k = {name: _number(own, name, node.findtext(name), 0.0) for name in _NUMBERS}
+    k["f"] = _number(own, "f", node.findtext("f"))
     corner = math.hypot(width, height) / 2
     lens = {
         **{"w": width, "h": height, "fl_x": k["f"] + k["b1"], "fl_y": k["f"]},
         **{"cx": width / 2 + k["cx"], "cy": height / 2 + k["cy"]},
     }
-    if abs(k["b2"]) * height > 2 * _PIXELS * max(k["f"], 1e-9):
-        own.warn(f"the skew (b2 = {k['b2']:g}) is left out.")
+    reach = corner / max(k["f"], 1e-9)
+    shifts = {"skew (b2)": abs(k["b2"]) * height / 2 / max(k["f"], 1e-9)}
     if kind == "frame":
+        radial, shifts["fourth radial coefficient (k4)"] = _radial(k, reach)
         # Metashape's P1 is OpenCV's p2, and the other way round.
-        lens |= {"camera_model": "OPENCV", "p1": k["p2"], "p2": k["p1"]}
-        return lens | _radial(own, k, corner / max(k["f"], 1e-9))
+        return lens | {"camera_model": "OPENCV", "p1": k["p2"], "p2": k["p1"]} | radial, shifts
     if kind not in ("fisheye", "equidistant_fisheye"):
         remedy = "Undistort the pictures in Metashape, and export their cameras."
         raise own.error("type", "frame, fisheye, equidistant_fisheye or spherical", remedy)
-    if max(abs(k["p1"]), abs(k["p2"])) * (corner / max(k["f"], 1e-9)) ** 2 * k["f"] > _PIXELS:
-        own.warn("the tangential distortion of a fisheye (p1, p2) is left out.")
-    return lens | {"camera_model": "OPENCV_FISHEYE"} | {f"k{i}": k[f"k{i}"] for i in range(1, 5)}
+    tangential = max(abs(k["p1"]), abs(k["p2"]))
+    shifts["tangential distortion (p1, p2) of a fisheye"] = 3 * tangential * reach**2 * k["f"]
+    own_k = {name: k[name] for name in ("k1", "k2", "k3", "k4")}
+    return lens | {"camera_model": "OPENCV_FISHEYE"} | own_k, shifts
 
 
-def _radial(own: Keys, k: dict[str, float], reach: float) -> dict[str, float]:
-    """The three radial coefficients of OpenCV that come closest to Metashape's four, of pixels at
-    most so many focal lengths from the middle."""
+def _warn_of_shifts(top: Keys, shifts: list[dict[str, float]]) -> None:
+    """One warning for each thing that lenses have here and in Metashape not alike."""
+    for name in sorted({name for some in shifts for name in some}):
+        sizes = [some[name] for some in shifts if some.get(name, 0.0) > _PIXELS]
+        if sizes:
+            top.warn(
+                f"the {name} of {len(sizes)} of {len(shifts)} lenses is left out: pixels are up to "
+                f"{max(sizes):.1f} from where it puts them."
+            )
+
+
+def _radial(k: dict[str, float], reach: float) -> tuple[dict[str, float], float]:
+    """The three radial coefficients of OpenCV that come closest to Metashape's four, and how many
+    pixels they are off at most, of pixels at most so many focal lengths from the middle."""
     three = {name: k[name] for name in ("k1", "k2", "k3")}
     if not k["k4"] or not 0 < reach < 10:
-        return three
+        return three, 0.0
     r = np.linspace(0, reach, 200)
     powers = np.stack([r**3, r**5, r**7], axis=1)
     wanted = powers @ list(three.values()) + k["k4"] * r**9
-    close = np.linalg.lstsq(powers / reach**3, wanted / reach**3, rcond=None)[0]
-    worst = k["f"] * float(np.abs(powers @ close - wanted).max())
-    if worst > _PIXELS:
-        own.warn(f"k4 is left out: pixels are up to {worst:.1f} from where it puts them.")
-    return dict(zip(three, close.tolist(), strict=True))
+    close = np.linalg.lstsq(powers, wanted, rcond=None)[0]
+    off = k["f"] * float(np.abs(powers @ close - wanted).max())
+    return dict(zip(three, close.tolist(), strict=True)), off
 
 
 def _number(own: Keys, key: str, text: str | None, default: float | None = None) -> float:
@@ -188,12 +220,14 @@ def _frame(
     path: Path,
     index: int,
     camera: ElementTree.Element,
-    lenses: dict[str, dict[str, Any]],
-    pictures: dict[str, str],
+    lenses: Mapping[str, dict[str, Any]],
+    pictures: Mapping[str, str],
 ) -> Keys:
     """The keys of a camera, as of a frame in a transforms.json."""
     own = Keys(path, {**camera.attrib, "transform": camera.findtext("transform")}, index)
-    label, sensor = own.text("label"), own.choice("sensor_id", tuple(lenses))
+    label, sensor = own.text("label"), camera.get("sensor_id", "")
+    if sensor not in lenses:
+        raise own.error("sensor_id", "that of a sensor of the file", _REMEDY)
     values = [_number(own, "transform", text) for text in own.text("transform").split()]
     if len(values) != 16:
         raise own.error("transform", "16 numbers", _REMEDY)

@@ -1,10 +1,11 @@
-"""transforms.json of nerfstudio and instant-ngp: the camera of each frame."""
+"""transforms.json of nerfstudio and instant-ngp, and Metashape's XML: the camera of each frame."""
 
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.metashape import metashape_frames
 from gaussray.capture.formats.transforms import frames_of, read_document
 from gaussray.geometry import BLENDER_AXES
 from gaussray.prepare.calibrations.known_camera import KnownCamera
@@ -22,7 +23,20 @@ def read_nerfstudio(path: Path) -> list[KnownCamera]:
     Raises:
         PrepareError: A frame's camera model has no counterpart in COLMAP.
     """
-    frames = frames_of(read_document(path))
+    return _cameras_of(frames_of(read_document(path)))
+
+
+def read_metashape_cameras(path: Path) -> list[KnownCamera]:
+    """The cameras of an XML file of Metashape, each called by its label without suffix.
+
+    Raises:
+        CaptureError: The file contradicts the format.
+        PrepareError: A camera is spherical, which has no counterpart in COLMAP.
+    """
+    return _cameras_of(metashape_frames(path, {}))
+
+
+def _cameras_of(frames: list[Keys]) -> list[KnownCamera]:
     parents = {PurePosixPath(frame.text("file_path")).parent for frame in frames}
     cameras: dict[str, KnownCamera] = {}
     for frame in frames:

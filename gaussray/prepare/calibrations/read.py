@@ -3,10 +3,13 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from gaussray.capture.formats.metashape import is_metashape
+from gaussray.capture.formats.transforms import json_content
 from gaussray.prepare.calibrations.kalibr import read_kalibr
 from gaussray.prepare.calibrations.known_camera import Calibration, KnownCamera
-from gaussray.prepare.calibrations.nerfstudio import read_nerfstudio
+from gaussray.prepare.calibrations.nerfstudio import read_metashape_cameras, read_nerfstudio
 from gaussray.prepare.calibrations.opencv_yaml import easymocap_pair, read_easymocap
+from gaussray.prepare.calibrations.panoptic import is_panoptic, panoptic_cameras
 from gaussray.prepare.calibrations.pose2sim import read_toml
 from gaussray.prepare.calibrations.qualisys import read_qualisys
 from gaussray.prepare.errors import PrepareError
@@ -14,8 +17,8 @@ from gaussray.prepare.errors import PrepareError
 
 CALIBRATION_KINDS = (
     "Qualisys .qca.txt or .xml, Pose2Sim, Anipose or Caliscope .toml, intri.yml beside extri.yml "
-    "(EasyMocap) or Intrinsic.yml beside Extrinsic.yml (Pose2Sim), Kalibr .yaml, or nerfstudio's "
-    "transforms.json"
+    "(EasyMocap) or Intrinsic.yml beside Extrinsic.yml (Pose2Sim), Kalibr .yaml, nerfstudio's "
+    "transforms.json, Panoptic's calibration.json, or Metashape .xml"
 )
 
 
@@ -56,6 +59,11 @@ def read_calibration(path: Path | str) -> Calibration:
     return cameras if isinstance(cameras, Calibration) else Calibration(cameras)
 
 
+def _read_json(path: Path) -> list[KnownCamera]:
+    content = json_content(path)
+    return panoptic_cameras(path, content) if is_panoptic(content) else read_nerfstudio(path)
+
+
 def _is_storage(path: Path) -> bool:
     """Whether an XML file is one of OpenCV's, which say nothing of several cameras."""
     if path.suffix.lower() != ".xml":
@@ -66,8 +74,10 @@ def _is_storage(path: Path) -> bool:
 
 def _reader(path: Path) -> Callable[[Path], list[KnownCamera] | Calibration] | None:
     name = path.name.lower()
+    if name.endswith(".xml") and is_metashape(path):
+        return read_metashape_cameras
     if name.endswith((".qca.txt", ".xml", ".qca")):
         return read_qualisys
     suffixes = {".toml": read_toml, ".yaml": read_kalibr, ".yml": read_kalibr}
-    suffixes[".json"] = read_nerfstudio
+    suffixes[".json"] = _read_json
     return suffixes.get(path.suffix.lower())

@@ -92,7 +92,10 @@ def test_a_fourth_radial_coefficient_is_met_by_the_other_three(folder):
     without = np.abs(frame_lens(own, **{**lens, "k4": 0}) - frame_lens(own, **lens)).max()
     assert off < without / 3
     lay(folder, camera("a.PNG"), sensor({**lens, "k4": 40.0}))
-    with pytest.warns(CaptureWarning, match="k4 is left out: pixels are up to"):
+    with pytest.warns(
+        CaptureWarning,
+        match=r"coefficient \(k4\) of 1 of 1 lenses is left out: pixels are up to \d+\.\d from",
+    ):
         read_metashape(folder)
 
 
@@ -106,6 +109,24 @@ def test_a_fisheye_is_equidistant_with_a_polynomial(folder):
     radius = angle * (1 + sum(lens[f"k{i}"] * angle ** (2 * i) for i in range(1, 5)))
     expected = np.array([W / 2, H / 2]) + 30 * (radius / flat)[:, None] * own[:, :2]
     np.testing.assert_allclose(pixels(view, world), expected, atol=PIXELS)
+
+
+def test_what_lenses_lack_here_is_told_once_for_all(folder):
+    sensors = (
+        sensor({**LENS, "b2": 3.0}) + sensor({**LENS, "b2": -6.0}, number=1) + sensor(number=2)
+    )
+    cameras = camera("a") + camera("b").replace('sensor_id="0"', 'sensor_id="1"')
+    lay(folder, cameras, sensors)
+    # A pixel at the upper edge is b2 y / f off.
+    with pytest.warns(CaptureWarning) as told:
+        read_metashape(folder)
+    (message,) = [str(warning.message) for warning in told]
+    assert (
+        f"skew (b2) of 2 of 2 lenses is left out: pixels are up to {6 * H / 2 / 50:.1f}" in message
+    )
+    lay(folder, camera("a"), sensor({"f": 30, "p1": 0.1}, "fisheye"))
+    with pytest.warns(CaptureWarning, match="tangential distortion"):
+        read_metashape(folder)
 
 
 def test_a_spherical_picture_has_what_is_ahead_in_its_middle(folder):
@@ -150,7 +171,7 @@ def test_cameras_without_pose_and_of_other_components_are_left_out(folder):
         ),
         (camera("a"), sensor({**LENS, "k1": "x"}), "k1 must be a finite number, got 'x'"),
         (camera("a"), sensor({**LENS, "f": "nan"}), "f must be a finite number"),
-        (camera("a"), sensor(number=7), "sensor_id must be one of 7, got '0'"),
+        (camera("a"), sensor(number=7), "sensor_id must be that of a sensor of the file, got '0'"),
         (camera("a") + "<", None, "must be XML of Metashape"),
     ],
 )

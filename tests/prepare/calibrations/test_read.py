@@ -113,7 +113,43 @@ def write_nerfstudio(folder):
     return path
 
 
-WRITERS = (write_qualisys, write_toml, write_easymocap, write_kalibr, write_nerfstudio)
+def panoptic(**changes):
+    shared = {"type": "hd", "resolution": [WIDTH, HEIGHT], "K": MATRIX.tolist()}
+    shared |= {"distCoef": [*DISTORTION.tolist(), 0.0]}
+    return [
+        {**shared, "name": name, "R": pose[:, :3].tolist(), "t": pose[:, 3:].tolist(), **changes}
+        for name, pose in zip(("00_01", "00_02", "00_03"), POSES, strict=True)
+    ]
+
+
+def write_panoptic(folder):
+    path = folder / "calibration_150821_dance.json"
+    path.write_text(json.dumps({"calibDataSource": "x", "cameras": panoptic()}))
+    return path
+
+
+def write_metashape(folder):
+    k1, k2, p1, p2 = DISTORTION
+    size = f'<resolution width="{WIDTH}" height="{HEIGHT}"/>'
+    text = f"""<sensors><sensor id="0" type="frame">{size}<calibration><f>{MATRIX[1, 1]}</f>
+        <b1>{MATRIX[0, 0] - MATRIX[1, 1]}</b1><cx>{MATRIX[0, 2] + 0.5 - WIDTH / 2}</cx>
+        <cy>{MATRIX[1, 2] + 0.5 - HEIGHT / 2}</cy><k1>{k1}</k1><k2>{k2}</k2><p1>{p2}</p1>
+        <p2>{p1}</p2></calibration></sensor></sensors>"""
+    for name, pose in zip(NAMES, POSES, strict=True):
+        matrix = np.linalg.inv(np.vstack([pose, [0, 0, 0, 1]]))
+        numbers = " ".join(map(str, matrix.ravel()))
+        text += f'''<cameras><camera sensor_id="0" label="{name}.mp4">
+            <transform>{numbers}</transform></camera></cameras>'''
+    text = text.replace("</cameras><cameras>", "")
+    path = folder / "rig.xml"
+    path.write_text(f"<document><chunk>{text}</chunk></document>")
+    return path
+
+
+WRITERS = (
+    *(write_qualisys, write_toml, write_easymocap, write_kalibr, write_nerfstudio),
+    *(write_panoptic, write_metashape),
+)
 
 
 @pytest.mark.parametrize("write", WRITERS)
@@ -144,6 +180,32 @@ def test_cameras_are_given_by_name_or_by_number(tmp_path):
     assert given["view_1"].pose == pytest.approx(POSES[0], abs=CLOSE) and not remarks
     with pytest.raises(PrepareError, match="got no left among cam01, cam02, cam03"):
         assign_cameras(known, [source("left")])
+
+
+def test_cameras_of_the_panoptic_studio_are_called_as_its_videos(tmp_path):
+    known = read_calibration(write_panoptic(tmp_path))
+    given, _ = assign_cameras(known, [source("hd_00_02")])
+    assert given["hd_00_02"].pose == pytest.approx(POSES[1], abs=CLOSE)
+    (tmp_path / "a.json").write_text(json.dumps({"cameras": panoptic(type="other")}))
+    names = [camera.name for camera in read_calibration(tmp_path / "a.json").cameras]
+    assert names == ["00_01", "00_02", "00_03"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"R": [[1, 0], [0, 1]]}, "cameras[0]: R must be 9 numbers, got [[1, 0], [0, 1]]. It"),
+        ({"t": ["x", 0, 0]}, "cameras[0]: t must be 3 numbers"),
+        ({"resolution": None}, "cameras[0]: resolution must be 2 numbers"),
+        ({"name": "a"}, "a name of its own, got hd_a twice"),
+        ({"name": None}, "cameras[0].name must be a text"),
+        ({"K": (-MATRIX).tolist()}, "must have positive focal lengths"),
+    ],
+)
+def test_a_camera_of_the_panoptic_studio_needs_all_its_numbers(tmp_path, changes, message):
+    (tmp_path / "a.json").write_text(json.dumps({"cameras": panoptic(**changes)}))
+    with pytest.raises(ValueError, match=re.escape(message)):
+        read_calibration(tmp_path / "a.json")
 
 
 def test_another_size_is_scaled_and_another_shape_refused(tmp_path):
