@@ -25,8 +25,8 @@ from gaussray.io.safe.limits import within
 
 _PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr")
 _REMEDY = "Export it again: File > Export > Export Cameras, Agisoft XML."
-# Where the pictures may lie, beside the XML file.
-_PLACES = ("images", ".")
+# Where the pictures lie, if not beside the XML file.
+_IMAGES = "images"
 _NUMBERS = ("cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
 # What shifts no pixel by more than this is left out without a word.
 _PIXELS = 0.5
@@ -51,8 +51,8 @@ def read_metashape(folder: Path | str, dtype: DTypeLike = jnp.float32) -> Captur
     Cameras stay where Metashape's chunk has them: its transform into a geographic world (often
     millions of metres from its origin) is not applied, so that the scale is arbitrary. Cameras
     that were not aligned are left out, and of several components all but the largest, with a
-    warning. The pictures lie in `images/` or beside the file, by the cameras' labels. None is held
-    out, and points are not read.
+    warning. The pictures lie in `images/` and its folders or beside the file, by the cameras'
+    labels. None is held out, and points are not read.
 
     Args:
         folder: the folder with the XML file.
@@ -124,6 +124,12 @@ def _aligned(top: Keys, chunk: ElementTree.Element) -> list[ElementTree.Element]
         top.warn(
             f"{len(posed) - len(kept)} cameras are in other components than most: left out. Align "
             "them in Metashape, or merge the components."
+        )
+    (label, count), *_ = Counter(camera.get("label", "") for camera in kept).most_common()
+    if count > 1:
+        raise CaptureError(
+            f"{top.file}: each camera must have a label of its own, got {label!r} {count} times. "
+            "Rename the pictures, and export the cameras again."
         )
     return kept
 
@@ -205,14 +211,11 @@ def _number(own: Keys, key: str, text: str | None, default: float | None = None)
 def _pictures(folder: Path) -> dict[str, str]:
     """The pictures by the names that a label may give them, without regard to case."""
     found: dict[str, str] = {}
-    for place in _PLACES:
-        if not (folder / place).is_dir():
-            continue
-        for path in sorted((folder / place).iterdir()):
-            if path.suffix.lower() in _PICTURE_SUFFIXES:
-                inside = path.relative_to(folder).as_posix()
-                for name in (path.name, path.stem):
-                    found.setdefault(name.lower(), inside)
+    for path in [*sorted((folder / _IMAGES).rglob("*")), *sorted(folder.iterdir())]:
+        if path.suffix.lower() in _PICTURE_SUFFIXES:
+            inside = path.relative_to(folder).as_posix()
+            for name in (path.name, path.stem):
+                found.setdefault(name.lower(), inside)
     return found
 
 
@@ -233,6 +236,6 @@ def _frame(
         raise own.error("transform", "16 numbers", _REMEDY)
     pose = np.reshape(values, (4, 4)) @ np.diag([*BLENDER_AXES, 1.0])
     # A label with or without suffix; where no picture has it, the frame is one without picture.
-    named = pictures.get(label.lower()) or f"{_PLACES[0]}/{label}"
+    named = pictures.get(label.lower()) or f"{_IMAGES}/{label}"
     keys = {"file_path": named, "camera": Path(label).stem, "split": "train", "time": 0.0}
     return Keys(path, {**lenses[sensor], **keys, "transform_matrix": pose.tolist()}, index)

@@ -47,8 +47,8 @@ def lay(folder, cameras, sensors=None, extra=""):
 
 @pytest.fixture
 def folder(tmp_path):
-    for name in ("images/a.PNG", "images/b.png", "c.png"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
+    for name in ("images/a.PNG", "images/x/b.png", "c.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True, parents=True)
         write_image(tmp_path / "x.png", np.full((H, W, 3), 128, np.uint8))
         (tmp_path / "x.png").rename(tmp_path / name)
     return tmp_path
@@ -145,7 +145,7 @@ def test_labels_name_pictures_with_or_without_suffix_in_either_folder(folder):
     with pytest.warns(CaptureWarning, match="lost"):
         views = open_capture(folder).views
     found = [view.image.relative_to(folder).as_posix() for view in views]
-    assert found == ["images/a.PNG", "images/b.png", "c.png"]
+    assert found == ["images/a.PNG", "images/x/b.png", "c.png"]
 
 
 def test_cameras_without_pose_and_of_other_components_are_left_out(folder):
@@ -172,6 +172,7 @@ def test_cameras_without_pose_and_of_other_components_are_left_out(folder):
         (camera("a"), sensor({**LENS, "k1": "x"}), "k1 must be a finite number, got 'x'"),
         (camera("a"), sensor({**LENS, "f": "nan"}), "f must be a finite number"),
         (camera("a"), sensor(number=7), "sensor_id must be that of a sensor of the file, got '0'"),
+        (camera("a") + camera("a"), None, "a label of its own, got 'a' 2 times"),
         (camera("a") + "<", None, "must be XML of Metashape"),
     ],
 )
