@@ -201,7 +201,7 @@ def _still(pixels: float, minutes: float, machine: Machine) -> ReconstructOption
             points=gaussians // 4,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
-        optimizer=machine.rates,
+        optimizer=machine.rates(still=True),
         density=DensityOptions(
             kind="relocate",
             interval=100 if machine.gpu else 25,
@@ -234,7 +234,7 @@ def _brief(pixels: float, minutes: float, machine: Machine, motion: str) -> Reco
             instants=machine.instants,
         ),
         loss=LossOptions(l1=0.8, dssim=0.2),
-        optimizer=machine.rates,
+        optimizer=machine.rates(still=False),
         density=DensityOptions(
             kind="relocate",
             interval=100 if machine.gpu else 25,

@@ -20,6 +20,8 @@ _RATES_GPU = OptimizerOptions(
     instant=5e-3,
     lifetime=1e-2,
 )
+# Those of stills on a CPU, whose steps draw few tiles (experiments/captures/log.md).
+_RATES_CPU_STILL = OptimizerOptions(quat=1.6e-2, scale=3.2e-2, color=3.2e-2)
 # Tiles of a step for each GPU, and on a CPU; there more where things move by transient Gaussians
 # (experiments/captures/log.md).
 _TILES_GPU, _TILES_CPU, _TILES_CPU_BRIEF = 64, 4, 8
@@ -96,12 +98,15 @@ class Machine(NamedTuple):
         longest = _LONGEST_GPU if self.gpu else _LONGEST_STILL if still else _LONGEST_MOVING
         return self.minutes * float(np.clip(math.sqrt(pixels / self.pixels), 1.0, longest))
 
-    @property
-    def rates(self) -> OptimizerOptions:
+    def rates(self, *, still: bool) -> OptimizerOptions:
         """The learning rates. Of n times as many rays (n GPUs) the gradient is less noisy, and Adam
-        takes steps larger by the square root of n (Grendel, Zhao et al. 2024)."""
+        takes steps larger by the square root of n (Grendel, Zhao et al. 2024).
+
+        Args:
+            still: whether nothing moves.
+        """
         if not self.gpu:
-            return OptimizerOptions()
+            return _RATES_CPU_STILL if still else OptimizerOptions()
         rates, factor = _RATES_GPU, math.sqrt(self.gpus)
         return replace(rates, **{name: getattr(rates, name) * factor for name in _WITH_RAYS})
 

@@ -62,12 +62,15 @@ def test_photographs_of_one_time_get_relocation_under_a_budget_and_a_time(machin
     assert f"{fit.minutes:.0f} minutes" in chosen.sentence
 
 
-def test_the_rates_of_a_gpu_hold_for_stills_and_motion_and_what_is_set_stays():
+@pytest.mark.parametrize("still", [True, False])
+def test_rates_follow_the_machine_and_what_is_set_stays(still):
+    taken = capture(times=(0.0,) if still else (0.0, 1.0))
     options = ReconstructOptions(optimizer=OptimizerOptions(mean=0.1))
-    for times in ((0.0,), (0.0, 1.0)):
-        chosen = effort(capture(times=times), options, GPU).options.optimizer
-        assert chosen == replace(GPU.rates, mean=0.1)
-        assert effort(capture(times=times), AUTO, CPU).options.optimizer == CPU.rates
+    for machine in (CPU, GPU):
+        chosen = effort(taken, options, machine).options.optimizer
+        assert chosen == replace(machine.rates(still=still), mean=0.1)
+    # A step of a CPU draws fewer tiles, of stills fewest.
+    assert GPU.rates(still=still).color < CPU.rates(still=False).color < CPU.rates(still=True).color
 
 
 def test_larger_captures_get_more_gaussians_and_more_time():
