@@ -19,7 +19,7 @@ from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.transforms import views_of
 from gaussray.geometry import BLENDER_AXES
-from gaussray.io.safe.files import read_text
+from gaussray.io.safe.files import parse_xml, read_text
 from gaussray.io.safe.limits import within
 
 
@@ -27,7 +27,7 @@ _PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr")
 _REMEDY = "Export it again: File > Export > Export Cameras, Agisoft XML."
 # Where the pictures lie, if not beside the XML file.
 _IMAGES = "images"
-_NUMBERS = ("cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
+_COEFFICIENTS = ("cx", "cy", "k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2")
 # What shifts no pixel by more than this is left out without a word.
 _PIXELS = 0.5
 
@@ -96,12 +96,10 @@ def metashape_frames(path: Path, pictures: Mapping[str, str]) -> list[Keys]:
 def _chunk(path: Path) -> ElementTree.Element:
     """The chunk of the file that has cameras."""
     text = read_text(path)
-    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-        raise CaptureError(f"{path}: must not declare entities. Remove the DOCTYPE.")
     try:
-        root = ElementTree.fromstring(text)
-    except (ElementTree.ParseError, ValueError) as error:
-        raise CaptureError(f"{path}: must be XML of Metashape, got {error}. {_REMEDY}") from None
+        root = parse_xml(path, text)
+    except ValueError as error:
+        raise CaptureError(f"{error} {_REMEDY}") from None
     chunks = [chunk for chunk in root.findall("chunk") if chunk.find("cameras") is not None]
     if len(chunks) != 1:
         raise CaptureError(
@@ -135,8 +133,8 @@ def _aligned(top: Keys, chunk: ElementTree.Element) -> list[ElementTree.Element]
 
 
 def _lens(top: Keys, sensor: ElementTree.Element) -> tuple[dict[str, Any], dict[str, float]]:
-    """The keys of a sensor's lens, as in a transforms.json, and by how many pixels it is off for
-    lack of what it cannot have."""
+    """The keys of a sensor's lens, as in a transforms.json, and by how many pixels it is
+    off for lack of each thing that it cannot have."""
     found = sensor.findall("calibration")
     adjusted = [node for node in found if node.get("class") == "adjusted"]
     kind = sensor.get("type", "frame")
@@ -150,50 +148,57 @@ def _lens(top: Keys, sensor: ElementTree.Element) -> tuple[dict[str, Any], dict[
     if kind == "spherical":
         lens = {"camera_model": "EQUIRECTANGULAR", "fl_x": width / 2, "fl_y": height}
         return {**lens, "w": width, "h": height, "cx": width / 2, "cy": height / 2}, {}
-    k = {name: _number(own, name, node.findtext(name), 0.0) for name in _NUMBERS}
-    k["f"] = _number(own, "f", node.findtext("f"))
-    corner = math.hypot(width, height) / 2
+    k = {name: _number(own, name, node.findtext(name), 0.0) for name in _COEFFICIENTS}
+    f = _number(own, "f", node.findtext("f"))
+    if not f > 0:
+        raise Keys(own.file, {"f": f}, prefix=prefix).error("f", "above 0", _REMEDY)
     lens = {
-        **{"w": width, "h": height, "fl_x": k["f"] + k["b1"], "fl_y": k["f"]},
+        **{"w": width, "h": height, "fl_x": f + k["b1"], "fl_y": f},
         **{"cx": width / 2 + k["cx"], "cy": height / 2 + k["cy"]},
     }
-    reach = corner / max(k["f"], 1e-9)
-    shifts = {"skew (b2)": abs(k["b2"]) * height / 2 / max(k["f"], 1e-9)}
+    # From the middle to the corners, in focal lengths.
+    reach = math.hypot(width, height) / 2 / f
+    shifts = {"skew (b2)": abs(k["b2"]) * height / 2 / f}
     if kind == "frame":
-        radial, shifts["fourth radial coefficient (k4)"] = _radial(k, reach)
+        radial, shift = _radial(k, reach)
+        shifts["fourth radial coefficient (k4)"] = f * shift
         # Metashape's P1 is OpenCV's p2, and the other way round.
         return lens | {"camera_model": "OPENCV", "p1": k["p2"], "p2": k["p1"]} | radial, shifts
     if kind not in ("fisheye", "equidistant_fisheye"):
         remedy = "Undistort the pictures in Metashape, and export their cameras."
         raise own.error("type", "frame, fisheye, equidistant_fisheye or spherical", remedy)
     tangential = max(abs(k["p1"]), abs(k["p2"]))
-    shifts["tangential distortion (p1, p2) of a fisheye"] = 3 * tangential * reach**2 * k["f"]
-    own_k = {name: k[name] for name in ("k1", "k2", "k3", "k4")}
-    return lens | {"camera_model": "OPENCV_FISHEYE"} | own_k, shifts
+    shifts["tangential distortion (p1, p2) of a fisheye"] = 3 * tangential * reach**2 * f
+    radial = {name: k[name] for name in ("k1", "k2", "k3", "k4")}
+    return lens | {"camera_model": "OPENCV_FISHEYE"} | radial, shifts
 
 
 def _warn_of_shifts(top: Keys, shifts: list[dict[str, float]]) -> None:
-    """One warning for each thing that lenses have here and in Metashape not alike."""
+    """One warning for each thing that Metashape's lenses have and those here have not."""
     for name in sorted({name for some in shifts for name in some}):
         sizes = [some[name] for some in shifts if some.get(name, 0.0) > _PIXELS]
         if sizes:
             top.warn(
-                f"the {name} of {len(sizes)} of {len(shifts)} lenses is left out: pixels are up to "
-                f"{max(sizes):.1f} from where it puts them."
+                f"the {name} of {len(sizes)} of {len(shifts)} lenses cannot be followed exactly: "
+                f"pixels are up to {max(sizes):.1f} off."
             )
 
 
 def _radial(k: dict[str, float], reach: float) -> tuple[dict[str, float], float]:
     """The three radial coefficients of OpenCV that come closest to Metashape's four, and how many
-    pixels they are off at most, of pixels at most so many focal lengths from the middle."""
+    focal lengths they are off at most, of pixels at most `reach` focal lengths from the middle."""
     three = {name: k[name] for name in ("k1", "k2", "k3")}
-    if not k["k4"] or not 0 < reach < 10:
+    if not k["k4"]:
         return three, 0.0
-    r = np.linspace(0, reach, 200)
-    powers = np.stack([r**3, r**5, r**7], axis=1)
-    wanted = powers @ list(three.values()) + k["k4"] * r**9
+    # Absurd numbers are no lens, which is found out when it is made.
+    with np.errstate(over="ignore", invalid="ignore"):
+        r = np.linspace(0, reach, 200)
+        powers = np.stack([r**3, r**5, r**7], axis=1)
+        wanted = powers @ list(three.values()) + k["k4"] * r**9
+    if not np.isfinite([powers.sum(), wanted.sum()]).all():
+        return three, 0.0
     close = np.linalg.lstsq(powers, wanted, rcond=None)[0]
-    off = k["f"] * float(np.abs(powers @ close - wanted).max())
+    off = float(np.abs(powers @ close - wanted).max())
     return dict(zip(three, close.tolist(), strict=True)), off
 
 

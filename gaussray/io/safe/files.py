@@ -6,6 +6,7 @@ import json
 import os
 import re
 import stat
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,24 @@ def read_text(path: Path | str) -> bytes:
         within(path, "the text in MB", os.fstat(file.fileno()).st_size, "text", 1e6)
         # The file may grow while it is read.
         return file.read(int(limits().text * 1e6) + 1)
+
+
+def parse_xml(path: Path | str, text: bytes) -> ElementTree.Element:
+    """The root of an XML document, which must not declare entities.
+
+    Args:
+        path: the file, for messages.
+        text: its content.
+
+    Raises:
+        ValueError: the document declares entities, or is no XML.
+    """
+    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
+        raise ValueError(f"{path}: must not declare entities. Remove the DOCTYPE.")
+    try:
+        return ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ValueError(f"{path}: must be XML, got {error}.") from None
 
 
 def read_json(path: Path | str) -> Any:

@@ -30,8 +30,8 @@ def read_metashape_cameras(path: Path) -> list[KnownCamera]:
     """The cameras of an XML file of Metashape, each called by its label without suffix.
 
     Raises:
-        CaptureError: The file contradicts the format.
-        PrepareError: A camera is spherical, which has no counterpart in COLMAP.
+        CaptureError: The file contradicts the format, or a camera is spherical, which has no
+            counterpart in COLMAP.
     """
     return _cameras_of(metashape_frames(path, {}))
 

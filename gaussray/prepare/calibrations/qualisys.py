@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gaussray.io.safe.files import read_text
+from gaussray.io.safe.files import parse_xml, read_text
 from gaussray.prepare.calibrations.known_camera import (
     KnownCamera,
     check_name,
@@ -31,12 +31,10 @@ def read_qualisys(path: Path) -> list[KnownCamera]:
     """
     text = read_text(path)
     refuse_storage(path, text.decode("utf-8", "replace"))
-    if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
-        raise PrepareError(f"{path}: must not declare entities. Remove the DOCTYPE.")
     try:
-        root = ElementTree.fromstring(text)
-    except ElementTree.ParseError as error:
-        raise PrepareError(f"{path}: must be XML of Qualisys, got {error}. {_REMEDY}") from None
+        root = parse_xml(path, text)
+    except ValueError as error:
+        raise PrepareError(f"{error} {_REMEDY}") from None
     nodes = [n for n in root.findall("cameras/camera") if n.find("intrinsic") is not None]
     if not nodes:
         raise PrepareError(f"{path}: must list cameras with intrinsics, got none. {_REMEDY}")

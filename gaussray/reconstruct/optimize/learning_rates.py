@@ -152,9 +152,8 @@ def rates(
     fall = options.decay ** (step / steps)
 
     def gaussians(kind: str, free: Kind, fall: Array) -> Kind:
-        brief, own = isinstance(free, UnconstrainedTransients), fall
-        if brief:
-            own = options.transient * fall
+        brief = isinstance(free, UnconstrainedTransients)
+        own = options.transient * fall if brief else fall
         # The constant harmonic is the colour; the others learn more slowly.
         degree = np.floor(np.sqrt(np.arange(free.harmonics.shape[1])))[None, :, None]
         color = jnp.where(degree == 0, options.color, options.harmonics) * own

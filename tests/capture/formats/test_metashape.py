@@ -91,10 +91,13 @@ def test_a_fourth_radial_coefficient_is_met_by_the_other_three(folder):
     off = np.abs(pixels(view, world) - frame_lens(own, **lens)).max()
     without = np.abs(frame_lens(own, **{**lens, "k4": 0}) - frame_lens(own, **lens)).max()
     assert off < without / 3
+    lay(folder, camera("a.PNG"), sensor({"f": 1e-300, "k4": 1}))
+    with pytest.raises(ValueError, match="cameras.xml|lens"):
+        read_metashape(folder)
     lay(folder, camera("a.PNG"), sensor({**lens, "k4": 40.0}))
     with pytest.warns(
         CaptureWarning,
-        match=r"coefficient \(k4\) of 1 of 1 lenses is left out: pixels are up to \d+\.\d from",
+        match=r"coefficient \(k4\) of 1 of 1 lenses cannot be followed .* up to \d+\.\d off",
     ):
         read_metashape(folder)
 
@@ -121,9 +124,8 @@ def test_what_lenses_lack_here_is_told_once_for_all(folder):
     with pytest.warns(CaptureWarning) as told:
         read_metashape(folder)
     (message,) = [str(warning.message) for warning in told]
-    assert (
-        f"skew (b2) of 2 of 2 lenses is left out: pixels are up to {6 * H / 2 / 50:.1f}" in message
-    )
+    assert "skew (b2) of 2 of 2 lenses cannot be followed exactly" in message
+    assert f"up to {6 * H / 2 / 50:.1f} off" in message
     lay(folder, camera("a"), sensor({"f": 30, "p1": 0.1}, "fisheye"))
     with pytest.warns(CaptureWarning, match="tangential distortion"):
         read_metashape(folder)
@@ -170,10 +172,11 @@ def test_cameras_without_pose_and_of_other_components_are_left_out(folder):
             r"sensor 0 \(s\): type must be frame, fisheye",
         ),
         (camera("a"), sensor({**LENS, "k1": "x"}), "k1 must be a finite number, got 'x'"),
+        (camera("a"), sensor({**LENS, "f": 0}), "f must be above 0, got 0.0"),
         (camera("a"), sensor({**LENS, "f": "nan"}), "f must be a finite number"),
         (camera("a"), sensor(number=7), "sensor_id must be that of a sensor of the file, got '0'"),
         (camera("a") + camera("a"), None, "a label of its own, got 'a' 2 times"),
-        (camera("a") + "<", None, "must be XML of Metashape"),
+        (camera("a") + "<", None, "cameras.xml: must be XML, got"),
     ],
 )
 def test_what_contradicts_the_format_is_refused_by_name(folder, cameras, sensors, says):
