@@ -77,6 +77,29 @@ def _pinf() -> list[Files]:
     return [{"info.json": text(info), "a.mp4": film(".mp4", "libx264")}]
 
 
+def _immersive() -> list[Files]:
+    camera = {"name": "camera_0001", "width": 4, "height": 3, "focal_length": 3.0}
+    camera |= {"principal_point": [2.0, 1.5], "radial_distortion": [0.01, 0.0, 0.0]}
+    camera |= {"orientation": [0.1, 0, 0], "position": [0, 0, 1], "projection_type": "fisheye"}
+    second = {**camera, "name": "camera_0002", "position": [1, 0, 1]}
+    pictures = {f"camera_000{k}/0.png": picture(".png") for k in (1, 2)}
+    return [{"models.json": text([camera, second]), **pictures}]
+
+
+def _technicolor() -> list[Files]:
+    rows = [f"3.0 2.0 1.5 1 0 1 0 0 0 {k} 0 1" for k in range(2)]
+    table = "\n".join(["focal cx cy aspect skew qw qx qy qz tx ty tz", *rows]).encode()
+    pictures = {f"a_0_{k}.png": picture(".png") for k in range(2)}
+    return [{"cameras_parameters.txt": table, **pictures}]
+
+
+def _actorshq() -> list[Files]:
+    rows = [f"Cam00{k}, 4, 3, 0, 0.1, 0, {k}, 0, 1, 1.1, 1.4, 0.5, 0.5" for k in (1, 2)]
+    table = "\n".join(["name, w, h, rx, ry, rz, tx, ty, tz, fx, fy, px, py", *rows]).encode()
+    pictures = {f"rgbs/Cam00{k}/Cam00{k}_rgb000000.png": picture(".png") for k in (1, 2)}
+    return [{"calibration.csv": table, **pictures}]
+
+
 def _metashape() -> list[Files]:
     lens = b"<f>4</f><cx>0.1</cx><k1>-0.1</k1><k4>0.01</k4><p1>0.001</p1>"
     size = b'<resolution width="4" height="3"/>'
@@ -170,6 +193,9 @@ READERS = {
     ),
     "neural3d": Reader(_neural3d, _read_capture, {"poses_bounds.npy": "bytes"}),
     "pinf": Reader(_pinf, _read_capture, {"info.json": "json"}),
+    "immersive": Reader(_immersive, _read_capture, {"models.json": "json"}),
+    "technicolor": Reader(_technicolor, _read_capture, {"cameras_parameters.txt": "text"}),
+    "actorshq": Reader(_actorshq, _read_capture, {"calibration.csv": "text"}),
     "metashape": Reader(_metashape, _read_capture, {"cameras.xml": "text"}),
     "colmap-binary": Reader(
         lambda: _colmap(True),

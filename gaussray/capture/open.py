@@ -11,10 +11,12 @@ from jaxtyping import DTypeLike
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.clip_start import with_clip_starts
 from gaussray.capture.errors import CaptureError, CaptureWarning
+from gaussray.capture.formats.actorshq import CALIBRATION_FILE, is_actorshq, read_actorshq
 from gaussray.capture.formats.colmap import read_colmap
 from gaussray.capture.formats.colmap_files import PLACES, model_folder, project_folder
 from gaussray.capture.formats.dnerf import SPLIT_FILES, VALIDATION_FILE, read_splits
 from gaussray.capture.formats.dynamic3dgs import META_FILES, read_dynamic3dgs
+from gaussray.capture.formats.immersive import MODELS_FILE, is_immersive, read_immersive
 from gaussray.capture.formats.llff import llff_pictures, read_llff
 from gaussray.capture.formats.metashape import metashape_file, read_metashape
 from gaussray.capture.formats.nerfies import DATASET_FILE, is_nerfies, read_nerfies
@@ -22,6 +24,7 @@ from gaussray.capture.formats.neural3d import read_neural3d, videos_of
 from gaussray.capture.formats.paired import effect_files, read_capture
 from gaussray.capture.formats.pinf import INFO_FILE, is_pinf, read_pinf
 from gaussray.capture.formats.poses_bounds import POSES_FILE
+from gaussray.capture.formats.technicolor import PARAMETERS_FILE, read_technicolor
 from gaussray.capture.formats.transforms import PINHOLE_FILE
 from gaussray.capture.mask_folder import with_mask_folder
 from gaussray.capture.picture_file import BACKGROUNDS
@@ -38,6 +41,9 @@ FORMATS: dict[str, Callable[[Path | str, DTypeLike], Capture]] = {
     "dynamic3dgs": read_dynamic3dgs,
     "nerfies": read_nerfies,
     "pinf": read_pinf,
+    "immersive": read_immersive,
+    "technicolor": read_technicolor,
+    "actorshq": read_actorshq,
     "colmap": read_colmap,
     "metashape": read_metashape,
 }
@@ -50,6 +56,9 @@ FORMAT_FILES = {
     "dynamic3dgs": f"{META_FILES['train']} and pictures in ims/",
     "nerfies": f"{DATASET_FILE}, a file in camera/ for each picture, and pictures in rgb/",
     "pinf": f"{INFO_FILE} with train_videos, and the videos",
+    "immersive": f"{MODELS_FILE} and a video camera_NNNN.mp4 per camera",
+    "technicolor": f"{PARAMETERS_FILE} and pictures *_FRAME_CAMERA.png",
+    "actorshq": f"{CALIBRATION_FILE} and pictures in rgbs/",
     "colmap": f"cameras and images (.bin or .txt) in one of {', '.join(PLACES)}",
     "metashape": "an XML file of Metashape's Export Cameras, and pictures in images/ or beside it",
 }
@@ -182,6 +191,12 @@ def _format(folder: Path) -> str | None:
         return "pinf"
     if paired or effect_files(folder):
         return "paired"
+    if is_immersive(folder):
+        return "immersive"
+    if (folder / PARAMETERS_FILE).is_file():
+        return "technicolor"
+    if is_actorshq(folder):
+        return "actorshq"
     model = model_folder(project_folder(folder))
     if (folder / POSES_FILE).is_file() and (videos_of(folder) or model is None):
         return "llff" if not videos_of(folder) and llff_pictures(folder) else "neural3d"

@@ -14,7 +14,7 @@ from gaussray.capture.videos import frame_of
 
 # Suffixes that are tried, in this order, where `file_path` has none.
 PICTURE_SUFFIXES = (".png", ".jpg", ".jpeg")
-_KNOWN_SUFFIXES = {*PICTURE_SUFFIXES, ".exr", ".tif", ".tiff", ".bmp", ".webp"}
+KNOWN_SUFFIXES = {*PICTURE_SUFFIXES, ".exr", ".tif", ".tiff", ".bmp", ".webp"}
 
 
 def completed(frames: list[Keys]) -> list[Keys]:
@@ -48,7 +48,7 @@ def _with_picture(frame: Keys) -> Keys:
     given = frame.text("file_path")
     # BlenderNeRF joins folder and name with the separator of the system that it runs on.
     name = given.replace("\\", "/")
-    if PurePosixPath(name).suffix.lower() not in _KNOWN_SUFFIXES:
+    if PurePosixPath(name).suffix.lower() not in KNOWN_SUFFIXES:
         name = _suffixed(frame, name)
     if name == given:
         return frame

@@ -23,17 +23,19 @@ _MOST = 2**31
 class Keys:
     """Values under one heading of a file: the top level, one frame, or a block of either.
 
-    `null` counts as absent, so that a frame can switch off a block of the top level.
+    `kind` is what messages call it if it has a number: a frame, a camera. `null` counts as absent,
+    so that a frame can switch off a block of the top level.
     """
 
     file: Path
     values: Mapping[str, Any]
     frame: int | None = None
     prefix: str = ""
+    kind: str = "frame"
 
     @property
     def where(self) -> str:
-        return f"{self.file}" + ("" if self.frame is None else f", frame {self.frame}")
+        return f"{self.file}" + ("" if self.frame is None else f", {self.kind} {self.frame}")
 
     def error(self, key: str, rule: str, remedy: str = "") -> CaptureError:
         """The error of a key that breaks its rule, with file, frame, the value and the remedy.
@@ -162,7 +164,7 @@ class Keys:
             return None
         if not isinstance(value, dict):
             raise self.error(key, f"a block with the keys {', '.join(known)}")
-        block = Keys(self.file, value, self.frame, f"{self.prefix}{key}.")
+        block = Keys(self.file, value, self.frame, f"{self.prefix}{key}.", self.kind)
         for name in value:
             if name not in known:
                 block.warn(

@@ -99,15 +99,19 @@ def views_of(top: Keys, frames: list[Keys], dtype: DTypeLike = jnp.float32) -> l
     ]
 
 
-def views_in_time(view: View, images: Sequence[Path]) -> list[View]:
-    """The views of a fixed camera: picture i of n is at time i / n, as 4DGaussians counts.
+def views_in_time(
+    view: View, images: Sequence[Path], times: Sequence[float] | None = None
+) -> list[View]:
+    """The views of a fixed camera.
 
     Args:
         view: the camera; all but image and time holds for every picture.
         images: all pictures of the camera, or frames of a video (`videos.frame_path`), in the
             order of their times.
+        times: the time of each; None: picture i of n is at time i / n, as 4DGaussians counts.
     """
-    times = [i / len(images) for i in range(len(images))]
+    if times is None:
+        times = [i / len(images) for i in range(len(images))]
     dtype = view.camera.time.dtype
     return [
         dataclasses.replace(

@@ -1,0 +1,132 @@
+"""Captures of rigs: cameras that stand still, each with pictures that are numbered in time."""
+
+import dataclasses
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import DTypeLike, Float
+from scipy.spatial.transform import Rotation
+
+from gaussray.capture.capture import Capture
+from gaussray.capture.errors import CaptureError
+from gaussray.capture.formats.completion import KNOWN_SUFFIXES
+from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.transforms import points_of, views_in_time, views_of
+from gaussray.geometry import BLENDER_AXES
+from gaussray.io.safe.limits import within
+
+
+# Pictures of one camera by their numbers: paths, or frames of a video, relative to the capture.
+Numbered = Mapping[int, str]
+_NAMED = 5
+
+
+def numbered_pictures(folder: Path, paths: Iterable[Path], name: str) -> dict[str, dict[int, str]]:
+    """The pictures among some files by camera and number.
+
+    Args:
+        folder: the capture's folder, to which the returned paths are relative.
+        paths: files in it. What is no picture, or has another name, is left out.
+        name: regular expression of the whole path without suffix, relative to the folder, with
+            the groups `camera` and `number`.
+    """
+    found: dict[str, dict[int, str]] = {}
+    for path in sorted(paths):
+        inside = path.relative_to(folder).as_posix()
+        match = re.fullmatch(name, inside.removesuffix(path.suffix))
+        if match and path.suffix.lower() in KNOWN_SUFFIXES:
+            found.setdefault(match["camera"], {}).setdefault(int(match["number"]), inside)
+    return found
+
+
+def rig_capture(
+    top: Keys,
+    cameras: Sequence[Keys],
+    pictures: Mapping[str, Numbered],
+    dtype: DTypeLike = jnp.float32,
+) -> Capture:
+    """The capture of cameras that stand still.
+
+    Pictures of one number were taken at one time: that of the i-th of n numbers is i / n. Cameras
+    without pictures, and pictures of no camera, are left out with a warning. Starting points come
+    from points3d.ply, if it exists.
+
+    Args:
+        top: the file that lists the cameras.
+        cameras: the keys of each as of a frame in a transforms.json, without picture and time.
+        pictures: the pictures of each camera by its name.
+        dtype: type of the cameras' numbers.
+
+    Raises:
+        CaptureError: no camera has a picture, or a camera's keys break their rules.
+    """
+    filmed = [camera for camera in cameras if pictures.get(camera.text("camera"))]
+    if not filmed:
+        names = ", ".join(camera.text("camera") for camera in cameras[:_NAMED])
+        raise CaptureError(
+            f"{top.file}: at least one of its {len(cameras)} cameras ({names} ...) must have "
+            "pictures beside it, got none. Check their names (docs/captures.md)."
+        )
+    if len(filmed) < len(cameras):
+        top.warn(f"{len(cameras) - len(filmed)} of {len(cameras)} cameras have no pictures.")
+    known = {camera.text("camera") for camera in cameras}
+    others = sorted(name for name in pictures if name not in known)
+    if others:
+        shown = ", ".join(others[:_NAMED])
+        top.warn(f"pictures of {len(others)} cameras that it does not list ({shown}) are not read.")
+    of_camera = [pictures[camera.text("camera")] for camera in filmed]
+    within(top.file, "the pictures", sum(len(some) for some in of_camera), "frames")
+    numbers = sorted({number for some in of_camera for number in some})
+    times = {number: i / len(numbers) for i, number in enumerate(numbers)}
+    first = [
+        dataclasses.replace(
+            camera, values={**camera.values, "time": 0.0, "file_path": next(iter(some.values()))}
+        )
+        for camera, some in zip(filmed, of_camera, strict=True)
+    ]
+    views = []
+    for view, some in zip(views_of(top, first, dtype), of_camera, strict=True):
+        ordered = sorted(some)
+        images = [Keys(top.file, {"picture": some[i]}).inside("picture") for i in ordered]
+        views += views_in_time(view, images, [times[i] for i in ordered])
+    span = (min(times.values()), max(times.values()))
+    return Capture(top.file.parent, views, {}, points_of(top), span, "normalised")
+
+
+def opengl_pose(turn: Float[np.ndarray, "3 3"], place: Sequence[float]) -> list[list[float]]:
+    """A `transform_matrix` (camera to world, OpenGL's axes).
+
+    Args:
+        turn: rotation, camera to world, of a camera with OpenCV's axes.
+        place: where the camera is.
+    """
+    matrix = np.eye(4)
+    matrix[:3, :3] = turn * np.array(BLENDER_AXES)
+    matrix[:3, 3] = place
+    return matrix.tolist()
+
+
+def rotation_of(keys: Keys, key: str, length: int) -> Float[np.ndarray, "3 3"]:
+    """The rotation that a list of numbers says.
+
+    Args:
+        keys: where the list is.
+        key: its name.
+        length: 3 for an axis times an angle in radians, 4 for a quaternion (w, x, y, z).
+
+    Raises:
+        CaptureError: the list is none of finite numbers, or a quaternion of length 0.
+    """
+    values: Any = np.array(keys.vector(key, length))
+    if length == 3:
+        if not np.abs(values).max() < 1e6:
+            raise keys.error(key, "an axis times an angle in radians")
+        return Rotation.from_rotvec(values).as_matrix()
+    size = np.linalg.norm(values)
+    if not 1e-6 < size < 1e6:
+        raise keys.error(key, "a quaternion (w, x, y, z) of a length above 0")
+    return Rotation.from_quat(values[[1, 2, 3, 0]] / size).as_matrix()
