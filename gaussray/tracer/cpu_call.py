@@ -116,15 +116,14 @@ def _write(_, address, value):
 
 
 @intrinsic
-def _next(_, address):
-    """The number at an address, which grows by one, whichever thread asks."""
+def _taken(_, address, count):
+    """The number at an address, which then grows by `count`, whichever thread asks."""
 
     def code(context, builder, signature, arguments):
         place = builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
-        one = ir.Constant(ir.IntType(64), 1)
-        return builder.atomic_rmw("add", place, one, "seq_cst")
+        return builder.atomic_rmw("add", place, arguments[1], "seq_cst")
 
-    return types.int64(types.int64), code
+    return types.int64(types.int64, types.int64), code
 
 
 @intrinsic
@@ -249,8 +248,9 @@ def is_execution(frame):
 
 @allocating_code
 def shared_state(frame):
-    """The shared state of the threads of a call: the number of pieces taken, and the frame."""
-    shared = np.zeros(2, np.int64)
+    """The shared state of the threads of a call: the number of pieces taken, the frame, and the
+    number of places taken."""
+    shared = np.zeros(3, np.int64)
     shared[1] = frame
     return shared
 
@@ -264,7 +264,18 @@ def call_frame(shared):
 @machine_code
 def next_piece(shared):
     """Take the next piece of work, and return its number."""
-    return _next(shared)
+    return _taken(shared, 1)
+
+
+@machine_code
+def take_places(shared, count):
+    """Take places of a result that all threads fill, and return the number of the first.
+
+    Args:
+        shared: address of the shared state.
+        count: how many.
+    """
+    return _taken(shared + 16, count)
 
 
 @machine_code

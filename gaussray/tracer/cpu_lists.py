@@ -25,6 +25,7 @@ from gaussray.tracer.cpu_call import (
     shared_address,
     shared_state,
     start_threads,
+    take_places,
     thread_count,
 )
 from gaussray.tracer.cpu_reach import (
@@ -46,6 +47,8 @@ from gaussray.tracer.window import time_window_of
 
 
 _LISTS = "gaussray_candidate_lists"
+# Places for the list of a bundle, at first.
+_PLACES = 256
 
 
 class _Shapes(NamedTuple):
@@ -90,18 +93,18 @@ def find_lists(
     fine = levels[-1]
     coarse = levels[-2] if len(levels) > 1 else fine
     coarsest = levels[-3] if len(levels) > 2 else coarse
-    bundles, slots = fine.offset.shape[0], capacity.slots
+    bundles = fine.offset.shape[0]
     call = jax.ffi.ffi_call(
         _LISTS,
         tuple(
             jax.ShapeDtypeStruct(shape, np.int32)
-            for shape in ((capacity.pairs,), (bundles,), (bundles,), (3,), (bundles, slots))
+            for shape in ((capacity.pairs,), (bundles,), (bundles,), (3,))
         ),
         vmap_method="sequential",
     )
     bounds = [x for level in (fine, coarse, coarsest) for x in _sides(level, motion.time_range)]
-    numbers = np.asarray([thread_count()], np.int32)
-    index, start, count, sizes, _ = call(*persistent, *transient, *bounds, numbers)
+    numbers = np.asarray([thread_count(), capacity.slots], np.int32)
+    index, start, count, sizes = call(*persistent, *transient, *bounds, numbers)
     pairs, longest, lost = sizes
     return Candidates(index, start, count, jnp.stack([pairs, longest]), lost), invalid + unusable
 
@@ -223,9 +226,11 @@ def _kept(sphere, row):
 
 @machine_code
 def _list_bundle(shapes, levels, kept, work, bundle, lists):
-    """Append the Gaussians of one kind to the lists of all bundles of a coarsest bundle."""
+    """Append the Gaussians of one kind to the lists of all bundles of a coarsest bundle. Those that
+    find no place are counted."""
     sphere, row, base = shapes
-    count, places, slots = lists
+    count, places = lists
+    slots = len(places) // len(count)
     fine, coarse, coarsest = levels
     some = len(coarse.offset) // len(coarsest.offset)
     fan = len(fine.offset) // len(coarse.offset)
@@ -243,13 +248,14 @@ def _list_bundle(shapes, levels, kept, work, bundle, lists):
                     kept.near[c, i] = own[c]
             for child in range(parent * fan, (parent + 1) * fan):
                 ellipsoids_inside(kept.near, run, row.shape[1] // STATE_ROWS, fine, child, work)
-                met, at = count[child], child * slots
+                number_of_child = child - bundle * some * fan
+                met, at = count[number_of_child], number_of_child * slots
                 for i in range(run):
                     if not work.room[i] < 0:
                         if met < slots:
                             places[at + met] = base + kept.all[kept.some[begin + i]]
                         met += 1
-                count[child] = met
+                count[number_of_child] = met
 
 
 @allocating_code
@@ -259,8 +265,6 @@ def _list_bundles(shared):
     sphere, row = floats(operand(frame, 0)), floats(operand(frame, 1))
     brief, brief_row = floats(operand(frame, 2)), floats(operand(frame, 3))
     levels = _Levels(_bounds_of(frame, 4), _bounds_of(frame, 8), _bounds_of(frame, 12))
-    count, places = integers(result(frame, 2)), integers(result(frame, 4))
-    lists = count, places, len(places) // max(len(count), 1)
     kept, brief_kept = _kept(sphere, row), _kept(brief, brief_row)
     work = Work(
         np.empty(TESTED_AT_ONCE, np.float32),
@@ -270,41 +274,71 @@ def _list_bundles(shared):
         np.empty(TESTED_AT_ONCE, np.float32),
         np.empty(TESTED_AT_ONCE, np.float32),
     )
+    count = integers(result(frame, 2))
     fan = len(count) // max(len(levels.coarsest.offset), 1)
+    places = np.empty(fan * _PLACES, np.int32)
     while True:
         bundle = next_piece(shared)
         if bundle >= len(levels.coarsest.offset):
             return
-        count[bundle * fan : (bundle + 1) * fan] = 0
-        _list_bundle((sphere, row, 0), levels, kept, work, bundle, lists)
-        if brief.shape[1] > 0:
-            shapes = brief, brief_row, sphere.shape[1]
-            _list_bundle(shapes, levels, brief_kept, work, bundle, lists)
+        own = count[bundle * fan : (bundle + 1) * fan]
+        while True:
+            own[:] = 0
+            _list_bundle((sphere, row, 0), levels, kept, work, bundle, (own, places))
+            if brief.shape[1] > 0:
+                shapes = brief, brief_row, sphere.shape[1]
+                _list_bundle(shapes, levels, brief_kept, work, bundle, (own, places))
+            longest = np.max(own)
+            if longest <= len(places) // fan:
+                break
+            places = np.empty(fan * (longest + longest // 2), np.int32)
+        _store_lists(shared, bundle * fan, own, places)
+
+
+@machine_code
+def _store_lists(shared, first, own, places):
+    """Write lists side by side to where no other thread does, as far as they fit.
+
+    `start` is written; `count`, of which `own` is a part, stays what is wanted.
+
+    Args:
+        shared: address of the shared state.
+        first: the first bundle.
+        own: lengths of the lists of the bundles from the first on.
+        places: the lists.
+    """
+    frame = call_frame(shared)
+    index, start = integers(result(frame, 0)), integers(result(frame, 1))
+    most, slots, total = np.int64(integers(operand(frame, 16))[1]), len(places) // len(own), 0
+    for n in range(len(own)):
+        total += min(own[n], most)
+    at = take_places(shared, total)
+    for n in range(len(own)):
+        start[first + n] = at
+        for i in range(min(own[n], most, len(index) - at)):
+            index[at + i] = places[n * slots + i]
+        at += min(own[n], most)
 
 
 @allocating_code
 def _join_lists(frame):
-    """The lists one after another, and the sizes that they need."""
+    """The sizes that the lists need, and what of each of them fits."""
     index, start, count = (
         integers(result(frame, 0)),
         integers(result(frame, 1)),
         integers(result(frame, 2)),
     )
-    sizes, places = integers(result(frame, 3)), integers(result(frame, 4))
-    slots = len(places) // max(len(count), 1)
-    index[:] = -1
+    sizes, most = integers(result(frame, 3)), np.int64(integers(operand(frame, 16))[1])
     total, longest, lost, filled = 0, 0, 0, 0
     for bundle in range(len(count)):
         wanted = count[bundle]
         total += wanted
         longest = max(longest, wanted)
-        there = min(wanted, slots, len(index) - filled)
-        start[bundle] = filled
-        for i in range(there):
-            index[filled + i] = places[bundle * slots + i]
+        filled += min(wanted, most)
+        there = max(min(wanted, most, len(index) - start[bundle]), 0)
         count[bundle] = there
-        filled += there
         lost += wanted - there
+    index[min(filled, len(index)) :] = -1
     sizes[0], sizes[1], sizes[2] = total, longest, lost
 
 
