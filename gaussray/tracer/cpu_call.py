@@ -1,15 +1,13 @@
 """Functions compiled by Numba inside a JAX program on a CPU: XLA calls them through its FFI.
 
 XLA hands over one pointer, to a call frame (struct XLA_FFI_CallFrame of xla/ffi/api/c_api.h, whose
-layout is stable). `operand` and `result` find the arrays behind it. Threads that a call starts
-take pieces of its work (`next_piece`) until none is left.
+layout is stable). `operand` and `result` find the arrays behind it.
 """
 
 import ctypes
 import functools
 import hashlib
 import inspect
-import os
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -20,10 +18,7 @@ import numba.extending
 import numpy as np
 from llvmlite import ir
 from numba import cfunc, njit, types
-from numba.core import cgutils
 from numba.np.numpy_support import carray
-
-from gaussray.runtime.devices import cores
 
 
 # Only compiled code calls these functions: they need no wrappers.
@@ -116,17 +111,6 @@ def _write(_, address, value):
 
 
 @intrinsic
-def _taken(_, address, count):
-    """The number at an address, which then grows by `count`, whichever thread asks."""
-
-    def code(context, builder, signature, arguments):
-        place = builder.inttoptr(arguments[0], ir.IntType(64).as_pointer())
-        return builder.atomic_rmw("add", place, arguments[1], "seq_cst")
-
-    return types.int64(types.int64, types.int64), code
-
-
-@intrinsic
 def power_of_two(_, shifted):
     """2^n in single precision, for a whole number n from -126 to 127.
 
@@ -155,7 +139,7 @@ def _pointer(kind: types.Type, form: ir.Type) -> Any:
     return pointer
 
 
-_word, _number = _reader(64, types.int64), _reader(32, types.int32)
+word_at, _number = _reader(64, types.int64), _reader(32, types.int32)
 _float_pointer = _pointer(types.float32, ir.FloatType())
 _int_pointer = _pointer(types.int32, ir.IntType(32))
 
@@ -168,7 +152,7 @@ def operand(frame, i):
         frame: address of the call frame.
         i: index of the operand, from 0.
     """
-    return _word(_word(frame + _OPERANDS) + 8 * i)
+    return word_at(word_at(frame + _OPERANDS) + 8 * i)
 
 
 @machine_code
@@ -179,64 +163,45 @@ def result(frame, i):
         frame: address of the call frame.
         i: index of the result, from 0.
     """
-    return _word(_word(frame + _RESULTS) + 8 * i)
+    return word_at(word_at(frame + _RESULTS) + 8 * i)
 
 
 @machine_code
 def _size(buffer):
     """Number of elements along the first axis, and of all others together."""
-    rank, place = _word(buffer + _RANK), _word(buffer + _DIMENSIONS)
+    rank, place = word_at(buffer + _RANK), word_at(buffer + _DIMENSIONS)
     rest = 1
     for k in range(1, rank):
-        rest *= _word(place + 8 * k)
-    return (_word(place) if rank > 0 else 1), rest
+        rest *= word_at(place + 8 * k)
+    return (word_at(place) if rank > 0 else 1), rest
 
 
 @allocating_code
 def floats(buffer):
     """A buffer as an array of float32, (first axis, all others)."""
-    return carray(_float_pointer(_word(buffer + _DATA)), _size(buffer))
+    return carray(_float_pointer(word_at(buffer + _DATA)), _size(buffer))
 
 
 @allocating_code
 def flat_floats(buffer):
     """A buffer as an array of float32 with one axis."""
     first, rest = _size(buffer)
-    return carray(_float_pointer(_word(buffer + _DATA)), (first * rest,))
+    return carray(_float_pointer(word_at(buffer + _DATA)), (first * rest,))
 
 
 @allocating_code
 def integers(buffer):
     """A buffer as an array of int32 with one axis."""
     first, rest = _size(buffer)
-    return carray(_int_pointer(_word(buffer + _DATA)), (first * rest,))
-
-
-@intrinsic
-def entry_address(_):
-    """The address of the `entry` that asks for it."""
-
-    def code(context, builder, signature, arguments):
-        kind = ir.FunctionType(ir.IntType(64), [ir.IntType(64)])
-        # Numba's name for what C calls.
-        name = f"cfunc.{builder.function.name}"
-        function = cgutils.get_or_insert_function(builder.module, kind, name)
-        return builder.ptrtoint(function, ir.IntType(64))
-
-    return types.int64(), code
-
-
-_POSIX = os.name == "posix"
-_create = types.ExternalFunction("pthread_create", types.int32(*[types.int64] * 4))
-_join = types.ExternalFunction("pthread_join", types.int32(*[types.int64] * 2))
+    return carray(_int_pointer(word_at(buffer + _DATA)), (first * rest,))
 
 
 @machine_code
 def is_execution(frame):
     """Whether a call is to compute. A call that asks for the interface's version is answered."""
-    extension = _word(frame + _EXTENSION)
+    extension = word_at(frame + _EXTENSION)
     if extension != 0 and _number(extension + _TYPE) == _IS_METADATA:
-        metadata, interface = _word(extension + _METADATA), _word(frame + _INTERFACE)
+        metadata, interface = word_at(extension + _METADATA), word_at(frame + _INTERFACE)
         minor = np.int32(1)
         if interface != 0 and _number(interface + _OWN_MAJOR) == _LAYOUT:
             minor = _number(interface + _OWN_MINOR)
@@ -244,88 +209,6 @@ def is_execution(frame):
         _write(metadata + _MINOR, minor)
         return False
     return _number(frame + _STAGE) == _EXECUTE
-
-
-@allocating_code
-def shared_state(frame):
-    """The shared state of the threads of a call: the number of pieces taken, the frame, and the
-    number of places taken."""
-    shared = np.zeros(3, np.int64)
-    shared[1] = frame
-    return shared
-
-
-@machine_code
-def call_frame(shared):
-    """The address of the call frame, from the address of the shared state."""
-    return _word(shared + 8)
-
-
-@machine_code
-def next_piece(shared):
-    """Take the next piece of work, and return its number."""
-    return _taken(shared, 1)
-
-
-@machine_code
-def take_places(shared, count):
-    """Take places of a result that all threads fill, and return the number of the first.
-
-    Args:
-        shared: address of the shared state.
-        count: how many.
-    """
-    return _taken(shared + 16, count)
-
-
-@machine_code
-def shared_address(argument):
-    """The address of the shared state, from the argument of an entry; 0 if XLA calls."""
-    return argument - 1 if argument & 1 else 0
-
-
-@allocating_code
-def start_threads(entry, shared, threads):
-    """Start threads that run an entry, and return their identifiers.
-
-    They call it with the address of the shared state plus 1: no address is odd, which distinguishes
-    their calls from XLA's. Where threads cannot be started, fewer come back.
-
-    Args:
-        entry: address of the entry (`entry_address`).
-        shared: address of the shared state.
-        threads: number of threads to start beside the caller's.
-    """
-    identifiers = np.zeros(max(threads, 1), np.int64)
-    count = 0
-    if _POSIX:
-        for k in range(threads):
-            place = identifiers.ctypes.data + 8 * k
-            if _create(place, 0, entry, shared + 1) != 0:
-                break
-            count += 1
-    return identifiers[:count]
-
-
-@allocating_code
-def join_threads(identifiers, shared):
-    """Wait for threads to end.
-
-    Args:
-        identifiers: identifiers of the threads (`start_threads`).
-        shared: array of the shared state, which is written last: Numba frees an array after its
-            last use, and does not see that the threads use its address.
-    """
-    if _POSIX:
-        for identifier in identifiers:
-            _join(identifier, 0)
-    shared[1] = 0
-
-
-def thread_count() -> int:
-    """Threads of a call: the processors of this process, shared by the devices that JAX makes of
-    them, each of which may call at once."""
-    return max(1, cores() // jax.local_device_count("cpu"))
 
 
 # Threads may ask for the same function at the same time.

@@ -22,18 +22,17 @@ from gaussray.tracer.cpu_bundle import (
 )
 from gaussray.tracer.cpu_call import (
     allocating_code,
-    call_frame,
     flat_floats,
     floats,
     inlined_code,
     integers,
     machine_code,
-    next_piece,
     operand,
     result,
 )
 from gaussray.tracer.cpu_gradient import add_gradients, end_block
 from gaussray.tracer.cpu_hit import clamp_positive, color_of
+from gaussray.tracer.cpu_threads import call_frame, next_piece
 
 
 _ZERO, _HALF, _ONE = (np.float32(x) for x in (0, 0.5, 1))

@@ -11,59 +11,46 @@ from jaxtyping import Array, Float, Int
 from gaussray.tracer.bundle import Bundles
 from gaussray.tracer.cpu_call import (
     allocating_code,
-    call_frame,
-    entry_address,
     floats,
     integers,
     is_execution,
-    join_threads,
     machine_code,
-    next_piece,
     operand,
     register,
     result,
+)
+from gaussray.tracer.cpu_cone import bounding_cones, drop_missed
+from gaussray.tracer.cpu_reach import (
+    STATE_ROWS,
+    TESTED_AT_ONCE,
+    Sides,
+    Work,
+    ellipsoids_inside,
+    spheres_inside,
+)
+from gaussray.tracer.cpu_shapes import persistent_shapes, transient_shapes
+from gaussray.tracer.cpu_threads import (
+    call_frame,
+    entry_address,
+    join_threads,
+    next_piece,
     shared_address,
     shared_state,
     start_threads,
     take_places,
     thread_count,
 )
-from gaussray.tracer.cpu_reach import (
-    SLACK,
-    SPHERE_ROWS,
-    STATE_ROWS,
-    TESTED_AT_ONCE,
-    WINDOW_ROWS,
-    Sides,
-    Work,
-    ellipsoids_inside,
-    spheres_inside,
-)
-from gaussray.tracer.motion import Motion, clipped_time, control_points, is_valid, still
+from gaussray.tracer.motion import Motion, clipped_time
 from gaussray.tracer.options import TraceOptions
-from gaussray.tracer.response import reach_radius
 from gaussray.tracer.traverse import Candidates, Capacity
-from gaussray.tracer.window import time_window_of
 
 
 _LISTS = "gaussray_candidate_lists"
 # Places for the list of a bundle, at first.
 _PLACES = 256
-
-
-class _Shapes(NamedTuple):
-    """Gaussians as the call reads them: those that are there all the time, then transient ones.
-
-    Args:
-        sphere: centre and radius of a sphere around the ellipsoid at all control points, number by
-            number; a radius of minus infinity keeps a Gaussian out of all lists. Of transient
-            ones around the ellipsoid at its instant, with their time windows (cpu_reach.py).
-        row: of each Gaussian the centre and F^T times the reach for each control point, Gaussian by
-            Gaussian; of transient ones for the only one, and the time window.
-    """
-
-    sphere: Float[Array, "numbers gaussians"]
-    row: Float[Array, "gaussians numbers"]
+# Of `TESTED_AT_ONCE` Gaussians that reach into the half-spaces of a bundle, so many make it
+# worthwhile to look which of them its cone misses.
+_MANY = 64
 
 
 def find_lists(
@@ -88,8 +75,8 @@ def find_lists(
         capacity: sizes of the lists.
     """
     register_lists()
-    persistent, invalid = _persistent_shapes(motion, options.alpha_min)
-    transient, unusable = _transient_shapes(motion, span, options.alpha_min)
+    persistent, invalid = persistent_shapes(motion, options.alpha_min)
+    transient, unusable = transient_shapes(motion, span, options.alpha_min)
     fine = levels[-1]
     coarse = levels[-2] if len(levels) > 1 else fine
     coarsest = levels[-3] if len(levels) > 2 else coarse
@@ -104,76 +91,10 @@ def find_lists(
     )
     bounds = [x for level in (fine, coarse, coarsest) for x in _sides(level, motion.time_range)]
     numbers = np.asarray([thread_count(), capacity.slots], np.int32)
-    index, start, count, sizes = call(*persistent, *transient, *bounds, numbers)
+    cones = bounding_cones(fine)
+    index, start, count, sizes = call(*persistent, *transient, *bounds, cones, numbers)
     pairs, longest, lost = sizes
     return Candidates(index, start, count, jnp.stack([pairs, longest]), lost), invalid + unusable
-
-
-def _persistent_shapes(motion: Motion, alpha_min: float) -> tuple[_Shapes, Int[Array, ""]]:
-    """Gaussians that are there all the time, and how many of them are not finite."""
-    g = motion.gaussians
-    mean, frame = control_points(motion)
-    radius, fine = reach_radius(g.opacity, alpha_min), is_valid(g)
-    support = frame * radius[None, :, None, None]
-    if mean.shape[0] == 1:
-        longest = radius * _largest(g.scale[0])
-    else:
-        # Control points between keys have axes of any length and angle.
-        longest = jnp.sqrt(jnp.max(jnp.sum(support * support, axis=(-2, -1)), axis=0))
-    low, high = jnp.min(mean, axis=0).T, jnp.max(mean, axis=0).T
-    way = jnp.sqrt(sum((b - a) ** 2 for a, b in zip(low, high, strict=True))) / 2
-    slack = SLACK * sum(jnp.abs(x) for x in (*low, *high))
-    size = (longest + way) * (1 + SLACK) + slack
-    sphere = _sphere((low + high) / 2, size, fine, radius)
-    return _Shapes(jnp.stack(sphere), _states(mean, support)), jnp.sum(~fine, dtype=jnp.int32)
-
-
-def _transient_shapes(
-    motion: Motion, span: Float[Array, "2"], alpha_min: float
-) -> tuple[_Shapes, Int[Array, ""]]:
-    """Transient Gaussians, and how many of them are not finite."""
-    t = motion.transient
-    if t is None:
-        none = jnp.zeros((SPHERE_ROWS + WINDOW_ROWS, 0), jnp.float32)
-        return _Shapes(none, jnp.zeros((0, STATE_ROWS + WINDOW_ROWS), jnp.float32)), jnp.int32(0)
-    own = still(t.gaussians)
-    mean, frame = control_points(own)
-    radius, fine = reach_radius(t.opacity, alpha_min), is_valid(own.gaussians)
-    window, beyond = time_window_of(t), jnp.where(radius > 0, radius, 1)
-    # A lifetime without end has rate 0: it is alive at all times.
-    rate = jnp.where(window.rate > 0, window.rate, 1)
-    length = jnp.where(window.rate > 0, (window.plateau + radius / rate) * (1 + SLACK), jnp.inf)
-    fade = window.rate / beyond
-    times = [*window.velocity.T, window.instant, length, window.plateau, fade]
-    # With slack for the rounding of the way from the instant.
-    ends = jnp.abs(clipped_time(motion.time_range, span)[:, None] - window.instant[None])
-    moved = jnp.minimum(length, jnp.max(ends, axis=0))[:, None] * jnp.abs(window.velocity)
-    slack = 4 * SLACK * _total(jnp.abs(mean[0]) + jnp.where(jnp.isfinite(moved), moved, 0))
-    size = radius * _largest(t.scale) * (1 + SLACK) + slack
-    sphere = jnp.stack([*_sphere(mean[0].T, size, fine, radius), *times])
-    states = _states(mean, frame * radius[None, :, None, None])
-    row = jnp.concatenate([states, jnp.stack(times, axis=1)], axis=1)
-    return _Shapes(sphere, row), jnp.sum(~fine, dtype=jnp.int32)
-
-
-def _sphere(center: Array, size: Array, fine: Array, radius: Array) -> list[Array]:
-    """Rows of spheres; those of Gaussians that no list may hold contain nothing."""
-    return [*jnp.where(fine[None], center, 0), jnp.where(fine & (radius > 0), size, -jnp.inf)]
-
-
-def _largest(x: Float[Array, "gaussians 3"]) -> Float[Array, " gaussians"]:
-    return jnp.maximum(jnp.maximum(x[:, 0], x[:, 1]), x[:, 2])
-
-
-def _total(x: Float[Array, "gaussians 3"]) -> Float[Array, " gaussians"]:
-    return x[:, 0] + x[:, 1] + x[:, 2]
-
-
-def _states(
-    mean: Float[Array, "keys gaussians 3"], support: Float[Array, "keys gaussians 3 3"]
-) -> Float[Array, "gaussians numbers"]:
-    turned = jnp.swapaxes(support, -2, -1).reshape(*mean.shape[:2], 9)
-    return jnp.concatenate([x for k in range(len(mean)) for x in (mean[k], turned[k])], axis=1)
 
 
 def _sides(bundles: Bundles, time_range: Array | None) -> tuple[Array, Array, Array, Array]:
@@ -225,12 +146,22 @@ def _kept(sphere, row):
 
 
 @machine_code
+def _drop_some(near, run, cone, room):
+    """Drop Gaussians that a cone misses, if many are left."""
+    many = 0
+    for i in range(run):
+        many += not room[i] < 0
+    if many > _MANY:
+        drop_missed(near, run, cone, room)
+
+
+@machine_code
 def _list_bundle(shapes, levels, kept, work, bundle, lists):
     """Append the Gaussians of one kind to the lists of all bundles of a coarsest bundle. Those that
     find no place are counted."""
     sphere, row, base = shapes
-    count, places = lists
-    slots = len(places) // len(count)
+    count, places, cones = lists
+    slots, stands = len(places) // len(count), row.shape[1] == STATE_ROWS
     fine, coarse, coarsest = levels
     some = len(coarse.offset) // len(coarsest.offset)
     fan = len(fine.offset) // len(coarse.offset)
@@ -248,6 +179,8 @@ def _list_bundle(shapes, levels, kept, work, bundle, lists):
                     kept.near[c, i] = own[c]
             for child in range(parent * fan, (parent + 1) * fan):
                 ellipsoids_inside(kept.near, run, row.shape[1] // STATE_ROWS, fine, child, work)
+                if stands and cones[child, 3] != cones[child, 6]:
+                    _drop_some(kept.near, run, cones[child], work.room)
                 number_of_child = child - bundle * some * fan
                 met, at = count[number_of_child], number_of_child * slots
                 for i in range(run):
@@ -274,7 +207,7 @@ def _list_bundles(shared):
         np.empty(TESTED_AT_ONCE, np.float32),
         np.empty(TESTED_AT_ONCE, np.float32),
     )
-    count = integers(result(frame, 2))
+    count, cones = integers(result(frame, 2)), floats(operand(frame, 16))
     fan = len(count) // max(len(levels.coarsest.offset), 1)
     places = np.empty(fan * _PLACES, np.int32)
     while True:
@@ -284,10 +217,10 @@ def _list_bundles(shared):
         own = count[bundle * fan : (bundle + 1) * fan]
         while True:
             own[:] = 0
-            _list_bundle((sphere, row, 0), levels, kept, work, bundle, (own, places))
+            _list_bundle((sphere, row, 0), levels, kept, work, bundle, (own, places, cones))
             if brief.shape[1] > 0:
                 shapes = brief, brief_row, sphere.shape[1]
-                _list_bundle(shapes, levels, brief_kept, work, bundle, (own, places))
+                _list_bundle(shapes, levels, brief_kept, work, bundle, (own, places, cones))
             longest = np.max(own)
             if longest <= len(places) // fan:
                 break
@@ -309,7 +242,7 @@ def _store_lists(shared, first, own, places):
     """
     frame = call_frame(shared)
     index, start = integers(result(frame, 0)), integers(result(frame, 1))
-    most, slots, total = np.int64(integers(operand(frame, 16))[1]), len(places) // len(own), 0
+    most, slots, total = np.int64(integers(operand(frame, 17))[1]), len(places) // len(own), 0
     for n in range(len(own)):
         total += min(own[n], most)
     at = take_places(shared, total)
@@ -328,7 +261,7 @@ def _join_lists(frame):
         integers(result(frame, 1)),
         integers(result(frame, 2)),
     )
-    sizes, most = integers(result(frame, 3)), np.int64(integers(operand(frame, 16))[1])
+    sizes, most = integers(result(frame, 3)), np.int64(integers(operand(frame, 17))[1])
     total, longest, lost, filled = 0, 0, 0, 0
     for bundle in range(len(count)):
         wanted = count[bundle]
@@ -346,7 +279,7 @@ def _join_lists(frame):
 def _extra_threads(frame):
     """Threads to start beside the caller's."""
     pieces = floats(operand(frame, 13)).shape[0]
-    return max(min(np.int64(integers(operand(frame, 16))[0]), pieces), 1) - 1
+    return max(min(np.int64(integers(operand(frame, 17))[0]), pieces), 1) - 1
 
 
 def _find(argument):

@@ -11,20 +11,22 @@ from jaxtyping import Array, Float, Int
 from gaussray.tracer.cpu_bundle import list_range, march_inputs
 from gaussray.tracer.cpu_call import (
     allocating_code,
-    entry_address,
     flat_floats,
     floats,
     is_execution,
-    join_threads,
     operand,
     register,
     result,
+)
+from gaussray.tracer.cpu_kernel import backward_bundles, forward_bundles
+from gaussray.tracer.cpu_threads import (
+    entry_address,
+    join_threads,
     shared_address,
     shared_state,
     start_threads,
     thread_count,
 )
-from gaussray.tracer.cpu_kernel import backward_bundles, forward_bundles
 from gaussray.tracer.options import TraceOptions
 from gaussray.tracer.response import reach_radius
 from gaussray.tracer.table import Columns, Lanes

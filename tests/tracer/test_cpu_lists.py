@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import reference
+from numba import njit
 from pictures import seen_through
 from scenes import (
     OPTIONS,
@@ -24,9 +25,11 @@ from scenes import (
     stacked,
     wandering,
 )
+from scipy.spatial.transform import Rotation
 
 from gaussray.runtime.devices import has_machine_code
-from gaussray.tracer import cpu_lists
+from gaussray.tracer import cpu_cone, cpu_lists
+from gaussray.tracer.bundle import bounds_of_levels
 from gaussray.tracer.trace import find_candidates, measure, prepare_for_rays
 from gaussray.tracer.traverse import Capacity
 
@@ -41,6 +44,9 @@ ALPHA_MIN = (1 + 1e-4) / 255
 COUNT = 400
 ROOM, GRID = Capacity((), 16 * COUNT, COUNT, COUNT), (50, 800)
 EACH = OPTIONS.bundle**2
+# Rounding of single precision, relative to the distance from a cone's apex; `drop_missed` leaves
+# room for thirty times as much.
+CONE_SLACK = 1e-6
 SIZES = {"size": (0.02, 0.2)}
 
 search = eqx.filter_jit(find_candidates)
@@ -51,8 +57,15 @@ def rolling(lines):
     return lines._replace(time=np.linspace(-0.1, 1.1, RAYS))
 
 
+def long_ones(count=COUNT, **kind):
+    """Gaussians of which many reach into all half-spaces of a bundle and pass it by."""
+    matter = gaussians(count, size=(0.01, 0.03), **kind)
+    return matter._replace(scale=matter.scale * [40, 1, 1])
+
+
 SCENES = {
     "still": lambda: resting(gaussians(COUNT, **SIZES)),
+    "long": lambda: resting(long_ones()),
     "moving": lambda: wandering(*moving(COUNT, keys=3, amount=0.2, **SIZES)),
     "transient": lambda: beside(resting(gaussians(200, **SIZES)), fleeting(200, seed=3, **SIZES)),
 }
@@ -148,6 +161,76 @@ def test_measured_sizes_suffice_and_pixels_are_those_of_a_grid():
     np.testing.assert_allclose(stacked(pixels), stacked(usual), atol=1e-6)
 
 
+@pytest.mark.parametrize("picture", ["narrow", "depth_of_field", "fisheye"])
+def test_a_cone_holds_the_rays_of_its_bundle(picture):
+    lines = shot(PICTURES[picture]())
+    rays = jax.tree.map(lambda x: x[None], lines)
+    fine = bounds_of_levels(rays, jnp.zeros(1, jnp.float32), OPTIONS)[-1]
+    cones = np.asarray(cpu_cone.bounding_cones(fine), np.float64)
+    edges = cones[:, 3:].reshape(-1, 4, 3)
+    there = np.linalg.norm(edges[:, 0], axis=-1) > 0
+    assert np.mean(there) > 0.4
+    inner = np.cross(edges, np.roll(edges, -1, axis=1))
+    inner *= np.sign(np.sum(inner * edges.mean(axis=1)[:, None], axis=-1))[..., None]
+    inner /= np.maximum(np.linalg.norm(inner, axis=-1, keepdims=True), 1e-30)
+    for ray in range(RAYS):
+        if np.any(lines.direction[ray]) and there[ray // EACH]:
+            o, d = (np.asarray(x[ray], np.float64) for x in (lines.origin, lines.direction))
+            bundle = ray // EACH
+            for t in (0.0, 1.0, 100.0):
+                seen = o + t * d - cones[bundle, :3]
+                assert np.all(inner[bundle] @ seen >= -CONE_SLACK * (1 + np.linalg.norm(seen)))
+
+
+@njit
+def drop_missed(rows, count, cone, room):
+    """What Python may call."""
+    cpu_cone.drop_missed(rows, count, cone, room)
+
+
+def test_a_cone_drops_what_it_misses_and_nothing_that_it_meets():
+    # Samples of the cone in double precision: the more, the less falls between them.
+    motion, lines = SCENES["long"](), shot(seen_through("pinhole", radius=0.0))
+    rays = jax.tree.map(lambda x: x[None], lines)
+    fine = bounds_of_levels(rays, jnp.zeros(1, jnp.float32), OPTIONS)[-1]
+    cones = np.asarray(cpu_cone.bounding_cones(fine))
+    mean = np.asarray(motion.gaussians.mean[0], np.float64)
+    scale, quat = (
+        np.asarray(getattr(motion.gaussians, n)[0], np.float64) for n in ("scale", "quat")
+    )
+    frame = Rotation.from_quat(quat[:, [1, 2, 3, 0]]).as_matrix() * 3 * scale[:, None]
+    rows = np.concatenate([mean, np.swapaxes(frame, 1, 2).reshape(-1, 9)], axis=1).T
+    rows = np.ascontiguousarray(rows, np.float32)
+    dropped = missed = 0
+    for cone in cones:
+        room = np.ones(len(mean), np.float32)
+        drop_missed(rows, len(mean), cone, room)
+        a, b = np.meshgrid(np.linspace(0, 1, 60), np.linspace(0, 1, 60))
+        edges = cone[3:].reshape(4, 3).astype(np.float64)
+        share = np.stack([(1 - a) * (1 - b), a * (1 - b), a * b, (1 - a) * b], axis=-1)
+        d = share.reshape(-1, 4) @ edges
+        v = np.linalg.solve(frame[:, None], np.broadcast_to(d, (len(mean), *d.shape))[..., None])
+        o = np.linalg.solve(frame, (cone[:3].astype(np.float64) - mean)[..., None])
+        v, o = v[..., 0], o[:, None, :, 0]
+        far = np.sum(np.cross(o, v) ** 2, axis=-1) / np.sum(v * v, axis=-1)
+        met = np.min(far, axis=1) <= 1
+        assert not np.any(met & (room < 0))
+        # What comes close to a sample may be met between two of them.
+        clear = np.min(far, axis=1) > 1.2
+        dropped, missed = dropped + np.sum(clear & (room < 0)), missed + np.sum(clear)
+    assert dropped > 0.99 * missed > 1000
+
+
+def test_places_are_not_what_the_longest_list_may_need():
+    # A table of so many places for each bundle would take terabytes.
+    motion, lines = SCENES["long"](), shot(PICTURES["narrow"]())
+    whole, _ = search(motion, lines, options=OPTIONS, capacity=ROOM)
+    most = replace(ROOM, slots=2**31 - 1)
+    lists, _ = search(motion, lines, options=OPTIONS, capacity=most)
+    for one, other in zip(members(lists), members(whole), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_threads_change_nothing(monkeypatch):
     motion, lines, found = SCENES["still"](), shot(PICTURES["depth_of_field"]()), []
     for threads in (1, 2, 5):
@@ -156,7 +239,8 @@ def test_threads_change_nothing(monkeypatch):
         own = jax.jit(partial(find_candidates, options=OPTIONS, capacity=ROOM))
         found.append(own(motion, lines)[0])
     for other in found[1:]:
-        for a, b in zip(jax.tree.leaves(found[0]), jax.tree.leaves(other), strict=True):
+        np.testing.assert_array_equal(other.needed, found[0].needed)
+        for a, b in zip(members(found[0]), members(other), strict=True):
             np.testing.assert_array_equal(a, b)
 
 
