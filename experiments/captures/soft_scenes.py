@@ -53,7 +53,7 @@ class Plan:
     cameras: int = 16
     held_cameras: int = 3
     frames: int = 20
-    samples: int = 8
+    samples: int = 24
     truth_samples: int = 64
     late: int = 0
     rig: str = "walls"
