@@ -22,8 +22,8 @@ from gaussray.tracer.cpu_call import inlined_code, machine_code
 from gaussray.tracer.cpu_reach import SLACK
 
 
-# Numbers of a cone: its apex and four edges.
-CONE_NUMBERS = 15
+# The sides of a bundle that meet in each edge: low and high of u, then of v (`bound_bundles`).
+_AROUND = ((0, 2), (1, 2), (1, 3), (0, 3))
 # Rounding: of Q relative to its two parts, and of F^T (c x d) relative to |F| |c|.
 _RELATIVE, _ABSOLUTE = np.float32(1e-3), np.float32(1e-9)
 _ZERO, _ONE = np.float32(0), np.float32(1)
@@ -42,7 +42,7 @@ def bounding_cones(bundles: Bundles) -> Float[Array, "bundles numbers"]:
     length = jnp.linalg.norm(across, axis=-1)
     some = jnp.all(length > 0, axis=-1) & jnp.all(toward > 0, axis=-1)
     length = jnp.where(length > 0, length, 1)
-    # Sides are low and high of u, then of v: plane n . x = offset at u = slope times depth + rest.
+    # The plane of a side: u, or v, is its slope times the depth along the axis, plus `rest`.
     sign = jnp.asarray([1, -1, 1, -1], axis.dtype)
     unit = sign[None, :, None] * across / length[..., None]
     slope = -sign[None] * toward / length
@@ -62,10 +62,6 @@ def bounding_cones(bundles: Bundles) -> Float[Array, "bundles numbers"]:
     edges = jnp.where(some[:, None, None], normalize(edges), 0)
     apex = jnp.where(some[:, None], apex, 0)
     return jnp.concatenate([apex, edges.reshape(-1, 12)], axis=1)
-
-
-# The sides that meet in each edge.
-_AROUND = ((0, 2), (1, 2), (1, 3), (0, 3))
 
 
 @inlined_code

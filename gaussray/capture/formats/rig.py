@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -62,8 +63,14 @@ def rig_capture(
         dtype: type of the cameras' numbers.
 
     Raises:
-        CaptureError: no camera has a picture, or a camera's keys break their rules.
+        CaptureError: no camera has a picture, two have one name, or a camera's keys break their
+            rules.
     """
+    (name, count), *_ = Counter(camera.text("camera") for camera in cameras).most_common()
+    if count > 1:
+        raise CaptureError(
+            f"{top.file}: each camera must have a name of its own, got {name!r} {count} times."
+        )
     filmed = [camera for camera in cameras if pictures.get(camera.text("camera"))]
     if not filmed:
         names = ", ".join(camera.text("camera") for camera in cameras[:_NAMED])

@@ -259,6 +259,10 @@ def test_pictures_upright_and_across_stay_as_they_are(actorshq):
         (f"{HEAD}\n{actor('Cam001').replace('1.5', 'inf')}", "camera 0: fx must be a finite"),
         (f"{HEAD}\nCam001, 3", "camera 0: h must be a number"),
         (f"{HEAD}\n{actor('Cam001', 0)}", "camera 0: w must be a whole number"),
+        (
+            f"{HEAD}\n{actor('Cam001')}\n{actor('Cam001')}",
+            "a name of its own, got 'Cam001' 2 times",
+        ),
         (f"{HEAD}\n{actor('Cam009')}", "at least one of its 1 cameras .Cam009"),
     ],
 )
