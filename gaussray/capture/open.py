@@ -66,6 +66,9 @@ FORMAT_FILES = {
 # Formats whose files name no masks: these lie in a folder of their own.
 _MASKED = ("colmap", "llff", "metashape")
 
+# Intrinsics of EasyMocap and EasyVolcap, whose cameras `gaussray prepare` reads.
+_EASY_FILE = "intri.yml"
+
 # Folders that are looked into for a capture, where the one that was named holds none.
 _LOOKED_AT = 50
 
@@ -155,6 +158,12 @@ def format_of(folder: Path | str) -> str:
     found = _format(folder)
     if found is not None:
         return found
+    if (folder / _EASY_FILE).is_file():
+        raise CaptureError(
+            f"{folder}: the layout of EasyMocap and EasyVolcap ({_EASY_FILE}) is no capture "
+            f"yet: `gaussray prepare videos={folder}/images poses.calibration={folder} out=DIR`, "
+            "makes one in DIR."
+        )
     needs = "; ".join(f"{name} needs {what}" for name, what in FORMAT_FILES.items())
     inner = [str(path) for path in _folders_in(folder) if _format(path) is not None][:3]
     remedy = f"Name {' or '.join(inner)}, which does" if inner else "Name the folder that has them"

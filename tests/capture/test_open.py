@@ -41,6 +41,14 @@ def test_every_format_has_a_reader_and_says_what_it_needs():
     assert FORMATS.keys() == FORMAT_FILES.keys() == known
 
 
+def test_the_layout_of_easyvolcap_is_told_the_command_that_reads_it(folder):
+    (folder / "intri.yml").write_text("%YAML:1.0\n")
+    with pytest.raises(
+        CaptureError, match=r"gaussray prepare videos=\S+/images poses.calibration="
+    ):
+        format_of(folder)
+
+
 @pytest.mark.parametrize("format", ["auto", "paired"])
 def test_transforms_json_is_a_paired_capture(folder, format):
     lay(folder, "transforms.json", {**PAIRED, "split": "test"})
