@@ -161,8 +161,8 @@ def format_of(folder: Path | str) -> str:
     if (folder / _EASY_FILE).is_file():
         raise CaptureError(
             f"{folder}: the layout of EasyMocap and EasyVolcap ({_EASY_FILE}) is no capture "
-            f"yet: `gaussray prepare videos={folder}/images poses.calibration={folder} out=DIR`, "
-            "makes one in DIR."
+            f"yet: `gaussray prepare videos={folder}/images poses.calibration={folder} out=DIR` "
+            "makes one."
         )
     needs = "; ".join(f"{name} needs {what}" for name, what in FORMAT_FILES.items())
     inner = [str(path) for path in _folders_in(folder) if _format(path) is not None][:3]
