@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from gaussray.geometry import BLENDER_AXES
+from gaussray.capture.formats.poses import opengl_pose
 from gaussray.io.atomic import whole
 from gaussray.prepare.poses import Placement
 from gaussray.prepare.timeline import Timeline
@@ -68,10 +68,7 @@ def capture_document(
 def transform_matrix(pose: Float[np.ndarray, "3 4"]) -> list[list[float]]:
     """Camera to world [4, 4] in OpenGL axes, as nerfstudio has it, of a world to camera matrix."""
     turn = pose[:, :3].T
-    matrix = np.eye(4)
-    matrix[:3, :3] = turn * np.array(BLENDER_AXES)
-    matrix[:3, 3] = -turn @ pose[:, 3]
-    return matrix.tolist()
+    return opengl_pose(turn, -turn @ pose[:, 3]).tolist()
 
 
 def write_points(

@@ -24,7 +24,8 @@ from gaussray.tracer.cpu_reach import SLACK
 
 # The sides of a bundle that meet in each edge: low and high of u, then of v (`bound_bundles`).
 _AROUND = ((0, 2), (1, 2), (1, 3), (0, 3))
-# Rounding: of Q relative to its two parts, and of F^T (c x d) relative to |F| |c|.
+# F^T (c x d) is known to within e = 1e-6 |F| |c|, so that its square p is above (1 - r) p - e^2 / r
+# for any r: _RELATIVE is r, and _ABSOLUTE is e^2 / r, in (|F| |c|)^2.
 _RELATIVE, _ABSOLUTE = np.float32(1e-3), np.float32(1e-9)
 _ZERO, _ONE = np.float32(0), np.float32(1)
 

@@ -48,6 +48,8 @@ from gaussray.tracer.traverse import Candidates, Capacity
 _LISTS = "gaussray_candidate_lists"
 # Places for the list of a bundle, at first.
 _PLACES = 256
+# The largest number of 32 bits.
+_MOST = np.iinfo(np.int32).max
 # Of `TESTED_AT_ONCE` Gaussians that reach into the half-spaces of a bundle, so many make it
 # worthwhile to look which of them its cone misses.
 _MANY = 64
@@ -116,11 +118,12 @@ def _bounds_of(frame, first):
 
 
 class _Levels(NamedTuple):
-    """Bounds of bundles from the finest level to the coarsest."""
+    """Bounds of bundles from the finest level to the coarsest, and cones around the finest."""
 
     fine: Any
     coarse: Any
     coarsest: Any
+    cones: Any
 
 
 class _Kept(NamedTuple):
@@ -157,12 +160,12 @@ def _drop_some(near, run, cone, room):
 
 @machine_code
 def _list_bundle(shapes, levels, kept, work, bundle, lists):
-    """Append the Gaussians of one kind to the lists of all bundles of a coarsest bundle. Those that
-    find no place are counted."""
+    """Append the Gaussians of one kind to the lists of all bundles of a coarsest bundle; those that
+    find no place are only counted."""
     sphere, row, base = shapes
-    count, places, cones = lists
+    count, places = lists
     slots, stands = len(places) // len(count), row.shape[1] == STATE_ROWS
-    fine, coarse, coarsest = levels
+    fine, coarse, coarsest, cones = levels
     some = len(coarse.offset) // len(coarsest.offset)
     fan = len(fine.offset) // len(coarse.offset)
     length = spheres_inside(sphere, sphere.shape[1], coarsest, bundle, kept.all, work)
@@ -181,14 +184,14 @@ def _list_bundle(shapes, levels, kept, work, bundle, lists):
                 ellipsoids_inside(kept.near, run, row.shape[1] // STATE_ROWS, fine, child, work)
                 if stands and cones[child, 3] != cones[child, 6]:
                     _drop_some(kept.near, run, cones[child], work.room)
-                number_of_child = child - bundle * some * fan
-                met, at = count[number_of_child], number_of_child * slots
+                own_list = child - bundle * some * fan
+                met, at = count[own_list], own_list * slots
                 for i in range(run):
                     if not work.room[i] < 0:
                         if met < slots:
                             places[at + met] = base + kept.all[kept.some[begin + i]]
                         met += 1
-                count[number_of_child] = met
+                count[own_list] = met
 
 
 @allocating_code
@@ -197,7 +200,8 @@ def _list_bundles(shared):
     frame = call_frame(shared)
     sphere, row = floats(operand(frame, 0)), floats(operand(frame, 1))
     brief, brief_row = floats(operand(frame, 2)), floats(operand(frame, 3))
-    levels = _Levels(_bounds_of(frame, 4), _bounds_of(frame, 8), _bounds_of(frame, 12))
+    cones = floats(operand(frame, 16))
+    levels = _Levels(_bounds_of(frame, 4), _bounds_of(frame, 8), _bounds_of(frame, 12), cones)
     kept, brief_kept = _kept(sphere, row), _kept(brief, brief_row)
     work = Work(
         np.empty(TESTED_AT_ONCE, np.float32),
@@ -207,7 +211,7 @@ def _list_bundles(shared):
         np.empty(TESTED_AT_ONCE, np.float32),
         np.empty(TESTED_AT_ONCE, np.float32),
     )
-    count, cones = integers(result(frame, 2)), floats(operand(frame, 16))
+    count = integers(result(frame, 2))
     fan = len(count) // max(len(levels.coarsest.offset), 1)
     places = np.empty(fan * _PLACES, np.int32)
     while True:
@@ -217,10 +221,10 @@ def _list_bundles(shared):
         own = count[bundle * fan : (bundle + 1) * fan]
         while True:
             own[:] = 0
-            _list_bundle((sphere, row, 0), levels, kept, work, bundle, (own, places, cones))
+            _list_bundle((sphere, row, 0), levels, kept, work, bundle, (own, places))
             if brief.shape[1] > 0:
                 shapes = brief, brief_row, sphere.shape[1]
-                _list_bundle(shapes, levels, brief_kept, work, bundle, (own, places, cones))
+                _list_bundle(shapes, levels, brief_kept, work, bundle, (own, places))
             longest = np.max(own)
             if longest <= len(places) // fan:
                 break
@@ -247,7 +251,7 @@ def _store_lists(shared, first, own, places):
         total += min(own[n], most)
     at = take_places(shared, total)
     for n in range(len(own)):
-        start[first + n] = at
+        start[first + n] = min(at, len(index))
         for i in range(min(own[n], most, len(index) - at)):
             index[at + i] = places[n * slots + i]
         at += min(own[n], most)
@@ -268,11 +272,11 @@ def _join_lists(frame):
         total += wanted
         longest = max(longest, wanted)
         filled += min(wanted, most)
-        there = max(min(wanted, most, len(index) - start[bundle]), 0)
+        there = min(wanted, most, len(index) - start[bundle])
         count[bundle] = there
         lost += wanted - there
     index[min(filled, len(index)) :] = -1
-    sizes[0], sizes[1], sizes[2] = total, longest, lost
+    sizes[0], sizes[1], sizes[2] = min(total, _MOST), longest, min(lost, _MOST)
 
 
 @allocating_code

@@ -1,6 +1,7 @@
 """ActorsHQ (Isik et al. 2023): `calibration.csv` and the pictures of a dome in `rgbs/`."""
 
 import csv
+import dataclasses
 import io
 from pathlib import Path
 
@@ -10,12 +11,8 @@ from jaxtyping import DTypeLike
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
-from gaussray.capture.formats.rig import (
-    numbered_pictures,
-    opengl_pose,
-    rig_capture,
-    rotation_of,
-)
+from gaussray.capture.formats.poses import axis_angle_turn, opengl_pose
+from gaussray.capture.formats.rig import numbered_pictures, rig_capture
 from gaussray.io.safe.files import read_text
 from gaussray.io.safe.limits import within
 
@@ -89,24 +86,14 @@ def _numbers(path: Path, k: int, row: dict) -> Keys:
 
 def _camera(row: Keys) -> Keys:
     """The keys of a camera as of a frame in a transforms.json."""
-    width, height = row.count("w"), row.count("h")
-    turn = Keys(
-        row.file,
-        {"rx, ry, rz": [row.number(x) for x in ("rx", "ry", "rz")]},
-        row.frame,
-        kind="camera",
-    )
-    name = row.text("name")
+    width, height, name = row.count("w"), row.count("h"), row.text("name")
+    turn = axis_angle_turn([row.number(x) for x in ("rx", "ry", "rz")])
     place = [row.number(x) for x in ("tx", "ty", "tz")]
-    return Keys(
-        row.file,
-        {
-            **{"w": width, "h": height, "camera": name},
-            **{"fl_x": row.number("fx") * width, "fl_y": row.number("fy") * height},
-            **{"cx": row.number("px") * width, "cy": row.number("py") * height},
-            **{"split": "test" if name in _HELD_OUT else "train"},
-            "transform_matrix": opengl_pose(rotation_of(turn, "rx, ry, rz", 3), place),
-        },
-        row.frame,
-        kind="camera",
-    )
+    values = {
+        **{"w": width, "h": height, "camera": name},
+        **{"fl_x": row.number("fx") * width, "fl_y": row.number("fy") * height},
+        **{"cx": row.number("px") * width, "cy": row.number("py") * height},
+        **{"split": "test" if name in _HELD_OUT else "train"},
+        "transform_matrix": opengl_pose(turn, place),
+    }
+    return dataclasses.replace(row, values=values)

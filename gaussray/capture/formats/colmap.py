@@ -21,9 +21,9 @@ from gaussray.capture.formats.colmap_files import (
     read_colmap_model,
 )
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.poses import opengl_pose, quaternion_turn
 from gaussray.capture.formats.transforms import views_in_time, views_of
 from gaussray.capture.videos import VIDEO_SUFFIXES, frame_path, read_video
-from gaussray.geometry import BLENDER_AXES
 
 
 PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
@@ -192,18 +192,15 @@ def _numbers_counted(path: Path) -> list[Any]:
 
 
 def _pose(file: Path, image: Registered) -> np.ndarray:
-    """The camera-to-world matrix [3, 4] in OpenGL axes."""
+    """The camera-to-world matrix in OpenGL axes."""
     quat, translation = np.array(image.quat), np.array(image.translation)
     if not (np.isfinite([*quat, *translation]).all() and np.abs(quat).max() > _LEAST):
         raise CaptureError(
             f"{file}: the pose of {image.name} must be finite, with a quaternion that is not 0, "
             f"got {image.quat} and {image.translation}. Remove the picture, or place it again."
         )
-    # Imported here: that takes a fifth of a second, which other captures do not need.
-    from scipy.spatial.transform import Rotation
-
-    turn = Rotation.from_quat(quat[[1, 2, 3, 0]]).as_matrix().T
-    return np.column_stack([turn * BLENDER_AXES, -turn @ translation])
+    turn = quaternion_turn(quat).T
+    return opengl_pose(turn, -turn @ translation)
 
 
 def _keys(model: Model, poses: dict[Registered, np.ndarray]) -> list[Keys]:

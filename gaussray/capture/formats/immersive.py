@@ -1,7 +1,7 @@
 """Google's immersive light field videos (Broxton et al. 2020): `models.json` and fisheye videos."""
 
+import dataclasses
 from pathlib import Path
-from typing import Any
 
 import jax.numpy as jnp
 from jaxtyping import DTypeLike
@@ -9,15 +9,10 @@ from jaxtyping import DTypeLike
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
-from gaussray.capture.formats.rig import (
-    Numbered,
-    numbered_pictures,
-    opengl_pose,
-    rig_capture,
-    rotation_of,
-)
-from gaussray.capture.formats.transforms import json_content
-from gaussray.capture.videos import VIDEO_SUFFIXES, read_video
+from gaussray.capture.formats.poses import axis_angle_turn, opengl_pose
+from gaussray.capture.formats.rig import Numbered, numbered_pictures, rig_capture
+from gaussray.capture.formats.transforms import json_content, json_if_readable
+from gaussray.capture.videos import VIDEO_SUFFIXES, frame_path, read_video
 from gaussray.io.safe.limits import within
 
 
@@ -28,12 +23,7 @@ _HELD_OUT = "camera_0001"
 
 def is_immersive(folder: Path) -> bool:
     """Whether a folder holds a models.json that lists cameras."""
-    if not (folder / MODELS_FILE).is_file():
-        return False
-    try:
-        content = json_content(folder / MODELS_FILE)
-    except (CaptureError, OSError):
-        return False
+    content = json_if_readable(folder / MODELS_FILE)
     first = content[0] if isinstance(content, list) and content else None
     return isinstance(first, dict) and "principal_point" in first
 
@@ -73,7 +63,8 @@ def _pictures(folder: Path, camera: Keys) -> Numbered:
     for suffix in VIDEO_SUFFIXES:
         path = folder / f"{name}{suffix}"
         if path.is_file():
-            return {i: f"{path.name}/{i:04d}" for i in range(read_video(path).frames)}
+            frames = range(read_video(path).frames)
+            return {i: frame_path(path, i).relative_to(folder).as_posix() for i in frames}
     found = numbered_pictures(folder, (folder / name).glob("*"), r".*/(?P<camera>)(?P<number>\d+)")
     return found.get("", {})
 
@@ -91,20 +82,12 @@ def _camera(own: Keys) -> Keys:
     radial = own.vector("radial_distortion", len(radial) if isinstance(radial, list) else 3)
     if not 2 <= len(radial) <= 4:
         raise own.error("radial_distortion", "2 to 4 numbers")
-    lens: dict[str, Any] = {
+    turn, name = axis_angle_turn(own.vector("orientation", 3)).T, own.text("name")
+    values = {
         **{"camera_model": "OPENCV_FISHEYE", "w": own.count("width"), "h": own.count("height")},
         **{"fl_x": focal, "fl_y": focal, "cx": center[0], "cy": center[1]},
         **{f"k{i}": k for i, k in enumerate(radial, 1)},
+        **{"camera": name, "split": "test" if name == _HELD_OUT else "train"},
+        "transform_matrix": opengl_pose(turn, own.vector("position", 3)),
     }
-    turn = rotation_of(own, "orientation", 3).T
-    name = own.text("name")
-    return Keys(
-        own.file,
-        {
-            **lens,
-            **{"camera": name, "split": "test" if name == _HELD_OUT else "train"},
-            "transform_matrix": opengl_pose(turn, own.vector("position", 3)),
-        },
-        own.frame,
-        kind="camera",
-    )
+    return dataclasses.replace(own, values=values)

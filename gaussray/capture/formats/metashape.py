@@ -16,6 +16,7 @@ from jaxtyping import DTypeLike
 
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
+from gaussray.capture.formats.completion import KNOWN_SUFFIXES
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.transforms import views_of
 from gaussray.geometry import BLENDER_AXES
@@ -23,7 +24,6 @@ from gaussray.io.safe.files import parse_xml, read_text
 from gaussray.io.safe.limits import within
 
 
-_PICTURE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".exr")
 _REMEDY = "Export it again: File > Export > Export Cameras, Agisoft XML."
 # Where the pictures lie, if not beside the XML file.
 _IMAGES = "images"
@@ -217,7 +217,7 @@ def _pictures(folder: Path) -> dict[str, str]:
     """The pictures by the names that a label may give them, without regard to case."""
     found: dict[str, str] = {}
     for path in [*sorted((folder / _IMAGES).rglob("*")), *sorted(folder.iterdir())]:
-        if path.suffix.lower() in _PICTURE_SUFFIXES:
+        if path.suffix.lower() in KNOWN_SUFFIXES:
             inside = path.relative_to(folder).as_posix()
             for name in (path.name, path.stem):
                 found.setdefault(name.lower(), inside)

@@ -16,10 +16,10 @@ from jaxtyping import DTypeLike
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
+from gaussray.capture.formats.poses import opengl_pose
 from gaussray.capture.formats.transforms import json_content, views_of
 from gaussray.capture.picture_file import picture_size
 from gaussray.capture.points import Points
-from gaussray.geometry import BLENDER_AXES
 from gaussray.io.safe.arrays import read_npy
 from gaussray.io.safe.limits import within
 
@@ -166,8 +166,7 @@ def _pose(keys: Keys) -> np.ndarray:
         turn = np.empty(0)
     if turn.shape != (3, 3):
         raise keys.error("orientation", "a 3 x 3 rotation matrix, world to camera")
-    position = np.array(keys.vector("position", 3))
-    matrix = np.concatenate([turn.T * np.array(BLENDER_AXES), position[:, None]], axis=1)
+    matrix = opengl_pose(turn.T, keys.vector("position", 3))
     return Keys(keys.file, {"orientation": matrix}).pose("orientation")
 
 

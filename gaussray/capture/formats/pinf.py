@@ -10,10 +10,9 @@ import jax.numpy as jnp
 from jaxtyping import DTypeLike
 
 from gaussray.capture.capture import Capture
-from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.completion import completed
 from gaussray.capture.formats.json_keys import Keys
-from gaussray.capture.formats.transforms import json_content, points_of, views_of
+from gaussray.capture.formats.transforms import json_content, json_if_readable, points_of, views_of
 from gaussray.capture.videos import Video, read_video
 from gaussray.io.safe.limits import within
 
@@ -26,12 +25,7 @@ _VALIDATION = "val_videos"
 
 def is_pinf(folder: Path) -> bool:
     """Whether a folder holds an info.json that lists training videos."""
-    if not (folder / INFO_FILE).is_file():
-        return False
-    try:
-        content = json_content(folder / INFO_FILE)
-    except (CaptureError, OSError):
-        return False
+    content = json_if_readable(folder / INFO_FILE)
     return isinstance(content, dict) and _LISTS["train"] in content
 
 

@@ -5,19 +5,15 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import jax.numpy as jnp
-import numpy as np
-from jaxtyping import DTypeLike, Float
-from scipy.spatial.transform import Rotation
+from jaxtyping import DTypeLike
 
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.completion import KNOWN_SUFFIXES
 from gaussray.capture.formats.json_keys import Keys
 from gaussray.capture.formats.transforms import points_of, views_in_time, views_of
-from gaussray.geometry import BLENDER_AXES
 from gaussray.io.safe.limits import within
 
 
@@ -79,7 +75,9 @@ def rig_capture(
             "pictures beside it, got none. Check their names (docs/captures.md)."
         )
     if len(filmed) < len(cameras):
-        top.warn(f"{len(cameras) - len(filmed)} of {len(cameras)} cameras have no pictures.")
+        top.warn(
+            f"{len(cameras) - len(filmed)} of {len(cameras)} cameras have no pictures: left out."
+        )
     known = {camera.text("camera") for camera in cameras}
     others = sorted(name for name in pictures if name not in known)
     if others:
@@ -102,38 +100,3 @@ def rig_capture(
         views += views_in_time(view, images, [times[i] for i in ordered])
     span = (min(times.values()), max(times.values()))
     return Capture(top.file.parent, views, {}, points_of(top), span, "normalised")
-
-
-def opengl_pose(turn: Float[np.ndarray, "3 3"], place: Sequence[float]) -> list[list[float]]:
-    """A `transform_matrix` (camera to world, OpenGL's axes).
-
-    Args:
-        turn: rotation, camera to world, of a camera with OpenCV's axes.
-        place: where the camera is.
-    """
-    matrix = np.eye(4)
-    matrix[:3, :3] = turn * np.array(BLENDER_AXES)
-    matrix[:3, 3] = place
-    return matrix.tolist()
-
-
-def rotation_of(keys: Keys, key: str, length: int) -> Float[np.ndarray, "3 3"]:
-    """The rotation that a list of numbers says.
-
-    Args:
-        keys: where the list is.
-        key: its name.
-        length: 3 for an axis times an angle in radians, 4 for a quaternion (w, x, y, z).
-
-    Raises:
-        CaptureError: the list is none of finite numbers, or a quaternion of length 0.
-    """
-    values: Any = np.array(keys.vector(key, length))
-    if length == 3:
-        if not np.abs(values).max() < 1e6:
-            raise keys.error(key, "an axis times an angle in radians")
-        return Rotation.from_rotvec(values).as_matrix()
-    size = np.linalg.norm(values)
-    if not 1e-6 < size < 1e6:
-        raise keys.error(key, "a quaternion (w, x, y, z) of a length above 0")
-    return Rotation.from_quat(values[[1, 2, 3, 0]] / size).as_matrix()

@@ -1,19 +1,17 @@
 """Technicolor's light field videos (Sabater et al. 2017): `cameras_parameters.txt` and pictures."""
 
+import dataclasses
 from pathlib import Path
 
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import DTypeLike
 
 from gaussray.capture.capture import Capture
 from gaussray.capture.errors import CaptureError
 from gaussray.capture.formats.json_keys import Keys
-from gaussray.capture.formats.rig import (
-    numbered_pictures,
-    opengl_pose,
-    rig_capture,
-    rotation_of,
-)
+from gaussray.capture.formats.poses import opengl_pose, quaternion_turn
+from gaussray.capture.formats.rig import numbered_pictures, rig_capture
 from gaussray.io.safe.files import read_text
 from gaussray.io.safe.limits import within
 
@@ -24,6 +22,8 @@ _WIDTH, _HEIGHT = 2048, 1088
 # Held out by HyperReel and by Spacetime Gaussians.
 _HELD_OUT = "cam10"
 _COLUMNS = 12
+# The largest number of a quaternion is above this.
+_LEAST = 1e-6
 _REMEDY = "Copy the file as it comes with the pictures."
 
 
@@ -86,17 +86,14 @@ def _camera(row: Keys) -> Keys:
     focal, cx, cy, aspect, skew, *pose = row.vector("numbers", _COLUMNS)
     if skew:
         row.warn(f"the skew {skew:g} is left out.")
-    quaternion = Keys(row.file, {"quaternion": pose[:4]}, row.frame, kind="camera")
-    turn = rotation_of(quaternion, "quaternion", 4).T
-    name = f"cam{row.frame:02d}"
-    return Keys(
-        row.file,
-        {
-            **{"w": _WIDTH, "h": _HEIGHT, "fl_x": focal, "fl_y": focal * aspect},
-            **{"cx": cx, "cy": cy, "camera": name},
-            **{"split": "test" if name == _HELD_OUT else "train"},
-            "transform_matrix": opengl_pose(turn, (-turn @ pose[4:]).tolist()),
-        },
-        row.frame,
-        kind="camera",
-    )
+    quat, translation = np.array(pose[:4]), np.array(pose[4:])
+    if not np.abs(quat).max() > _LEAST:
+        raise row.error("numbers", "numbers with a quaternion that is not 0", _REMEDY)
+    turn, name = quaternion_turn(quat).T, f"cam{row.frame:02d}"
+    values = {
+        **{"w": _WIDTH, "h": _HEIGHT, "fl_x": focal, "fl_y": focal * aspect},
+        **{"cx": cx, "cy": cy, "camera": name},
+        **{"split": "test" if name == _HELD_OUT else "train"},
+        "transform_matrix": opengl_pose(turn, -turn @ translation),
+    }
+    return dataclasses.replace(row, values=values)

@@ -283,3 +283,11 @@ def json_content(path: Path) -> Any:
         raise FileNotFoundError(f"{path}: the capture's JSON file does not exist.") from None
     except ValueError as error:
         raise CaptureError(str(error)) from None
+
+
+def json_if_readable(path: Path) -> Any:
+    """The content of a JSON file; None if it does not exist or is malformed."""
+    try:
+        return json_content(path) if path.is_file() else None
+    except (CaptureError, OSError):
+        return None

@@ -102,7 +102,7 @@ def test_extracted_frames_take_the_place_of_a_video(immersive):
         ([model("camera_0001", focal_length=0)], "camera 0: lens.focal must be above 0"),
         ([model("camera_0001", focal_length="a")], "camera 0: focal_length must be a finite"),
         ([model("camera_0001", radial_distortion=[0.1])], "radial_distortion must be 2 to 4"),
-        ([model("camera_0001", orientation=[1e9, 0, 0])], "orientation must be an axis"),
+        ([model("camera_0001", orientation=[0, 0])], "orientation must be a list of 3"),
         ([model("camera_0001", projection_type="ods")], "projection_type must be fisheye"),
         ([model("camera_0001", pixel_aspect_ratio=1.1)], "pixel_aspect_ratio must be 1"),
         ([model("../a")], "name must name a file in"),
@@ -184,7 +184,10 @@ def test_pictures_may_lie_in_a_folder(technicolor):
         ("focal cx\n", "must have a row of numbers"),
         (f"{row()}\n1 2 3\n", "the row of camera 1 must be 12 numbers, got 1 2 3"),
         (f"{row()}\n{row().replace('1900', 'nan')}", "camera 1: numbers must be a list of 12"),
-        ("1900 1024 544 1 0 0 0 0 0 0 0 0", "camera 0: quaternion must be a quaternion"),
+        (
+            "1900 1024 544 1 0 0 0 0 0 0 0 0",
+            "camera 0: numbers must be .* a quaternion",
+        ),
         (f"{row().replace('1900', '-1900')}\n" * 11, "camera 0: lens.focal must be above 0"),
     ],
 )
