@@ -131,12 +131,13 @@ def _room_rows(chosen) -> list[dict]:
 def _stepped(session, state, stage: str, name: str, chosen):
     """Some steps of a stage: the state after them, and a line of figures."""
     from gaussray.reconstruct.loop import first_sizes, step_options
+    from gaussray.reconstruct.run_progress import Course
     from gaussray.reconstruct.step import schedule, train_block
     from gaussray.runtime.devices import everywhere
 
     loader, mesh, seconds, lost = session.loader, session.mesh, [], 0
     sizes = first_sizes(session, state, loader.batches(stage, 0, BLOCK))
-    cameras, course = everywhere((session.footage.camera, schedule(10_000, 0)), mesh)
+    cameras, course = everywhere((session.footage.camera, schedule(Course(10_000), 0)), mesh)
     run = partial(train_block, options=step_options(session, stage), schedule=course, sizes=sizes)
     for block in range(chosen.steps // BLOCK + 1):
         state = everywhere(state, mesh)

@@ -22,7 +22,7 @@ from gaussray.reconstruct.optimize.density import density_control, density_due
 from gaussray.reconstruct.optimize.free_space import without_haze
 from gaussray.reconstruct.optimize.rows import occupied
 from gaussray.reconstruct.optimize.state import State
-from gaussray.reconstruct.run_progress import RunProgress, SavedSizes
+from gaussray.reconstruct.run_progress import Course, RunProgress, SavedSizes
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.step import measure_sizes, schedule, train_block
 from gaussray.reconstruct.step_loss import BlockSizes, StepOptions
@@ -66,7 +66,7 @@ def run_stage(
             sizes = _known_sizes(session, stage, state, progress)
             sizes = sizes or first_sizes(session, state, batches)
         # Steps that leave the state anywhere else would compile twice.
-        course = schedule(plan.steps, fit.seed)
+        course = schedule(plan.course, fit.seed)
         state, drawn, course = everywhere((state, batches, course), session.mesh)
         options = step_options(session, stage)
         while True:
@@ -80,7 +80,7 @@ def run_stage(
         log.demand_finite(terms, state, after, progress)
         loader.note_errors(batches, np.asarray(error))
         progress = replace(progress, sizes=_to_save(stage, sizes), tile_errors=loader.tile_errors())
-        state = _with_density_control(session, after, progress, before=done, steps=plan.steps)
+        state = _with_density_control(session, after, progress, before=done, course=plan.course)
         count = count if state is after else _gaussian_count(state)
         done += len(batches.time)
         log.record(progress, done, terms, count)
@@ -169,13 +169,13 @@ def planned_steps(session: Session, progress: RunProgress) -> StepPlan:
     fit, coarse = session.options.fit, progress.stage == "coarse"
     several = len(session.times) > 1
     if several and coarse and not (session.still_first and fit.minutes):
-        return StepPlan(fit.coarse)
-    if progress.planned:
+        return StepPlan(Course(fit.coarse))
+    if progress.planned is not None:
         return StepPlan(progress.planned)
     if fit.minutes:
         share = (_STILL_SHARE if coarse else 1 - _STILL_SHARE) if session.still_first else 1.0
         return TimedPlan(60 * fit.minutes * share, fit.block)
-    return StepPlan(fit.fine if several else fit.coarse + fit.fine)
+    return StepPlan(Course(fit.fine if several else fit.coarse + fit.fine))
 
 
 def step_options(session: Session, stage: str) -> StepOptions:
@@ -293,11 +293,11 @@ def _sizes(numbers: list[int], session: Session, state: State) -> BlockSizes:
 
 
 def _with_density_control(
-    session: Session, state: State, progress: RunProgress, *, before: int, steps: int
+    session: Session, state: State, progress: RunProgress, *, before: int, course: Course
 ) -> State:
     """The state after density control, or the same state where it is not due."""
     options, done = session.options.density, int(state.step)
-    if not density_due(options, before, done, steps):
+    if not density_due(options, before, done, course.share_at(done)):
         return state
     # What stands still leaves room for what moves.
     part = 2 if session.still_first and progress.stage == "coarse" else 1

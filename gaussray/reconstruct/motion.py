@@ -65,7 +65,7 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
     Returns:
         The state, and the progress, which has no plan of steps yet.
     """
-    parameters, progress = state.parameters, replace(progress, planned=0)
+    parameters, progress = state.parameters, replace(progress, planned=None)
     deformation, transient = parameters.deformation, parameters.transient
     clouds, control, moved, fit = [], None, None, session.options.fit
     if fit.transient:

@@ -4,7 +4,7 @@ The header of a checkpoint holds it as a block of JSON, whose keys are those of 
 """
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import numpy as np
@@ -16,6 +16,20 @@ from gaussray.reconstruct.optimize.free_space import FreeBalls
 
 # Of one segment: its coarse stage, the hand-over from the segment before, its fine stage.
 STAGES = ("coarse", "begin", "fine")
+
+
+class Course(NamedTuple):
+    """How much of a stage is done at its steps: a `share` at the step `begin`, then steadily more,
+    and all after `steps`."""
+
+    steps: int
+    begin: int = 0
+    share: float = 0.0
+
+    def share_at(self, step: int) -> float:
+        """Share of the stage that is done at a step, at least `begin`."""
+        left = max(self.steps - self.begin, 1)
+        return self.share + (1 - self.share) * (step - self.begin) / left
 
 
 class KnownBodies(eqx.Module):
@@ -46,7 +60,7 @@ class RunProgress(eqx.Module):
             the segment. They are the first rows; they stay even if no ray ever meets them.
         limit: the largest numbers of static and of moving Gaussians that density control may reach.
         most: the largest number of Gaussians of both kinds together, in every segment.
-        planned: the steps of a stage that takes a given time; 0 until its pace is known.
+        planned: the course of a stage that takes a given time; None until its pace is known.
         bodies: the rigid bodies of the segment before; None in the first segment.
         sizes: what the last block of steps was compiled for; None before the first block.
         tile_errors: the errors that the sampler has seen; None if fit.error is 0.
@@ -62,7 +76,7 @@ class RunProgress(eqx.Module):
     initial: tuple[int, int] = eqx.field(static=True, default=(0, 0))
     limit: tuple[int, int] = eqx.field(static=True, default=(0, 0))
     most: int = eqx.field(static=True, default=0)
-    planned: int = eqx.field(static=True, default=0)
+    planned: Course | None = eqx.field(static=True, default=None)
     bodies: KnownBodies | None = None
     sizes: SavedSizes | None = None
     tile_errors: TileErrorState | None = None
@@ -76,8 +90,8 @@ def progress_to_json(progress: RunProgress) -> dict[str, Any]:
     p = progress
     block: dict[str, Any] = {"stage": p.stage, "most": p.most}
     block |= {"limit": list(p.limit), "given": list(p.initial)}
-    if p.planned:
-        block["planned"] = p.planned
+    if p.planned is not None:
+        block["planned"] = list(p.planned)
     if p.segments > 1:
         block |= {"segment": p.segment, "segments": p.segments}
     if p.bodies is not None:
@@ -110,9 +124,6 @@ def progress_from_json(block: dict[str, Any], tile_errors: TileErrorState | None
             raise ValueError(f"'{key}' must hold two numbers of Gaussians")
     if not _are_counts([block.get("most")], 0):
         raise ValueError("'most' must be a number of Gaussians")
-    planned = block.get("planned", 0)
-    if not _are_counts([planned], 0):
-        raise ValueError("'planned' must be a number of steps")
     metrics = block.get("metrics")
     return RunProgress(
         stage=stage,
@@ -121,12 +132,24 @@ def progress_from_json(block: dict[str, Any], tile_errors: TileErrorState | None
         initial=tuple(counts["given"]),
         limit=tuple(counts["limit"]),
         most=block["most"],
-        planned=planned,
+        planned=_course(block.get("planned")),
         bodies=_bodies(block.get("bodies")),
         sizes=_sizes(block.get("room")),
         tile_errors=tile_errors,
         metrics_bytes=metrics if type(metrics) is int else None,
     )
+
+
+def _course(block: Any) -> Course | None:
+    """A number alone, as earlier versions wrote it, is that of all steps; 0: not known yet."""
+    steps, begin, share = block if isinstance(block, list) and len(block) == 3 else (block, 0, 0.0)
+    if not block:
+        return None
+    if not _are_counts([steps], 1) or not _are_counts([begin], 0) or begin > steps:
+        raise ValueError("'planned' must be a number of steps, or the course of a stage")
+    if not isinstance(share, float) or not 0 <= share <= 1:
+        raise ValueError("'planned' must hold a share of the stage from 0 to 1")
+    return Course(steps, begin, share)
 
 
 def _bodies(block: Any) -> KnownBodies | None:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Int
+from jaxtyping import Array, Float, Int
 
 from gaussray.camera.array import CameraSet, pixel_spacing
 from gaussray.camera.camera import Camera
@@ -18,6 +18,7 @@ from gaussray.reconstruct.optimize.optimizer import descend, scene_of, with_cost
 from gaussray.reconstruct.optimize.scale_bounds import scale_bounds, with_scale_bounds
 from gaussray.reconstruct.optimize.smooth_motion import spread_over_time
 from gaussray.reconstruct.optimize.state import State, accumulated_statistics
+from gaussray.reconstruct.run_progress import Course
 from gaussray.reconstruct.step_loss import (
     BlockSizes,
     StepOptions,
@@ -42,23 +43,47 @@ _MORE_SEEN, _LONGER, _LONGER_SEEN = 1.6, 2.0, 4.0
 
 
 class Schedule(eqx.Module):
-    """Length of a stage in steps, over which the rates fall, and the seed of the steps' noise.
+    """How much of a stage is done at a step, by which the rates fall, and the seed of the steps'
+    noise.
 
     Arrays, so that other values compile nothing.
-    """
-
-    steps: Int[Array, ""]
-    seed: Int[Array, ""]
-
-
-def schedule(steps: int, seed: int) -> Schedule:
-    """The schedule of a stage.
 
     Args:
         steps: steps of the whole stage.
+        begin: the step since which the stage has this length.
+        share: share of the stage that was done then.
         seed: seed of the steps' noise.
     """
-    return Schedule(jnp.asarray(steps, jnp.int32), jnp.asarray(seed, jnp.int32))
+
+    steps: Int[Array, ""]
+    begin: Int[Array, ""]
+    share: Float[Array, ""]
+    seed: Int[Array, ""]
+
+    def share_at(self, step: Int[Array, ""]) -> Float[Array, ""]:
+        """Share of the stage that is done at a step: it grows steadily to 1.
+
+        Args:
+            step: steps of the stage so far, at least `begin`.
+        """
+        left = jnp.maximum(self.steps - self.begin, 1)
+        return self.share + (1 - self.share) * (step - self.begin) / left
+
+
+def schedule(course: Course, seed: int) -> Schedule:
+    """The schedule of a stage.
+
+    Args:
+        course: how much of the stage is done at its steps.
+        seed: seed of the steps' noise.
+    """
+    steps, begin, share = course
+    return Schedule(
+        jnp.asarray(steps, jnp.int32),
+        jnp.asarray(begin, jnp.int32),
+        jnp.asarray(share, jnp.float32),
+        jnp.asarray(seed, jnp.int32),
+    )
 
 
 def measure_sizes(
@@ -149,7 +174,7 @@ def train_block(
         batches: the tiles of every step, with a leading axis of steps.
         cameras: the set of training cameras.
         options: the options of a step.
-        schedule: length of the stage, over which the rates fall, and seed.
+        schedule: how much of the stage is done, with which the rates fall, and seed.
         sizes: what the block is compiled for.
 
     Returns:
@@ -169,7 +194,8 @@ def train_block(
     def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)
         cost_slope = jax.grad(density_costs, has_aux=True)
-        ignore_moving = 2 * state.step >= schedule.steps if options.still else None
+        share = schedule.share_at(state.step)
+        ignore_moving = share >= 0.5 if options.still else None
         (_, details), gradient = slope(
             *(state.parameters, views, batch, cameras, state.step),
             options=options,
@@ -184,7 +210,7 @@ def train_block(
             state.step,
             options=options.optimizer,
             scale=CaptureScale(spacing, cameras.extent, cameras.interval, at_rest),
-            steps=schedule.steps,
+            share=share,
             refine=options.refine,
             formed=options.formed,
             rise=options.rise,
@@ -214,7 +240,7 @@ def _explored(
     density = options.density
     if not density.relocates or not density.noise:
         return state
-    fall = options.optimizer.decay ** (state.step / jnp.maximum(schedule.steps, 1))
+    fall = options.optimizer.decay ** schedule.share_at(state.step)
     key = jax.random.fold_in(jax.random.key(schedule.seed), state.step)
     kinds = state.parameters.kinds
     explore = partial(

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gaussray.reconstruct.run_progress import RunProgress
+from gaussray.reconstruct.run_progress import Course, RunProgress
 
 
 # Steps before the pace is known, and the most of any timed stage.
@@ -18,6 +18,8 @@ _LEAST = 600
 _CHECK = 10
 # Share of the plan before which no fit ends: rates must be high for long enough.
 _EARLIEST = 0.3
+# Share of the steps so far that is added when held-out tiles no longer improve. Rates fall over it.
+_LAST = 0.25
 # Blocks whose median decides the pace; the first ones may wait for a compiler.
 _BLOCKS = 5
 
@@ -25,15 +27,23 @@ _BLOCKS = 5
 class StepPlan:
     """A fixed number of steps.
 
+    Args:
+        course: how much of the stage is done at its steps.
+
     Attributes:
-        steps: the length of the stage, over which learning rates fall.
+        course: that, as planned now. Learning rates fall with it.
         most: no stage takes more steps.
         stopped: the step at which held-out tiles no longer improved; 0 until then.
     """
 
-    def __init__(self, steps: int):
-        self.steps = self.most = steps
+    def __init__(self, course: Course):
+        self.course, self.most = course, course.steps
         self.stopped = 0
+
+    @property
+    def steps(self) -> int:
+        """The length of the stage."""
+        return self.course.steps
 
     def after_block(self, done: int, score: Callable[[], float] | None = None) -> bool:
         """Whether the plan has changed after a block.
@@ -83,8 +93,8 @@ class TimedPlan(StepPlan):
 
     Reading, stereo and compilation, which come before, do not count: they differ most from machine
     to machine. There are at least _LEAST steps. The pace is measured during the first half; then
-    the plan stays. When held-out tiles no longer improve, the plan is cut to a tenth more steps,
-    over which the learning rates fall to their end.
+    the plan stays. When held-out tiles no longer improve, the plan is cut to a quarter more steps,
+    over which the learning rates fall from what they are to their end.
 
     Args:
         seconds: duration of the stage.
@@ -92,7 +102,7 @@ class TimedPlan(StepPlan):
     """
 
     def __init__(self, seconds: float, block: int):
-        super().__init__(_GUESS)
+        super().__init__(Course(_GUESS))
         self.most = _MOST
         self._seconds, self._block = seconds, block
         self._marks: list[tuple[int, float]] = []
@@ -106,8 +116,9 @@ class TimedPlan(StepPlan):
             return paced
         if not self._plateau.reached(done, score()) or done < _EARLIEST * self.steps:
             return paced
-        blocks = -(-done // self._block) + max(done // (10 * self._block), 1)
-        self.stopped, self.steps = done, min(self.steps, blocks * self._block)
+        blocks = -(-done // self._block) + max(int(_LAST * done / self._block), 1)
+        steps = min(self.steps, blocks * self._block)
+        self.stopped, self.course = done, Course(steps, done, self.course.share_at(done))
         return True
 
     @property
@@ -124,8 +135,8 @@ class TimedPlan(StepPlan):
         left = max(end - when[-1], 0) / max(pace, 1e-9)
         blocks = max(int(max(done + left, _LEAST) / self._block), -(-done // self._block))
         steps = min(blocks * self._block, _MOST)
-        changed, self.steps = steps != self.steps, steps
+        changed, self.course = steps != self.steps, Course(steps)
         return changed
 
     def noted(self, progress: RunProgress) -> RunProgress:
-        return replace(progress, planned=self.steps)
+        return replace(progress, planned=self.course)

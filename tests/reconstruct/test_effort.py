@@ -1,5 +1,6 @@
 """fit=auto: what is chosen follows device and capture, and what is set stays."""
 
+import json
 import math
 from dataclasses import replace
 from functools import partial
@@ -27,7 +28,13 @@ from gaussray.reconstruct.machine import Machine
 from gaussray.reconstruct.optimize.density import DensityOptions
 from gaussray.reconstruct.optimize.learning_rates import OptimizerOptions
 from gaussray.reconstruct.options import FitOptions, ReconstructOptions
-from gaussray.reconstruct.run_progress import RunProgress, progress_from_json, progress_to_json
+from gaussray.reconstruct.run_progress import (
+    Course,
+    RunProgress,
+    progress_from_json,
+    progress_to_json,
+)
+from gaussray.reconstruct.step import schedule
 from gaussray.reconstruct.step_plan import Plateau, StepPlan, TimedPlan
 from gaussray.tracer.trace import TraceOptions
 
@@ -262,7 +269,7 @@ def test_stereo_between_many_cameras_lets_a_gpu_try_rigid_bodies(cameras, start,
 
 
 def test_a_fixed_plan_never_changes():
-    plan = StepPlan(40)
+    plan = StepPlan(Course(40))
     assert not any(plan.after_block(done) for done in range(10, 50, 10))
     assert plan.steps == plan.most == 40
 
@@ -312,7 +319,16 @@ def test_a_fit_ends_soon_after_held_out_tiles_no_longer_improve(monkeypatch):
     plan, done, spent = timed(monkeypatch, seconds=2000.0, score=score)
     # The last gain is at step 1000; the first look more than a fifth later is at 1300.
     assert plan.stopped == 1300
-    assert done == plan.steps == pytest.approx(1.1 * plan.stopped, abs=20) and spent < 1000
+    assert done == plan.steps == pytest.approx(1.25 * plan.stopped, abs=20) and spent < 1000
+    # Rates go on falling from what they were: a third of the stage was done.
+    assert plan.course.share_at(plan.stopped) == pytest.approx(0.325, abs=0.02)
+    halfway = (plan.stopped + plan.steps) // 2
+    assert plan.course.share_at(halfway) == pytest.approx((1 + 0.325) / 2, abs=0.02)
+    assert plan.course.share_at(plan.steps) == 1
+    # As the compiled steps see it.
+    for step in (plan.stopped, halfway, plan.steps):
+        found = schedule(plan.course, 0).share_at(jnp.asarray(step))
+        assert float(found) == pytest.approx(plan.course.share_at(step), abs=1e-6)
 
 
 def test_held_out_tiles_come_in_whole_batches_and_only_of_what_is_visible():
@@ -354,9 +370,15 @@ def test_a_trial_holds_out_tiles_of_small_captures_too(tiles, held):
 
 def test_a_resumed_run_keeps_the_plan():
     plan = TimedPlan(0.0, 10)
-    plan.steps = 540
+    plan.course = Course(540, 430, 0.4)
     noted = plan.noted(RunProgress())
-    assert progress_from_json(progress_to_json(noted), None).planned == 540
+    block = json.loads(json.dumps(progress_to_json(noted)))
+    assert progress_from_json(block, None).planned == plan.course
+    # As earlier versions wrote it.
+    assert progress_from_json(block | {"planned": 540}, None).planned == Course(540)
+    for wrong in ([540, 541, 0.4], [540, 430, 1.4], [540, 430], 0.5):
+        with pytest.raises(ValueError, match="planned"):
+            progress_from_json(block | {"planned": wrong}, None)
     with pytest.raises(ValueError, match="planned"):
         progress_from_json(progress_to_json(noted) | {"planned": "many"}, None)
 

@@ -138,16 +138,16 @@ def density_control(options: DensityOptions) -> DensityControl:
     return relocate_dead if options.relocates else clone_split_prune
 
 
-def density_due(options: DensityOptions, before: int, done: int, steps: int) -> bool:
+def density_due(options: DensityOptions, before: int, done: int, share: float) -> bool:
     """Whether density control runs after a block of steps.
 
     Args:
         options: interval, and the first and last run.
         before: steps of the stage before the block.
         done: steps of the stage after the block.
-        steps: steps of the whole stage.
+        share: share of the stage that is done.
     """
-    if not options.interval or not options.start * steps <= done <= options.stop * steps:
+    if not options.interval or not options.start <= share <= options.stop:
         return False
     return done // options.interval != before // options.interval
 

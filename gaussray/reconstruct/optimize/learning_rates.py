@@ -129,7 +129,7 @@ def rates(
     *,
     options: OptimizerOptions,
     scale: CaptureScale,
-    steps: int | Int[Array, ""],
+    share: float | Float[Array, ""],
     refine: tuple[str, ...] = (),
     formed: bool = False,
     rise: int = 0,
@@ -141,15 +141,14 @@ def rates(
         step: steps of the stage before this one.
         options: the rates at the start of the stage.
         scale: the units of lengths and times.
-        steps: steps of the whole stage, over which the rates fall.
+        share: share of the stage that is done, in [0, 1], with which the rates fall.
         refine: corrections of cameras that are learnt; others have rate 0.
         formed: whether static Gaussians were fitted in an earlier segment; they learn at the rate
             with which its stage ended.
         rise: harmonics of degree n have rate 0 for the first n x `rise` steps.
     """
     spacing, extent, interval, at_rest = scale
-    steps = jnp.maximum(steps, 1)
-    fall = options.decay ** (step / steps)
+    fall = jnp.asarray(options.decay**share)
 
     def gaussians(kind: str, free: Kind, fall: Array) -> Kind:
         brief = isinstance(free, UnconstrainedTransients)
@@ -213,7 +212,7 @@ def rates(
     corrections, refined = parameters.corrections, refined_kinds(parameters.corrections)
     if refined:
         # A scene that is not formed yet gives wrong gradients of cameras.
-        half = 2 * step / steps
+        half = 2 * share
         late = jnp.minimum(half, 1) * options.decay ** jnp.maximum(half - 1, 0)
         kinds = {kind: getattr(options, kind) * late * (kind in refine) for kind in refined}
         corrections = eqx.tree_at(

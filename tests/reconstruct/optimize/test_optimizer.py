@@ -47,7 +47,7 @@ def units(parameters):
 
 def rate_at(parameters, step, **changes):
     options, scale = OptimizerOptions(**changes), units(parameters)
-    return rates(parameters, jnp.asarray(step), options=options, scale=scale, steps=100)
+    return rates(parameters, jnp.asarray(step), options=options, scale=scale, share=step / 100)
 
 
 def test_the_means_learn_in_pixels(parameters):
@@ -97,7 +97,7 @@ def test_control_points_learn_in_pixels_if_they_began_at_rest(parameters):
 
     pixels, scale = 0.1 * jnp.arange(1.0, 4), units(moved)
     scale = scale._replace(at_rest=pixels)
-    rate = rates(moved, jnp.asarray(0), options=OPTIONS, scale=scale, steps=100)
+    rate = rates(moved, jnp.asarray(0), options=OPTIONS, scale=scale, share=0.0)
     found = rate.deformation.control
     path = OPTIONS.from_rest * np.asarray(pixels)
     np.testing.assert_allclose(np.ravel(found.path), path, rtol=1e-6)
@@ -137,7 +137,7 @@ def test_harmonics_of_the_next_degree_begin_to_learn_after_so_many_steps(paramet
             jnp.asarray(step),
             options=OPTIONS,
             scale=units(learning),
-            steps=100,
+            share=step / 100,
             rise=10,
         ).static.harmonics
         assert np.count_nonzero(np.ravel(found)) == (degree + 1) ** 2
@@ -189,7 +189,7 @@ def test_cameras_learn_what_is_named_and_nothing_else(parameters):
         jnp.asarray(50),
         options=OPTIONS,
         scale=units(parameters),
-        steps=100,
+        share=0.5,
         refine=("pose", "exposure"),
     ).corrections
     assert (rate.pose, rate.shutter, rate.exposure) == pytest.approx(
