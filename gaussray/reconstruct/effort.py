@@ -45,13 +45,15 @@ MOTION_NOUNS = {
 
 
 class Effort(NamedTuple):
-    """Capture and options of a fit, a sentence about what was chosen, and the choices of fit.motion
-    of which a trial must tell which is best (none, or the chosen one and others)."""
+    """Capture and options of a fit, a sentence about what was chosen, the choices of fit.motion
+    of which a trial must tell which is best (none, or the chosen one and others), and the scale of
+    the capture's pictures."""
 
     capture: Capture
     options: ReconstructOptions
     sentence: str
     rivals: tuple[str, ...] = ()
+    scale: float = 1.0
 
 
 def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> Effort:
@@ -88,7 +90,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     if steps != (FitOptions().coarse, FitOptions().fine) or not chosen.fit.minutes:
         options = replace(options, fit=replace(options.fit, minutes=0.0))
     rivals = names if len(names) > 1 else ()
-    return Effort(capture, options, _sentence(options, views, scale, still), rivals)
+    return Effort(capture, options, _sentence(options, views, scale, still), rivals, scale)
 
 
 def _pixels(views: Sequence[View]) -> float:
@@ -128,9 +130,9 @@ _CHOSEN = ("fit", "loss", "optimizer", "density", "trace", "track")
 def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> tuple[str, ...]:
     """The choices of fit.motion that may suit a capture of several times best, the likeliest first.
 
-    Rigid bodies are found by cameras that stand still, on surface points: given ones, or those of
-    stereo. Whether stereo has found enough of them, only a trial tells that can spare a camera
-    (`motion_trial.CAMERAS`). On a GPU there is time to try whether they are better than
+    Rigid bodies are found by cameras that stand still, on surface points: given ones, or, on a GPU,
+    those of stereo. Whether stereo has found enough of them, only a trial tells that can spare a
+    camera (`motion_trial.CAMERAS`). A trial tells, too, whether they are better than
     transient Gaussians, which as many cameras help to follow surfaces (control points). Where most
     times have a single picture, transient Gaussians suit a camera that moves along a path; one that
     jumps from place to place needs Gaussians that all times share, on control points that begin at
@@ -155,7 +157,7 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
         stereo = fit.start in ("auto", "stereo")
         brief = "control_points" if several and (given or stereo) else "transient"
         if given:
-            return ("deformation", brief) if machine.gpu else ("deformation",)
+            return ("deformation", brief)
         return (brief, "deformation") if several and stereo else (brief,)
     _, at_once = np.unique([view.time for view in views], return_counts=True)
 

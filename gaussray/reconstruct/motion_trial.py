@@ -25,8 +25,6 @@ from gaussray.reconstruct.trial_fits import TrialFits
 from gaussray.runtime.side_by_side import run_side_by_side
 
 
-# Steps of the fine stage of a trial.
-_STEPS = 2000
 # Cameras from which on one of them is held out at each time, so many of them in turn.
 CAMERAS, _IN_TURN = 5, 4
 # Of fewer cameras, squares of so many pixels are held out, one of so many.
@@ -62,7 +60,7 @@ def motion_tiles(footage: Footage, share: float, seed: int) -> Bool[np.ndarray, 
 
 
 def motion_trial_scores(
-    fits: TrialFits, rivals: Mapping[str, ReconstructOptions]
+    fits: TrialFits, rivals: Mapping[str, ReconstructOptions], steps: int
 ) -> dict[str, float]:
     """PSNR in dB of the pixels that move in what is held out (of all where none does; 0 of a fit
     that failed), for every choice of `fit.motion` and its options; nothing where no tile can be
@@ -71,11 +69,12 @@ def motion_trial_scores(
     Args:
         fits: makes the short fits.
         rivals: the options of each choice of fit.motion.
+        steps: steps of the fine stage of each (`Machine.trial_steps`).
     """
 
     def score_of(name: str) -> float | None:
         options = rivals[name]
-        short = replace(options.fit, minutes=0.0, fine=_STEPS, refine=())
+        short = replace(options.fit, minutes=0.0, fine=steps, refine=())
         tried = replace(options, fit=short)
         return fits.score(f"trial of {name}", tried, motion_tiles, moving_score)
 

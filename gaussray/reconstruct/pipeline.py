@@ -117,9 +117,11 @@ def reconstruct(
     log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)
     machine = this_machine(devices)
     chosen = effort(capture, options, machine)
-    capture, rivals = chosen.capture, rivals_of(capture, options, machine, chosen.rivals)
+    rivals = rivals_of(capture, options, machine, chosen.rivals)
+    # A trial compares the same pictures, the smallest that one of its fits would take.
+    tried = min((chosen, *rivals.values()), key=lambda choice: choice.scale)
     warn_of_one_place(capture)
-    course = segments(capture, options.fit.segment)
+    course = segments(tried.capture, options.fit.segment)
     if leads():
         sweep(out, deep=len(course) > 1)
 
@@ -127,19 +129,24 @@ def reconstruct(
         _say(line, quiet or not leads())
 
     told(common)
-    shared = SharedResults()
     fits = TrialFits(
-        capture,
+        tried.capture,
         course[0],
         out,
         _fitted,
-        shared,
+        SharedResults(),
         devices,
         quiet or not leads(),
         at_once=machine.runs_two_fits,
     )
-    chosen, scores = with_motion_tried(fits, chosen, rivals, resume=resume, say=told)
+    chosen, scores = with_motion_tried(
+        fits, chosen, rivals, steps=machine.trial_steps, resume=resume, say=told
+    )
     told(chosen.sentence)
+    if chosen.scale != tried.scale:
+        course = segments(chosen.capture, options.fit.segment)
+        fits = replace(fits, capture=chosen.capture, segment=course[0], shared=SharedResults())
+    capture, shared = chosen.capture, fits.shared
     options = with_refinement_tried(fits, chosen.options, resume=resume, say=told)
     # It holds the pictures of the first segment.
     del fits

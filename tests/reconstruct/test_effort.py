@@ -56,7 +56,7 @@ def capture(count=50, width=270, height=480, times=(0.0,)):
 
 def test_without_auto_nothing_is_chosen():
     options = ReconstructOptions(fit=FitOptions(auto=False))
-    assert effort(capture(), options, GPU)[1:] == (options, "", ())
+    assert effort(capture(), options, GPU)[1:] == (options, "", (), 1.0)
 
 
 @pytest.mark.parametrize("machine", [CPU, GPU])
@@ -237,10 +237,11 @@ def test_a_video_of_what_stands_still_is_fitted_like_photographs(machine):
 def test_points_on_surfaces_let_rigid_bodies_be_found():
     many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
     few = Points(many.position[:500], many.color[:500])
-    assert effort(from_two_places(many), AUTO, CPU).options.fit.motion == "deformation"
-    # A GPU has the time to try which is better.
-    tried = effort(from_two_places(many), AUTO, GPU)
-    assert tried.rivals == ("deformation", "transient") and tried.options.fit.fine > 10_000
+    # But things may be soft: a trial tells which is better.
+    for machine, steps in ((CPU, 2500), (GPU, 16_000)):
+        tried = effort(from_two_places(many), AUTO, machine)
+        assert tried.rivals == ("deformation", "transient") and tried.options.fit.fine == steps
+        assert tried.options.fit.motion == "deformation"
     assert effort(from_two_places(few), AUTO, GPU).options.fit.motion == "transient"
     wanted = ReconstructOptions(fit=FitOptions(motion="both"))
     chosen = effort(from_two_places(many), wanted, GPU)
@@ -265,7 +266,8 @@ def test_stereo_between_many_cameras_lets_a_gpu_try_rigid_bodies(cameras, start,
     many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
     given = effort(from_places(cameras, many), ReconstructOptions(), machine)
     rival = "control_points" if cameras >= 5 else "transient"
-    assert given.rivals == (("deformation", rival) if machine.gpu else ())
+    rival = rival if machine.gpu else "transient"
+    assert given.rivals == ("deformation", rival)
 
 
 def test_a_fixed_plan_never_changes():

@@ -10,7 +10,7 @@ import toy
 
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.temporal_median import moving_mask
-from gaussray.reconstruct import effort, motion_choice, motion_trial, pipeline
+from gaussray.reconstruct import effort, machine, motion_choice, motion_trial, pipeline
 from gaussray.reconstruct.data.held_out_tiles import trial_tiles
 from gaussray.reconstruct.data.motion_mask import activity
 from gaussray.reconstruct.data.pictures import footage
@@ -26,6 +26,8 @@ from gaussray.reconstruct.motion_trial import (
 )
 from gaussray.reconstruct.optimize.optimizer import Parameters
 from gaussray.reconstruct.optimize.state import begin_state
+from gaussray.reconstruct.options import FitOptions, ReconstructOptions
+from gaussray.reconstruct.pipeline import reconstruct
 from gaussray.reconstruct.shared_results import SharedResults
 from gaussray.reconstruct.trial_fits import TrialFits
 from gaussray.scene.deformation import Deformation
@@ -103,7 +105,7 @@ def test_a_fit_is_scored_on_moving_pixels_that_no_step_draws_and_a_failed_one_lo
 
     def fitted(session, state, progress):
         tried.append(session.options.fit.motion)
-        assert state is None and session.options.fit.fine == motion_trial._STEPS
+        assert state is None and session.options.fit.fine == 700
         expected = motion_tiles(session.footage, 0.0, session.options.fit.seed)
         np.testing.assert_array_equal(session.held_out, expected)
         drawn = session.loader.batches("fine", 0, 20)
@@ -118,7 +120,7 @@ def test_a_fit_is_scored_on_moving_pixels_that_no_step_draws_and_a_failed_one_lo
 
     names = ("deformation", "transient", "both")
     rivals = {name: replace(toy.SHORT, fit=replace(toy.SHORT.fit, motion=name)) for name in names}
-    scores = motion_trial_scores(fits_of(capture, tmp_path, fitted), rivals)
+    scores = motion_trial_scores(fits_of(capture, tmp_path, fitted), rivals, 700)
     assert tried == list(names)
     # Pictures of 8 bits of the scene itself.
     assert scores["deformation"] > 40 > scores["transient"] > scores["both"] == 0
@@ -146,7 +148,8 @@ def test_fits_of_a_trial_run_at_once_where_the_machine_has_room(capture, tmp_pat
         name: replace(toy.SHORT, fit=replace(toy.SHORT.fit, tile_side=side))
         for name, side in (("control_points", 16), ("deformation", 8))
     }
-    scores = motion_trial_scores(fits_of(capture, tmp_path, fitted, at_once=True), rivals)
+    fits = fits_of(capture, tmp_path, fitted, at_once=True)
+    scores = motion_trial_scores(fits, rivals, 20)
     assert list(scores) == list(rivals) and min(scores.values()) > 40
     assert len(found) == 1
     assert not list(tmp_path.glob("trial*"))
@@ -157,7 +160,7 @@ def test_where_no_tile_can_be_held_out_nothing_is_tried(capture, tmp_path, monke
         motion_trial, "motion_tiles", lambda seen, *_: np.zeros(seen.pixel.shape[:2], bool)
     )
     fits = fits_of(capture, tmp_path, lambda *_: pytest.fail("fitted"))
-    assert motion_trial_scores(fits, {"deformation": toy.SHORT}) == {}
+    assert motion_trial_scores(fits, {"deformation": toy.SHORT}, 20) == {}
     assert not list(tmp_path.glob("trial*"))
 
 
@@ -180,7 +183,7 @@ def test_the_better_one_is_fitted_and_a_resumed_run_does_not_try_again(
 ):
     def tried(resume):
         fits = fits_of(capture, tmp_path, lambda *_: pytest.fail("fitted"))
-        return with_motion_tried(fits, usual, rivals, resume=resume, say=said.append)
+        return with_motion_tried(fits, usual, rivals, steps=20, resume=resume, say=said.append)
 
     said, names = [], ("deformation", "transient")
     usual = effort.Effort(capture, toy.SHORT, "")
@@ -198,6 +201,34 @@ def test_the_better_one_is_fitted_and_a_resumed_run_does_not_try_again(
     rivals = {}
     assert tried(False) == (usual, {}) and not (tmp_path / "motion.json").exists()
     assert tried(True) == (usual, {})
+
+
+@pytest.mark.parametrize("best", ["deformation", "transient"])
+def test_a_trial_compares_the_smallest_pictures_and_the_fit_has_its_own(
+    capture, tmp_path, monkeypatch, best
+):
+    """On a CPU, transient Gaussians are fitted to smaller pictures than rigid bodies."""
+    monkeypatch.setattr(machine, "_PIXELS_BRIEF", 2000.0)
+    width, seen = training_views(capture)[0].width, {}
+
+    class Fitted(Exception):
+        pass
+
+    def tried(fits, chosen, rivals, **_):
+        seen["trial"] = fits.capture.views[0].width
+        return rivals[best], {}
+
+    def fitted(session, state, progress):
+        seen["fit"] = session.footage.film.width
+        raise Fitted
+
+    monkeypatch.setattr(pipeline, "with_motion_tried", tried)
+    monkeypatch.setattr(pipeline, "_fitted", fitted)
+    options = ReconstructOptions(fit=FitOptions(points=20))
+    with pytest.raises(Fitted):
+        reconstruct(capture, tmp_path, options=options, quiet=True)
+    assert seen["trial"] < width
+    assert seen["fit"] == (width if best == "deformation" else seen["trial"])
 
 
 @pytest.mark.slow
