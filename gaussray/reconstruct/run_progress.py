@@ -142,9 +142,10 @@ def progress_from_json(block: dict[str, Any], tile_errors: TileErrorState | None
 
 def _course(block: Any) -> Course | None:
     """A number alone, as earlier versions wrote it, is that of all steps; 0: not known yet."""
-    steps, begin, share = block if isinstance(block, list) and len(block) == 3 else (block, 0, 0.0)
     if not block:
         return None
+    numbers: Any = block if isinstance(block, list) and len(block) == 3 else (block, 0, 0.0)
+    steps, begin, share = numbers
     if not _are_counts([steps], 1) or not _are_counts([begin], 0) or begin > steps:
         raise ValueError("'planned' must be a number of steps, or the course of a stage")
     if not isinstance(share, float) or not 0 <= share <= 1:

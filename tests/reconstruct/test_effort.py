@@ -242,6 +242,10 @@ def test_points_on_surfaces_let_rigid_bodies_be_found():
         tried = effort(from_two_places(many), AUTO, machine)
         assert tried.rivals == ("deformation", "transient") and tried.options.fit.fine == steps
         assert tried.options.fit.motion == "deformation"
+        # But not before a fit that is shorter than that.
+        short = ReconstructOptions(fit=FitOptions(fine=machine.trial_steps - 1))
+        chosen = effort(from_two_places(many), short, machine)
+        assert chosen.options.fit.motion == "deformation" and not chosen.rivals
     assert effort(from_two_places(few), AUTO, GPU).options.fit.motion == "transient"
     wanted = ReconstructOptions(fit=FitOptions(motion="both"))
     chosen = effort(from_two_places(many), wanted, GPU)
