@@ -117,7 +117,9 @@ class TimedPlan(StepPlan):
         if not self._plateau.reached(done, score()) or done < _EARLIEST * self.steps:
             return paced
         blocks = -(-done // self._block) + max(int(_LAST * done / self._block), 1)
-        steps = min(self.steps, blocks * self._block)
+        steps = blocks * self._block
+        if steps >= self.steps:
+            return paced
         self.stopped, self.course = done, Course(steps, done, self.course.share_at(done))
         return True
 

@@ -337,6 +337,15 @@ def test_a_fit_ends_soon_after_held_out_tiles_no_longer_improve(monkeypatch):
         assert float(found) == pytest.approx(plan.course.share_at(step), abs=1e-6)
 
 
+def test_a_plan_that_is_nearly_done_is_not_cut(monkeypatch):
+    plan, done, _ = timed(
+        monkeypatch, seconds=700.0, score=lambda done: min(20 + done / 1000, 21.0)
+    )
+    # Held-out tiles no longer improve from step 1300 on, of 1410.
+    assert done == plan.steps == pytest.approx(1410, abs=20)
+    assert not plan.stopped and plan.course.share == 0
+
+
 def test_held_out_tiles_come_in_whole_batches_and_only_of_what_is_visible():
     dice = np.random.default_rng(0)
     pixel = dice.integers(0, 255, (4, 150, 64, 3)).astype(np.uint8)
