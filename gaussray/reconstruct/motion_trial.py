@@ -76,7 +76,7 @@ def motion_trial_scores(
         options = rivals[name]
         short = replace(options.fit, minutes=0.0, fine=steps, refine=())
         tried = replace(options, fit=short)
-        return fits.score(f"trial of {name}", tried, motion_tiles, moving_score)
+        return fits.score(name, tried, motion_tiles, moving_score)
 
     works = [partial(score_of, name) for name in rivals]
     found = run_side_by_side(works) if fits.at_once else [work() for work in works]

@@ -41,7 +41,7 @@ from gaussray.reconstruct.simplify.measure import Tracing, TrainingViews
 from gaussray.reconstruct.simplify.prune import pruned_scene
 from gaussray.reconstruct.simplify.summary import clip_report, summary_line
 from gaussray.reconstruct.start import continued_state, initial_state
-from gaussray.reconstruct.trial_fits import TrialFits
+from gaussray.reconstruct.trial_fits import TrialFits, remove_killed_trials
 from gaussray.runtime.devices import leads, wait
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import say
@@ -124,6 +124,7 @@ def reconstruct(
     course = segments(tried.capture, options.fit.segment)
     if leads():
         sweep(out, deep=len(course) > 1)
+        remove_killed_trials(out)
 
     def told(line: str) -> None:
         _say(line, quiet or not leads())

@@ -79,7 +79,7 @@ def with_refinement_tried(
 
     def score(chosen: tuple[str, ...]) -> float | None:
         tried = replace(options, fit=replace(short, refine=chosen))
-        name = f"trial of {', '.join(chosen) or 'recorded cameras'}"
+        name = ", ".join(chosen) or "recorded cameras"
         return replace(fits, quiet=True).score(name, tried, trial_tiles, held_out_score)
 
     recorded = score(())

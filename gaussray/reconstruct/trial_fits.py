@@ -18,6 +18,8 @@ from gaussray.reconstruct.shared_results import SharedResults
 from gaussray.runtime.devices import leads, wait
 
 
+# What the folders of fits of a trial are called.
+_PREFIX = "trial_of_"
 # Fits all stages of a segment.
 Fitted = Callable[[Session, State | None, RunProgress], tuple[State, RunProgress]]
 
@@ -57,15 +59,16 @@ class TrialFits:
         held out.
 
         Args:
-            name: what is tried, for progress bars, and for the folder of the fit.
+            name: what is tried, for progress bars (after "trial of"), and for the folder of the
+                fit.
             options: all options; fit.validate is the share that `hold_out` gets.
             hold_out: which tiles no step draws.
             measure: measures the last state of the fit, in dB.
         """
-        folder = self.out / name.replace(" ", "_")
+        folder = self.out / f"{_PREFIX}{name.replace(' ', '_')}"
         _remove(folder)
         log = RunLog(folder, resume=False, interval=math.inf, writes=leads())
-        segment = replace(self.segment, name=name)
+        segment = replace(self.segment, name=f"trial of {name}")
         session = Session(
             self.capture, log, options, self.quiet, self.devices, segment, hold_out, self.shared
         )
@@ -81,6 +84,16 @@ class TrialFits:
         finally:
             del session
             _remove(folder)
+
+
+def remove_killed_trials(out: Path) -> None:
+    """Remove the folders of fits that were killed in an earlier trial.
+
+    Args:
+        out: the folder of the run.
+    """
+    for folder in out.glob(f"{_PREFIX}*"):
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 def _remove(folder: Path) -> None:

@@ -225,8 +225,12 @@ def test_a_trial_compares_the_smallest_pictures_and_the_fit_has_its_own(
     monkeypatch.setattr(pipeline, "with_motion_tried", tried)
     monkeypatch.setattr(pipeline, "_fitted", fitted)
     options = ReconstructOptions(fit=FitOptions(points=20))
+    killed = tmp_path / "trial_of_both"
+    killed.mkdir()
+    (killed / "metrics.jsonl").write_text("{}")
     with pytest.raises(Fitted):
         reconstruct(capture, tmp_path, options=options, quiet=True)
+    assert not killed.exists()
     assert seen["trial"] < width
     assert seen["fit"] == (width if best == "deformation" else seen["trial"])
 
