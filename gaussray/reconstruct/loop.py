@@ -297,7 +297,7 @@ def _with_density_control(
 ) -> State:
     """The state after density control, or the same state where it is not due."""
     options, done = session.options.density, int(state.step)
-    if not density_due(options, before, done, course.share_at(done)):
+    if not density_due(options, before, done, float(course.share_at(done))):
         return state
     # What stands still leaves room for what moves.
     part = 2 if session.still_first and progress.stage == "coarse" else 1

@@ -4,11 +4,11 @@ The header of a checkpoint holds it as a block of JSON, whose keys are those of 
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import equinox as eqx
 import numpy as np
-from jaxtyping import Float, UInt16
+from jaxtyping import Array, Float, Int, UInt16
 
 from gaussray.reconstruct.data.sampler import TileErrorState
 from gaussray.reconstruct.optimize.free_space import FreeBalls
@@ -18,17 +18,17 @@ from gaussray.reconstruct.optimize.free_space import FreeBalls
 STAGES = ("coarse", "begin", "fine")
 
 
-class Course(NamedTuple):
+class Course(eqx.Module):
     """How much of a stage is done at its steps: a `share` at the step `begin`, then steadily more,
-    and all after `steps`."""
+    and all after `steps`, which are more than `begin`. Compiled steps get it as arrays."""
 
-    steps: int
-    begin: int = 0
-    share: float = 0.0
+    steps: int | Int[Array, ""]
+    begin: int | Int[Array, ""] = 0
+    share: float | Float[Array, ""] = 0.0
 
-    def share_at(self, step: int) -> float:
+    def share_at(self, step: int | Int[Array, ""]) -> float | Float[Array, ""]:
         """Share of the stage that is done at a step, at least `begin`."""
-        left = max(self.steps - self.begin, 1)
+        left = self.steps - self.begin
         return self.share + (1 - self.share) * (step - self.begin) / left
 
 
@@ -91,7 +91,7 @@ def progress_to_json(progress: RunProgress) -> dict[str, Any]:
     block: dict[str, Any] = {"stage": p.stage, "most": p.most}
     block |= {"limit": list(p.limit), "given": list(p.initial)}
     if p.planned is not None:
-        block["planned"] = list(p.planned)
+        block["planned"] = [p.planned.steps, p.planned.begin, p.planned.share]
     if p.segments > 1:
         block |= {"segment": p.segment, "segments": p.segments}
     if p.bodies is not None:
@@ -146,7 +146,7 @@ def _course(block: Any) -> Course | None:
         return None
     numbers: Any = block if isinstance(block, list) and len(block) == 3 else (block, 0, 0.0)
     steps, begin, share = numbers
-    if not _are_counts([steps], 1) or not _are_counts([begin], 0) or begin > steps:
+    if not _are_counts([steps], 1) or not _are_counts([begin], 0) or begin >= steps:
         raise ValueError("'planned' must be a number of steps, or the course of a stage")
     if not isinstance(share, float) or not 0 <= share <= 1:
         raise ValueError("'planned' must hold a share of the stage from 0 to 1")

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, NamedSharding, PartitionSpec
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Int
 
 from gaussray.camera.array import CameraSet, pixel_spacing
 from gaussray.camera.camera import Camera
@@ -43,31 +43,14 @@ _MORE_SEEN, _LONGER, _LONGER_SEEN = 1.6, 2.0, 4.0
 
 
 class Schedule(eqx.Module):
-    """How much of a stage is done at a step, by which the rates fall, and the seed of the steps'
+    """How much of a stage is done at its steps, by which the rates fall, and the seed of the steps'
     noise.
 
     Arrays, so that other values compile nothing.
-
-    Args:
-        steps: steps of the whole stage.
-        begin: the step since which the stage has this length.
-        share: share of the stage that was done then.
-        seed: seed of the steps' noise.
     """
 
-    steps: Int[Array, ""]
-    begin: Int[Array, ""]
-    share: Float[Array, ""]
+    course: Course
     seed: Int[Array, ""]
-
-    def share_at(self, step: Int[Array, ""]) -> Float[Array, ""]:
-        """Share of the stage that is done at a step: it grows steadily to 1.
-
-        Args:
-            step: steps of the stage so far, at least `begin`.
-        """
-        left = jnp.maximum(self.steps - self.begin, 1)
-        return self.share + (1 - self.share) * (step - self.begin) / left
 
 
 def schedule(course: Course, seed: int) -> Schedule:
@@ -77,13 +60,9 @@ def schedule(course: Course, seed: int) -> Schedule:
         course: how much of the stage is done at its steps.
         seed: seed of the steps' noise.
     """
-    steps, begin, share = course
-    return Schedule(
-        jnp.asarray(steps, jnp.int32),
-        jnp.asarray(begin, jnp.int32),
-        jnp.asarray(share, jnp.float32),
-        jnp.asarray(seed, jnp.int32),
-    )
+    steps, begin = (jnp.asarray(n, jnp.int32) for n in (course.steps, course.begin))
+    known = Course(steps, begin, jnp.asarray(course.share, jnp.float32))
+    return Schedule(known, jnp.asarray(seed, jnp.int32))
 
 
 def measure_sizes(
@@ -194,7 +173,7 @@ def train_block(
     def step(state: State, batch: Batch):
         slope = jax.value_and_grad(loss_of, has_aux=True)
         cost_slope = jax.grad(density_costs, has_aux=True)
-        share = schedule.share_at(state.step)
+        share = schedule.course.share_at(state.step)
         ignore_moving = share >= 0.5 if options.still else None
         (_, details), gradient = slope(
             *(state.parameters, views, batch, cameras, state.step),
@@ -240,7 +219,7 @@ def _explored(
     density = options.density
     if not density.relocates or not density.noise:
         return state
-    fall = options.optimizer.decay ** schedule.share_at(state.step)
+    fall = options.optimizer.decay ** schedule.course.share_at(state.step)
     key = jax.random.fold_in(jax.random.key(schedule.seed), state.step)
     kinds = state.parameters.kinds
     explore = partial(

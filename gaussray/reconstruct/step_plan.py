@@ -37,13 +37,13 @@ class StepPlan:
     """
 
     def __init__(self, course: Course):
-        self.course, self.most = course, course.steps
-        self.stopped = 0
+        self.course = course
+        self.most, self.stopped = self.steps, 0
 
     @property
     def steps(self) -> int:
         """The length of the stage."""
-        return self.course.steps
+        return int(self.course.steps)
 
     def after_block(self, done: int, score: Callable[[], float] | None = None) -> bool:
         """Whether the plan has changed after a block.

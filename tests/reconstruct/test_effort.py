@@ -333,7 +333,7 @@ def test_a_fit_ends_soon_after_held_out_tiles_no_longer_improve(monkeypatch):
     assert plan.course.share_at(plan.steps) == 1
     # As the compiled steps see it.
     for step in (plan.stopped, halfway, plan.steps):
-        found = schedule(plan.course, 0).share_at(jnp.asarray(step))
+        found = schedule(plan.course, 0).course.share_at(jnp.asarray(step))
         assert float(found) == pytest.approx(plan.course.share_at(step), abs=1e-6)
 
 
@@ -391,7 +391,7 @@ def test_a_resumed_run_keeps_the_plan():
     assert progress_from_json(block, None).planned == plan.course
     # As earlier versions wrote it.
     assert progress_from_json(block | {"planned": 540}, None).planned == Course(540)
-    for wrong in ([540, 541, 0.4], [540, 430, 1.4], [540, 430], 0.5):
+    for wrong in ([540, 540, 0.4], [540, 430, 1.4], [540, 430], 0.5):
         with pytest.raises(ValueError, match="planned"):
             progress_from_json(block | {"planned": wrong}, None)
     with pytest.raises(ValueError, match="planned"):
