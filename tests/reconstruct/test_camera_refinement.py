@@ -347,7 +347,7 @@ def test_the_refined_cameras_are_written_and_what_was_found_is_said(
     tmp_path, pictures, monkeypatch, capsys
 ):
     def learnt(state, *_, options, schedule, sizes):
-        steps = int(schedule.steps)
+        steps = int(schedule.course.steps)
 
         def where(state):
             return state.parameters.corrections.exposure, state.parameters.corrections.shutter
