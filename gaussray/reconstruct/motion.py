@@ -16,6 +16,7 @@ from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
 from gaussray.reconstruct.initialize.from_points import bodies, inliers, on_points, thinned
 from gaussray.reconstruct.initialize.resting_control import resting_control_points
+from gaussray.reconstruct.initialize.shadows import measured_shading
 from gaussray.reconstruct.initialize.stereo.from_pictures import (
     MovingPoints,
     moving_points,
@@ -40,6 +41,7 @@ from gaussray.scene.deformation import Deformation, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 from gaussray.scene.harmonics import C0
 from gaussray.scene.planes import initial_planes
+from gaussray.scene.shading import Shading
 from gaussray.scene.transient import UnconstrainedTransients, unconstrain_transients
 
 
@@ -51,6 +53,8 @@ _FOLLOWERS = 4
 _CONTROL_GPU, _CONTROL_CPU = 400, 200
 _PICTURES_OF_A_POSE = 2.5
 _FAINT = 0.1
+# Points on which the shading of what stands still is measured, at most.
+_SHADED = 20_000
 
 
 def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[State, RunProgress]:
@@ -85,7 +89,27 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
         progress = replace(progress, moved=moved.tile_counts())
         session.loader.sampler.see_moved(moved.tile_counts())
     static, moving, corrections = parameters.static, parameters.moving, parameters.corrections
-    return begin_state(Parameters(static, moving, deformation, corrections, transient)), progress
+    own = deformation, corrections, transient, agreed(_shading(session, parameters))
+    return begin_state(Parameters(static, moving, *own)), progress
+
+
+def _shading(session: Session, parameters: Parameters) -> Shading | None:
+    """Shadows that pass over what stands still; None where too few cameras stand still."""
+    fit = session.options.fit
+    if not (fit.shading and session.has_videos) or len(session.times) < 2 or session.at_rest:
+        return None
+
+    def found(position: Float[np.ndarray, "points 3"]) -> Shading | None:
+        some = thinned(len(position), count=_SHADED, seed=fit.seed)
+        report = session.progress_report("shadows", patience=2.0)
+        return measured_shading(session.footage, position[some], report=report)
+
+    if session.later:
+        return found(np.asarray(parameters.static.mean)[occupied(parameters.static)])
+    points = session.initial_points
+    if not points.on_surfaces:
+        return None
+    return session.shared.once(("shading", *session.points_key), lambda: found(points.position))
 
 
 def _unexplained(session: Session, state: State) -> UnexplainedPixels:

@@ -65,6 +65,8 @@ class FitOptions(eqx.Module):
         memory: gigabytes of pictures that are kept in memory; more are kept in a file.
         equalize: even out exposures and light that change over time, where cameras that stand still
             tell (`equalization`); light that changes becomes a part of the scene.
+        shading: measure shadows and reflected light that pass over what stands still, where three
+            cameras stand still (`initialize.shadows`); they become a part of the scene.
         window: share of the capture's time that the first steps see where control points begin at
             rest; it grows to all (`loader.GrowingWindow`). 1: all from the start.
         samples: rays per pixel over pixel filter, aperture and exposure. 0: 1, or 4 if a camera has
@@ -104,6 +106,7 @@ class FitOptions(eqx.Module):
     outliers: float = eqx.field(static=True, default=5.0)
     memory: float = eqx.field(static=True, default=4.0)
     equalize: bool = eqx.field(static=True, default=True)
+    shading: bool = eqx.field(static=True, default=True)
     window: float = eqx.field(static=True, default=0.15)
     samples: int = eqx.field(static=True, default=0)
     refine: tuple[str, ...] = eqx.field(static=True, default=())

@@ -273,7 +273,7 @@ class Session:
         if p.transient is not None:
             kept = take_rows(p.transient, np.flatnonzero(occupied(p.transient)))
             transient = transients_of(kept, self.cameras.times)
-        scene = Scene(parts[0], parts[1], p.deformation, time_range, transient)
+        scene = Scene(parts[0], parts[1], p.deformation, time_range, transient, shading=p.shading)
         return scene, np.concatenate(unmet)
 
 

@@ -40,9 +40,11 @@ def even_key_times(span: Float[Array, "2"], keys: int) -> Float[Array, " keys"]:
 
     Args:
         span: First and last time of a frame.
-        keys: Number of key times; a single one is the first time.
+        keys: Number of key times; a single one is the middle.
     """
-    return jnp.linspace(span[0], span[1], keys, dtype=span.dtype) if keys > 1 else span[:1]
+    if keys == 1:
+        return jnp.mean(span, keepdims=True)
+    return jnp.linspace(span[0], span[1], keys, dtype=span.dtype)
 
 
 def _extreme_times(camera: Camera, part: Part) -> Float[Array, " rays"]:

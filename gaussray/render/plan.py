@@ -187,7 +187,7 @@ def picture_key_times(scene: Scene, span: Float[Array, "2"], keys: int) -> Float
         keys: Number of key states.
     """
     if keys == 1:
-        return span[:1]
+        return jnp.mean(span, keepdims=True)
     least = LEAST_SPAN * (scene.time_range[1] - scene.time_range[0])
     return key_times_across(span[0], span[1], keys, least=least)
 

@@ -18,6 +18,7 @@ bytes, low bytes apart from high bytes, which deflate well.
     velocity         x                                      a step of the mean in 4 long lifetimes
     instant, plateau x                                      1/32 to 1/64 of a short lifetime
     lifetime         log2 x                                 1/64
+    log_gain         x                                      1/256
 
 The largest number counts as the next power of two. A long lifetime is one that a twentieth of the
 transient Gaussians exceed, a short one is one that all but a twentieth exceed. An array is off by
@@ -42,7 +43,7 @@ from gaussray.scene.harmonics import C0
 # Bytes of a plane by which its deflation is judged.
 _PIECE = 1 << 16
 # Logarithms to base 2 of the steps: in themselves,
-_QUAT, _SCALE, OPACITY, _COLOR, HARMONICS = -10, -6, -7, -8, -7
+_QUAT, _SCALE, OPACITY, _COLOR, HARMONICS, _LOG_GAIN = -10, -6, -7, -8, -7, -8
 # and in units of the largest number,
 PLANES, NETWORK = -7, -8
 # of a short lifetime,
@@ -190,6 +191,8 @@ def _steps(array: dict[str, np.ndarray]) -> dict[str, tuple[str, int]]:
             steps[name] = "linear", PLANES + _largest_exponent(x)
         elif name.endswith((".weight", ".bias")):
             steps[name] = "linear", NETWORK + _largest_exponent(x)
+        elif name == "shading.log_gain":
+            steps[name] = "linear", _LOG_GAIN
     return steps
 
 

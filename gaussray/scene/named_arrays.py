@@ -19,6 +19,7 @@ from gaussray.scene.light import Light
 from gaussray.scene.planes import Planes
 from gaussray.scene.residual_field import ResidualField
 from gaussray.scene.scene import Scene
+from gaussray.scene.shading import Shading
 from gaussray.scene.shape_check import shape_error
 from gaussray.scene.transient import Transients
 
@@ -88,8 +89,8 @@ def scene_from(
             f"{str(times)[:80]}; the scene is damaged."
         )
     static, moving = (_gaussians(array, prefix, path) for prefix in ("static", "moving"))
-    transient = _transients(array, path)
-    scene = Scene(static, moving, deformation, time_range, transient, _light(array, path))
+    parts = _transients(array, path), _light(array, path), _shading(array, path)
+    scene = Scene(static, moving, deformation, time_range, *parts)
     wrong = shape_error(scene)
     if wrong:
         raise ValueError(f"{path}: its arrays do not fit together ({wrong}); the scene is damaged.")
@@ -164,6 +165,22 @@ def _light(array: dict[str, np.ndarray], path: Path) -> Light | None:
             "above 0 for each time; the scene is damaged."
         )
     return Light(time, gain)
+
+
+def _shading(array: dict[str, np.ndarray], path: Path) -> Shading | None:
+    names = Shading.__dataclass_fields__
+    if not any(name.startswith("shading.") for name in array):
+        return None
+    lower, upper, time, gain = (_array(array, f"shading.{name}", path) for name in names)
+    box = lower.shape == upper.shape == (3,) and bool(np.all(np.asarray(upper) > lower))
+    fits = time.ndim == 1 and time.size and gain.ndim == 4 and gain.shape[0] == time.size
+    fits = fits and min(gain.shape[1:]) > 1
+    if not (box and fits) or (np.diff(time) <= 0).any():
+        raise ValueError(
+            f"{path}: 'shading' must hold a box from 'lower' to 'upper', increasing times and as "
+            "many grids in 'log_gain'; the scene is damaged."
+        )
+    return Shading(lower, upper, time, gain)
 
 
 def _rows(

@@ -15,6 +15,7 @@ from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Gaussians, concatenate
 from gaussray.scene.light import Light
 from gaussray.scene.residual_field import ResidualField
+from gaussray.scene.shading import Shading
 from gaussray.scene.transient import Transients, transients_at
 
 
@@ -30,6 +31,7 @@ class Scene(eqx.Module):
         transient: Gaussians that live for a short time and move along straight lines; None for
             none.
         light: Light that changes over time; None for light that does not.
+        shading: Shadows and reflected light that pass over static Gaussians; None for none.
     """
 
     static: Gaussians
@@ -40,6 +42,7 @@ class Scene(eqx.Module):
     )
     transient: Transients | None = None
     light: Light | None = None
+    shading: Shading | None = None
 
     def __post_init__(self):
         check_kind("scene.static", self.static, Gaussians, "gaussray.Gaussians")
@@ -94,9 +97,20 @@ def persistent_at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
         scene: The scene.
         time: In the unit of `scene.time_range`.
     """
+    static = static_at(scene, time)
     if scene.deformation is None:
-        return concatenate(scene.static, scene.moving)
-    return concatenate(scene.static, scene.deformation(scene.moving, time))
+        return concatenate(static, scene.moving)
+    return concatenate(static, scene.deformation(scene.moving, time))
+
+
+def static_at(scene: Scene, time: Float[Array, ""]) -> Gaussians:
+    """The static Gaussians of a scene in the shade of a time, in usual light.
+
+    Args:
+        scene: The scene.
+        time: In the unit of `scene.time_range`.
+    """
+    return scene.static if scene.shading is None else scene.shading.applied_to(scene.static, time)
 
 
 def moving_at(scene: Scene, time: Float[Array, " keys"]) -> Gaussians:

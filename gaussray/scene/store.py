@@ -28,6 +28,9 @@ Version 6 is version 3 for scenes with control points, deformation.control.{pivo
 turn}, with or without transient Gaussians.
 
 Version 7 is version 3 for scenes in changing light, light.{time,gain}, whatever else they have.
+
+Version 8 is version 3 for scenes over which shadows pass, shading.{lower,upper,time,log_gain},
+whatever else they have.
 """
 
 from collections.abc import Sequence
@@ -47,10 +50,10 @@ from gaussray.scene.segmented import Clip, segments_of
 
 FORMAT = "gaussray-scene"
 # A scene is written in the lowest version that can hold it.
-_VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT, CONTROL, LIGHT = 1, 2, 3, 4, 5, 6, 7
-VERSIONS = _VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT, CONTROL, LIGHT
+_VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT, CONTROL, LIGHT, SHADING = 1, 2, 3, 4, 5, 6, 7, 8
+VERSIONS = _VERSION, RESIDUALS, LISTED, SEGMENTS, TRANSIENT, CONTROL, LIGHT, SHADING
 # Versions whose header lists the arrays.
-_LISTS = LISTED, TRANSIENT, CONTROL, LIGHT
+_LISTS = LISTED, TRANSIENT, CONTROL, LIGHT, SHADING
 # How arrays are stored: full keeps every bit, compact quantises (`compression`).
 PRECISIONS = ("full", "compact")
 
@@ -146,6 +149,8 @@ def _contents(
 
 def _version(scene: Scene) -> int:
     deformation = scene.deformation
+    if scene.shading is not None:
+        return SHADING
     if scene.light is not None:
         return LIGHT
     if isinstance(deformation, Deformation) and deformation.control is not None:

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float, Int
 
 from gaussray.scene.gaussians import Gaussians, concatenate, principal_axes
 from gaussray.scene.light import Light
-from gaussray.scene.scene import Scene, moving_at, persistent_at
+from gaussray.scene.scene import Scene, moving_at, persistent_at, static_at
 from gaussray.scene.transient import Transients
 
 
@@ -82,7 +82,8 @@ def still(
 def scene_motion(
     scene: Scene, key_time: Float[Array, " keys"], time_range: Float[Array, "2"] | None = None
 ) -> Motion:
-    """The motion of a scene within a frame; with one key time the deformation is constant.
+    """The motion of a scene within a frame; with one key time the deformation is constant, and the
+    shade of static Gaussians is that of the middle.
 
     Args:
         scene: the scene.
@@ -90,10 +91,11 @@ def scene_motion(
         time_range: times beyond which transient Gaussians rest; None for no limits.
     """
     transient = scene.transient if scene.transient is not None and scene.transient.count else None
+    middle = (key_time[0] + key_time[-1]) / 2
     if key_time.shape[0] == 1 or scene.deformation is None:
-        motion = still(persistent_at(scene, key_time[0]), transient, time_range)
+        motion = still(persistent_at(scene, middle), transient, time_range)
         return replace(motion, light=scene.light)
-    rest = scene.static if scene.static.count else None
+    rest = static_at(scene, middle) if scene.static.count else None
     limits = None if transient is None else time_range
     return Motion(key_time, moving_at(scene, key_time), rest, transient, limits, scene.light)
 

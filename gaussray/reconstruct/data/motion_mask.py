@@ -109,7 +109,7 @@ def point_activity(
     for name in np.unique(footage.viewpoints):
         frames = np.flatnonzero(footage.viewpoints == name)
         first = frames[np.argmin(times[frames])]
-        pixel = np.asarray(_projected(footage.camera, jnp.asarray(first), jnp.asarray(position)))
+        pixel = np.asarray(projected(footage.camera, jnp.asarray(first), jnp.asarray(position)))
         with np.errstate(invalid="ignore"):
             inside = np.all((pixel >= 0) & (pixel < (film.width, film.height)), axis=1)
         column, row = pixel[inside].astype(int).T
@@ -132,10 +132,16 @@ def point_activity(
 
 
 @eqx.filter_jit
-def _projected(
+def projected(
     camera: Camera, frame: Int[Array, ""], position: Float[Array, "points 3"]
 ) -> Float[Array, "points 2"]:
-    """Where the camera of a frame sees points, in pixels."""
+    """Where the camera of a frame sees points, in pixels.
+
+    Args:
+        camera: the cameras of all frames, stacked.
+        frame: number of the frame.
+        position: points in the world.
+    """
     own = jax.tree.map(lambda x: x[frame], camera)
     return jax.vmap(project, in_axes=(None, 0))(own, position)
 

@@ -18,6 +18,7 @@ from gaussray.reconstruct.run_progress import RunProgress, progress_from_json, p
 from gaussray.scene.array_file import read_arrays, write_arrays
 from gaussray.scene.gaussians import Unconstrained
 from gaussray.scene.named_arrays import deformation_from, named_arrays
+from gaussray.scene.shading import Shading
 from gaussray.scene.transient import UnconstrainedTransients
 
 
@@ -66,6 +67,7 @@ def load_checkpoint(path: Path) -> tuple[State, RunProgress]:
             deformation_from(array, f"{prefix}.deformation", path),
             _corrections(array, f"{prefix}.corrections"),
             _transients(array, f"{prefix}.transient"),
+            _shading(array, f"{prefix}.shading"),
         )
 
     def statistic(name: str) -> GradientStatistic:
@@ -150,6 +152,14 @@ def _transients(array: dict[str, np.ndarray], prefix: str) -> UnconstrainedTrans
     if not any(f"{prefix}.{name}" in array for name in names):
         return None
     return UnconstrainedTransients(*(jnp.asarray(array[f"{prefix}.{name}"]) for name in names))
+
+
+def _shading(array: dict[str, np.ndarray], prefix: str) -> Shading | None:
+    """The shading among named arrays, None if there is none."""
+    names = Shading.__dataclass_fields__
+    if not any(f"{prefix}.{name}" in array for name in names):
+        return None
+    return Shading(*(jnp.asarray(array[f"{prefix}.{name}"]) for name in names))
 
 
 def _corrections(array: dict[str, np.ndarray], prefix: str) -> Corrections | None:

@@ -218,4 +218,9 @@ def rates(
         corrections = eqx.tree_at(
             lambda c: tuple(getattr(c, kind) for kind in kinds), corrections, tuple(kinds.values())
         )
-    return Parameters(static, moving, deformation, corrections, transient)
+    shading = parameters.shading
+    if shading is not None:
+        none = jnp.zeros_like(fall)
+        # It was measured.
+        shading = jax.tree.map(lambda _: none, shading)
+    return Parameters(static, moving, deformation, corrections, transient, shading)

@@ -10,6 +10,7 @@ from gaussray.camera.corrections import Corrections
 from gaussray.scene.deformation import Deformation
 from gaussray.scene.gaussians import Unconstrained, constrain
 from gaussray.scene.scene import Scene
+from gaussray.scene.shading import Shading
 from gaussray.scene.transient import (
     Transients,
     UnconstrainedTransients,
@@ -31,6 +32,7 @@ class Parameters(eqx.Module):
     deformation: Deformation | None
     corrections: Corrections | None = None
     transient: UnconstrainedTransients | None = None
+    shading: Shading | None = None
 
     @property
     def kinds(self) -> dict[str, Unconstrained | UnconstrainedTransients]:
@@ -70,6 +72,7 @@ def scene_of(
         deformation=parameters.deformation,
         time_range=time_range,
         transient=None if transient is None else transients_of(transient, times),
+        shading=jax.lax.stop_gradient(parameters.shading),
     )
 
 

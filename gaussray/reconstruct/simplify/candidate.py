@@ -13,7 +13,7 @@ from gaussray.reconstruct.optimize.rows import EMPTY
 from gaussray.scene.deformation import Deformation, Layer
 from gaussray.scene.gaussians import Gaussians, concatenate, fold_tint, principal_axes
 from gaussray.scene.planes import Planes, features
-from gaussray.scene.scene import Scene
+from gaussray.scene.scene import Scene, static_at
 from gaussray.scene.spare_rows import enlarged
 
 
@@ -124,14 +124,16 @@ def at_time(candidate: Candidate, time: Float[Array, ""]) -> Gaussians:
     """
     scene = candidate.scene
     moved, rests = _moved(scene, time), candidate.resting
+    # What comes to rest gets the shade of its place.
+    rest = static_at(replace(scene, static=candidate.rest), time)
     still = eqx.tree_at(
-        lambda g: g.tint, candidate.rest, jnp.ones_like(moved.mean), is_leaf=lambda x: x is None
+        lambda g: g.tint, rest, jnp.ones_like(moved.mean), is_leaf=lambda x: x is None
     )
 
     def chosen(a: Array, b: Array) -> Array:
         return jnp.where(rests.reshape(-1, *(1,) * (a.ndim - 1)), a, b)
 
-    every = concatenate(scene.static, jax.tree.map(chosen, still, moved))
+    every = concatenate(static_at(scene, time), jax.tree.map(chosen, still, moved))
     opacity = jnp.where(
         candidate.kept, every.opacity, jax.nn.sigmoid(EMPTY).astype(every.opacity.dtype)
     )
@@ -193,6 +195,19 @@ def without_change_in_time(candidate: Candidate, scale: int) -> Candidate:
     plane = _field(candidate).planes.time[scale]
     mean = jnp.broadcast_to(jnp.mean(plane, axis=1, keepdims=True), plane.shape)
     return eqx.tree_at(lambda d: d.scene.deformation.planes.time[scale], candidate, mean)
+
+
+def without_shading(candidate: Candidate) -> Candidate:
+    """The candidate without the shadows that pass over what stands still, if there are any.
+
+    Args:
+        candidate: the candidate.
+    """
+    shading = candidate.scene.shading
+    if shading is None:
+        return candidate
+    nothing = jnp.zeros_like(shading.log_gain)
+    return eqx.tree_at(lambda d: d.scene.shading.log_gain, candidate, nothing)
 
 
 def with_degree(candidate: Candidate, part: str, degree: int) -> Candidate:

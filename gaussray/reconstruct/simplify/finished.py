@@ -20,8 +20,8 @@ def finished_scene(candidate: Candidate) -> Scene:
 
     These are harmonics of the highest degrees that are zero; a deformation of nothing; bodies that
     hold nothing; heads whose last layer is zero, and scales of the planes that the trunk does not
-    look at, or the whole field if no head is left; rows of time planes that are all the same; and
-    transparent transient Gaussians (spare rows).
+    look at, or the whole field if no head is left; rows of time planes that are all the same;
+    transparent transient Gaussians (spare rows); and shading that is 1 everywhere.
     """
     scene, deformation = candidate.scene, candidate.scene.deformation
     # On the host: nothing shall be compiled for every number of rows.
@@ -41,7 +41,11 @@ def finished_scene(candidate: Candidate) -> Scene:
         jax.tree.map(jnp.asarray, _without_zeros(x)) for x in (still, take_rows(moving, moved))
     )
     transient = _visible(scene.transient)
-    return Scene(still, mobile, deformation, scene.time_range, transient, scene.light)
+    shading = scene.shading
+    if shading is not None and not np.any(np.asarray(shading.log_gain)):
+        shading = None
+    parts = deformation, scene.time_range, transient, scene.light, shading
+    return Scene(still, mobile, *parts)
 
 
 def _visible(transient: Transients | None) -> Transients | None:

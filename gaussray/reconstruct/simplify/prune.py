@@ -18,6 +18,7 @@ from gaussray.reconstruct.simplify.candidate import (
     without_change_in_time,
     without_head,
     without_scale,
+    without_shading,
 )
 from gaussray.reconstruct.simplify.finished import finished_scene
 from gaussray.reconstruct.simplify.measure import (
@@ -143,7 +144,7 @@ def _measurements(scene: Scene) -> dict[str, int]:
         for name in ("static", "moving")
     }
     sizes = scene_sizes(scene)
-    plan = {"nothing": 1, "prune": BISECTIONS, "rest": BISECTIONS}
+    plan = {"nothing": 1, "prune": BISECTIONS, "shading": 1, "rest": BISECTIONS}
     return plan | {"reduce": sizes["heads"] + 2 * sizes["scales"]} | degree | {"rounding": 1}
 
 
@@ -160,9 +161,10 @@ def pruned_scene(
     """The scene without what its training pictures do not need.
 
     Parts are removed in this order, each if that costs at most `options.loss` dB on the same rays:
-    the Gaussians that add least to the pictures, the motion of those that change least
-    (`begin_candidate`), the heads of the deformation network, the scales of its planes or their
-    change in time, harmonics of the higher degrees, and the bits that a compact file does not keep.
+    the Gaussians that add least to the pictures, shadows that pass over what stands still, the
+    motion of the Gaussians that change least (`begin_candidate`), the heads of the deformation
+    network, the scales of its planes or their change in time, harmonics of the higher degrees, and
+    the bits that a compact file does not keep.
 
     Args:
         scene: what a fit ended with.
@@ -203,6 +205,9 @@ def pruned_scene(
     before = sizes | {"psnr": round(removals.psnr, 4)}
     removals.begin("prune")
     _remove_faint(removals, chosen, unmet)
+    removals.begin("shading")
+    if scene.shading is not None:
+        removals.remove("shadows that pass", without_shading(removals.candidate))
     if isinstance(field, Deformation):
         removals.begin("rest")
         _remove_motion(removals, change)

@@ -12,7 +12,8 @@ from gaussray.scene.scene import Scene, transient_count
 
 def scene_sizes(scene: Scene) -> dict[str, int]:
     """How many Gaussians (all, moving, transient), rigid bodies, network heads, plane scales and
-    rows a scene holds, its degree of harmonics, and the bytes of all its arrays."""
+    rows a scene holds, at how many times shadows pass, its degree of harmonics, and the bytes of
+    all its arrays."""
     degrees = [int(np.sqrt(x.harmonics.shape[1])) - 1 for x in (scene.static, scene.moving)]
     sizes = {
         "gaussians": scene.count,
@@ -22,6 +23,7 @@ def scene_sizes(scene: Scene) -> dict[str, int]:
         "heads": 0,
         "scales": 0,
         "rows": 0,
+        "shades": 0 if scene.shading is None else len(scene.shading.time),
         "degree": max(degrees),
         "bytes": sum(x.size * x.dtype.itemsize for x in jax.tree.leaves(scene)),
     }
@@ -64,6 +66,7 @@ def summary_line(report: dict[str, Any], name: str = "the scene") -> str:
     if after.get("bodies"):
         moving += f", {after['bodies']} bod{'y' if after['bodies'] == 1 else 'ies'}"
     needs = [f"{after['gaussians']:,} of {before['gaussians']:,} Gaussians ({moving})", *field]
+    needs += ["shadows that pass"] if after.get("shades") else []
     needs += [f"harmonics of degree {after['degree']}"] if "degree" in after else []
     megabytes = " -> ".join(f"{x / 1e6:.2g}" for x in (before["bytes"], report["file"]))
     gained = f", {after['psnr'] - before['psnr']:+.2f} dB" if "psnr" in after else ""

@@ -257,7 +257,7 @@ def _drop_faint(gaussians: Gaussians, persistent: int) -> Gaussians:
 
 def _changes(scene: Scene) -> bool:
     moves = scene.deformation is not None or transient_count(scene) > 0
-    return moves or scene.light is not None
+    return moves or scene.light is not None or scene.shading is not None
 
 
 def _export_time(scene: Scene | Clip, time: float | None) -> float:

@@ -67,6 +67,7 @@ def export_transients(scene: Scene | Clip, out: Path | str, *, color: str, degre
     words = f"{whole.count} Gaussians, {parts[0].count} of which stand still"
     notes = [f"{approximated} plateaus became Gaussian windows"] if approximated else []
     notes += ["the change of light over time is left out"] if scene.light is not None else []
+    notes += ["shadows that pass are left out"] if scene.shading is not None else []
     return "; ".join([words, *notes]) + "."
 
 
