@@ -94,9 +94,11 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
 
 
 def _shading(session: Session, parameters: Parameters) -> Shading | None:
-    """Shadows that pass over what stands still; None where too few cameras stand still."""
+    """Shadows that pass over what stands still; None where too few cameras stand still, and with
+    transient Gaussians, which show them as well (experiments/captures/log.md)."""
     fit = session.options.fit
-    if not (fit.shading and session.has_videos) or len(session.times) < 2 or session.at_rest:
+    told = fit.deforms and not fit.transient and session.has_videos and not session.at_rest
+    if not (fit.shading and told) or len(session.times) < 2:
         return None
 
     def found(position: Float[np.ndarray, "points 3"]) -> Shading | None:

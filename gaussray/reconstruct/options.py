@@ -66,7 +66,8 @@ class FitOptions(eqx.Module):
         equalize: even out exposures and light that change over time, where cameras that stand still
             tell (`equalization`); light that changes becomes a part of the scene.
         shading: measure shadows and reflected light that pass over what stands still, where three
-            cameras stand still (`initialize.shadows`); they become a part of the scene.
+            cameras stand still and rigid bodies and a field show what moves
+            (`initialize.shadows`); they become a part of the scene.
         window: share of the capture's time that the first steps see where control points begin at
             rest; it grows to all (`loader.GrowingWindow`). 1: all from the start.
         samples: rays per pixel over pixel filter, aperture and exposure. 0: 1, or 4 if a camera has

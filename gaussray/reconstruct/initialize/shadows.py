@@ -2,7 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.ndimage import uniform_filter
 from scipy.sparse import csr_array
 
@@ -25,6 +25,9 @@ _SIDE, _AVERAGED = 192, 0.04
 # A pixel tells if so much of what is averaged around it does not move, and is brighter than this,
 # in linear light.
 _STANDS_STILL, _DARK = 0.7, 0.01
+# Differences of logarithms of linear light: those of the channels below which a pixel keeps its
+# hue, and the deepest shadow in which it may. Darker channels count as faint ones.
+_HUE, _DEEPEST, _FAINT = 0.12, 1.5, 1e-3
 # Points in a cell of the grid on a surface, roughly, and cells along the longest side.
 _POINTS_OF_CELL, _FEWEST_CELLS, _MOST_CELLS = 4, 4, 48
 # Share of the points, on each side of each axis, that are strays beyond the grid.
@@ -116,13 +119,15 @@ class _Comparison:
         if not len(frame):
             return result
         picture = self._thinned(self._footage.pictures(frame[:1])[0])
-        counts = self._known & ~differs(picture, self._median, self._footage.scale)
+        light = _light(picture / self._footage.scale)
+        moved = differs(picture, self._median, self._footage.scale)
+        counts = self._known & (~moved | _same_hue(light, self._usual))
         mask = self._footage.masks(frame[:1])
         if mask is not None:
             counts &= self._thinned(mask[0])
         still = counts.astype(np.float32)
-        light = _light(picture / self._footage.scale)
-        now, usual, share = (self._mean(x) for x in (light * still, self._usual * still, still))
+        now, usual = (self._mean(x.mean(axis=-1) * still) for x in (light, self._usual))
+        share = self._mean(still)
         tells = counts & (share > _STANDS_STILL) & (usual > _DARK * share) & (now > 0)
         ratio = np.where(tells, np.log(np.where(tells, now / np.where(tells, usual, 1), 1)), np.nan)
         result[self._inside] = ratio[self._row, self._column]
@@ -135,9 +140,19 @@ class _Comparison:
         return uniform_filter(values, self._window, mode="constant")
 
 
-def _light(encoded: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w"]:
-    """Linear light, the mean of the channels."""
-    return np.mean(srgb_decode(np.asarray(encoded, np.float32)), axis=-1)
+def _light(encoded: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
+    """Linear light."""
+    return srgb_decode(np.asarray(encoded, np.float32))
+
+
+def _same_hue(
+    light: Float[np.ndarray, "h w 3"], usual: Float[np.ndarray, "h w 3"]
+) -> Bool[np.ndarray, "h w"]:
+    """Which pixels differ from their usual linear light by nearly one factor in all channels: in a
+    deep shadow, things keep their hue."""
+    ratio = np.log(np.maximum(light, _FAINT)) - np.log(np.maximum(usual, _FAINT))
+    mean = ratio.mean(axis=-1, keepdims=True)
+    return np.all(np.abs(ratio - mean) < _HUE, axis=-1) & (np.abs(mean[..., 0]) < _DEEPEST)
 
 
 def _agreed(seen: list[Float[np.ndarray, " points"]]) -> Float[np.ndarray, " points"]:
