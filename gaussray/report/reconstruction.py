@@ -90,6 +90,7 @@ _WORDS = {
     "heads": "heads of the deformation network",
     "scales": "scales of the feature planes",
     "rows": "rows of the planes in time",
+    "shades": "times of passing shadows",
     "degree": "degree of the spherical harmonics",
     "bytes": "bytes in memory",
     "psnr": "PSNR (dB)",
