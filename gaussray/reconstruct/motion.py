@@ -55,6 +55,9 @@ _PICTURES_OF_A_POSE = 2.5
 _FAINT = 0.1
 # Points on which the shading of what stands still is measured, at most.
 _SHADED = 20_000
+# Share of the static Gaussians of a segment before that, on each side of each axis, may stand
+# around the room (`from_points.surrounding`).
+_AROUND = 0.03
 
 
 def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[State, RunProgress]:
@@ -107,7 +110,13 @@ def _shading(session: Session, parameters: Parameters) -> Shading | None:
         return measured_shading(session.footage, position[some], report=report)
 
     if session.later:
-        return found(np.asarray(parameters.static.mean)[occupied(parameters.static)])
+        place = np.asarray(parameters.static.mean)[occupied(parameters.static)]
+        if not len(place):
+            return None
+        lower, upper = np.quantile(place, (_AROUND, 1 - _AROUND), axis=0)
+        margin = 0.1 * (upper - lower)
+        inner = np.all((place >= lower - margin) & (place <= upper + margin), axis=1)
+        return found(place[inner])
     points = session.initial_points
     if not points.on_surfaces:
         return None
