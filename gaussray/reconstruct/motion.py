@@ -1,5 +1,5 @@
 """What shows what moves, before the first step of the fine stage: control points or tracked rigid
-bodies, a deformation field, and transient Gaussians (fit.motion)."""
+bodies, a deformation field, and transient Gaussians (fit.motion), or the shadows of all that."""
 
 import warnings
 from collections.abc import Sequence
@@ -16,7 +16,6 @@ from gaussray.geometry import rotation_matrix
 from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
 from gaussray.reconstruct.initialize.from_points import bodies, inliers, on_points, thinned
 from gaussray.reconstruct.initialize.resting_control import resting_control_points
-from gaussray.reconstruct.initialize.shadows import measured_shading
 from gaussray.reconstruct.initialize.stereo.from_pictures import (
     MovingPoints,
     moving_points,
@@ -31,6 +30,7 @@ from gaussray.reconstruct.initialize.unexplained import UnexplainedPixels
 from gaussray.reconstruct.optimize.optimizer import Parameters, shortest_lifetime
 from gaussray.reconstruct.optimize.rows import occupied, take_rows, with_rows
 from gaussray.reconstruct.optimize.state import State, begin_state
+from gaussray.reconstruct.passing_shadows import passing_shadows
 from gaussray.reconstruct.run_progress import KnownBodies, RunProgress
 from gaussray.reconstruct.session import Session
 from gaussray.reconstruct.start import may_move
@@ -41,7 +41,6 @@ from gaussray.scene.deformation import Deformation, initial_deformation
 from gaussray.scene.gaussians import Gaussians, Unconstrained, constrain, unconstrain
 from gaussray.scene.harmonics import C0
 from gaussray.scene.planes import initial_planes
-from gaussray.scene.shading import Shading
 from gaussray.scene.transient import UnconstrainedTransients, unconstrain_transients
 
 
@@ -53,11 +52,6 @@ _FOLLOWERS = 4
 _CONTROL_GPU, _CONTROL_CPU = 400, 200
 _PICTURES_OF_A_POSE = 2.5
 _FAINT = 0.1
-# Points on which the shading of what stands still is measured, at most.
-_SHADED = 20_000
-# Share of the static Gaussians of a segment before that, on each side of each axis, may stand
-# around the room (`from_points.surrounding`).
-_AROUND = 0.03
 
 
 def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[State, RunProgress]:
@@ -92,35 +86,8 @@ def with_motion(session: Session, state: State, progress: RunProgress) -> tuple[
         progress = replace(progress, moved=moved.tile_counts())
         session.loader.sampler.see_moved(moved.tile_counts())
     static, moving, corrections = parameters.static, parameters.moving, parameters.corrections
-    own = deformation, corrections, transient, agreed(_shading(session, parameters))
+    own = deformation, corrections, transient, agreed(passing_shadows(session, static))
     return begin_state(Parameters(static, moving, *own)), progress
-
-
-def _shading(session: Session, parameters: Parameters) -> Shading | None:
-    """Shadows that pass over what stands still; None where too few cameras stand still, and with
-    transient Gaussians, which show them as well (experiments/captures/log.md)."""
-    fit = session.options.fit
-    told = fit.deforms and not fit.transient and session.has_videos and not session.at_rest
-    if not (fit.shading and told) or len(session.times) < 2:
-        return None
-
-    def found(position: Float[np.ndarray, "points 3"]) -> Shading | None:
-        some = thinned(len(position), count=_SHADED, seed=fit.seed)
-        report = session.progress_report("shadows", patience=2.0)
-        return measured_shading(session.footage, position[some], report=report)
-
-    if session.later:
-        place = np.asarray(parameters.static.mean)[occupied(parameters.static)]
-        if not len(place):
-            return None
-        lower, upper = np.quantile(place, (_AROUND, 1 - _AROUND), axis=0)
-        margin = 0.1 * (upper - lower)
-        inner = np.all((place >= lower - margin) & (place <= upper + margin), axis=1)
-        return found(place[inner])
-    points = session.initial_points
-    if not points.on_surfaces:
-        return None
-    return session.shared.once(("shading", *session.points_key), lambda: found(points.position))
 
 
 def _unexplained(session: Session, state: State) -> UnexplainedPixels:

@@ -1,6 +1,7 @@
 """The matter of a scene: anisotropic Gaussians with view-dependent colour."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -169,6 +170,18 @@ def fold_tint(gaussians: Gaussians) -> Gaussians:
     harmonics = (gaussians.harmonics * tint).at[:, :1].add((tint - 1) * (0.5 / C0))
     parts = gaussians.mean, gaussians.quat, gaussians.scale, gaussians.opacity
     return Gaussians(*parts, harmonics)
+
+
+def times_factor(gaussians: Gaussians, factor: Float[Array, "#gaussians #3"]) -> Gaussians:
+    """The same colours times a factor, as harmonics (`fold_tint`).
+
+    Args:
+        gaussians: Gaussians at one time.
+        factor: above 0, of each Gaussian and channel, or the same for all.
+    """
+    own = jnp.ones((), factor.dtype) if gaussians.tint is None else gaussians.tint
+    tint = jnp.broadcast_to(own * factor, gaussians.mean.shape)
+    return fold_tint(replace(gaussians, tint=tint))
 
 
 def whitening_matrix(

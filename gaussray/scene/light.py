@@ -1,12 +1,10 @@
 """Light that changes over time: lamps that flicker or are dimmed, clouds, the time of day."""
 
-from dataclasses import replace
-
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from gaussray.scene.gaussians import Gaussians, fold_tint
+from gaussray.scene.gaussians import Gaussians, times_factor
 
 
 class Light(eqx.Module):
@@ -39,6 +37,4 @@ class Light(eqx.Module):
             gaussians: as they are in the usual light.
             time: in the capture's unit.
         """
-        factor = jnp.broadcast_to(self.at(time), gaussians.mean.shape)
-        tint = factor if gaussians.tint is None else gaussians.tint * factor
-        return fold_tint(replace(gaussians, tint=tint))
+        return times_factor(gaussians, self.at(time)[None])

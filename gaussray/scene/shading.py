@@ -1,14 +1,12 @@
 """Shading of what stands still: shadows and reflected light that pass over it."""
 
-from dataclasses import replace
-
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from gaussray.scene.gaussians import Gaussians, fold_tint
+from gaussray.scene.gaussians import Gaussians, times_factor
 
 
 class Shading(eqx.Module):
@@ -17,7 +15,7 @@ class Shading(eqx.Module):
     Its logarithm is given at the vertices of a regular grid and at some times. It is linear between
     them along each axis and over time, falls to 0 within one cell beyond the grid, and is constant
     before the first and after the last time. A Gaussian has the factor of the place of its mean,
-    and within one picture that of the middle of the picture's times.
+    and within one picture (or the rows that are rendered together) that of the middle of its times.
 
     Args:
         lower: lower corner of the grid, in scene units.
@@ -59,6 +57,4 @@ class Shading(eqx.Module):
             gaussians: static Gaussians, as they are without shade.
             time: in the capture's unit.
         """
-        gain = jnp.broadcast_to(self.at(gaussians.mean, time)[:, None], gaussians.mean.shape)
-        tint = gain if gaussians.tint is None else gaussians.tint * gain
-        return fold_tint(replace(gaussians, tint=tint))
+        return times_factor(gaussians, self.at(gaussians.mean, time)[:, None])

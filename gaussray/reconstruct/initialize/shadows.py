@@ -75,7 +75,8 @@ def measured_shading(
     if not np.any(np.nan_to_num(change)):
         return None
     lower, upper = np.quantile(position, (_STRAYS, 1 - _STRAYS), axis=0)
-    upper = np.maximum(upper, lower + 1e-3 * (np.ptp(upper - lower) or 1.0))
+    # A flat box still needs a height.
+    upper = np.maximum(upper, lower + 1e-3 * (float(np.max(upper - lower)) or 1.0))
     grid = _on_grid(position, change, times, lower, upper)
     parts = (lower, upper, times, grid)
     return Shading(*(jnp.asarray(np.asarray(x), jnp.float32) for x in parts))
@@ -157,23 +158,16 @@ def _same_hue(
 
 def _agreed(seen: list[Float[np.ndarray, " points"]]) -> Float[np.ndarray, " points"]:
     """The median over the cameras, less what may be noise; NaN where too few tell."""
-    ordered = np.sort(np.array(seen), axis=0)  # NaN last
-    count = np.sum(np.isfinite(ordered), axis=0)
-    middle = _middle(ordered, count)
-    apart = np.sort(np.abs(ordered - middle[None]), axis=0)
-    error = _NORMAL * _middle(apart, count) / np.sqrt(np.maximum(count, 1))
+    table = np.array(seen)
+    count = np.sum(np.isfinite(table), axis=0)
+    told = count >= _CAMERAS
+    table, result = table[:, told], np.full(table.shape[1], np.nan, np.float32)
+    middle = np.nanmedian(table, axis=0)
+    apart = np.nanmedian(np.abs(table - middle[None]), axis=0)
+    error = _NORMAL * apart / np.sqrt(count[told])
     certain = 1 - (_NOISE * error) ** 2 / np.maximum(middle**2, 1e-12)
-    return np.where(count >= _CAMERAS, middle * np.maximum(certain, 0), np.nan)
-
-
-def _middle(
-    ordered: Float[np.ndarray, "cameras points"], count: Int[np.ndarray, " points"]
-) -> Float[np.ndarray, " points"]:
-    """The median of the first `count` of each column of ordered numbers."""
-    low, high = (np.maximum(count - 1, 0)[None] // 2, count[None] // 2)
-    high = np.minimum(high, len(ordered) - 1)
-    low, high = (np.take_along_axis(ordered, k, axis=0)[0] for k in (low, high))
-    return (low + high) / 2
+    result[told] = middle * np.maximum(certain, 0)
+    return result
 
 
 def _on_grid(
