@@ -15,8 +15,6 @@ from gaussray.scene.scene import Scene
 
 # Cameras that differ by less, relative to their distance from the origin, stand in one place.
 _SAME_PLACE = 1e-5
-# Names of cameras that a warning lists, at most.
-_NAMED = 4
 
 
 class FailedFit(RuntimeError):
@@ -24,37 +22,23 @@ class FailedFit(RuntimeError):
 
 
 def demand_detail(footage: Footage) -> None:
-    """Refuse pictures in which there is nothing to see; warn of cameras that show nothing.
+    """Refuse pictures in which there is nothing to see.
 
     Raises:
         CaptureError: Every picture shows a single colour.
     """
     count = len(footage.pixel)
-    names, camera = np.unique(footage.name, return_inverse=True)
-    blank = [
-        str(name)
-        for k, name in enumerate(names)
-        if not any(_has_detail(footage, int(frame)) for frame in np.flatnonzero(camera == k))
-    ]
-    if len(blank) == len(names):
-        which = (
-            "the only training picture shows"
-            if count == 1
-            else f"each of the {count} training pictures shows"
-        )
-        raise CaptureError(
-            f"{which} a single colour, so there is nothing to reconstruct. Look at the pictures, "
-            "their masks (white pixels count) and capture.crop."
-        )
-    if blank:
-        more = f" and {len(blank) - _NAMED} more" if len(blank) > _NAMED else ""
-        warnings.warn(
-            f"every picture of {', '.join(blank[:_NAMED])}{more} shows a single colour. That is "
-            "right for a camera that sees nothing but background; one that is covered or broken is "
-            f"left out of the fit by capture.test=[{','.join(blank[:_NAMED])}].",
-            CaptureWarning,
-            stacklevel=2,
-        )
+    if any(_has_detail(footage, frame) for frame in range(count)):
+        return
+    which = (
+        "the only training picture shows"
+        if count == 1
+        else f"each of the {count} training pictures shows"
+    )
+    raise CaptureError(
+        f"{which} a single colour, so there is nothing to reconstruct. Look at the pictures, "
+        "their masks (white pixels count) and capture.crop."
+    )
 
 
 def _has_detail(footage: Footage, frame: int) -> bool:

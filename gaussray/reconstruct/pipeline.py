@@ -19,6 +19,7 @@ from gaussray.capture.capture import Capture
 from gaussray.dataset.manifest import FrameRecord, write_manifest
 from gaussray.io.atomic import sweep, whole
 from gaussray.reconstruct.backdrop_shell import with_backdrop_shell
+from gaussray.reconstruct.covered_cameras import without_covered_cameras
 from gaussray.reconstruct.data.common_times import common_times_sentence, with_common_times
 from gaussray.reconstruct.data.segments import segments
 from gaussray.reconstruct.data.training_split import demand_training_pictures
@@ -111,7 +112,8 @@ def reconstruct(
     """
     demand_training_pictures(capture)
     options = ReconstructOptions() if options is None else options
-    recorded, capture = capture, with_common_times(capture)
+    recorded = without_covered_cameras(capture)
+    capture = with_common_times(recorded)
     common = common_times_sentence(recorded, capture)
     out, interval = Path(out), options.fit.checkpoint
     log = RunLog(out, resume=resume, interval=interval, writes=leads(), listener=listener)

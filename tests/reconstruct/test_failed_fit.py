@@ -131,20 +131,7 @@ def test_pictures_of_a_single_color_each_are_refused(capture):
     ):
         demand_detail(dataclasses.replace(seen, pixel=flat))
     flat[-1, -1, -1, 2] ^= 1
-    # All cameras but the one with the last picture show nothing.
-    blank = sorted({str(name) for name in seen.name} - {str(seen.name[-1])})
-    with pytest.warns(CaptureWarning, match=rf"of {', '.join(blank)} shows.*test=\[{blank[0]}"):
-        demand_detail(dataclasses.replace(seen, pixel=flat))
-
-
-def test_a_camera_that_sees_something_once_is_not_warned_of(capture, recwarn):
-    seen = dataclasses.replace(footage(capture.views, side=8), mask=None)
-    flat = np.broadcast_to(seen.pixel[:, :1, :1], seen.pixel.shape).copy()
-    for name in np.unique(seen.name):
-        last = np.flatnonzero(seen.name == name)[-1]
-        flat[last] = seen.pixel[last]
     demand_detail(dataclasses.replace(seen, pixel=flat))
-    assert not recwarn.list
 
 
 def test_pixels_that_are_masked_show_nothing(capture):

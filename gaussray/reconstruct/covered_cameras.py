@@ -1,0 +1,103 @@
+"""Cameras that were covered or broken: what they show would become part of the scene."""
+
+import warnings
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from gaussray.capture.capture import Capture, View
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.frames import is_masked, read_encoded, visible_pixels
+from gaussray.reconstruct.data.backdrop import like_backdrop
+
+
+# A picture shows one colour if no more than this share of its pixels differs from the median colour
+# by more than so much of 1, in any channel: noise and JPEG stay below.
+_DETAIL, _NOISE = 1e-3, 0.03
+# Pictures of a camera that are looked at, at most: the first, and only where it shows one colour,
+# others, evenly spread.
+_LOOKED_AT = 5
+# Share of the pixels at the borders of other cameras' pictures that have a colour from which on
+# this is the backdrop: a camera that sees nothing else is none that was covered.
+_BACKDROP = 0.5
+_THREADS = 4
+# Names of cameras that a warning lists, at most.
+_NAMED = 4
+
+
+def without_covered_cameras(capture: Capture) -> Capture:
+    """The capture without the training pictures of cameras that show a single colour, with a
+    warning that names them.
+
+    Where that colour is the backdrop of other cameras' pictures, they stay: nothing stands before
+    it. So they do where all cameras show a single colour.
+
+    Args:
+        capture: the capture.
+    """
+    cameras: dict[str, list[View]] = {}
+    for view in capture.views:
+        if view.split == "train":
+            cameras.setdefault(view.camera_name, []).append(view)
+    with ThreadPoolExecutor(_THREADS) as pool:
+        found = dict(zip(cameras, pool.map(_plain_color, cameras.values()), strict=True))
+    plain = {name: color for name, color in found.items() if color is not None}
+    if not plain or len(plain) == len(cameras):
+        return capture
+    border = np.concatenate([_border(cameras[name][0]) for name in cameras if name not in plain])
+    covered = sorted(name for name, color in plain.items() if not _is_backdrop(color, border))
+    if not covered:
+        return capture
+    more = f" and {len(covered) - _NAMED} more" if len(covered) > _NAMED else ""
+    warnings.warn(
+        f"the pictures of {', '.join(covered[:_NAMED])}{more} show a single colour, as those of a "
+        "camera that is covered, broken or inside of something: they are left out.",
+        CaptureWarning,
+        stacklevel=2,
+    )
+    kept = [v for v in capture.views if v.split != "train" or v.camera_name not in covered]
+    return replace(capture, views=kept)
+
+
+def _plain_color(views: Sequence[View]) -> tuple[float, float, float] | None:
+    """The sRGB-encoded colour that a camera shows and nothing else; None if its pictures show more,
+    or all their pixels are masked."""
+    chosen = np.unique(np.linspace(0, len(views) - 1, _LOOKED_AT).round().astype(int))
+    color = None
+    for shown in _colors([views[k] for k in chosen]):
+        if not len(shown):
+            continue
+        red, green, blue = np.median(shown, axis=0).tolist()
+        color = red, green, blue
+        differs = np.any(np.abs(shown - np.array(color, np.float32)) > _NOISE, axis=1)
+        if differs.mean() > _DETAIL:
+            return None
+    return color
+
+
+def _colors(views: Sequence[View]) -> Iterator[Float[np.ndarray, "pixels 3"]]:
+    """The sRGB-encoded colours of the pixels of each view that count."""
+    for view in views:
+        picture = _encoded(view)
+        yield picture[visible_pixels(view)] if is_masked(view) else picture.reshape(-1, 3)
+
+
+def _encoded(view: View) -> Float[np.ndarray, "h w 3"]:
+    picture = read_encoded(view)
+    scale = 255 if picture.dtype == np.uint8 else 1
+    return picture.astype(np.float32) / scale
+
+
+def _border(view: View) -> Float[np.ndarray, "pixels 3"]:
+    """The sRGB-encoded colours at the border of a picture."""
+    edge = visible_pixels(view) if is_masked(view) else np.ones((view.height, view.width), bool)
+    edge[1:-1, 1:-1] = False
+    return _encoded(view)[edge]
+
+
+def _is_backdrop(color: tuple[float, float, float], border: Float[np.ndarray, "pixels 3"]) -> bool:
+    """Whether most of the borders of pictures have a colour."""
+    return bool(len(border)) and float(like_backdrop(border, color).mean()) >= _BACKDROP
