@@ -32,6 +32,8 @@ class View:
         color_space: of integer files, `srgb` or `linear`.
         background: how alpha is treated, one of `picture_file.BACKGROUNDS`.
         window: the part of the file that the camera's film shows; None if all of it.
+        margin: columns on the left, rows at the top, columns on the right and rows at the bottom of
+            the film that show nothing (`same_size`): the picture lies between them.
     """
 
     camera: Camera
@@ -46,6 +48,7 @@ class View:
     color_space: str
     background: str = "auto"
     window: Window | None = None
+    margin: tuple[int, int, int, int] = (0, 0, 0, 0)
 
     @property
     def width(self) -> int:

@@ -19,6 +19,7 @@ from gaussray.capture.picture_file import (
     holds_bytes,
     read_stored,
     read_with_alpha,
+    shown_size,
     stored_size,
 )
 from gaussray.capture.videos import decode_frames, frame_of
@@ -61,7 +62,8 @@ def read_encoded(view: PictureFile) -> np.ndarray:
     """sRGB values [h, w, 3] of a view: uint8 if its file is 8-bit sRGB, else float32 in 0..1.
 
     Where a view is smaller than the part of the file that it shows, each of its pixels is the mean
-    over its area in linear light, as a sensor of larger pixels sees it; bytes are rounded.
+    over its area in linear light, as a sensor of larger pixels sees it; bytes are rounded. Its
+    margin is black.
     """
     stored = read_with_alpha(view.image, *stored_size(view), view.background)
     if stored.alpha is not None and view.background in _ALPHA:
@@ -126,33 +128,50 @@ def read_mask(
 
 
 def is_masked(view: View) -> bool:
-    """Whether some pixels of a view may not count: it has a mask, or its alpha is one."""
-    return view.mask is not None or view.background == "mask"
+    """Whether some pixels of a view may not count: it has a mask, or its alpha is one, or a margin
+    is around it."""
+    return view.mask is not None or view.background == "mask" or any(view.margin)
 
 
 def visible_pixels(view: View) -> Bool[np.ndarray, "h w"]:
-    """Pixels of a view that count, by its mask and, with `background` mask, by its alpha."""
-    visible = np.ones((view.height, view.width), bool)
+    """Pixels of a view that count, by its mask and, with `background` mask, by its alpha; none of
+    its margin does."""
+    width, height = shown_size(view)
+    visible = np.ones((height, width), bool)
     if view.mask is not None:
-        visible &= read_mask(view.mask, view.width, view.height, view.window)
+        visible &= read_mask(view.mask, width, height, view.window)
     if view.background == "mask":
         size = stored_size(view)
         alpha = read_with_alpha(view.image, *size, "mask").alpha
         opaque = alpha_mask(alpha, size[::-1])[..., None].astype(np.float32)
         opaque = view.window.cut(opaque) if view.window else opaque
         if opaque.shape[:2] != visible.shape:
-            opaque = averaged(opaque, view.width, view.height)
+            opaque = averaged(opaque, width, height)
         visible &= opaque[..., 0] >= 0.5
-    return visible
+    return _with_margin(view, visible)
+
+
+def _with_margin(view: PictureFile, shown: np.ndarray) -> np.ndarray:
+    """What a view shows, [h, w, ...], with zeros around it."""
+    if not any(view.margin):
+        return shown
+    left, top, right, bottom = view.margin
+    around = ((top, bottom), (left, right), *((0, 0),) * (shown.ndim - 2))
+    return np.pad(shown, around)
 
 
 def _encoded(view: PictureFile, stored: np.ndarray) -> np.ndarray:
+    return _with_margin(view, _encoded_part(view, stored))
+
+
+def _encoded_part(view: PictureFile, stored: np.ndarray) -> np.ndarray:
     part = view.window.cut(stored) if view.window else stored
+    width, height = shown_size(view)
     integers = np.issubdtype(part.dtype, np.integer)
     srgb = integers and _checked(view.color_space) == "srgb"
     bytes_stay = srgb and part.dtype == np.uint8
-    if part.shape[:2] != (view.height, view.width):
-        light = averaged(_light(part, view.color_space), view.width, view.height)
+    if part.shape[:2] != (height, width):
+        light = averaged(_light(part, view.color_space), width, height)
         values = srgb_encode(light.astype(np.float64))
         if bytes_stay:
             return np.floor(255 * values + 0.5).astype(np.uint8)

@@ -36,7 +36,8 @@ class PictureFile(Protocol):
 
     `image` is a file or a frame of a video (`frame_path`), `width` and `height` the size that the
     view must have, `background` one of BACKGROUNDS, `window` the part of the file that the view
-    shows (None: all of it).
+    shows (None: all of it), `margin` how many columns and rows around it show nothing (left, top,
+    right, bottom).
     """
 
     @property
@@ -51,6 +52,8 @@ class PictureFile(Protocol):
     def background(self) -> str: ...
     @property
     def window(self) -> Window | None: ...
+    @property
+    def margin(self) -> tuple[int, int, int, int]: ...
 
 
 class StoredPicture(NamedTuple):
@@ -167,7 +170,13 @@ def holds_bytes(path: Path) -> bool:
 
 def stored_size(view: PictureFile) -> tuple[int, int]:
     """Width and height of the file of a view's picture."""
-    return view.window.size if view.window else (view.width, view.height)
+    return view.window.size if view.window else shown_size(view)
+
+
+def shown_size(view: PictureFile) -> tuple[int, int]:
+    """Width and height of a view without its margin: of what it shows."""
+    left, top, right, bottom = view.margin
+    return view.width - left - right, view.height - top - bottom
 
 
 def check_images(views: Sequence[PictureFile]) -> None:

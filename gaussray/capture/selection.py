@@ -7,14 +7,12 @@ from fnmatch import fnmatchcase
 from typing import Any
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 
-from gaussray.camera.shutter import Shutter
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.picture_file import picture_exists
-from gaussray.capture.window import Window
+from gaussray.capture.view_part import part_of_view
 from gaussray.io.safe.files import same_name_hint
 
 
@@ -145,63 +143,6 @@ def _held_out(views: list[View], selection: Selection) -> list[View]:
     ]
 
 
-# The common part of pictures of different sizes must keep this share of every picture.
-_COMMON = 0.75
-
-
-def same_size(views: list[View]) -> list[View]:
-    """The views, cropped about their middles to one size if their sizes differ a little.
-
-    COLMAP's undistorted pictures differ so. A warning tells the sizes.
-
-    Raises:
-        CaptureError: the common part would be less than three quarters of a picture.
-    """
-    sizes = {(view.width, view.height) for view in views}
-    if len(sizes) < 2:
-        return views
-    common = min(w for w, _ in sizes), min(h for _, h in sizes)
-    listed = ", ".join(f"{w} x {h}" for w, h in sorted(sizes)[:5]) + (", ..." * (len(sizes) > 5))
-    if any(common[0] * common[1] < _COMMON * w * h for w, h in sizes):
-        raise CaptureError(
-            f"{views[0].image.parent}: the training pictures must have nearly one size, got "
-            f"{len(sizes)} sizes ({listed}). Resize them (and their w, h, fl_x, fl_y, cx, cy), or "
-            "reconstruct from the pictures of one size."
-        )
-    warnings.warn(
-        f"training pictures have {len(sizes)} sizes ({listed}); all are cropped to {common[0]} x "
-        f"{common[1]}.",
-        CaptureWarning,
-        stacklevel=2,
-    )
-    made: dict[Any, Any] = {}
-    return [_cropped(view, common, made) for view in views]
-
-
-def _cropped(view: View, size: tuple[int, int], made: dict[Any, Any]) -> View:
-    """The middle of a view; of a resized one, whole pixels of the file, resized nearly as much."""
-    if (view.width, view.height) == size:
-        return view
-    left, top = (view.width - size[0]) // 2, (view.height - size[1]) // 2
-    return _windowed(view, *_part(view, (left, top, *size)), size, made)
-
-
-def _part(view: View, box: tuple[int, int, int, int]) -> tuple[Window, Window]:
-    """Where a box of a view lies in its file, and in the view: of a resized view, whole pixels of
-    the file that come closest to the box."""
-    film = view.width, view.height
-    if view.window is None:
-        return Window(film, box), Window(film, box)
-    corner, sides = np.array(view.window.box[:2]), np.array(view.window.box[2:])
-    # Pixels of the file for a pixel of the view.
-    fine = sides / film
-    lead = np.round(box[:2] * fine)
-    part = np.minimum(np.maximum(np.round(box[2:] * fine), 1), sides - lead)
-    stored = (*(corner + lead).tolist(), *part.tolist())
-    seen = (*(lead / fine).tolist(), *(part / fine).tolist())
-    return Window(view.window.size, stored), Window(film, seen)
-
-
 def _through(view: View, selection: Selection, made: dict[Any, Any]) -> View:
     """The view of the part and size that were chosen."""
     whole = (0, 0, view.width, view.height)
@@ -213,58 +154,7 @@ def _through(view: View, selection: Selection, made: dict[Any, Any]) -> View:
     size = max(round(selection.scale * width), 1), max(round(selection.scale * height), 1)
     if box == whole and size == (view.width, view.height):
         return view
-    return _windowed(view, *_part(view, box), size, made)
-
-
-def _windowed(
-    view: View, stored: Window, seen: Window, size: tuple[int, int], made: dict[Any, Any]
-) -> View:
-    """The view of the box `seen` of its film, resized to `size`; the box lies at `stored` in the
-    file."""
-    camera = view.camera
-    # Views share most of their lenses and shutters.
-    key = id(camera.lens), id(camera.shutter), seen
-    if key not in made:
-        lens, shutter = camera.lens, camera.shutter
-        resized = lens.resized(*seen, (size[0], size[1]))
-        made[key] = resized, shutter_of_part(shutter, seen, size)
-    lens, shutter = made[key]
-    film = dataclasses.replace(camera.film, width=size[0], height=size[1])
-    camera = dataclasses.replace(camera, film=film, lens=lens, shutter=shutter)
-    return dataclasses.replace(view, camera=camera, window=stored)
-
-
-def shutter_of_part(shutter: Shutter, window: Window, size: tuple[int, ...]) -> Shutter:
-    """The shutter of a part of the picture that is resized.
-
-    Row i' of the resized part is centred on row l + (i' + 1/2) s - 1/2 of the picture: l rows are
-    read before the part, and s rows become one. A shutter that reads sideways counts columns.
-
-    Args:
-        shutter: the shutter of the whole picture.
-        window: size of the whole picture, and the part (left, top, width, height), in its pixels.
-        size: width and height in pixels to which the part is resized.
-    """
-    left, top, width, height = window.box
-    lead, rows, new = {
-        "top_to_bottom": (top, height, size[1]),
-        "bottom_to_top": (window.size[1] - top - height, height, size[1]),
-        "left_to_right": (left, width, size[0]),
-        "right_to_left": (window.size[0] - left - width, width, size[0]),
-    }[shutter.direction]
-    step = rows / new
-    table = shutter.row_times
-    if table is not None:
-        # Means over the rows that a row of the smaller picture is made of, in part or in whole.
-        total = np.concatenate([[0], np.cumsum(np.asarray(table, np.float64))])
-        edges = np.interp(lead + step * np.arange(new + 1), np.arange(len(total)), total)
-        table = jnp.asarray(np.diff(edges) / step, table.dtype)
-    return dataclasses.replace(
-        shutter,
-        row_offset=shutter.row_offset + shutter.row_step * (lead + step / 2 - 0.5),
-        row_step=shutter.row_step * step,
-        row_times=table,
-    )
+    return part_of_view(view, box, size, made)
 
 
 def _whole(values: tuple, count: int) -> bool:

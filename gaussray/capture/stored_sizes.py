@@ -7,7 +7,7 @@ from typing import Any
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.picture_file import picture_size
-from gaussray.capture.selection import shutter_of_part
+from gaussray.capture.view_part import camera_of_part
 from gaussray.capture.window import Window
 
 
@@ -19,7 +19,7 @@ def at_stored_sizes(capture: Capture) -> Capture:
     size, and a warning tells. Any other difference is left for the error of the picture's reader.
     """
     sizes: dict[tuple[Any, ...], tuple[int, int]] = {}
-    made: dict[tuple[Any, ...], tuple[Any, Any]] = {}
+    made: dict[Any, Any] = {}
 
     def fitting(view: View) -> View:
         said = view.width, view.height
@@ -51,17 +51,8 @@ def _stored(view: View) -> tuple[int, int] | None:
     return (width, height) if apart <= max(view.width, view.height) else None
 
 
-def _resized(view: View, size: tuple[int, int], made: dict[tuple[Any, ...], Any]) -> View:
-    """The view with a camera of another size; lenses and shutters that views share stay shared."""
-    camera, whole = view.camera, (view.width, view.height)
-    key = id(camera.lens), id(camera.shutter), size
-    if key not in made:
-        seen = Window(whole, (0, 0, *whole))
-        made[key] = (
-            camera.lens.resized(whole, seen.box, size),
-            shutter_of_part(camera.shutter, seen, size),
-        )
-    lens, shutter = made[key]
-    film = dataclasses.replace(camera.film, width=size[0], height=size[1])
-    camera = dataclasses.replace(camera, film=film, lens=lens, shutter=shutter)
-    return dataclasses.replace(view, camera=camera)
+def _resized(view: View, size: tuple[int, int], made: dict[Any, Any]) -> View:
+    """The view with a camera of another size."""
+    whole = view.width, view.height
+    seen = Window(whole, (0, 0, *whole))
+    return dataclasses.replace(view, camera=camera_of_part(view, seen, size, made))

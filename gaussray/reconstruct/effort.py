@@ -15,6 +15,7 @@ import equinox as eqx
 import numpy as np
 
 from gaussray.capture.capture import Capture, View, viewpoints
+from gaussray.capture.picture_file import shown_size
 from gaussray.capture.selection import Selection, selected
 from gaussray.reconstruct.data.segments import training_views
 from gaussray.reconstruct.data.still_cameras import one_at_a_time
@@ -96,7 +97,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
 
 
 def _pixels(views: Sequence[View]) -> float:
-    return float(sum(view.width * view.height for view in views))
+    return float(sum(width * height for width, height in map(shown_size, views)))
 
 
 def _scale(views: Sequence[View], machine: Machine, motion: str) -> float:

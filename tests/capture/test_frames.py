@@ -25,6 +25,7 @@ class Picture:
     color_space: str = "srgb"
     background: str = "none"
     window: Window | None = None
+    margin: tuple[int, int, int, int] = (0, 0, 0, 0)
 
 
 def write(path, pixels):

@@ -1,5 +1,6 @@
 """Captures in the layouts that other tools write open as they are."""
 
+import dataclasses
 import json
 import warnings
 
@@ -15,7 +16,8 @@ from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.formats.paired import read_capture
 from gaussray.capture.frames import read_encoded, visible_pixels
 from gaussray.capture.open import format_of, open_capture
-from gaussray.capture.selection import Selection, same_size, selected
+from gaussray.capture.same_size import same_size
+from gaussray.capture.selection import Selection, selected
 from gaussray.dataset.images import write_image
 from gaussray.evaluate.masks import moving_masks
 from gaussray.reconstruct.data.motion_mask import activity
@@ -296,9 +298,64 @@ def test_resized_pictures_of_nearly_one_size_are_cropped_to_it_too(tmp_path):
         np.testing.assert_allclose(project(after.camera, point), moved, atol=PIXEL)
 
 
-def test_pictures_of_quite_different_sizes_are_refused_with_the_remedy(tmp_path):
-    with pytest.raises(CaptureError, match="must have nearly one size, got 2 sizes .*Resize"):
-        same_size(capture_of_sizes(tmp_path, (24, 16), (16, 24)).views)
+def test_pictures_of_quite_different_sizes_are_put_into_one_film(tmp_path):
+    views = capture_of_sizes(tmp_path, (24, 16), (16, 24)).views
+    with pytest.warns(CaptureWarning, match="2 sizes .*in the middle of one of 24 x 24, and"):
+        framed = same_size(views)
+    assert [view.margin for view in framed] == [(0, 4, 0, 4), (4, 0, 4, 0)]
+    pictures = footage(framed, side=8)
+    assert (pictures.film.width, pictures.film.height) == (24, 24)
+    shown = pictures.masks(np.arange(2))
+    for seen, before, after in zip(shown, views, framed, strict=True):
+        left, top, _, _ = after.margin
+        rows, columns = slice(top, top + before.height), slice(left, left + before.width)
+        assert seen[rows, columns].all() and seen.sum() == before.width * before.height
+        picture = read_encoded(after)
+        np.testing.assert_array_equal(picture[rows, columns], read_encoded(before))
+        assert not picture[~seen].any()
+        point = jnp.array([0.3, -0.2, -4.0])
+        moved = project(before.camera, point) + jnp.array([left, top], jnp.float32)
+        np.testing.assert_allclose(project(after.camera, point), moved, atol=PIXEL)
+
+
+def test_a_margin_masks_what_a_mask_leaves_as_well(tmp_path):
+    views = capture_of_sizes(tmp_path, (24, 16), (16, 24)).views
+    mask = np.zeros((16, 24, 3), np.uint8)
+    mask[:, :5] = 255
+    write_image(tmp_path / "mask.png", mask / 255)
+    with pytest.warns(CaptureWarning, match="2 sizes"):
+        first, _ = same_size([dataclasses.replace(views[0], mask=tmp_path / "mask.png"), views[1]])
+    expected = np.zeros((24, 24), bool)
+    expected[4:20, :5] = True
+    np.testing.assert_array_equal(visible_pixels(first), expected)
+
+
+def test_pictures_that_are_much_larger_are_made_smaller(tmp_path):
+    views = capture_of_sizes(tmp_path, (24, 16), (96, 64)).views
+    with pytest.warns(CaptureWarning, match="middle of one of 48 x 32"):
+        small, large = same_size(views)
+    assert small.margin == (12, 8, 12, 8) and not any(large.margin)
+    assert read_encoded(large).shape == (32, 48, 3) and read_encoded(small).shape == (32, 48, 3)
+    point = jnp.array([0.3, -0.2, -4.0])
+    place = np.asarray(project(views[1].camera, point)) / 2
+    np.testing.assert_allclose(project(large.camera, point), place, atol=PIXEL)
+
+
+def test_rows_around_a_picture_keep_the_times_of_those_in_it(tmp_path):
+    views = capture_of_sizes(tmp_path, (24, 16), (16, 24)).views
+    camera = views[0].camera
+    times = jnp.linspace(0.0, 1.0, 16) ** 2
+    shutter = dataclasses.replace(camera.shutter, row_step=jnp.asarray(0.01), row_times=times)
+    rolling = dataclasses.replace(camera, shutter=shutter)
+    with pytest.warns(CaptureWarning, match="2 sizes"):
+        first, _ = same_size([dataclasses.replace(views[0], camera=rolling), views[1]])
+    framed = first.camera.shutter
+    np.testing.assert_allclose(framed.row_times[4:20], times, atol=PIXEL)
+    np.testing.assert_allclose(framed.row_times[:4], times[0], atol=PIXEL)
+    np.testing.assert_allclose(framed.row_times[20:], times[-1], atol=PIXEL)
+    # Row 4 of the film is the first of the picture.
+    begin = framed.row_offset + 4 * framed.row_step
+    np.testing.assert_allclose(begin, shutter.row_offset, atol=PIXEL)
 
 
 def test_a_capture_of_llff_is_pictures_with_every_eighth_held_out(tmp_path):

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from gaussray.capture.capture import Capture, View
-from gaussray.capture.selection import same_size
+from gaussray.capture.same_size import same_size
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

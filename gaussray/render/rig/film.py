@@ -6,7 +6,7 @@ import equinox as eqx
 
 from gaussray.camera.camera import Camera
 from gaussray.camera.film import Film
-from gaussray.capture.selection import shutter_of_part
+from gaussray.capture.view_part import shutter_of_part
 from gaussray.capture.window import Window
 
 

@@ -1,0 +1,66 @@
+"""Training pictures of quite different sizes: what is around the smaller ones does not count."""
+
+import dataclasses
+
+import jax
+import numpy as np
+import pytest
+import toy
+
+from gaussray.capture.errors import CaptureWarning
+from gaussray.capture.formats.paired import read_capture
+from gaussray.capture.view_part import part_of_view
+from gaussray.dataset.images import write_image
+from gaussray.reconstruct import reconstruct
+
+
+pytestmark = pytest.mark.usefixtures("known_sizes")
+
+WIDE, TALL = toy.CAMERAS[:2]
+# What is left of the pictures of these cameras: left, top, width, height.
+BOXES = {WIDE: (0, 3, toy.SIZE, 10), TALL: (4, 0, 8, toy.SIZE)}
+# The lenses of both captures differ by rounding.
+CLOSE = 1e-4
+
+
+@pytest.fixture(scope="module")
+def capture(tmp_path_factory, known_sizes):
+    return read_capture(toy.write_capture(tmp_path_factory.mktemp("capture"), toy.scene()))
+
+
+def smaller(capture):
+    """The capture with smaller pictures of two cameras."""
+    views = [
+        part_of_view(view, BOXES[view.camera_name], BOXES[view.camera_name][2:], {})
+        if view.camera_name in BOXES
+        else view
+        for view in capture.views
+    ]
+    return dataclasses.replace(capture, views=views)
+
+
+def masked(capture, folder):
+    """The capture with whole pictures, of which masks leave as much."""
+    for name, (left, top, width, height) in BOXES.items():
+        mask = np.zeros((toy.SIZE, toy.SIZE, 3))
+        mask[top : top + height, left : left + width] = 1
+        write_image(folder / f"{name}.png", mask)
+    views = [
+        dataclasses.replace(view, mask=folder / f"{view.camera_name}.png")
+        if view.camera_name in BOXES
+        else view
+        for view in capture.views
+    ]
+    return dataclasses.replace(capture, views=views)
+
+
+@pytest.mark.filterwarnings("ignore:stereo finds")
+@pytest.mark.parametrize("start", ["given", "stereo"])
+def test_smaller_pictures_are_fitted_like_masked_ones(capture, tmp_path, start):
+    fit = dataclasses.replace(toy.SHORT.fit, start=start)
+    options = dataclasses.replace(toy.SHORT, fit=fit)
+    with pytest.warns(CaptureWarning, match=r"3 sizes .* in the middle of one of 16 x 16"):
+        first = reconstruct(smaller(capture), tmp_path / "sizes", options=options, quiet=True)
+    second = reconstruct(masked(capture, tmp_path), tmp_path / "masks", options=options, quiet=True)
+    for a, b in zip(jax.tree.leaves(first), jax.tree.leaves(second), strict=True):
+        np.testing.assert_allclose(a, b, atol=CLOSE)
