@@ -13,6 +13,7 @@ from gaussray.camera.array import CameraSet
 from gaussray.camera.camera import Camera
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.lens.correctable import CorrectableLens
+from gaussray.camera.mixed_lens import MixedLens
 from gaussray.geometry import multiply, product, turning
 
 
@@ -95,6 +96,10 @@ def require_correctable(lens: AbstractLens, key: str = "fit.refine") -> Correcta
     Raises:
         ValueError: the lens is not correctable.
     """
+    if isinstance(lens, MixedLens):
+        raise ValueError(
+            f"{key}=[lens] must be for cameras of one lens model, got several. Leave lens out."
+        )
     if not isinstance(lens, CorrectableLens):
         raise ValueError(
             f"{key}=[lens] must be for lenses with a focal length of their own, got "

@@ -182,9 +182,9 @@ def stacked(views: Sequence[View]) -> Camera:
     for view in views:
         if _kind(view.camera) != first:
             raise CaptureError(
-                f"{view.image}: training views must share one size, lens model, film and number of "
-                f"poses, but this one differs from {views[0].image}. Resize the pictures or use "
-                "one kind of camera."
+                f"{view.image}: training views must share one size, lens model, film, shutter and "
+                f"number of poses, but this one differs from {views[0].image}. Reconstruct from "
+                "the pictures of one kind of camera."
             )
     # On the host: a device takes long to join thousands of small arrays.
     cameras = jax.device_get([view.camera for view in views])

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 
 from gaussray.capture.capture import Capture, View
+from gaussray.capture.same_lens import same_lens
 from gaussray.capture.same_size import same_size
 
 
@@ -19,8 +20,9 @@ class Segment:
 
 
 def training_views(capture: Capture) -> list[View]:
-    """The views of split train, cropped to one size where their sizes differ a little."""
-    return same_size([view for view in capture.views if view.split == "train"])
+    """The views of split train, as cameras of one size and one kind of lens (`same_size`,
+    `same_lens`)."""
+    return same_lens(same_size([view for view in capture.views if view.split == "train"]))
 
 
 def segments(capture: Capture, most: int) -> list[Segment]:
