@@ -31,6 +31,7 @@ class Picture:
     color_space: str = "srgb"
     background: str = "none"
     window: None = None
+    margin: tuple[int, int, int, int] = (0, 0, 0, 0)
 
 
 ALL_CODES = np.arange(256, dtype=np.uint8).reshape(16, 16, 1).repeat(3, axis=-1)
