@@ -100,6 +100,21 @@ def sync_findings(
                 "Record all cameras at one rate to use all their frames.",
             )
         )
+    folders = [source for source in sources if not source.is_video]
+    left = {s.name: s.count - len(np.unique(timeline.frames[s.name])) for s in folders}
+    # Otherwise it is the user's own choice of times.
+    if any(left.values()) and len({source.count for source in folders}) > 1:
+        told = ", ".join(f"{count} of {name}" for name, count in left.items() if count)
+        findings.append(
+            Finding(
+                "warn",
+                "sync",
+                f"pictures that are not used: {told}; folders of pictures are cameras that take "
+                f"pictures at the same times, and all of them have {len(timeline.times)}",
+                "Give each folder as many. Photographs of a still scene belong into one folder, "
+                "which has one size of pictures.",
+            )
+        )
     return findings
 
 
