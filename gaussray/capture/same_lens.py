@@ -6,6 +6,7 @@ from collections.abc import Hashable
 import jax
 import jax.numpy as jnp
 
+from gaussray.camera.camera import Camera
 from gaussray.camera.lens import AbstractLens
 from gaussray.camera.mixed_lens import MixedLens
 from gaussray.capture.capture import View
@@ -21,7 +22,7 @@ def same_lens(views: list[View]) -> list[View]:
     """
     examples: dict[Hashable, AbstractLens] = {}
     for view in views:
-        examples.setdefault(_model(view.camera.lens), view.camera.lens)
+        examples.setdefault(array_layout(view.camera.lens), view.camera.lens)
     if len(examples) < 2:
         return views
     # Views share most of their lenses.
@@ -30,7 +31,7 @@ def same_lens(views: list[View]) -> list[View]:
     for view in views:
         lens = view.camera.lens
         if id(lens) not in made:
-            own = _model(lens)
+            own = array_layout(lens)
             lenses = tuple(lens if model == own else examples[model] for model in examples)
             made[id(lens)] = MixedLens(lenses, to_device(list(examples).index(own), jnp.int32))
         camera = dataclasses.replace(view.camera, lens=made[id(lens)])
@@ -38,6 +39,6 @@ def same_lens(views: list[View]) -> list[View]:
     return result
 
 
-def _model(lens: AbstractLens) -> Hashable:
-    """What is alike of lenses that can be stacked."""
-    return jax.tree.structure(lens), tuple(leaf.shape for leaf in jax.tree.leaves(lens))
+def array_layout(part: AbstractLens | Camera) -> Hashable:
+    """Structure and shapes of the arrays of a lens or a camera: alike where it can be stacked."""
+    return jax.tree.structure(part), tuple(leaf.shape for leaf in jax.tree.leaves(part))

@@ -54,7 +54,6 @@ def camera_of_part(view: View, seen: Window, size: tuple[int, int], made: dict[A
         made: lenses and shutters that were made already: views share most of theirs. It is filled.
     """
     camera = view.camera
-    # Views share most of their lenses and shutters.
     key = id(camera.lens), id(camera.shutter), seen, size
     if key not in made:
         lens, shutter = camera.lens, camera.shutter

@@ -49,7 +49,7 @@ class Finding(NamedTuple):
 def sync_findings(
     sources: Sequence[Source], sync: Sync, timeline: Timeline, options: SyncOptions
 ) -> list[Finding]:
-    """Confidence of the offsets, and rates that differ.
+    """Confidence of the offsets, rates that differ, and pictures that are not used.
 
     Args:
         sources: cameras of the input.
@@ -111,7 +111,7 @@ def sync_findings(
                 "sync",
                 f"pictures that are not used: {told}; folders of pictures are cameras that take "
                 f"pictures at the same times, and all of them have {len(timeline.times)}",
-                "Give each folder as many. Photographs of a still scene belong into one folder, "
+                "Give each folder as many. Photographs of a still scene belong in one folder, "
                 "which has one size of pictures.",
             )
         )

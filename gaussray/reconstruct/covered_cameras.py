@@ -11,7 +11,7 @@ from jaxtyping import Float
 from gaussray.capture.capture import Capture, View
 from gaussray.capture.errors import CaptureWarning
 from gaussray.capture.frames import is_masked, read_encoded, visible_pixels
-from gaussray.reconstruct.data.backdrop import like_backdrop
+from gaussray.reconstruct.data.backdrop import BackdropColor, surrounds
 
 
 # A picture shows one colour if no more than this share of its pixels differs from the median colour
@@ -20,9 +20,8 @@ _DETAIL, _NOISE = 1e-3, 0.03
 # Pictures of a camera that are looked at, at most: the first, and only where it shows one colour,
 # others, evenly spread.
 _LOOKED_AT = 5
-# Share of the pixels at the borders of other cameras' pictures that have a colour from which on
-# this is the backdrop: a camera that sees nothing else is none that was covered.
-_BACKDROP = 0.5
+# Pixels of a picture that are compared, about, at most.
+_PIXELS = 250_000
 _THREADS = 4
 # Names of cameras that a warning lists, at most.
 _NAMED = 4
@@ -48,7 +47,7 @@ def without_covered_cameras(capture: Capture) -> Capture:
     if not plain or len(plain) == len(cameras):
         return capture
     border = np.concatenate([_border(cameras[name][0]) for name in cameras if name not in plain])
-    covered = sorted(name for name, color in plain.items() if not _is_backdrop(color, border))
+    covered = sorted(name for name, color in plain.items() if not surrounds(border, color))
     if not covered:
         return capture
     more = f" and {len(covered) - _NAMED} more" if len(covered) > _NAMED else ""
@@ -62,7 +61,7 @@ def without_covered_cameras(capture: Capture) -> Capture:
     return replace(capture, views=kept)
 
 
-def _plain_color(views: Sequence[View]) -> tuple[float, float, float] | None:
+def _plain_color(views: Sequence[View]) -> BackdropColor | None:
     """The sRGB-encoded colour that a camera shows and nothing else; None if its pictures show more,
     or all their pixels are masked."""
     chosen = np.unique(np.linspace(0, len(views) - 1, _LOOKED_AT).round().astype(int))
@@ -79,25 +78,20 @@ def _plain_color(views: Sequence[View]) -> tuple[float, float, float] | None:
 
 
 def _colors(views: Sequence[View]) -> Iterator[Float[np.ndarray, "pixels 3"]]:
-    """The sRGB-encoded colours of the pixels of each view that count."""
+    """The sRGB-encoded colours of pixels of each view that count."""
     for view in views:
-        picture = _encoded(view)
-        yield picture[visible_pixels(view)] if is_masked(view) else picture.reshape(-1, 3)
+        picture = read_encoded(view)
+        shown = picture[visible_pixels(view)] if is_masked(view) else picture.reshape(-1, 3)
+        yield _in_unit(shown[:: max(len(shown) // _PIXELS, 1)])
 
 
-def _encoded(view: View) -> Float[np.ndarray, "h w 3"]:
-    picture = read_encoded(view)
-    scale = 255 if picture.dtype == np.uint8 else 1
-    return picture.astype(np.float32) / scale
+def _in_unit(encoded: np.ndarray) -> Float[np.ndarray, "pixels 3"]:
+    """sRGB-encoded colours in 0..1."""
+    return encoded.astype(np.float32) / (255 if encoded.dtype == np.uint8 else 1)
 
 
 def _border(view: View) -> Float[np.ndarray, "pixels 3"]:
     """The sRGB-encoded colours at the border of a picture."""
     edge = visible_pixels(view) if is_masked(view) else np.ones((view.height, view.width), bool)
     edge[1:-1, 1:-1] = False
-    return _encoded(view)[edge]
-
-
-def _is_backdrop(color: tuple[float, float, float], border: Float[np.ndarray, "pixels 3"]) -> bool:
-    """Whether most of the borders of pictures have a colour."""
-    return bool(len(border)) and float(like_backdrop(border, color).mean()) >= _BACKDROP
+    return _in_unit(read_encoded(view)[edge])

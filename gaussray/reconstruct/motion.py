@@ -1,5 +1,5 @@
 """What shows what moves, before the first step of the fine stage: control points or tracked rigid
-bodies, a deformation field, and transient Gaussians (fit.motion), or the shadows of all that."""
+bodies, a deformation field, and transient Gaussians (fit.motion); and the shadows that pass."""
 
 import warnings
 from collections.abc import Sequence

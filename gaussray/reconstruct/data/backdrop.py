@@ -37,7 +37,17 @@ def backdrop_of(footage: Footage) -> BackdropColor | None:
     color = border.astype(np.float32) / footage.scale
     red, green, blue = np.median(color, axis=0).tolist()
     plain = red, green, blue
-    return plain if like_backdrop(color, plain).mean() >= _SHARE else None
+    return plain if surrounds(color, plain) else None
+
+
+def surrounds(border: Float[np.ndarray, "pixels 3"], plain: BackdropColor) -> bool:
+    """Whether a colour is a backdrop's: most pixels at the borders of pictures have it.
+
+    Args:
+        border: sRGB-encoded colours of these pixels, in 0..1.
+        plain: sRGB-encoded colour.
+    """
+    return bool(len(border)) and bool(like_backdrop(border, plain).mean() >= _SHARE)
 
 
 def like_backdrop(

@@ -18,6 +18,7 @@ from gaussray.camera.film import Film
 from gaussray.capture.capture import View, viewpoints
 from gaussray.capture.errors import CaptureError, CaptureWarning
 from gaussray.capture.frames import is_masked, stream_encoded, visible_pixels
+from gaussray.capture.same_lens import array_layout
 from gaussray.reconstruct.data.tiles import cut, fitting_side, join, tile_pixels
 
 
@@ -178,9 +179,9 @@ def stacked(views: Sequence[View]) -> Camera:
             "capture.path holds no view of split 'train'. Mark some frames with "
             '"split": "train" in transforms.json.'
         )
-    first = _kind(views[0].camera)
+    first = array_layout(views[0].camera)
     for view in views:
-        if _kind(view.camera) != first:
+        if array_layout(view.camera) != first:
             raise CaptureError(
                 f"{view.image}: training views must share one size, lens model, film, shutter and "
                 f"number of poses, but this one differs from {views[0].image}. Reconstruct from "
@@ -189,11 +190,6 @@ def stacked(views: Sequence[View]) -> Camera:
     # On the host: a device takes long to join thousands of small arrays.
     cameras = jax.device_get([view.camera for view in views])
     return jax.tree.map(lambda *x: jnp.asarray(np.stack(x)), *cameras)
-
-
-def _kind(camera: Camera) -> tuple:
-    """What must be alike for cameras to be stacked."""
-    return jax.tree.structure(camera), [leaf.shape for leaf in jax.tree.leaves(camera)]
 
 
 def _on_disk(folder: Path | str | None) -> Callable[[tuple[int, ...], np.dtype], np.ndarray]:
