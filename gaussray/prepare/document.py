@@ -43,7 +43,7 @@ def capture_document(
     for k, name in enumerate(model.pictures):
         picture = placement.pictures[name]
         instants: Sequence[int] = (
-            range(len(timeline.times)) if placement.still else [picture.instant]
+            range(len(timeline.times)) if picture.camera in placement.still else [picture.instant]
         )
         matrix = transform_matrix(model.poses[k])
         for i in instants:

@@ -45,13 +45,15 @@ def facts_of(
         pictures = [p for p in placement.pictures.values() if p.camera == name]
         registered = [placement.pictures[f] for f in placement.model.pictures]
         fact: dict[str, Any] = {
-            "size": [source.width, source.height],
+            "size": list(source.size(int(timeline.frames[name][len(files[name]) // 2]))),
+            "sizes": [list(size) for size in dict.fromkeys(source.sizes)],
             "frames": source.count,
             "rate": round(source.rate, 4),
             "offset": _rounded(sync.offsets[name], 5),
             "confidence": _rounded(sync.confidence[name], 3),
             "disagreement": _rounded(sync.disagreement[name], 5),
             "picture": files[name][len(files[name]) // 2].relative_to(out).as_posix(),
+            "still": name in placement.still,
             "pictures": len(pictures),
             "registered": sum(p.camera == name for p in registered),
         }
@@ -73,7 +75,7 @@ def facts_of(
         "sync": sync.method,
         "rate": timeline.rate,
         "timestamps": len(timeline.times),
-        "still": placement.still,
+        "still": len(placement.still) == len(sources),
         "calibrated": placement.known,
         "points": len(placement.model.points),
         "epipolar": [_pair(placement, pair, files, out) for pair in pairs],
@@ -89,9 +91,10 @@ def _pair(
 
     def picture(name: str) -> dict[str, Any]:
         shot = placement.pictures[name]
-        instant = common if placement.still else shot.instant
+        instant = common if shot.camera in placement.still else shot.instant
         path = files[shot.camera][instant].relative_to(out).as_posix()
-        label = shot.camera if len(placement.pictures) == len(files) else f"{shot.camera} {instant}"
+        one = len(files[shot.camera]) == 1 or shot.camera in placement.still
+        label = shot.camera if one else f"{shot.camera} {instant}"
         return {"label": label, "file": path}
 
     size = placement.model.lenses[placement.model.pictures.index(pair.second)]

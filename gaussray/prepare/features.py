@@ -1,7 +1,7 @@
 """SIFT features of the pictures and their matches, in a database of COLMAP."""
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -24,11 +24,19 @@ _BLOCK, _PICTURES = 200, 16
 
 @dataclasses.dataclass(frozen=True)
 class MatchingPicture:
-    """A picture whose features are matched: its file below the folder, camera and timestamp."""
+    """A picture whose features are matched.
+
+    Args:
+        file: Its file below the folder.
+        camera: Name of its camera.
+        instant: Index of its timestamp.
+        size: Columns and rows.
+    """
 
     file: str
     camera: str
     instant: int
+    size: tuple[int, int]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -43,7 +51,6 @@ def extract_features(
     database: Path,
     folder: Path,
     groups: Sequence[Sequence[MatchingPicture]],
-    sizes: dict[str, tuple[int, int]],
     options: PosesOptions,
 ) -> None:
     """Find the features of all pictures; the pictures of a group share their intrinsics.
@@ -55,7 +62,6 @@ def extract_features(
         database: COLMAP database that is written.
         folder: folder below which the pictures' files lie.
         groups: pictures that share intrinsics, all of one size.
-        sizes: width and height of each camera's pictures in pixels.
         options: lens model, rough field of view, and most features of a picture.
     """
     colmap = pycolmap()
@@ -64,10 +70,9 @@ def extract_features(
     extraction.sift.max_num_features = options.features
     done, progress = 0, Progress("features", sum(map(len, groups)), patience=2.0)
     for group in groups:
-        width, height = sizes[group[0].camera]
         reader = colmap.ImageReaderOptions()
         reader.camera_model = MODEL_OF_CHOICE[options.model]
-        factor = start_focal(options.model, options.fov, width, height)
+        factor = start_focal(options.model, options.fov, *group[0].size)
         reader.default_focal_length_factor = factor
         files, mode = [picture.file for picture in group], colmap.CameraMode.SINGLE
         colmap.import_images(database, folder, mode, files, reader)
@@ -156,7 +161,30 @@ def match_features(database: Path, pairs: Sequence[tuple[str, str]], seed: int) 
         progress.report(first + len(block))
 
 
-def all_pairs(pictures: Sequence[MatchingPicture]) -> list[tuple[str, str]]:
+def matched_pairs(
+    pictures: Sequence[MatchingPicture], still: Collection[str]
+) -> list[tuple[str, str]]:
+    """The pairs of pictures that are matched.
+
+    Two cameras that stand still are matched timestamp by timestamp, and a picture of a camera that
+    moves with the timestamp of each of them that is next to its own.
+
+    Args:
+        pictures: pictures of all cameras, of those that stand still at a few timestamps.
+        still: names of the cameras that stand still.
+    """
+    fixed = [one for one in pictures if one.camera in still]
+    moving = [one for one in pictures if one.camera not in still]
+    pairs = _same_instant_pairs(fixed) + _moving_pairs(moving)
+    for name in dict.fromkeys(one.camera for one in fixed):
+        own = [one for one in fixed if one.camera == name]
+        for other in moving:
+            nearest = min(own, key=lambda one: abs(one.instant - other.instant))
+            pairs.append((nearest.file, other.file))
+    return pairs
+
+
+def _moving_pairs(pictures: Sequence[MatchingPicture]) -> list[tuple[str, str]]:
     """The pairs of pictures of moving cameras or of photographs that are matched."""
     if len(pictures) <= EXHAUSTIVE:
         return [(a.file, b.file) for a, b in combinations(pictures, 2)]
@@ -171,7 +199,7 @@ def all_pairs(pictures: Sequence[MatchingPicture]) -> list[tuple[str, str]]:
     return [(a.file, b.file) for a, b in combinations(pictures, 2) if matched(a, b)]
 
 
-def same_instant_pairs(pictures: Sequence[MatchingPicture]) -> list[tuple[str, str]]:
+def _same_instant_pairs(pictures: Sequence[MatchingPicture]) -> list[tuple[str, str]]:
     """Pairs of pictures of two cameras at one timestamp."""
     return [
         (a.file, b.file)

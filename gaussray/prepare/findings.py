@@ -131,7 +131,7 @@ def camera_findings(placement: Placement) -> list[Finding]:
         text = f"only {found} of {total} pictures have a pose"
         return [Finding("refuse", "cameras", text, remedy)]
     if missing:
-        names = ", ".join(p.camera if placement.still else f"{p.camera} {p.instant}"
+        names = ", ".join(p.camera if p.camera in placement.still else f"{p.camera} {p.instant}"
                           for p in missing[:8])  # fmt: skip
         text = f"{found} of {total} pictures have a pose; left out: {names}"
         findings = [Finding("warn", "cameras", text, remedy)]
@@ -140,8 +140,9 @@ def camera_findings(placement: Placement) -> list[Finding]:
         findings = [Finding("good", "cameras", f"all {total} pictures have {kind} pose")]
     if len(model.points) and found > 1:
         apart = neighbour_angles(placement)
-        far = [model.pictures[k] for k in np.flatnonzero(apart > APART)]
-        if far and placement.still:
+        far = [model.pictures[k] for k in np.flatnonzero(apart > APART)
+               if placement.pictures[model.pictures[k]].camera in placement.still]  # fmt: skip
+        if far:
             names = ", ".join(placement.pictures[file].camera for file in far)
             findings.append(
                 Finding(

@@ -10,6 +10,7 @@ from gaussray.capture.picture_file import read_levels
 from gaussray.capture.videos import decoded_frames, frame_of, frame_path, upright
 from gaussray.dataset.images import write_image
 from gaussray.io.atomic import whole
+from gaussray.prepare.photographs import copied_photograph
 from gaussray.prepare.sources import Source
 from gaussray.prepare.timeline import Timeline
 from gaussray.runtime.progress import Progress
@@ -34,7 +35,8 @@ def copy_media(sources: Sequence[Source], timeline: Timeline, out: Path) -> dict
     for done, source in enumerate(sources, 1):
         index = timeline.frames[source.name]
         if not source.is_video:
-            files[source.name] = _copy_pictures(source, index, out / "images" / source.name)
+            folder = out / "images" / source.name
+            files[source.name] = [copied_photograph(source.pictures[i], folder) for i in index]
         elif source.is_even:
             copy = out / "videos" / f"{source.name}{source.path.suffix.lower()}"
             _copy(source.path, copy)
@@ -46,7 +48,10 @@ def copy_media(sources: Sequence[Source], timeline: Timeline, out: Path) -> dict
 
 
 def write_matching_pictures(
-    files: Sequence[Path], index: Sequence[int], folder: Path, size: tuple[int, int]
+    files: Sequence[Path],
+    index: Sequence[int],
+    folder: Path,
+    sizes: Sequence[tuple[int, int]],
 ) -> list[str]:
     """Write the pictures of one camera for COLMAP, as `0003.png` for timestamp 3.
 
@@ -56,14 +61,14 @@ def write_matching_pictures(
         files: the camera's file at each timestamp; it may be a frame of a video (`frame_path`).
         index: timestamps whose pictures are written.
         folder: folder of the camera; made if it does not exist.
-        size: width and height of the upright pictures in pixels.
+        sizes: width and height in pixels of each picture that is written.
 
     Returns:
         The names of the files in `folder`.
     """
     folder.mkdir(parents=True, exist_ok=True)
     names = []
-    for i in index:
+    for i, size in zip(index, sizes, strict=True):
         suffix = ".png" if frame_of(files[i]) else files[i].suffix.lower()
         name = f"{i:04d}{suffix}"
         if frame_of(files[i]):
@@ -83,13 +88,6 @@ def _copy(source: Path, target: Path) -> None:
             return
     with whole(target) as partial:
         shutil.copy2(source, partial)
-
-
-def _copy_pictures(source: Source, index: np.ndarray, folder: Path) -> list[Path]:
-    targets = [folder / source.pictures[i].name for i in index]
-    for i, target in zip(index, targets, strict=True):
-        _copy(source.pictures[i], target)
-    return targets
 
 
 def _decode(source: Source, index: np.ndarray, folder: Path) -> list[Path]:

@@ -1,6 +1,6 @@
 """Cameras that stand still: the features of several timestamps become those of one picture."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,26 +13,23 @@ from gaussray.prepare.features import Keypoints, MatchingPicture
 
 # A feature closer than this many pixels to one of an earlier timestamp is the same, seen again.
 _SAME = 1.0
-# A camera stands still if so large a share of its matches over time stays within so many pixels,
-# for each 1000 pixels of width.
-_STILL, _STAYS = 0.5, 2.0
+# A match stays where it is within so many pixels, for each 1000 pixels of width.
+_STAYS = 2.0
 
 
-def stands_still(
+def staying_share(
     first: Keypoints, last: Keypoints, matches: Int[np.ndarray, "m 2"], width: int
-) -> bool:
-    """Whether most features that two timestamps of a camera share are where they were.
+) -> float:
+    """The share of the features that two timestamps of a camera share that are where they were.
 
     Args:
         first: keypoints at the first timestamp.
         last: keypoints at the last one.
-        matches: indices into `first` and `last`; without any the camera does not stand still.
+        matches: indices into `first` and `last`, at least one.
         width: columns of the pictures; 2 pixels per 1000 of them (at least 1) count as no movement.
     """
-    if not len(matches):
-        return False
     shift = np.linalg.norm(first.xy[matches[:, 0]] - last.xy[matches[:, 1]], axis=1)
-    return bool(np.mean(shift <= _STAYS * max(width / 1000, 0.5)) >= _STILL)
+    return float(np.mean(shift <= _STAYS * max(width / 1000, 0.5)))
 
 
 def merge_keypoints(parts: Sequence[Keypoints]) -> tuple[Keypoints, list[Int[np.ndarray, " n"]]]:
@@ -73,15 +70,18 @@ def merged_database(
     pictures: Sequence[MatchingPicture],
     keypoints: dict[str, Keypoints],
     matches: dict[tuple[str, str], Int[np.ndarray, "m 2"]],
+    still: Collection[str],
 ) -> dict[str, Keypoints]:
-    """Write a database with one picture per camera, named after the file of its first timestamp.
+    """Write a database with one picture for each camera that stands still, named after the file of
+    its first timestamp, and the pictures of the others as they are.
 
     Args:
         source: Database with a picture for each camera and timestamp.
         target: Database to write; its matches still have to be verified.
         pictures: The pictures of `source`.
         keypoints: Their keypoints, by file.
-        matches: Matches between files at one timestamp.
+        matches: Matches between files.
+        still: Names of the cameras that stand still.
 
     Returns:
         The merged keypoints of each picture of `target`.
@@ -89,7 +89,8 @@ def merged_database(
     colmap = pycolmap()
     files: dict[str, list[str]] = {}
     for picture in pictures:
-        files.setdefault(picture.camera, []).append(picture.file)
+        one = picture.camera if picture.camera in still else picture.file
+        files.setdefault(one, []).append(picture.file)
     new_index: dict[str, tuple[str, np.ndarray]] = {}
     merged: dict[str, Keypoints] = {}
     for names in files.values():

@@ -22,6 +22,9 @@ from gaussray.prepare.timeline import Timeline
 # With known cameras, points may be so many pixels off for each 1000 pixels of width: enough to show
 # a calibration that does not fit.
 _KNOWN_ERROR = 8.0
+# A camera stands still if so large a share of the features that two of its timestamps share stays
+# where it is, and moves if at most so small a share does; fewer shared features tell nothing.
+_STILL, _MOVING, _TELLING = 0.5, 0.2, 30
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,7 +37,7 @@ class Placement:
             stands still it is the first timestamp; `keypoints` say which feature is of which.
         keypoints: Keypoints by file.
         matches: Verified matches by pair of files.
-        still: The cameras stand still.
+        still: Names of the cameras that stand still.
         known: Poses and lenses come from a calibration.
     """
 
@@ -42,7 +45,7 @@ class Placement:
     pictures: dict[str, MatchingPicture]
     keypoints: dict[str, Keypoints]
     matches: dict[tuple[str, str], Int[np.ndarray, "m 2"]]
-    still: bool
+    still: frozenset[str]
     known: bool
 
 
@@ -57,7 +60,7 @@ def find_poses(
     """Poses, lenses and points of the cameras.
 
     Cameras that stand still have one pose; the features of several timestamps are merged. Moving
-    cameras have a pose for each timestamp.
+    cameras have a pose for each timestamp. Both may be in one capture.
 
     Args:
         sources: The cameras.
@@ -70,76 +73,60 @@ def find_poses(
     Raises:
         PrepareError: The pictures do not share enough, or demand what they cannot have.
     """
-    chosen = _instants(timeline, options.frames.instants)
-    still = _is_known_still(sources, timeline, known, options)
-    groups, database = _groups(sources, options, known is not None), work / "features.db"
-    if still is not False:
-        written = _write_pictures(sources, files, chosen, work)
-        _extract(database, work, written, groups, sources, known, options)
-        if still is None:
-            still = _stands_still(database, written, sources, options)
-    if not still:
-        if known is not None:
-            raise PrepareError(
-                "poses.calibration must be of cameras that stand still, got pictures that move. "
-                "Leave it out to estimate poses, or set poses.rig=still if most of each picture "
-                "moves before a camera that does not."
-            )
-        written = _write_pictures(sources, files, range(len(timeline.times)), work)
-        database = work / "moving.db"
-        _extract(database, work, written, groups, sources, known, options)
-        return _placed_moving(database, written, work, options)
-    return _placed_still(database, written, known, work, options)
+    everyone = frozenset(source.name for source in sources)
+    still = _known_still(everyone, timeline, known, options)
+    written = _write_pictures(sources, timeline, files, everyone if still is None else still,
+                              work, options)  # fmt: skip
+    database = work / "features.db"
+    _extract(database, work, written, known, options)
+    if still is None:
+        still = _still_cameras(database, written, options)
+        if still < everyone:
+            written = _write_pictures(sources, timeline, files, still, work, options)
+            database = work / "moving.db"
+            _extract(database, work, written, known, options)
+    if known is not None and still < everyone:
+        raise PrepareError(
+            "poses.calibration must be of cameras that stand still, got pictures that move. "
+            "Leave it out to estimate poses, or set poses.rig=still if most of each picture "
+            "moves before a camera that does not."
+        )
+    return _placed(database, written, still, known, work, options)
 
 
-def _instants(timeline: Timeline, count: int) -> list[int]:
-    """Timestamps spread over the capture."""
-    last = len(timeline.times) - 1
-    return sorted({round(x) for x in np.linspace(0, last, min(count, last + 1))})
-
-
-def _is_known_still(
-    sources: Sequence[Source],
+def _known_still(
+    everyone: frozenset[str],
     timeline: Timeline,
     known: dict[str, KnownCamera] | None,
     options: PrepareOptions,
-) -> bool | None:
-    """Whether the cameras stand still, None if their pictures must be asked."""
-    if timeline.is_static:
-        return False
-    if options.poses.rig != "auto":
-        return options.poses.rig == "still"
-    if known is not None or len(timeline.times) == 1:
-        return True
+) -> frozenset[str] | None:
+    """The cameras that stand still, None if their pictures must be asked."""
+    if timeline.is_static or options.poses.rig == "moving":
+        return frozenset()
+    if options.poses.rig == "still" or known is not None or len(timeline.times) == 1:
+        return everyone
     return None
 
 
-def _groups(sources: Sequence[Source], options: PrepareOptions, known: bool) -> list[list[str]]:
-    """Names of the cameras that share intrinsics."""
-    if known or options.poses.intrinsics == "own":
-        return [[source.name] for source in sources]
-    by_size: dict[tuple[int, int], list[str]] = {}
-    for source in sources:
-        by_size.setdefault((source.width, source.height), []).append(source.name)
-    if options.poses.intrinsics == "shared" and len(by_size) > 1:
-        sizes = ", ".join(f"{w} x {h}" for w, h in by_size)
-        raise PrepareError(
-            f"poses.intrinsics must be own or auto for pictures of several sizes, got shared and "
-            f"{sizes}."
-        )
-    return list(by_size.values())
-
-
 def _write_pictures(
-    sources: Sequence[Source], files: dict[str, list[Path]], chosen: Sequence[int], work: Path
+    sources: Sequence[Source],
+    timeline: Timeline,
+    files: dict[str, list[Path]],
+    still: frozenset[str],
+    work: Path,
+    options: PrepareOptions,
 ) -> list[MatchingPicture]:
-    """Pictures for COLMAP. Folders have numbers for names, because a list of pairs has spaces."""
+    """Pictures for COLMAP, of cameras that stand still a few timestamps spread over the capture.
+    Folders have numbers for names, because a list of pairs has spaces."""
+    last = len(timeline.times) - 1
+    few = sorted({round(x) for x in np.linspace(0, last, min(options.frames.instants, last + 1))})
     pictures = []
     for k, source in enumerate(sources):
-        size = source.width, source.height
-        names = write_matching_pictures(files[source.name], chosen, work / f"{k:03d}", size)
-        for name, i in zip(names, chosen, strict=True):
-            pictures.append(MatchingPicture(f"{k:03d}/{name}", source.name, i))
+        chosen = few if source.name in still else range(last + 1)
+        sizes = [source.size(int(timeline.frames[source.name][i])) for i in chosen]
+        names = write_matching_pictures(files[source.name], chosen, work / f"{k:03d}", sizes)
+        for name, i, size in zip(names, chosen, sizes, strict=True):
+            pictures.append(MatchingPicture(f"{k:03d}/{name}", source.name, i, size))
     return pictures
 
 
@@ -147,78 +134,89 @@ def _extract(
     database: Path,
     work: Path,
     written: Sequence[MatchingPicture],
-    groups: Sequence[Sequence[str]],
-    sources: Sequence[Source],
     known: dict[str, KnownCamera] | None,
     options: PrepareOptions,
 ) -> None:
-    sizes = {source.name: (source.width, source.height) for source in sources}
-    pictures = [[p for p in written if p.camera in group] for group in groups]
-    features.extract_features(database, work, pictures, sizes, options.poses)
+    own = known is not None or options.poses.intrinsics == "own"
+    groups: dict[tuple, list[MatchingPicture]] = {}
+    for picture in written:
+        groups.setdefault((picture.camera * own, picture.size), []).append(picture)
+    if options.poses.intrinsics == "shared" and len(groups) > 1:
+        sizes = ", ".join(f"{w} x {h}" for _, (w, h) in groups)
+        raise PrepareError(
+            f"poses.intrinsics must be own or auto for pictures of several sizes, got shared and "
+            f"{sizes}."
+        )
+    features.extract_features(database, work, list(groups.values()), options.poses)
     if known is not None:
         lenses = {name: camera.lens for name, camera in known.items()}
         features.set_lenses(database, lenses, {p.file: p.camera for p in written})
 
 
-def _stands_still(
-    database: Path,
-    written: Sequence[MatchingPicture],
-    sources: Sequence[Source],
-    options: PrepareOptions,
-) -> bool:
-    """Whether most cameras show their first picture again in their last one."""
-    ends: dict[str, list[MatchingPicture]] = {}
+def _still_cameras(
+    database: Path, written: Sequence[MatchingPicture], options: PrepareOptions
+) -> frozenset[str]:
+    """The cameras that show their first picture again in the middle one and in the last one.
+
+    Most of the cameras decide about one whose own pictures do not: of which hardly a feature is
+    found again, as where most of a picture moves, or half of them stay.
+    """
+    shown: dict[str, list[MatchingPicture]] = {}
     for picture in written:
-        ends.setdefault(picture.camera, []).append(picture)
-    pairs = [(found[0].file, found[-1].file) for found in ends.values() if len(found) > 1]
-    features.match_features(database, pairs, options.poses.seed)
+        shown.setdefault(picture.camera, []).append(picture)
+    pairs = {
+        name: [(own[0].file, other.file) for other in {own[len(own) // 2], own[-1]} - {own[0]}]
+        for name, own in shown.items()
+    }
+    features.match_features(database, sorted(sum(pairs.values(), [])), options.poses.seed)
     keypoints = features.read_keypoints(database, written)
     matches = features.raw_matches(database)
-    votes = []
-    for source in sources:
-        first, last = ends[source.name][0].file, ends[source.name][-1].file
-        rows = matches.get((first, last), np.zeros((0, 2), int))
-        votes.append(merging.stands_still(keypoints[first], keypoints[last], rows, source.width))
-    return 2 * sum(votes) >= len(votes)
+    shares: dict[str, float | None] = {}
+    for name, own in pairs.items():
+        found = [
+            merging.staying_share(keypoints[a], keypoints[b], rows, shown[name][0].size[0])
+            for a, b in own
+            if (rows := matches.get((a, b))) is not None and len(rows) >= _TELLING
+        ]
+        shares[name] = min(found, default=None)
+    told = [share for share in shares.values() if share is not None]
+    most = bool(told) and 2 * sum(share >= _STILL for share in told) >= len(told)
+
+    def stands_still(share: float | None) -> bool:
+        return most if share is None or _MOVING < share < _STILL else share >= _STILL
+
+    return frozenset(name for name, share in shares.items() if stands_still(share))
 
 
-def _placed_still(
+def _placed(
     database: Path,
     written: Sequence[MatchingPicture],
+    still: frozenset[str],
     known: dict[str, KnownCamera] | None,
     work: Path,
     options: PrepareOptions,
 ) -> Placement:
+    """Match, merge the timestamps of cameras that stand still, and find poses or points."""
     seed = options.poses.seed
-    features.match_features(database, features.same_instant_pairs(written), seed)
+    features.match_features(database, features.matched_pairs(written, still), seed)
     keypoints = features.read_keypoints(database, written)
-    merged = work / "merged.db"
-    raw = features.raw_matches(database)
-    keypoints = merging.merged_database(database, merged, written, keypoints, raw)
-    verify(merged, seed)
+    if still:
+        merged, raw = work / "merged.db", features.raw_matches(database)
+        keypoints = merging.merged_database(database, merged, written, keypoints, raw, still)
+        verify(merged, seed)
+        database = merged
     pictures = {picture.file: picture for picture in written if picture.file in keypoints}
     if known is None:
-        model = estimate_poses(merged, work, options.poses)
+        model = estimate_poses(database, work, options.poses)
     else:
         cameras = {file: known[picture.camera] for file, picture in pictures.items()}
         widest = max(camera.lens["w"] for camera in cameras.values())
         model = triangulate(
-            merged,
+            database,
             work,
             {file: camera.pose for file, camera in cameras.items()},
             {file: camera.lens for file, camera in cameras.items()},
             _KNOWN_ERROR * widest / 1000,
         )
-    matches = features.verified_matches(merged)
-    return Placement(model, pictures, keypoints, matches, True, known is not None)
-
-
-def _placed_moving(
-    database: Path, written: Sequence[MatchingPicture], work: Path, options: PrepareOptions
-) -> Placement:
-    features.match_features(database, features.all_pairs(written), options.poses.seed)
-    model = estimate_poses(database, work, options.poses)
-    keypoints = features.read_keypoints(database, written)
     matches = features.verified_matches(database)
-    pictures = {picture.file: picture for picture in written}
-    return Placement(model, pictures, keypoints, matches, False, False)
+    return Placement(model, pictures, keypoints, matches, still, known is not None)

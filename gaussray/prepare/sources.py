@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from gaussray.capture.picture_file import picture_size
 from gaussray.capture.videos import VIDEO_SUFFIXES, open_video, upright, video_stream
 from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.photographs import PHOTOGRAPH_SUFFIXES, photograph_size
 
 
-SOURCE_PICTURES = (".png", ".jpg", ".jpeg", ".tif", ".tiff")
 # Intervals of a video may differ from their median by this share of it.
 _EVEN = 0.25
 
@@ -26,8 +25,8 @@ class Source:
         path: The video or the folder.
         pictures: The files of a folder in natural order; empty for a video.
         times: Seconds of each frame on the camera's own clock; empty for pictures, which have none.
-        width: Columns of upright pictures.
-        height: Rows of upright pictures.
+        sizes: Columns and rows of each upright picture; of a video, whose frames have one size,
+            a single pair.
         has_sound: The video has a sound track.
     """
 
@@ -35,14 +34,31 @@ class Source:
     path: Path
     pictures: tuple[Path, ...]
     times: Float[np.ndarray, " frames"]
-    width: int
-    height: int
+    sizes: tuple[tuple[int, int], ...]
     has_sound: bool = False
 
     @property
     def is_video(self) -> bool:
         """Whether the camera is a video."""
         return not self.pictures
+
+    @property
+    def width(self) -> int:
+        """Columns of the first upright picture; but for photographs without a time, of all."""
+        return self.sizes[0][0]
+
+    @property
+    def height(self) -> int:
+        """Rows of the first upright picture; but for photographs without a time, of all."""
+        return self.sizes[0][1]
+
+    def size(self, frame: int) -> tuple[int, int]:
+        """Columns and rows of an upright frame.
+
+        Args:
+            frame: index of the frame.
+        """
+        return self.sizes[0 if self.is_video else frame]
 
     @property
     def count(self) -> int:
@@ -65,7 +81,7 @@ def find_sources(folder: Path | str) -> list[Source]:
     """The cameras of an input folder, in the natural order of their names.
 
     A camera is a video in the folder, a subfolder of pictures, or a subfolder with one video. A
-    folder that holds nothing but pictures is one camera.
+    folder that holds nothing but pictures is one camera; these may have several sizes.
 
     Raises:
         FileNotFoundError: The folder does not exist.
@@ -76,18 +92,18 @@ def find_sources(folder: Path | str) -> list[Source]:
         raise FileNotFoundError(f"videos={folder}: the folder does not exist.")
     sources = [_video(path.stem, path) for path in _files(folder, VIDEO_SUFFIXES)]
     for inner in sorted((p for p in folder.iterdir() if p.is_dir()), key=_natural):
-        videos, pictures = _files(inner, VIDEO_SUFFIXES), _files(inner, SOURCE_PICTURES)
+        videos, pictures = _files(inner, VIDEO_SUFFIXES), _files(inner, PHOTOGRAPH_SUFFIXES)
         if len(videos) > 1:
             raise PrepareError(
                 f"{inner}: the folder of a camera must hold one video, got {len(videos)}. Give "
                 "each camera a folder of its own, or name the folder of the videos."
             )
         sources += [_video(inner.name, videos[0])] if videos else _folder(inner, pictures)
-    sources = sources or _folder(folder, _files(folder, SOURCE_PICTURES))
+    sources = sources or _folder(folder, _files(folder, PHOTOGRAPH_SUFFIXES), one_size=False)
     if not sources:
         raise PrepareError(
             f"videos={folder}: must hold a video ({' '.join(VIDEO_SUFFIXES)}) or a folder of "
-            f"pictures ({' '.join(SOURCE_PICTURES)}) for each camera, got none."
+            f"pictures ({' '.join(PHOTOGRAPH_SUFFIXES)}) for each camera, got none."
         )
     names = [source.name for source in sources]
     twice = next((name for name in names if names.count(name) > 1), None)
@@ -123,18 +139,20 @@ def _video(name: str, path: Path) -> Source:
         sound = bool(container.streams.audio)
     if size is None or not len(times):
         raise PrepareError(f"{path}: the video must hold frames with times, got none.")
-    return Source(name, path, (), times, size[0], size[1], sound)
+    return Source(name, path, (), times, ((size[0], size[1]),), sound)
 
 
-def _folder(folder: Path, pictures: list[Path]) -> list[Source]:
+def _folder(folder: Path, pictures: list[Path], one_size: bool = True) -> list[Source]:
+    """The camera of a folder, none if it is empty. Photographs of a scene that stands still, which
+    have no time, may have several sizes."""
     if not pictures:
         return []
-    sizes = {path: picture_size(path) for path in pictures}
-    first = next(iter(sizes.values()))
-    other = next((path for path, size in sizes.items() if size != first), None)
-    if other is not None:
+    sizes = tuple(photograph_size(path) for path in pictures)
+    other = next((k for k, size in enumerate(sizes) if size != sizes[0]), None)
+    if other is not None and one_size:
         raise PrepareError(
-            f"{other}: the pictures of a camera must have one size, got {sizes[other]} after "
-            f"{first}. Move pictures of other sizes to folders of their own."
+            f"{pictures[other]}: the pictures of one of several cameras must have one size, got "
+            f"{sizes[other]} after {sizes[0]}. Give the pictures of each size a folder of their "
+            "own; put photographs of a scene that stands still into one folder."
         )
-    return [Source(folder.name, folder, tuple(pictures), np.zeros(0), *first)]
+    return [Source(folder.name, folder, tuple(pictures), np.zeros(0), sizes)]

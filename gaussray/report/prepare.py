@@ -25,7 +25,7 @@ def prepared_summary(facts: dict[str, Any]) -> Section:
     levels = [one["level"] for one in facts["findings"]]
     rate = f"at {facts['rate']:.4g} per second" if facts["rate"] else "photographs"
     rows = [
-        ("cameras", str(len(cameras)), "still" if facts["still"] else "moving"),
+        ("cameras", str(len(cameras)), _standing(facts)),
         ("poses", f"{registered}", f"of {sum(one['pictures'] for one in cameras)} pictures"),
         ("points", f"{facts['points']:,}", ""),
         ("timestamps", str(facts["timestamps"]), rate),
@@ -33,6 +33,11 @@ def prepared_summary(facts: dict[str, Any]) -> Section:
     ]
     rows += [("unusable", str(levels.count("refuse")), "findings")] * ("refuse" in levels)
     return Section("Summary", [summary_tiles(rows)])
+
+
+def _standing(facts: dict[str, Any]) -> str:
+    still, count = sum(one["still"] for one in facts["cameras"].values()), len(facts["cameras"])
+    return {0: "moving", count: "still"}.get(still, f"{still} still, {count - still} moving")
 
 
 def finding_list(facts: dict[str, Any]) -> Section:
@@ -113,7 +118,8 @@ def camera_measurements(facts: dict[str, Any]) -> Section:
     rows = []
     for name, one in facts["cameras"].items():
         lens = one.get("lens")
-        row = [name, f"{one['size'][0]} x {one['size'][1]}", str(one["frames"])]
+        sizes = ", ".join(f"{w} x {h}" for w, h in one["sizes"])
+        row = [name, sizes, str(one["frames"])]
         row += [f"{one['rate']:.4g}" if one["rate"] else "-", f"{one['offset']:+.4f}"]
         row += [f"{one['confidence']:.2f}" if facts["sync"] not in ("none", "known") else "-"]
         if lens is None:

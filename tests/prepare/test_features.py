@@ -8,7 +8,7 @@ from gaussray.dataset.images import write_image
 from gaussray.prepare import features
 from gaussray.prepare.colmap import pycolmap, quiet_colmap
 from gaussray.prepare.features import MatchingPicture
-from gaussray.prepare.merging import stands_still
+from gaussray.prepare.merging import staying_share
 from gaussray.prepare.options import PosesOptions
 
 
@@ -21,12 +21,12 @@ def written(folder, levels):
     """Pictures of one camera at following timestamps."""
     for k, level in enumerate(levels):
         write_image(folder / f"000/{k:04d}.png", level)
-    return [MatchingPicture(f"000/{k:04d}.png", "cam", k) for k in range(len(levels))]
+    return [MatchingPicture(f"000/{k:04d}.png", "cam", k, SIZE) for k in range(len(levels))]
 
 
 def extract(database, folder, pictures):
     with quiet_colmap():
-        features.extract_features(database, folder, [pictures], {"cam": SIZE}, OPTIONS)
+        features.extract_features(database, folder, [pictures], OPTIONS)
 
 
 @pytest.mark.parametrize("listed", [slice(None), slice(None, None, -1)])
@@ -46,7 +46,7 @@ def test_a_camera_that_stands_still_does_so_whatever_its_pictures_numbers(
             assert len(rows) > 100
             # The pictures are equal, so that matches are at one place: columns are not swapped.
             assert np.allclose(keypoints[first].xy[rows[:, 0]], keypoints[last].xy[rows[:, 1]])
-            assert stands_still(keypoints[first], keypoints[last], rows, SIZE[0])
+            assert staying_share(keypoints[first], keypoints[last], rows, SIZE[0]) == 1
 
 
 def test_pictures_are_numbered_in_their_order_and_not_in_that_of_threads(tmp_path, painted):

@@ -80,8 +80,8 @@ def placed(lens):
     nothing = np.zeros(0, int)
     seen = Observations(nothing, nothing, nothing, np.zeros((0, 2)), np.zeros(0))
     model = SparseModel(["a.png"], np.eye(4)[None, :3], [lens], np.zeros((0, 3)), seen)
-    pictures = {"a.png": MatchingPicture("a.png", "left", 0)}
-    return Placement(model, pictures, {}, {}, still=True, known=True)
+    pictures = {"a.png": MatchingPicture("a.png", "left", 0, (400, 300))}
+    return Placement(model, pictures, {}, {}, still=frozenset({"left"}), known=True)
 
 
 @pytest.mark.parametrize(("bend", "level"), [(0.0, "good"), (-0.2, "warn"), (-1.0, "refuse")])

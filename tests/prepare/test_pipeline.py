@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 from quads import (
     FOCAL,
     RATE,
@@ -53,6 +54,13 @@ def world_from_camera(capture, name):
     matrix = np.array(frame["transform_matrix"])[:3]
     matrix[:, :3] *= BLENDER_AXES
     return matrix
+
+
+def write_tagged(path, levels, orientation):
+    """A JPEG whose tag says how it is seen."""
+    exif = Image.Exif()
+    exif[274] = orientation
+    Image.fromarray(np.ascontiguousarray(levels)).save(path, quality=97, exif=exif)
 
 
 def compared(found, true):
@@ -207,6 +215,56 @@ def test_photographs_of_one_camera_make_a_static_capture(tmp_path, painted):
 
 
 @pytest.mark.ci
+def test_photographs_of_several_sizes_are_placed_together(tmp_path, painted):
+    """Three of seven lie on their side; one of these is stored upright with EXIF's orientation."""
+    folder, poses = tmp_path / "photos", arc(7, -30, 30)
+    for k, pose in enumerate(poses):
+        lying = k in (1, 2, 4)
+        levels = picture(pose, painted, size=SIZE if lying else SIZE[::-1])
+        write_image(folder / f"{k}.png", levels)
+    turned = picture(poses[4], painted).swapaxes(0, 1)[::-1]  # 6: its first row is at the right
+    (folder / "4.png").unlink()
+    write_tagged(folder / "4.jpg", turned, 6)
+    options = PrepareOptions(poses=PosesOptions(model="pinhole"))
+    facts = prepare_capture(folder, tmp_path / "capture", options=options)
+    assert facts["cameras"]["photos"]["sizes"] == [list(SIZE[::-1]), list(SIZE)]
+    assert facts["cameras"]["photos"]["registered"] == 7
+    files = sorted(one.image.relative_to(tmp_path / "capture").as_posix()
+                   for one in open_capture(tmp_path / "capture").views)  # fmt: skip
+    found = np.array([world_from_camera(tmp_path / "capture", file) for file in files])
+    place, turn = compared(found, inverted(poses))
+    assert place < 5 * PLACE and turn < TURN
+
+
+def test_a_camera_that_moves_among_others_that_stand_still(tmp_path, painted):
+    """Four cameras stand still, a fifth one walks; a quad moves before all of them."""
+    count, fixed = 8, arc(4)
+    angles = np.radians(np.linspace(-25, 25, count))
+    path = [looking((4.2 * np.sin(a), 1.5 - 4.2 * np.cos(a), 2.6)) for a in angles]
+    for k in range(5):
+        poses = path if k == 4 else [fixed[k]] * count
+        frames = [picture(p, painted, mover_at(i / RATE)) for i, p in enumerate(poses)]
+        (tmp_path / "in").mkdir(exist_ok=True)
+        write_video(tmp_path / "in" / f"cam{k}.mp4", frames)
+    options = PrepareOptions(
+        sync=TOGETHER, frames=FramesOptions(instants=3), poses=PosesOptions(model="pinhole")
+    )
+    facts = prepare_capture(tmp_path / "in", tmp_path / "capture", options=options)
+    assert [one["still"] for one in facts["cameras"].values()] == [True] * 4 + [False]
+    document = json.loads((tmp_path / "capture" / "transforms.json").read_text())
+    frames = sorted(document["frames"], key=lambda one: (one["camera"], one["time"]))
+    assert len(frames) == 5 * count
+    found = np.array([one["transform_matrix"] for one in frames])[:, :3]
+    found[:, :, :3] *= BLENDER_AXES
+    assert np.ptp(found[:count], axis=0).max() == 0
+    place, turn = compared(
+        np.concatenate([found[: 4 * count : count], found[4 * count :]]),
+        inverted([*fixed, *path]),
+    )
+    assert place < 5 * PLACE and turn < TURN
+
+
+@pytest.mark.ci
 def test_a_camera_that_moves_has_a_pose_for_each_timestamp(tmp_path, painted):
     angles = np.radians(np.linspace(-20, 20, 10))
     path = [looking((5 * np.sin(a), 1.5 - 5 * np.cos(a), 1.8)) for a in angles]
@@ -267,10 +325,11 @@ def test_a_broken_picture_is_refused(tmp_path, painted):
     refused(tmp_path / "in", "001.png: the picture is truncated or corrupt.*Copy it again")
 
 
-def test_pictures_of_several_sizes_are_refused(tmp_path, painted):
-    write_pictures(tmp_path / "in", arc(2, -10, 10), painted)
-    write_image(tmp_path / "in" / "z.png", picture(arc(1)[0], painted, size=(300, 240)))
-    refused(tmp_path / "in", "z.png.*one size.*to folders of their own")
+def test_pictures_of_several_sizes_of_one_of_several_cameras_are_refused(tmp_path, painted):
+    for name in "ab":
+        write_pictures(tmp_path / "in" / name, arc(2, -10, 10), painted)
+    write_image(tmp_path / "in" / "b" / "z.png", picture(arc(1)[0], painted, size=(300, 240)))
+    refused(tmp_path / "in", "z.png.*one size.*folder of their own")
 
 
 def test_a_broken_video_is_refused(tmp_path, painted):

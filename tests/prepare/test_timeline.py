@@ -15,7 +15,7 @@ from gaussray.prepare.timeline import MOST_OF_ONE, common_timeline, resampled
 
 def video(name, rate, count):
     path = pathlib.Path(f"{name}.mp4")
-    return Source(name, path, (), np.arange(count) / rate, 64, 48)
+    return Source(name, path, (), np.arange(count) / rate, ((64, 48),))
 
 
 def sync(**offsets):
@@ -84,7 +84,7 @@ def test_videos_that_share_no_time_are_refused():
 
 def test_one_folder_of_pictures_has_no_time():
     pictures = tuple(pathlib.Path(f"{i}.png") for i in range(5))
-    source = Source("photos", pathlib.Path("photos"), pictures, np.zeros(0), 64, 48)
+    source = Source("photos", pathlib.Path("photos"), pictures, np.zeros(0), ((64, 48),))
     line = common_timeline([source], sync(photos=0.0), FramesOptions())
     assert line.is_static and line.frames["photos"].tolist() == [0, 1, 2, 3, 4]
 
@@ -92,7 +92,7 @@ def test_one_folder_of_pictures_has_no_time():
 def test_pictures_that_no_other_camera_has_a_time_for_are_told():
     def folder(name, count):
         pictures = tuple(pathlib.Path(f"{i}.png") for i in range(count))
-        return Source(name, pathlib.Path(name), pictures, np.zeros(0), 64, 48)
+        return Source(name, pathlib.Path(name), pictures, np.zeros(0), ((64, 48),))
 
     def warnings(*sources):
         offsets = sync(**{source.name: 0.0 for source in sources})

@@ -39,7 +39,7 @@ def write(folder, tables, heading="cameras.{}"):
 
 
 def source(name):
-    return Source(name, pathlib.Path(f"{name}.mp4"), (), np.zeros(3), 1280, 720)
+    return Source(name, pathlib.Path(f"{name}.mp4"), (), np.zeros(3), ((1280, 720),))
 
 
 @pytest.mark.parametrize("heading", ["cameras.{}", "cam_{}"])

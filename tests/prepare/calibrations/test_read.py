@@ -170,7 +170,7 @@ def test_every_format_gives_the_same_cameras(tmp_path, write):
 
 
 def source(name, width=WIDTH, height=HEIGHT):
-    return Source(name, pathlib.Path(f"{name}.mp4"), (), np.zeros(3), width, height)
+    return Source(name, pathlib.Path(f"{name}.mp4"), (), np.zeros(3), ((width, height),))
 
 
 def test_cameras_are_given_by_name_or_by_number(tmp_path):

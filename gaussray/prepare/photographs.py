@@ -1,0 +1,153 @@
+"""Photographs as cameras and phones store them: turned by a tag, or as HEIC."""
+
+import shutil
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+from jaxtyping import Shaped
+
+from gaussray.capture.picture_file import open_image, read_levels
+from gaussray.io.atomic import whole
+from gaussray.io.safe.limits import within
+from gaussray.io.safe.openimageio import oiio
+from gaussray.io.safe.pictures import complaint
+from gaussray.prepare.errors import PrepareError
+
+
+HEIC_SUFFIXES = (".heic", ".heif")
+PHOTOGRAPH_SUFFIXES = (
+    *(".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp"),
+    *HEIC_SUFFIXES,
+)
+# EXIF orientations from which on rows and columns are exchanged.
+_TRANSPOSED = 5
+# Quality of the JPEG files that are written: errors of a fraction of a level.
+_QUALITY = "jpeg:97"
+
+
+def photograph_size(path: Path) -> tuple[int, int]:
+    """Columns and rows of a photograph as it is seen: upright, as its EXIF orientation says.
+
+    Raises:
+        OSError: The file is no picture of a known format.
+        PrepareError: It is a HEIC file, and pillow-heif is not installed.
+    """
+    if path.suffix.lower() in HEIC_SUFFIXES:
+        return _opened_heic(path).size
+    spec = open_image(path).spec()
+    if _orientation(path) >= _TRANSPOSED:
+        return spec.height, spec.width
+    return spec.width, spec.height
+
+
+def copied_photograph(source: Path, folder: Path) -> Path:
+    """Put a photograph into a folder, as a file that other tools read as it is seen.
+
+    A file of a common format that stands upright is copied. One that its EXIF orientation turns
+    becomes a JPEG of its pixels upright, a HEIC file a JPEG as well: a capture's readers, COLMAP
+    among them, read neither. One that exists with the time of its source is kept.
+
+    Args:
+        source: The photograph.
+        folder: Folder of the copy.
+
+    Returns:
+        The path of the copy.
+
+    Raises:
+        OSError: The file is no picture of a known format, or damaged.
+        PrepareError: It is a HEIC file, and pillow-heif is not installed.
+    """
+    heic = source.suffix.lower() in HEIC_SUFFIXES
+    orientation = 1 if heic else _orientation(source)
+    if not heic and orientation == 1:
+        target = folder / source.name
+        same = _is_of(target, source) and target.stat().st_size == source.stat().st_size
+        if not same:
+            with whole(target) as partial:
+                shutil.copy2(source, partial)
+        return target
+    target = folder / f"{source.name}.jpg"
+    if not _is_of(target, source):
+        if heic:
+            levels = _heic_levels(source)
+        else:
+            spec = open_image(source).spec()
+            levels = upright_pixels(read_levels(source, spec.width, spec.height), orientation)
+        with whole(target) as partial:
+            _write_jpeg(partial, levels)
+            shutil.copystat(source, partial)
+    return target
+
+
+def upright_pixels(
+    pixels: Shaped[np.ndarray, "h w 3"], orientation: int
+) -> Shaped[np.ndarray, "u v 3"]:
+    """The pixels of a picture as it is seen.
+
+    Args:
+        pixels: Rows and columns as they are stored.
+        orientation: EXIF's tag 274: 1 is upright, 3 upside down, 6 has its first row at the right
+            and 8 at the left; 2, 4, 5 and 7 are mirrored. Others are taken as 1.
+    """
+    if _TRANSPOSED <= orientation <= 8:
+        pixels = pixels.swapaxes(0, 1)
+    rows = -1 if orientation in (3, 4, 7, 8) else 1
+    columns = -1 if orientation in (2, 3, 6, 7) else 1
+    return np.ascontiguousarray(pixels[::rows, ::columns])
+
+
+def _orientation(path: Path) -> int:
+    value = open_image(path).spec().get_int_attribute("Orientation", 1)
+    return value if 1 <= value <= 8 else 1
+
+
+def _is_of(target: Path, source: Path) -> bool:
+    return target.is_file() and target.stat().st_mtime_ns == source.stat().st_mtime_ns
+
+
+def _write_jpeg(path: Path, levels: np.ndarray) -> None:
+    spec = oiio.ImageSpec(levels.shape[1], levels.shape[0], 3, "uint8")
+    spec.attribute("Compression", _QUALITY)
+    spec.attribute("jpeg:subsampling", "4:4:4")
+    file = oiio.ImageOutput.create("jpeg")
+    if file is None:
+        raise OSError(f"{path}: the picture cannot be written: {complaint(oiio)}")
+    done = file.open(str(path), spec) and file.write_image(np.ascontiguousarray(levels))
+    if not (file.close() and done):
+        raise OSError(f"{path}: the picture cannot be written: {complaint(file)}")
+
+
+def _heif() -> ModuleType:
+    try:
+        import pillow_heif
+    except ImportError:
+        raise PrepareError(
+            "HEIC photographs need pillow-heif: pip install 'gaussray[prepare]', or save them as "
+            "JPEG."
+        ) from None
+    return pillow_heif
+
+
+def _opened_heic(path: Path):
+    """The main picture of a HEIC file, 8 bits a channel, as it is seen; not yet decoded."""
+    heif = _heif()
+    if not path.is_file():
+        raise FileNotFoundError(f"{path}: the picture does not exist.")
+    try:
+        picture = heif.open_heif(path, convert_hdr_to_8bit=True)
+    except Exception as error:
+        raise OSError(f"{path}: the picture cannot be opened: {error}") from None
+    within(path, "its megapixels", picture.size[0] * picture.size[1], "picture", 1e6)
+    return picture
+
+
+def _heic_levels(path: Path) -> Shaped[np.ndarray, "h w 3"]:
+    picture = _opened_heic(path)
+    try:
+        levels = np.asarray(picture)
+    except Exception as error:
+        message = f"{path}: the picture is truncated or corrupt: {error}. Copy it again."
+        raise OSError(message) from None
+    return levels[..., :3] if levels.ndim == 3 else np.repeat(levels[..., None], 3, axis=2)

@@ -1,0 +1,92 @@
+"""Photographs as phones store them: sizes, tags of orientation, HEIC."""
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from gaussray.capture.picture_file import read_levels
+from gaussray.prepare.errors import PrepareError
+from gaussray.prepare.photographs import copied_photograph, photograph_size, upright_pixels
+
+
+# Levels between a picture and its JPEG of quality 97, or its HEIC of quality 95: of smooth colours.
+NEAR = 3
+
+
+def colours(width=64, height=48):
+    """A smooth picture without any symmetry."""
+    x, y = np.meshgrid(np.linspace(0, 1, width), np.linspace(0, 1, height))
+    return (255 * np.stack([x, y, 0.5 * x * x + 0.2 * y], -1) + 0.5).astype(np.uint8)
+
+
+def with_tag(path, stored, orientation):
+    exif = Image.Exif()
+    exif[274] = orientation
+    Image.fromarray(stored).save(path, quality=97, subsampling=0, exif=exif)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_picture_is_put_upright_as_pillow_does(tmp_path, orientation):
+    path = tmp_path / "a.jpg"
+    with_tag(path, colours(), orientation)
+    with Image.open(path) as stored:
+        turned = Image.Image.transpose
+        ways = {
+            2: Image.Transpose.FLIP_LEFT_RIGHT,
+            3: Image.Transpose.ROTATE_180,
+            4: Image.Transpose.FLIP_TOP_BOTTOM,
+            5: Image.Transpose.TRANSPOSE,
+            6: Image.Transpose.ROTATE_270,
+            7: Image.Transpose.TRANSVERSE,
+            8: Image.Transpose.ROTATE_90,
+        }
+        seen = turned(stored, ways[orientation]) if orientation > 1 else stored
+        expected = np.asarray(seen)
+    assert photograph_size(path) == expected.shape[1::-1]
+    copy = copied_photograph(path, tmp_path / "out")
+    levels = read_levels(copy, *photograph_size(path))
+    assert np.abs(levels.astype(int) - expected).max() <= NEAR
+    # The copy has no tag any more, and is made once.
+    assert photograph_size(copy) == photograph_size(path)
+    before = copy.stat()
+    assert copied_photograph(path, tmp_path / "out") == copy
+    assert copy.stat().st_ino == before.st_ino
+
+
+def test_an_unknown_orientation_is_upright():
+    pixels = colours()
+    assert (upright_pixels(pixels, 0) == pixels).all() and (
+        upright_pixels(pixels, 9) == pixels
+    ).all()
+
+
+def test_an_upright_photograph_is_copied_as_it_is(tmp_path):
+    path = tmp_path / "a.jpg"
+    Image.fromarray(colours()).save(path)
+    copy = copied_photograph(path, tmp_path / "out")
+    assert copy.name == "a.jpg" and copy.read_bytes() == path.read_bytes()
+
+
+def test_heic_becomes_jpeg(tmp_path):
+    heif, path = pytest.importorskip("pillow_heif"), tmp_path / "IMG_1.HEIC"
+    heif.from_bytes("RGB", (64, 48), colours().tobytes()).save(path, quality=95, chroma=444)
+    assert photograph_size(path) == (64, 48)
+    copy = copied_photograph(path, tmp_path / "out")
+    assert copy.name == "IMG_1.HEIC.jpg"
+    assert np.abs(read_levels(copy, 64, 48).astype(int) - colours()).max() <= 2 * NEAR
+
+
+def test_a_damaged_heic_is_refused_with_its_name(tmp_path):
+    heif, path = pytest.importorskip("pillow_heif"), tmp_path / "a.heic"
+    noise = np.random.default_rng(0).integers(0, 256, (480, 640, 3), np.uint8)
+    heif.from_bytes("RGB", (640, 480), noise.tobytes()).save(path, quality=95)
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(OSError, match="a.heic: the picture"):
+        copied_photograph(path, tmp_path / "out")
+
+
+def test_heic_without_its_reader_is_refused_with_the_remedy(tmp_path, monkeypatch):
+    monkeypatch.setitem(__import__("sys").modules, "pillow_heif", None)
+    (tmp_path / "a.heic").write_bytes(b"ftypheic")
+    with pytest.raises(PrepareError, match=r"pip install 'gaussray\[prepare\]'"):
+        photograph_size(tmp_path / "a.heic")
