@@ -9,7 +9,8 @@ a paired capture: 13 training cameras and 3 held-out ones that stand still, 20 t
 between these 3 more times at the held-out cameras. A command that was stopped goes on where it was.
 With `--rig moving`, every camera moves along the walls meanwhile (folder DIR/<scene>_moving), and
 `still/` has the held-out pictures without what moves, which tell what moves in the others; with
-`--rig walk`, one of these cameras does, alone, and each fifth picture is held out (folder
+`--rig mixed`, each third training camera does, and the others stand still (folder
+DIR/<scene>_mixed); with `--rig walk`, one of these cameras does, alone, and each fifth picture is held out (folder
 DIR/<scene>_walk); with `--rig dome`, cameras stand around the soft things alone, on black (folder
 DIR/<scene>_dome); with `--rig single`, one camera does, at another place for every picture, each of
 a time of its own (folder DIR/<scene>_single): `--cameras` is the number of pictures. With
@@ -39,10 +40,11 @@ from experiments.paired_benchmark.stage import FRAMES, cameras
 
 POINTS, ON_MOVING = 12000, 3000  # starting points, and those of them on what moves
 BETWEEN = 3  # times in the middle between two frames, for held-out cameras alone
-RIGS = ("walls", "moving", "walk", "dome", "single")
+RIGS = ("walls", "moving", "mixed", "walk", "dome", "single")
 EMPTIED = "still"  # folder of the pictures without what moves
 WALKER, HOLD = 3, 5  # the camera that moves alone; of so many of its pictures one is held out
 DRIFT = 0.08  # of a full circle, that moving cameras cover
+MIXED = 3  # of so many training cameras of a mixed rig one moves
 
 
 @dataclass(frozen=True)
@@ -187,8 +189,14 @@ def placed_at(plan, rig, seed, time):
     """(name, split, world_from_camera) of every camera at a time."""
     if plan.rig in ("dome", "single"):
         return on_dome(plan.cameras, plan.held_cameras, rig.look_at, 0.9 * rig.reach[0], seed)
-    turn = DRIFT * time if plan.rig in ("moving", "walk") else 0.0
-    return cameras(rig, plan.cameras, plan.held_cameras, seed, turn)
+    placed = cameras(rig, plan.cameras, plan.held_cameras, seed, 0.0)
+    if plan.rig == "walls":
+        return placed
+    moved = cameras(rig, plan.cameras, plan.held_cameras, seed, DRIFT * time)
+    if plan.rig != "mixed":
+        return moved
+    walking = [k for k, (_, split, _) in enumerate(placed) if split == "train"][::MIXED]
+    return [moved[k] if k in walking else one for k, one in enumerate(placed)]
 
 
 def document(plan, rig, name, pictures):
