@@ -96,7 +96,8 @@ def point_activity(
 
     For each camera: the share of frames in which the point's pixel differs by more than
     `MOTION_THRESHOLD` from the camera's first frame, among the frames in which both are visible.
-    The result is the median over the cameras whose picture holds the point. It is near 1 for points
+    The result is the median over the cameras whose picture holds the point; of a viewpoint of a
+    single frame, such as those of a camera that moves, nothing is known. It is near 1 for points
     on a body that leaves, and near 0 for static points, even if bodies pass in front of them in
     some views. Points outside all pictures have 0.
 
@@ -108,6 +109,8 @@ def point_activity(
     shares = []
     for name in np.unique(footage.viewpoints):
         frames = np.flatnonzero(footage.viewpoints == name)
+        if len(frames) < 2:
+            continue
         first = frames[np.argmin(times[frames])]
         pixel = np.asarray(projected(footage.camera, jnp.asarray(first), jnp.asarray(position)))
         with np.errstate(invalid="ignore"):
@@ -124,7 +127,7 @@ def point_activity(
         share, unknown = np.full(len(position), np.nan), np.full(len(tile), np.nan)
         share[inside] = np.divide(changed, compared, out=unknown, where=compared > 0)
         shares.append(share)
-    table = np.array(shares)
+    table = np.array(shares).reshape(-1, len(position))
     seen = ~np.all(np.isnan(table), axis=0)
     result = np.zeros(len(position))
     result[seen] = np.nanmedian(table[:, seen], axis=0)

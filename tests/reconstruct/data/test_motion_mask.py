@@ -2,6 +2,7 @@
 
 import warnings
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,7 @@ from gaussray.capture.temporal_median import MOTION_THRESHOLD
 from gaussray.reconstruct.data import motion_mask as module
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels, point_activity
 from gaussray.reconstruct.data.pictures import Footage
+from gaussray.reconstruct.data.still_cameras import medians_tell
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 
 
@@ -80,6 +82,28 @@ def test_two_cameras_masks_and_pieces_agree_with_brute_force(monkeypatch, bytes_
 
 def test_a_point_is_as_active_as_its_pixel(picture):
     np.testing.assert_allclose(point_activity(filmed(picture), PLACE), [0.25, 0, 0])
+
+
+def test_a_camera_that_moves_does_not_tell_whether_a_point_is_active(picture):
+    """Five cameras move, each picture from a place of its own, beside one that stands still."""
+    alone = filmed(picture)
+    cameras, names = [alone.camera], [alone.name]
+    for k in range(1, 6):
+        shift = (4 * k + jnp.arange(4))[:, None, None] * jnp.array([[[0.001, 0, 0]]])
+        camera = eqx.tree_at(
+            lambda c: c.trajectory.translation, alone.camera, replace_fn=lambda x, s=shift: x + s
+        )
+        cameras.append(camera)
+        names.append(np.full(4, f"moving{k}"))
+    footage = Footage(
+        np.tile(alone.pixel, (6, 1, 1, 1)),
+        None,
+        jax.tree.map(lambda *x: jnp.concatenate(x), *cameras),
+        np.concatenate(names),
+        SIDE,
+    )
+    np.testing.assert_allclose(point_activity(footage, PLACE), [0.25, 0, 0])
+    assert not medians_tell(footage)
 
 
 def test_masked_pixels_do_not_make_a_point_active(picture):
