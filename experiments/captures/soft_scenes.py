@@ -11,11 +11,11 @@ With `--rig moving`, every camera moves along the walls meanwhile (folder DIR/<s
 `still/` has the held-out pictures without what moves, which tell what moves in the others; with
 `--rig mixed`, each third training camera does, and the others stand still (folder
 DIR/<scene>_mixed); with `--rig walk`, one of these cameras does, alone, and each fifth picture is
-held out (folder DIR/<scene>_walk); with `--rig dome`, cameras stand around the soft things alone, on
-black (folder DIR/<scene>_dome); with `--rig single`, one camera does, at another place for every picture, each of
-a time of its own (folder DIR/<scene>_single): `--cameras` is the number of pictures. With
-`--late P`, each training camera is late by up to P percent of the time between two pictures, for
-cameras that nothing synchronises (folder DIR/<scene>_late, without points).
+held out (folder DIR/<scene>_walk); with `--rig dome`, cameras stand around the soft things alone,
+on black (folder DIR/<scene>_dome); with `--rig single`, one camera does, at another place for every
+picture, each of a time of its own (folder DIR/<scene>_single): `--cameras` is the number of
+pictures. With `--late P`, each training camera is late by up to P percent of the time between two
+pictures, for cameras that nothing synchronises (folder DIR/<scene>_late, without points).
 """
 
 import argparse

@@ -89,7 +89,7 @@ def test_a_camera_that_moves_does_not_tell_whether_a_point_is_active(picture):
     alone = filmed(picture)
     cameras, names = [alone.camera], [alone.name]
     for k in range(1, 6):
-        shift = (4 * k + jnp.arange(4))[:, None, None] * jnp.array([[[0.001, 0, 0]]])
+        shift = (4 * k + jnp.arange(4))[:, None, None] * jnp.array([[[0.01, 0, 0]]])
         camera = eqx.tree_at(
             lambda c: c.trajectory.translation, alone.camera, replace_fn=lambda x, s=shift: x + s
         )
@@ -101,6 +101,7 @@ def test_a_camera_that_moves_does_not_tell_whether_a_point_is_active(picture):
         jax.tree.map(lambda *x: jnp.concatenate(x), *cameras),
         np.concatenate(names),
         SIDE,
+        viewpoint=np.concatenate([np.zeros(4, int), np.arange(1, 21)]),
     )
     np.testing.assert_allclose(point_activity(footage, PLACE), [0.25, 0, 0])
     assert not medians_tell(footage)
