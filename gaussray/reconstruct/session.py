@@ -22,7 +22,7 @@ from gaussray.reconstruct.data.loader import GrowingWindow, Loader
 from gaussray.reconstruct.data.motion_mask import moved_pixels
 from gaussray.reconstruct.data.pictures import Footage, stacked
 from gaussray.reconstruct.data.segments import Segment, training_views
-from gaussray.reconstruct.data.still_cameras import medians_tell
+from gaussray.reconstruct.data.still_cameras import still_camera_count
 from gaussray.reconstruct.initialize.appearance import Shown
 from gaussray.reconstruct.initialize.initializer import InitialPoints, initial_points
 from gaussray.reconstruct.log import RunLog
@@ -77,7 +77,7 @@ class Session:
         later: whether another segment comes before this one.
         still_first: whether Gaussians that stand still are fitted to the pictures of all times
             first, because only they tell what moves: transient Gaussians or control points shall
-            show it, and a camera moves, or fewer than two stand still.
+            show it, and fewer than two cameras stand still.
         at_rest: whether control points begin at rest, and learn how things move (fit.motion).
     """
 
@@ -124,7 +124,7 @@ class Session:
         single = len(np.unique(self.footage.times)) == 1
         fit = options.fit
         soft = not single and (fit.control or (fit.transient and not fit.deforms))
-        self.still_first = soft and not medians_tell(self.footage)
+        self.still_first = soft and still_camera_count(self.footage) < 2
         self.at_rest = not single and fit.motion == "from_rest"
         self.held_out = held_out if held_out.any() else None
         self.loader = Loader(

@@ -52,11 +52,9 @@ def one_at_a_time(times: Float[np.ndarray, " frames"]) -> bool:
     return float(np.median(pictures)) == 1
 
 
-def medians_tell(footage: Footage) -> bool:
-    """Whether temporal medians tell what moves: at least two cameras stand still in so many
-    pictures that a median means something, and none moves."""
-    several = [still for own, still in camera_frames(footage) if len(own) >= FEWEST_FRAMES]
-    return len(several) >= 2 and all(several)
+def still_camera_count(footage: Footage) -> int:
+    """How many cameras stand still in so many pictures that a temporal median means something."""
+    return sum(still and len(own) >= FEWEST_FRAMES for own, still in camera_frames(footage))
 
 
 def camera_frames(footage: Footage) -> list[tuple[Int[np.ndarray, " frames"], bool]]:

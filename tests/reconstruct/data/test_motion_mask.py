@@ -13,7 +13,6 @@ from gaussray.capture.temporal_median import MOTION_THRESHOLD
 from gaussray.reconstruct.data import motion_mask as module
 from gaussray.reconstruct.data.motion_mask import activity, moved_pixels, point_activity
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.data.still_cameras import medians_tell
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 
 
@@ -104,7 +103,6 @@ def test_a_camera_that_moves_does_not_tell_whether_a_point_is_active(picture):
         viewpoint=np.concatenate([np.zeros(4, int), np.arange(1, 21)]),
     )
     np.testing.assert_allclose(point_activity(footage, PLACE), [0.25, 0, 0])
-    assert not medians_tell(footage)
 
 
 def test_masked_pixels_do_not_make_a_point_active(picture):

@@ -13,7 +13,7 @@ from gaussray.capture.points import Points
 from gaussray.capture.temporal_median import temporal_median
 from gaussray.reconstruct.data import still_cameras
 from gaussray.reconstruct.data.pictures import Footage
-from gaussray.reconstruct.data.still_cameras import MedianMasks, medians_tell
+from gaussray.reconstruct.data.still_cameras import MedianMasks, still_camera_count
 from gaussray.reconstruct.data.tiles import cut, tile_pixels
 from gaussray.reconstruct.initialize.initializer import filled_up
 from gaussray.reconstruct.initialize.stereo import from_pictures
@@ -129,7 +129,7 @@ def test_moving_pixels_are_those_that_differ_from_the_median():
 def test_without_two_still_cameras_nothing_is_known_to_move():
     footage, _ = film_of_square(moving_camera=True)
     masks = MedianMasks(footage)
-    assert not medians_tell(footage) and masks(7) is None and masks(2) is not None
+    assert still_camera_count(footage) == 1 and masks(7) is None and masks(2) is not None
     assert moving_views(footage, 0.5, masks) is None
 
 
