@@ -32,6 +32,17 @@ T = TypeVar("T", bound=eqx.Module)
 
 # Steps of each stage of rigid bodies on a GPU (fit=full); on a CPU those of fit=default.
 _BODIES_GPU = FitOptions(coarse=600, fine=16000, tiles=512, opacity=0.6, motion="deformation")
+# On stereo's points: twice as many rays in half as many steps, in tiles that SSIM can look at.
+_BODIES_STEREO = FitOptions(
+    coarse=600,
+    fine=8000,
+    tiles=256,
+    tile_side=16,
+    degree=2,
+    rise=1000,
+    opacity=0.5,
+    motion="deformation",
+)
 # The largest number of Gaussians with bodies, unless more points are there from the start.
 _MOST_BODIES = 200_000
 
@@ -81,7 +92,7 @@ def effort(capture: Capture, options: ReconstructOptions, machine: Machine) -> E
     if still:
         chosen = _still(pixels, minutes, machine)
     elif names[0] == "deformation":
-        chosen = _bodies(machine, options.track)
+        chosen = _bodies(pixels, machine, options.track, given=_given(capture, options.fit))
     elif names[0] == "from_rest":
         chosen = _from_rest(pixels, minutes, machine)
     else:
@@ -154,8 +165,7 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
         return ("transient",) if _along_a_path(views) else ("from_rest",)
     still = _still_cameras(views)
     if still >= 2:
-        points = capture.points if fit.start in ("auto", "given") else None
-        given = points is not None and len(points.position) >= fit.points
+        given = _given(capture, fit)
         several = machine.gpu and still >= CAMERAS
         stereo = fit.start in ("auto", "stereo")
         brief = "control_points" if several and (given or stereo) else "transient"
@@ -166,6 +176,12 @@ def motions(capture: Capture, options: ReconstructOptions, machine: Machine) -> 
 
     many = 2 * int(np.sum(at_once >= CAMERAS)) > len(at_once)
     return ("control_points",) if many and machine.gpu else ("transient",)
+
+
+def _given(capture: Capture, fit: FitOptions) -> bool:
+    """Whether the fit begins on given points, and there are enough of them."""
+    points = capture.points if fit.start in ("auto", "given") else None
+    return points is not None and len(points.position) >= fit.points
 
 
 def _still_cameras(views: Sequence[View]) -> int:
@@ -261,17 +277,26 @@ def _trace(machine: Machine) -> TraceOptions:
     return TraceOptions(k=32 if machine.gpu else 16, levels=0, transmittance_min=1e-3)
 
 
-def _bodies(machine: Machine, track: TrackOptions) -> ReconstructOptions:
+def _bodies(
+    pixels: float, machine: Machine, track: TrackOptions, *, given: bool
+) -> ReconstructOptions:
     """For rigid bodies and a field: the defaults on a CPU; on a GPU more steps and Gaussians, and a
-    search of more poses unless the user set one of its options, which belong together."""
+    search of more poses unless the user set one of its options, which belong together. On stereo's
+    points, what stands still gains more by relocation, SSIM and harmonics than what moves loses by
+    fewer and larger tiles; on given ones it does not (experiments/captures/log.md)."""
     if not machine.gpu:
         return ReconstructOptions(fit=FitOptions(motion="deformation"))
-    return ReconstructOptions(
+    chosen = ReconstructOptions(
         fit=_BODIES_GPU,
         density=DensityOptions(interval=100, growth=8.0, gaussians=_MOST_BODIES),
         trace=_trace(machine),
         track=TrackOptions(poses=512, elite=40) if track == TrackOptions() else track,
     )
+    if given:
+        return chosen
+    brief = _brief(pixels, 0.0, machine, "deformation")
+    density = replace(brief.density, gaussians=_MOST_BODIES)
+    return replace(chosen, fit=_BODIES_STEREO, loss=brief.loss, density=density)
 
 
 def _from_rest(pixels: float, minutes: float, machine: Machine) -> ReconstructOptions:

@@ -154,10 +154,14 @@ def from_two_places(points=None):
 
 def test_rigid_bodies_keep_the_defaults_on_a_cpu_and_grow_on_a_gpu():
     wanted = ReconstructOptions(fit=FitOptions(motion="deformation"))
-    on_cpu, on_gpu = (effort(from_two_places(), wanted, m).options for m in (CPU, GPU))
-    assert on_cpu == wanted
-    assert on_gpu.density.interval and on_gpu.fit.fine > AUTO.fit.fine
-    assert not on_gpu.fit.minutes and not on_gpu.density.relocates
+    many = Points(np.zeros((10_000, 3), np.float32), np.zeros((10_000, 3), np.float32))
+    for points in (None, many):
+        on_cpu, on_gpu = (effort(from_two_places(points), wanted, m).options for m in (CPU, GPU))
+        assert on_cpu == wanted
+        assert on_gpu.density.interval and on_gpu.fit.fine > AUTO.fit.fine
+        assert not on_gpu.fit.minutes
+        # On stereo's points, what stands still is fitted as without bodies.
+        assert on_gpu.density.relocates == (on_gpu.loss.dssim > 0) == (points is None)
 
 
 @pytest.mark.parametrize("machine", [CPU, GPU])
@@ -252,7 +256,7 @@ def test_points_on_surfaces_let_rigid_bodies_be_found():
     assert chosen.options.fit.motion == "both" and not chosen.rivals
     wanted = ReconstructOptions(fit=FitOptions(motion="deformation"))
     chosen = effort(from_two_places(few), wanted, GPU)
-    assert chosen.options.fit.motion == "deformation" and not chosen.options.density.relocates
+    assert chosen.options.fit.motion == "deformation" and chosen.options.density.relocates
 
 
 @pytest.mark.parametrize(
