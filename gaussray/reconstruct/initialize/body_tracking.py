@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, Key
+from jaxtyping import Array, Bool, Float, Int, Key, PRNGKeyArray
 from scipy.spatial import KDTree
 
 from gaussray.camera.camera import Camera, project
@@ -23,7 +23,9 @@ from gaussray.reconstruct.initialize.pose_search import (
     Start,
     TrackOptions as TrackOptions,
     search_poses,
+    turn_candidates,
 )
+from gaussray.reconstruct.initialize.steady_turns import steadiest, tumbling
 from gaussray.scene.bodies import Bodies
 
 
@@ -94,12 +96,14 @@ def track(
     identity = jnp.zeros((count, 4), jnp.float32).at[:, 0].set(1)
     poses = [Pose(jnp.zeros((count, 3), jnp.float32), identity)]
     key, costs = jax.random.key(seed), [np.zeros(count)]
-    mismatch = np.zeros((2, count))  # at the poses that the search finds, and at rest
-    for i in range(1, len(instants)):
+
+    def pictures_at(i: int) -> Pictures:
         frames = np.flatnonzero(time == instants[i].astype(time.dtype))
-        views = jax.tree.map(lambda x, frames=frames: x[frames], camera)
-        layers = appearance.layers(shown(frames), shrink, options.blur)
-        pictures = Pictures(views, layers, shrink)
+        views = jax.tree.map(lambda x: x[frames], camera)
+        return Pictures(views, appearance.layers(shown(frames), shrink, options.blur), shrink)
+
+    for i in range(1, len(instants)):
+        pictures = pictures_at(i)
         certain, enough = _last_certain(costs)
         last = Pose(*(jnp.stack(x)[certain, np.arange(count)] for x in zip(*poses, strict=True)))
         expected = _ahead(poses, instants[: i + 1])
@@ -109,9 +113,12 @@ def track(
         pose, cost = _search_apart(keys, known, start, enough, pictures, options)
         poses.append(pose)
         costs.append(np.asarray(cost))
-        either = jax.tree.map(lambda *x: jnp.stack(x), poses[-1], poses[0])
-        mismatch += np.asarray(mismatch_at(either, poses[-1], known, pictures))
         report(i)
+    poses = _with_steady_turns(key, known, poses, instants, pictures_at, options)
+    mismatch = np.zeros((2, count))  # at the poses that were found, and at rest
+    for i in range(1, len(instants)):
+        either = jax.tree.map(lambda *x: jnp.stack(x), poses[i], poses[0])
+        mismatch += np.asarray(mismatch_at(either, poses[i], known, pictures_at(i)))
     path = jnp.stack([pose.path for pose in poses], axis=1).astype(bodies.path.dtype)
     turn = jnp.stack([pose.turn for pose in poses], axis=1).astype(bodies.turn.dtype)
     found = eqx.tree_at(lambda b: (b.path, b.turn), bodies, (path, turn))
@@ -194,6 +201,39 @@ def _search_apart(
         pose = Pose(*(jnp.where(pick[:, None], *x) for x in zip(found, pose, strict=True)))
         cost = jnp.where(pick, found_cost, cost)
     return pose, cost
+
+
+def _with_steady_turns(
+    key: PRNGKeyArray,
+    known: Known,
+    poses: list[Pose],
+    instants: Float[np.ndarray, " times"],
+    pictures_at: Callable[[int], Pictures],
+    options: TrackOptions,
+) -> list[Pose]:
+    """The poses, with other turns of bodies that tumble where a steadier spin explains the pictures
+    as well."""
+    turn = np.stack([np.asarray(pose.turn) for pose in poses], axis=1)
+    chosen = np.flatnonzero(tumbling(turn, instants))
+    if not len(chosen):
+        return poses
+    found, costs = [], []
+    for i in range(1, len(instants)):
+        keys = jax.random.split(jax.random.fold_in(key, len(instants) + i), len(chosen))
+        pictures, rows = pictures_at(i), jnp.asarray(chosen)
+        some, cost = turn_candidates(keys, rows, known, poses[i], pictures, options)
+        found.append(jax.tree.map(np.asarray, some))
+        costs.append(np.asarray(cost))
+    path = np.stack([np.asarray(pose.path) for pose in poses], axis=1)
+    for k, body in enumerate(chosen):
+        candidates = [turn[body, :1], *(some.turn[k] for some in found)]
+        own = [np.zeros(1), *(cost[k] for cost in costs)]
+        best = steadiest(candidates, own, instants)[1:]
+        for i, pick in enumerate(best, 1):
+            turn[body, i] = found[i - 1].turn[k][pick]
+            path[body, i] = found[i - 1].path[k][pick]
+    times = range(len(instants))
+    return [Pose(jnp.asarray(path[:, i]), jnp.asarray(turn[:, i])) for i in times]
 
 
 def _in_the_place_of_another(

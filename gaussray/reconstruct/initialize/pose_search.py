@@ -11,8 +11,9 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Key, PRNGKeyArray
+from jaxtyping import Array, Float, Int, Key, PRNGKeyArray
 
+from gaussray.geometry import normalize_quaternion
 from gaussray.reconstruct.initialize.pose_cost import (
     Known,
     Others,
@@ -80,6 +81,9 @@ ROUGH, TURNS_ROUGH, PLACES_ROUGH, WORTH_MORE = 3, 10, 20, 4
 # Boxes look alike from several sides: sharper pictures decide between the best turns, and the
 # sharpest between the last.
 TURN_DRAWS, SPUN, NUDGED, MODES, FINAL = 8, 0.5, 0.1, 4, 2
+# Where a body was found, so many times the number of poses are tried as any turns, and so many of
+# those at which it looks alike are looked at closer.
+ALL_TURNS, ALIKE = 16, 8
 # Spots differ by at least so many body sizes, turns at them by so many radians.
 DIFFERENT = 0.6
 
@@ -130,6 +134,61 @@ def search_poses(
     return jax.lax.map(one, (keys, jnp.arange(len(keys))))
 
 
+@eqx.filter_jit
+def turn_candidates(
+    keys: Key[Array, " chosen"],
+    chosen: Int[Array, " chosen"],
+    known: Known,
+    pose: Pose,
+    pictures: Pictures,
+    options: TrackOptions,
+) -> tuple[Pose, Float[Array, "chosen turns"]]:
+    """The turns at which a body looks much as the pictures show it, where it was found: its pose
+    first, then the best of all turns that differ from one another, each looked at closer.
+
+    Args:
+        keys: random keys of the turns to try.
+        chosen: numbers of the bodies that are looked at.
+        known: all bodies at the first time.
+        pose: where they were found.
+        pictures: what the cameras show at the time of the poses.
+        options: how thoroughly to search.
+
+    Returns:
+        Poses [chosen, turns], and their costs in the sharpest pictures.
+    """
+    layers, last = pictures.layers, len(pictures.layers) - 1
+    second = min(1, last)
+
+    def one(at: tuple[PRNGKeyArray, Array]) -> tuple[Pose, Array]:
+        key, body = at
+        own = jax.tree.map(lambda x: x[body], known)
+        others = Others(pose, jnp.zeros(len(known.size), bool))
+
+        def around(begin: Pose) -> _Search:
+            every = jax.tree.map(lambda x, own: x.at[body].set(own), pose, begin)
+            return _Search(body, own, known, every, others, pictures, options)
+
+        first = jax.tree.map(lambda x: x[body], pose)
+        rough = around(first).thinned(ROUGH)
+        count = ALL_TURNS * options.poses
+        turn = normalize_quaternion(jax.random.normal(key, (count, 4), first.turn.dtype))
+        found = Pose(jnp.broadcast_to(first.path[None], (count, 3)), turn)
+        found = _best(found, rough.seen_costs(found, layers[0]), WORTH_MORE * options.poses)
+        cost = rough.seen_costs(found, layers[second])
+        found = _distinct(found, cost, ALIKE, partial(_change_from, size=own.size))
+
+        def closer(begin: Pose) -> Pose:
+            search = around(begin).thinned(ROUGH)
+            return _narrowed(key, search, begin, range(second, last + 1))[0]
+
+        found = jax.lax.map(closer, found)
+        found = jax.tree.map(lambda x, others: jnp.concatenate([x[None], others]), first, found)
+        return found, around(first).seen_costs(found, layers[last])
+
+    return jax.lax.map(one, (keys, chosen))
+
+
 class _Search(NamedTuple):
     """The search for one body: its number, the points that are compared, and where all begin."""
 
@@ -162,12 +221,17 @@ class _Search(NamedTuple):
     def costs_of(self, pose: Pose, layer: Array) -> Float[Array, " poses"]:
         """What poses cost that may be far from one another."""
 
+        farther = jax.vmap(partial(_change_from, self.first, size=self.own.size))(pose)
+        return self.seen_costs(pose, layer) + FARTHER * farther
+
+    def seen_costs(self, pose: Pose, layer: Array) -> Float[Array, " poses"]:
+        """How much poses differ from the pictures, however far they are."""
+
         def cost(pose: Pose) -> Array:
             visible = visibility(
                 pose, self.own, self.body, self.known, self.others, self.pictures, layer
             )
-            farther = _change_from(self.first, pose, self.own.size)
-            return cost_as_seen(visible, self.own, layer) + FARTHER * farther
+            return cost_as_seen(visible, self.own, layer)
 
         return jax.lax.map(cost, pose, batch_size=256)
 
