@@ -230,7 +230,9 @@ def _with_steady_turns(
         own = [np.zeros(1), *(cost[k] for cost in costs)]
         best = steadiest(candidates, own, instants)[1:]
         for i, pick in enumerate(best, 1):
-            turn[body, i] = found[i - 1].turn[k][pick]
+            own_turn = found[i - 1].turn[k][pick]
+            # Of both quaternions of a turn, the one towards which that of the time before leads.
+            turn[body, i] = own_turn if own_turn @ turn[body, i - 1] >= 0 else -own_turn
             path[body, i] = found[i - 1].path[k][pick]
     times = range(len(instants))
     return [Pose(jnp.asarray(path[:, i]), jnp.asarray(turn[:, i])) for i in times]
