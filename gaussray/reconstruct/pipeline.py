@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import equinox as eqx
 import numpy as np
 
 from gaussray.camera.refined_cameras import (
@@ -26,6 +27,7 @@ from gaussray.reconstruct.data.training_split import demand_training_pictures
 from gaussray.reconstruct.doubtful_views import doubtful_views
 from gaussray.reconstruct.effort import effort
 from gaussray.reconstruct.failed_fit import demand_detail, demand_success, warn_of_one_place
+from gaussray.reconstruct.impacts import with_impacts
 from gaussray.reconstruct.log import RunLog
 from gaussray.reconstruct.loop import run_stage
 from gaussray.reconstruct.machine import this_machine
@@ -46,6 +48,7 @@ from gaussray.reconstruct.trial_fits import TrialFits, remove_killed_trials
 from gaussray.runtime.devices import leads, wait
 from gaussray.runtime.lock import locks_output
 from gaussray.runtime.progress import say
+from gaussray.scene.deformation import Deformation
 from gaussray.scene.scene import Scene
 from gaussray.scene.segmented import Clip
 from gaussray.scene.store import load_scene, save_scene, scene_info
@@ -255,6 +258,9 @@ def _pruned(
     )
     if session.equalization is not None:
         scene = replace(scene, light=session.equalization.light)
+    if not session.shows_times_between and isinstance(scene.deformation, Deformation):
+        bodies = with_impacts(scene.deformation.bodies)
+        scene = eqx.tree_at(lambda s: s.deformation.bodies, scene, bodies)
     return scene, report
 
 

@@ -158,6 +158,12 @@ class Session:
         """Whether any camera took several pictures. Only those tell what moves."""
         return len(np.unique(self.footage.viewpoints)) < len(self.footage.viewpoints)
 
+    @property
+    def shows_times_between(self) -> bool:
+        """Whether readouts and exposures show much of the time between two pictures."""
+        shown = float(self.cameras.earlier + self.cameras.later)
+        return len(self.times) > 1 and shown > 0.5 * float(np.min(np.diff(self.times)))
+
     @cached_property
     def initial_points(self) -> InitialPoints:
         """The points on which the first Gaussians of the capture stand."""

@@ -109,9 +109,9 @@ def body_pose_at(
 ) -> tuple[Float[Array, "bodies 3"], Float[Array, "bodies 4"]]:
     """Translation and rotation (a unit quaternion) of every body at a time.
 
-    Cubic through the poses (Catmull-Rom, by finite differences for uneven timestamps), constant
-    before the first and after the last. The motion is smooth between timestamps, so that rows that
-    are read there see the body on its way.
+    Cubic through the poses (Catmull-Rom, by three-point differences for uneven timestamps, which
+    are exact for parabolas), constant before the first and after the last. The motion is smooth
+    between timestamps, so that rows that are read there see the body on its way.
 
     Args:
         bodies: The bodies.
@@ -143,7 +143,8 @@ def poses_at(
 def _pose_weights(
     knots: Float[Array, " instants"], time: Float[Array, ""]
 ) -> Float[Array, " instants"]:
-    """Weight of every instant's pose: cubic Hermite with difference quotients as slopes."""
+    """Weight of every instant's pose: cubic Hermite, with the slopes of the parabola through an
+    instant and its neighbours, at the ends those of the line to the neighbour."""
     count = knots.shape[0]
     if count == 1:
         return jnp.ones_like(knots)
@@ -155,7 +156,13 @@ def _pose_weights(
 
     def slope(i: Array) -> Array:
         before, after = jnp.maximum(i - 1, 0), jnp.minimum(i + 1, count - 1)
-        return (unit[after] - unit[before]) / (knots[after] - knots[before])
+        left, right = knots[i] - knots[before], knots[after] - knots[i]
+        # The nearer neighbour tells more of the slope; beyond the ends there is none.
+        near = right / (left + right)
+        to_left = (unit[i] - unit[before]) / jnp.where(left > 0, left, 1)
+        to_right = (unit[after] - unit[i]) / jnp.where(right > 0, right, 1)
+        share = jnp.where(left > 0, jnp.where(right > 0, near, 1), 0)
+        return share * to_left + (1 - share) * to_right
 
     return (
         (1 + 2 * s) * (1 - s) ** 2 * unit[low]

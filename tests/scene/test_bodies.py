@@ -44,6 +44,16 @@ def test_a_parabola_is_followed_exactly_between_inner_instants():
     assert np.allclose(path[0], [0.4, 0.8 - 4 * 0.16, 0], atol=EXACT)
 
 
+def test_a_parabola_is_followed_exactly_between_uneven_instants():
+    times = jnp.asarray([0.0, 0.1, 0.4, 0.5, 0.7])
+    body = bodies_at_rest(jnp.zeros((1, 3)), jnp.ones(1), times)
+    path = jnp.stack([times, 2 * times - 4 * times**2, jnp.zeros(5)], axis=-1)
+    body = body.__class__(body.pivot, body.radius, times, path[None], body.turn)
+    for time in np.linspace(0.1, 0.5, 9):
+        place = body_pose_at(body, jnp.asarray(time))[0][0]
+        assert np.allclose(place, [time, 2 * time - 4 * time**2, 0], atol=EXACT)
+
+
 def test_bodies_that_reach_further_go_on_at_steady_speed():
     body = thrown()
     further = extrapolate_bodies(body, 0.1, 0.2)

@@ -25,7 +25,12 @@ from gaussray.reconstruct.initialize.pose_search import (
     search_poses,
     turn_candidates,
 )
-from gaussray.reconstruct.initialize.steady_turns import steadiest, tumbling
+from gaussray.reconstruct.initialize.steady_turns import (
+    continuous,
+    expected_turns,
+    steadiest,
+    tumbling,
+)
 from gaussray.scene.bodies import Bodies
 
 
@@ -220,8 +225,9 @@ def _with_steady_turns(
     found, costs = [], []
     for i in range(1, len(instants)):
         keys = jax.random.split(jax.random.fold_in(key, len(instants) + i), len(chosen))
-        pictures, rows = pictures_at(i), jnp.asarray(chosen)
-        some, cost = turn_candidates(keys, rows, known, poses[i], pictures, options)
+        likely = np.stack([expected_turns(turn[body], instants, i) for body in chosen])
+        which = jnp.asarray(chosen), jnp.asarray(likely, turn.dtype)
+        some, cost = turn_candidates(keys, *which, known, poses[i], pictures_at(i), options)
         found.append(jax.tree.map(np.asarray, some))
         costs.append(np.asarray(cost))
     path = np.stack([np.asarray(pose.path) for pose in poses], axis=1)
@@ -230,10 +236,9 @@ def _with_steady_turns(
         own = [np.zeros(1), *(cost[k] for cost in costs)]
         best = steadiest(candidates, own, instants)[1:]
         for i, pick in enumerate(best, 1):
-            own_turn = found[i - 1].turn[k][pick]
-            # Of both quaternions of a turn, the one towards which that of the time before leads.
-            turn[body, i] = own_turn if own_turn @ turn[body, i - 1] >= 0 else -own_turn
+            turn[body, i] = found[i - 1].turn[k][pick]
             path[body, i] = found[i - 1].path[k][pick]
+        turn[body] = continuous(turn[body])
     times = range(len(instants))
     return [Pose(jnp.asarray(path[:, i]), jnp.asarray(turn[:, i])) for i in times]
 

@@ -138,17 +138,20 @@ def search_poses(
 def turn_candidates(
     keys: Key[Array, " chosen"],
     chosen: Int[Array, " chosen"],
+    likely: Float[Array, "chosen likely 4"],
     known: Known,
     pose: Pose,
     pictures: Pictures,
     options: TrackOptions,
 ) -> tuple[Pose, Float[Array, "chosen turns"]]:
     """The turns at which a body looks much as the pictures show it, where it was found: its pose
-    first, then the best of all turns that differ from one another, each looked at closer.
+    first, then likely turns and the best of all turns that differ from one another, each looked at
+    closer.
 
     Args:
         keys: random keys of the turns to try.
         chosen: numbers of the bodies that are looked at.
+        likely: turns that are looked at in any case.
         known: all bodies at the first time.
         pose: where they were found.
         pictures: what the cameras show at the time of the poses.
@@ -160,8 +163,8 @@ def turn_candidates(
     layers, last = pictures.layers, len(pictures.layers) - 1
     second = min(1, last)
 
-    def one(at: tuple[PRNGKeyArray, Array]) -> tuple[Pose, Array]:
-        key, body = at
+    def one(at: tuple[PRNGKeyArray, Array, Array]) -> tuple[Pose, Array]:
+        key, body, turns = at
         own = jax.tree.map(lambda x: x[body], known)
         others = Others(pose, jnp.zeros(len(known.size), bool))
 
@@ -178,6 +181,9 @@ def turn_candidates(
         cost = rough.seen_costs(found, layers[second])
         found = _distinct(found, cost, ALIKE, partial(_change_from, size=own.size))
 
+        also = Pose(jnp.broadcast_to(first.path[None], (len(turns), 3)), turns)
+        found = jax.tree.map(lambda *x: jnp.concatenate(x), also, found)
+
         def closer(begin: Pose) -> Pose:
             search = around(begin).thinned(ROUGH)
             return _narrowed(key, search, begin, range(second, last + 1))[0]
@@ -186,7 +192,7 @@ def turn_candidates(
         found = jax.tree.map(lambda x, others: jnp.concatenate([x[None], others]), first, found)
         return found, around(first).seen_costs(found, layers[last])
 
-    return jax.lax.map(one, (keys, chosen))
+    return jax.lax.map(one, (keys, chosen, likely))
 
 
 class _Search(NamedTuple):

@@ -68,6 +68,37 @@ def steadiest(
     return np.array(chosen[::-1])
 
 
+def expected_turns(
+    turn: Float[np.ndarray, "times 4"], times: Float[np.ndarray, " times"], i: int
+) -> Float[np.ndarray, "2 4"]:
+    """Where the spin before a time, and the one after it, lead at that time; the turn itself where
+    there are no two turns on that side.
+
+    Args:
+        turn: quaternions at all times, scalar first.
+        times: the times.
+        i: index of the time.
+    """
+    rotation = Rotation.from_quat(turn[:, [1, 2, 3, 0]])
+    found = []
+    for near, far in ((i - 1, i - 2), (i + 1, i + 2)):
+        if min(near, far) < 0 or max(near, far) >= len(times):
+            found.append(turn[i])
+            continue
+        spin = (rotation[near] * rotation[far].inv()).as_rotvec() / (times[near] - times[far])
+        onward = Rotation.from_rotvec(spin * (times[i] - times[near])) * rotation[near]
+        found.append(onward.as_quat()[[3, 0, 1, 2]])
+    return np.stack(found)
+
+
+def continuous(turn: Float[np.ndarray, "times 4"]) -> Float[np.ndarray, "times 4"]:
+    """The same turns, each by that of its two quaternions that is nearer to the one before, so that
+    sums of neighbours are turns between them."""
+    flips = np.sum(turn[1:] * turn[:-1], axis=1) < 0
+    signs = np.where(np.cumsum(flips) % 2 == 1, -1, 1).astype(turn.dtype)
+    return np.concatenate([turn[:1], signs[:, None] * turn[1:]])
+
+
 def _changes(turn: list[Float[np.ndarray, "_ 4"]], times: Float[np.ndarray, " times"]) -> bool:
     spins, step = _spins(turn, times), np.diff(times)
     pairs = range(1, len(spins))

@@ -10,6 +10,8 @@ from gaussray.reconstruct.initialize.steady_turns import (
     HIT,
     NEARER,
     STEADY,
+    continuous,
+    expected_turns,
     steadiest,
     tumbling,
 )
@@ -89,6 +91,26 @@ def test_the_least_sum_is_that_of_brute_force():
 
     every = itertools.product(*(range(len(own)) for own in turns))
     np.testing.assert_array_equal(steadiest(turns, cost, times), min(every, key=total))
+
+
+def test_a_steady_spin_is_expected_from_either_side():
+    turn = quaternions(spinning())
+    wrong = turn.copy()
+    wrong[3] = quaternions(Rotation.from_rotvec([0.5, 1, 0]))
+    for found in expected_turns(wrong, TIMES, 3):
+        assert abs(found @ turn[3]) == pytest.approx(1, abs=1e-12)
+    # At the ends one side says nothing.
+    np.testing.assert_array_equal(expected_turns(turn, TIMES, 1)[0], turn[1])
+    np.testing.assert_array_equal(expected_turns(turn, TIMES, 6)[1], turn[6])
+
+
+def test_neighbouring_quaternions_have_one_sign():
+    turn = quaternions(spinning(np.linspace(0, 3, 50)))
+    signs = np.where(np.random.default_rng(2).random(50) < 0.5, -1, 1)
+    found = continuous(signs[:, None] * turn)
+    assert (np.sum(found[1:] * found[:-1], axis=1) > 0).all()
+    np.testing.assert_array_equal(np.abs(found), np.abs(turn))
+    np.testing.assert_array_equal(found[0], signs[0] * turn[0])
 
 
 def test_a_body_tumbles_where_its_spin_changes():
