@@ -3,7 +3,9 @@
 Poses are known at the times of the pictures, and between them bodies move smoothly
 (`scene.bodies.poses_at`). A body that is hit between two pictures changes its velocity at once. As
 it moves evenly before and after, both parts of its path can be followed until they meet (subcell
-resolution, Harten 1989); that time gets poses of its own.
+resolution, Harten 1989); that time gets poses of its own. So does the middle of two pictures
+between which a body is turned at once while its spin stays: it is taken for a likeness from there
+on, and looks right on either side.
 """
 
 from collections.abc import Sequence
@@ -22,8 +24,9 @@ from gaussray.scene.bodies import Bodies, poses_at
 # A body is hit if the paths before and after miss the other side's pose by more than this share of
 # its radius, and by more than so many times the usual miss; and they meet within this share of it.
 MISSED, UNUSUAL, MEET = 0.25, 4.0, 0.35
-# Radians by which the turns before and after may differ at the hit.
-TURNED = 0.3
+# Radians by which the turns before and after may differ at the hit, and which a spin that stays may
+# change between two pictures; and from which on a body is turned at once.
+TURNED, AT_ONCE = 0.3, 0.6
 # Times between two pictures at which both paths are compared, and how far from the hit, in
 # intervals, the path gets poses on either side, so that it is bent there alone.
 _STEPS, _BESIDE = 41, 0.05
@@ -109,7 +112,7 @@ def with_impacts(bodies: Bodies) -> Bodies:
         bodies: poses at the times of the pictures.
     """
     hits = impacts(bodies)
-    if not hits:
+    if not hits and not any(_turned_at_once(_paths(bodies, k)) for k in range(len(bodies.pivot))):
         return bodies
     # Each body is bent at its own hits, and then followed at the times of all.
     bent = [_bent(bodies, body, hits) for body in range(len(bodies.pivot))]
@@ -132,23 +135,49 @@ def _bent(
     turn = np.asarray(bodies.turn[body], np.float64)
     turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
     times, places, turns = list(own.time), list(own.place), list(turn)
-    for hit in (hit for hit in hits if hit.body == body):
+
+    def add(time: float, place: np.ndarray, turned: Rotation, near: int) -> None:
+        quaternion = turned.as_quat()[[3, 0, 1, 2]]
+        times.append(time)
+        places.append(place)
+        # Of both quaternions of a turn, that by which sums with the nearest are between them.
+        turns.append(quaternion if quaternion @ turn[near] >= 0 else -quaternion)
+
+    hits = [hit for hit in hits if hit.body == body]
+    for hit in hits:
         begin, end = _span(hit, own.time)
         before, after = (hit.last, hit.last - 1), (hit.first, hit.first + 1)
-        turned = own.turned(*before, hit.time), own.turned(*after, hit.time)
-        # A body is not turned at once: if both spins lead elsewhere, they are not known.
-        known = (turned[0] * turned[1].inv()).magnitude() < TURNED
+        ends = own.turned(*before, hit.time), own.turned(*after, hit.time)
+        # A hit does not turn a body at once: if the spins lead elsewhere, they are not known.
+        known = (ends[0] * ends[1].inv()).magnitude() < TURNED
         for time in hit.time + _BESIDE * (end - begin) * np.array([-1, 0, 1]):
-            if time in own.time:
-                continue
-            side = before if time <= hit.time else after
-            times.append(time)
-            places.append(own.onward(*side, np.array([time]))[0])
-            quaternion = (own.turned(*side, time) if known else own.between(time)).as_quat()
-            quaternion = quaternion[[3, 0, 1, 2]]
-            turns.append(quaternion if quaternion @ turn[side[0]] >= 0 else -quaternion)
+            if time not in own.time:
+                side = before if time <= hit.time else after
+                turned = own.turned(*side, time) if known else own.between(time)
+                add(time, own.onward(*side, np.array([time]))[0], turned, side[0])
+    for i in set(_turned_at_once(own)) - {hit.last for hit in hits}:
+        middle, width = (own.time[i] + own.time[i + 1]) / 2, own.time[i + 1] - own.time[i]
+        # Two on either side: the slope at the inner ones is that of the leap.
+        for time in middle + _BESIDE * width * np.array([-1, -0.5, 0.5, 1]):
+            sides = (i, i - 1), (i + 1, i + 2)
+            place = np.mean([own.onward(*side, np.array([time]))[0] for side in sides], axis=0)
+            side = sides[int(time > middle)]
+            add(time, place, own.turned(*side, time), side[0])
     order = np.argsort(times, kind="stable")
     return np.array(times)[order], np.array(places)[order], np.array(turns)[order]
+
+
+def _turned_at_once(own: _Paths) -> list[int]:
+    """The pictures after which a body is turned at once while its spin before and after is one."""
+    step = np.diff(own.time)
+    if len(step) < 3:
+        return []
+    spin = (own.turn[1:] * own.turn[:-1].inv()).as_rotvec() / step[:, None]
+    here, before, after = spin[1:-1], spin[:-2], spin[2:]
+    width = step[1:-1, None]
+    leaps = [np.linalg.norm((here - x) * width, axis=1) > AT_ONCE for x in (before, after)]
+    stays = np.linalg.norm((before - after) * width, axis=1) < TURNED
+    return (1 + np.flatnonzero(leaps[0] & leaps[1] & stays)).tolist()
 
 
 def _span(hit: Impact, time: Float[np.ndarray, " times"]) -> tuple[float, float]:

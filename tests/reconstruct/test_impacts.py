@@ -82,6 +82,27 @@ def test_a_ball_that_is_hit_when_a_picture_is_taken_bends_there():
     assert error(bent) < 0.5 * error(known)
 
 
+def test_a_body_that_is_taken_for_a_likeness_looks_right_on_either_side():
+    spin, like = (0.0, 3.0, 1.0), Rotation.from_rotvec([0, 0, 2 * np.pi / 3])
+    true = Rotation.from_rotvec(np.outer(TIMES, spin))
+    turn = np.concatenate([true[:4].as_quat(), (true[4:] * like).as_quat()])[:, [3, 0, 1, 2]]
+    flies = falling(TIMES, 9.0)
+    known = bodies(flies, turn=turn[None])
+    assert not impacts(known)
+    bent = with_impacts(known)
+
+    def away(poses, time):
+        place, found = (np.array(x)[0] for x in body_pose_at(poses, jnp.asarray(time)))
+        np.testing.assert_allclose(place, falling([time], 9.0)[0], atol=1e-6)
+        found = Rotation.from_quat(found[[1, 2, 3, 0]])
+        there = Rotation.from_rotvec(np.multiply(spin, time))
+        return min((found * one.inv()).magnitude() for one in (there, there * like))
+
+    between = [0.32, 0.36, 0.385, 0.415, 0.44, 0.48]
+    assert max(away(bent, time) for time in between) < 0.03
+    assert max(away(known, time) for time in between) > 0.5
+
+
 def test_what_flies_rolls_or_rests_is_not_hit():
     flies, rests = falling(TIMES, 9.0), np.zeros((len(TIMES), 3))
     rolls = np.outer(TIMES, [1.0, 2, 0])
