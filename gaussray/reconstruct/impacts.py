@@ -23,7 +23,7 @@ from gaussray.scene.bodies import Bodies, poses_at
 
 # A body is hit if the paths before and after miss the other side's pose by more than this share of
 # its radius, and by more than so many times the usual miss; and they meet within this share of it.
-MISSED, UNUSUAL, MEET = 0.25, 4.0, 0.35
+MISSED, TIMES_USUAL, MEET = 0.25, 4.0, 0.35
 # Radians by which the turns before and after may differ at the hit, and which a spin that stays may
 # change between two pictures; and from which on a body is turned at once.
 TURNED, AT_ONCE = 0.3, 0.6
@@ -91,7 +91,7 @@ def impacts(bodies: Bodies) -> list[Impact]:
         if not between:
             continue
         misses = [own.misses(*pair) for pair in between]
-        least = max(MISSED * radius, UNUSUAL * float(np.median(misses)))
+        least = max(MISSED * radius, TIMES_USUAL * float(np.median(misses)))
         hits = [
             Impact(body, time, *pair)
             for pair, missed in zip(between, misses, strict=True)
