@@ -112,7 +112,7 @@ def sync_findings(
                 f"pictures that are not used: {told}; folders of pictures are cameras that take "
                 f"pictures at the same times, and all of them have {len(timeline.times)}",
                 "Give each folder as many. Photographs of a still scene belong in one folder, "
-                "which has one size of pictures.",
+                "whatever their sizes.",
             )
         )
     return findings
@@ -140,10 +140,11 @@ def camera_findings(placement: Placement) -> list[Finding]:
         findings = [Finding("good", "cameras", f"all {total} pictures have {kind} pose")]
     if len(model.points) and found > 1:
         apart = neighbour_angles(placement)
-        far = [model.pictures[k] for k in np.flatnonzero(apart > APART)
-               if placement.pictures[model.pictures[k]].camera in placement.still]  # fmt: skip
-        if far:
-            names = ", ".join(placement.pictures[file].camera for file in far)
+        cameras = [placement.pictures[file].camera for file in model.pictures]
+        apart = np.where([camera in placement.still for camera in cameras], apart, 0)
+        far = np.flatnonzero(apart > APART)
+        if len(far):
+            names = ", ".join(cameras[k] for k in far)
             findings.append(
                 Finding(
                     "warn",

@@ -9,8 +9,7 @@ import numpy as np
 from gaussray.capture.picture_file import read_levels
 from gaussray.capture.videos import decoded_frames, frame_of, frame_path, upright
 from gaussray.dataset.images import write_image
-from gaussray.io.atomic import whole
-from gaussray.prepare.photographs import copied_photograph
+from gaussray.prepare.photographs import copied_photograph, copy_changed
 from gaussray.prepare.sources import Source
 from gaussray.prepare.timeline import Timeline
 from gaussray.runtime.progress import Progress
@@ -39,7 +38,7 @@ def copy_media(sources: Sequence[Source], timeline: Timeline, out: Path) -> dict
             files[source.name] = [copied_photograph(source.pictures[i], folder) for i in index]
         elif source.is_even:
             copy = out / "videos" / f"{source.name}{source.path.suffix.lower()}"
-            _copy(source.path, copy)
+            copy_changed(source.path, copy)
             files[source.name] = [frame_path(copy, int(i)) for i in index]
         else:
             files[source.name] = _decode(source, index, out / "images" / source.name)
@@ -79,15 +78,6 @@ def write_matching_pictures(
             shutil.copyfile(files[i], folder / name)
         names.append(name)
     return names
-
-
-def _copy(source: Path, target: Path) -> None:
-    """Copy a file unless the target is the same already."""
-    if target.is_file() and target.stat().st_size == source.stat().st_size:
-        if target.stat().st_mtime_ns == source.stat().st_mtime_ns:
-            return
-    with whole(target) as partial:
-        shutil.copy2(source, partial)
 
 
 def _decode(source: Source, index: np.ndarray, folder: Path) -> list[Path]:

@@ -36,7 +36,7 @@ def photograph_size(path: Path) -> tuple[int, int]:
     if path.suffix.lower() in HEIC_SUFFIXES:
         return _opened_heic(path).size
     spec = open_image(path).spec()
-    if _orientation(path) >= _TRANSPOSED:
+    if _orientation(spec) >= _TRANSPOSED:
         return spec.height, spec.width
     return spec.width, spec.height
 
@@ -59,22 +59,18 @@ def copied_photograph(source: Path, folder: Path) -> Path:
         OSError: The file is no picture of a known format, or damaged.
         PrepareError: It is a HEIC file, and pillow-heif is not installed.
     """
-    heic = source.suffix.lower() in HEIC_SUFFIXES
-    orientation = 1 if heic else _orientation(source)
-    if not heic and orientation == 1:
+    spec = None if source.suffix.lower() in HEIC_SUFFIXES else open_image(source).spec()
+    if spec is not None and _orientation(spec) == 1:
         target = folder / source.name
-        same = _is_of(target, source) and target.stat().st_size == source.stat().st_size
-        if not same:
-            with whole(target) as partial:
-                shutil.copy2(source, partial)
+        copy_changed(source, target)
         return target
     target = folder / f"{source.name}.jpg"
     if not _is_of(target, source):
-        if heic:
+        if spec is None:
             levels = _heic_levels(source)
         else:
-            spec = open_image(source).spec()
-            levels = upright_pixels(read_levels(source, spec.width, spec.height), orientation)
+            levels = read_levels(source, spec.width, spec.height)
+            levels = upright_pixels(levels, _orientation(spec))
         with whole(target) as partial:
             _write_jpeg(partial, levels)
             shutil.copystat(source, partial)
@@ -98,8 +94,20 @@ def upright_pixels(
     return np.ascontiguousarray(pixels[::rows, ::columns])
 
 
-def _orientation(path: Path) -> int:
-    value = open_image(path).spec().get_int_attribute("Orientation", 1)
+def copy_changed(source: Path, target: Path) -> None:
+    """Copy a file unless the target is the same already.
+
+    Args:
+        source: The file.
+        target: Its copy.
+    """
+    if not (_is_of(target, source) and target.stat().st_size == source.stat().st_size):
+        with whole(target) as partial:
+            shutil.copy2(source, partial)
+
+
+def _orientation(spec: "oiio.ImageSpec") -> int:
+    value = spec.get_int_attribute("Orientation", 1)
     return value if 1 <= value <= 8 else 1
 
 

@@ -44,12 +44,12 @@ class Source:
 
     @property
     def width(self) -> int:
-        """Columns of the first upright picture; but for photographs without a time, of all."""
+        """Columns of the first upright picture. Only photographs without a time may differ."""
         return self.sizes[0][0]
 
     @property
     def height(self) -> int:
-        """Rows of the first upright picture; but for photographs without a time, of all."""
+        """Rows of the first upright picture. Only photographs without a time may differ."""
         return self.sizes[0][1]
 
     def size(self, frame: int) -> tuple[int, int]:

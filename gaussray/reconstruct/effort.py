@@ -282,8 +282,8 @@ def _bodies(
 ) -> ReconstructOptions:
     """For rigid bodies and a field: the defaults on a CPU; on a GPU more steps and Gaussians, and a
     search of more poses unless the user set one of its options, which belong together. On stereo's
-    points, what stands still gains more by relocation, SSIM and harmonics than what moves loses by
-    fewer and larger tiles; on given ones it does not (experiments/captures/log.md)."""
+    points, relocation, SSIM and harmonics better all of it; on given ones what moves gets worse
+    (experiments/captures/log.md)."""
     if not machine.gpu:
         return ReconstructOptions(fit=FitOptions(motion="deformation"))
     chosen = ReconstructOptions(

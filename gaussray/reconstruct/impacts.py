@@ -18,12 +18,19 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation, Slerp
 
+from gaussray.reconstruct.initialize.steady_turns import (
+    continuous,
+    rotations,
+    scalar_first,
+    spun_on,
+)
 from gaussray.scene.bodies import Bodies, poses_at
 
 
 # A body is hit if the paths before and after miss the other side's pose by more than this share of
 # its radius, and by more than so many times the usual miss; and they meet within this share of it.
 MISSED, TIMES_USUAL, MEET = 0.25, 4.0, 0.35
+# All these are set once, on the three balls of one capture (experiments/captures/log.md).
 # Radians by which the turns before and after may differ at the hit, and which a spin that stays may
 # change between two pictures; and from which on a body is turned at once.
 TURNED, AT_ONCE = 0.3, 0.6
@@ -73,9 +80,7 @@ class _Paths(NamedTuple):
 
     def turned(self, from_: int, other: int, time: float) -> Rotation:
         """The turn beyond a picture, at a steady spin."""
-        spin = (self.turn[from_] * self.turn[other].inv()).as_rotvec()
-        spin = spin / (self.time[from_] - self.time[other])
-        return Rotation.from_rotvec(spin * (time - self.time[from_])) * self.turn[from_]
+        return spun_on(self.turn, self.time, (from_, other), time)
 
 
 def impacts(bodies: Bodies) -> list[Impact]:
@@ -112,10 +117,10 @@ def with_impacts(bodies: Bodies) -> Bodies:
         bodies: poses at the times of the pictures.
     """
     hits = impacts(bodies)
-    if not hits and not any(_turned_at_once(_paths(bodies, k)) for k in range(len(bodies.pivot))):
-        return bodies
     # Each body is bent at its own hits, and then followed at the times of all.
     bent = [_bent(bodies, body, hits) for body in range(len(bodies.pivot))]
+    if all(len(time) == len(bodies.time) for time, _, _ in bent):
+        return bodies
     times = np.unique(np.concatenate([time for time, _, _ in bent]))
     at = jnp.asarray(times, bodies.time.dtype)
     parts = []
@@ -132,16 +137,12 @@ def _bent(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Times, places and turns of a body, with those around its own hits."""
     own = _paths(bodies, body)
-    turn = np.asarray(bodies.turn[body], np.float64)
-    turn = turn / np.linalg.norm(turn, axis=1, keepdims=True)
-    times, places, turns = list(own.time), list(own.place), list(turn)
+    times, places, turns = list(own.time), list(own.place), list(scalar_first(own.turn))
 
-    def add(time: float, place: np.ndarray, turned: Rotation, near: int) -> None:
-        quaternion = turned.as_quat()[[3, 0, 1, 2]]
+    def add(time: float, place: np.ndarray, turned: Rotation) -> None:
         times.append(time)
         places.append(place)
-        # Of both quaternions of a turn, that by which sums with the nearest are between them.
-        turns.append(quaternion if quaternion @ turn[near] >= 0 else -quaternion)
+        turns.append(scalar_first(turned))
 
     hits = [hit for hit in hits if hit.body == body]
     for hit in hits:
@@ -154,7 +155,7 @@ def _bent(
             if time not in own.time:
                 side = before if time <= hit.time else after
                 turned = own.turned(*side, time) if known else own.between(time)
-                add(time, own.onward(*side, np.array([time]))[0], turned, side[0])
+                add(time, own.onward(*side, np.array([time]))[0], turned)
     for i in set(_turned_at_once(own)) - {hit.last for hit in hits}:
         middle, width = (own.time[i] + own.time[i + 1]) / 2, own.time[i + 1] - own.time[i]
         # Two on either side: the slope at the inner ones is that of the leap.
@@ -162,9 +163,9 @@ def _bent(
             sides = (i, i - 1), (i + 1, i + 2)
             place = np.mean([own.onward(*side, np.array([time]))[0] for side in sides], axis=0)
             side = sides[int(time > middle)]
-            add(time, place, own.turned(*side, time), side[0])
+            add(time, place, own.turned(*side, time))
     order = np.argsort(times, kind="stable")
-    return np.array(times)[order], np.array(places)[order], np.array(turns)[order]
+    return np.array(times)[order], np.array(places)[order], continuous(np.array(turns)[order])
 
 
 def _turned_at_once(own: _Paths) -> list[int]:
@@ -200,7 +201,7 @@ def _meet(own: _Paths, last: int, first: int, least: float) -> float | None:
 def _paths(bodies: Bodies, body: int) -> _Paths:
     time = np.asarray(bodies.time, np.float64)
     place = np.asarray(bodies.path[body], np.float64)
-    turn = Rotation.from_quat(np.asarray(bodies.turn[body], np.float64)[:, [1, 2, 3, 0]])
+    turn = rotations(np.asarray(bodies.turn[body], np.float64))
     step = np.diff(time)
     if len(step) < 2:
         return _Paths(time, place, turn, np.zeros(3))

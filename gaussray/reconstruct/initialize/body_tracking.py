@@ -101,6 +101,7 @@ def track(
     identity = jnp.zeros((count, 4), jnp.float32).at[:, 0].set(1)
     poses = [Pose(jnp.zeros((count, 3), jnp.float32), identity)]
     key, costs = jax.random.key(seed), [np.zeros(count)]
+    mismatch = np.zeros((2, count))  # at the poses that the search finds, and at rest
 
     def pictures_at(i: int) -> Pictures:
         frames = np.flatnonzero(time == instants[i].astype(time.dtype))
@@ -118,12 +119,10 @@ def track(
         pose, cost = _search_apart(keys, known, start, enough, pictures, options)
         poses.append(pose)
         costs.append(np.asarray(cost))
+        either = jax.tree.map(lambda *x: jnp.stack(x), poses[-1], poses[0])
+        mismatch += np.asarray(mismatch_at(either, poses[-1], known, pictures))
         report(i)
     poses = _with_steady_turns(key, known, poses, instants, pictures_at, options)
-    mismatch = np.zeros((2, count))  # at the poses that were found, and at rest
-    for i in range(1, len(instants)):
-        either = jax.tree.map(lambda *x: jnp.stack(x), poses[i], poses[0])
-        mismatch += np.asarray(mismatch_at(either, poses[i], known, pictures_at(i)))
     path = jnp.stack([pose.path for pose in poses], axis=1).astype(bodies.path.dtype)
     turn = jnp.stack([pose.turn for pose in poses], axis=1).astype(bodies.turn.dtype)
     found = eqx.tree_at(lambda b: (b.path, b.turn), bodies, (path, turn))

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 # What a change of the spin by one radian between two pictures adds to the cost, which is a
 # difference of colour, and the largest change that counts: a body that was hit may spin anyhow.
-# From 0.005 to 0.02 the balls of two captures get the same turns.
+# From 0.005 to 0.02 the balls of the capture that chose it get the same turns.
 STEADY, HIT = 0.01, 1.0
 # Of turns that explain the pictures alike, the nearest: what a radian adds at the first step.
 NEARER = 0.003
@@ -79,16 +79,38 @@ def expected_turns(
         times: the times.
         i: index of the time.
     """
-    rotation = Rotation.from_quat(turn[:, [1, 2, 3, 0]])
-    found = []
+    rotation, found = rotations(turn), []
     for near, far in ((i - 1, i - 2), (i + 1, i + 2)):
-        if min(near, far) < 0 or max(near, far) >= len(times):
-            found.append(turn[i])
-            continue
-        spin = (rotation[near] * rotation[far].inv()).as_rotvec() / (times[near] - times[far])
-        onward = Rotation.from_rotvec(spin * (times[i] - times[near])) * rotation[near]
-        found.append(onward.as_quat()[[3, 0, 1, 2]])
+        known = min(near, far) >= 0 and max(near, far) < len(times)
+        onward = spun_on(rotation, times, (near, far), float(times[i])) if known else None
+        found.append(turn[i] if onward is None else scalar_first(onward))
     return np.stack(found)
+
+
+def spun_on(
+    rotation: Rotation, times: Float[np.ndarray, " times"], pair: tuple[int, int], time: float
+) -> Rotation:
+    """The turn to which a steady spin leads.
+
+    Args:
+        rotation: turns at all times.
+        times: the times.
+        pair: the time from which the body spins on, and the one which tells, with it, how fast.
+        time: when it is asked for.
+    """
+    near, far = pair
+    spin = (rotation[near] * rotation[far].inv()).as_rotvec() / (times[near] - times[far])
+    return Rotation.from_rotvec(spin * (time - times[near])) * rotation[near]
+
+
+def rotations(turn: Float[np.ndarray, "*turns 4"]) -> Rotation:
+    """SciPy's rotations of quaternions, scalar first."""
+    return Rotation.from_quat(np.roll(turn, -1, axis=-1))
+
+
+def scalar_first(rotation: Rotation) -> Float[np.ndarray, "*turns 4"]:
+    """The quaternions of SciPy's rotations, scalar first."""
+    return np.roll(rotation.as_quat(), 1, axis=-1)
 
 
 def continuous(turn: Float[np.ndarray, "times 4"]) -> Float[np.ndarray, "times 4"]:
@@ -110,7 +132,7 @@ def _spins(
     turn: list[Float[np.ndarray, "_ 4"]], times: Float[np.ndarray, " times"]
 ) -> list[Float[np.ndarray, "_ _ 3"]]:
     """Angular velocities between all candidates of neighbouring times."""
-    rotation = [Rotation.from_quat(own[:, [1, 2, 3, 0]]) for own in turn]
+    rotation = [rotations(own) for own in turn]
     spins = []
     for i, step in enumerate(np.diff(times)):
         rows = [(rotation[i + 1] * one.inv()).as_rotvec() for one in rotation[i]]
