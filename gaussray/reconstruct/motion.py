@@ -13,8 +13,9 @@ from jaxtyping import Float
 
 from gaussray.capture.errors import CaptureWarning
 from gaussray.geometry import rotation_matrix
-from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, track
+from gaussray.reconstruct.initialize.body_tracking import track
 from gaussray.reconstruct.initialize.from_points import bodies, inliers, on_points, thinned
+from gaussray.reconstruct.initialize.regrouping import MovingGaussians
 from gaussray.reconstruct.initialize.resting_control import resting_control_points
 from gaussray.reconstruct.initialize.stereo.from_pictures import (
     MovingPoints,

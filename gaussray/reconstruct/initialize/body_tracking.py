@@ -5,7 +5,6 @@ the pose of each body is searched for, time after time (`pose_search`).
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -18,13 +17,22 @@ from gaussray.camera.camera import Camera, project
 from gaussray.geometry import multiply, normalize_quaternion
 from gaussray.reconstruct.initialize import appearance
 from gaussray.reconstruct.initialize.appearance import CHANGES, Shown
-from gaussray.reconstruct.initialize.pose_cost import Known, Others, Pictures, Pose, mismatch_at
+from gaussray.reconstruct.initialize.pose_cost import (
+    Known,
+    Mismatch,
+    Others,
+    Pictures,
+    Pose,
+    mismatch_at,
+    toward_views,
+)
 from gaussray.reconstruct.initialize.pose_search import (
     Start,
     TrackOptions as TrackOptions,
     search_poses,
     turn_candidates,
 )
+from gaussray.reconstruct.initialize.regrouping import MovingGaussians, move, regrouped
 from gaussray.reconstruct.initialize.steady_turns import (
     continuous,
     expected_turns,
@@ -34,9 +42,6 @@ from gaussray.reconstruct.initialize.steady_turns import (
 from gaussray.scene.bodies import Bodies
 
 
-# A body moves if that leaves less than this of the difference that there is if it rests: 0.55 to
-# 0.75 for the bodies of the sample and of two other captures, 0.95 to 1.05 for the floor and walls.
-WORTH = 0.85
 # Two bodies are in one place if their middles are closer than this part of their sizes together,
 # and of their distance at the first time: parts of one thing may well lie within one another.
 CLASH = 0.5
@@ -52,17 +57,6 @@ ENOUGH = 1.15
 AGAIN = 2
 
 
-class MovingGaussians(NamedTuple):
-    """What tracking reads of the moving Gaussians at the first time: the index of the rigid body of
-    each (the number of bodies for none), position, the axis of its disc (of either sign), and
-    colour in linear light."""
-
-    body: Int[np.ndarray, " gaussians"]
-    position: Float[np.ndarray, "gaussians 3"]
-    normal: Float[np.ndarray, "gaussians 3"]
-    color: Float[np.ndarray, "gaussians 3"]
-
-
 def track(
     bodies: Bodies,
     gaussians: MovingGaussians,
@@ -76,9 +70,9 @@ def track(
     """The bodies with path and turn set to the poses that explain the pictures best.
 
     Parts of a body that another body occludes do not count. Poses are approximate (a tenth of a
-    radian, a tenth of a body's size): the fit refines them. Bodies whose poses explain the pictures
-    hardly better than rest are left out: a floor over which shadows pass changes too, but its
-    colours stay where they are.
+    radian, a tenth of a body's size): the fit refines them. Once they are found, groups of points
+    are cut and joined as the pictures say (`regrouping`), and searched for once more. Bodies whose
+    poses explain the pictures hardly better than rest are left out.
 
     Args:
         bodies: the candidate bodies, at rest.
@@ -89,44 +83,39 @@ def track(
         seed: for the random poses.
         report: called with the number of times done.
     """
-    count, instants = bodies.pivot.shape[0], np.asarray(bodies.time)
-    if not count or len(instants) < 2 or not options.poses:
+    instants = np.asarray(bodies.time)
+    if not bodies.pivot.shape[0] or len(instants) < 2 or not options.poses:
         return bodies
     time = np.asarray(camera.time)
     shrink = max(1, min(camera.film.width, camera.film.height) // options.side)
-    first = np.flatnonzero(time == instants[0].astype(time.dtype))
-    views = jax.tree.map(lambda x: x[first], camera)
-    pixel = _pixel_width(views, bodies.pivot, shrink)
-    known = _known(bodies, gaussians, pixel, options.points, seed)
-    identity = jnp.zeros((count, 4), jnp.float32).at[:, 0].set(1)
-    poses = [Pose(jnp.zeros((count, 3), jnp.float32), identity)]
-    key, costs = jax.random.key(seed), [np.zeros(count)]
-    mismatch = np.zeros((2, count))  # at the poses that the search finds, and at rest
 
     def pictures_at(i: int) -> Pictures:
         frames = np.flatnonzero(time == instants[i].astype(time.dtype))
         views = jax.tree.map(lambda x: x[frames], camera)
         return Pictures(views, appearance.layers(shown(frames), shrink, options.blur), shrink)
 
-    for i in range(1, len(instants)):
-        pictures = pictures_at(i)
-        certain, enough = _last_certain(costs)
-        last = Pose(*(jnp.stack(x)[certain, np.arange(count)] for x in zip(*poses, strict=True)))
-        expected = _ahead(poses, instants[: i + 1])
-        unknown = Others(expected, jnp.zeros(count, bool))
-        start = Start(expected, last, jnp.asarray(i - certain, jnp.float32), unknown)
-        keys = jax.random.split(jax.random.fold_in(key, i), count)
-        pose, cost = _search_apart(keys, known, start, enough, pictures, options)
-        poses.append(pose)
-        costs.append(np.asarray(cost))
-        either = jax.tree.map(lambda *x: jnp.stack(x), poses[-1], poses[0])
-        mismatch += np.asarray(mismatch_at(either, poses[-1], known, pictures))
-        report(i)
-    poses = _with_steady_turns(key, known, poses, instants, pictures_at, options)
+    first, key = pictures_at(0), jax.random.key(seed)
+
+    def found_by(bodies: Bodies, gaussians: MovingGaussians) -> tuple[Known, list[Pose], Mismatch]:
+        pixel = _pixel_width(first.views, bodies.pivot, shrink)
+        known = _known(bodies, gaussians, pixel, options.points, seed)
+        judged = toward_views(known, first)
+        return known, *_found(key, known, judged, instants, pictures_at, options, report)
+
+    known, poses, mismatch = found_by(bodies, gaussians)
+    if (groups := regrouped(bodies, gaussians, known, mismatch)) is not None:
+        bodies, gaussians = groups
+        known, poses, mismatch = found_by(bodies, gaussians)
+    steady = _with_steady_turns(key, known, poses, instants, pictures_at, options)
+    if steady is not poses:
+        poses, judged = steady, toward_views(known, first)
+        mismatch = _summed(
+            [mismatch_at(pose, judged, pictures_at(i)) for i, pose in enumerate(steady) if i]
+        )
     path = jnp.stack([pose.path for pose in poses], axis=1).astype(bodies.path.dtype)
     turn = jnp.stack([pose.turn for pose in poses], axis=1).astype(bodies.turn.dtype)
     found = eqx.tree_at(lambda b: (b.path, b.turn), bodies, (path, turn))
-    real = np.flatnonzero(mismatch[0] < WORTH * mismatch[1])
+    real = np.flatnonzero(move(mismatch))
     return Bodies(
         found.pivot[real], found.radius[real], found.time, found.path[real], found.turn[real]
     )
@@ -180,6 +169,42 @@ def _last_certain(
     certain = cost <= CERTAIN * usual
     last = len(cost) - 1 - np.argmax(certain[::-1], axis=0)
     return last, jnp.asarray(ENOUGH * usual, jnp.float32)
+
+
+def _found(
+    key: PRNGKeyArray,
+    known: Known,
+    judged: Known,
+    instants: Float[np.ndarray, " times"],
+    pictures_at: Callable[[int], Pictures],
+    options: TrackOptions,
+    report: Callable[[int], None],
+) -> tuple[list[Pose], Mismatch]:
+    """The poses of known bodies at all times, one time after the other; and how much these bodies,
+    as they are judged (`toward_views`), differ from the pictures, summed over the times."""
+    count = len(known.size)
+    identity = jnp.zeros((count, 4), jnp.float32).at[:, 0].set(1)
+    poses = [Pose(jnp.zeros((count, 3), jnp.float32), identity)]
+    costs, mismatches = [np.zeros(count)], []
+    for i in range(1, len(instants)):
+        pictures = pictures_at(i)
+        certain, enough = _last_certain(costs)
+        last = Pose(*(jnp.stack(x)[certain, np.arange(count)] for x in zip(*poses, strict=True)))
+        expected = _ahead(poses, instants[: i + 1])
+        unknown = Others(expected, jnp.zeros(count, bool))
+        start = Start(expected, last, jnp.asarray(i - certain, jnp.float32), unknown)
+        keys = jax.random.split(jax.random.fold_in(key, i), count)
+        pose, cost = _search_apart(keys, known, start, enough, pictures, options)
+        poses.append(pose)
+        costs.append(np.asarray(cost))
+        mismatches.append(mismatch_at(pose, judged, pictures))
+        report(i)
+    return poses, _summed(mismatches)
+
+
+def _summed(mismatches: list[Mismatch]) -> Mismatch:
+    """How much bodies differ from the pictures, over all times."""
+    return jax.tree.map(lambda *x: np.sum(np.stack(x), axis=0), *mismatches)
 
 
 def _search_apart(

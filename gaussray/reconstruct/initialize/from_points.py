@@ -20,6 +20,9 @@ from gaussray.scene.harmonics import constant_harmonics
 # a regular grid all distances but those at the border are equal.
 _AROUND, _SPREAD = 16, 0.2
 
+# Rounds of the search for the smallest ball, whose error falls with their number: a hundredth.
+_ROUNDS = 100
+
 # Typical gaps within which points belong together: leaves on their stems need 5
 # (experiments/reconstruction/README.md). What belongs to nothing that moves is told by tracking.
 LINK = 5.0
@@ -271,12 +274,28 @@ def _groups(
     size = np.bincount(label)
     large = np.argsort(-size, kind="stable")[:most]
     groups = [position[label == i] for i in large[size[large] >= least]]
-    pivot = np.array([group.mean(axis=0) for group in groups], np.float32).reshape(-1, 3)
-    reach = [
-        1.05 * np.linalg.norm(group - center, axis=1).max() + gap
-        for group, center in zip(groups, pivot, strict=True)
-    ]
-    return pivot, np.array(reach, np.float32).reshape(-1)
+    balls = [ball_around(group, gap) for group in groups]
+    pivot = np.array([center for center, _ in balls], np.float32).reshape(-1, 3)
+    return pivot, np.array([reach for _, reach in balls], np.float32)
+
+
+def ball_around(
+    position: Float[np.ndarray, "points 3"], gap: float | None = None
+) -> tuple[Float[np.ndarray, "3"], float]:
+    """Centre of the smallest ball that holds points (Badoiu and Clarkson 2003), and its radius with
+    a margin. Of a thing that is seen from above alone, their mean would be too high.
+
+    Args:
+        position: places in the world, at least one.
+        gap: how far points are apart; None measures it.
+    """
+    center = position.mean(axis=0, dtype=np.float64)
+    for i in range(1, _ROUNDS):
+        farthest = np.argmax(np.sum(np.square(position - center), axis=1))
+        center += (position[farthest] - center) / (i + 1)
+    reach = float(np.linalg.norm(position - center, axis=1).max())
+    margin = typical_gap(position) if gap is None else gap
+    return center.astype(position.dtype), 1.05 * reach + margin
 
 
 def in_common_view(

@@ -14,7 +14,11 @@ from scipy.spatial.transform import Rotation
 # difference of colour, and the largest change that counts: a body that was hit may spin anyhow.
 # From 0.005 to 0.02 the balls of the capture that chose it get the same turns.
 STEADY, HIT = 0.01, 1.0
-# Of turns that explain the pictures alike, the nearest: what a radian adds at the first step.
+# A body that is hit turns as it did before and then as it does after, and no farther: what a radian
+# beyond adds; in the first and the last interval, beyond the spin next to it. A body that is taken
+# for its likeness is turned by all that tells both apart.
+LEAP = 0.02
+# Of turns that explain the pictures alike, the nearest: what each radian between pictures adds.
 NEARER = 0.003
 # A body tumbles, so that other turns are looked at, if its spin changes by more radians than this
 # between two pictures.
@@ -40,8 +44,8 @@ def steadiest(
     cost: list[Float[np.ndarray, " _"]],
     times: Float[np.ndarray, " times"],
 ) -> Int[np.ndarray, " times"]:
-    """The candidates, one at each time, of least costs and changes of spin together (Viterbi's
-    algorithm over pairs of neighbouring times).
+    """The candidates, one at each time, of least costs, changes of spin and leaps together
+    (Viterbi's algorithm over triples of neighbouring times).
 
     Args:
         turn: quaternions of the candidates at each time, scalar first; the first time has one.
@@ -53,19 +57,22 @@ def steadiest(
     """
     spins = _spins(turn, times)
     step = np.diff(times)
-    # By the candidates at the last two times.
-    total = cost[1][None] + NEARER * step[0] * np.linalg.norm(spins[0], axis=-1)
+    # By the candidates at the last three times.
+    total = (cost[1][None] + _turn(spins[0], step[0]))[:, :, None]
+    total = total + _change(spins[0], spins[1], step[:2]) + cost[2] + _turn(spins[1], step[1])
+    total = total + LEAP * _radians(spins[0], spins[1], step[[0, 0]])
     origin = []
-    for i in range(2, len(times)):
+    for i in range(3, len(times)):
         change = _change(spins[i - 2], spins[i - 1], step[i - 2 : i])
-        whole = total[:, :, None] + STEADY * np.minimum(change, HIT)
+        whole = total[..., None] + change + _leap(*spins[i - 3 : i], step[i - 2])
         origin.append(np.argmin(whole, axis=0))
-        total = np.min(whole, axis=0) + cost[i][None]
-    before, last = np.unravel_index(np.argmin(total), total.shape)
-    chosen = [int(last), int(before)]
+        total = np.min(whole, axis=0) + cost[i] + _turn(spins[i - 1], step[i - 1])
+    if len(times) > 3:
+        total = total + LEAP * _radians(spins[-2], spins[-1], step[[-1, -1]])
+    chosen = [int(x) for x in np.unravel_index(np.argmin(total), total.shape)]
     for back in origin[::-1]:
-        chosen.append(int(back[chosen[-1], chosen[-2]]))
-    return np.array(chosen[::-1])
+        chosen.insert(0, int(back[tuple(chosen[:3])]))
+    return np.array(chosen)
 
 
 def expected_turns(
@@ -124,7 +131,7 @@ def continuous(turn: Float[np.ndarray, "times 4"]) -> Float[np.ndarray, "times 4
 def _changes(turn: list[Float[np.ndarray, "_ 4"]], times: Float[np.ndarray, " times"]) -> bool:
     spins, step = _spins(turn, times), np.diff(times)
     pairs = range(1, len(spins))
-    return any(float(_change(spins[i - 1], spins[i], step[i - 1 : i + 1]).max()) > TUMBLES
+    return any(float(_radians(spins[i - 1], spins[i], step[i - 1 : i + 1]).max()) > TUMBLES
                for i in pairs)  # fmt: skip
 
 
@@ -140,7 +147,7 @@ def _spins(
     return spins
 
 
-def _change(
+def _radians(
     before: Float[np.ndarray, "a b 3"],
     after: Float[np.ndarray, "b c 3"],
     step: Float[np.ndarray, "2"],
@@ -148,3 +155,33 @@ def _change(
     """Radians by which the spin changes between two pictures."""
     difference = after[None] - before[:, :, None]
     return np.linalg.norm(difference, axis=-1) * np.min(step)
+
+
+def _turn(spin: Float[np.ndarray, "a b 3"], step: float) -> Float[np.ndarray, "a b"]:
+    """What turns between two pictures cost."""
+    return NEARER * step * np.linalg.norm(spin, axis=-1)
+
+
+def _change(
+    before: Float[np.ndarray, "a b 3"],
+    after: Float[np.ndarray, "b c 3"],
+    step: Float[np.ndarray, "2"],
+) -> Float[np.ndarray, "a b c"]:
+    """What a change of the spin costs."""
+    return STEADY * np.minimum(_radians(before, after, step), HIT)
+
+
+def _leap(
+    before: Float[np.ndarray, "a b 3"],
+    here: Float[np.ndarray, "b c 3"],
+    after: Float[np.ndarray, "c d 3"],
+    step: float,
+) -> Float[np.ndarray, "a b c d"]:
+    """What it costs that a turn is none to which the spins before and after lead, whenever between
+    the two pictures the one becomes the other."""
+    along = after[None, None] - before[:, :, None, None]
+    offset = here[None, :, :, None] - before[:, :, None, None]
+    square = np.sum(along * along, axis=-1, keepdims=True)
+    share = np.sum(offset * along, axis=-1, keepdims=True) / np.maximum(square, 1e-30)
+    away = offset - np.clip(share, 0, 1) * along
+    return LEAP * step * np.linalg.norm(away, axis=-1)

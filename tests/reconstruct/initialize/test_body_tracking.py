@@ -10,7 +10,8 @@ from scipy.spatial.transform import Rotation
 from gaussray.color import srgb_encode
 from gaussray.reconstruct.initialize import body_tracking
 from gaussray.reconstruct.initialize.appearance import Shown
-from gaussray.reconstruct.initialize.body_tracking import MovingGaussians, TrackOptions, track
+from gaussray.reconstruct.initialize.body_tracking import TrackOptions, track
+from gaussray.reconstruct.initialize.regrouping import MovingGaussians
 from gaussray.render.renderer import Renderer, RenderOptions
 from gaussray.scene.bodies import bodies_at_rest
 from gaussray.scene.gaussians import Gaussians
@@ -28,6 +29,7 @@ RADIANS, METRES = 0.15, 0.05
 PATH = np.array([[0, 0, 0], [0.3, -0.2, 0.1], [0.5, -0.2, 0.2]])
 TURN = Rotation.from_rotvec([[0, 0, 0], [0.1, 0.4, 0.2], [0.2, 0.8, 0.3]])
 OPTIONS = TrackOptions(side=SIZE)
+PALETTE = np.array([[8, 1, 1], [1, 7, 1], [1, 2, 8], [8, 7, 1], [7, 2, 7], [7, 7, 7]]) / 10
 
 
 def ball(count=300):
@@ -38,17 +40,31 @@ def ball(count=300):
     normal = np.stack([flat * np.cos(angle), flat * np.sin(angle), height], axis=1)
     seeds = np.random.default_rng(3).normal(size=(12, 3))
     patch = np.argmax(normal @ (seeds / np.linalg.norm(seeds, axis=1, keepdims=True)).T, axis=1)
-    palette = np.array([[8, 1, 1], [1, 7, 1], [1, 2, 8], [8, 7, 1], [7, 2, 7], [7, 7, 7]]) / 10
-    return RADIUS * normal, normal, palette[patch % 6]
+    return RADIUS * normal, normal, PALETTE[patch % 6]
 
 
 SIZES: dict = {}
 
 
-def filmed(light=(1.0, 1.0, 1.0), path=PATH, turn=TURN):
-    """The thrown ball seen by six cameras at three instants, under light that may change."""
+def board(side=16):
+    """Discs of six colours, a few of each in one place, on a board behind the ball that rests; and
+    their normals."""
+    line = np.linspace(-1.5, 1.5, side)
+    u, v = (x.reshape(-1) for x in np.meshgrid(line, line))
+    place = np.stack([u, v, np.full(len(u), 1.1)], axis=1)
+    patch = (np.floor(u / 0.75) + 3 * np.floor(v / 0.75)).astype(int)
+    return place, np.tile([0.0, 0, 1], (len(u), 1)), PALETTE[patch % 6]
+
+
+def filmed(light=(1.0, 1.0, 1.0), path=PATH, turn=TURN, behind=False):
+    """The thrown ball seen by six cameras at three instants, under light that may change; with the
+    board behind it, or without."""
     place, _, color = ball()
     wall = toy.gaussians([[0, 0, 9]], 9.0, [[0.2, 0.2, 0.2]])
+    if behind:
+        position, _, paint = board()
+        mean, paint = np.concatenate([[[0, 0, 9]], position]), np.insert(paint, 0, 0.2, axis=0)
+        wall = toy.gaussians(mean, np.insert(np.full(len(position), 0.15), 0, 9.0), paint)
     pictures, cameras = [], []
     for i, time in enumerate(TIMES):
         mean = place @ turn[i].as_matrix().T + path[i]
@@ -70,8 +86,9 @@ def filmed(light=(1.0, 1.0, 1.0), path=PATH, turn=TURN):
     return encoded, jax.tree.map(lambda *x: jnp.stack(x), *cameras)
 
 
-def tracked(picture, camera, mask=None, **options):
-    place, normal, color = ball()
+def tracked(picture, camera, mask=None, behind=False, **options):
+    parts = [ball(), board()] if behind else [ball()]
+    place, normal, color = (np.concatenate(x) for x in zip(*parts, strict=True))
     # The first pixel of every picture shows the wall.
     moved = np.abs(picture / 255.0 - picture[:, :1, :1] / 255.0).max(-1) > 0.1
     body = bodies_at_rest(jnp.zeros((1, 3)), jnp.ones(1), jnp.asarray(TIMES))
@@ -112,6 +129,14 @@ def test_light_that_changes_by_half_does_not_mislead():
 def test_what_light_alone_changes_is_no_body():
     still = filmed(light=(1.0, 0.5, 0.7), path=0 * PATH, turn=[Rotation.identity()] * 3)
     assert tracked(*still).pivot.shape == (0, 3)
+
+
+@pytest.mark.ci
+def test_a_board_that_touches_a_body_and_rests_is_cut_off():
+    found = tracked(*filmed(behind=True), behind=True)
+    assert_found(found)
+    # The group that is given has a radius of 1.
+    assert RADIUS < found.radius[0] < 1.4 * RADIUS
 
 
 def test_gaussians_that_make_up_for_one_another_show_their_mean_colour():

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from gaussray.reconstruct.initialize.steady_turns import (
     HIT,
+    LEAP,
     NEARER,
     STEADY,
     continuous,
@@ -20,6 +21,8 @@ from gaussray.reconstruct.initialize.steady_turns import (
 # Uneven, as where a frame is missing.
 TIMES = np.array([0.0, 1, 2, 3, 5, 6, 7]) / 7
 SPIN = np.radians([40.0, 100, -60]) * 7 / 3
+# Of the way from one spin to another.
+SHARES = np.linspace(0, 1, 2001)[:, None]
 
 
 def quaternions(rotation):
@@ -62,6 +65,15 @@ def test_a_body_that_is_hit_spins_on_otherwise():
     np.testing.assert_array_equal(steadiest(turns, cost, TIMES), true)
 
 
+def test_a_likeness_that_some_pictures_show_better_is_none():
+    # A ball of which half is known looks better by far where the other half is hidden.
+    times = np.linspace(0, 1, 15)
+    turns, true = alike(spinning(times, 2.5 * SPIN), 2, np.random.default_rng(4))
+    cost = [0.02 * (np.arange(len(own)) == k) for own, k in zip(turns, true, strict=True)]
+    cost = [own if 8 <= i < 12 else 0.02 - own for i, own in enumerate(cost)]
+    np.testing.assert_array_equal(steadiest(turns, cost, times), true)
+
+
 def test_what_the_pictures_tell_for_certain_counts_more_than_an_even_spin():
     turns, true = alike(spinning(), 3, np.random.default_rng(1))
     cost = [np.where(np.arange(len(own)) == k, 0.1, 0) for own, k in zip(turns, true, strict=True)]
@@ -87,6 +99,10 @@ def test_the_least_sum_is_that_of_brute_force():
         for i in range(1, 4):
             step = min(times[i] - times[i - 1], times[i + 1] - times[i])
             value += STEADY * min(np.linalg.norm(spins[i] - spins[i - 1]) * step, HIT)
+        for i in range(1, 3):
+            between = (1 - SHARES) * spins[i - 1] + SHARES * spins[i + 1]
+            away = np.linalg.norm(spins[i] - between, axis=1).min()
+            value += LEAP * away * (times[i + 1] - times[i])
         return value
 
     every = itertools.product(*(range(len(own)) for own in turns))
