@@ -55,8 +55,8 @@ def move(mismatch: Mismatch) -> Bool[np.ndarray, " bodies"]:
 def regrouped(
     bodies: Bodies, gaussians: MovingGaussians, known: Known, mismatch: Mismatch
 ) -> tuple[Bodies, MovingGaussians] | None:
-    """The bodies, at rest, and their Gaussians, without those that rest, and with those of other
-    bodies that move alike; None where nothing changes.
+    """The bodies that move, at their first poses, and their Gaussians: without those that rest, and
+    with those of other bodies that move alike. None where none is cut or joined.
 
     Args:
         bodies: the candidate bodies.
@@ -79,7 +79,8 @@ def regrouped(
     for body in changed:
         group = position[own == body]
         pivot[body], radius[body] = ball_around(group[inliers(group, STRAY_POINTS)])
-    left, index = np.unique(label), np.full(count + 1, len(np.unique(label)))
+    left = np.unique(label[move(mismatch) | rests.any(axis=1)])
+    index = np.full(count + 1, len(left))
     index[left] = np.arange(len(left))
     at_rest = bodies_at_rest(jnp.asarray(pivot[left]), jnp.asarray(radius[left]), bodies.time)
     return at_rest, gaussians._replace(body=index[own])
