@@ -98,8 +98,9 @@ def resting_points(
         mismatch: how much they differ from the pictures, summed over the times.
     """
     found = np.zeros(place.shape[:2], bool)
+    point, weight = np.asarray(mismatch.point), np.asarray(mismatch.weight)
     for body, position in enumerate(place):
-        total, count = mismatch.point[:, body], mismatch.weight[:, body]
+        total, count = point[:, body], weight[:, body]
         near = KDTree(position).query(position, k=min(AROUND, len(position)))[1]
         near = near.reshape(len(position), -1)
         moved, still = _means(total[:, near].sum(axis=-1), count[:, near].sum(axis=-1))

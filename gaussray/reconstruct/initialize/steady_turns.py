@@ -64,7 +64,8 @@ def steadiest(
     origin = []
     for i in range(3, len(times)):
         change = _change(spins[i - 2], spins[i - 1], step[i - 2 : i])
-        whole = total[..., None] + change + _leap(*spins[i - 3 : i], step[i - 2])
+        leap = _leap(spins[i - 3], spins[i - 2], spins[i - 1], step[i - 2])
+        whole = total[..., None] + change + leap
         origin.append(np.argmin(whole, axis=0))
         total = np.min(whole, axis=0) + cost[i] + _turn(spins[i - 1], step[i - 1])
     if len(times) > 3:

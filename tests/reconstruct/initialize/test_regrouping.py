@@ -142,8 +142,8 @@ def test_groups_are_cut_joined_and_left_out():
     found, cut = regrouped(start, gaussians, known, mismatch)
     assert found.pivot.shape == (1, 3)
     assert (cut.body[:100] == 1).all()
-    # Where both are close, 0.4 apart, points may be taken for those of the other: half of that moves
-    # the middle, and widens the ball.
+    # Where both are close, 0.4 apart, points may be taken for those of the other: half of that
+    # moves the middle, and widens the ball.
     assert np.mean(cut.body[100:500] == 0) > 0.9
     assert np.mean(cut.body[500:] == 1) > 0.9
     assert np.abs(found.pivot).max() < 0.25
