@@ -289,7 +289,7 @@ def _tracked_bodies(session: Session, surface: Gaussians, known: KnownBodies | N
         session.footage.camera,
         options=session.options.track,
         seed=session.options.fit.seed,
-        report=session.progress_bar("track", len(times) - 1).report,
+        report=lambda work: session.progress_bar(work, len(times) - 1).report,
     )
 
 

@@ -65,7 +65,7 @@ def track(
     *,
     options: TrackOptions,
     seed: int,
-    report: Callable[[int], None] = lambda done: None,
+    report: Callable[[str], Callable[[int], None]] = lambda work: lambda done: None,
 ) -> Bodies:
     """The bodies with path and turn set to the poses that explain the pictures best.
 
@@ -81,7 +81,8 @@ def track(
         camera: the cameras of all training frames, stacked.
         options: how thoroughly to search.
         seed: for the random poses.
-        report: called with the number of times done.
+        report: called with the name of each search; gives what is called with the number of times
+            done.
     """
     instants = np.asarray(bodies.time)
     if not bodies.pivot.shape[0] or len(instants) < 2 or not options.poses:
@@ -96,16 +97,18 @@ def track(
 
     first, key = pictures_at(0), jax.random.key(seed)
 
-    def found_by(bodies: Bodies, gaussians: MovingGaussians) -> tuple[Known, list[Pose], Mismatch]:
+    def found_by(
+        work: str, bodies: Bodies, gaussians: MovingGaussians
+    ) -> tuple[Known, list[Pose], Mismatch]:
         pixel = _pixel_width(first.views, bodies.pivot, shrink)
         known = _known(bodies, gaussians, pixel, options.points, seed)
         judged = toward_views(known, first)
-        return known, *_found(key, known, judged, instants, pictures_at, options, report)
+        return known, *_found(key, known, judged, instants, pictures_at, options, report(work))
 
-    known, poses, mismatch = found_by(bodies, gaussians)
+    known, poses, mismatch = found_by("track", bodies, gaussians)
     if (groups := regrouped(bodies, gaussians, known, mismatch)) is not None:
         bodies, gaussians = groups
-        known, poses, mismatch = found_by(bodies, gaussians)
+        known, poses, mismatch = found_by("track again", bodies, gaussians)
     steady = _with_steady_turns(key, known, poses, instants, pictures_at, options)
     if steady is not poses:
         poses, judged = steady, toward_views(known, first)
