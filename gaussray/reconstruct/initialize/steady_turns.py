@@ -56,7 +56,7 @@ def steadiest(
         The index of the candidate at each time.
     """
     spins = _spins(turn, times)
-    step = np.diff(times)
+    step = np.diff(times.astype(np.float64))
     # By the candidates at the last three times.
     total = (cost[1][None] + _turn(spins[0], step[0]))[:, :, None]
     total = total + _change(spins[0], spins[1], step[:2]) + cost[2] + _turn(spins[1], step[1])

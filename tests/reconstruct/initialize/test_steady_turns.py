@@ -54,6 +54,8 @@ def test_a_steady_spin_is_found_among_turns_that_look_alike(order):
     # Costs differ by up to a level of an 8-bit picture, at random.
     cost = [0.004 * dice.random(len(own)) for own in turns]
     np.testing.assert_array_equal(steadiest(turns, cost, TIMES), true)
+    # A capture's times are in single precision.
+    np.testing.assert_array_equal(steadiest(turns, cost, TIMES.astype(np.float32)), true)
 
 
 def test_a_body_that_is_hit_spins_on_otherwise():
